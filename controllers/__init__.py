@@ -1,0 +1,1 @@
+"""The thesis' control laws, one a file: state in, string force densities out."""

@@ -1,0 +1,1 @@
+"""Shipped scenes: data, generated MJCF, picture and README each. See `tensegrity_mj.load_scene`."""

@@ -1,0 +1,122 @@
+# Sourced by demo.sh and test.sh, never run by itself. It sets `root` (the checkout) and `venv`, and defines
+#   set_up run|dev    make the virtual environment .venv, install the package in it, see to off-screen OpenGL
+# A second call with nothing changed installs nothing and needs no network.
+
+root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)"
+venv="$root/.venv"
+
+say() { printf '%s\n' "$*" >&2; }
+
+die() {
+    say "error: $*"
+    exit 1
+}
+
+is_new_enough() { "$1" -c 'import sys, venv; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1; }
+
+find_python() {
+    local candidate
+    for candidate in ${PYTHON:+"$PYTHON"} python3 python3.14 python3.13 python3.12 python3.11 python; do
+        if command -v "$candidate" >/dev/null && is_new_enough "$candidate"; then
+            command -v "$candidate"
+            return
+        fi
+    done
+    die "Python 3.11 or newer is needed and was not found; install it, or name it: PYTHON=/path/to/python3"
+}
+
+# What an installation depends on: the kind, the Python, the place (an editable install holds absolute paths), pyproject.
+fingerprint() {
+    "$1" - "$2" "$root" <<'PYTHON'
+import hashlib, pathlib, sys
+
+kind, root = sys.argv[1:]
+text = "\n".join([kind, sys.version, root, (pathlib.Path(root) / "pyproject.toml").read_text(encoding="utf-8")])
+print(hashlib.sha256(text.encode()).hexdigest())
+PYTHON
+}
+
+has_pip() { "$1" -m pip --version >/dev/null 2>&1; }
+
+pip_is_at_least() { # python major minor
+    "$1" -c 'import sys, pip
+version = tuple(int(part) for part in pip.__version__.split(".")[:2])
+sys.exit(version < (int(sys.argv[1]), int(sys.argv[2])))' "$2" "$3" >/dev/null 2>&1
+}
+
+# Debian may lack ensurepip (package python3-venv), so the environment borrows the pip of the system.
+pip_install() { # python, then arguments of pip install
+    local python="$1"
+    shift
+    if has_pip "$venv/bin/python"; then
+        "$venv/bin/python" -m pip install "$@"
+    elif has_pip "$python" && pip_is_at_least "$python" 22 3; then
+        "$python" -m pip --python "$venv/bin/python" install "$@"
+    elif has_pip "$python"; then # too old for --python: put a new pip into the environment first
+        "$python" -m pip install --quiet --target "$("$venv/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')" "pip>=22.3"
+        "$venv/bin/python" -m pip install "$@"
+    elif "$venv/bin/python" -m ensurepip --upgrade >/dev/null 2>&1; then
+        "$venv/bin/python" -m pip install "$@"
+    else
+        die "pip is needed and $python has none; on Debian: apt-get install python3-pip"
+    fi
+}
+
+install_package() { # run|dev
+    local kind="$1" python wanted stamp="$venv/.installed-$1" requirement="$root"
+    python="$(find_python)" || exit 1
+    wanted="$(fingerprint "$python" "$kind")"
+    if [ -x "$venv/bin/python" ] && [ "$(cat "$stamp" 2>/dev/null)" = "$wanted" ]; then
+        return
+    fi
+    # An environment of another Python or another place cannot be mended, only made anew.
+    if ! [ "$(cat "$venv/.made-for" 2>/dev/null)" = "$root $("$python" -c 'import sys; print(sys.version)' | tr '\n' ' ')" ] ||
+        ! is_new_enough "$venv/bin/python"; then
+        say "Making the virtual environment $venv"
+        "$python" -m venv --clear --without-pip "$venv"
+        printf '%s %s' "$root" "$("$python" -c 'import sys; print(sys.version)' | tr '\n' ' ')" >"$venv/.made-for"
+    fi
+    if [ "$kind" = dev ]; then requirement="$root[dev]"; fi
+    say "Installing the package and what it needs (once; a few minutes on a slow line)"
+    pip_install "$python" --quiet --disable-pip-version-check --editable "$requirement" >&2
+    printf '%s' "$wanted" >"$stamp"
+    # What the tests need includes what the demo needs.
+    if [ "$kind" = dev ]; then fingerprint "$python" run >"$venv/.installed-run"; fi
+}
+
+can_draw() {
+    "$venv/bin/python" -c 'import sys
+from tensegrity_mj.doctor import check_opengl
+sys.exit(not check_opengl().works)' >/dev/null 2>&1
+}
+
+apt_install() {
+    local sudo=()
+    command -v apt-get >/dev/null || return 1
+    if [ "$(id -u)" -ne 0 ]; then
+        command -v sudo >/dev/null && sudo -n true 2>/dev/null || return 1
+        sudo=(sudo -n)
+    fi
+    say "Installing the system libraries for off-screen OpenGL: $*"
+    local apt=("${sudo[@]}" env DEBIAN_FRONTEND=noninteractive timeout 300 apt-get -qq
+        -o Acquire::Retries=1 -o Acquire::http::Timeout=20 -o DPkg::Lock::Timeout=120)
+    "${apt[@]}" install -y --no-install-recommends "$@" >/dev/null 2>&1 </dev/null ||
+        { "${apt[@]}" update >/dev/null 2>&1 </dev/null &&
+            "${apt[@]}" install -y --no-install-recommends "$@" >/dev/null 2>&1 </dev/null; }
+}
+
+# Off-screen OpenGL is needed for video only; apt-get is tried once an environment.
+see_to_opengl() {
+    local packages=(libegl1 libegl-mesa0 libgl1-mesa-dri libopengl0)
+    if can_draw; then return; fi
+    if [ ! -e "$venv/.opengl-tried" ]; then
+        touch "$venv/.opengl-tried"
+        if apt_install "${packages[@]}" && can_draw; then return; fi
+    fi
+    say "No video: off-screen OpenGL is missing. On Debian: apt-get install ${packages[*]}. Everything else runs."
+}
+
+set_up() { # run|dev
+    install_package "$1"
+    see_to_opengl
+}

@@ -1,0 +1,21 @@
+#!/usr/bin/env bash
+# Sets everything up in .venv of this checkout, then checks style and types and runs the tests.
+# Arguments are passed on to pytest.
+set -euo pipefail
+source "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
+set_up dev
+cd "$root"
+
+"$venv/bin/ruff" check .
+"$venv/bin/ruff" format --check .
+
+# mypy does not see the import hook of an editable install: show it the package as a wheel would lay it out.
+typing="$root/build/typing"
+rm -rf "$typing"
+mkdir -p "$typing/tensegrity_mj"
+ln -s "$root"/tensegrity_mj/* "$typing/tensegrity_mj/"
+ln -s "$root/controllers" "$root/models" "$typing/tensegrity_mj/"
+rm -f "$typing/tensegrity_mj/__pycache__"
+(cd "$typing" && "$venv/bin/python" -m mypy --config-file "$root/pyproject.toml" -p tensegrity_mj)
+
+exec "$venv/bin/python" -m pytest "$@"

@@ -1,0 +1,154 @@
+"""The command line `tensegrity-mj`: arguments in, exit code out. Every command is a module of `commands`."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from typing import Any, NoReturn
+
+from tensegrity_mj.commands import compare, demo, doctor, export, render, run, scenes
+from tensegrity_mj.commands.common import EXIT_CODES, ExitCode, Outcome, to_json
+from tensegrity_mj.errors import DivergenceError, InfeasibleError, MissingLibraryError, TensegrityError
+
+COMMANDS = {
+    "scenes": scenes,
+    "run": run,
+    "compare": compare,
+    "render": render,
+    "export": export,
+    "doctor": doctor,
+    "demo": demo,
+}
+
+
+class UsageError(Exception):
+    """Arguments that argparse refuses; carries the usage line of the command concerned."""
+
+    def __init__(self, message: str, usage: str) -> None:
+        super().__init__(message)
+        self.usage = usage
+
+
+class Parser(argparse.ArgumentParser):
+    """An argparse parser that raises instead of exiting, so that --json can answer bad usage too."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(message, self.format_usage())
+
+
+def build_parser() -> Parser:
+    """The parser of the whole command line."""
+    parser = Parser(
+        prog="tensegrity-mj",
+        description="Simulate tensegrity structures in MuJoCo and in an independent reference model, and compare them.",
+        epilog=f"example:\n  tensegrity-mj run prism --out prism.nc --video prism.mp4\n\n{EXIT_CODES}\n"
+        "SI units and radians everywhere.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="store_true", help="print the version and exit")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=False)
+    for name, module in COMMANDS.items():
+        command = commands.add_parser(
+            name,
+            help=module.HELP,
+            description=module.__doc__,
+            epilog=f"{module.EXAMPLES.rstrip()}\n\n{EXIT_CODES}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+        )
+        module.configure(command)
+        command.add_argument(
+            "--json", action="store_true", help="print one JSON object on stdout; everything else goes to stderr"
+        )
+        command.set_defaults(execute=module.execute)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; returns the exit code."""
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    as_json = "--json" in arguments
+    try:
+        parser = build_parser()
+        options = parser.parse_args(arguments)
+        if options.version:
+            from importlib.metadata import version
+
+            print(version("tensegrity-mj"))
+            return ExitCode.SUCCESS
+        if options.command is None:
+            parser.error(f"name a command: {', '.join(COMMANDS)}")
+        with _stdout_to_stderr():
+            outcome: Outcome = options.execute(options)
+    except UsageError as error:
+        print(error.usage, end="", file=sys.stderr)
+        return _fail(ExitCode.BAD_INPUT, str(error), as_json)
+    except TensegrityError as error:
+        return _fail(_code_of_error(error), str(error), as_json)
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] == "tensegrity_mj":
+            raise
+        message = f"the Python package '{error.name}' is missing: install it with python -m pip install {error.name}"
+        return _fail(ExitCode.MISSING_LIBRARY, message, as_json)
+    except KeyboardInterrupt:
+        return _fail(ExitCode.INTERRUPTED, "interrupted", as_json)
+    _print(to_json(outcome.data) if as_json else outcome.text)
+    return int(outcome.code)
+
+
+def _code_of_error(error: TensegrityError) -> ExitCode:
+    kinds = {
+        InfeasibleError: ExitCode.INFEASIBLE,
+        DivergenceError: ExitCode.DIVERGED,
+        MissingLibraryError: ExitCode.MISSING_LIBRARY,
+    }
+    return next((code for kind, code in kinds.items() if isinstance(error, kind)), ExitCode.BAD_INPUT)
+
+
+_STATUS = {
+    ExitCode.INFEASIBLE: "infeasible",
+    ExitCode.DIVERGED: "diverged",
+    ExitCode.INTERRUPTED: "interrupted",
+}
+
+
+def _fail(code: ExitCode, message: str, as_json: bool) -> int:
+    print(f"tensegrity-mj: {message}", file=sys.stderr)
+    if as_json:
+        data: dict[str, Any] = {"status": _STATUS.get(code, "error"), "error": message}
+        _print(to_json(data))
+    return int(code)
+
+
+def _print(text: str) -> None:
+    """Print; a reader that went away (`| head`) is no error of ours."""
+    try:
+        print(text)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+@contextlib.contextmanager
+def _stdout_to_stderr() -> Iterator[None]:
+    """Send what libraries and child processes print to stderr: stdout is for the answer alone."""
+    try:
+        kept = os.dup(1)
+    except OSError:  # stdout is closed
+        kept = None
+    try:
+        if kept is not None:
+            os.dup2(2, 1)
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+    finally:
+        if kept is not None:
+            os.dup2(kept, 1)
+            os.close(kept)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

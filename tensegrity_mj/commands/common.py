@@ -1,0 +1,183 @@
+"""What the commands share: exit codes, outcomes, JSON, and output files that are checked before work starts."""
+
+from __future__ import annotations
+
+import argparse
+import enum
+import json
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, overload
+
+from tensegrity_mj.errors import OptionError
+
+if TYPE_CHECKING:
+    from tensegrity_mj.trajectory import Status
+
+
+class ExitCode(enum.IntEnum):
+    """The exit codes of `tensegrity-mj`, each with one meaning in every command."""
+
+    SUCCESS = 0
+    BAD_INPUT = 2
+    INFEASIBLE = 3
+    DIVERGED = 4
+    MISSING_LIBRARY = 5
+    INTERRUPTED = 130
+
+
+PLOT_SUFFIXES = (".png", ".pdf", ".svg")
+
+EXIT_CODES = """\
+exit codes:
+  0    success
+  1    an error in the program itself (with a traceback)
+  2    bad usage or bad input
+  3    infeasible: the control law or the problem has no admissible solution
+  4    the simulation diverged
+  5    a library, a program or a display that is needed is missing
+  130  interrupted
+"""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a command found out: `data` for --json, `text` for people."""
+
+    data: dict[str, Any] = field(default_factory=dict)
+    text: str = ""
+    code: ExitCode = ExitCode.SUCCESS
+
+
+def code_of_status(status: Status) -> ExitCode:
+    """The exit code of a run that ended with a status."""
+    return {
+        "completed": ExitCode.SUCCESS,
+        "infeasible": ExitCode.INFEASIBLE,
+        "diverged": ExitCode.DIVERGED,
+        "interrupted": ExitCode.INTERRUPTED,
+    }[status.value]
+
+
+def to_json(data: Any) -> str:
+    """One line of strict JSON: NaN and infinity become null, enums their value, paths and the like text."""
+    return json.dumps(_plain(data), ensure_ascii=False, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, enum.Enum):
+        return _plain(value.value)
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [_plain(item) for item in value]
+    if value is None or isinstance(value, (str, bool, int)):
+        return value
+    if hasattr(value, "tolist"):  # numpy scalars and arrays
+        return _plain(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return str(value)
+
+
+def table(rows: Sequence[tuple[str, str]]) -> str:
+    """Lines of names and values, the values in one column."""
+    width = max((len(name) for name, _ in rows), default=0)
+    return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
+
+
+def number(value: float | None, unit: str = "") -> str:
+    """A number for people: four digits and its unit; '-' for None and NaN."""
+    if value is None or math.isnan(value):
+        return "-"
+    return f"{value:.4g} {unit}".rstrip()
+
+
+@overload
+def output_file(path: str, option: str, suffixes: Sequence[str]) -> Path: ...
+@overload
+def output_file(path: None, option: str, suffixes: Sequence[str]) -> None: ...
+def output_file(path: str | None, option: str, suffixes: Sequence[str]) -> Path | None:
+    """The path, once it is certain that a file can be written there; None where none is asked for.
+
+    Raises:
+        OptionError: wrong suffix, missing or unwritable folder, or something there that is no writable file.
+    """
+    if path is None:
+        return None
+    destination = Path(path)
+    if destination.suffix.lower() not in suffixes:
+        raise OptionError(f"{option} {path}: the name must end in {' or '.join(suffixes)}")
+    if destination.is_dir():
+        raise OptionError(f"{option} {path}: that is a folder; name a file in it")
+    folder = destination.absolute().parent
+    if not folder.is_dir():
+        raise OptionError(f"{option} {path}: there is no folder {folder}; create it first")
+    if destination.exists() and not destination.is_file():
+        raise OptionError(f"{option} {path}: something that is no regular file is there; choose another name")
+    # Files are replaced as a whole, which needs the folder to be writable; a file made read-only is left alone.
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise OptionError(f"{option} {path}: you may not write in folder {folder}; choose another")
+    if destination.exists() and not os.access(destination, os.W_OK):
+        raise OptionError(f"{option} {path}: the file there is read-only; choose another name or make it writable")
+    return destination
+
+
+def distinct(outputs: Mapping[str, Path | None]) -> None:
+    """Refuse two options that would write, or read and write, the same file.
+
+    Raises:
+        OptionError: naming both options.
+    """
+    seen: dict[Path, str] = {}
+    for option, path in outputs.items():
+        if path is None:
+            continue
+        place = path.resolve()
+        if place in seen:
+            raise OptionError(f"{seen[place]} and {option} both name {path}; give them different files")
+        seen[place] = option
+
+
+def refuse(options: argparse.Namespace, names: Sequence[str], why: str) -> None:
+    """Refuse options that were given although they mean nothing here.
+
+    Raises:
+        OptionError: naming the first of them and why.
+    """
+    for name in names:
+        if getattr(options, name.replace("-", "_")) is not None:
+            raise OptionError(f"--{name} {why}")
+
+
+def positive(text: str) -> float:
+    """argparse type: a finite number > 0."""
+    value = _finite(text)
+    if value <= 0:
+        raise argparse.ArgumentTypeError(f"{text}: it must be > 0")
+    return value
+
+
+def _finite(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text}: it must be finite")
+    return value
+
+
+def size(text: str) -> tuple[int, int]:
+    """argparse type: a picture size such as 1280x720, both even (mp4 needs it) and at most 4096."""
+    parts = text.lower().split("x")
+    if len(parts) != 2 or not all(part.isascii() and part.isdigit() for part in parts):
+        raise argparse.ArgumentTypeError(f"{text!r}: write WIDTHxHEIGHT, for example 1280x720")
+    width, height = (int(part) for part in parts)
+    for value in (width, height):
+        if not 16 <= value <= 4096 or value % 2:
+            raise argparse.ArgumentTypeError(f"{text}: width and height must be even, from 16 to 4096")
+    return width, height

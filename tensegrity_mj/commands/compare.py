@@ -1,0 +1,159 @@
+"""Compare two runs: MuJoCo against the DAE reference model on one scene, or two trajectory files."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tensegrity_mj.commands import experiment
+from tensegrity_mj.commands.common import (
+    PLOT_SUFFIXES,
+    ExitCode,
+    Outcome,
+    code_of_status,
+    distinct,
+    number,
+    output_file,
+    positive,
+    refuse,
+    table,
+)
+from tensegrity_mj.errors import OptionError
+
+if TYPE_CHECKING:
+    from tensegrity_mj import Trajectory
+
+HELP = "compare MuJoCo with the DAE reference model, or two files"
+EXAMPLES = """\
+examples:
+  tensegrity-mj compare prism --timestep 5e-3 --duration 4 --json
+  tensegrity-mj compare prism --actuation hold-force-density --control-period 1e-3 --out results/
+  tensegrity-mj compare a.nc b.nc --tolerance 1e-8 --plot difference.png
+
+By default: MuJoCo with RK4 at --timestep against the DAE at its default tolerances, under the scene's law,
+evaluated continuously.
+"""
+
+# unit of each number of a comparison, for people
+UNITS = {
+    "max_node_error": "m",
+    "rms_node_error": "m",
+    "max_velocity_error": "m/s",
+    "max_tension_error": "N",
+    "max_rod_force_error": "N/m",
+    "max_force_density_error": "N/m",
+    "max_energy_error": "J",
+}
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The options of `compare`."""
+    parser.add_argument("inputs", nargs="+", metavar="SCENE | FILE.nc", help="one scene, or two trajectory files")
+    parser.add_argument("--duration", type=positive, metavar="S", help="simulated time [s] (the scene's)")
+    parser.add_argument(
+        "--tolerance", type=positive, help="report when each quantity first differs by more (in its SI unit)"
+    )
+    experiment.add_engine_options(parser.add_argument_group("engines"))
+    experiment.add_control_options(parser.add_argument_group("control"))
+    output = parser.add_argument_group("output")
+    output.add_argument(
+        "--out", metavar="FOLDER|PREFIX", help="write both runs: FOLDER/mujoco.nc and dae.nc, or PREFIX-mujoco.nc ..."
+    )
+    output.add_argument("--plot", metavar="FILE.png", help="write a plot of the differences (or .pdf, .svg)")
+
+
+def execute(options: argparse.Namespace) -> Outcome:
+    """Simulate twice, or read two files, and compare."""
+    plot = output_file(options.plot, "--plot", PLOT_SUFFIXES)
+    if all(name.lower().endswith(".nc") for name in options.inputs):
+        first, second = _read(options)
+        files: dict[str, Path] = {}
+        code = ExitCode.SUCCESS
+    elif len(options.inputs) == 1:
+        files = _outputs(options.out)
+        first, second = _simulate(options)
+        code = max(code_of_status(first.status), code_of_status(second.status))
+    else:
+        raise OptionError(f"compare {' '.join(options.inputs)}: give one scene, or two .nc files")
+
+    from tensegrity_mj import compare
+
+    comparison = compare(first, second, **({} if options.tolerance is None else {"tolerance": options.tolerance}))
+    for path, run in zip(files.values(), (first, second), strict=False):
+        run.save(path)
+    if plot:
+        from tensegrity_mj.plots import plot_comparison
+
+        plot_comparison(comparison, plot)
+    worst = max((first, second), key=lambda run: code_of_status(run.status))
+    data = {
+        "status": worst.status,
+        "message": worst.message,
+        "scene": first.scene.name,
+        "first": first.engine,
+        "second": second.engine,
+        **comparison.to_dict(),
+        "first_wall_time": first.cost.get("wall_time"),
+        "second_wall_time": second.cost.get("wall_time"),
+        "out": files,
+        "plot": plot,
+    }
+    return Outcome(data, describe(data), code)
+
+
+def describe(data: dict[str, Any]) -> str:
+    """The comparison for people."""
+    rows = [
+        ("status", data["status"].value + (f": {data['message']}" if data["message"] else "")),
+        ("first", data["first"]),
+        ("second", data["second"]),
+        *((name.replace("_", " "), number(data[name], unit)) for name, unit in UNITS.items()),
+    ]
+    rows += [(f"{name} exceeds the tolerance at", number(time, "s")) for name, time in data["first_exceeded"].items()]
+    rows += [("written", str(path)) for path in [*data["out"].values(), data["plot"]] if path]
+    return table(rows)
+
+
+def _simulate(options: argparse.Namespace) -> tuple[Trajectory, Trajectory]:
+    from tensegrity_mj import OnInfeasible, load_scene, simulate
+
+    experiment.check_control(options)
+    scene = load_scene(options.inputs[0])
+    # The step is MuJoCo's; the DAE takes it only where its method has a fixed step.
+    engines = experiment.mujoco_of(options), experiment.dae_of(options, with_timestep=options.method == "rk4")
+    actuation = experiment.actuation_of(options)
+    first, second = (
+        simulate(
+            scene,
+            experiment.law_of(options, scene),
+            engine,
+            duration=options.duration,
+            actuation=actuation,
+            on_infeasible=OnInfeasible(options.on_infeasible or "stop"),
+            progress=True,
+        )
+        for engine in engines
+    )
+    return first, second
+
+
+def _read(options: argparse.Namespace) -> tuple[Trajectory, Trajectory]:
+    from tensegrity_mj import Trajectory
+
+    if len(options.inputs) != 2:
+        raise OptionError(f"compare {' '.join(options.inputs)}: give two .nc files, not {len(options.inputs)}")
+    simulation = ("timestep", "duration", *experiment.MUJOCO_OPTIONS, *experiment.DAE_OPTIONS)
+    refuse(options, (*simulation, *experiment.CONTROL_OPTIONS), "belongs to a simulation; two files are only read")
+    refuse(options, ("out",), "writes simulated runs; two files are only read")
+    first, second = (Trajectory.load(path) for path in options.inputs)
+    return first, second
+
+
+def _outputs(out: str | None) -> dict[str, Path]:
+    """Where --out puts the two runs: in a folder that exists, or beside each other with a common prefix."""
+    if out is None:
+        return {}
+    is_folder = out.endswith(("/", "\\")) or Path(out).is_dir()
+    start = f"{out.rstrip('/')}/" if is_folder else f"{out.removesuffix('.nc')}-"
+    return {name: output_file(f"{start}{name}.nc", "--out", (".nc",)) for name in ("mujoco", "dae")}

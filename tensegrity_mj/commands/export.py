@@ -1,0 +1,36 @@
+"""Write a scene as MJCF, for any MuJoCo viewer, or as this package's TOML."""
+
+from __future__ import annotations
+
+import argparse
+
+from tensegrity_mj.commands.common import Outcome, output_file
+
+HELP = "write a scene as MJCF (.xml) or TOML (.toml)"
+EXAMPLES = """\
+examples:
+  tensegrity-mj export prism --out prism.xml
+  tensegrity-mj export prism --out my_prism.toml
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The options of `export`."""
+    parser.add_argument("scene", metavar="SCENE", help="a shipped scene or a path to a .toml file")
+    parser.add_argument("--out", metavar="FILE", required=True, help="what to write: .xml (MJCF) or .toml")
+
+
+def execute(options: argparse.Namespace) -> Outcome:
+    """Write the file."""
+    out = output_file(options.out, "--out", (".xml", ".toml"))
+
+    from tensegrity_mj import load_scene, save_scene
+
+    scene = load_scene(options.scene)
+    if out.suffix.lower() == ".toml":
+        save_scene(scene, out)
+    else:
+        from tensegrity_mj.mjcf import save_mjcf
+
+        save_mjcf(scene, out)
+    return Outcome({"status": "ok", "scene": scene.name, "out": out}, f"{out}")

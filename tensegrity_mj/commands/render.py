@@ -1,0 +1,60 @@
+"""Make a video of one recorded run, or of two, side by side or one over the other."""
+
+from __future__ import annotations
+
+import argparse
+
+from tensegrity_mj.commands import experiment
+from tensegrity_mj.commands.common import Outcome, output_file, positive, refuse, size
+from tensegrity_mj.errors import OptionError
+
+HELP = "make a video of one or two recorded runs"
+EXAMPLES = """\
+examples:
+  tensegrity-mj render p.nc --out p.mp4 --fps 60 --speed 0.5
+  tensegrity-mj render mujoco.nc dae.nc --out both.mp4 --layout side-by-side
+"""
+
+LAYOUTS = ("overlay", "side-by-side")
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The options of `render`."""
+    parser.add_argument("runs", nargs="+", metavar="FILE.nc", help="one trajectory file, or two")
+    parser.add_argument("--out", metavar="FILE.mp4", required=True, help="the video")
+    parser.add_argument("--layout", choices=LAYOUTS, help="how two runs are shown (overlay)")
+    parser.add_argument("--size", type=size, metavar="WxH", default=(1280, 720), help="picture size (1280x720)")
+    parser.add_argument("--fps", type=positive, default=30.0, help="frames a second of the video (30)")
+    parser.add_argument("--speed", type=positive, default=1.0, help="simulated seconds a second of the video (1)")
+
+
+def execute(options: argparse.Namespace) -> Outcome:
+    """Draw the video."""
+    out = output_file(options.out, "--out", (".mp4",))
+    if len(options.runs) > 2:
+        raise OptionError(f"render {' '.join(options.runs)}: give one or two files, not {len(options.runs)}")
+    if len(options.runs) == 1:
+        refuse(options, ("layout",), "needs two files")
+
+    from tensegrity_mj import Layout, Trajectory, render
+
+    runs = [Trajectory.load(path) for path in options.runs]
+    experiment.require_off_screen_opengl()
+    render(
+        runs[0],
+        out,
+        other=runs[1] if len(runs) > 1 else None,
+        layout=Layout.SIDE_BY_SIDE if options.layout == "side-by-side" else Layout.OVERLAY,
+        size=options.size,
+        fps=options.fps,
+        speed=options.speed,
+        progress=True,
+    )
+    data = {
+        "status": "ok",
+        "out": out,
+        "size": options.size,
+        "fps": options.fps,
+        "duration": float(max(run.time[-1] for run in runs)) / options.speed,
+    }
+    return Outcome(data, str(out))

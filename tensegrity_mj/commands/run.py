@@ -1,0 +1,158 @@
+"""Simulate one scene in one engine, and keep what happened as a file, a video or a plot."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tensegrity_mj.commands import experiment
+from tensegrity_mj.commands.common import (
+    PLOT_SUFFIXES,
+    Outcome,
+    code_of_status,
+    distinct,
+    number,
+    output_file,
+    positive,
+    refuse,
+    table,
+)
+from tensegrity_mj.errors import DivergenceError
+
+if TYPE_CHECKING:
+    from tensegrity_mj.scene import Scene
+    from tensegrity_mj.trajectory import Trajectory
+
+HELP = "simulate a scene in one engine"
+EXAMPLES = """\
+examples:
+  tensegrity-mj run prism --engine mujoco --integrator rk4 --timestep 1e-3 --duration 10 --out p.nc --video p.mp4
+  tensegrity-mj run prism --engine dae --method dop853 --rtol 1e-11 --json
+  tensegrity-mj run prism --actuation hold-force-density --control-period 1e-3 --norm 1
+  tensegrity-mj run prism --engine dae --replay p.nc --replay-quantity rest-length
+"""
+
+REPLAY_QUANTITIES = ("rest-length", "force-density")
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The options of `run`."""
+    parser.add_argument("scene", metavar="SCENE", help="a shipped scene (see `scenes`) or a path to a .toml file")
+    parser.add_argument("--duration", type=positive, metavar="S", help="simulated time [s] (the scene's)")
+    engine = parser.add_argument_group("engine")
+    engine.add_argument("--engine", choices=("mujoco", "dae"), default="mujoco", help="(mujoco)")
+    experiment.add_engine_options(engine)
+    experiment.add_control_options(parser.add_argument_group("control"))
+    replay = parser.add_argument_group("replay: open loop, instead of a law")
+    replay.add_argument("--replay", metavar="FILE.nc", help="a run whose strings are commanded again")
+    replay.add_argument("--replay-quantity", choices=REPLAY_QUANTITIES, help="what of it (rest-length)")
+    output = parser.add_argument_group("output")
+    output.add_argument("--out", metavar="FILE.nc", help="write the trajectory (NetCDF)")
+    output.add_argument("--video", metavar="FILE.mp4", help="write a video")
+    output.add_argument("--plot", metavar="FILE.png", help="write the plots of the run (or .pdf, .svg)")
+    output.add_argument("--view", action="store_true", help="then show the run in MuJoCo's interactive viewer")
+
+
+def execute(options: argparse.Namespace) -> Outcome:
+    """Simulate, then write what was asked for; whatever can be refused is refused before."""
+    out = output_file(options.out, "--out", (".nc",))
+    video = output_file(options.video, "--video", (".mp4",))
+    plot = output_file(options.plot, "--plot", PLOT_SUFFIXES)
+    distinct({"--replay": Path(options.replay) if options.replay else None, "--out": out})
+    if options.engine == "mujoco":
+        refuse(options, experiment.DAE_OPTIONS, "belongs to --engine dae; MuJoCo has --integrator and --timestep")
+    else:
+        refuse(options, experiment.MUJOCO_OPTIONS, "belongs to --engine mujoco; the DAE has --method")
+    _check_replay(options)
+    experiment.check_control(options)
+    if video:
+        experiment.require_off_screen_opengl()
+    if options.view:
+        from tensegrity_mj.view import require_display
+
+        require_display()
+
+    from tensegrity_mj import OnInfeasible, load_scene, simulate
+
+    scene = load_scene(options.scene)
+    try:
+        run = simulate(
+            scene,
+            _replayed(options) if options.replay else experiment.law_of(options, scene),
+            experiment.mujoco_of(options) if options.engine == "mujoco" else experiment.dae_of(options),
+            duration=options.duration,
+            actuation=experiment.actuation_of(options),
+            on_infeasible=OnInfeasible(options.on_infeasible or "stop"),
+            progress=True,
+        )
+        message = run.message
+    except DivergenceError as error:
+        if error.trajectory is None:
+            raise
+        run, message = error.trajectory, str(error)
+    if out:
+        run.save(out)
+    if plot:
+        from tensegrity_mj.plots import plot_run
+
+        plot_run(run, plot)
+    if video:
+        from tensegrity_mj import render
+
+        render(run, video, progress=True)
+    if options.view:
+        from tensegrity_mj.view import view
+
+        view(run)
+    data = summary(run) | {"message": message, "out": out, "video": video, "plot": plot}
+    return Outcome(data, describe(data), code_of_status(run.status))
+
+
+def summary(run: Trajectory) -> dict[str, Any]:
+    """The numbers of one run, for --json."""
+    duration = float(run.time[-1]) if len(run.time) else 0.0
+    wall_time = run.cost.get("wall_time", float("nan"))
+    error = run.target_error()
+    return {
+        "status": run.status,
+        "scene": run.scene.name,
+        "engine": run.engine,
+        "duration": duration,
+        "samples": len(run.time),
+        "final_error": float(error[-1]) if len(error) else float("nan"),
+        "max_force_density": run.max_force_density,
+        "min_feasibility_margin": run.min_feasibility_margin,
+        "energy_residual": run.energy_residual,
+        "real_time_factor": duration / wall_time if wall_time else float("nan"),
+        "wall_time": wall_time,
+        "cost": run.cost,
+        "reports": run.reports,
+    }
+
+
+def describe(data: dict[str, Any]) -> str:
+    """The same for people."""
+    rows = [
+        ("status", f"{data['status'].value}" + (f": {data['message']}" if data["message"] else "")),
+        ("engine", data["engine"]),
+        ("simulated time", number(data["duration"], "s")),
+        ("distance to the target at the end", number(data["final_error"], "m")),
+        ("largest force density", number(data["max_force_density"], "N/m")),
+        ("smallest feasibility margin", number(data["min_feasibility_margin"])),
+        ("energy residual", number(data["energy_residual"], "J")),
+        ("real-time factor", number(data["real_time_factor"])),
+    ]
+    rows += [(name, str(data[name])) for name in ("out", "video", "plot") if data[name]]
+    return table(rows)
+
+
+def _check_replay(options: argparse.Namespace) -> None:
+    if options.replay is None:
+        refuse(options, ("replay-quantity",), "needs --replay FILE.nc")
+    else:
+        refuse(options, experiment.CONTROL_OPTIONS, "means nothing in a replay, which has no control law")
+
+
+def _replayed(options: argparse.Namespace) -> Any:
+    raise NotImplementedError

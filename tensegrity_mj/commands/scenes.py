@@ -1,0 +1,167 @@
+"""List the scenes that come with the package, or describe one scene or file."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from tensegrity_mj.commands.common import Outcome, number, table
+
+if TYPE_CHECKING:
+    from tensegrity_mj.scene import Scene
+    from tensegrity_mj.structure import Rod, Structure
+
+HELP = "list the shipped scenes, or describe one"
+EXAMPLES = """\
+examples:
+  tensegrity-mj scenes
+  tensegrity-mj scenes prism
+  tensegrity-mj scenes ./my_tower.toml --json
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The options of `scenes`."""
+    parser.add_argument("scene", nargs="?", metavar="SCENE", help="a shipped scene or a path to a .toml file")
+
+
+def execute(options: argparse.Namespace) -> Outcome:
+    """List, or describe one."""
+    from tensegrity_mj import load_scene
+    from tensegrity_mj.textformat import scene_names
+
+    if options.scene is not None:
+        details = describe(load_scene(options.scene))
+        return Outcome(details, _text(details))
+    rows = []
+    for name in scene_names():
+        scene = load_scene(name)
+        structure = scene.structure
+        rows.append(
+            {"name": name, "rods": len(structure.rods), "strings": len(structure.strings), "source": scene.source}
+        )
+    width = max((len(row["name"]) for row in rows), default=0)
+    lines = [
+        f"{row['name']:<{width}}  {row['rods']:>4} rods {row['strings']:>4} strings  {row['source']}" for row in rows
+    ]
+    return Outcome({"status": "ok", "scenes": rows}, "\n".join(lines))
+
+
+def describe(scene: Scene) -> dict[str, Any]:
+    """What a scene consists of; that it could be loaded means that it is valid."""
+    structure = scene.structure
+    return {
+        "status": "ok",
+        "name": scene.name,
+        "source": scene.source,
+        "valid": True,
+        "nodes": dict(structure.nodes),
+        "rods": [
+            {
+                "name": rod.name,
+                "nodes": rod.nodes,
+                "mass": rod.mass,
+                "length": float(length),
+                "support": support_text(rod),
+                "sigma": rod.support.sigma,
+            }
+            for rod, length in zip(structure.rods, structure.rod_lengths, strict=True)
+        ],
+        "strings": [
+            {
+                "name": string.name,
+                "nodes": string.nodes,
+                "stiffness": string.stiffness,
+                "damping": string.damping,
+                "rest_length": float(rest_length),
+            }
+            for string, rest_length in zip(structure.strings, structure.rest_lengths, strict=True)
+        ],
+        "fixed_nodes": structure.fixed_nodes,
+        "point_masses": {point.node: point.mass for point in structure.point_masses},
+        "degrees_of_freedom": degrees_of_freedom(structure),
+        **statics(scene),
+        "gravity": scene.gravity,
+        "loads": "a function" if callable(scene.loads) else len(scene.loads),
+        "target": None if scene.target is None else {"waypoints": len(scene.target.times), "times": scene.target.times},
+        "control": None if scene.control is None else {"law": scene.control.law, **scene.control.options},
+        "duration": scene.duration,
+    }
+
+
+def statics(scene: Scene) -> dict[str, Any]:
+    """Self-stress at the start, and, where no law moves it, whether the strings as given hold it there."""
+    import numpy as np
+
+    from tensegrity_mj.errors import InfeasibleError
+    from tensegrity_mj.prestress import equilibrium_residual, prestress, self_stress
+    from tensegrity_mj.strings import force_density
+
+    structure, nodes, gravity, loads = scene.structure, scene.nodes0, scene.gravity, scene.nodal_forces(0.0)
+    stress = self_stress(structure, nodes)
+    found: dict[str, Any] = {
+        "self_stress_modes": len(stress.modes),
+        "rigid_motions": stress.rigid_motions,
+        "mechanisms": stress.mechanisms,
+    }
+    if scene.control is not None:
+        return found
+    u = force_density(structure.stiffness, structure.string_lengths(nodes), structure.rest_lengths)
+    found["unbalanced_force"] = float(np.linalg.norm(equilibrium_residual(structure, nodes, u, gravity, loads)))
+    try:
+        prestress(structure, nodes=nodes, gravity=gravity, loads=loads)
+        found |= {"can_be_prestressed": True, "why_not": ""}
+    except InfeasibleError as error:
+        found |= {"can_be_prestressed": False, "why_not": str(error)}
+    return found
+
+
+def degrees_of_freedom(structure: Structure) -> int:
+    """Number of independent velocities; the spin of a thin rod about its axis, which has no inertia, is none."""
+    rods = sum(
+        rod.support.translation_basis.shape[1] + rod.support.rotation_basis.shape[1] - 1 for rod in structure.rods
+    )
+    return int(rods + sum(point.translation_basis.shape[1] for point in structure.point_masses))
+
+
+def support_text(rod: Rod) -> str:
+    """A support in words."""
+    rows = len(rod.support.directions)
+    kind = {0: "free", 3: "pinned"}.get(rows, f"held in {rows} direction{'s' if rows > 1 else ''}")
+    where = "" if rows == 0 else f" at σ = {rod.support.sigma:g}"
+    return f"{kind}{where}" + ("" if rod.support.plane is None else ", planar")
+
+
+def _text(data: dict[str, Any]) -> str:
+    control = data["control"]
+    head = [
+        ("scene", data["name"]),
+        ("source", data["source"] or "-"),
+        (
+            "nodes",
+            f"{len(data['nodes'])}" + (f", fixed: {', '.join(data['fixed_nodes'])}" if data["fixed_nodes"] else ""),
+        ),
+        ("rods", str(len(data["rods"]))),
+        ("strings", str(len(data["strings"]))),
+        ("degrees of freedom", str(data["degrees_of_freedom"])),
+        (
+            "statics",
+            f"{data['self_stress_modes']} states of self-stress, {data['mechanisms']} mechanisms, "
+            f"{data['rigid_motions']} rigid motions",
+        ),
+        *([("unbalanced force at rest", number(data["unbalanced_force"], "N"))] if control is None else []),
+        *([("prestress", "possible" if data["can_be_prestressed"] else data["why_not"])] if control is None else []),
+        ("gravity", "none" if not any(data["gravity"]) else f"{data['gravity']} m/s²"),
+        ("control", "none" if control is None else ", ".join(f"{key} = {value}" for key, value in control.items())),
+        ("duration", number(data["duration"], "s")),
+    ]
+    rods = [
+        f"  {rod['name']}: {' - '.join(rod['nodes'])}, {rod['mass']:g} kg, {rod['length']:.6g} m, {rod['support']}"
+        for rod in data["rods"]
+    ]
+    strings = [
+        f"  {s['name']}: {' - '.join(s['nodes'])}, k = {s['stiffness']:g} N/m, c = {s['damping']:g} N s/m, "
+        f"L0 = {s['rest_length']:.6g} m"
+        for s in data["strings"]
+    ]
+    return "\n".join([table(head), "rods:", *rods, "strings:", *strings])

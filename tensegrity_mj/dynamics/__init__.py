@@ -1,0 +1,1 @@
+"""The thesis' model of a structure (chapter 2): coordinates, affine maps, equations of motion. No MuJoCo."""

@@ -1,0 +1,1 @@
+"""Engines: independent formulations of the same scene, each with frozen options and one `run`."""

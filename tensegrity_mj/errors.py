@@ -1,0 +1,52 @@
+"""The errors of tensegrity_mj: one root class, and one class a kind of remedy.
+
+Every message names the offending item, its value, what is allowed, and what to do about it.
+"""
+
+from __future__ import annotations
+
+
+class TensegrityError(Exception):
+    """Root of all errors that this package raises on purpose."""
+
+
+class StructureError(TensegrityError, ValueError):
+    """A structure that is not physically or topologically valid."""
+
+
+class SceneError(TensegrityError, ValueError):
+    """A scene whose motion, loads or target do not fit its structure."""
+
+
+class FormatError(TensegrityError, ValueError):
+    """A file that cannot be read as what it should be."""
+
+
+class OptionError(TensegrityError, ValueError):
+    """An option outside its range, or one that contradicts another."""
+
+
+class ControllerError(TensegrityError, RuntimeError):
+    """A control law that failed: an exception, a wrong shape, or a value that is not finite."""
+
+
+class InfeasibleError(TensegrityError, RuntimeError):
+    """A problem that has no admissible solution (prestress, control)."""
+
+
+class DivergenceError(TensegrityError, RuntimeError):
+    """A simulation that left the finite world.
+
+    Attributes:
+        time: simulated time [s] at which it was detected.
+        trajectory: what was recorded before it, or None.
+    """
+
+    def __init__(self, message: str, time: float, trajectory: object | None = None) -> None:
+        super().__init__(message)
+        self.time = time
+        self.trajectory = trajectory
+
+
+class MissingLibraryError(TensegrityError, RuntimeError):
+    """A system library or optional package that this machine lacks; the message says how to get it."""

@@ -1,0 +1,118 @@
+"""A camera that frames what is to be seen by itself: exactly, in closed form, for a perspective view."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.errors import OptionError
+
+Array = NDArray[np.float64]
+
+FIELD_OF_VIEW = 30.0  # degrees, vertical; narrow, so that parallel members look parallel
+DEFAULT_AZIMUTH, DEFAULT_ELEVATION = 125.0, -18.0  # degrees, in MuJoCo's sense
+FLAT = 1e-3  # thickness over extent below which a motion counts as planar
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A view in MuJoCo's terms: it looks from `distance` [m] at `look_at` [m]; angles in degrees.
+
+    The view's direction is (cos a cos e, sin a cos e, sin e) for azimuth a and elevation e; z points up in the picture.
+    """
+
+    azimuth: float
+    elevation: float
+    look_at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    distance: float = 1.0
+
+    @property
+    def axes(self) -> Array:
+        """Rows (3, 3): unit vectors to the right, up and forward."""
+        a, e = math.radians(self.azimuth), math.radians(self.elevation)
+        forward = np.array([math.cos(a) * math.cos(e), math.sin(a) * math.cos(e), math.sin(e)])
+        right = np.array([math.sin(a), -math.cos(a), 0.0])
+        return np.array([right, np.cross(right, forward), forward])
+
+    @property
+    def position(self) -> Array:
+        """Where the camera stands (3,) [m]."""
+        return np.array(self.look_at) - self.distance * self.axes[2]
+
+    def project(self, points: Array) -> Array:
+        """(..., 2): right and up, as a fraction of half the picture's height, of points (..., 3)."""
+        relative = (np.asarray(points, float) - self.position) @ self.axes.T
+        tangent = math.tan(math.radians(FIELD_OF_VIEW) / 2.0)
+        return relative[..., :2] / (tangent * np.maximum(relative[..., 2:], 1e-12))
+
+    def moved(self, shift: Array) -> Camera:
+        """The same view of something that is `shift` (3,) [m] away."""
+        x, y, z = (float(a + b) for a, b in zip(self.look_at, shift, strict=True))
+        return replace(self, look_at=(x, y, z))
+
+
+def fit(camera: Camera, points: Array, margin: Array | float, aspect: float, *, keep_distance: bool = False) -> Camera:
+    """The camera with the same direction that just sees balls of radius `margin` [m] about points (P, 3), centred.
+
+    With half-angle tangents (t_h, t_v), the camera at c sees p when |right·(p - c)| <= t_h forward·(p - c), and likewise
+    upwards. Each bound is linear in c, so the nearest admissible forward·c is a minimum over points, and the
+    other two coordinates follow by centring between the bounds.
+    """
+    right, up, forward = camera.axes @ np.asarray(points, float).T
+    radius = np.broadcast_to(np.asarray(margin, float), right.shape)
+    vertical = math.tan(math.radians(FIELD_OF_VIEW) / 2.0)
+    bounds = []
+    for across, tangent in ((right, vertical * aspect), (up, vertical)):
+        # A ball's silhouette stands out by radius / cos(half angle) across the view.
+        swell = radius * math.hypot(1.0, tangent)
+        high = float(np.max(across + swell - tangent * forward))
+        low = float(np.max(-across + swell - tangent * forward))
+        bounds.append((high, low, tangent))
+    depth = min(-(high + low) / (2.0 * tangent) for high, low, tangent in bounds)
+    middle = float(np.mean([np.max(forward), np.min(forward)]))
+    distance = camera.distance if keep_distance else max(middle - depth, 1e-9)
+    coordinates = np.array([(bounds[0][0] - bounds[0][1]) / 2.0, (bounds[1][0] - bounds[1][1]) / 2.0, middle])
+    x, y, z = (float(v) for v in coordinates @ camera.axes)
+    return replace(camera, look_at=(x, y, z), distance=distance)
+
+
+def direction(points: Array, azimuth: float | None, elevation: float | None) -> Camera:
+    """The direction to look in: as asked for; else square on planar motion, and obliquely on all other.
+
+    Args:
+        points: (P, 3) everything that will be seen [m].
+        azimuth, elevation: [degrees], or None to have them chosen.
+
+    Raises:
+        OptionError: if an angle is not finite, or the elevation is beyond ±90.
+    """
+    for name, value, limit in (("azimuth", azimuth, math.inf), ("elevation", elevation, 90.0)):
+        if value is not None and not (math.isfinite(value) and abs(value) <= limit):
+            allowed = "a finite number of degrees" if limit == math.inf else "from -90 to 90 degrees"
+            raise OptionError(f"{name}={value}: it must be {allowed}")
+    chosen = _square_on(points)
+    return Camera(
+        azimuth=chosen[0] if azimuth is None else float(azimuth),
+        elevation=chosen[1] if elevation is None else float(elevation),
+    )
+
+
+def _square_on(points: Array) -> tuple[float, float]:
+    centred = points - points.mean(axis=0)
+    _, singular, vectors = np.linalg.svd(centred, full_matrices=False) if len(points) > 2 else (None, np.zeros(3), None)
+    if vectors is None or singular[2] > FLAT * singular[0] or singular[1] <= FLAT * singular[0]:
+        return DEFAULT_AZIMUTH, DEFAULT_ELEVATION
+    normal = vectors[2]
+    if abs(normal[2]) > 0.999:
+        return 90.0, -90.0  # a horizontal plane from above: x to the right, y up
+    # Of the plane's two sides: the upper one, or where it stands upright, the one that shows +x (else +y) to the right.
+    right = np.array([normal[1], -normal[0]])
+    if abs(normal[2]) > 1e-3:
+        forward = normal if normal[2] < 0.0 else -normal
+    else:
+        forward = normal if (right[0] if abs(right[0]) > 1e-6 else right[1]) > 0.0 else -normal
+    azimuth = math.degrees(math.atan2(forward[1], forward[0])) % 360.0
+    return azimuth, math.degrees(math.asin(max(-1.0, min(1.0, float(forward[2])))))

@@ -1,0 +1,179 @@
+"""What a picture needs of a run: where nodes are and how strings pull at any time between the recorded samples."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj import strings
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.scene import Scene, Target
+from tensegrity_mj.structure import Structure
+from tensegrity_mj.trajectory import Status, Trajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """One instant: node positions (N, 3) [m], tensions (M,) [N], rest lengths (M,) [m]."""
+
+    nodes: Array
+    tensions: Array
+    rest_lengths: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """The drawable part of a trajectory; every number in it is finite.
+
+    Attributes:
+        structure, target: what is drawn.
+        down: unit vector (3,) that slack strings hang along: gravity's, or -z where there is none.
+        title, label: the scene's name; the engine's line.
+        note: what a viewer must know about how the run ended, or nothing.
+        time: (T,) strictly increasing [s], T >= 1.
+        nodes, velocities: (T, N, 3) [m], [m/s].
+        tensions, rest_lengths: (T, M) [N], [m].
+    """
+
+    structure: Structure
+    target: Target | None
+    down: Array
+    title: str
+    label: str
+    note: str
+    time: Array
+    nodes: Array
+    velocities: Array
+    tensions: Array
+    rest_lengths: Array
+
+    @classmethod
+    def of(cls, source: Trajectory | Scene) -> Motion:
+        """The motion of a run, or a scene at rest at its start.
+
+        A run is drawn up to its first sample that is not finite.
+
+        Raises:
+            OptionError: if there is no finite sample at all, or the source is neither of the two.
+        """
+        if isinstance(source, Scene):
+            return cls._of_scene(source)
+        if not isinstance(source, Trajectory):
+            raise OptionError(f"a picture is made of a Trajectory or a Scene, not of a {type(source).__name__}")
+        count = _finite_samples(source)
+        if count == 0:
+            raise OptionError(
+                f"the trajectory of scene '{source.scene.name}' has no sample that can be drawn (it has "
+                f"{len(source.time)}): at least one with finite time and node positions is needed"
+            )
+        note = ""
+        if source.status is not Status.COMPLETED:
+            note = f"{source.status.value} at t = {source.time[count - 1]:.4g} s"
+        elif count < len(source.time):
+            note = f"not finite after t = {source.time[count - 1]:.4g} s"
+        return cls(
+            structure=source.scene.structure,
+            target=source.scene.target,
+            down=_down(source.scene),
+            title=source.scene.name,
+            label=source.engine,
+            note=note,
+            time=source.time[:count],
+            nodes=source.nodes[:count],
+            velocities=np.nan_to_num(source.velocities[:count], posinf=0.0, neginf=0.0),
+            tensions=np.nan_to_num(source.tensions[:count], posinf=0.0, neginf=0.0),
+            # A rest length that is not known is drawn as taut.
+            rest_lengths=np.nan_to_num(source.rest_lengths[:count], posinf=0.0, neginf=0.0),
+        )
+
+    @classmethod
+    def _of_scene(cls, scene: Scene) -> Motion:
+        structure = scene.structure
+        nodes = scene.nodes0
+        rest = structure.rest_lengths
+        lengths = structure.string_lengths(nodes)
+        rates = structure.string_rates(nodes, scene.velocities0)
+        pull = strings.tension(structure.stiffness, structure.damping, lengths, rates, rest, structure.string_law)
+        return cls(
+            structure=structure,
+            target=scene.target,
+            down=_down(scene),
+            title=scene.name,
+            label="",
+            note="",
+            time=np.zeros(1),
+            nodes=nodes[None],
+            velocities=scene.velocities0[None],
+            tensions=pull[None],
+            rest_lengths=rest[None],
+        )
+
+    @property
+    def start(self) -> float:
+        """Time of the first sample [s]."""
+        return float(self.time[0])
+
+    @property
+    def end(self) -> float:
+        """Time of the last drawable sample [s]."""
+        return float(self.time[-1])
+
+    def positions(self, times: Array) -> Array:
+        """Node positions (..., N, 3) [m] at the given times, which are clipped to the run.
+
+        Cubic Hermite interpolation with the recorded velocities: error h⁴/384 max |d⁴n/dt⁴| for samples h apart.
+        """
+        moments = np.clip(np.asarray(times, float), self.start, self.end)
+        if len(self.time) == 1:
+            return np.broadcast_to(self.nodes[0], (*moments.shape, *self.nodes.shape[1:])).copy()
+        i, step, s = self._intervals(moments)
+        s, step = s[..., None, None], step[..., None, None]
+        before = (1.0 + 2.0 * s) * (1.0 - s) ** 2 * self.nodes[i] + s * (1.0 - s) ** 2 * step * self.velocities[i]
+        after = s**2 * (3.0 - 2.0 * s) * self.nodes[i + 1] + s**2 * (s - 1.0) * step * self.velocities[i + 1]
+        return before + after
+
+    def pose(self, time: float) -> Pose:
+        """The instant at `time` [s]; tensions and rest lengths are interpolated linearly."""
+        nodes = self.positions(np.array(time))
+        if len(self.time) == 1:
+            return Pose(nodes, self.tensions[0], self.rest_lengths[0])
+        i, _, s = self._intervals(np.clip(np.array(time, float), self.start, self.end))
+        return Pose(
+            nodes,
+            (1.0 - s) * self.tensions[i] + s * self.tensions[i + 1],
+            (1.0 - s) * self.rest_lengths[i] + s * self.rest_lengths[i + 1],
+        )
+
+    def target_positions(self, times: Array) -> Array | None:
+        """Node positions (T, N, 3) [m] of the target at times (T,); None without a target."""
+        if self.target is None:
+            return None
+        moments = np.atleast_1d(np.asarray(times, float))
+        if len(self.target.times) == 1:
+            return np.broadcast_to(self.target.nodes[0], (len(moments), *self.target.nodes.shape[1:]))
+        from tensegrity_mj.dynamics.target import target_nodes
+
+        return target_nodes(self.structure, self.target, moments)
+
+    def _intervals(self, moments: Array) -> tuple[NDArray[np.int64], Array, Array]:
+        """Index of the sample before each moment, the interval's length, and where in it (0 to 1) the moment lies."""
+        i = np.clip(np.searchsorted(self.time, moments, side="right") - 1, 0, len(self.time) - 2)
+        step = self.time[i + 1] - self.time[i]
+        return i, step, (moments - self.time[i]) / step
+
+
+def _finite_samples(run: Trajectory) -> int:
+    """Length of the leading part whose times increase and whose nodes are finite."""
+    good = np.isfinite(run.time) & np.all(np.isfinite(run.nodes), axis=(1, 2))
+    good[1:] &= ~(np.diff(run.time) <= 0.0)
+    return len(good) if good.all() else int(np.argmin(good))
+
+
+def _down(scene: Scene) -> Array:
+    gravity = np.array(scene.gravity, float)
+    size = float(np.linalg.norm(gravity))
+    return gravity / size if size > 0.0 else np.array([0.0, 0.0, -1.0])

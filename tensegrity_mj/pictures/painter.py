@@ -1,0 +1,317 @@
+"""One structure as geoms of a MuJoCo scene, from node positions alone: no joint, no simulation, any engine's run."""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.pictures import palette
+from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera
+from tensegrity_mj.pictures.motion import Motion, Pose
+from tensegrity_mj.pictures.sag import slack_arcs
+from tensegrity_mj.pictures.traces import MAX_PIECES, Traces
+from tensegrity_mj.structure import Structure
+
+Array = NDArray[np.float64]
+
+SLACK_SEGMENTS = 12
+SLACKNESS = 1e-6  # of its length: below, a slack string looks straight anyway
+
+# An almost empty model: it lends MuJoCo's renderer its lights and its settings. Drawn without multisampling, shadow,
+# reflection and sky, which cost most of the time in software OpenGL; frames are smoothed by drawing them larger.
+_MODEL = f"""
+<mujoco>
+  <statistic center="0 0 0" extent="1"/>
+  <visual>
+    <global fovy="{FIELD_OF_VIEW}"/>
+    <quality shadowsize="0" offsamples="0" numslices="10" numstacks="6" numquads="1"/>
+    <headlight ambient="0.42 0.42 0.42" diffuse="0.38 0.38 0.38" specular="0.06 0.06 0.06"/>
+  </visual>
+  <worldbody>
+    <light type="directional" dir="-0.3 0.35 -1" diffuse="0.34 0.34 0.34" ambient="0 0 0"
+           specular="0.1 0.1 0.1" castshadow="false"/>
+  </worldbody>
+</mujoco>
+"""
+
+
+class Look(enum.Enum):
+    """How a structure is drawn."""
+
+    SOLID = "solid"
+    GHOST = "ghost"  # translucent
+    TARGET = "target"  # translucent, rods only
+
+    @property
+    def width(self) -> float:
+        """Thickness of members relative to solid ones; translucent ones stand out around a solid at the same place."""
+        return 1.0 if self is Look.SOLID else 1.5
+
+    @property
+    def rgba(self) -> NDArray[np.float32]:
+        """Colour of rods, and of all members of a ghost."""
+        color, alpha = {
+            Look.SOLID: (palette.ROD, 1.0),
+            Look.GHOST: (palette.GHOST, 0.45),
+            Look.TARGET: (palette.TARGET, 0.38),
+        }[self]
+        return _rgba(color, alpha)
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Radii [m] at which members show, whatever the scale of the structure."""
+
+    rod: NDArray[np.float64]
+    string: float
+    support: float
+    point_mass: float
+
+    @classmethod
+    def of(cls, structure: Structure, extent: float) -> Sizes:
+        """For a structure in a picture that is `extent` [m] wide: real rod radii, unless they would hardly show."""
+        lengths = structure.rod_lengths
+        typical = float(np.median(lengths)) if len(lengths) else extent
+        least = max(min(0.0125 * typical, 0.01 * extent), 0.0022 * extent)
+        rods = np.maximum(np.array([rod.radius for rod in structure.rods], float), least)
+        return cls(
+            rod=np.minimum(rods, 0.25 * np.maximum(lengths, least)),
+            string=max(min(0.0042 * typical, 0.0034 * extent), 0.0011 * extent),
+            support=1.5 * least,
+            point_mass=2.4 * least,
+        )
+
+
+def make_model() -> Any:
+    """The MjModel that pictures are drawn with."""
+    import mujoco
+
+    return mujoco.MjModel.from_xml_string(_MODEL)
+
+
+class Painter:
+    """Fills one MjvScene. Static parts first, then traces as they grow, then what moves, anew for each frame.
+
+    MuJoCo keeps the geoms of a scene between frames as long as its model has none of its own, so that only what changed
+    is written again.
+
+    Args:
+        model: from `make_model`.
+        capacity: largest number of geoms.
+        pixel_scale: pixels drawn for a pixel of width of a line.
+    """
+
+    def __init__(self, model: Any, capacity: int, pixel_scale: float) -> None:
+        import mujoco
+
+        self._mujoco = mujoco
+        self._model = model
+        self._data = mujoco.MjData(model)
+        mujoco.mj_forward(model, self._data)
+        self.scene = mujoco.MjvScene(model, maxgeom=capacity)
+        self.scene.flags[:] = 0
+        self.scene.flags[mujoco.mjtRndFlag.mjRND_CULL_FACE.value] = 1
+        self._option = mujoco.MjvOption()
+        self._perturb = mujoco.MjvPerturb()
+        self._view = mujoco.MjvCamera()
+        self._pixel_scale = pixel_scale
+        self._count = 0
+        self._fixed = 0
+        self._zero = np.zeros(3)
+        self._identity = np.eye(3).ravel()
+
+    def look_from(self, camera: Camera, reach: float, field_of_view: float) -> None:
+        """Place the camera; everything within `reach` [m] of the point looked at is drawn. Forgets no geom.
+
+        `field_of_view` [degrees] is the vertical one of the part of the picture that is drawn.
+        """
+        distance = camera.distance
+        extent = max(reach, 1e-9)
+        self._model.stat.extent = extent
+        self._model.vis.global_.fovy = field_of_view
+        self._model.vis.map.znear = max(0.05, (distance - reach) / extent) if distance > reach else 0.05
+        self._model.vis.map.zfar = (distance + 3.0 * reach) / extent
+        self._view.lookat[:] = camera.look_at
+        self._view.distance = distance
+        self._view.azimuth = camera.azimuth
+        self._view.elevation = camera.elevation
+        everything = self._mujoco.mjtCatBit.mjCAT_ALL.value
+        self._mujoco.mjv_updateScene(
+            self._model, self._data, self._option, self._perturb, self._view, everything, self.scene
+        )
+        self.scene.ngeom = self._count
+
+    def keep(self) -> None:
+        """What is drawn so far stays; traces come next, then what each frame draws anew."""
+        self._fixed = self._count
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._count = self._fixed = 0
+
+    def finish(self) -> Any:
+        """The MjvScene with everything drawn so far."""
+        self.scene.ngeom = self._count
+        return self.scene
+
+    def background(self, camera: Camera, reach: float) -> None:
+        """A plate behind everything, in the pictures' background colour (it costs far less than MuJoCo's sky)."""
+        # Emission outshines the lights a thousand times, so that the colour comes out the same everywhere.
+        color = np.array([*(c / 1000.0 for c in palette.BACKGROUND), 1.0], np.float32)
+        right, up, forward = camera.axes
+        depth = camera.distance + 2.0 * reach
+        half = 3.0 * depth * math.tan(math.radians(FIELD_OF_VIEW) / 2.0)
+        geom = self._next()
+        frame = np.column_stack([right, up, -forward]).ravel()
+        kind = self._mujoco.mjtGeom.mjGEOM_PLANE.value
+        size = np.array([4.0 * half, half, 1.0])
+        self._mujoco.mjv_initGeom(geom, kind, size, camera.position + depth * forward, frame, color)
+        geom.emission, geom.specular = 1000.0, 0.0
+
+    def grid(self, center: Array, half: int, cell: float) -> None:
+        """Horizontal lines around `center` (3,), `half` cells of size `cell` [m] to each side."""
+        color, reach = _rgba(palette.GRID, 1.0), half * cell
+        for i in range(-half, half + 1):
+            for a, b in ((0, 1), (1, 0)):
+                start, end = center.copy(), center.copy()
+                start[a] += i * cell
+                end[a] += i * cell
+                start[b] -= reach
+                end[b] += reach
+                self._line(start, end, 1.1, color)
+
+    def supports(self, structure: Structure, nodes: Array, sizes: Sizes) -> None:
+        """Dark cubes at fixed nodes and pinned points of rods; light ones where a rod is guided in some directions."""
+        for position, held in supported_points(structure, nodes):
+            color = palette.SUPPORT if held == 3 else palette.GUIDE
+            self._box(position, sizes.support * (1.0 if held == 3 else 0.8), _rgba(color, 1.0))
+
+    def traces(self, traces: Traces, first: int, last: int, colors: NDArray[np.float32]) -> None:
+        """Add pieces first..last-1 to those drawn; of a film's many, the oldest make room for the newest."""
+        for i in range(max(first, last - MAX_PIECES), last):
+            slot = self._fixed + i % MAX_PIECES
+            self._write_line(self.scene.geoms[slot], traces.starts[i], traces.ends[i], 1.6, colors[traces.nodes[i]])
+        self._count = self._fixed + min(last, MAX_PIECES)
+
+    def line(self, start: Array, end: Array, color: NDArray[np.float32]) -> None:
+        """A thin line such as a trace's."""
+        self._line(start, end, 1.6, color)
+
+    def structure(
+        self, motion: Motion, pose: Pose, sizes: Sizes, tension: palette.TensionScale, look: Look = Look.SOLID
+    ) -> None:
+        """Rods, strings and point masses at one instant."""
+        structure, nodes = motion.structure, pose.nodes
+        color = look.rgba
+        for (i, j), radius in zip(structure.rod_nodes, sizes.rod, strict=True):
+            self._capsule(nodes[i], nodes[j], look.width * radius, color, look)
+        if look is Look.TARGET:
+            return
+        for mass in structure.point_masses:
+            shade = _rgba(palette.POINT_MASS, 1.0) if look is Look.SOLID else color
+            self._sphere(nodes[structure.node_index[mass.node]], look.width * sizes.point_mass, shade, look)
+        self._strings(motion, pose, look.width * sizes.string, tension, look)
+
+    def _strings(
+        self, motion: Motion, pose: Pose, radius: float, tension: palette.TensionScale, look: Look
+    ) -> None:
+        """Taut strings straight, in the colour of their tension; slack ones as arcs of their own length."""
+        pairs = motion.structure.string_nodes
+        if len(pairs) == 0:
+            return
+        nodes = pose.nodes
+        slack = slack_strings(motion.structure, pose)
+        rgba = np.ones((len(pairs), 4), np.float32)
+        rgba[:, :3] = tension.colors(pose.tensions)
+        loose = _rgba(palette.SLACK, 1.0)
+        if look is not Look.SOLID:
+            rgba[:] = loose[:] = look.rgba
+        for row in np.flatnonzero(~slack):
+            i, j = pairs[row]
+            self._capsule(nodes[i], nodes[j], radius, rgba[row], look, 0.35)
+        for points in slack_curves(motion, pose, slack):
+            for start, end in zip(points[:-1], points[1:], strict=True):
+                self._capsule(start, end, 0.75 * radius, loose, look, 0.35)
+
+    def _next(self) -> Any:
+        geom = self.scene.geoms[self._count]
+        self._count += 1
+        return geom
+
+    def _capsule(
+        self, start: Array, end: Array, radius: float, rgba: NDArray[np.float32], look: Look, emission: float = 0.0
+    ) -> None:
+        geom = self._next()
+        kind = self._mujoco.mjtGeom.mjGEOM_CAPSULE.value
+        self._mujoco.mjv_initGeom(geom, kind, self._zero, self._zero, self._identity, rgba)
+        self._mujoco.mjv_connector(geom, kind, radius, start, end)
+        geom.specular = 0.25
+        geom.emission = emission
+        if look is not Look.SOLID:
+            self._inside_out(geom)
+
+    def _inside_out(self, geom: Any) -> None:
+        """Show only the faces that look away: a solid member at the same place keeps its colour, and gets a rim."""
+        # A mirrored frame turns outer faces into inner ones, and the renderer drops those that look away.
+        frame = geom.mat
+        frame[:, 0] = -frame[:, 0]
+        geom.mat = frame
+        geom.emission, geom.specular = 0.8, 0.0
+
+    def _line(self, start: Array, end: Array, pixels: float, rgba: NDArray[np.float32]) -> None:
+        self._write_line(self._next(), start, end, pixels, rgba)
+
+    def _write_line(self, geom: Any, start: Array, end: Array, pixels: float, rgba: NDArray[np.float32]) -> None:
+        kind = self._mujoco.mjtGeom.mjGEOM_LINE.value
+        self._mujoco.mjv_initGeom(geom, kind, self._zero, self._zero, self._identity, rgba)
+        self._mujoco.mjv_connector(geom, kind, pixels * self._pixel_scale, start, end)
+
+    def _box(self, position: Array, half: float, rgba: NDArray[np.float32]) -> None:
+        kind = self._mujoco.mjtGeom.mjGEOM_BOX.value
+        self._mujoco.mjv_initGeom(self._next(), kind, np.full(3, half), position, self._identity, rgba)
+
+    def _sphere(self, position: Array, radius: float, rgba: NDArray[np.float32], look: Look) -> None:
+        geom = self._next()
+        kind = self._mujoco.mjtGeom.mjGEOM_SPHERE.value
+        self._mujoco.mjv_initGeom(geom, kind, np.full(3, radius), position, self._identity, rgba)
+        if look is not Look.SOLID:
+            self._inside_out(geom)
+
+
+def geoms_needed(structure: Structure) -> int:
+    """Most geoms that a structure can take: every string slack."""
+    members = len(structure.rods) + len(structure.point_masses) + SLACK_SEGMENTS * len(structure.strings)
+    return members + len(structure.rods) + len(structure.fixed_nodes)
+
+
+def slack_strings(structure: Structure, pose: Pose) -> NDArray[np.bool_]:
+    """(M,) whether each string is longer than the distance that it spans."""
+    lengths = structure.string_lengths(pose.nodes)
+    return pose.rest_lengths > lengths * (1.0 + SLACKNESS)
+
+
+def slack_curves(motion: Motion, pose: Pose, slack: NDArray[np.bool_]) -> Array:
+    """Points (S, segments + 1, 3) [m] along the slack strings."""
+    pairs = motion.structure.string_nodes[slack]
+    start, end = pose.nodes[pairs[:, 0]], pose.nodes[pairs[:, 1]]
+    outward = 0.5 * (start + end) - pose.nodes.mean(axis=0)
+    return slack_arcs(start, end, pose.rest_lengths[slack], motion.down, outward, SLACK_SEGMENTS)
+
+
+def supported_points(structure: Structure, nodes: Array) -> list[tuple[Array, int]]:
+    """Where the structure is held: points [m] with the number of directions (1 to 3) that each is held in."""
+    points = [(nodes[structure.node_index[name]], 3) for name in structure.fixed_nodes]
+    for rod, (i, j) in zip(structure.rods, structure.rod_nodes, strict=True):
+        held = len(rod.support.directions)
+        if held:
+            points.append(((1.0 - rod.support.sigma) * nodes[i] + rod.support.sigma * nodes[j], held))
+    return points
+
+
+def _rgba(color: palette.Color, alpha: float) -> NDArray[np.float32]:
+    return np.array([*color, alpha], np.float32)

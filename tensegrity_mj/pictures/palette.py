@@ -1,0 +1,108 @@
+"""The colours of all pictures: red, green and blue from 0 to 1."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Color = tuple[float, float, float]
+
+BACKGROUND: Color = (0.973, 0.976, 0.980)
+TEXT: Color = (0.13, 0.15, 0.18)
+FAINT_TEXT: Color = (0.42, 0.45, 0.50)
+WARNING: Color = (0.75, 0.10, 0.10)
+GRID: Color = (0.86, 0.875, 0.89)
+ROD: Color = (0.27, 0.31, 0.37)
+SUPPORT: Color = (0.10, 0.11, 0.13)
+GUIDE: Color = (0.55, 0.58, 0.62)
+POINT_MASS: Color = (0.80, 0.58, 0.13)
+SLACK: Color = (0.10, 0.62, 0.60)
+TARGET: Color = (0.20, 0.66, 0.33)
+GHOST: Color = (0.16, 0.44, 0.90)
+AXES: tuple[Color, Color, Color] = ((0.82, 0.20, 0.18), (0.20, 0.60, 0.22), (0.16, 0.36, 0.80))
+
+# The thesis' order for rods and strings: blue, green, red, and four more that differ from them and from one another,
+# also for most readers who do not see all colours.
+CYCLE: tuple[Color, ...] = (
+    (0.12, 0.36, 0.78),
+    (0.13, 0.58, 0.24),
+    (0.83, 0.18, 0.16),
+    (0.10, 0.66, 0.72),
+    (0.62, 0.25, 0.68),
+    (0.85, 0.60, 0.05),
+    (0.25, 0.25, 0.28),
+)
+
+# Tension from none to the largest: dark blue, violet, red, orange. It darkens on one side only, so that it also reads in
+# grey, and stays clear of the background.
+_RAMP = np.array(
+    [
+        [0.17, 0.20, 0.62],
+        [0.45, 0.16, 0.68],
+        [0.74, 0.16, 0.52],
+        [0.91, 0.30, 0.32],
+        [0.98, 0.56, 0.14],
+    ]
+)
+
+
+def tension_colors(fraction: ArrayLike) -> NDArray[np.float32]:
+    """Colours (..., 3) of tensions given as a fraction of the scale's end; beyond it, the end's."""
+    position = np.clip(np.asarray(fraction, float), 0.0, 1.0) * (len(_RAMP) - 1)
+    low = np.minimum(position.astype(int), len(_RAMP) - 2)
+    weight = (position - low)[..., None]
+    return ((1.0 - weight) * _RAMP[low] + weight * _RAMP[low + 1]).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class TensionScale:
+    """The colour scale of string tension: from 0 to `end` [N].
+
+    Attributes:
+        end: a round number [N].
+        exceeded: whether some tension lies beyond it, as a short peak may.
+    """
+
+    end: float
+    exceeded: bool = False
+
+    @classmethod
+    def of(cls, tensions: NDArray[np.float64]) -> TensionScale:
+        """The scale for all tensions of a film, any shape [N].
+
+        It ends at the largest, unless that is a rare peak (above three times what 99 % stay below).
+        """
+        values = tensions[tensions > 0.0]
+        if values.size == 0:
+            return cls(1.0)
+        largest, usual = float(np.max(values)), float(np.quantile(values, 0.99))
+        end = round_up(usual if largest > 3.0 * usual else largest)
+        return cls(end, largest > end)
+
+    def colors(self, tensions: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Colours (..., 3) of tensions (...) [N]."""
+        return tension_colors(tensions / self.end)
+
+
+def round_up(value: float) -> float:
+    """The next number of the form (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8) · 10ⁿ that is at least `value` > 0."""
+    power = 10.0 ** math.floor(math.log10(value))
+    for step in (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0):
+        if step * power >= value * (1.0 - 1e-9):
+            return step * power
+    return 10.0 * power
+
+
+def mixed(color: Color, other: Color, weight: float) -> Color:
+    """`color` with the share `weight` of `other`."""
+    r, g, b = ((1.0 - weight) * x + weight * y for x, y in zip(color, other, strict=True))
+    return (r, g, b)
+
+
+def to_bytes(color: Color) -> tuple[int, int, int]:
+    """As bytes, for Pillow."""
+    r, g, b = (round(255 * c) for c in color)
+    return (r, g, b)

@@ -1,0 +1,389 @@
+"""One film's worth of picture: camera, painters, text; frames of it at any time."""
+
+from __future__ import annotations
+
+import contextlib
+import enum
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import TracebackType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.pictures import palette
+from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera, direction, fit
+from tensegrity_mj.pictures.labels import Labels, Legend, Name
+from tensegrity_mj.pictures.motion import Motion, Pose
+from tensegrity_mj.pictures.opengl import MAX_BUFFER, MAX_SIZE, Canvas
+from tensegrity_mj.pictures.painter import (
+    Look,
+    Painter,
+    Sizes,
+    geoms_needed,
+    make_model,
+    slack_curves,
+    slack_strings,
+    supported_points,
+)
+from tensegrity_mj.pictures.traces import MAX_PIECES, Traces, moving_rows
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+MIN_SIZE = 16  # px
+SAMPLES = 200  # instants of a run that the camera is fitted to
+FAR = 4.0  # times a structure's own extent: a run that travels farther is followed by the camera
+BLOWN_UP = 8.0  # times its extent at the start: a structure that grew beyond (it diverged) is not framed
+TRACE_TOLERANCE = 0.4  # px
+MAX_GRID = 24  # cells to each side
+HALF_VIEW = math.tan(math.radians(FIELD_OF_VIEW) / 2.0)  # of the distance: what half a picture's height spans
+
+
+class Layout(enum.Enum):
+    """How two runs are shown."""
+
+    OVERLAY = "overlay"
+    SIDE_BY_SIDE = "side-by-side"
+
+
+class Quality(enum.Enum):
+    """How edges are smoothed: each frame is drawn 1, 2 or 3 times as large and averaged down."""
+
+    FAST = "fast"
+    FINE = "fine"
+    BEST = "best"
+
+    @property
+    def factor(self) -> int:
+        """How much larger a frame is drawn."""
+        return {"fast": 1, "fine": 2, "best": 3}[self.value]
+
+
+@dataclass(frozen=True)
+class View:
+    """What the caller chose of the picture; all angles in degrees, None to have it chosen.
+
+    Attributes:
+        size: width and height [px].
+        traces, target: whether these are drawn.
+        azimuth, elevation: of the camera, in MuJoCo's sense (azimuth 90 looks along +y, elevation -90 down).
+        distance: of the camera from the middle of what it sees [m].
+        quality: of edges.
+        text: whether title, time and legend are drawn.
+    """
+
+    size: tuple[int, int] = (1280, 720)
+    traces: bool = True
+    target: bool = True
+    azimuth: float | None = None
+    elevation: float | None = None
+    distance: float | None = None
+    quality: Quality = Quality.FINE
+    text: bool = True
+
+    def __post_init__(self) -> None:
+        check_size(self.size)
+        if self.distance is not None and not (math.isfinite(self.distance) and self.distance > 0.0):
+            raise OptionError(f"distance={self.distance}: it must be a finite length > 0 [m], or None")
+        if not isinstance(self.quality, Quality):
+            raise OptionError(f"quality={self.quality!r}: it must be a Quality: {', '.join(str(q) for q in Quality)}")
+
+
+def check_size(size: tuple[int, int]) -> None:
+    """Raise OptionError unless the size is two whole numbers of pixels in the range that can be drawn."""
+    whole = isinstance(size, (tuple, list)) and len(size) == 2
+    whole = whole and all(isinstance(v, (int, np.integer)) and not isinstance(v, bool) for v in size)
+    if not whole or not all(MIN_SIZE <= v <= MAX_SIZE for v in size):
+        raise OptionError(
+            f"size={size!r}: it must be (width, height), whole numbers of pixels from {MIN_SIZE} to {MAX_SIZE}"
+        )
+
+
+@dataclass(frozen=True)
+class _Port:
+    """A rectangle of the frame [px] that is drawn by OpenGL, and the columns that belong to it."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+    columns: tuple[int, int]
+
+
+class Stage:
+    """Draws frames of one motion, or of two in one of the layouts; a context manager.
+
+    Raises:
+        OptionError: for options that cannot be drawn.
+        MissingLibraryError: without OpenGL.
+    """
+
+    def __init__(self, motion: Motion, other: Motion | None, layout: Layout, view: View) -> None:
+        if not isinstance(layout, Layout):
+            raise OptionError(f"layout={layout!r}: it must be Layout.OVERLAY or Layout.SIDE_BY_SIDE")
+        self.motions = [motion] if other is None else [motion, other]
+        self.view = view
+        self._split = other is not None and layout is Layout.SIDE_BY_SIDE
+        self._ghost = other if not self._split else None
+        self.start = min(m.start for m in self.motions)
+        self.end = max(m.end for m in self.motions)
+        self._stack = contextlib.ExitStack()
+
+        width, height = view.size
+        columns = 2 if self._split else 1
+        lines = 1 if self._split or other is None else 2
+        if not any(m.label or m.note for m in self.motions):
+            lines = 0
+        self._labels = Labels(width, height, columns, lines)
+        header, footer = (self._labels.header, self._labels.footer) if view.text else (0, 0)
+        self._factor = view.quality.factor
+        while self._factor > 1 and self._factor * max(width, height) > MAX_BUFFER:
+            self._factor -= 1
+
+        self._plan_camera((width // columns) / (height - header - footer))
+        self._ports = self._plan_ports(width // columns, columns, header, height - header - footer)
+        self._scale = palette.TensionScale.of(np.concatenate([m.tensions.ravel() for m in self.motions]))
+        self._draw_surroundings()
+        self._open()
+
+    def __enter__(self) -> Stage:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def frame(self, time: float) -> Image:
+        """The picture (H, W, 3) at `time` [s], which is clipped to the run; it is overwritten by the next call."""
+        from tensegrity_mj.pictures.shrink import shrink
+
+        moment = min(max(time, self.start), self.end)
+        for index, port in enumerate(self._ports):
+            scene = self._compose(index, moment)
+            pixels = self._canvas.draw(scene, self._factor * port.width, self._factor * port.height)
+            part = self._frame[port.top : port.top + port.height, port.left : port.left + port.width]
+            shrink(pixels, self._factor, part)
+        if self.view.text and len(self.motions[0].time) > 1:
+            self._labels.clock(self._frame, self._clock_text(moment))
+        return self._frame
+
+    # ---------------------------------------------------------------------------------------------- planning
+
+    def _plan_camera(self, aspect: float) -> None:
+        """Find the camera that sees every sample of every run, and the sizes of members in its picture."""
+        clouds, own = [], []
+        for motion in self.motions:
+            times = np.linspace(motion.start, motion.end, min(SAMPLES, 4 * len(motion.time)))
+            paths = motion.positions(times)
+            extents = np.linalg.norm(np.ptp(paths, axis=1), axis=1)
+            usable = extents <= BLOWN_UP * max(extents[0], 1e-12)
+            paths, times = paths[usable], times[usable]
+            own.append(float(np.max(extents[usable])))
+            clouds.append(self._with_arcs(motion, times, paths))
+        size = max(*own, 1e-9)
+        points = np.concatenate([c.reshape(-1, 3) for c in clouds])
+        self._follow = float(np.linalg.norm(np.ptp(points, axis=0))) > FAR * size
+        if self._follow:
+            points = np.concatenate([(c - self._middle(c)[:, None]).reshape(-1, 3) for c in clouds])
+        else:
+            points = np.concatenate([points, *self._target_clouds(size)])
+        extent = max(float(np.linalg.norm(np.ptp(points, axis=0))), 1e-9)
+        self._sizes = [Sizes.of(m.structure, extent) for m in self.motions]
+        margin = max(max(float(np.max(s.rod, initial=0.0)), 1.8 * s.support, s.point_mass) for s in self._sizes)
+        camera = direction(points, self.view.azimuth, self.view.elevation)
+        if self.view.distance is not None:
+            camera = Camera(camera.azimuth, camera.elevation, distance=self.view.distance)
+        self._plan_grid(points, extent, camera)
+        points = np.concatenate([points, self._grid_corners()])
+        self._camera = fit(camera, points, 1.4 * margin, aspect, keep_distance=self.view.distance is not None)
+        self._points = points
+        self._reach = float(np.max(np.linalg.norm(points - np.array(self._camera.look_at), axis=1))) + 4.0 * margin
+
+    def _with_arcs(self, motion: Motion, times: Array, paths: Array) -> Array:
+        """Nodes and, where strings are slack at some time, points of their arcs: (T, P, 3)."""
+        slack = motion.rest_lengths > motion.structure.string_lengths(motion.nodes)
+        if not slack.any():
+            return paths
+        ever = np.any(slack, axis=0)
+        arcs = []
+        for time, nodes in zip(times, paths, strict=True):
+            pose = motion.pose(time)
+            arcs.append(slack_curves(motion, Pose(nodes, pose.tensions, pose.rest_lengths), ever))
+        points = np.stack(arcs).reshape(len(paths), -1, 3)
+        # A string that is far longer than the structure is wide would leave the structure tiny: it may leave the picture.
+        middle, extent = paths.mean(axis=1, keepdims=True), np.linalg.norm(np.ptp(paths, axis=1), axis=1)
+        near = np.linalg.norm(points - middle, axis=2) <= 1.5 * extent[:, None]
+        return np.concatenate([paths, np.where(near[..., None], points, middle)], axis=1)
+
+    def _target_clouds(self, size: float) -> list[Array]:
+        clouds = []
+        for motion in self.motions:
+            targets = motion.target_positions(np.linspace(motion.start, motion.end, SAMPLES))
+            if targets is None or not self.view.target:
+                continue
+            # A target far away is what a run aims at, not what it must show.
+            near = np.linalg.norm(targets - motion.nodes[0].mean(axis=0), axis=-1) <= FAR * size
+            clouds.append(targets[near])
+        return clouds
+
+    def _plan_grid(self, points: Array, extent: float, camera: Camera) -> None:
+        """A horizontal grid at the lowest point, for scale and depth; none where it would be seen edge-on."""
+        low, high = points.min(axis=0), points.max(axis=0)
+        self._cell = palette.round_up(extent / 13.0)
+        half = math.ceil(0.5 * float(max(high[0] - low[0], high[1] - low[1])) / self._cell - 1e-6)
+        self._grid_half = min(max(half, 1), MAX_GRID)
+        self._grid_center = np.array([*np.round(0.5 * (low + high)[:2] / self._cell) * self._cell, low[2]])
+        self._has_grid = camera.elevation < -2.0
+
+    def _grid_corners(self) -> Array:
+        arm = self._grid_half * self._cell if self._has_grid else 0.0
+        signs = np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0]])
+        return self._grid_center + arm * signs if self._has_grid else np.zeros((0, 3))
+
+    def _plan_ports(self, column: int, columns: int, top: int, height: int) -> list[_Port]:
+        """Only as large a part of each column as can show something is drawn: the rest stays as it is."""
+        height = max(height, 1)
+        wide, tall = column, height
+        if self.view.distance is None and not self._follow:
+            spread = np.max(np.abs(self._camera.project(self._points)), axis=0)
+            # In units of half the height, with room for the thickness of members.
+            wide = min(column, math.ceil((1.08 * spread[0] + 0.06) * height))
+            tall = min(height, math.ceil((1.08 * spread[1] + 0.06) * height))
+        # The camera looks at the middle of the column; an even margin keeps it there.
+        wide, tall = max(1, wide - (column - wide) % 2), max(1, tall - (height - tall) % 2)
+        self._field_of_view = 2.0 * math.degrees(math.atan(HALF_VIEW * tall / height))
+        left, down = (column - wide) // 2, (height - tall) // 2
+        return [
+            _Port(i * column + left, top + down, wide, tall, (i * column, (i + 1) * column)) for i in range(columns)
+        ]
+
+    # --------------------------------------------------------------------------------------------- preparing
+
+    def _draw_surroundings(self) -> None:
+        """Everything that no frame changes: title, names, legend."""
+        picture = self._labels.blank()
+        if self.view.text:
+            first = self.motions[0]
+            titles = list(dict.fromkeys(m.title for m in self.motions))
+            moving = len(first.time) > 1
+            self._labels.title(picture, " / ".join(titles), self._clock_text(self.end) if moving else "")
+            self._labels.legend(picture, self._legend(), self._camera)
+            names = [
+                Name(m.label, color, translucent, m.note)
+                for m, color, translucent in zip(
+                    self.motions, (palette.ROD, palette.GHOST), (False, True), strict=False
+                )
+            ]
+            if self._split:
+                for name, port in zip(names, self._ports, strict=True):
+                    self._labels.names(picture, [name], *port.columns, 0)
+            else:
+                self._labels.names(picture, names, 0, self.view.size[0], 0)
+        self._frame: Image = np.array(picture)
+
+    def _legend(self) -> Legend:
+        held = [h for m in self.motions for _, h in supported_points(m.structure, m.nodes[0])]
+        slack = any(
+            np.any(m.rest_lengths > m.structure.string_lengths(m.nodes) * (1.0 + 1e-6)) for m in self.motions
+        )
+        return Legend(
+            tension=self._scale if any(m.structure.strings for m in self.motions) else None,
+            slack=slack,
+            target=self.view.target and any(m.target is not None for m in self.motions),
+            fixed=3 in held,
+            guided=any(h < 3 for h in held),
+            grid=self._cell if self._has_grid else None,
+        )
+
+    def _clock_text(self, time: float) -> str:
+        # As many decimals as tell two frames of a film apart at 30 a second.
+        span = self.end - self.start
+        digits = 2 if span <= 0.0 else min(6, max(2, math.ceil(-math.log10(span / 30.0)) + 1))
+        return f"t = {time:.{digits}f} s"
+
+    def _open(self) -> None:
+        """OpenGL, painters, and everything that stays from frame to frame."""
+        model = make_model()
+        port = self._ports[0]
+        canvas = Canvas(model, self._factor * port.width, self._factor * port.height)
+        self._canvas = self._stack.enter_context(canvas)
+        needed = 2 * sum(geoms_needed(m.structure) for m in self.motions)
+        capacity = needed + 2 * (2 * MAX_GRID + 1) + 2 * MAX_PIECES + 200
+        pixel = 2.0 * self._camera.distance * HALF_VIEW / self.view.size[1]
+        self._painters, self._traces, self._drawn, self._colors = [], [], [], []
+        for index in range(len(self._ports)):
+            motion = self.motions[index]
+            self._painters.append(Painter(model, capacity, self._factor * max(1.0, self.view.size[1] / 720.0)))
+            rows = moving_rows(motion, 2.0 * pixel) if self.view.traces and len(motion.time) > 1 else np.zeros(0, int)
+            self._traces.append(Traces.of(motion, rows, TRACE_TOLERANCE * pixel))
+            self._drawn.append(-1)
+            self._colors.append(_trace_colors(motion))
+
+    # ----------------------------------------------------------------------------------------------- drawing
+
+    def _compose(self, index: int, time: float) -> object:
+        """The MjvScene of one port at a time [s]."""
+        painter, motion, traces = self._painters[index], self.motions[index], self._traces[index]
+        pose = motion.pose(time)
+        camera = self._camera
+        if self._follow:
+            camera = camera.moved(self._middle(pose.nodes[None])[0])
+        painter.look_from(camera, self._reach, self._field_of_view)
+        done = int(np.searchsorted(traces.times, time, side="right"))
+        if self._drawn[index] < 0 or self._follow or done < self._drawn[index]:
+            painter.reset()
+            self._draw_fixed(painter, motion, camera)
+            painter.keep()
+            self._drawn[index] = 0
+        painter.traces(traces, self._drawn[index], done, self._colors[index])
+        self._drawn[index] = done
+        for row, (times, points) in traces.corners.items():
+            last = points[max(0, int(np.searchsorted(times, time, side="right")) - 1)]
+            painter.line(last, pose.nodes[row], self._colors[index][row])
+        self._draw_moving(painter, index, pose, time)
+        return painter.finish()
+
+    def _draw_fixed(self, painter: Painter, motion: Motion, camera: Camera) -> None:
+        painter.background(camera, self._reach)
+        if self._has_grid:
+            center = self._grid_center.copy()
+            if self._follow:
+                shift = np.array(camera.look_at) - np.array(self._camera.look_at)
+                center += np.array([*np.round(shift[:2] / self._cell) * self._cell, shift[2]])
+            painter.grid(center, self._grid_half, self._cell)
+
+    def _draw_moving(self, painter: Painter, index: int, pose: Pose, time: float) -> None:
+        motion, sizes = self.motions[index], self._sizes[index]
+        painter.supports(motion.structure, pose.nodes, sizes)
+        painter.structure(motion, pose, sizes, self._scale)
+        if self._ghost is not None:
+            painter.structure(self._ghost, self._ghost.pose(time), self._sizes[1], self._scale, Look.GHOST)
+        if self.view.target:
+            targets = motion.target_positions(np.array([time]))
+            if targets is not None:
+                aim = Pose(targets[0], pose.tensions, pose.rest_lengths)
+                painter.structure(motion, aim, sizes, self._scale, Look.TARGET)
+
+    @staticmethod
+    def _middle(nodes: Array) -> Array:
+        """What the camera follows: the mean (T, 3) of points (T, P, 3)."""
+        return nodes.mean(axis=1)
+
+
+def _trace_colors(motion: Motion) -> NDArray[np.float32]:
+    """A colour (N, 4) a node: its rod's in the thesis' order, lightened."""
+    structure = motion.structure
+    colors = np.ones((len(structure.nodes), 4), np.float32)
+    colors[:, :3] = palette.mixed(palette.POINT_MASS, palette.BACKGROUND, 0.2)
+    for number, pair in enumerate(structure.rod_nodes):
+        colors[pair, :3] = palette.mixed(palette.CYCLE[number % len(palette.CYCLE)], palette.BACKGROUND, 0.25)
+    return colors
+
+
+def any_slack(motion: Motion, time: float) -> bool:
+    """Whether some string is slack at a time [s]."""
+    return bool(np.any(slack_strings(motion.structure, motion.pose(time))))

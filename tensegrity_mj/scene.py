@@ -1,0 +1,200 @@
+"""Scenes: a structure and what one experiment needs of the world, and nothing else.
+
+SI units; world frame right-handed, z up; arrays of node positions and velocities are (N, 3), rows in the
+order of `Structure.node_names`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tensegrity_mj.errors import SceneError
+from tensegrity_mj.structure import Structure, Vector
+
+Array = NDArray[np.float64]
+LoadFunction = Callable[[float], ArrayLike]
+OptionValue = float | int | bool | str | list[Any]  # what a controller's option may be in a scene file
+
+
+@dataclass(frozen=True)
+class Load:
+    """A force on one node, f(t) = force · cos(ω t + phase) [N] in the world frame; constant where ω = phase = 0.
+
+    Attributes:
+        node: the node's name.
+        force: amplitude [N].
+        angular_frequency: ω [rad/s].
+        phase: [rad]; -π/2 makes it force · sin(ω t).
+    """
+
+    node: str
+    force: Vector
+    angular_frequency: float = 0.0
+    phase: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """Where a controller is to take the nodes: a set-point, or a path through waypoints.
+
+    Between two waypoints every rod's b moves along the great circle and its r along the straight line, with
+    quintic timing (at rest at each waypoint); before the first and after the last it stands still.
+
+    Attributes:
+        times: (W,) increasing [s]; a set-point has one.
+        nodes: (W, N, 3) node positions [m].
+    """
+
+    times: tuple[float, ...]
+    nodes: Array
+
+    @classmethod
+    def set_point(cls, nodes: ArrayLike) -> Target:
+        """A constant target: node positions (N, 3)."""
+        return cls((0.0,), [nodes])  # type: ignore[arg-type]
+
+    @classmethod
+    def path(cls, times: Sequence[float], nodes: ArrayLike) -> Target:
+        """A path: times (W,), node positions (W, N, 3)."""
+        return cls(tuple(times), nodes)  # type: ignore[arg-type]
+
+    def __post_init__(self) -> None:
+        try:
+            times = tuple(float(t) for t in self.times)
+            nodes = np.array(self.nodes, float)
+        except (TypeError, ValueError) as error:
+            raise SceneError(f"target: times and node positions must be arrays of numbers ({error})") from None
+        nodes.flags.writeable = False
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "nodes", nodes)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Target) and self.times == other.times and np.array_equal(self.nodes, other.nodes)
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+@dataclass(frozen=True)
+class ControlSpec:
+    """The control law that a scene is run with by default: a name from `controllers` and its options.
+
+    Options are numbers, texts, truth values, or (nested) lists of them; tuples and arrays become lists.
+    """
+
+    law: str
+    options: Mapping[str, OptionValue] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if isinstance(self.options, Mapping):  # else check_scene says so
+            object.__setattr__(self, "options", {key: _plain_option(x) for key, x in self.options.items()})
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """One experiment with a structure.
+
+    Attributes:
+        structure: what moves.
+        name, source: short name; where its numbers come from (thesis page, paper).
+        gravity: g [m/s²]; zero by default.
+        initial_nodes: (N, 3) [m] at t = 0; the structure's reference nodes by default.
+        initial_velocities: (N, 3) [m/s]; at rest by default.
+        loads: external forces on nodes, either `Load`s or a function t -> (N, 3) [N].
+        target: what a controller aims at.
+        control: the law that the scene is run with unless another is given.
+        duration: [s], what the scene is run for unless told otherwise.
+
+    Raises:
+        SceneError: on construction, if the motion stretches a rod, breaks a support, or does not fit.
+    """
+
+    structure: Structure
+    name: str = ""
+    source: str = ""
+    gravity: Vector = (0.0, 0.0, 0.0)
+    initial_nodes: Array | None = None
+    initial_velocities: Array | None = None
+    loads: tuple[Load, ...] | LoadFunction = ()
+    target: Target | None = None
+    control: ControlSpec | None = None
+    duration: float = 10.0
+
+    def __post_init__(self) -> None:
+        from tensegrity_mj.validation import check_scene, sequence_of
+
+        if not callable(self.loads):
+            object.__setattr__(self, "loads", sequence_of("loads", self.loads, SceneError))
+        for name in ("initial_nodes", "initial_velocities"):
+            value = getattr(self, name)
+            if value is not None:
+                try:
+                    value = np.array(value, float)
+                except (TypeError, ValueError):
+                    value = np.array([])  # check_scene reports the shape
+                value.flags.writeable = False
+                object.__setattr__(self, name, value)
+        if self.name == "" and isinstance(self.structure, Structure):
+            object.__setattr__(self, "name", self.structure.name)
+        check_scene(self)
+        x, y, z = (float(v) for v in self.gravity)
+        object.__setattr__(self, "gravity", (x, y, z))
+        object.__setattr__(self, "duration", float(self.duration))
+        if not callable(self.loads):
+            object.__setattr__(self, "loads", tuple(_plain_load(load) for load in self.loads))
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Scene):
+            return False
+        plain = ("structure", "name", "source", "gravity", "loads", "target", "control", "duration")
+        return all(getattr(self, a) == getattr(other, a) for a in plain) and all(
+            _same_array(getattr(self, a), getattr(other, a)) for a in ("initial_nodes", "initial_velocities")
+        )
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @cached_property
+    def nodes0(self) -> Array:
+        """Node positions (N, 3) [m] at t = 0."""
+        return self.structure.positions if self.initial_nodes is None else self.initial_nodes
+
+    @cached_property
+    def velocities0(self) -> Array:
+        """Node velocities (N, 3) [m/s] at t = 0."""
+        return np.zeros_like(self.nodes0) if self.initial_velocities is None else self.initial_velocities
+
+    def nodal_forces(self, time: float) -> Array:
+        """External forces (N, 3) [N] at a time [s], gravity not included."""
+        if callable(self.loads):
+            return np.asarray(self.loads(time), float)
+        forces = np.zeros((len(self.structure.nodes), 3))
+        for load in self.loads:
+            row = self.structure.node_index[load.node]
+            forces[row] += np.array(load.force) * np.cos(load.angular_frequency * time + load.phase)
+        return forces
+
+    def with_(self, **changes: object) -> Scene:
+        """A copy with some attributes changed; validated like a new one."""
+        return replace(self, **changes)  # type: ignore[arg-type]
+
+
+def _plain_load(load: Load) -> Load:
+    x, y, z = (float(v) for v in load.force)
+    return Load(str(load.node), (x, y, z), float(load.angular_frequency), float(load.phase))
+
+
+def _plain_option(value: Any) -> Any:
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [_plain_option(item) for item in value]
+    return value
+
+
+def _same_array(a: Array | None, b: Array | None) -> bool:
+    return (a is None) == (b is None) and (a is None or b is None or np.array_equal(a, b))

@@ -1,0 +1,438 @@
+"""Structures: nodes, rods, strings and supports. Topology and physics, validated, immutable.
+
+SI units, radians; the world frame is right-handed with z up. Positions are in that frame [m].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tensegrity_mj.strings import StringLaw
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+T = TypeVar("T", bound=NDArray[Any])
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Support:
+    """How a rod is held in space, at the point r = (1 - σ) n_i + σ n_j of it.
+
+    Use the constructors `free`, `pinned` and `constrained`. The rows of `directions` are the matrix D of
+    the thesis' D r = r̄ (2.40): none for a free rod, three independent ones for a pinned rod. `plane` is the
+    normal of a plane that the rod's direction b stays in (the rod turns about that normal only); a planar
+    rod that is also to stay at its height needs the normal among its `directions`, which `free(plane=...)` and
+    `constrained(..., plane=...)` add by themselves.
+    """
+
+    sigma: float = 0.5
+    directions: tuple[Vector, ...] = ()
+    values: tuple[float, ...] | None = None  # r̄; None: what the reference nodes give
+    plane: Vector | None = None
+
+    @classmethod
+    def free(cls, sigma: float = 0.5, plane: Sequence[float] | None = None) -> Support:
+        """No support; σ only chooses the point whose motion describes the rod."""
+        return cls(sigma, (), None, _vector_or_none(plane))
+
+    @classmethod
+    def pinned(cls, sigma: float = 0.0, plane: Sequence[float] | None = None) -> Support:
+        """The point at σ is fixed in space; the rod turns freely about it (in `plane`, if given)."""
+        identity = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        return cls(sigma, identity, None, _vector_or_none(plane))
+
+    @classmethod
+    def constrained(
+        cls,
+        D: ArrayLike,
+        sigma: float = 0.0,
+        values: Sequence[float] | None = None,
+        plane: Sequence[float] | None = None,
+    ) -> Support:
+        """The point at σ obeys D r = r̄ (2.40); D is (1, 3), (2, 3) or (3, 3) with independent rows.
+
+        Raises:
+            StructureError: if D or r̄ is not of that shape.
+        """
+        from tensegrity_mj.validation import array_of_shape
+
+        matrix = array_of_shape("D", D, (3,) if np.ndim(D) == 1 else (-1, 3), broadcast=False).reshape(-1, 3)
+        rows = tuple((float(a), float(b), float(c)) for a, b, c in matrix)
+        if values is not None:
+            values = tuple(array_of_shape("r̄ (one value a row of D)", values, (len(rows),), broadcast=False).tolist())
+        return cls(sigma, rows, values, _vector_or_none(plane))
+
+    @property
+    def constraint_rows(self) -> Array:
+        """Every direction that the point at σ is held in, (r, 3): D, and the plane's normal if planar."""
+        rows = list(self.directions)
+        if self.plane is not None and len(rows) < 3:
+            rows.append(self.plane)
+        return np.array(rows, float).reshape(-1, 3)
+
+    @property
+    def translation_basis(self) -> Array:
+        """E of (2.41): orthonormal basis (3, nz) of the directions in which the point at σ moves."""
+        return null_space_basis(self.constraint_rows)
+
+    @property
+    def rotation_basis(self) -> Array:
+        """Orthonormal basis (3, nb) of the directions that b may have: the plane, or all of space."""
+        return null_space_basis(np.array([] if self.plane is None else [self.plane], float).reshape(-1, 3))
+
+
+@dataclass(frozen=True)
+class Rod:
+    """A rigid thin rod of uniform mass between two nodes (thesis, Assumption 2.3).
+
+    Attributes:
+        name: unique among the rods.
+        nodes: names of n_i and n_j; b points from the first to the second.
+        mass: [kg], > 0.
+        radius: [m], > 0; for drawing and contact only: the inertia is a thin rod's.
+        support: how it is held.
+    """
+
+    name: str
+    nodes: tuple[str, str]
+    mass: float
+    radius: float = 0.01
+    support: Support = field(default_factory=Support)
+
+
+@dataclass(frozen=True)
+class String:
+    """A massless linear string between two nodes (thesis, Assumption 2.1; law in `strings`).
+
+    At most one of `rest_length` [m], `tension` [N] and `force_density` [N/m] is given, the latter two at the
+    structure's reference nodes; none of them means taut without tension there.
+    """
+
+    name: str
+    nodes: tuple[str, str]
+    stiffness: float
+    damping: float = 0.0
+    rest_length: float | None = None
+    tension: float | None = None
+    force_density: float | None = None
+
+
+@dataclass(frozen=True)
+class PointMass:
+    """A point mass [kg] on a node that no rod touches; it moves freely in space, or in a plane."""
+
+    node: str
+    mass: float
+    plane: Vector | None = None
+
+    @property
+    def translation_basis(self) -> Array:
+        """Orthonormal basis (3, nz) of the directions in which the mass moves."""
+        return null_space_basis(np.array([] if self.plane is None else [self.plane], float).reshape(-1, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """Nodes, rods, strings and supports of a class 1 tensegrity structure.
+
+    Attributes:
+        name: short name.
+        nodes: node name -> reference position [m].
+        rods, strings, point_masses: the members, each naming its nodes.
+        fixed_nodes: names of nodes that are fixed in space and belong to no rod.
+        string_law: clipped (default) or unclipped, see `strings`.
+
+    Raises:
+        StructureError: on construction, if anything is invalid; the message names the item at fault.
+    """
+
+    name: str
+    nodes: Mapping[str, Vector]
+    rods: tuple[Rod, ...] = ()
+    strings: tuple[String, ...] = ()
+    fixed_nodes: tuple[str, ...] = ()
+    point_masses: tuple[PointMass, ...] = ()
+    string_law: StringLaw = StringLaw.CLIPPED
+
+    def __post_init__(self) -> None:
+        from tensegrity_mj.validation import check_structure, sequence_of
+
+        for name in ("rods", "strings", "fixed_nodes", "point_masses"):
+            object.__setattr__(self, name, sequence_of(name, getattr(self, name)))
+        check_structure(self)
+        # Plain tuples and floats from here on: equality, hashing of members and files rely on them.
+        nodes = {str(key): _vector(position) for key, position in self.nodes.items()}
+        object.__setattr__(self, "nodes", nodes)
+        object.__setattr__(self, "rods", tuple(_plain_rod(rod) for rod in self.rods))
+        object.__setattr__(self, "strings", tuple(_plain_string(string) for string in self.strings))
+        object.__setattr__(self, "fixed_nodes", tuple(str(name) for name in self.fixed_nodes))
+        object.__setattr__(self, "point_masses", tuple(_plain_point_mass(point) for point in self.point_masses))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Structure) and self._key() == other._key()
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def _key(self) -> tuple[Any, ...]:
+        return (
+            self.name,
+            list(self.nodes.items()),
+            self.rods,
+            self.strings,
+            self.fixed_nodes,
+            self.point_masses,
+            self.string_law,
+        )
+
+    @classmethod
+    def from_arrays(
+        cls,
+        nodes: ArrayLike,
+        rods: ArrayLike,
+        strings: ArrayLike,
+        *,
+        rod_mass: ArrayLike,
+        stiffness: ArrayLike,
+        damping: ArrayLike = 0.0,
+        rest_length: ArrayLike | None = None,
+        force_density: ArrayLike | None = None,
+        tension: ArrayLike | None = None,
+        rod_radius: ArrayLike = 0.01,
+        supports: Sequence[Support] | None = None,
+        fixed_nodes: Sequence[int] = (),
+        point_masses: Mapping[int, float] | None = None,
+        name: str = "structure",
+        string_law: StringLaw = StringLaw.CLIPPED,
+    ) -> Structure:
+        """The same from arrays: nodes (N, 3); rods (R, 2) and strings (M, 2) as node indices from 0.
+
+        Scalars broadcast over members. Nodes become n1, n2, ...; rods r1, ...; strings s1, ...
+
+        Raises:
+            StructureError: as the constructor, and for arrays of the wrong shape.
+        """
+        from tensegrity_mj.validation import array_of_shape, index_pairs
+
+        positions = array_of_shape("nodes", nodes, (-1, 3))
+        count = len(positions)
+        names = [f"n{i + 1}" for i in range(count)]
+        rod_pairs = index_pairs("rods", rods, count)
+        string_pairs = index_pairs("strings", strings, count)
+
+        def per_member(what: str, values: ArrayLike | None, size: int) -> list[float | None]:
+            if values is None:
+                return [None] * size
+            return [float(x) for x in np.broadcast_to(array_of_shape(what, values, (size,)), (size,))]
+
+        masses = per_member("rod_mass", rod_mass, len(rod_pairs))
+        radii = per_member("rod_radius", rod_radius, len(rod_pairs))
+        held = list(supports) if supports is not None else [Support.free()] * len(rod_pairs)
+        array_of_shape("supports (one a rod)", np.zeros(len(held)), (len(rod_pairs),), broadcast=False)
+        size = len(string_pairs)
+        columns = zip(
+            per_member("stiffness", stiffness, size),
+            per_member("damping", damping, size),
+            per_member("rest_length", rest_length, size),
+            per_member("tension", tension, size),
+            per_member("force_density", force_density, size),
+            strict=True,
+        )
+        fixed = [i for i, _ in index_pairs("fixed_nodes", [(i, i) for i in fixed_nodes], count, allow_equal=True)]
+        heavy = dict(point_masses or {})
+        mass_nodes = [i for i, _ in index_pairs("point_masses", [(i, i) for i in heavy], count, allow_equal=True)]
+        return cls(
+            name=name,
+            nodes={key: (float(p[0]), float(p[1]), float(p[2])) for key, p in zip(names, positions, strict=True)},
+            rods=tuple(
+                Rod(f"r{a + 1}", (names[i], names[j]), masses[a] or 0.0, radii[a] or 0.0, held[a])
+                for a, (i, j) in enumerate(rod_pairs)
+            ),
+            strings=tuple(
+                String(f"s{a + 1}", (names[i], names[j]), k or 0.0, c or 0.0, l0, t, u)
+                for a, ((i, j), (k, c, l0, t, u)) in enumerate(zip(string_pairs, columns, strict=True))
+            ),
+            fixed_nodes=tuple(names[i] for i in fixed),
+            point_masses=tuple(PointMass(names[i], m) for i, m in zip(mass_nodes, heavy.values(), strict=True)),
+            string_law=string_law,
+        )
+
+    def with_strings(self, **changes: ArrayLike | None) -> Structure:
+        """A copy whose strings have other `stiffness`, `damping`, `rest_length`, `tension` or `force_density`.
+
+        Values are scalars or (M,). Giving one of the last three replaces whichever of them was there; None removes
+        it, so that the strings are taut without tension at the reference nodes.
+        """
+        from tensegrity_mj.errors import StructureError
+        from tensegrity_mj.validation import array_of_shape
+
+        allowed = ("stiffness", "damping", "rest_length", "tension", "force_density")
+        for key in changes:
+            if key not in allowed:
+                raise StructureError(f"with_strings: '{key}' is no property of strings; allowed: {', '.join(allowed)}")
+        strings = list(self.strings)
+        if set(changes) & set(allowed[2:]):
+            strings = [replace(s, rest_length=None, tension=None, force_density=None) for s in strings]
+        for key, values in changes.items():
+            if values is None and key in allowed[2:]:
+                continue
+            column = array_of_shape(key, values, (len(strings),))
+            column = np.broadcast_to(column, (len(strings),))
+            values_by_string: list[dict[str, Any]] = [{key: float(x)} for x in column]
+            strings = [replace(s, **change) for s, change in zip(strings, values_by_string, strict=True)]
+        return replace(self, strings=tuple(strings))
+
+    @cached_property
+    def node_names(self) -> tuple[str, ...]:
+        """Names in the order of the rows of every (N, 3) array."""
+        return tuple(self.nodes)
+
+    @cached_property
+    def node_index(self) -> dict[str, int]:
+        """Row of each node."""
+        return {name: i for i, name in enumerate(self.nodes)}
+
+    @cached_property
+    def positions(self) -> Array:
+        """Reference node positions (N, 3) [m]."""
+        return _readonly(np.array(list(self.nodes.values()), float).reshape(-1, 3))
+
+    @cached_property
+    def rod_nodes(self) -> IntArray:
+        """Node rows (R, 2) of the rods."""
+        return self._pairs(self.rods)
+
+    @cached_property
+    def string_nodes(self) -> IntArray:
+        """Node rows (M, 2) of the strings."""
+        return self._pairs(self.strings)
+
+    @cached_property
+    def rod_lengths(self) -> Array:
+        """ℓ (R,) [m]."""
+        pairs = self.rod_nodes
+        return _readonly(np.linalg.norm(self.positions[pairs[:, 1]] - self.positions[pairs[:, 0]], axis=1))
+
+    @cached_property
+    def rod_masses(self) -> Array:
+        """m (R,) [kg]."""
+        return _readonly(np.array([rod.mass for rod in self.rods], float))
+
+    @cached_property
+    def stiffness(self) -> Array:
+        """k (M,) [N/m]."""
+        return _readonly(np.array([s.stiffness for s in self.strings], float))
+
+    @cached_property
+    def damping(self) -> Array:
+        """c (M,) [N s/m]."""
+        return _readonly(np.array([s.damping for s in self.strings], float))
+
+    @cached_property
+    def rest_lengths(self) -> Array:
+        """L0 (M,) [m], resolved from whatever the strings specify at the reference nodes."""
+        lengths = self.string_lengths(self.positions)
+        values = []
+        for s, length in zip(self.strings, lengths, strict=True):
+            if s.rest_length is not None:
+                values.append(s.rest_length)
+            elif s.tension is not None:
+                values.append(length - s.tension / s.stiffness)
+            else:
+                values.append(length * (1.0 - (s.force_density or 0.0) / s.stiffness))
+        return _readonly(np.array(values, float))
+
+    @cached_property
+    def connectivity(self) -> Array:
+        """C (M, N) of (2.57): -1 where a string starts, +1 where it ends."""
+        matrix = np.zeros((len(self.strings), len(self.nodes)))
+        rows = np.arange(len(self.strings))
+        matrix[rows, self.string_nodes[:, 0]] = -1.0
+        matrix[rows, self.string_nodes[:, 1]] = 1.0
+        return _readonly(matrix)
+
+    def string_lengths(self, nodes: Array) -> Array:
+        """‖s‖ [m] of every string for node positions (..., N, 3); shape (..., M)."""
+        pairs = self.string_nodes
+        return np.linalg.norm(nodes[..., pairs[:, 1], :] - nodes[..., pairs[:, 0], :], axis=-1)
+
+    def string_rates(self, nodes: Array, velocities: Array) -> Array:
+        """d‖s‖/dt [m/s] for node positions and velocities (..., N, 3); shape (..., M)."""
+        pairs = self.string_nodes
+        s = nodes[..., pairs[:, 1], :] - nodes[..., pairs[:, 0], :]
+        rate = velocities[..., pairs[:, 1], :] - velocities[..., pairs[:, 0], :]
+        return np.sum(s * rate, axis=-1) / np.linalg.norm(s, axis=-1)
+
+    def _pairs(self, members: Sequence[Rod] | Sequence[String]) -> IntArray:
+        pairs = [[self.node_index[name] for name in member.nodes] for member in members]
+        return _readonly(np.array(pairs, np.int64).reshape(-1, 2))
+
+
+def null_space_basis(rows: Array) -> Array:
+    """Orthonormal basis (3, 3 - r) of the vectors orthogonal to the given rows (r, 3).
+
+    Columns are aligned with world axes where those are admissible, so that axis-parallel supports give
+    unit vectors exactly.
+    """
+    if len(rows) == 0:
+        return np.eye(3)
+    # Unit rows: a direction constrains equally whatever the length of the row that states it.
+    _, singular, vt = np.linalg.svd(rows / np.linalg.norm(rows, axis=1)[:, None])
+    rank = int(np.sum(singular > 1e-9 * singular[0]))
+    projector = vt[rank:].T @ vt[rank:]
+    basis: list[Array] = []
+    for _ in range(3 - rank):
+        # The most admissible world axis next (Gram-Schmidt with pivoting).
+        lengths = np.linalg.norm(projector, axis=0)
+        axis = int(np.argmax(np.round(lengths, 9)))
+        column = projector[:, axis] / lengths[axis]
+        column[np.abs(column) < 1e-16] = 0.0
+        column /= np.linalg.norm(column)
+        basis.append(column)
+        projector = projector - np.outer(column, column @ projector)
+    return np.array(basis).reshape(-1, 3).T
+
+
+def _vector_or_none(values: Sequence[float] | None) -> Vector | None:
+    from tensegrity_mj.validation import array_of_shape
+
+    return None if values is None else _vector(array_of_shape("plane normal", values, (3,), broadcast=False))
+
+
+def _vector(values: Sequence[float] | Array) -> Vector:
+    x, y, z = (float(v) for v in values)
+    return (x, y, z)
+
+
+def _plain_rod(rod: Rod) -> Rod:
+    support = rod.support
+    support = Support(
+        sigma=float(support.sigma),
+        directions=tuple(_vector(row) for row in support.directions),
+        values=tuple(float(x) for x in support.values) if support.values is not None and support.directions else None,
+        plane=None if support.plane is None else _vector(support.plane),
+    )
+    i, j = rod.nodes
+    return Rod(str(rod.name), (str(i), str(j)), float(rod.mass), float(rod.radius), support)
+
+
+def _plain_string(string: String) -> String:
+    i, j = string.nodes
+    rest = (None if x is None else float(x) for x in (string.rest_length, string.tension, string.force_density))
+    return String(str(string.name), (str(i), str(j)), float(string.stiffness), float(string.damping), *rest)
+
+
+def _plain_point_mass(point: PointMass) -> PointMass:
+    return PointMass(str(point.node), float(point.mass), None if point.plane is None else _vector(point.plane))
+
+
+def _readonly(array: T) -> T:
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,206 @@
+"""Trajectories: what every engine returns, saves and loads. Nodes in the world frame, SI units."""
+
+from __future__ import annotations
+
+import enum
+import json
+import os
+import tempfile
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.errors import FormatError
+from tensegrity_mj.scene import Scene
+
+Array = NDArray[np.float64]
+FORMAT = 1
+
+
+class Status(enum.Enum):
+    """How a run ended."""
+
+    COMPLETED = "completed"
+    INFEASIBLE = "infeasible"  # the control problem had no admissible solution and the caller chose to stop
+    DIVERGED = "diverged"
+    INTERRUPTED = "interrupted"
+
+
+# Every recorded quantity: dimensions, unit, meaning. One table for the class, the file and the docs.
+VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
+    "time": (("time",), "s", "simulated time"),
+    "nodes": (("time", "node", "axis"), "m", "node positions, world frame"),
+    "velocities": (("time", "node", "axis"), "m/s", "node velocities, world frame"),
+    "force_densities": (("time", "string"), "N/m", "u: elastic force density of the strings"),
+    "rest_lengths": (("time", "string"), "m", "L0: rest lengths of the strings"),
+    "tensions": (("time", "string"), "N", "tension of the strings, damping included"),
+    "multipliers": (("time", "rod"), "1/s2", "λ of (2.31)"),
+    "rod_force_densities": (("time", "rod"), "N/m", "J λ / ℓ²; negative in compression"),
+    "kinetic_energy": (("time",), "J", "kinetic energy"),
+    "gravity_energy": (("time",), "J", "potential energy of gravity"),
+    "string_energy": (("time",), "J", "elastic energy of the strings"),
+    "winch_work": (("time",), "J", "-∫ T dL0, T the elastic tension: work of the winches on the strings"),
+    "external_work": (("time",), "J", "work of external nodal forces"),
+    "dissipation": (("time",), "J", "energy taken by the strings' dampers"),
+    "feasibility_margin": (("time",), "m2 or as the law defines", "max(v/α) of (5.18); NaN without such a law"),
+    "lyapunov": (("time",), "as the law defines", "V of (5.3); NaN without such a law"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """One simulated run: arrays over time as in `VARIABLES`, and where they come from.
+
+    Attributes:
+        scene: what was simulated (loads given as a Python function are not kept in files).
+        status, message: how it ended, and in words when not completed.
+        engine: one line that names engine, integrator and step or tolerance.
+        cost: `wall_time` [s], `steps`, `evaluations` of the right-hand side, and what else the engine counts.
+        reports: numbers about the run: constraint drift, largest holding ratio, times with L0 <= 0, ...
+        provenance: versions, options and seeds, as text or numbers.
+    """
+
+    scene: Scene
+    time: Array
+    nodes: Array
+    velocities: Array
+    force_densities: Array
+    rest_lengths: Array
+    tensions: Array
+    multipliers: Array
+    rod_force_densities: Array
+    kinetic_energy: Array
+    gravity_energy: Array
+    string_energy: Array
+    winch_work: Array
+    external_work: Array
+    dissipation: Array
+    feasibility_margin: Array
+    lyapunov: Array
+    status: Status = Status.COMPLETED
+    message: str = ""
+    engine: str = ""
+    cost: dict[str, float] = field(default_factory=dict)
+    reports: dict[str, Any] = field(default_factory=dict)
+    provenance: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def energy_balance(self) -> Array:
+        """(T,) [J]: energy gained minus winch work minus external work plus dissipation; zero if exact."""
+        energy = self.kinetic_energy + self.gravity_energy + self.string_energy
+        return energy - energy[0] - self.winch_work - self.external_work + self.dissipation
+
+    @property
+    def energy_residual(self) -> float:
+        """Largest absolute entry of the energy balance [J]."""
+        return float(np.max(np.abs(self.energy_balance), initial=0.0))
+
+    @property
+    def max_force_density(self) -> float:
+        """Largest u over strings and time [N/m]."""
+        return float(np.max(self.force_densities, initial=0.0))
+
+    @property
+    def min_feasibility_margin(self) -> float:
+        """Smallest margin over time; NaN where no law reports one."""
+        finite = self.feasibility_margin[~np.isnan(self.feasibility_margin)]
+        return float(np.min(finite)) if finite.size else float("nan")
+
+    def target_error(self) -> Array:
+        """(T,) [m]: largest distance of a node from its target at each time; NaN without a target."""
+        if self.scene.target is None:
+            return np.full(len(self.time), np.nan)
+        from tensegrity_mj.dynamics.target import target_nodes
+
+        aims = target_nodes(self.scene.structure, self.scene.target, self.time)
+        return np.max(np.linalg.norm(self.nodes - aims, axis=-1), axis=1)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write NetCDF-4, atomically (a crash leaves the old file or none); returns the path."""
+        import h5netcdf
+
+        from tensegrity_mj.textformat import scene_to_toml
+
+        destination = Path(path)
+        structure = self.scene.structure
+        handle, temporary = tempfile.mkstemp(dir=destination.absolute().parent, suffix=".nc.part")
+        os.close(handle)
+        try:
+            with h5netcdf.File(temporary, "w") as file:
+                file.dimensions = {
+                    "time": len(self.time),
+                    "node": len(structure.nodes),
+                    "axis": 3,
+                    "string": len(structure.strings),
+                    "rod": len(structure.rods),
+                }
+                for name, (dimensions, unit, meaning) in VARIABLES.items():
+                    # Contiguous storage: it also takes dimensions of length zero (no strings, no rods).
+                    variable = file.create_variable(name, dimensions, float)
+                    if getattr(self, name).size:
+                        variable[...] = getattr(self, name)
+                    variable.attrs["units"] = unit
+                    variable.attrs["long_name"] = meaning
+                file.attrs["format"] = FORMAT
+                file.attrs["title"] = f"tensegrity_mj trajectory of scene {self.scene.name}"
+                file.attrs["scene"] = scene_to_toml(_without_function_loads(self.scene))
+                file.attrs["status"] = self.status.value
+                file.attrs["message"] = self.message
+                file.attrs["engine"] = self.engine
+                for name in ("cost", "reports", "provenance"):
+                    file.attrs[name] = json.dumps(getattr(self, name))
+            mask = os.umask(0)
+            os.umask(mask)
+            os.chmod(temporary, 0o666 & ~mask)
+            os.replace(temporary, destination)
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+        return destination
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Trajectory:
+        """Read what `save` wrote, exactly.
+
+        Raises:
+            FormatError: if the file is absent, damaged, or no trajectory; it says which.
+        """
+        import h5netcdf
+
+        from tensegrity_mj.textformat import scene_from_toml
+
+        if not Path(path).is_file():
+            raise FormatError(f"{path}: no such file")
+        try:
+            with h5netcdf.File(path, "r") as file:
+                if file.attrs.get("format") != FORMAT or "scene" not in file.attrs:
+                    raise FormatError(f"{path}: a NetCDF file, but no trajectory of format {FORMAT} of tensegrity_mj")
+                arrays = {name: np.array(file.variables[name][...], float) for name in VARIABLES}
+                attrs = {key: file.attrs[key] for key in ("scene", "status", "message", "engine")}
+                extra = {key: json.loads(str(file.attrs[key])) for key in ("cost", "reports", "provenance")}
+        except (OSError, KeyError, ValueError) as error:
+            if isinstance(error, FormatError):
+                raise
+            raise FormatError(f"{path}: not a readable trajectory ({error})") from error
+        return cls(
+            scene=scene_from_toml(str(attrs["scene"]), where=str(path)),
+            status=Status(str(attrs["status"])),
+            message=str(attrs["message"]),
+            engine=str(attrs["engine"]),
+            **arrays,
+            **extra,
+        )
+
+    def until(self, count: int) -> Trajectory:
+        """The first `count` samples."""
+        return replace(self, **{name: getattr(self, name)[:count] for name in VARIABLES})
+
+
+assert set(VARIABLES) < {f.name for f in fields(Trajectory)}
+
+
+def _without_function_loads(scene: Scene) -> Scene:
+    return scene.with_(loads=()) if callable(scene.loads) else scene
