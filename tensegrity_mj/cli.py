@@ -10,8 +10,9 @@ from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn
 
 from tensegrity_mj.commands import compare, demo, doctor, export, render, run, scenes
-from tensegrity_mj.commands.common import EXIT_CODES, ExitCode, Outcome, to_json
+from tensegrity_mj.commands.common import EXIT_CODES, ExitCode, Outcome
 from tensegrity_mj.errors import DivergenceError, InfeasibleError, MissingLibraryError, TensegrityError
+from tensegrity_mj.jsontext import to_json
 
 COMMANDS = {
     "scenes": scenes,

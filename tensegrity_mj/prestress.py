@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.errors import InfeasibleError, OptionError
+from tensegrity_mj.rods import lumped_masses
 from tensegrity_mj.structure import Structure, null_space_basis
 from tensegrity_mj.validation import array_of_shape
 
@@ -168,23 +169,18 @@ def self_stress(
     """Self-stress modes and mechanisms, by the singular values of A; arguments as `equilibrium_residual`."""
     positions = _nodes(structure, nodes)
     motions = free_motions(structure, positions)
-    matrix = motions.T @ _string_forces(structure, positions)
-    external = motions.T @ _loads(structure, gravity, loads).ravel()
-    left, singular, right = np.linalg.svd(matrix)
-    rank = int(np.sum(singular > RANK_TOLERANCE * singular[0])) if singular.size and singular[0] > 0 else 0
-    modes = right[rank:]
-    modes = modes * np.where(modes.sum(axis=1) < 0, -1.0, 1.0)[:, None]
-    particular = -right[:rank].T @ (left[:, :rank].T @ external / singular[:rank])
+    matrix, external = _equations(structure, positions, motions, gravity, loads)
+    states = _solve(matrix, external)
     rigid = _rigid_motions(positions, motions)
     return SelfStress(
-        modes=modes,
-        forces=tuple(static_forces(structure, mode, positions) for mode in modes),
-        particular=particular,
-        residual=matrix @ particular + external,
+        modes=states.modes,
+        forces=tuple(static_forces(structure, mode, positions) for mode in states.modes),
+        particular=states.particular,
+        residual=states.residual,
         free_coordinates=len(matrix),
         rigid_motions=rigid,
-        mechanisms=len(matrix) - rank - rigid,
-        singular_values=singular,
+        mechanisms=len(matrix) - (matrix.shape[1] - len(states.modes)) - rigid,
+        singular_values=states.singular_values,
     )
 
 
@@ -194,45 +190,59 @@ def prestress(
     nodes: ArrayLike | None = None,
     gravity: ArrayLike | None = None,
     loads: ArrayLike | None = None,
+    slack: Sequence[str] = (),
 ) -> Array:
-    """Force densities u (M,) [N/m] in equilibrium, none below `level` [N/m].
+    """Force densities u (M,) [N/m] in equilibrium, none below `level` [N/m] but those of the `slack` strings, 0.
 
     Of all such states it is the one of the smallest sum of u². That one is unique: a symmetric structure gets a
-    symmetric prestress, and moving the whole changes nothing. Other arguments as `equilibrium_residual`.
+    symmetric prestress, and moving the whole changes nothing. `slack` names strings; the other arguments are as
+    in `equilibrium_residual`.
 
     Raises:
         InfeasibleError: if there is none; it says which strings cannot be in tension, and why.
-        OptionError: if the level is not positive.
+        OptionError: if the level is not positive, or a name in `slack` unknown.
     """
     if not isinstance(level, (int, float, np.integer, np.floating)) or not 0.0 < level < np.inf:
         raise OptionError(f"level = {level!r}; it must be a number > 0 N/m")
-    stress = self_stress(structure, nodes, gravity, loads)
+    tight = ~_chosen(structure, slack)
+    positions = _nodes(structure, nodes)
+    matrix, external = _equations(structure, positions, free_motions(structure, positions), gravity, loads)
+    states = _solve(matrix[:, tight], external)
+    # Not the norm of `external`: supports may take all of the weight, and leave its round-off.
     weight = float(np.linalg.norm(_loads(structure, gravity, loads)))
-    unbalanced = float(np.linalg.norm(stress.residual))
+    unbalanced = float(np.linalg.norm(states.residual))
     if unbalanced > RANK_TOLERANCE * weight:
         raise InfeasibleError(
             f"structure '{structure.name}': {unbalanced:.3g} N of gravity and loads push along motions that no string "
             "resists; add strings or supports against them"
         )
-    lower = (level - stress.particular) / level
-    shift = _least_distance(stress.modes.T, lower)
+    shift = _least_distance(states.modes.T, (level - states.particular) / level)
     if shift is None:
-        raise InfeasibleError(_why_infeasible(structure, stress, level, loaded=weight > 0))
-    u = stress.particular + level * (stress.modes.T @ shift)
-    # Without loads the round-off of the smallest one can be scaled away.
-    return u * (level / u.min(initial=np.inf)) if weight == 0 and len(u) else u
+        names = [string.name for string, is_tight in zip(structure.strings, tight, strict=True) if is_tight]
+        raise InfeasibleError(_why_infeasible(structure.name, names, states, level, loaded=weight > 0))
+    u = np.zeros(len(tight))
+    u[tight] = states.particular + level * (states.modes.T @ shift)
+    if weight == 0 and np.any(tight):
+        u *= level / u[tight].min()  # without loads the round-off of the smallest one can be scaled away
+    return u
 
 
 def with_prestress(
-    structure: Structure, level: float = 1.0, gravity: ArrayLike | None = None, loads: ArrayLike | None = None
+    structure: Structure,
+    level: float = 1.0,
+    gravity: ArrayLike | None = None,
+    loads: ArrayLike | None = None,
+    slack: Sequence[str] = (),
 ) -> Structure:
     """A copy whose strings' force densities hold its reference nodes in equilibrium, see `prestress`.
 
+    The `slack` strings become just taut, without tension.
+
     Raises:
         InfeasibleError: if there is no such state.
-        OptionError: if the level is not positive, or needs a string to start from no rest length (u >= k).
+        OptionError: as `prestress`, or if the level needs a string to start from no rest length (u >= k).
     """
-    u = prestress(structure, level, gravity=gravity, loads=loads)
+    u = prestress(structure, level, gravity=gravity, loads=loads, slack=slack)
     use = u / structure.stiffness
     if np.any(use >= 1.0):
         worst = int(np.argmax(use))
@@ -258,13 +268,37 @@ def equilibrium_force_densities(
     from scipy.optimize import nnls
 
     positions = _nodes(structure, nodes)
-    motions = free_motions(structure, positions)
-    external = motions.T @ _loads(structure, gravity, loads).ravel()
-    modes = len(self_stress(structure, positions).modes)
+    matrix, external = _equations(structure, positions, free_motions(structure, positions), gravity, loads)
+    modes = len(_solve(matrix, external).modes)
     if not structure.strings:
         return Equilibrium(np.zeros(0), float(np.linalg.norm(external)), modes)
-    u, residual = nnls(motions.T @ _string_forces(structure, positions), -external)
+    u, residual = nnls(matrix, -external)
     return Equilibrium(u, float(residual), modes)
+
+
+class _States(NamedTuple):
+    """All u with A u + f = 0: particular + any combination of modes (S, M); what no u balances is the residual."""
+
+    modes: Array
+    particular: Array
+    residual: Array
+    singular_values: Array
+
+
+def _equations(
+    structure: Structure, positions: Array, motions: Array, gravity: ArrayLike | None, loads: ArrayLike | None
+) -> tuple[Array, Array]:
+    """A (q, M) and f (q,) of A u + f = 0."""
+    return motions.T @ _string_forces(structure, positions), motions.T @ _loads(structure, gravity, loads).ravel()
+
+
+def _solve(matrix: Array, external: Array) -> _States:
+    left, singular, right = np.linalg.svd(matrix)
+    rank = int(np.sum(singular > RANK_TOLERANCE * singular[0])) if singular.size and singular[0] > 0 else 0
+    modes = right[rank:]
+    modes = modes * np.where(modes.sum(axis=1) < 0, -1.0, 1.0)[:, None]
+    particular = -right[:rank].T @ (left[:, :rank].T @ external / singular[:rank])
+    return _States(modes, particular, matrix @ particular + external, singular)
 
 
 def _least_distance(matrix: Array, lower: Array) -> Array | None:
@@ -296,46 +330,43 @@ def _is_feasible(matrix: Array, lower: Array) -> bool:
     return result.status == 0
 
 
-def _why_infeasible(structure: Structure, stress: SelfStress, level: float, loaded: bool) -> str:
-    what = f"structure '{structure.name}'"
-    if len(stress.modes) == 0 and not loaded:
+def _why_infeasible(name: str, strings: list[str], states: _States, level: float, loaded: bool) -> str:
+    if loaded:
+        best, deciding = _largest_minimum(states)
+        remedy = "choose a lower level" if best > 0 else "add strings, or move nodes"
+        return (
+            f"structure '{name}': under gravity and loads the smallest force density is at most {best:.6g} N/m (in "
+            f"{_listed(strings, deciding)}), below the level {level:.6g} N/m; {remedy}"
+        )
+    if len(states.modes) == 0:
         message = (
-            f"{what} has no self-stress: its {len(structure.strings)} strings resist independent motions of its "
-            f"{stress.free_coordinates} free coordinates, so that none can be tightened against the others; "
+            f"structure '{name}' has no self-stress: its {len(strings)} strings resist independent motions of its "
+            f"{len(states.residual)} free coordinates, so that none can be tightened against the others; "
             "add strings or change the nodes"
         )
-        values = stress.singular_values
+        values = states.singular_values
         if values.size and values[-1] < 1e-2 * values[0]:
             message += (
                 f". It is close to having one (smallest singular value {values[-1] / values[0]:.1e} of the largest): "
                 "if these nodes are meant to be in equilibrium, give them all 17 digits"
             )
         return message
-    if not loaded:
-        slack = _names(structure, ~_can_be_tight(stress.modes))
-        return (
-            f"{what} has no prestress with every string in tension: {slack} can carry none while the others do "
-            "not push, since a motion of the nodes lengthens each of them and shortens no string (or the reverse); "
-            "remove them, move the nodes, or add strings against that motion"
-        )
-    best, names = _largest_minimum(structure, stress)
-    remedy = "choose a lower level" if best > 0 else "add strings, or turn the structure"
     return (
-        f"{what}: under gravity and loads the smallest force density is at most {best:.6g} N/m (in {names}), "
-        f"below the level {level:.6g} N/m; {remedy}"
+        f"structure '{name}' has no prestress with every string in tension: {_listed(strings, ~_can_be_tight(states))} "
+        "can carry none while no string pushes, since a motion of the nodes lengthens each of them and shortens no "
+        "string (or the reverse); leave them slack (slack=[...]), move the nodes, or add strings against that motion"
     )
 
 
-def _can_be_tight(modes: Array) -> NDArray[np.bool_]:
+def _can_be_tight(states: _States) -> NDArray[np.bool_]:
     """(M,): whether a string can be in tension in a self-stress without any string pushing.
 
     Such states form a cone, so that the state with the most strings above 1 has them all: a linear program.
     """
     from scipy.optimize import linprog
 
+    modes = states.modes
     size, count = modes.shape
-    if size == 0:
-        return np.zeros(count, bool)
     result = linprog(
         np.concatenate([np.zeros(size), -np.ones(count)]),
         A_ub=np.hstack([-modes.T, np.eye(count)]),
@@ -346,19 +377,19 @@ def _can_be_tight(modes: Array) -> NDArray[np.bool_]:
     return np.asarray(result.x[size:] > 0.5)
 
 
-def _largest_minimum(structure: Structure, stress: SelfStress) -> tuple[float, str]:
-    """The largest possible smallest force density [N/m] under the loads, and the strings that decide it."""
+def _largest_minimum(states: _States) -> tuple[float, NDArray[np.bool_]]:
+    """The largest possible smallest force density [N/m] under the loads, and which strings decide it."""
     from scipy.optimize import linprog
 
-    size, count = stress.modes.shape
+    size, count = states.modes.shape
     result = linprog(
         np.append(np.zeros(size), -1.0),
-        A_ub=np.hstack([-stress.modes.T, np.ones((count, 1))]),
-        b_ub=stress.particular,
+        A_ub=np.hstack([-states.modes.T, np.ones((count, 1))]),
+        b_ub=states.particular,
         bounds=(None, None),
         method="highs",
     )
-    return float(-result.fun), _names(structure, np.abs(result.ineqlin.marginals) > 1e-9)
+    return float(-result.fun), np.abs(result.ineqlin.marginals) > 1e-9
 
 
 def _rigid_motions(positions: Array, motions: Array) -> int:
@@ -383,7 +414,7 @@ def _string_forces(structure: Structure, positions: Array) -> Array:
     columns = np.arange(len(pairs))
     forces[pairs[:, 0], :, columns] = spans
     forces[pairs[:, 1], :, columns] = -spans
-    return forces.reshape(-1, len(pairs))
+    return forces.reshape(3 * len(positions), len(pairs))
 
 
 def _loads(structure: Structure, gravity: ArrayLike | None, loads: ArrayLike | None) -> Array:
@@ -391,11 +422,8 @@ def _loads(structure: Structure, gravity: ArrayLike | None, loads: ArrayLike | N
     count = len(structure.nodes)
     forces = np.zeros((count, 3)) if loads is None else array_of_shape("loads", loads, (count, 3), broadcast=False)
     if gravity is not None:
-        masses = np.zeros(count)
-        np.add.at(masses, structure.rod_nodes, 0.5 * structure.rod_masses[:, None])
-        for point in structure.point_masses:
-            masses[structure.node_index[point.node]] += point.mass
-        forces = forces + masses[:, None] * array_of_shape("gravity", gravity, (3,), broadcast=False)
+        weights = lumped_masses(structure)[:, None] * array_of_shape("gravity", gravity, (3,), broadcast=False)
+        forces = forces + weights
     return forces
 
 
@@ -420,7 +448,16 @@ def _held(free: Array, force: Array) -> Array:
     return force - free @ (free.T @ force)
 
 
-def _names(structure: Structure, chosen: NDArray[np.bool_]) -> str:
-    names = [f"'{string.name}'" for string, is_chosen in zip(structure.strings, chosen, strict=True) if is_chosen]
-    shown = ", ".join(names[:12]) + ("" if len(names) <= 12 else f", ... ({len(names)} in all)")
-    return f"string{'s' if len(names) > 1 else ''} {shown}"
+def _chosen(structure: Structure, names: Sequence[str]) -> NDArray[np.bool_]:
+    """(M,): whether a string is among the named ones."""
+    known = [string.name for string in structure.strings]
+    for name in [names] if isinstance(names, str) else names:
+        if name not in known:
+            raise OptionError(f"slack: unknown string {name!r}; {_listed(known, np.ones(len(known), bool))} are known")
+    return np.isin(known, list(names)) if names else np.zeros(len(known), bool)
+
+
+def _listed(names: list[str], chosen: NDArray[np.bool_]) -> str:
+    found = [f"'{name}'" for name, is_chosen in zip(names, chosen, strict=True) if is_chosen]
+    shown = ", ".join(found[:12]) + ("" if len(found) <= 12 else f", ... ({len(found)} in all)")
+    return f"string{'s' if len(found) > 1 else ''} {shown}"

@@ -1,5 +1,7 @@
 """Videos and pictures of runs, off-screen: any engine's trajectory, drawn from its node positions alone.
 
+For example:
+
     tmj.render(run, "prism.mp4")                                          # one run
     tmj.render(run, "both.mp4", other=reference)                          # the other as a ghost over it
     tmj.render(run, "both.mp4", other=reference, layout=tmj.Layout.SIDE_BY_SIDE)
@@ -50,10 +52,10 @@ def render(
 ) -> Path:
     """Write a video (mp4, H.264) of a run, or of two runs in one picture; returns its path.
 
-    Rods are capsules; taut strings have the colour of their tension; slack ones hang as arcs of their own length; dark cubes
-    are fixed; the target is a translucent ghost; lines show where nodes have been. Frames stand at exact
-    multiples of speed / fps in simulated time, interpolated with the recorded velocities. The camera frames
-    all of the run, and follows a structure that travels far. The file appears whole or not at all.
+    Rods are capsules; taut strings have the colour of their tension; slack ones hang as arcs of their own length; dark
+    cubes are fixed; the target is a translucent ghost; lines show where nodes have been. Frames stand at exact
+    multiples of speed / fps in simulated time, interpolated with the recorded velocities. The camera frames all of the
+    run, and follows a structure that travels far. The file appears whole or not at all.
 
     Args:
         path: must end in .mp4.
@@ -74,7 +76,9 @@ def render(
     destination = checked(path, (".mp4",), "video")
     view = View(size, traces, target, azimuth, elevation, distance, quality)
     if view.size[0] % 2 or view.size[1] % 2:
-        raise OptionError(f"size={size}: width and height of a video must be even (its colours are stored for 2 x 2 pixels)")
+        raise OptionError(
+            f"size={size}: width and height of a video must be even (H.264 stores colours by 2 x 2 pixels)"
+        )
     films = [Motion.of(run)] + ([] if other is None else [Motion.of(other)])
     times = frame_times(min(m.start for m in films), max(m.end for m in films), fps, speed)
     with Stage(films[0], films[1] if len(films) > 1 else None, layout, view) as stage, replacing(destination) as part:
@@ -181,7 +185,8 @@ def frame_times(start: float, end: float, fps: float, speed: float) -> NDArray[n
             "drawn: choose a higher speed or fewer frames a second"
         )
     # The end itself counts where it falls on a frame but for round-off.
-    return start + np.arange(math.floor(count + 1e-6) + 1) * (speed / fps)
+    frame = np.arange(math.floor(count + 1e-6) + 1, dtype=np.float64)
+    return start + frame * (speed / fps)
 
 
 def ffmpeg_program() -> str:
@@ -228,6 +233,6 @@ def _encode(stage: Stage, times: NDArray[np.float64], path: Path, fps: float, pr
         if isinstance(error, (OptionError, MissingLibraryError)):
             raise
         raise OptionError(
-            f"video of {width} x {height} at {fps:g} frames a second: {program} could not write it ({error}); check that "
-            "the disk has room and that this ffmpeg encodes H.264"
+            f"video of {width} x {height} at {fps:g} frames a second: {program} could not write it ({error}); check "
+            "that the disk has room and that this ffmpeg encodes H.264"
         ) from error

@@ -64,7 +64,8 @@ class Support:
         """
         from tensegrity_mj.validation import array_of_shape
 
-        matrix = array_of_shape("D", D, (3,) if np.ndim(D) == 1 else (-1, 3), broadcast=False).reshape(-1, 3)
+        one_row = np.array(D, dtype=object).ndim == 1
+        matrix = array_of_shape("D", D, (3,) if one_row else (-1, 3), broadcast=False).reshape(-1, 3)
         rows = tuple((float(a), float(b), float(c)) for a, b, c in matrix)
         if values is not None:
             values = tuple(array_of_shape("r̄ (one value a row of D)", values, (len(rows),), broadcast=False).tolist())

@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 T = TypeVar("T")
 
 FORMAT = 1
+HEADING = "# tensegrity-mj; SI units, world frame with z up. Every key: docs/format.md"
 PINNED = Support.pinned().directions
 
 FILE_KEYS = ("format", "name", "source", "structure", "scene")
@@ -121,7 +122,7 @@ def scene_to_toml(scene: Scene) -> str:
             f"scene '{scene.name}': its loads are a Python function, which a file cannot hold: "
             "describe them by Loads, or save it without them (scene.with_(loads=()))"
         )
-    head = [f"format = {FORMAT}", _entry("name", scene.name)]
+    head = [HEADING, f"format = {FORMAT}", _entry("name", scene.name)]
     if scene.source:
         head.append(_entry("source", scene.source))
     return "\n".join([*head, "", *_structure_lines(scene.structure, scene.name), "", *_scene_lines(scene)]) + "\n"
@@ -129,7 +130,7 @@ def scene_to_toml(scene: Scene) -> str:
 
 def structure_to_toml(structure: Structure) -> str:
     """The structure as TOML text, without loss."""
-    head = [f"format = {FORMAT}", _entry("name", structure.name), ""]
+    head = [HEADING, f"format = {FORMAT}", _entry("name", structure.name), ""]
     return "\n".join(head + _structure_lines(structure, structure.name)) + "\n"
 
 
@@ -447,8 +448,13 @@ def _structure_lines(structure: Structure, file_name: str) -> list[str]:
     if structure.fixed_nodes:
         lines.append(_entry("fixed_nodes", structure.fixed_nodes))
     lines += _array("rods", [_rod_table(rod) for rod in structure.rods])
-    lines += _array("strings", [_given(vars(string)) for string in structure.strings])
+    lines += _array("strings", [_string_table(string) for string in structure.strings])
     return lines + _array("point_masses", [_given(vars(point)) for point in structure.point_masses])
+
+
+def _string_table(string: String) -> dict[str, Any]:
+    table = _given(vars(string))
+    return table if string.damping else {key: value for key, value in table.items() if key != "damping"}
 
 
 def _rod_table(rod: Rod) -> dict[str, Any]:

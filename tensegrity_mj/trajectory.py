@@ -26,7 +26,6 @@ class Status(enum.Enum):
     COMPLETED = "completed"
     INFEASIBLE = "infeasible"  # the control problem had no admissible solution and the caller chose to stop
     DIVERGED = "diverged"
-    INTERRUPTED = "interrupted"
 
 
 # Every recorded quantity: dimensions, unit, meaning. One table for the class, the file and the docs.

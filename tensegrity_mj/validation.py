@@ -501,8 +501,9 @@ def _unit_rows(rows: Array) -> Array:
 
 
 def _size(structure: Structure) -> float:
+    """What tolerances of lengths are relative to [m]: the extent, or for a single node its distance from 0, or 1."""
     positions = np.array(list(structure.nodes.values()), float).reshape(-1, 3)
-    return float(np.max(np.ptp(positions, axis=0), initial=1e-300))
+    return float(np.ptp(positions, axis=0).max()) or float(np.abs(positions).max()) or 1.0
 
 
 def _pair(member: Rod | String) -> str:

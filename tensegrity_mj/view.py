@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import sys
 import time
+import warnings
 from typing import Any
 
 import numpy as np
@@ -35,8 +36,23 @@ def require_display() -> None:
             "the viewer needs a display, and neither DISPLAY nor WAYLAND_DISPLAY is set: "
             "run on a desktop (or ssh -X), or make a video instead"
         )
+    if sys.platform == "linux":
+        _open_glfw()
     if sys.platform == "darwin" and "mjpython" not in os.path.basename(sys.executable):
         raise MissingLibraryError("on macOS MuJoCo's viewer needs mjpython: mjpython -m tensegrity_mj run ... --view")
+
+
+def _open_glfw() -> None:
+    """MuJoCo's viewer ends the whole process where this fails, so that it must be tried before."""
+    import glfw
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it becomes the error below
+        opened = glfw.init()
+    if not opened:
+        reason = glfw.get_error()[1] or "no reason given"
+        reason = reason.decode() if isinstance(reason, bytes) else reason
+        raise MissingLibraryError(f"the viewer cannot open a window ({reason}): check DISPLAY, or make a video instead")
 
 
 def view(run: Trajectory) -> None:
@@ -74,14 +90,16 @@ def _empty_model(run: Trajectory) -> Any:
     text = " ".join(f"{x:.9g}" for x in center)
     return mujoco.MjModel.from_xml_string(
         f'<mujoco><statistic center="{text}" extent="{size:.9g}"/>'
-        '<worldbody><light pos="0 0 10" dir="0 0 -1" directional="true"/></worldbody></mujoco>'
+        '<visual><headlight ambient="0.5 0.5 0.5" diffuse="0.5 0.5 0.5"/></visual>'
+        '<asset><texture type="skybox" builtin="gradient" rgb1="0.95 0.96 0.98" rgb2="0.72 0.77 0.83" '
+        'width="64" height="384"/></asset></mujoco>'
     )
 
 
 def _point_camera(camera: Any, run: Trajectory) -> None:
     center, size = _extent(run)
     camera.lookat[:] = center
-    camera.distance = 2.5 * size
+    camera.distance = 1.8 * size
     camera.azimuth, camera.elevation = 130.0, -20.0
 
 

@@ -1,10 +1,9 @@
-"""What the commands share: exit codes, outcomes, JSON, and output files that are checked before work starts."""
+"""What the commands share: exit codes, outcomes, and output files that are checked before work starts."""
 
 from __future__ import annotations
 
 import argparse
 import enum
-import json
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -62,27 +61,6 @@ def code_of_status(status: Status) -> ExitCode:
     }[status.value]
 
 
-def to_json(data: Any) -> str:
-    """One line of strict JSON: NaN and infinity become null, enums their value, paths and the like text."""
-    return json.dumps(_plain(data), ensure_ascii=False, allow_nan=False)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, enum.Enum):
-        return _plain(value.value)
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple, set, frozenset)):
-        return [_plain(item) for item in value]
-    if value is None or isinstance(value, (str, bool, int)):
-        return value
-    if hasattr(value, "tolist"):  # numpy scalars and arrays
-        return _plain(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return str(value)
-
-
 def table(rows: Sequence[tuple[str, str]]) -> str:
     """Lines of names and values, the values in one column."""
     width = max((len(name) for name, _ in rows), default=0)
@@ -108,19 +86,12 @@ def output_file(path: str | None, option: str, suffixes: Sequence[str]) -> Path 
     """
     if path is None:
         return None
-    destination = Path(path)
-    if destination.suffix.lower() not in suffixes:
-        raise OptionError(f"{option} {path}: the name must end in {' or '.join(suffixes)}")
-    if destination.is_dir():
-        raise OptionError(f"{option} {path}: that is a folder; name a file in it")
-    folder = destination.absolute().parent
-    if not folder.is_dir():
-        raise OptionError(f"{option} {path}: there is no folder {folder}; create it first")
+    from tensegrity_mj.pictures.files import checked
+
+    destination = checked(path, suffixes, option)
+    # Files are replaced as a whole, which asks for no right to write the old one; what was made read-only stays.
     if destination.exists() and not destination.is_file():
         raise OptionError(f"{option} {path}: something that is no regular file is there; choose another name")
-    # Files are replaced as a whole, which needs the folder to be writable; a file made read-only is left alone.
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise OptionError(f"{option} {path}: you may not write in folder {folder}; choose another")
     if destination.exists() and not os.access(destination, os.W_OK):
         raise OptionError(f"{option} {path}: the file there is read-only; choose another name or make it writable")
     return destination

@@ -12,7 +12,6 @@ from tensegrity_mj.commands.common import (
     ExitCode,
     Outcome,
     code_of_status,
-    distinct,
     number,
     output_file,
     positive,

@@ -21,7 +21,6 @@ from tensegrity_mj.commands.common import (
 from tensegrity_mj.errors import DivergenceError
 
 if TYPE_CHECKING:
-    from tensegrity_mj.scene import Scene
     from tensegrity_mj.trajectory import Trajectory
 
 HELP = "simulate a scene in one engine"

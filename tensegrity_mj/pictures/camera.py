@@ -57,9 +57,9 @@ class Camera:
 def fit(camera: Camera, points: Array, margin: Array | float, aspect: float, *, keep_distance: bool = False) -> Camera:
     """The camera with the same direction that just sees balls of radius `margin` [m] about points (P, 3), centred.
 
-    With half-angle tangents (t_h, t_v), the camera at c sees p when |right·(p - c)| <= t_h forward·(p - c), and likewise
-    upwards. Each bound is linear in c, so the nearest admissible forward·c is a minimum over points, and the
-    other two coordinates follow by centring between the bounds.
+    With half-angle tangents (t_h, t_v), the camera at c sees p when |right·(p - c)| <= t_h forward·(p - c), and
+    likewise upwards. Each bound is linear in c, so the nearest admissible forward·c is a minimum over points, and
+    the other two coordinates follow by centring between the bounds.
     """
     right, up, forward = camera.axes @ np.asarray(points, float).T
     radius = np.broadcast_to(np.asarray(margin, float), right.shape)

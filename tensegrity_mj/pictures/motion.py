@@ -34,6 +34,7 @@ class Motion:
         down: unit vector (3,) that slack strings hang along: gravity's, or -z where there is none.
         title, label: the scene's name; the engine's line.
         note: what a viewer must know about how the run ended, or nothing.
+        diverged: whether the last samples may be beyond all reason.
         time: (T,) strictly increasing [s], T >= 1.
         nodes, velocities: (T, N, 3) [m], [m/s].
         tensions, rest_lengths: (T, M) [N], [m].
@@ -45,6 +46,7 @@ class Motion:
     title: str
     label: str
     note: str
+    diverged: bool
     time: Array
     nodes: Array
     velocities: Array
@@ -82,6 +84,7 @@ class Motion:
             title=source.scene.name,
             label=source.engine,
             note=note,
+            diverged=source.status is Status.DIVERGED or count < len(source.time),
             time=source.time[:count],
             nodes=source.nodes[:count],
             velocities=np.nan_to_num(source.velocities[:count], posinf=0.0, neginf=0.0),
@@ -105,6 +108,7 @@ class Motion:
             title=scene.name,
             label="",
             note="",
+            diverged=False,
             time=np.zeros(1),
             nodes=nodes[None],
             velocities=scene.velocities0[None],
@@ -150,20 +154,25 @@ class Motion:
 
     def target_positions(self, times: Array) -> Array | None:
         """Node positions (T, N, 3) [m] of the target at times (T,); None without a target."""
-        if self.target is None:
-            return None
-        moments = np.atleast_1d(np.asarray(times, float))
-        if len(self.target.times) == 1:
-            return np.broadcast_to(self.target.nodes[0], (len(moments), *self.target.nodes.shape[1:]))
-        from tensegrity_mj.dynamics.target import target_nodes
-
-        return target_nodes(self.structure, self.target, moments)
+        return target_positions(self.structure, self.target, times)
 
     def _intervals(self, moments: Array) -> tuple[NDArray[np.int64], Array, Array]:
         """Index of the sample before each moment, the interval's length, and where in it (0 to 1) the moment lies."""
         i = np.clip(np.searchsorted(self.time, moments, side="right") - 1, 0, len(self.time) - 2)
         step = self.time[i + 1] - self.time[i]
         return i, step, (moments - self.time[i]) / step
+
+
+def target_positions(structure: Structure, target: Target | None, times: Array) -> Array | None:
+    """Node positions (T, N, 3) [m] of a target at times (T,) [s]; None without a target."""
+    if target is None:
+        return None
+    moments = np.atleast_1d(np.asarray(times, float))
+    if len(target.times) == 1:
+        return np.broadcast_to(target.nodes[0], (len(moments), *target.nodes.shape[1:]))
+    from tensegrity_mj.dynamics.target import target_nodes  # compiled, and slow to load
+
+    return target_nodes(structure, target, moments)
 
 
 def _finite_samples(run: Trajectory) -> int:

@@ -47,6 +47,9 @@ def choose_backend() -> str:
         raise MissingLibraryError(
             f"pictures need OpenGL, which MUJOCO_GL={chosen} switches off: unset MUJOCO_GL, or set it to egl or osmesa"
         )
+    if chosen == "egl" and egl_devices() == 0 or chosen == "osmesa" and not has_osmesa():
+        # Found out here: MuJoCo itself cannot even be imported then.
+        raise MissingLibraryError(f"pictures need OpenGL, and MUJOCO_GL={chosen} finds none: {_remedy()}")
     if chosen in ("egl", "osmesa", "cgl"):
         return chosen
     if chosen in _WINDOW:
@@ -61,11 +64,16 @@ def choose_backend() -> str:
     bound = os.environ.get("PYOPENGL_PLATFORM", "").lower()
     if bound in ("", "egl") and egl_devices() > 0:
         return "egl"
-    if bound in ("", "osmesa") and _loadable("OSMesa", "libOSMesa.so.8", "libOSMesa.so.6"):
+    if bound in ("", "osmesa") and has_osmesa():
         return "osmesa"
     if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         return "glfw"
     raise MissingLibraryError(f"pictures need OpenGL, and this machine has none: {_remedy()}")
+
+
+def has_osmesa() -> bool:
+    """Whether OSMesa is installed."""
+    return _loadable("OSMesa", "libOSMesa.so.8", "libOSMesa.so.6") is not None
 
 
 @functools.cache
@@ -90,7 +98,9 @@ def egl_devices() -> int:
 
 
 class Canvas:
-    """An off-screen drawing area for one model; a context manager, to be used in one thread.
+    """An off-screen drawing area for one model; a context manager.
+
+    Its OpenGL context is current only while it draws: several can be in use at a time, beside a viewer's.
 
     Args:
         model: the MjModel whose visual settings apply.
@@ -110,14 +120,13 @@ class Canvas:
         model.vis.global_.offheight = height
         self.backend = choose_backend()
         try:
-            context = _context_class(self.backend)(width, height)
-            self._stack.callback(context.free)
-            # Where another context is current in this thread, it is again once this one is closed.
-            self._stack.enter_context(context.as_current())
-            self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
-            self._stack.callback(self._context.free)
-            mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
-        except Exception as error:  # whatever a driver or a binding may throw: ImportError, GLError, AttributeError, ...
+            self._opengl = _context_class(self.backend)(width, height)
+            self._stack.callback(self._opengl.free)
+            with self._opengl.as_current():
+                self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+                mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+            self._stack.callback(self._free)
+        except Exception as error:  # a driver or a binding may throw anything: ImportError, GLError, AttributeError
             self._stack.close()
             raise MissingLibraryError(
                 f"OpenGL ({self.backend}) cannot be opened ({type(error).__name__}: {error}): {_remedy()}"
@@ -136,9 +145,14 @@ class Canvas:
         rectangle = self._mujoco.MjrRect(0, 0, width, height)
         if self._pixels.shape != (height, width, 3):
             self._pixels = np.empty((height, width, 3), np.uint8)
-        self._mujoco.mjr_render(rectangle, scene, self._context)
-        self._mujoco.mjr_readPixels(self._pixels, None, rectangle, self._context)
+        with self._opengl.as_current():
+            self._mujoco.mjr_render(rectangle, scene, self._context)
+            self._mujoco.mjr_readPixels(self._pixels, None, rectangle, self._context)
         return self._pixels
+
+    def _free(self) -> None:
+        with self._opengl.as_current():
+            self._context.free()
 
 
 def _context_class(backend: str) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import itertools
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -173,16 +174,13 @@ class Painter:
         self._mujoco.mjv_initGeom(geom, kind, size, camera.position + depth * forward, frame, color)
         geom.emission, geom.specular = 1000.0, 0.0
 
-    def grid(self, center: Array, half: int, cell: float) -> None:
-        """Horizontal lines around `center` (3,), `half` cells of size `cell` [m] to each side."""
-        color, reach = _rgba(palette.GRID, 1.0), half * cell
-        for i in range(-half, half + 1):
-            for a, b in ((0, 1), (1, 0)):
-                start, end = center.copy(), center.copy()
-                start[a] += i * cell
-                end[a] += i * cell
-                start[b] -= reach
-                end[b] += reach
+    def grid(self, low: Array, high: Array, cell: float) -> None:
+        """Lines a `cell` [m] apart in the horizontal rectangle between the corners `low` and `high` (3,)."""
+        color = _rgba(palette.GRID, 1.0)
+        for a in (0, 1):
+            for x in np.arange(round((high[a] - low[a]) / cell) + 1) * cell + low[a]:
+                start, end = low.copy(), high.copy()
+                start[a] = end[a] = x
                 self._line(start, end, 1.1, color)
 
     def supports(self, structure: Structure, nodes: Array, sizes: Sizes) -> None:
@@ -217,9 +215,7 @@ class Painter:
             self._sphere(nodes[structure.node_index[mass.node]], look.width * sizes.point_mass, shade, look)
         self._strings(motion, pose, look.width * sizes.string, tension, look)
 
-    def _strings(
-        self, motion: Motion, pose: Pose, radius: float, tension: palette.TensionScale, look: Look
-    ) -> None:
+    def _strings(self, motion: Motion, pose: Pose, radius: float, tension: palette.TensionScale, look: Look) -> None:
         """Taut strings straight, in the colour of their tension; slack ones as arcs of their own length."""
         pairs = motion.structure.string_nodes
         if len(pairs) == 0:
@@ -233,10 +229,10 @@ class Painter:
             rgba[:] = loose[:] = look.rgba
         for row in np.flatnonzero(~slack):
             i, j = pairs[row]
-            self._capsule(nodes[i], nodes[j], radius, rgba[row], look, 0.35)
+            self._capsule(nodes[i], nodes[j], radius, rgba[row], look, 0.1)
         for points in slack_curves(motion, pose, slack):
-            for start, end in zip(points[:-1], points[1:], strict=True):
-                self._capsule(start, end, 0.75 * radius, loose, look, 0.35)
+            for start, end in itertools.pairwise(points):
+                self._capsule(start, end, 0.75 * radius, loose, look, 0.1)
 
     def _next(self) -> Any:
         geom = self.scene.geoms[self._count]

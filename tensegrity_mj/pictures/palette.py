@@ -15,7 +15,7 @@ TEXT: Color = (0.13, 0.15, 0.18)
 FAINT_TEXT: Color = (0.42, 0.45, 0.50)
 WARNING: Color = (0.75, 0.10, 0.10)
 GRID: Color = (0.86, 0.875, 0.89)
-ROD: Color = (0.27, 0.31, 0.37)
+ROD: Color = (0.33, 0.37, 0.43)
 SUPPORT: Color = (0.10, 0.11, 0.13)
 GUIDE: Color = (0.55, 0.58, 0.62)
 POINT_MASS: Color = (0.80, 0.58, 0.13)
@@ -36,8 +36,8 @@ CYCLE: tuple[Color, ...] = (
     (0.25, 0.25, 0.28),
 )
 
-# Tension from none to the largest: dark blue, violet, red, orange. It darkens on one side only, so that it also reads in
-# grey, and stays clear of the background.
+# Tension from none to the largest: dark blue, violet, red, orange. It gets lighter all the way, so that it also reads
+# in grey, and stays clear of the background.
 _RAMP = np.array(
     [
         [0.17, 0.20, 0.62],
@@ -80,17 +80,17 @@ class TensionScale:
             return cls(1.0)
         largest, usual = float(np.max(values)), float(np.quantile(values, 0.99))
         end = round_up(usual if largest > 3.0 * usual else largest)
-        return cls(end, largest > end)
+        return cls(end, largest > end * (1.0 + 1e-6))
 
     def colors(self, tensions: NDArray[np.float64]) -> NDArray[np.float32]:
         """Colours (..., 3) of tensions (...) [N]."""
         return tension_colors(tensions / self.end)
 
 
-def round_up(value: float) -> float:
-    """The next number of the form (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8) · 10ⁿ that is at least `value` > 0."""
+def round_up(value: float, steps: tuple[float, ...] = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)) -> float:
+    """The next number of the form step · 10ⁿ that is at least `value` > 0."""
     power = 10.0 ** math.floor(math.log10(value))
-    for step in (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0):
+    for step in steps:
         if step * power >= value * (1.0 - 1e-9):
             return step * power
     return 10.0 * power

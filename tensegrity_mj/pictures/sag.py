@@ -1,7 +1,8 @@
 """The shape that a slack string is drawn in: an arc between its ends that is as long as the string.
 
-A massless slack string has no shape of its own. A parabola in the plane of the chord and "down" is close to the catenary
-that a reader expects, hangs without gravity too, and becomes the straight string without a jump as the slack vanishes.
+A massless slack string has no shape of its own. A parabola in the plane of the chord and "down" is close to the
+catenary that a reader expects, hangs without gravity too, and becomes the straight string without a jump as the slack
+vanishes.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-MAX_RATIO = 1e3  # of string to chord: below, a longer string would be drawn beyond every picture
+MAX_RATIO = 1e3  # of string to chord; beyond, the chord makes no difference
 
 
 def parabola_slope(ratio: Array) -> Array:
@@ -48,7 +49,8 @@ def slack_arcs(start: Array, end: Array, rest_lengths: Array, down: Array, outwa
     """
     chord = end - start
     lengths = np.linalg.norm(chord, axis=1)
-    safe = np.maximum(lengths, 1e-12 * np.maximum(rest_lengths, 1e-300))
+    # Ends that (almost) meet: a loop of the right length.
+    safe = np.maximum(lengths, np.maximum(rest_lengths / MAX_RATIO, 1e-300))
     along = chord / safe[:, None]
     # A little of `outward` at all times keeps the direction continuous as a chord turns through the vertical.
     wish = down + 0.05 * outward / np.maximum(np.linalg.norm(outward, axis=1), 1e-300)[:, None]

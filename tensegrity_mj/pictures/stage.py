@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import enum
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from types import TracebackType
 
@@ -17,7 +16,7 @@ from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera, direction, fit
 from tensegrity_mj.pictures.labels import Labels, Legend, Name
 from tensegrity_mj.pictures.motion import Motion, Pose
-from tensegrity_mj.pictures.opengl import MAX_BUFFER, MAX_SIZE, Canvas
+from tensegrity_mj.pictures.opengl import MAX_BUFFER, MAX_SIZE, Canvas, choose_backend
 from tensegrity_mj.pictures.painter import (
     Look,
     Painter,
@@ -25,7 +24,6 @@ from tensegrity_mj.pictures.painter import (
     geoms_needed,
     make_model,
     slack_curves,
-    slack_strings,
     supported_points,
 )
 from tensegrity_mj.pictures.traces import MAX_PIECES, Traces, moving_rows
@@ -36,9 +34,9 @@ Image = NDArray[np.uint8]
 MIN_SIZE = 16  # px
 SAMPLES = 200  # instants of a run that the camera is fitted to
 FAR = 4.0  # times a structure's own extent: a run that travels farther is followed by the camera
-BLOWN_UP = 8.0  # times its extent at the start: a structure that grew beyond (it diverged) is not framed
+BLOWN_UP = 8.0  # times its extent at the start: what a diverging structure grows to beyond that is not framed
 TRACE_TOLERANCE = 0.4  # px
-MAX_GRID = 24  # cells to each side
+MAX_GRID_LINES = 40  # a cell is at least 1/12 of the extent
 HALF_VIEW = math.tan(math.radians(FIELD_OF_VIEW) / 2.0)  # of the distance: what half a picture's height spans
 
 
@@ -124,6 +122,7 @@ class Stage:
     def __init__(self, motion: Motion, other: Motion | None, layout: Layout, view: View) -> None:
         if not isinstance(layout, Layout):
             raise OptionError(f"layout={layout!r}: it must be Layout.OVERLAY or Layout.SIDE_BY_SIDE")
+        choose_backend()  # before any work, and before MuJoCo is imported
         self.motions = [motion] if other is None else [motion, other]
         self.view = view
         self._split = other is not None and layout is Layout.SIDE_BY_SIDE
@@ -147,7 +146,11 @@ class Stage:
         self._ports = self._plan_ports(width // columns, columns, header, height - header - footer)
         self._scale = palette.TensionScale.of(np.concatenate([m.tensions.ravel() for m in self.motions]))
         self._draw_surroundings()
-        self._open()
+        try:
+            self._open()
+        except BaseException:
+            self._stack.close()
+            raise
 
     def __enter__(self) -> Stage:
         return self
@@ -175,49 +178,49 @@ class Stage:
 
     def _plan_camera(self, aspect: float) -> None:
         """Find the camera that sees every sample of every run, and the sizes of members in its picture."""
-        clouds, own = [], []
+        clouds, arcs, own = [], [], []
         for motion in self.motions:
             times = np.linspace(motion.start, motion.end, min(SAMPLES, 4 * len(motion.time)))
             paths = motion.positions(times)
             extents = np.linalg.norm(np.ptp(paths, axis=1), axis=1)
-            usable = extents <= BLOWN_UP * max(extents[0], 1e-12)
+            usable = extents <= (BLOWN_UP * max(extents[0], 1e-12) if motion.diverged else np.inf)
             paths, times = paths[usable], times[usable]
             own.append(float(np.max(extents[usable])))
-            clouds.append(self._with_arcs(motion, times, paths))
+            middle = paths.mean(axis=1, keepdims=True)
+            clouds.append((paths, middle))
+            arcs.append((self._arcs(motion, times, paths), middle))
         size = max(*own, 1e-9)
-        points = np.concatenate([c.reshape(-1, 3) for c in clouds])
-        self._follow = float(np.linalg.norm(np.ptp(points, axis=0))) > FAR * size
+        nodes = np.concatenate([paths.reshape(-1, 3) for paths, _ in clouds])
+        self._follow = float(np.linalg.norm(np.ptp(nodes, axis=0))) > FAR * size
         if self._follow:
-            points = np.concatenate([(c - self._middle(c)[:, None]).reshape(-1, 3) for c in clouds])
+            nodes = np.concatenate([(paths - middle).reshape(-1, 3) for paths, middle in clouds])
+            hanging = np.concatenate([(points - middle).reshape(-1, 3) for points, middle in arcs])
         else:
-            points = np.concatenate([points, *self._target_clouds(size)])
-        extent = max(float(np.linalg.norm(np.ptp(points, axis=0))), 1e-9)
+            nodes = np.concatenate([nodes, *self._target_clouds(size)])
+            hanging = np.concatenate([points.reshape(-1, 3) for points, _ in arcs])
+        extent = max(float(np.linalg.norm(np.ptp(nodes, axis=0))), 1e-9)
         self._sizes = [Sizes.of(m.structure, extent) for m in self.motions]
         margin = max(max(float(np.max(s.rod, initial=0.0)), 1.8 * s.support, s.point_mass) for s in self._sizes)
-        camera = direction(points, self.view.azimuth, self.view.elevation)
+        camera = direction(nodes, self.view.azimuth, self.view.elevation)
         if self.view.distance is not None:
             camera = Camera(camera.azimuth, camera.elevation, distance=self.view.distance)
-        self._plan_grid(points, extent, camera)
-        points = np.concatenate([points, self._grid_corners()])
-        self._camera = fit(camera, points, 1.4 * margin, aspect, keep_distance=self.view.distance is not None)
-        self._points = points
-        self._reach = float(np.max(np.linalg.norm(points - np.array(self._camera.look_at), axis=1))) + 4.0 * margin
+        self._plan_grid(nodes, extent, camera)
+        self._points = np.concatenate([nodes, hanging, self._grid_corners()])
+        self._camera = fit(camera, self._points, 1.4 * margin, aspect, keep_distance=self.view.distance is not None)
+        middle = np.array(self._camera.look_at)
+        self._reach = float(np.max(np.linalg.norm(self._points - middle, axis=1))) + 4.0 * margin
 
-    def _with_arcs(self, motion: Motion, times: Array, paths: Array) -> Array:
-        """Nodes and, where strings are slack at some time, points of their arcs: (T, P, 3)."""
-        slack = motion.rest_lengths > motion.structure.string_lengths(motion.nodes)
-        if not slack.any():
-            return paths
-        ever = np.any(slack, axis=0)
-        arcs = []
-        for time, nodes in zip(times, paths, strict=True):
-            pose = motion.pose(time)
-            arcs.append(slack_curves(motion, Pose(nodes, pose.tensions, pose.rest_lengths), ever))
-        points = np.stack(arcs).reshape(len(paths), -1, 3)
-        # A string that is far longer than the structure is wide would leave the structure tiny: it may leave the picture.
+    def _arcs(self, motion: Motion, times: Array, paths: Array) -> Array:
+        """Points (T, P, 3) of the strings that are slack at some time, for nodes (T, N, 3) at times (T,)."""
+        ever = np.any(motion.rest_lengths > motion.structure.string_lengths(motion.nodes), axis=0)
+        curves = np.zeros((len(times), 0, 3))
+        if ever.any():
+            poses = (motion.pose(time) for time in times)
+            curves = np.stack([slack_curves(motion, pose, ever).reshape(-1, 3) for pose in poses])
+        # A string that is far longer than the structure is wide would leave that tiny: it may leave the picture.
         middle, extent = paths.mean(axis=1, keepdims=True), np.linalg.norm(np.ptp(paths, axis=1), axis=1)
-        near = np.linalg.norm(points - middle, axis=2) <= 1.5 * extent[:, None]
-        return np.concatenate([paths, np.where(near[..., None], points, middle)], axis=1)
+        near = np.linalg.norm(curves - middle, axis=2) <= 1.5 * extent[:, None]
+        return np.where(near[..., None], curves, middle)
 
     def _target_clouds(self, size: float) -> list[Array]:
         clouds = []
@@ -232,17 +235,21 @@ class Stage:
 
     def _plan_grid(self, points: Array, extent: float, camera: Camera) -> None:
         """A horizontal grid at the lowest point, for scale and depth; none where it would be seen edge-on."""
-        low, high = points.min(axis=0), points.max(axis=0)
-        self._cell = palette.round_up(extent / 13.0)
-        half = math.ceil(0.5 * float(max(high[0] - low[0], high[1] - low[1])) / self._cell - 1e-6)
-        self._grid_half = min(max(half, 1), MAX_GRID)
-        self._grid_center = np.array([*np.round(0.5 * (low + high)[:2] / self._cell) * self._cell, low[2]])
         self._has_grid = camera.elevation < -2.0
+        self._cell = palette.round_up(extent / 12.0, (1.0, 2.0, 5.0))
+        low, high = points.min(axis=0), points.max(axis=0)
+        # Whole cells that hold everything; a line a cell is drawn, so that their number is bounded by the extent.
+        self._grid_low = np.array([*np.floor(low[:2] / self._cell + 1e-6) * self._cell, low[2]])
+        self._grid_high = np.array([*np.ceil(high[:2] / self._cell - 1e-6) * self._cell, low[2]])
+        flat = self._grid_low[:2] == self._grid_high[:2]
+        self._grid_low[:2] -= self._cell * flat
+        self._grid_high[:2] += self._cell * flat
 
     def _grid_corners(self) -> Array:
-        arm = self._grid_half * self._cell if self._has_grid else 0.0
-        signs = np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, -1.0, 0.0]])
-        return self._grid_center + arm * signs if self._has_grid else np.zeros((0, 3))
+        if not self._has_grid:
+            return np.zeros((0, 3))
+        low, high = self._grid_low, self._grid_high
+        return np.array([low, high, [low[0], high[1], low[2]], [high[0], low[1], low[2]]])
 
     def _plan_ports(self, column: int, columns: int, top: int, height: int) -> list[_Port]:
         """Only as large a part of each column as can show something is drawn: the rest stays as it is."""
@@ -272,12 +279,9 @@ class Stage:
             moving = len(first.time) > 1
             self._labels.title(picture, " / ".join(titles), self._clock_text(self.end) if moving else "")
             self._labels.legend(picture, self._legend(), self._camera)
-            names = [
-                Name(m.label, color, translucent, m.note)
-                for m, color, translucent in zip(
-                    self.motions, (palette.ROD, palette.GHOST), (False, True), strict=False
-                )
-            ]
+            names = [Name(m.label, palette.ROD, note=m.note) for m in self.motions]
+            if self._ghost is not None:
+                names[1] = Name(f"{self._ghost.label} (ghost)", palette.GHOST, True, self._ghost.note)
             if self._split:
                 for name, port in zip(names, self._ports, strict=True):
                     self._labels.names(picture, [name], *port.columns, 0)
@@ -287,9 +291,7 @@ class Stage:
 
     def _legend(self) -> Legend:
         held = [h for m in self.motions for _, h in supported_points(m.structure, m.nodes[0])]
-        slack = any(
-            np.any(m.rest_lengths > m.structure.string_lengths(m.nodes) * (1.0 + 1e-6)) for m in self.motions
-        )
+        slack = any(np.any(m.rest_lengths > m.structure.string_lengths(m.nodes) * (1.0 + 1e-6)) for m in self.motions)
         return Legend(
             tension=self._scale if any(m.structure.strings for m in self.motions) else None,
             slack=slack,
@@ -312,7 +314,7 @@ class Stage:
         canvas = Canvas(model, self._factor * port.width, self._factor * port.height)
         self._canvas = self._stack.enter_context(canvas)
         needed = 2 * sum(geoms_needed(m.structure) for m in self.motions)
-        capacity = needed + 2 * (2 * MAX_GRID + 1) + 2 * MAX_PIECES + 200
+        capacity = needed + MAX_GRID_LINES + 2 * MAX_PIECES + 200
         pixel = 2.0 * self._camera.distance * HALF_VIEW / self.view.size[1]
         self._painters, self._traces, self._drawn, self._colors = [], [], [], []
         for index in range(len(self._ports)):
@@ -350,11 +352,11 @@ class Stage:
     def _draw_fixed(self, painter: Painter, motion: Motion, camera: Camera) -> None:
         painter.background(camera, self._reach)
         if self._has_grid:
-            center = self._grid_center.copy()
+            shift = np.zeros(3)
             if self._follow:
-                shift = np.array(camera.look_at) - np.array(self._camera.look_at)
-                center += np.array([*np.round(shift[:2] / self._cell) * self._cell, shift[2]])
-            painter.grid(center, self._grid_half, self._cell)
+                moved = np.array(camera.look_at) - np.array(self._camera.look_at)
+                shift[:] = *np.round(moved[:2] / self._cell) * self._cell, moved[2]
+            painter.grid(self._grid_low + shift, self._grid_high + shift, self._cell)
 
     def _draw_moving(self, painter: Painter, index: int, pose: Pose, time: float) -> None:
         motion, sizes = self.motions[index], self._sizes[index]
@@ -382,8 +384,3 @@ def _trace_colors(motion: Motion) -> NDArray[np.float32]:
     for number, pair in enumerate(structure.rod_nodes):
         colors[pair, :3] = palette.mixed(palette.CYCLE[number % len(palette.CYCLE)], palette.BACKGROUND, 0.25)
     return colors
-
-
-def any_slack(motion: Motion, time: float) -> bool:
-    """Whether some string is slack at a time [s]."""
-    return bool(np.any(slack_strings(motion.structure, motion.pose(time))))

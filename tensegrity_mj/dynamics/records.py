@@ -1,0 +1,130 @@
+"""A structure as arrays of records: the one form in which compiled code sees rods, point masses and strings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.rods import inertia_terms
+from tensegrity_mj.structure import Structure
+
+Records = np.ndarray[Any, Any]
+Array = NDArray[np.float64]
+
+# q of a rod is (z, β): r = anchor + E z (2.41) and b = B β, with B the identity in space, a plane's basis if planar.
+ROD = np.dtype(
+    [
+        ("i", "i8"),
+        ("j", "i8"),
+        ("q", "i8"),  # where its coordinates start
+        ("nz", "i8"),
+        ("nb", "i8"),
+        ("mass", "f8"),
+        ("length", "f8"),
+        ("sigma", "f8"),
+        ("f", "f8"),  # (2.30)
+        ("J", "f8"),
+        ("E", "f8", (3, 3)),  # columns 0..nz-1
+        ("B", "f8", (3, 3)),  # columns 0..nb-1
+        ("anchor", "f8", (3,)),
+    ],
+    align=True,
+)
+POINT = np.dtype(
+    [
+        ("node", "i8"),
+        ("q", "i8"),
+        ("nz", "i8"),
+        ("mass", "f8"),
+        ("E", "f8", (3, 3)),
+        ("anchor", "f8", (3,)),
+    ],
+    align=True,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class StructureRecords:
+    """Rods and point masses of a structure as records, with the size of q.
+
+    Attributes:
+        rods, points: record arrays of `ROD` and `POINT`.
+        nq: number of coordinates q of the thesis' model (2.91); b counts three (two in a plane).
+    """
+
+    structure: Structure
+    rods: Records
+    points: Records
+    nq: int
+
+    @classmethod
+    def of(cls, structure: Structure) -> StructureRecords:
+        """The records of a structure."""
+        rods = np.zeros(len(structure.rods), ROD)
+        points = np.zeros(len(structure.point_masses), POINT)
+        offset = 0
+        for number, rod in enumerate(structure.rods):
+            support = rod.support
+            i, j = (int(n) for n in structure.rod_nodes[number])
+            E, B = support.translation_basis, support.rotation_basis
+            length = float(structure.rod_lengths[number])
+            r = (1 - support.sigma) * structure.positions[i] + support.sigma * structure.positions[j]
+            record = rods[number]
+            record["i"], record["j"], record["q"] = i, j, offset
+            record["nz"], record["nb"] = E.shape[1], B.shape[1]
+            record["mass"], record["length"], record["sigma"] = rod.mass, length, support.sigma
+            record["f"], record["J"] = inertia_terms(rod.mass, length, support.sigma)
+            record["E"][:, : E.shape[1]] = E
+            record["B"][:, : B.shape[1]] = B
+            record["anchor"] = r - E @ (E.T @ r)
+            offset += E.shape[1] + B.shape[1]
+        for number, point in enumerate(structure.point_masses):
+            E = point.translation_basis
+            record = points[number]
+            row = structure.node_index[point.node]
+            record["node"], record["q"], record["nz"], record["mass"] = row, offset, E.shape[1], point.mass
+            record["E"][:, : E.shape[1]] = E
+            record["anchor"] = structure.positions[row] - E @ (E.T @ structure.positions[row])
+            offset += E.shape[1]
+        return cls(structure, rods, points, offset)
+
+    @cached_property
+    def affine_map(self) -> tuple[Array, Array]:
+        """Φ (3N, nq) and y (3N,) of (2.53), vec(N) = Φ q + y; nodes stacked one after another."""
+        count = len(self.structure.nodes)
+        phi = np.zeros((3 * count, self.nq))
+        y = np.zeros(3 * count)
+        for name in self.structure.fixed_nodes:
+            row = self.structure.node_index[name]
+            y[3 * row : 3 * row + 3] = self.structure.positions[row]
+        for rod in self.rods:
+            z = slice(rod["q"], rod["q"] + rod["nz"])
+            b = slice(z.stop, z.stop + rod["nb"])
+            for node, lever in ((rod["i"], -rod["sigma"]), (rod["j"], 1 - rod["sigma"])):
+                rows = slice(3 * node, 3 * node + 3)
+                phi[rows, z] = rod["E"][:, : rod["nz"]]
+                phi[rows, b] = lever * rod["length"] * rod["B"][:, : rod["nb"]]
+                y[rows] = rod["anchor"]
+        for point in self.points:
+            rows = slice(3 * point["node"], 3 * point["node"] + 3)
+            phi[rows, point["q"] : point["q"] + point["nz"]] = point["E"][:, : point["nz"]]
+            y[rows] = point["anchor"]
+        return phi, y
+
+    def coordinates(self, nodes: Array) -> Array:
+        """q (nq,) of node positions (N, 3), or q̇ of node velocities: E is orthogonal to the anchors."""
+        q = np.zeros(self.nq)
+        for rod in self.rods:
+            i, j, nz, nb, start = (int(rod[key]) for key in ("i", "j", "nz", "nb", "q"))
+            r = (1 - rod["sigma"]) * nodes[i] + rod["sigma"] * nodes[j]
+            b = (nodes[j] - nodes[i]) / rod["length"]
+            q[start : start + nz] = rod["E"][:, :nz].T @ r
+            q[start + nz : start + nz + nb] = rod["B"][:, :nb].T @ b
+        for point in self.points:
+            nz, start = int(point["nz"]), int(point["q"])
+            q[start : start + nz] = point["E"][:, :nz].T @ nodes[int(point["node"])]
+        return q

@@ -1,0 +1,261 @@
+"""Error-controlled integration of the DAE by SciPy's solvers, stepped here so that control samples, switches of a law
+that loses its solution, and outputs fall where they belong."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import DOP853, Radau
+
+from tensegrity_mj.engines.dae import DAERun, Drift, Method
+from tensegrity_mj.engines.dae_kernels import dae_rhs, observe, renormalize, sample_law
+from tensegrity_mj.engines.run import DEFAULT_INTERVAL, Progress, Request, Stopwatch, check_energy
+from tensegrity_mj.errors import DivergenceError, OptionError
+from tensegrity_mj.law import NO_SOLUTION, SOLVED
+from tensegrity_mj.native.plant import (
+    CONTINUOUS,
+    MODE,
+    PASSIVE,
+    REPORT,
+    STATUS,
+    SUSPENDED,
+    ask_law,
+    infeasible_message,
+    remember,
+    start_ledger,
+)
+from tensegrity_mj.trajectory import Status, Trajectory
+
+Array = NDArray[np.float64]
+
+# A law that loses and regains its solution more often than this slides along the boundary of the admissible set.
+MAX_SWITCHES = 1000
+SWITCH_TOLERANCE = 1e-10  # s, to which the time of a switch is located
+
+
+class _Stopped(Exception):
+    """The law has no solution, and the caller wants to stop there."""
+
+
+class ErrorControlled:
+    """One run with DOP853 or Radau."""
+
+    def __init__(self, run: DAERun) -> None:
+        self.run, self.options, self.request = run, run.options, run.request
+        self.table = run.table
+        self.kind = DOP853 if run.options.method is Method.DOP853 else Radau
+        self.t, self.y = 0.0, run.y
+        self.solver: Any = None
+        self.first_step: float | None = None
+        self.continuous = bool(self.table[MODE] == CONTINUOUS)
+        self.switches = 0
+        self.times = output_times(run.request)
+        self.rows = np.full((len(self.times) + 1, run.width), np.nan)  # one more, for where a run stops
+        self.next = 0
+
+    def integrate(self) -> Trajectory:
+        """The whole run.
+
+        Raises:
+            DivergenceError: where the solver cannot go on, or energy comes from nowhere.
+        """
+        self._evaluate(0.0, self.y)  # compiles
+        self.run.evaluations = 0
+        self.clock = Stopwatch()
+        # DOP853's dense output has a local error of the order of the method's global one; Radau's has not, so there
+        # the solver steps onto the output times.
+        marks = _marks(self.request, self.times, with_outputs=self.kind is Radau)
+        try:
+            with Progress(self.request, f"DAE {self.options.method.name}") as progress:
+                self._start()
+                for mark, is_sample in marks:
+                    while self.t < mark:
+                        self._step(mark, keep_last=is_sample)
+                        progress.reached(self.t)
+                    if is_sample:
+                        self._sample()
+                        self._record(self.t, self.y, while_before=math.nextafter(mark, math.inf))
+        except _Stopped:
+            return self._stopped()
+        self._record_at_end()
+        run = self.run.finish(
+            self.times, self.rows[:-1], Status.COMPLETED, "", self.clock.seconds, switches=self.switches
+        )
+        check_energy(run, "tighten rtol and atol")
+        return run
+
+    def _start(self) -> None:
+        if self.request.sampled:
+            self._sample()
+        status = self._evaluate(0.0, self.y)
+        start_ledger(self.table)
+        if self.continuous and status == NO_SOLUTION:
+            self._suspend()
+        elif self.continuous:
+            remember(self.table)
+        self._record(0.0, self.y, while_before=math.ulp(0.0))
+
+    def _sample(self) -> None:
+        status = int(sample_law(self.t, self.y, self.table))
+        self.run.plant.raise_if_failed(status, self.t)
+        if status == NO_SOLUTION and not self.table[PASSIVE]:
+            raise _Stopped
+        self.solver = None  # what is held has jumped
+
+    def _suspend(self) -> None:
+        if not self.table[PASSIVE]:
+            raise _Stopped
+        self.table[SUSPENDED] = 1
+
+    def _evaluate(self, t: float, y: Array) -> int:
+        """The law's status at a state; leaves everything about the state in the table."""
+        return self._rhs_status(t, y)[1]
+
+    def _rhs_status(self, t: float, y: Array) -> tuple[Array, int]:
+        out = np.empty(len(y))
+        status = int(dae_rhs(t, y, out, self.table))
+        self.run.evaluations += 1
+        if status > NO_SOLUTION or self.table[STATUS]:
+            self.run.plant.raise_if_failed(max(status, int(self.table[STATUS])), t)
+        return out, status
+
+    def _rhs(self, t: float, y: Array) -> Array:
+        return self._rhs_status(t, y)[0]
+
+    def _step(self, mark: float, keep_last: bool) -> None:
+        """One accepted step, its outputs, and a switch within it."""
+        if self.solver is None:
+            options = self.options
+            first = None if self.first_step is None else min(self.first_step, mark - self.t)
+            self.solver = self.kind(
+                self._rhs, self.t, self.y, mark, rtol=options.rtol, atol=options.atol, first_step=first
+            )
+        elif self.solver.t_bound != mark:
+            self.solver.t_bound, self.solver.status = mark, "running"
+        solver = self.solver
+        problem = solver.step()
+        self.run.steps += 1
+        if problem is not None or not np.all(np.isfinite(solver.y)):
+            self._give_up(f"the step size fell below what double precision resolves ({problem})")
+        if self.run.steps >= self.options.max_steps:
+            self._give_up(f"max_steps = {self.options.max_steps} steps were not enough")
+        self.first_step = solver.h_abs
+        dense = None
+        end, switched = solver.t, False
+        if self.continuous and self._feasible(solver.t, solver.y) == bool(self.table[SUSPENDED]):
+            dense, switched = solver.dense_output(), True
+            end = self._locate(dense, solver.t_old, solver.t)
+        limit = math.nextafter(end, -math.inf) if keep_last and end == mark else end
+        if self.next < len(self.times) and self.times[self.next] <= limit:
+            dense = dense or solver.dense_output()
+            while self.next < len(self.times) and self.times[self.next] <= limit:
+                at = float(self.times[self.next])
+                self._record(at, solver.y if at == solver.t else dense(at), while_before=math.nextafter(at, math.inf))
+        if switched:
+            assert dense is not None
+            self.t, self.y = end, dense(end)
+            self._switch()
+        else:
+            self.t, self.y = solver.t, solver.y
+            if self.options.drift is Drift.NORMALIZE:
+                renormalize(self.y, self.table)
+                solver.f = self._rhs(self.t, self.y)
+            if self.continuous and not self.table[SUSPENDED]:
+                self._evaluate(self.t, self.y)
+                remember(self.table)
+
+    def _feasible(self, t: float, y: Array) -> bool:
+        self._evaluate(t, y)  # places the nodes
+        return int(ask_law(self.table, t)) != NO_SOLUTION
+
+    def _locate(self, dense: Any, start: float, end: float) -> float:
+        """The time within a step at which the law loses or regains its solution, by bisection."""
+        was = not self.table[SUSPENDED]
+        while end - start > SWITCH_TOLERANCE:
+            middle = 0.5 * (start + end)
+            if self._feasible(middle, dense(middle)) == was:
+                start = middle
+            else:
+                end = middle
+        # On the far side when regained (the law must have a solution there), on the near side when lost.
+        return start if was else end
+
+    def _switch(self) -> None:
+        self.solver = None
+        self.switches += 1
+        if self.switches > MAX_SWITCHES:
+            raise OptionError(
+                f"the law lost and regained its solution {self.switches} times by t = {self.t:.6g} s: it slides along "
+                "the boundary of the admissible set, which the continuous mode cannot resolve; run it sampled"
+            )
+        if self.table[SUSPENDED]:
+            self.table[SUSPENDED] = 0
+        else:
+            status = self._evaluate(self.t, self.y)
+            if status == SOLVED:
+                remember(self.table)
+            self._suspend()
+
+    def _record(self, t: float, y: Array, while_before: float) -> None:
+        """Write rows for the output times before a limit, all with this state."""
+        while self.next < len(self.times) and self.times[self.next] < while_before:
+            self._evaluate(t, y)
+            observe(y, self.table, self.rows[self.next])
+            self.next += 1
+
+    def _record_at_end(self) -> None:
+        self._record(self.t, self.y, while_before=math.inf)
+
+    def _stopped(self) -> Trajectory:
+        if self.next and self.times[self.next - 1] >= self.t:
+            self.next -= 1
+        time = np.append(self.times[: self.next], self.t)
+        self._evaluate(self.t, self.y)
+        if self.continuous:
+            ask_law(self.table, self.t + SWITCH_TOLERANCE)
+        observe(self.y, self.table, self.rows[self.next])
+        message = infeasible_message(float(self.run.plant[REPORT][0]), self.t)
+        return self.run.finish(
+            time, self.rows[: len(time)], Status.INFEASIBLE, message, self.clock.seconds, switches=self.switches
+        )
+
+    def _give_up(self, cause: str) -> None:
+        t = float(self.solver.t)
+        remedy = "use Method.RADAU for stiff strings, loosen the tolerances, or run a discontinuous law sampled"
+        partial = self.run.finish(
+            self.times[: self.next], self.rows[: self.next], Status.DIVERGED, cause, self.clock.seconds
+        )
+        raise DivergenceError(f"the integration stopped at t = {t:.6g} s: {cause}; {remedy}", t, partial)
+
+
+def output_times(request: Request) -> Array:
+    """Multiples of the output interval, and the end."""
+    interval = request.output_interval or DEFAULT_INTERVAL
+    count = math.floor(request.duration / interval * (1 + 1e-12))
+    times = np.arange(count + 1) * interval
+    if request.duration - times[-1] > 1e-9 * interval:
+        return np.append(times, request.duration)
+    times[-1] = request.duration
+    return times
+
+
+def _marks(request: Request, times: Array, with_outputs: bool) -> list[tuple[float, bool]]:
+    """Times to step onto, each with whether the law is sampled there."""
+    marks: dict[float, bool] = {}
+    if request.sampled:
+        period = request.actuation.period
+        assert period is not None
+        count = math.floor(request.duration / period * (1 + 1e-12))
+        for number in range(1, count + 1):
+            # The very float of an output time where the two coincide, so that no sliver of a step lies between.
+            time = number * period
+            nearest = float(times[np.argmin(np.abs(times - time))])
+            marks[nearest if abs(nearest - time) < 1e-9 * period else time] = True
+    if with_outputs:
+        for time in times[1:]:
+            marks.setdefault(float(time), False)
+    marks.setdefault(float(times[-1]), False)
+    return sorted(marks.items())

@@ -1,0 +1,126 @@
+"""What a control law is, and how every engine calls it.
+
+The simplest law is a function `law(time, nodes, velocities) -> u`: time [s], node positions and velocities
+(N, 3) in the world frame, force densities (M,) [N/m] out. A law may be any callable object, with these optional
+attributes:
+
+    command = Command.REST_LENGTH     it returns rest lengths [m] instead of force densities
+    discontinuous = "why"             it jumps, and so cannot be evaluated at every stage of an integrator
+    describe()                        a dict of plain values for the provenance of a run
+    native(structure)                 a `NativeLaw`, compiled; the built-in laws have it
+
+A law that has no admissible answer at a state raises `InfeasibleError`. See docs/laws.md.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tensegrity_mj.errors import InfeasibleError, OptionError
+from tensegrity_mj.structure import Structure
+
+Array = NDArray[np.float64]
+
+
+class Command(enum.Enum):
+    """What a law returns."""
+
+    FORCE_DENSITY = "force density"
+    REST_LENGTH = "rest length"
+
+
+@runtime_checkable
+class Law(Protocol):
+    """A control law: (time [s], nodes (N, 3) [m], velocities (N, 3) [m/s]) -> u (M,) [N/m], or rest lengths [m]."""
+
+    def __call__(self, time: float, nodes: Array, velocities: Array, /) -> ArrayLike: ...
+
+
+# What a native law returns; report[0] is the feasibility margin, report[1] the Lyapunov function, NaN if it has none.
+SOLVED, NO_SOLUTION, FAILED, NOT_FINITE = 0, 1, 2, 3
+
+
+@dataclass
+class NativeLaw:
+    """A law as a C function (see `native.pointers`): what engines call.
+
+    Attributes:
+        address, context: of the function and of its data; 0 for no law.
+        keep: objects that must stay alive while the law is called.
+        command: what it returns.
+        discontinuous: why it cannot run continuously, or "".
+        failure: the exception of a Python law that failed with FAILED, in a list of at most one.
+    """
+
+    address: int
+    context: int
+    keep: tuple[Any, ...]
+    command: Command = Command.FORCE_DENSITY
+    discontinuous: str = ""
+    description: dict[str, Any] | None = None
+    failure: list[BaseException] | None = None
+
+
+def native_law(law: Law | Callable[..., ArrayLike] | None, structure: Structure) -> NativeLaw:
+    """The law as a C function: its own where it has one, else a call back into Python.
+
+    Raises:
+        OptionError: if it is neither callable nor a law.
+    """
+    if law is None:
+        return NativeLaw(0, 0, ())
+    if hasattr(law, "native"):
+        native: NativeLaw = law.native(structure)
+        return native
+    if not callable(law):
+        raise OptionError(f"controller = {law!r}: it must be a function (time, nodes, velocities) -> u, or a law")
+    return _python_law(law, structure)
+
+
+def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLaw:
+    import ctypes
+
+    from tensegrity_mj.native.pointers import LAW_FUNCTION
+
+    count, size = len(structure.nodes), len(structure.strings)
+    command = getattr(law, "command", Command.FORCE_DENSITY)
+    if not isinstance(command, Command):
+        raise OptionError(f"{law!r}.command = {command!r}; allowed: {', '.join(f'Command.{c.name}' for c in Command)}")
+    failure: list[BaseException] = []
+
+    def view(address: int, shape: tuple[int, ...]) -> Array:
+        length = int(np.prod(shape))
+        buffer = (ctypes.c_double * length).from_address(address)
+        return np.frombuffer(buffer, float).reshape(shape)
+
+    def call(time: float, nodes: int, velocities: int, context: int, out: int, report: int) -> int:
+        try:
+            value = np.asarray(law(time, view(nodes, (count, 3)).copy(), view(velocities, (count, 3)).copy()), float)
+            if value.shape != (size,):
+                raise ValueError(f"it returned shape {value.shape}; it must return ({size},), a value a string")
+            view(out, (size,))[:] = value
+        except InfeasibleError:
+            return NO_SOLUTION
+        except BaseException as error:
+            if not failure:
+                failure.append(error)
+            return FAILED
+        return SOLVED
+
+    describe = getattr(law, "describe", None)
+    function = LAW_FUNCTION(call)
+    return NativeLaw(
+        address=ctypes.cast(function, ctypes.c_void_p).value or 0,
+        context=0,
+        keep=(function, law),
+        command=command,
+        discontinuous=str(getattr(law, "discontinuous", "")),
+        description=describe() if callable(describe) else {"law": getattr(law, "__name__", type(law).__name__)},
+        failure=failure,
+    )

@@ -1,0 +1,1 @@
+"""Compiled pieces that engines and laws share: addresses, the string law, actuation, loads. No model of a rod."""

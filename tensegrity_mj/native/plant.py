@@ -1,0 +1,414 @@
+"""What every engine does around its own dynamics: strings, the law, actuation, loads, in compiled code.
+
+The parts live in arrays owned by a `Plant`; compiled code reaches them through one table of sizes and addresses,
+so that an engine passes a single integer.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible
+from tensegrity_mj.errors import ControllerError, OptionError
+from tensegrity_mj.law import FAILED, NOT_FINITE, SOLVED, Command, NativeLaw
+from tensegrity_mj.native.pointers import (
+    LOAD_FUNCTION,
+    address_of,
+    call_law,
+    call_load,
+    floats,
+    integers,
+    records_reader,
+)
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.strings import StringLaw
+
+Array = NDArray[np.float64]
+njit = numba.njit(cache=True, error_model="numpy")
+
+LOAD = np.dtype([("node", "i8"), ("force", "f8", (3,)), ("frequency", "f8"), ("phase", "f8")], align=True)
+_read_loads = records_reader(LOAD)
+
+# Slots of the table: sizes, flags, and addresses of the arrays named after them.
+NODE_COUNT, STRING_COUNT, STRING_NODES, STIFFNESS, DAMPING, CLIPPED, DAMPED = range(7)
+MODE, RETURNS_LENGTHS, PASSIVE, LAW, LAW_CONTEXT, HOLDS_FORCE_DENSITY, STATUS = range(7, 14)
+HELD, MEMORY, COMMAND, REPORT = range(14, 18)
+LOAD_COUNT, LOADS, LOAD_FUNCTION_SLOT, LOADED = range(18, 22)
+REST, LENGTH, RATE, TENSION, ELASTIC, FORCES, NODES, VELOCITIES = range(22, 30)
+WINCH, SAMPLED_LENGTH = 30, 31
+SUSPENDED = 32  # in the continuous mode: the law has no solution, the last admissible rest lengths are held
+ENGINE_SLOTS = 33  # an engine's own slots start here
+TABLE_SIZE = 96
+
+NO_LAW, CONTINUOUS, HOLD_FORCE_DENSITY, HOLD_REST_LENGTH = range(4)
+_MODES = {
+    Mode.CONTINUOUS: CONTINUOUS,
+    Mode.HOLD_FORCE_DENSITY: HOLD_FORCE_DENSITY,
+    Mode.HOLD_REST_LENGTH: HOLD_REST_LENGTH,
+}
+
+
+@njit
+def measure_strings(table: Any) -> None:
+    """Lengths and rates of the strings from the node positions and velocities."""
+    N, M = table[NODE_COUNT], table[STRING_COUNT]
+    nodes, velocities = floats(table[NODES], (N, 3)), floats(table[VELOCITIES], (N, 3))
+    pairs = integers(table[STRING_NODES], (M, 2))
+    lengths, rates = floats(table[LENGTH], (M,)), floats(table[RATE], (M,))
+    for m in range(M):
+        i, j = pairs[m, 0], pairs[m, 1]
+        square, dot = 0.0, 0.0
+        for x in range(3):
+            s = nodes[j, x] - nodes[i, x]
+            square += s * s
+            dot += s * (velocities[j, x] - velocities[i, x])
+        lengths[m] = np.sqrt(square)
+        rates[m] = dot / lengths[m] if square > 0.0 else 0.0
+
+
+@njit
+def tighten_strings(table: Any) -> None:
+    """Tension and its elastic part from lengths, rates and rest lengths: the law of `strings`."""
+    M = table[STRING_COUNT]
+    stiffness, damping = floats(table[STIFFNESS], (M,)), floats(table[DAMPING], (M,))
+    lengths, rates = floats(table[LENGTH], (M,)), floats(table[RATE], (M,))
+    rest = floats(table[REST], (M,))
+    tension, elastic = floats(table[TENSION], (M,)), floats(table[ELASTIC], (M,))
+    for m in range(M):
+        stretch = lengths[m] - rest[m]
+        if stretch > 0.0:
+            elastic[m] = stiffness[m] * stretch
+            total = elastic[m] + damping[m] * rates[m]
+            tension[m] = max(0.0, total) if table[CLIPPED] else total
+        else:
+            elastic[m] = 0.0
+            tension[m] = 0.0
+
+
+@njit
+def string_energy(table: Any) -> float:
+    """Elastic energy of all strings at the current lengths and rest lengths."""
+    M = table[STRING_COUNT]
+    stiffness = floats(table[STIFFNESS], (M,))
+    lengths, rest = floats(table[LENGTH], (M,)), floats(table[REST], (M,))
+    total = 0.0
+    for m in range(M):
+        stretch = lengths[m] - rest[m]
+        if stretch > 0.0:
+            total += 0.5 * stiffness[m] * stretch * stretch
+    return total
+
+
+@njit
+def string_power(table: Any) -> tuple[float, float]:
+    """Σ T_elastic dL/dt and the dampers' Σ (T - T_elastic) dL/dt [W]."""
+    M = table[STRING_COUNT]
+    rates = floats(table[RATE], (M,))
+    tension, elastic = floats(table[TENSION], (M,)), floats(table[ELASTIC], (M,))
+    stored, lost = 0.0, 0.0
+    for m in range(M):
+        stored += elastic[m] * rates[m]
+        lost += (tension[m] - elastic[m]) * rates[m]
+    return stored, lost
+
+
+@njit
+def add_string_forces(table: Any) -> None:
+    """Add the strings' pull to the nodal forces."""
+    N, M = table[NODE_COUNT], table[STRING_COUNT]
+    nodes, forces = floats(table[NODES], (N, 3)), floats(table[FORCES], (N, 3))
+    pairs = integers(table[STRING_NODES], (M, 2))
+    lengths, tension = floats(table[LENGTH], (M,)), floats(table[TENSION], (M,))
+    for m in range(M):
+        if tension[m] != 0.0 and lengths[m] > 0.0:
+            i, j = pairs[m, 0], pairs[m, 1]
+            density = tension[m] / lengths[m]
+            for x in range(3):
+                pull = density * (nodes[j, x] - nodes[i, x])
+                forces[i, x] += pull
+                forces[j, x] -= pull
+
+
+@njit
+def set_loads(table: Any, t: float) -> float:
+    """Set the nodal forces to the external ones at time t; returns their power [W]."""
+    N = table[NODE_COUNT]
+    forces, velocities = floats(table[FORCES], (N, 3)), floats(table[VELOCITIES], (N, 3))
+    forces[:] = 0.0
+    if not table[LOADED]:
+        return 0.0
+    if table[LOAD_FUNCTION_SLOT]:
+        if call_load(table[LOAD_FUNCTION_SLOT], t, table[FORCES]) != 0:
+            table[STATUS] = FAILED
+    else:
+        loads = _read_loads(table[LOADS], table[LOAD_COUNT])
+        for a in range(len(loads)):
+            load = loads[a]
+            scale = np.cos(load.frequency * t + load.phase)
+            for x in range(3):
+                forces[load.node, x] += scale * load.force[x]
+    power = 0.0
+    for n in range(N):
+        for x in range(3):
+            power += forces[n, x] * velocities[n, x]
+    return power
+
+
+@njit
+def ask_law(table: Any, t: float) -> int:
+    """Evaluate the law at the current nodes into the command; SOLVED, NO_SOLUTION, FAILED or NOT_FINITE."""
+    M = table[STRING_COUNT]
+    status = call_law(
+        table[LAW], t, table[NODES], table[VELOCITIES], table[LAW_CONTEXT], table[COMMAND], table[REPORT]
+    )
+    if status == SOLVED:
+        command = floats(table[COMMAND], (M,))
+        for m in range(M):
+            if not np.isfinite(command[m]):
+                return NOT_FINITE
+    return status
+
+
+@njit
+def _command_as_lengths(table: Any, out: Any) -> None:
+    M = table[STRING_COUNT]
+    command = floats(table[COMMAND], (M,))
+    if table[RETURNS_LENGTHS]:
+        out[:] = command
+    else:
+        stiffness, lengths = floats(table[STIFFNESS], (M,)), floats(table[LENGTH], (M,))
+        for m in range(M):
+            out[m] = lengths[m] * (1.0 - command[m] / stiffness[m])
+
+
+@njit
+def set_rest_lengths(table: Any, t: float) -> int:
+    """Rest lengths at this stage, from the law or from what is held; returns the law's status if it was asked."""
+    M = table[STRING_COUNT]
+    rest, held = floats(table[REST], (M,)), floats(table[HELD], (M,))
+    if table[MODE] == CONTINUOUS and not table[SUSPENDED]:
+        status = ask_law(table, t)
+        if status == SOLVED:
+            _command_as_lengths(table, rest)
+        else:
+            rest[:] = floats(table[MEMORY], (M,))
+        return status
+    if table[HOLDS_FORCE_DENSITY]:
+        stiffness, lengths = floats(table[STIFFNESS], (M,)), floats(table[LENGTH], (M,))
+        for m in range(M):
+            rest[m] = lengths[m] * (1.0 - held[m] / stiffness[m])
+    elif table[SUSPENDED]:
+        rest[:] = floats(table[MEMORY], (M,))
+    else:
+        rest[:] = held
+    return SOLVED
+
+
+@njit
+def remember(table: Any) -> None:
+    """Keep the current rest lengths as the last admissible ones."""
+    M = table[STRING_COUNT]
+    floats(table[MEMORY], (M,))[:] = floats(table[REST], (M,))
+
+
+@njit
+def start_ledger(table: Any) -> None:
+    """Count winch work from here on, at the current lengths and rest lengths."""
+    winch = floats(table[WINCH], (2,))
+    winch[0], winch[1] = 0.0, string_energy(table)
+    M = table[STRING_COUNT]
+    floats(table[SAMPLED_LENGTH], (M,))[:] = floats(table[LENGTH], (M,))
+
+
+@njit
+def winch_work(table: Any, stored: float) -> float:
+    """-∫ T dL0 up to now [J], T the elastic tension; `stored` is ∫ Σ T dL, integrated beside the state.
+
+    Continuous: by parts, since L0 = L - T/k: -∫ T dL0 = Δ(T²/2k) - ∫ T dL. Sampled: the energy step at each jump of
+    L0, and where the force density u is held, -∫ u L d(L (1 - u/k)) = -u (1 - u/k) Δ(L²)/2 between the jumps.
+    """
+    winch = floats(table[WINCH], (2,))
+    if table[MODE] == NO_LAW:
+        return 0.0
+    if table[MODE] == CONTINUOUS:
+        return string_energy(table) - winch[1] - stored
+    total = winch[0]
+    if table[HOLDS_FORCE_DENSITY]:
+        M = table[STRING_COUNT]
+        held, stiffness = floats(table[HELD], (M,)), floats(table[STIFFNESS], (M,))
+        lengths, start = floats(table[LENGTH], (M,)), floats(table[SAMPLED_LENGTH], (M,))
+        for m in range(M):
+            if held[m] > 0.0:
+                square = lengths[m] * lengths[m] - start[m] * start[m]
+                total -= 0.5 * held[m] * (1.0 - held[m] / stiffness[m]) * square
+    return total
+
+
+@njit
+def take_sample(table: Any, t: float) -> int:
+    """Sample the law: renew what is held. Where it has no solution, the rest lengths of this moment are held."""
+    M = table[STRING_COUNT]
+    held, rest = floats(table[HELD], (M,)), floats(table[REST], (M,))
+    set_rest_lengths(table, t)  # those in force until now
+    work, before = winch_work(table, 0.0), string_energy(table)
+    status = ask_law(table, t)
+    if status != SOLVED:
+        held[:] = rest
+        table[HOLDS_FORCE_DENSITY] = 0
+    elif table[MODE] == HOLD_FORCE_DENSITY:
+        command = floats(table[COMMAND], (M,))
+        stiffness, lengths = floats(table[STIFFNESS], (M,)), floats(table[LENGTH], (M,))
+        for m in range(M):
+            held[m] = stiffness[m] * (1.0 - command[m] / lengths[m]) if table[RETURNS_LENGTHS] else command[m]
+        table[HOLDS_FORCE_DENSITY] = 1
+    else:
+        _command_as_lengths(table, held)
+    set_rest_lengths(table, t)
+    floats(table[WINCH], (2,))[0] = work + string_energy(table) - before
+    floats(table[SAMPLED_LENGTH], (M,))[:] = floats(table[LENGTH], (M,))
+    return status
+
+
+@njit
+def row_width(table: Any) -> int:
+    """Length of what `write_row` writes."""
+    return 6 * table[NODE_COUNT] + 3 * table[STRING_COUNT] + 5
+
+
+@njit
+def write_row(table: Any, stored: float, lost: float, external: float, row: Any) -> None:
+    """Nodes, velocities, rest lengths, elastic tensions, tensions, margin, V, winch work, dissipation, external work."""
+    N, M = table[NODE_COUNT], table[STRING_COUNT]
+    row[: 3 * N] = floats(table[NODES], (3 * N,))
+    row[3 * N : 6 * N] = floats(table[VELOCITIES], (3 * N,))
+    at = 6 * N
+    row[at : at + M] = floats(table[REST], (M,))
+    row[at + M : at + 2 * M] = floats(table[ELASTIC], (M,))
+    row[at + 2 * M : at + 3 * M] = floats(table[TENSION], (M,))
+    at += 3 * M
+    report = floats(table[REPORT], (2,))
+    row[at], row[at + 1] = report[0], report[1]
+    row[at + 2] = winch_work(table, stored)
+    row[at + 3], row[at + 4] = lost, external
+
+
+class Plant:
+    """The arrays behind the table: strings, law, actuation and loads of one run.
+
+    Attributes:
+        table: (TABLE_SIZE,) int64, see the slots above.
+        arrays: slot -> array, kept alive here.
+    """
+
+    def __init__(self, scene: Scene, law: NativeLaw, actuation: Actuation, on_infeasible: OnInfeasible) -> None:
+        structure = scene.structure
+        N, M = len(structure.nodes), len(structure.strings)
+        self.scene, self.law = scene, law
+        self.load_failure: list[BaseException] = []
+        self.arrays: dict[int, Any] = {
+            STRING_NODES: np.array(structure.string_nodes),
+            STIFFNESS: np.array(structure.stiffness),
+            DAMPING: np.array(structure.damping),
+            HELD: np.array(structure.rest_lengths),
+            MEMORY: np.array(structure.rest_lengths),
+            REST: np.array(structure.rest_lengths),
+            NODES: np.array(scene.nodes0),
+            VELOCITIES: np.array(scene.velocities0),
+            FORCES: np.zeros((N, 3)),
+            REPORT: np.full(2, np.nan),
+            WINCH: np.zeros(2),
+            **{slot: np.zeros(M) for slot in (COMMAND, LENGTH, RATE, TENSION, ELASTIC, SAMPLED_LENGTH)},
+        }
+        self.table = np.zeros(TABLE_SIZE, np.int64)
+        for slot, array in self.arrays.items():
+            self.table[slot] = address_of(array)
+        self.table[NODE_COUNT], self.table[STRING_COUNT] = N, M
+        self.table[CLIPPED] = structure.string_law is StringLaw.CLIPPED
+        self.table[DAMPED] = bool(np.any(structure.damping > 0))
+        self.table[RETURNS_LENGTHS] = law.command is Command.REST_LENGTH
+        self.table[PASSIVE] = on_infeasible is OnInfeasible.PASSIVE
+        self.table[LAW], self.table[LAW_CONTEXT] = law.address, law.context
+        self.table[MODE] = _MODES[actuation.mode] if law.address else NO_LAW
+        self._set_loads(scene)
+
+    @property
+    def address(self) -> int:
+        """Of the table."""
+        return address_of(self.table)
+
+    def __getitem__(self, slot: int) -> Any:
+        return self.arrays[slot]
+
+    def _set_loads(self, scene: Scene) -> None:
+        if callable(scene.loads):
+            shape = (len(scene.structure.nodes), 3)
+            function = scene.loads
+
+            def call(time: float, out: int) -> int:
+                try:
+                    value = np.asarray(function(time), float)
+                    if value.shape != shape or not np.all(np.isfinite(value)):
+                        raise ValueError(f"it returned shape {value.shape}; it must return finite {shape} [N]")
+                    buffer = (ctypes.c_double * value.size).from_address(out)
+                    np.frombuffer(buffer, float)[:] = value.ravel()
+                except BaseException as error:
+                    if not self.load_failure:
+                        self.load_failure.append(error)
+                    return 1
+                return 0
+
+            self._load_function = LOAD_FUNCTION(call)
+            pointer = ctypes.cast(self._load_function, ctypes.c_void_p).value
+            self.table[LOAD_FUNCTION_SLOT] = pointer or 0
+            self.table[LOADED] = 1
+        elif scene.loads:
+            records = np.zeros(len(scene.loads), LOAD)
+            for record, load in zip(records, scene.loads, strict=True):
+                record["node"] = scene.structure.node_index[load.node]
+                record["force"] = load.force
+                record["frequency"], record["phase"] = load.angular_frequency, load.phase
+            self.arrays[LOADS] = records
+            self.table[LOADS], self.table[LOAD_COUNT], self.table[LOADED] = address_of(records), len(records), 1
+
+    def raise_if_failed(self, status: int, time: float) -> None:
+        """Raise what a law or a load function did wrong.
+
+        Raises:
+            ControllerError: with the time, and the exception or the offending value.
+        """
+        if self.load_failure:
+            error = self.load_failure[0]
+            if not isinstance(error, Exception):
+                raise error
+            raise OptionError(
+                f"loads: the function failed near t = {time:.6g} s: {type(error).__name__}: {error}"
+            ) from error
+        if status == FAILED:
+            cause = self.law.failure[0] if self.law.failure else None
+            if cause is not None and not isinstance(cause, Exception):
+                raise cause  # KeyboardInterrupt within a Python law
+            detail = f"{type(cause).__name__}: {cause}" if cause is not None else "no reason given"
+            raise ControllerError(f"the law failed near t = {time:.6g} s: {detail}") from cause
+        if status == NOT_FINITE:
+            command = self.arrays[COMMAND]
+            number = int(np.argmin(np.isfinite(command)))
+            name = self.scene.structure.strings[number].name
+            raise ControllerError(
+                f"the law returned {command[number]} for string '{name}' near t = {time:.6g} s; "
+                "it must return a finite number for every string"
+            )
+
+
+def infeasible_message(margin: float, time: float) -> str:
+    """What a run stopped by an infeasible law says."""
+    text = f"the law has no admissible solution at t = {time:.6g} s"
+    if not np.isnan(margin):
+        text += f": feasibility margin max(v/α) = {margin:.3g} <= 0 (5.18)"
+    return text + "; change the target or decay rate, or choose OnInfeasible.PASSIVE"
+
+
