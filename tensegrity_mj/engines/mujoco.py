@@ -1,0 +1,258 @@
+"""The MuJoCo engine: the scene's MJCF, stepped by MuJoCo, with the law inside its control callback."""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.engines import mujoco_callback as callback
+from tensegrity_mj.engines.run import Grid, Progress, Request, Stopwatch, check_energy, chunks, make_trajectory
+from tensegrity_mj.errors import DivergenceError, OptionError
+from tensegrity_mj.law import NO_SOLUTION
+from tensegrity_mj.mjcf import rotation_to, scene_to_mjcf
+from tensegrity_mj.native.plant import REPORT, Plant, infeasible_message, row_width
+from tensegrity_mj.native.pointers import address_of
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.trajectory import Status, Trajectory
+
+Array = NDArray[np.float64]
+
+
+class Integrator(enum.Enum):
+    """MuJoCo's integrators."""
+
+    EULER = "euler"  # semi-implicit, order 1
+    IMPLICITFAST = "implicitfast"  # implicit in velocity, symmetric part only, order 1
+    IMPLICIT = "implicit"  # implicit in velocity, order 1
+    RK4 = "rk4"  # classical Runge-Kutta, order 4
+    DISCRETE = "discrete"  # implicit in position and velocity, order 1: for stability, not for accuracy
+
+
+_WORDS = {
+    Integrator.EULER: "Euler",
+    Integrator.IMPLICITFAST: "implicitfast",
+    Integrator.IMPLICIT: "implicit",
+    Integrator.RK4: "RK4",
+    Integrator.DISCRETE: "discrete",
+}
+
+
+@dataclass(frozen=True)
+class MuJoCo:
+    """Options of the MuJoCo engine.
+
+    Attributes:
+        timestep: h [s].
+        integrator: see `Integrator`.
+    """
+
+    timestep: float = 1e-3
+    integrator: Integrator = Integrator.RK4
+
+    def __post_init__(self) -> None:
+        h = self.timestep
+        if not isinstance(h, (int, float)) or isinstance(h, bool) or not (math.isfinite(h) and h > 0):
+            raise OptionError(f"MuJoCo: timestep = {h!r}; it must be a finite number > 0 s")
+        if not isinstance(self.integrator, Integrator):
+            allowed = ", ".join(f"Integrator.{member.name}" for member in Integrator)
+            raise OptionError(f"MuJoCo: integrator = {self.integrator!r}; allowed: {allowed}")
+
+    def __str__(self) -> str:
+        return f"MuJoCo {mujoco.__version__} {_WORDS[self.integrator]}, h = {self.timestep:g} s"
+
+    def model(self, scene: Scene) -> mujoco.MjModel:
+        """The compiled model of a scene."""
+        return mujoco.MjModel.from_xml_string(scene_to_mjcf(scene, self.timestep, _WORDS[self.integrator]))
+
+    def run(self, request: Request) -> Trajectory:
+        """Simulate; called by `simulate`."""
+        return _Run(self, request).run()
+
+
+def initial_state(scene: Scene, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Set qvel to the scene's initial node velocities; positions are the model's own (qpos0)."""
+    structure = scene.structure
+    velocities = scene.velocities0
+    for number, rod in enumerate(structure.rods):
+        i, j = structure.rod_nodes[number]
+        first, second = scene.nodes0[i], scene.nodes0[j]
+        sigma, length = rod.support.sigma, structure.rod_lengths[number]
+        b = (second - first) / np.linalg.norm(second - first)
+        spin = np.cross(b, (velocities[j] - velocities[i]) / length)  # ω = b × ḃ: no spin about the axis
+        r_rate = (1 - sigma) * velocities[i] + sigma * velocities[j]
+        start = model.body(rod.name).dofadr[0]
+        E, plane = rod.support.translation_basis, rod.support.plane
+        size = E.shape[1]
+        data.qvel[start : start + size] = r_rate if size == 3 and plane is None else E.T @ r_rate
+        if plane is None:
+            data.qvel[start + size : start + size + 3] = rotation_to(b).T @ spin
+        else:
+            data.qvel[start + size] = spin @ (np.array(plane) / np.linalg.norm(plane))
+    for point in structure.point_masses:
+        start = model.body(point.node).dofadr[0]
+        E = point.translation_basis
+        data.qvel[start : start + E.shape[1]] = E.T @ velocities[structure.node_index[point.node]]
+
+
+def node_addresses(scene: Scene, model: mujoco.MjModel) -> tuple[Any, Any, Any]:
+    """Site, body and root of the kinematic tree of each node, (N,) int64 each."""
+    sites = np.array([model.site(name).id for name in scene.structure.nodes], np.int64)
+    bodies = model.site_bodyid[sites].astype(np.int64)
+    return sites, bodies, model.body_rootid[bodies].astype(np.int64)
+
+
+class _Run:
+    def __init__(self, options: MuJoCo, request: Request) -> None:
+        self.options, self.request = options, request
+        scene, structure = request.scene, request.scene.structure
+        self.grid = Grid.of(request, options.timestep)
+        self.model = options.model(scene)
+        self.data = mujoco.MjData(self.model)
+        initial_state(scene, self.model, self.data)
+        self.plant = Plant(scene, request.law, request.actuation, request.on_infeasible)
+        table = self.plant.table
+        self.times = self.grid.times
+        self.width = row_width(table)
+        # One row more than the grid has, for where a law stops the run.
+        self.rows = np.full((len(self.times) + 1, self.width + 3 * len(structure.rods)), np.nan)
+        self.counters = np.array([0, 0, 0, -1, callback.RUNNING, 0], np.int64)
+        self.keep = {
+            callback.DESIGNED: np.array(structure.rest_lengths),
+            callback.SLIDES: self._slides(),
+            callback.COUNTERS: self.counters,
+            callback.WORK_INTEGRALS: np.zeros(3),
+            callback.ROWS: self.rows,
+            callback.STEP_SIZE: np.array([options.timestep]),
+        }
+        sites, bodies, roots = node_addresses(scene, self.model)
+        self.keep |= {callback.NODE_SITE: sites, callback.NODE_BODY: bodies, callback.NODE_ROOT: roots}
+        data = self.data
+        views = {
+            callback.SITE_XPOS: data.site_xpos,
+            callback.CVEL: data.cvel,
+            callback.SUBTREE_COM: data.subtree_com,
+            callback.XIPOS: data.xipos,
+            callback.XFRC: data.xfrc_applied,
+            callback.QACC: data.qacc,
+            callback.ACTUATOR_FORCE: data.actuator_force,
+            callback.CTRL: data.ctrl,
+            callback.TEN_LENGTH: data.ten_length,
+            callback.TEN_VELOCITY: data.ten_velocity,
+        }
+        for slot, array in (self.keep | views).items():
+            table[slot] = address_of(array)
+        table[callback.BODY_COUNT] = self.model.nbody
+        table[callback.ROW_COUNT], table[callback.ROW_SIZE] = self.rows.shape
+        table[callback.DATA] = data._address
+        table[callback.STRIDE], table[callback.RATIO] = self.grid.stride, self.grid.ratio
+        table[callback.TOTAL] = self.grid.count
+        table[callback.STAGES] = 4 if options.integrator is Integrator.RK4 else 1
+        table[callback.ROD_COUNT] = len(structure.rods)
+
+    def _slides(self) -> Array:
+        """A row a rod: number of translational coordinates, their first dof, and E (3, 3) padded, by rows."""
+        rods = self.request.scene.structure.rods
+        slides = np.zeros((len(rods), 11))
+        for row, rod in zip(slides, rods, strict=True):
+            E = rod.support.translation_basis
+            basis = np.zeros((3, 3))
+            basis[:, : E.shape[1]] = E
+            row[0], row[1], row[2:] = E.shape[1], self.model.body(rod.name).dofadr[0], basis.ravel()
+        return slides
+
+    def run(self) -> Trajectory:
+        grid, options = self.grid, self.options
+        counters = self.counters
+        with Progress(self.request, f"MuJoCo {options.integrator.value}") as progress:
+            with callback.installed(self.plant.table):
+                self._warm_up()
+                clock = Stopwatch()
+                for first, count in chunks(grid.count, 4096):
+                    mujoco.mj_step(self.model, self.data, count)
+                    progress.reached(min(first + count, int(counters[callback.STEP])) * options.timestep)
+                    if counters[callback.ENDED] != callback.RUNNING:
+                        break
+                    self._check(first + count, clock)
+                else:
+                    mujoco.mj_forward(self.model, self.data)  # the last row
+                seconds = clock.seconds
+                if counters[callback.ENDED] != callback.RUNNING:
+                    callback.finish_row(self.plant.table)
+        ended, step = int(counters[callback.ENDED]), int(counters[callback.END_STEP])
+        if ended == callback.FINISHED:
+            run = self._finish(len(self.times), Status.COMPLETED, "", seconds)
+            check_energy(run, self._remedy())
+            return run
+        time = step * options.timestep
+        self.plant.raise_if_failed(ended, time)
+        assert ended == NO_SOLUTION, ended
+        kept = int(counters[callback.NEXT_ROW])
+        self.times = np.append(self.times[: kept - 1], time)
+        message = infeasible_message(float(self.plant[REPORT][0]), time)
+        return self._finish(kept, Status.INFEASIBLE, message, seconds)
+
+    def _warm_up(self) -> None:
+        """Compile the callback on data that is not this run's, so that no clock counts it."""
+        table = self.plant.table.copy()
+        callback.finish_row(table)
+        counters = self.counters.copy()
+        counters[callback.ENDED] = callback.FINISHED
+        table[callback.COUNTERS] = address_of(counters)
+        callback.control_stage(table)
+
+    def _check(self, steps: int, clock: Stopwatch) -> None:
+        """Raise if MuJoCo warned, stopped counting steps, or left the finite world."""
+        data = self.data
+        bad = [
+            name
+            for name in ("BADQPOS", "BADQVEL", "BADQACC", "BADCTRL")
+            if data.warning[getattr(mujoco.mjtWarning, f"mjWARN_{name}")].number
+        ]
+        finite = bool(np.all(np.isfinite(data.qpos)) and np.all(np.isfinite(data.qvel)))
+        if not bad and finite and int(self.counters[callback.STEP]) == steps:
+            return
+        rows = max(1, int(self.counters[callback.NEXT_ROW]) - 1)
+        partial = self._finish(rows, Status.DIVERGED, "diverged", clock.seconds)
+        check_energy(partial, self._remedy())
+        time = float(partial.time[-1])
+        cause = f"MuJoCo warned of {', '.join(bad)}" if bad else "the state is no longer finite"
+        raise DivergenceError(f"diverged soon after t = {time:.6g} s: {cause}; {self._remedy()}", time, partial)
+
+    def _remedy(self) -> str:
+        text = f"reduce the time step (h = {self.options.timestep:g} s)"
+        if self.options.integrator is not Integrator.DISCRETE:
+            text += ", or trade accuracy for stability with Integrator.DISCRETE"
+        return text
+
+    def _finish(self, count: int, status: Status, message: str, seconds: float) -> Trajectory:
+        R = len(self.request.scene.structure.rods)
+        steps = int(self.counters[callback.STEP])
+        rows = self.rows[:count]
+        return make_trajectory(
+            self.request,
+            self.plant,
+            self.times[:count],
+            rows[:, : self.width],
+            r_accelerations=rows[:, self.width :].reshape(count, R, 3),
+            engine=str(self.options),
+            status=status,
+            message=message,
+            cost={
+                "wall_time": seconds,
+                "steps": steps,
+                "evaluations": steps * int(self.plant.table[callback.STAGES]),
+            },
+            provenance={
+                "engine": {
+                    "name": "MuJoCo",
+                    "timestep": self.options.timestep,
+                    "integrator": self.options.integrator.value,
+                }
+            },
+        )

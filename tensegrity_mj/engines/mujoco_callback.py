@@ -1,0 +1,292 @@
+"""The control callback inside MuJoCo, compiled: law, actuation, loads, work integrals and recording at every stage.
+
+MuJoCo calls it once a stage: four times a step with RK4, once with the other integrators. At the first stage of a
+step the state is that of the step's start: there the law is sampled and rows are written. Accelerations and
+actuator forces of that state are only known after the callback returns, so they are copied when it is next called.
+
+The callback is process-wide. It finds its run through `ACTIVE`, and does nothing for other MjData.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import Any
+
+import numba
+import numpy as np
+from numba import types
+
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.law import NO_SOLUTION, SOLVED
+from tensegrity_mj.native.plant import (
+    CONTINUOUS,
+    DAMPED,
+    DAMPING,
+    ENGINE_SLOTS,
+    FORCES,
+    LENGTH,
+    LOADED,
+    MODE,
+    NODE_COUNT,
+    NODES,
+    PASSIVE,
+    RATE,
+    REST,
+    STATUS,
+    STIFFNESS,
+    STRING_COUNT,
+    VELOCITIES,
+    remember,
+    row_width,
+    set_loads,
+    set_rest_lengths,
+    start_ledger,
+    string_power,
+    take_sample,
+    tighten_strings,
+    write_row,
+)
+from tensegrity_mj.native.pointers import address_of, floats, integers
+
+njit = numba.njit(cache=True, error_model="numpy")
+
+# Addresses of MjData's arrays, and of ours.
+(
+    SITE_XPOS,
+    CVEL,
+    SUBTREE_COM,
+    XIPOS,
+    XFRC,
+    QACC,
+    ACTUATOR_FORCE,
+    CTRL,
+    TEN_LENGTH,
+    TEN_VELOCITY,
+    DESIGNED,
+    NODE_SITE,
+    NODE_BODY,
+    NODE_ROOT,
+    BODY_COUNT,
+    SLIDES,
+    COUNTERS,
+    WORK_INTEGRALS,
+    ROWS,
+    ROW_SIZE,
+    ROW_COUNT,
+    DATA,
+    STEP_SIZE,
+    STRIDE,
+    RATIO,
+    TOTAL,
+    STAGES,
+    ROD_COUNT,
+) = range(ENGINE_SLOTS, ENGINE_SLOTS + 28)
+
+# Counters: calls within the step, steps begun, next row, row waiting for its accelerations, final status.
+STAGE, STEP, NEXT_ROW, WAITING, ENDED, END_STEP = range(6)
+RUNNING, FINISHED = -1, -2
+
+ACTIVE = np.zeros(1, np.int64)  # address of the running plant's table, 0 for none
+_ACTIVE_ADDRESS = address_of(ACTIVE)
+_lock = threading.Lock()
+
+
+@njit
+def read_nodes(table: Any) -> None:
+    """Node positions from the sites, node velocities from the bodies' spatial velocities."""
+    N = table[NODE_COUNT]
+    nodes, velocities = floats(table[NODES], (N, 3)), floats(table[VELOCITIES], (N, 3))
+    sites = integers(table[NODE_SITE], (N,))
+    bodies, roots = integers(table[NODE_BODY], (N,)), integers(table[NODE_ROOT], (N,))
+    bodies_total = table[BODY_COUNT]
+    xpos = floats(table[SITE_XPOS], (N, 3))
+    cvel, com = floats(table[CVEL], (bodies_total, 6)), floats(table[SUBTREE_COM], (bodies_total, 3))
+    for n in range(N):
+        s, body, root = sites[n], bodies[n], roots[n]
+        for k in range(3):
+            nodes[n, k] = xpos[s, k]
+        if body == 0:
+            continue
+        # cvel is (ω, v) at the centre of mass of the kinematic tree.
+        x, y, z = xpos[s, 0] - com[root, 0], xpos[s, 1] - com[root, 1], xpos[s, 2] - com[root, 2]
+        wx, wy, wz = cvel[body, 0], cvel[body, 1], cvel[body, 2]
+        velocities[n, 0] = cvel[body, 3] + wy * z - wz * y
+        velocities[n, 1] = cvel[body, 4] + wz * x - wx * z
+        velocities[n, 2] = cvel[body, 5] + wx * y - wy * x
+
+
+@njit
+def apply_loads(table: Any) -> None:
+    """External nodal forces as forces and torques at the bodies' centres of mass."""
+    N, bodies_total = table[NODE_COUNT], table[BODY_COUNT]
+    nodes, forces = floats(table[NODES], (N, 3)), floats(table[FORCES], (N, 3))
+    bodies = integers(table[NODE_BODY], (N,))
+    centers, xfrc = floats(table[XIPOS], (bodies_total, 3)), floats(table[XFRC], (bodies_total, 6))
+    xfrc[:] = 0.0
+    for n in range(N):
+        body = bodies[n]
+        if body == 0:
+            continue
+        x, y, z = nodes[n, 0] - centers[body, 0], nodes[n, 1] - centers[body, 1], nodes[n, 2] - centers[body, 2]
+        fx, fy, fz = forces[n, 0], forces[n, 1], forces[n, 2]
+        xfrc[body, 0] += fx
+        xfrc[body, 1] += fy
+        xfrc[body, 2] += fz
+        xfrc[body, 3] += y * fz - z * fy
+        xfrc[body, 4] += z * fx - x * fz
+        xfrc[body, 5] += x * fy - y * fx
+
+
+@njit
+def set_controls(table: Any) -> None:
+    """Controls from rest lengths. A slack string's control is raised so far that its damper cannot pull either."""
+    M = table[STRING_COUNT]
+    rest, designed = floats(table[REST], (M,)), floats(table[DESIGNED], (M,))
+    lengths, rates = floats(table[LENGTH], (M,)), floats(table[RATE], (M,))
+    stiffness, damping = floats(table[STIFFNESS], (M,)), floats(table[DAMPING], (M,))
+    ctrl = floats(table[CTRL], (M,))
+    for m in range(M):
+        L0 = rest[m]
+        if table[DAMPED] and lengths[m] <= L0:
+            L0 = max(L0, lengths[m] + damping[m] * rates[m] / stiffness[m])
+        ctrl[m] = L0 - designed[m]
+
+
+@njit
+def finish_row(table: Any) -> None:
+    """Complete the waiting row: MuJoCo's tensions, and the accelerations of the rods' points r along their slides."""
+    counters = integers(table[COUNTERS], (6,))
+    row_number = counters[WAITING]
+    if row_number < 0:
+        return
+    counters[WAITING] = -1
+    N, M, R = table[NODE_COUNT], table[STRING_COUNT], table[ROD_COUNT]
+    row = floats(table[ROWS], (table[ROW_COUNT], table[ROW_SIZE]))[row_number]
+    force = floats(table[ACTUATOR_FORCE], (M,))
+    at = 6 * N + 2 * M
+    for m in range(M):
+        row[at + m] = -force[m]
+    # For each rod: number of translational coordinates, their first dof, and their axes.
+    slides = floats(table[SLIDES], (R, 11))
+    width = row_width(table)
+    for r in range(R):
+        for k in range(3):
+            total = 0.0
+            for p in range(int(slides[r, 0])):
+                total += slides[r, 2 + 3 * k + p] * floats(table[QACC], (int(slides[r, 1]) + 3,))[int(slides[r, 1]) + p]
+            row[width + 3 * r + k] = total
+
+
+@njit
+def control_stage(table: Any) -> None:
+    """Everything that happens at one stage of MuJoCo's integrator."""
+    counters = integers(table[COUNTERS], (6,))
+    finish_row(table)
+    if counters[ENDED] != RUNNING:
+        return
+    M = table[STRING_COUNT]
+    work = floats(table[WORK_INTEGRALS], (3,))
+    h = floats(table[STEP_SIZE], (1,))[0]
+    stages, stage, step = table[STAGES], counters[STAGE], counters[STEP]
+    weight = h
+    t = step * h
+    if stages == 4:
+        weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
+        t = (step + (0.0 if stage == 0 else (1.0 if stage == 3 else 0.5))) * h
+    read_nodes(table)
+    if M > 0:
+        floats(table[LENGTH], (M,))[:] = floats(table[TEN_LENGTH], (M,))
+        floats(table[RATE], (M,))[:] = floats(table[TEN_VELOCITY], (M,))
+    external = 0.0
+    if table[LOADED]:
+        external = set_loads(table, t)
+        apply_loads(table)
+    status = SOLVED
+    if stage == 0 and table[RATIO] > 0 and step % table[RATIO] == 0:
+        status = take_sample(table, t)
+    asked = SOLVED
+    if M > 0:
+        asked = set_rest_lengths(table, t)
+        tighten_strings(table)
+        set_controls(table)
+    if stage == 0:
+        if step == 0:
+            start_ledger(table)
+        if table[RATIO] == 0:
+            status = asked
+            if status == SOLVED and table[MODE] == CONTINUOUS:
+                remember(table)
+        stopped = status > NO_SOLUTION or (status == NO_SOLUTION and not table[PASSIVE])
+        last = step == table[TOTAL]
+        if step % table[STRIDE] == 0 or last or stopped:
+            rows = floats(table[ROWS], (table[ROW_COUNT], table[ROW_SIZE]))
+            write_row(table, work[0], work[1], work[2], rows[counters[NEXT_ROW]])
+            counters[WAITING] = counters[NEXT_ROW]
+            counters[NEXT_ROW] += 1
+        if stopped or last:
+            counters[ENDED] = status if stopped else FINISHED
+            counters[END_STEP] = step
+            return
+    elif asked > NO_SOLUTION:
+        counters[ENDED], counters[END_STEP] = asked, step
+        return
+    if table[STATUS] != 0:
+        counters[ENDED], counters[END_STEP] = table[STATUS], step
+        return
+    stored, lost = string_power(table)
+    work[0] += weight * stored
+    work[1] += weight * lost
+    work[2] += weight * external
+    counters[STAGE] += 1
+    if counters[STAGE] == stages:
+        counters[STAGE] = 0
+        counters[STEP] += 1
+
+
+@cache
+def _callback() -> tuple[Any, Any]:
+    """The C function for `mujoco.set_mjcb_control`, and the compiled object that it points into.
+
+    It bakes in the address of `ACTIVE`, so this thin shell is compiled anew in each process (the rest is cached).
+    """
+    active = _ACTIVE_ADDRESS
+
+    @numba.cfunc(types.void(types.int64, types.int64), error_model="numpy")
+    def control(model: Any, data: Any) -> None:
+        address = integers(active, (1,))[0]
+        if address != 0:
+            table = integers(address, (96,))
+            if table[DATA] == data:
+                control_stage(table)
+
+    kind = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
+    return ctypes.cast(control.address, kind), control
+
+
+@contextmanager
+def installed(table: Any) -> Iterator[None]:
+    """Install the callback for one run; the previous one is put back.
+
+    Raises:
+        OptionError: if another thread of this process is simulating: MuJoCo has one callback for all.
+    """
+    import mujoco
+
+    if not _lock.acquire(blocking=False):
+        raise OptionError("another MuJoCo run of this process is under way; run simulations in separate processes")
+    try:
+        function, _keep = _callback()
+        previous = mujoco.get_mjcb_control()
+        ACTIVE[0] = address_of(table)
+        mujoco.set_mjcb_control(function)
+        try:
+            yield
+        finally:
+            mujoco.set_mjcb_control(previous)
+            ACTIVE[0] = 0
+    finally:
+        _lock.release()
