@@ -34,7 +34,7 @@ def parabola_slope(ratio: Array) -> Array:
         w = np.maximum(0.0, w - change)
         if np.all(np.abs(change) <= 1e-12 * (1.0 + w)):
             break
-    return w
+    return np.where(target > 1.0, w, 0.0)
 
 
 def slack_arcs(start: Array, end: Array, rest_lengths: Array, down: Array, outward: Array, segments: int) -> Array:

@@ -36,7 +36,7 @@ SAMPLES = 200  # instants of a run that the camera is fitted to
 FAR = 4.0  # times a structure's own extent: a run that travels farther is followed by the camera
 BLOWN_UP = 8.0  # times its extent at the start: what a diverging structure grows to beyond that is not framed
 TRACE_TOLERANCE = 0.4  # px
-MAX_GRID_LINES = 40  # a cell is at least 1/12 of the extent
+MAX_GRID_LINES = 40  # a cell is at least 1/14 of the extent
 HALF_VIEW = math.tan(math.radians(FIELD_OF_VIEW) / 2.0)  # of the distance: what half a picture's height spans
 
 
@@ -236,7 +236,7 @@ class Stage:
     def _plan_grid(self, points: Array, extent: float, camera: Camera) -> None:
         """A horizontal grid at the lowest point, for scale and depth; none where it would be seen edge-on."""
         self._has_grid = camera.elevation < -2.0
-        self._cell = palette.round_up(extent / 12.0, (1.0, 2.0, 5.0))
+        self._cell = palette.round_up(extent / 14.0, (1.0, 2.0, 5.0))
         low, high = points.min(axis=0), points.max(axis=0)
         # Whole cells that hold everything; a line a cell is drawn, so that their number is bounded by the extent.
         self._grid_low = np.array([*np.floor(low[:2] / self._cell + 1e-6) * self._cell, low[2]])

@@ -1,0 +1,158 @@
+"""Replay: recorded force densities or rest lengths, open loop.
+
+The plain cross-model experiment, in which no law can hide a plant's error: what one engine did is done to the other.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.law import SOLVED, Command, NativeLaw
+from tensegrity_mj.native.pointers import LAW_SIGNATURE, address_of, floats, integers
+from tensegrity_mj.structure import Structure
+from tensegrity_mj.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+
+@numba.cfunc(LAW_SIGNATURE, cache=True, error_model="numpy")
+def _replay(t, nodes_at, velocities_at, context, command_at, report_at):  # type: ignore[no-untyped-def]
+    table = integers(context, (4,))
+    count, size = table[0], table[1]
+    times = floats(table[2], (count,))
+    coefficients = floats(table[3], (count - 1, size, 4))
+    out = floats(command_at, (size,))
+    # A hair beyond a breakpoint counts as at it: sample times and breakpoints differ by round-off.
+    piece = np.searchsorted(times, t + 1e-9 * (times[1] - times[0]), side="right") - 1
+    piece = min(max(piece, 0), count - 2)
+    x = min(max(t, times[0]), times[count - 1]) - times[piece]
+    for m in range(size):
+        c = coefficients[piece, m]
+        out[m] = c[3] + x * (c[2] + x * (c[1] + x * c[0]))
+    return SOLVED
+
+
+class Replay:
+    """Values over time as a law: between the given times they are held, or follow a cubic spline.
+
+    Args:
+        times: (T,) increasing [s], T >= 2; before the first and after the last the values stand still.
+        values: (T, M) force densities [N/m] or rest lengths [m], finite.
+        command: which of the two.
+        held: values stand from each time to the next (what a sampled run did); such a replay jumps and runs
+            sampled only. Otherwise they are interpolated by a not-a-knot cubic spline.
+
+    Raises:
+        OptionError: for shapes that do not match, times that do not increase, or values that are not finite.
+    """
+
+    def __init__(
+        self, times: ArrayLike, values: ArrayLike, command: Command = Command.REST_LENGTH, held: bool = False
+    ) -> None:
+        self.times = np.array(times, float)
+        self.values = np.array(values, float)
+        self.command = command
+        self.held = held
+        if not isinstance(command, Command):
+            raise OptionError(f"replay: command = {command!r}; allowed: Command.FORCE_DENSITY, Command.REST_LENGTH")
+        if self.times.ndim != 1 or len(self.times) < 2 or self.values.ndim != 2 or len(self.values) != len(self.times):
+            raise OptionError(
+                f"replay: times of shape {self.times.shape} and values of shape {self.values.shape}; they must be (T,) "
+                "and (T, strings) with T >= 2"
+            )
+        if not np.all(np.diff(self.times) > 0) or not np.all(np.isfinite(self.times)):
+            raise OptionError("replay: the times must be finite and increase")
+        if not np.all(np.isfinite(self.values)):
+            row, column = np.argwhere(~np.isfinite(self.values))[0]
+            raise OptionError(
+                f"replay: value {self.values[row, column]} of string number {column} at t = {self.times[row]} s; "
+                "all values must be finite"
+            )
+
+    @classmethod
+    def of_run(cls, run: Trajectory, command: Command = Command.REST_LENGTH) -> Replay:
+        """What a run did. A sampled run is replayed held if it recorded every sample of the held quantity."""
+        values = run.rest_lengths if command is Command.REST_LENGTH else run.force_densities
+        actuation = run.provenance.get("actuation") or {}
+        mode = "hold rest length" if command is Command.REST_LENGTH else "hold force density"
+        held = False
+        if actuation.get("mode") == mode:
+            spacing = float(np.max(np.diff(run.time), initial=0.0))
+            if spacing > actuation["period"] * (1 + 1e-9):
+                raise OptionError(
+                    f"replay: the run held its {command.value} for {actuation['period']:g} s but recorded it each "
+                    f"{spacing:g} s only; record it with output_interval = {actuation['period']:g}"
+                )
+            held = True
+        return cls(run.time, values, command, held)
+
+    @classmethod
+    def of_file(cls, path: str | os.PathLike[str], command: Command = Command.REST_LENGTH) -> Replay:
+        """What the run in a trajectory file did."""
+        return cls.of_run(Trajectory.load(path), command)
+
+    @property
+    def discontinuous(self) -> str:
+        """Why it cannot run continuously; empty where the values are interpolated."""
+        if not self.held:
+            return ""
+        return (
+            "the replayed values are held between their times and jump there: run it sampled with the period they were "
+            "recorded with (hold rest length or hold force density)"
+        )
+
+    def native(self, structure: Structure) -> NativeLaw:
+        """The compiled law.
+
+        Raises:
+            OptionError: if the number of strings differs.
+        """
+        size = len(structure.strings)
+        if self.values.shape[1] != size:
+            raise OptionError(
+                f"replay: values for {self.values.shape[1]} strings, but structure '{structure.name}' has {size}"
+            )
+        count = len(self.times)
+        coefficients = np.zeros((count - 1, size, 4))
+        if self.held:
+            coefficients[:, :, 3] = self.values[:-1]
+        else:
+            from scipy.interpolate import CubicSpline
+
+            spline = CubicSpline(self.times, self.values, bc_type="not-a-knot")
+            coefficients[:] = np.moveaxis(spline.c, 0, -1)
+        table = np.array([count, size, address_of(self.times), address_of(coefficients)], np.int64)
+        return NativeLaw(
+            address=_replay.address,
+            context=address_of(table),
+            keep=(self, coefficients, table),
+            command=self.command,
+            discontinuous=self.discontinuous,
+            description=self.describe(),
+        )
+
+    def __call__(self, time: float, nodes: Array, velocities: Array) -> Array:
+        """The values (M,) at a time."""
+        clipped = min(max(time, self.times[0]), self.times[-1])
+        if self.held:
+            row = np.searchsorted(self.times, clipped + 1e-9 * (self.times[1] - self.times[0]), side="right") - 1
+            return np.array(self.values[max(row, 0)])
+        from scipy.interpolate import CubicSpline
+
+        return np.asarray(CubicSpline(self.times, self.values, bc_type="not-a-knot")(clipped))
+
+    def describe(self) -> dict[str, Any]:
+        """Plain values for the provenance of a run."""
+        return {
+            "law": "replay",
+            "command": self.command.value,
+            "held": self.held,
+            "samples": len(self.times),
+            "until": float(self.times[-1]),
+        }
