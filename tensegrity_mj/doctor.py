@@ -18,17 +18,21 @@ from pathlib import Path
 OPENGL_PACKAGES = "libegl1 libegl-mesa0 libgl1-mesa-dri libopengl0"
 PROBE_TIMEOUT = 60.0  # s; a cold start of MuJoCo on a slow disk takes a few
 
-# Opens OpenGL as the renderer does and prints its kind and name.
+# Opens OpenGL as the renderer does, then asks for its name.
 _OPENGL_PROBE = """
+import importlib
 import mujoco
 from tensegrity_mj.errors import TensegrityError
 from tensegrity_mj.pictures.opengl import Canvas
 try:
     with Canvas(mujoco.MjModel.from_xml_string("<mujoco/>"), 64, 64) as canvas:
-        from OpenGL import GL
-        print(f"{canvas.backend}: {GL.glGetString(GL.GL_RENDERER).decode()}")
+        kind = canvas.backend
 except TensegrityError as error:
     raise SystemExit(str(error).replace("\\n", " "))
+context = importlib.import_module(f"mujoco.{kind}").GLContext(64, 64)
+context.make_current()
+from OpenGL import GL
+print(f"{kind}: {(GL.glGetString(GL.GL_RENDERER) or b'unnamed').decode()}")
 """
 
 # Compiles a function anew and runs it.

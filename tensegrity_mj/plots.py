@@ -45,7 +45,7 @@ DIFFERENCES = {
     "node_error": ("Node positions", "m"),
     "velocity_error": ("Node velocities", "m/s"),
     "tension_error": ("String tensions", "N"),
-    "rod_force_error": ("Rod force densities", "N/m"),
+    "rod_force_error": ("Rod forces", "N"),
     "force_density_error": ("Control force densities u", "N/m"),
     "energy_error": ("Total energy", "J"),
 }
@@ -97,8 +97,9 @@ def plot_coordinates(
                 label = "$b_d$" if axis == 0 else None
                 row[0].plot(run.time, goal[:, axis], color=palette.CYCLE[axis], lw=1.2, ls=":", label=label)
         row[0].plot(run.time, np.sum(b * b, axis=1), color="black", lw=1.0, ls="--", label=r"$\|b\|^2$")
-        name = run.scene.structure.rods[which].name
-        _finish(row[0], f"Coordinates $b$ and $b_d$ of rod {name}", "component of the unit vector [1]")
+        rods = run.scene.structure.rods
+        of_which = f" of rod {rods[which].name}" if len(rods) > 1 else ""
+        _finish(row[0], f"Coordinates $b$ and $b_d${of_which}", "component of the unit vector [1]")
         _controls(row[1], run)
         _multipliers(row[2], run, [which])
     return _saved(figure, path)
@@ -205,16 +206,17 @@ def plot_comparison(
             curves.append((time, values, "black" if label else _color(0), "-", label))
         if name == "energy_error":
             for number, run in enumerate(runs):
-                label = f"balance of {run.engine or f'run {number + 1}'}"
+                # The engine's name alone: its options are in the title.
+                label = f"balance of {run.engine.partition(',')[0] or f'run {number + 1}'}"
                 style = RUN_STYLES[number % len(RUN_STYLES)]
                 curves.append((run.time, run.energy_balance, _color(number), style, label))
         _logarithmic(panel, curves)
         _finish(panel, title, f"largest difference [{unit}]" if len(curves) == 1 else f"magnitude [{unit}]")
     for panel in panels[-1]:
         panel.set_xlabel("time [s]", fontsize=9)
-    engines = [run.engine for run in runs if run.engine]
-    if engines:
-        figure.suptitle(f"{runs[0].scene.name}: {' against '.join(engines)}", fontsize=11)
+    names = [getattr(comparison, name, "") for name in ("first", "second")]
+    if all(names):
+        figure.suptitle(" against ".join(names), fontsize=11)
     return _saved(figure, path)
 
 

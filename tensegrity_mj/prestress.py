@@ -195,8 +195,8 @@ def prestress(
     """Force densities u (M,) [N/m] in equilibrium, none below `level` [N/m] but those of the `slack` strings, 0.
 
     Of all such states it is the one of the smallest sum of u². That one is unique: a symmetric structure gets a
-    symmetric prestress, and moving the whole changes nothing. `slack` names strings; the other arguments are as
-    in `equilibrium_residual`.
+    symmetric prestress, and moving the whole changes nothing. All of it holds to round-off. `slack` names strings;
+    the other arguments are as in `equilibrium_residual`.
 
     Raises:
         InfeasibleError: if there is none; it says which strings cannot be in tension, and why.
@@ -222,8 +222,6 @@ def prestress(
         raise InfeasibleError(_why_infeasible(structure.name, names, states, level, loaded=weight > 0))
     u = np.zeros(len(tight))
     u[tight] = states.particular + level * (states.modes.T @ shift)
-    if weight == 0 and np.any(tight):
-        u *= level / u[tight].min()  # without loads the round-off of the smallest one can be scaled away
     return u
 
 

@@ -35,9 +35,13 @@ AGREEMENT = {
     "rms_node_error": ("RMS node error", "m"),
     "max_velocity_error": ("largest velocity error", "m/s"),
     "max_tension_error": ("largest tension error", "N"),
-    "max_rod_force_error": ("largest rod force density error", "N/m"),
-    "max_force_density_error": ("largest control (u) error", "N/m"),
+    "max_rod_force_error": ("largest rod force error", "N"),
+    "max_force_density_error": ("largest force density (u) error", "N/m"),
+    "max_rest_length_error": ("largest rest length error", "m"),
     "max_energy_error": ("largest energy error", "J"),
+    "tolerance": ("tolerance", "in the unit of each"),
+    "from": ("compared from", "s"),
+    "to": ("compared to", "s"),
 }
 
 

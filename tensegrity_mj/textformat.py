@@ -12,7 +12,7 @@ import importlib.resources
 import os
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -171,6 +171,11 @@ class _Table:
         value: str = self.get(key, "a text in quotes", lambda x: isinstance(x, str), default)
         return value
 
+    def choice(self, key: str, allowed: Collection[str], default: Any = ...) -> str:
+        need = " or ".join(f'"{item}"' for item in allowed)
+        value: str = self.get(key, need, lambda x: isinstance(x, str) and x in allowed, default)
+        return value
+
     def number(self, key: str, default: Any = ...) -> Any:
         value = self.get(key, "a number", _is_number, default)
         return float(value) if key in self.data else value
@@ -254,9 +259,7 @@ def _structure(table: _Table, name: str) -> Structure:
     nodes = table.table("nodes", None)
     if nodes is None:
         raise table.fail("nodes", "a table of node name = [x, y, z]")
-    law = table.text("string_law", StringLaw.CLIPPED.value)
-    if law not in {item.value for item in StringLaw}:
-        raise table.fail("string_law", " or ".join(f'"{item.value}"' for item in StringLaw))
+    laws = [law.value for law in StringLaw]
     return Structure(
         name=table.text("name", name),
         nodes={key: nodes.vector(key) for key in nodes.data},
@@ -267,7 +270,7 @@ def _structure(table: _Table, name: str) -> Structure:
             PointMass(item.text("node"), item.number("mass"), item.vector("plane", None))
             for item in table.tables("point_masses", POINT_MASS_KEYS, title="node")
         ),
-        string_law=StringLaw(law),
+        string_law=StringLaw(table.choice("string_law", laws, StringLaw.CLIPPED.value)),
     )
 
 
@@ -283,9 +286,7 @@ def _rod(table: _Table) -> Rod:
 
 
 def _support(table: _Table) -> Support:
-    kind = table.text("kind")
-    if kind not in SUPPORT_KEYS:
-        raise table.fail("kind", " or ".join(f'"{item}"' for item in SUPPORT_KEYS))
+    kind = table.choice("kind", SUPPORT_KEYS)
     table.allow(SUPPORT_KEYS[kind])
     plane = table.vector("plane", None)
     if kind == "free":

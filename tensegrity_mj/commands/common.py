@@ -57,7 +57,6 @@ def code_of_status(status: Status) -> ExitCode:
         "completed": ExitCode.SUCCESS,
         "infeasible": ExitCode.INFEASIBLE,
         "diverged": ExitCode.DIVERGED,
-        "interrupted": ExitCode.INTERRUPTED,
     }[status.value]
 
 

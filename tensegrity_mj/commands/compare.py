@@ -21,7 +21,7 @@ from tensegrity_mj.commands.common import (
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
-    from tensegrity_mj import Trajectory
+    from tensegrity_mj import DAE, MuJoCo, Trajectory
 
 HELP = "compare MuJoCo with the DAE reference model, or two files"
 EXAMPLES = """\
@@ -40,8 +40,9 @@ UNITS = {
     "rms_node_error": "m",
     "max_velocity_error": "m/s",
     "max_tension_error": "N",
-    "max_rod_force_error": "N/m",
+    "max_rod_force_error": "N",
     "max_force_density_error": "N/m",
+    "max_rest_length_error": "m",
     "max_energy_error": "J",
 }
 
@@ -84,7 +85,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     if plot:
         from tensegrity_mj.plots import plot_comparison
 
-        plot_comparison(comparison, plot)
+        plot_comparison(comparison, plot, runs=[first, second])
     worst = max((first, second), key=lambda run: code_of_status(run.status))
     data = {
         "status": worst.status,
@@ -109,7 +110,10 @@ def describe(data: dict[str, Any]) -> str:
         ("second", data["second"]),
         *((name.replace("_", " "), number(data[name], unit)) for name, unit in UNITS.items()),
     ]
-    rows += [(f"{name} exceeds the tolerance at", number(time, "s")) for name, time in data["first_exceeded"].items()]
+    rows += [
+        (f"{name.replace('_', ' ')} exceeds {data['tolerance']:g} at", "never" if time is None else number(time, "s"))
+        for name, time in data["first_exceeded"].items()
+    ]
     rows += [("written", str(path)) for path in [*data["out"].values(), data["plot"]] if path]
     return table(rows)
 
@@ -120,21 +124,25 @@ def _simulate(options: argparse.Namespace) -> tuple[Trajectory, Trajectory]:
     experiment.check_control(options)
     scene = load_scene(options.inputs[0])
     # The step is MuJoCo's; the DAE takes it only where its method has a fixed step.
-    engines = experiment.mujoco_of(options), experiment.dae_of(options, with_timestep=options.method == "rk4")
-    actuation = experiment.actuation_of(options)
-    first, second = (
-        simulate(
+    mujoco, dae = experiment.mujoco_of(options), experiment.dae_of(options, with_timestep=options.method == "rk4")
+    law, actuation = experiment.law_of(options, scene), experiment.actuation_of(options)
+
+    def run(engine: MuJoCo | DAE, interval: float | None) -> Trajectory:
+        return simulate(
             scene,
-            experiment.law_of(options, scene),
+            law,
             engine,
             duration=options.duration,
             actuation=actuation,
             on_infeasible=OnInfeasible(options.on_infeasible or "stop"),
+            output_interval=interval,
             progress=True,
         )
-        for engine in engines
-    )
-    return first, second
+
+    first = run(mujoco, options.output_interval)
+    # Where the step does not divide 0.01 s, MuJoCo's samples lie elsewhere: the reference is sampled there too.
+    spacing = float(first.time[1] - first.time[0]) if len(first.time) > 1 else options.output_interval
+    return first, run(dae, spacing)
 
 
 def _read(options: argparse.Namespace) -> tuple[Trajectory, Trajectory]:
@@ -142,8 +150,9 @@ def _read(options: argparse.Namespace) -> tuple[Trajectory, Trajectory]:
 
     if len(options.inputs) != 2:
         raise OptionError(f"compare {' '.join(options.inputs)}: give two .nc files, not {len(options.inputs)}")
-    simulation = ("timestep", "duration", *experiment.MUJOCO_OPTIONS, *experiment.DAE_OPTIONS)
-    refuse(options, (*simulation, *experiment.CONTROL_OPTIONS), "belongs to a simulation; two files are only read")
+    engines = ("duration", "timestep", "output-interval", *experiment.MUJOCO_OPTIONS, *experiment.DAE_OPTIONS)
+    control = ("law", *experiment.LAW_OPTIONS, *experiment.ACTUATION_OPTIONS)
+    refuse(options, (*engines, *control), "belongs to a simulation; two files are only read")
     refuse(options, ("out",), "writes simulated runs; two files are only read")
     first, second = (Trajectory.load(path) for path in options.inputs)
     return first, second

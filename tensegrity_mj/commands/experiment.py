@@ -26,7 +26,7 @@ NORMS = {"1": 1.0, "2": 2.0, "inf": math.inf}
 MUJOCO_OPTIONS = ("integrator",)
 DAE_OPTIONS = ("method", "rtol", "atol", "drift")
 LAW_OPTIONS = ("norm", "decay-rate", "on-infeasible")
-CONTROL_OPTIONS = ("law", *LAW_OPTIONS, "actuation", "control-period")
+ACTUATION_OPTIONS = ("actuation", "control-period")
 
 
 def add_engine_options(parser: argparse._ArgumentGroup) -> None:
@@ -38,6 +38,9 @@ def add_engine_options(parser: argparse._ArgumentGroup) -> None:
     parser.add_argument("--atol", type=positive, help="absolute tolerance of the DAE's dop853 and radau")
     parser.add_argument(
         "--drift", choices=DRIFTS, help="what the DAE does about the drift of its constraints (monitor)"
+    )
+    parser.add_argument(
+        "--output-interval", type=positive, metavar="S", help="between recorded samples [s] (about 0.01)"
     )
 
 
@@ -92,7 +95,7 @@ def law_of(options: argparse.Namespace, scene: Scene) -> Any:
         raise OptionError(
             f"--law {options.law} needs a target, and scene '{scene.name}' has none: add one to the scene"
         )
-    return controllers.Lyapunov(scene.structure, scene.target, **overrides)
+    return controllers.Lyapunov(scene.structure, scene.target, gravity=scene.gravity, **overrides)
 
 
 def actuation_of(options: argparse.Namespace) -> Actuation:
@@ -124,6 +127,8 @@ def dae_of(options: argparse.Namespace, *, with_timestep: bool = True) -> DAE:
     chosen = _given(options, ("rtol", "atol", *(("timestep",) if with_timestep else ())))
     if options.method is not None:
         chosen["method"] = Method(options.method)
+    if options.method == "rk4":
+        refuse(options, ("rtol", "atol"), "belongs to the error-controlled methods; rk4 has --timestep")
     if options.drift is not None:
         chosen["drift"] = Drift(options.drift)
     return DAE(**chosen)

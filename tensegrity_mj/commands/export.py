@@ -30,7 +30,9 @@ def execute(options: argparse.Namespace) -> Outcome:
     if out.suffix.lower() == ".toml":
         save_scene(scene, out)
     else:
-        from tensegrity_mj.mjcf import save_mjcf
+        from tensegrity_mj.mjcf import scene_to_mjcf
+        from tensegrity_mj.pictures.files import replacing
 
-        save_mjcf(scene, out)
+        with replacing(out) as part:
+            part.write_text(scene_to_mjcf(scene), encoding="utf-8")
     return Outcome({"status": "ok", "scene": scene.name, "out": out}, f"{out}")

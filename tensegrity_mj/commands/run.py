@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import (
@@ -18,9 +19,11 @@ from tensegrity_mj.commands.common import (
     refuse,
     table,
 )
-from tensegrity_mj.errors import DivergenceError
+from tensegrity_mj.errors import DivergenceError, OptionError
 
 if TYPE_CHECKING:
+    from tensegrity_mj import Actuation
+    from tensegrity_mj.scene import Scene
     from tensegrity_mj.trajectory import Trajectory
 
 HELP = "simulate a scene in one engine"
@@ -72,24 +75,26 @@ def execute(options: argparse.Namespace) -> Outcome:
 
         require_display()
 
-    from tensegrity_mj import OnInfeasible, load_scene, simulate
+    from tensegrity_mj import OnInfeasible, Status, load_scene, simulate
 
     scene = load_scene(options.scene)
+    engine = experiment.mujoco_of(options) if options.engine == "mujoco" else experiment.dae_of(options)
+    law, actuation, duration = _replay_of(options) if options.replay else _law_of(options, scene)
     try:
         run = simulate(
             scene,
-            _replayed(options) if options.replay else experiment.law_of(options, scene),
-            experiment.mujoco_of(options) if options.engine == "mujoco" else experiment.dae_of(options),
-            duration=options.duration,
-            actuation=experiment.actuation_of(options),
+            law,
+            engine,
+            duration=duration,
+            actuation=actuation,
             on_infeasible=OnInfeasible(options.on_infeasible or "stop"),
+            output_interval=options.output_interval,
             progress=True,
         )
-        message = run.message
     except DivergenceError as error:
         if error.trajectory is None:
             raise
-        run, message = error.trajectory, str(error)
+        run = replace(cast("Trajectory", error.trajectory), status=Status.DIVERGED, message=str(error))
     if out:
         run.save(out)
     if plot:
@@ -104,7 +109,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         from tensegrity_mj.view import view
 
         view(run)
-    data = summary(run) | {"message": message, "out": out, "video": video, "plot": plot}
+    data = summary(run) | {"out": out, "video": video, "plot": plot}
     return Outcome(data, describe(data), code_of_status(run.status))
 
 
@@ -115,6 +120,7 @@ def summary(run: Trajectory) -> dict[str, Any]:
     error = run.target_error()
     return {
         "status": run.status,
+        "message": run.message,
         "scene": run.scene.name,
         "engine": run.engine,
         "duration": duration,
@@ -150,8 +156,28 @@ def _check_replay(options: argparse.Namespace) -> None:
     if options.replay is None:
         refuse(options, ("replay-quantity",), "needs --replay FILE.nc")
     else:
-        refuse(options, experiment.CONTROL_OPTIONS, "means nothing in a replay, which has no control law")
+        refuse(options, ("law", *experiment.LAW_OPTIONS), "means nothing in a replay, which has no control law")
 
 
-def _replayed(options: argparse.Namespace) -> Any:
-    raise NotImplementedError
+def _law_of(options: argparse.Namespace, scene: Scene) -> tuple[Any, Actuation, float | None]:
+    return experiment.law_of(options, scene), experiment.actuation_of(options), options.duration
+
+
+def _replay_of(options: argparse.Namespace) -> tuple[Any, Actuation, float | None]:
+    """What was recorded, actuated as it was if it was held, for as long as it was, unless options say otherwise."""
+    from tensegrity_mj import Actuation, Command, Trajectory
+    from tensegrity_mj.actuation import Mode
+    from tensegrity_mj.controllers import Replay
+
+    recorded = Trajectory.load(options.replay)
+    if len(recorded.time) < 2:
+        raise OptionError(
+            f"--replay {options.replay}: it holds {len(recorded.time)} samples; a replay needs two or more"
+        )
+    quantity = Command.FORCE_DENSITY if options.replay_quantity == "force-density" else Command.REST_LENGTH
+    law = Replay.of_run(recorded, quantity)
+    actuation = experiment.actuation_of(options)
+    if law.held and options.actuation is None:
+        was = recorded.provenance["actuation"]
+        actuation = Actuation(Mode(was["mode"]), was["period"])
+    return law, actuation, options.duration or float(recorded.time[-1])

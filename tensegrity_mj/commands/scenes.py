@@ -33,14 +33,17 @@ def execute(options: argparse.Namespace) -> Outcome:
     if options.scene is not None:
         details = describe(load_scene(options.scene))
         return Outcome(details, _text(details))
-    rows = []
-    for name in scene_names():
-        scene = load_scene(name)
-        structure = scene.structure
-        rows.append(
-            {"name": name, "rods": len(structure.rods), "strings": len(structure.strings), "source": scene.source}
-        )
-    width = max((len(row["name"]) for row in rows), default=0)
+    scenes = {name: load_scene(name) for name in scene_names()}
+    rows = [
+        {
+            "name": name,
+            "rods": len(scene.structure.rods),
+            "strings": len(scene.structure.strings),
+            "source": scene.source,
+        }
+        for name, scene in scenes.items()
+    ]
+    width = max(map(len, scenes), default=0)
     lines = [
         f"{row['name']:<{width}}  {row['rods']:>4} rods {row['strings']:>4} strings  {row['source']}" for row in rows
     ]
@@ -49,6 +52,8 @@ def execute(options: argparse.Namespace) -> Outcome:
 
 def describe(scene: Scene) -> dict[str, Any]:
     """What a scene consists of; that it could be loaded means that it is valid."""
+    from tensegrity_mj import MuJoCo
+
     structure = scene.structure
     return {
         "status": "ok",
@@ -80,6 +85,7 @@ def describe(scene: Scene) -> dict[str, Any]:
         "fixed_nodes": structure.fixed_nodes,
         "point_masses": {point.node: point.mass for point in structure.point_masses},
         "degrees_of_freedom": degrees_of_freedom(structure),
+        "mujoco_velocities": int(MuJoCo().model(scene).nv),
         **statics(scene),
         "gravity": scene.gravity,
         "loads": "a function" if callable(scene.loads) else len(scene.loads),
@@ -143,7 +149,10 @@ def _text(data: dict[str, Any]) -> str:
         ),
         ("rods", str(len(data["rods"]))),
         ("strings", str(len(data["strings"]))),
-        ("degrees of freedom", str(data["degrees_of_freedom"])),
+        (
+            "degrees of freedom",
+            f"{data['degrees_of_freedom']} ({data['mujoco_velocities']} in MuJoCo, where free rods also spin)",
+        ),
         (
             "statics",
             f"{data['self_stress_modes']} states of self-stress, {data['mechanisms']} mechanisms, "

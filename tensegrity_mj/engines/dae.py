@@ -72,7 +72,7 @@ class DAE:
     drift: Drift = Drift.MONITOR
     baumgarte_frequency: float = 10.0
     baumgarte_damping: float = 1.0
-    max_steps: int = 10_000_000
+    max_steps: int = 1_000_000
 
     def __post_init__(self) -> None:
         for name, kind in (("method", Method), ("drift", Drift)):

@@ -23,6 +23,7 @@ from numba import types
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.native.plant import (
+    CLIPPED,
     CONTINUOUS,
     DAMPED,
     DAMPING,
@@ -143,16 +144,18 @@ def apply_loads(table: Any) -> None:
 
 @njit
 def set_controls(table: Any) -> None:
-    """Controls from rest lengths. A slack string's control is raised so far that its damper cannot pull either."""
+    """Controls from rest lengths. A slack string's control is such that neither its spring nor its damper acts."""
     M = table[STRING_COUNT]
     rest, designed = floats(table[REST], (M,)), floats(table[DESIGNED], (M,))
     lengths, rates = floats(table[LENGTH], (M,)), floats(table[RATE], (M,))
     stiffness, damping = floats(table[STIFFNESS], (M,)), floats(table[DAMPING], (M,))
     ctrl = floats(table[CTRL], (M,))
+    exact = table[DAMPED] or not table[CLIPPED]  # else the actuator's force limit does it
     for m in range(M):
         L0 = rest[m]
-        if table[DAMPED] and lengths[m] <= L0:
-            L0 = max(L0, lengths[m] + damping[m] * rates[m] / stiffness[m])
+        if exact and lengths[m] <= L0:
+            balanced = lengths[m] + damping[m] * rates[m] / stiffness[m]
+            L0 = max(L0, balanced) if table[CLIPPED] else balanced  # an unclipped actuator would also push
         ctrl[m] = L0 - designed[m]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 
@@ -13,7 +14,8 @@ from tensegrity_mj.errors import OptionError
 Array = NDArray[np.float64]
 
 FIELD_OF_VIEW = 30.0  # degrees, vertical; narrow, so that parallel members look parallel
-DEFAULT_AZIMUTH, DEFAULT_ELEVATION = 125.0, -18.0  # degrees, in MuJoCo's sense
+AZIMUTH, ELEVATION = 125.0, -18.0  # degrees, in MuJoCo's sense; the azimuth is only the first that is considered
+TURN = 15.0  # degrees between azimuths that are considered
 FLAT = 1e-3  # thickness over extent below which a motion counts as planar
 
 
@@ -79,11 +81,12 @@ def fit(camera: Camera, points: Array, margin: Array | float, aspect: float, *, 
     return replace(camera, look_at=(x, y, z), distance=distance)
 
 
-def direction(points: Array, azimuth: float | None, elevation: float | None) -> Camera:
-    """The direction to look in: as asked for; else square on planar motion, and obliquely on all other.
+def direction(points: Array, corners: Array, azimuth: float | None, elevation: float | None) -> Camera:
+    """The direction to look in: as asked for; else square on planar motion, and on all other obliquely from above.
 
     Args:
         points: (P, 3) everything that will be seen [m].
+        corners: (T, C, 2, 3) vectors [m] along two members that meet, at some instants, as `corners_of` gives them.
         azimuth, elevation: [degrees], or None to have them chosen.
 
     Raises:
@@ -93,18 +96,50 @@ def direction(points: Array, azimuth: float | None, elevation: float | None) -> 
         if value is not None and not (math.isfinite(value) and abs(value) <= limit):
             allowed = "a finite number of degrees" if limit == math.inf else "from -90 to 90 degrees"
             raise OptionError(f"{name}={value}: it must be {allowed}")
-    chosen = _square_on(points)
-    return Camera(
-        azimuth=chosen[0] if azimuth is None else float(azimuth),
-        elevation=chosen[1] if elevation is None else float(elevation),
-    )
+    flat = _square_on(points)
+    tilt = float(elevation) if elevation is not None else flat[1] if flat else ELEVATION
+    if azimuth is not None:
+        return Camera(float(azimuth), tilt)
+    return Camera(flat[0] if flat else _clearest_azimuth(corners, tilt), tilt)
 
 
-def _square_on(points: Array) -> tuple[float, float]:
+def corners_of(pairs: NDArray[np.int64], nodes: Array) -> Array:
+    """Vectors (T, C, 2, 3) along every two members (M, 2) that share a node, away from it, for nodes (T, N, 3)."""
+    meeting = [
+        (node, sum(a) - node, sum(b) - node)
+        for a, b in itertools.combinations(pairs.tolist(), 2)
+        for node in set(a) & set(b)
+    ]
+    rows = np.array(meeting, np.int64).reshape(-1, 3)
+    return np.stack([nodes[:, rows[:, k]] - nodes[:, rows[:, 0]] for k in (1, 2)], axis=2)
+
+
+def _clearest_azimuth(corners: Array, elevation: float) -> float:
+    """The azimuth from which members that meet are seen well apart and not end-on.
+
+    Judged by the triangles between them: their area in the picture, relative to that of a right angle seen square on;
+    the value that 5 % stay below, on the average over time. Of nearly equal azimuths, the nearest to `AZIMUTH`.
+    """
+    if corners.size == 0:
+        return AZIMUTH
+    steps = np.arange(round(360.0 / TURN))
+    candidates = (AZIMUTH + TURN * np.where(steps % 2, (steps + 1) // 2, -(steps // 2))) % 360.0
+    area = np.maximum(np.prod(np.linalg.norm(corners, axis=-1), axis=-1), 1e-300)
+    scores = []
+    for azimuth in candidates:
+        seen = corners @ Camera(azimuth, elevation).axes[:2].T
+        first, second = seen[:, :, 0], seen[:, :, 1]
+        cross = first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]
+        scores.append(float(np.mean(np.quantile(np.abs(cross) / area, 0.05, axis=1))))
+    return float(candidates[int(np.argmax(np.array(scores) >= 0.9 * max(scores)))])
+
+
+def _square_on(points: Array) -> tuple[float, float] | None:
+    """Azimuth and elevation of the view square on a plane that holds all points; None where there is no one plane."""
     centred = points - points.mean(axis=0)
     _, singular, vectors = np.linalg.svd(centred, full_matrices=False) if len(points) > 2 else (None, np.zeros(3), None)
     if vectors is None or singular[2] > FLAT * singular[0] or singular[1] <= FLAT * singular[0]:
-        return DEFAULT_AZIMUTH, DEFAULT_ELEVATION
+        return None
     normal = vectors[2]
     if abs(normal[2]) > 0.999:
         return 90.0, -90.0  # a horizontal plane from above: x to the right, y up

@@ -47,7 +47,7 @@ def choose_backend() -> str:
         raise MissingLibraryError(
             f"pictures need OpenGL, which MUJOCO_GL={chosen} switches off: unset MUJOCO_GL, or set it to egl or osmesa"
         )
-    if chosen == "egl" and egl_devices() == 0 or chosen == "osmesa" and not has_osmesa():
+    if (chosen == "egl" and egl_devices() == 0) or (chosen == "osmesa" and not has_osmesa()):
         # Found out here: MuJoCo itself cannot even be imported then.
         raise MissingLibraryError(f"pictures need OpenGL, and MUJOCO_GL={chosen} finds none: {_remedy()}")
     if chosen in ("egl", "osmesa", "cgl"):

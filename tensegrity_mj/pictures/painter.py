@@ -46,7 +46,7 @@ class Look(enum.Enum):
 
     SOLID = "solid"
     GHOST = "ghost"  # translucent
-    TARGET = "target"  # translucent, rods only
+    TARGET = "target"  # translucent, without strings
 
     @property
     def width(self) -> float:
@@ -83,7 +83,7 @@ class Sizes:
         return cls(
             rod=np.minimum(rods, 0.25 * np.maximum(lengths, least)),
             string=max(min(0.0042 * typical, 0.0034 * extent), 0.0011 * extent),
-            support=1.5 * least,
+            support=max(1.5 * least, 1.4 * float(np.max(rods, initial=0.0))),
             point_mass=2.4 * least,
         )
 
@@ -208,12 +208,11 @@ class Painter:
         color = look.rgba
         for (i, j), radius in zip(structure.rod_nodes, sizes.rod, strict=True):
             self._capsule(nodes[i], nodes[j], look.width * radius, color, look)
-        if look is Look.TARGET:
-            return
         for mass in structure.point_masses:
             shade = _rgba(palette.POINT_MASS, 1.0) if look is Look.SOLID else color
             self._sphere(nodes[structure.node_index[mass.node]], look.width * sizes.point_mass, shade, look)
-        self._strings(motion, pose, look.width * sizes.string, tension, look)
+        if look is not Look.TARGET:
+            self._strings(motion, pose, look.width * sizes.string, tension, look)
 
     def _strings(self, motion: Motion, pose: Pose, radius: float, tension: palette.TensionScale, look: Look) -> None:
         """Taut strings straight, in the colour of their tension; slack ones as arcs of their own length."""

@@ -89,11 +89,13 @@ class TensionScale:
 
 def round_up(value: float, steps: tuple[float, ...] = (1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0)) -> float:
     """The next number of the form step · 10ⁿ that is at least `value` > 0."""
-    power = 10.0 ** math.floor(math.log10(value))
-    for step in steps:
-        if step * power >= value * (1.0 - 1e-9):
-            return step * power
-    return 10.0 * power
+    exponent = math.floor(math.log10(value))
+    for step in (*steps, 10.0 * steps[0]):
+        # Division by a power of ten rounds once, so that 0.15 is 0.15.
+        candidate = step * 10.0**exponent if exponent >= 0 else step / 10.0**-exponent
+        if candidate >= value * (1.0 - 1e-9):
+            return candidate
+    raise AssertionError(f"{value} has no decimal exponent")
 
 
 def mixed(color: Color, other: Color, weight: float) -> Color:

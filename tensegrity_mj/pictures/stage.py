@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera, direction, fit
+from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera, corners_of, direction, fit
 from tensegrity_mj.pictures.labels import Labels, Legend, Name
 from tensegrity_mj.pictures.motion import Motion, Pose
 from tensegrity_mj.pictures.opengl import MAX_BUFFER, MAX_SIZE, Canvas, choose_backend
@@ -34,9 +34,9 @@ Image = NDArray[np.uint8]
 MIN_SIZE = 16  # px
 SAMPLES = 200  # instants of a run that the camera is fitted to
 FAR = 4.0  # times a structure's own extent: a run that travels farther is followed by the camera
-BLOWN_UP = 8.0  # times its extent at the start: what a diverging structure grows to beyond that is not framed
+BLOWN_UP = 2.5  # times its extent at the start: what a diverging structure grows to beyond that is not framed
 TRACE_TOLERANCE = 0.4  # px
-MAX_GRID_LINES = 40  # a cell is at least 1/14 of the extent
+MAX_GRID_LINES = 40  # a cell is at least 1/15 of the extent
 HALF_VIEW = math.tan(math.radians(FIELD_OF_VIEW) / 2.0)  # of the distance: what half a picture's height spans
 
 
@@ -201,7 +201,7 @@ class Stage:
         extent = max(float(np.linalg.norm(np.ptp(nodes, axis=0))), 1e-9)
         self._sizes = [Sizes.of(m.structure, extent) for m in self.motions]
         margin = max(max(float(np.max(s.rod, initial=0.0)), 1.8 * s.support, s.point_mass) for s in self._sizes)
-        camera = direction(nodes, self.view.azimuth, self.view.elevation)
+        camera = direction(nodes, self._corners(), self.view.azimuth, self.view.elevation)
         if self.view.distance is not None:
             camera = Camera(camera.azimuth, camera.elevation, distance=self.view.distance)
         self._plan_grid(nodes, extent, camera)
@@ -209,6 +209,13 @@ class Stage:
         self._camera = fit(camera, self._points, 1.4 * margin, aspect, keep_distance=self.view.distance is not None)
         middle = np.array(self._camera.look_at)
         self._reach = float(np.max(np.linalg.norm(self._points - middle, axis=1))) + 4.0 * margin
+
+    def _corners(self) -> Array:
+        """Where members of the first structure meet, at a few instants; of very many, every so many."""
+        motion = self.motions[0]
+        pairs = np.concatenate([motion.structure.rod_nodes, motion.structure.string_nodes])
+        nodes = motion.positions(np.linspace(motion.start, motion.end, 1 if len(motion.time) == 1 else 7))
+        return corners_of(pairs[:: 1 + len(pairs) // 150], nodes)
 
     def _arcs(self, motion: Motion, times: Array, paths: Array) -> Array:
         """Points (T, P, 3) of the strings that are slack at some time, for nodes (T, N, 3) at times (T,)."""
@@ -236,7 +243,7 @@ class Stage:
     def _plan_grid(self, points: Array, extent: float, camera: Camera) -> None:
         """A horizontal grid at the lowest point, for scale and depth; none where it would be seen edge-on."""
         self._has_grid = camera.elevation < -2.0
-        self._cell = palette.round_up(extent / 14.0, (1.0, 2.0, 5.0))
+        self._cell = palette.round_up(extent / 15.0, (1.0, 2.0, 5.0))
         low, high = points.min(axis=0), points.max(axis=0)
         # Whole cells that hold everything; a line a cell is drawn, so that their number is bounded by the extent.
         self._grid_low = np.array([*np.floor(low[:2] / self._cell + 1e-6) * self._cell, low[2]])

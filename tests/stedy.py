@@ -1,0 +1,64 @@
+"""STEDY's reference files as scenes: bars, strings, supports, loads as the file states them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.scene import Load, Scene
+from tensegrity_mj.strings import StringLaw
+from tensegrity_mj.structure import Structure, Support
+
+Array = NDArray[np.float64]
+
+
+def scene_of(data: np.lib.npyio.NpzFile) -> Scene:
+    """The scene of a STEDY file whose bars share no node (class 1); the file's own constants to the last digit."""
+    nodes = data["N0"].T
+    rods, strings = pairs(data["Cb"]), pairs(data["Cs"])
+    held = data["fixed"].T.astype(bool)
+    masses = data["point_mass"]
+    structure = Structure.from_arrays(
+        nodes,
+        rods,
+        strings,
+        rod_mass=data["bar_mass"],
+        stiffness=data["k"],
+        damping=data["c"],
+        rest_length=data["L0"],
+        supports=[support(held[i], held[j]) for i, j in rods],
+        point_masses={int(np.argmax(where)): float(m) for where, m in zip(data["point_mass_location"], masses)},
+        name="stedy",
+        string_law=StringLaw.UNCLIPPED,
+    )
+    loads = []
+    if "extF_pattern" in data:
+        # pattern · sin t
+        loads = [
+            Load(name, tuple(force), angular_frequency=1.0, phase=-np.pi / 2)
+            for name, force in zip(structure.nodes, data["extF_pattern"], strict=True)
+            if np.any(force != 0)
+        ]
+    return Scene(
+        structure,
+        gravity=tuple(data["g"]),
+        initial_velocities=data["V0"].T,
+        loads=tuple(loads),
+        duration=float(data["t"][-1]),
+    )
+
+
+def pairs(connectivity: Array) -> list[tuple[int, int]]:
+    """(start, end) of each row, -1 where a member starts and +1 where it ends."""
+    return [(int(np.argmin(row)), int(np.argmax(row))) for row in connectivity]
+
+
+def support(first: Array, second: Array) -> Support:
+    """A bar's support from the held coordinates of its ends (3,) bool: free, one end pinned, or that in a plane."""
+    if not first.any() and not second.any():
+        return Support.free()
+    assert first.all() != second.all(), "at most one end of a bar may be fixed in space"
+    sigma, other = (0.0, second) if first.all() else (1.0, first)
+    assert other.sum() <= 1, "the other end may be held in one direction at most"
+    plane = np.eye(3)[int(np.argmax(other))] if other.any() else None
+    return Support.pinned(sigma, plane)

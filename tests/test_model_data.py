@@ -1,0 +1,96 @@
+"""The shipped scenes hold the numbers of their sources."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import truth
+
+from tensegrity_mj.scene import ControlSpec
+from tensegrity_mj.structure import Support
+from tensegrity_mj.textformat import load_scene
+
+HALF_UNIT = 0.5e-4  # of numbers printed with four digits after the point
+
+
+def test_pinned_rod_is_that_of_section_5_4() -> None:
+    scene = load_scene("pinned_rod")
+    structure = scene.structure
+    assert structure.node_names == ("O", "n1", "n2", "n3", "n4")
+    rod = structure.rods[0]
+    assert (rod.nodes, rod.mass, rod.support) == (("O", "n1"), 1.0, Support.pinned(0.0))
+    start = np.array([1, -math.sqrt(2), math.sqrt(2)]) / math.sqrt(5)
+    np.testing.assert_allclose(structure.positions[1] - structure.positions[0], start, rtol=4e-16)
+    for i in (2, 3, 4):
+        angle = 2 * math.pi * (i - 2) / 3
+        expected = [1.2 * math.cos(angle), 1.2 * math.sin(angle), 0.0]
+        np.testing.assert_allclose(structure.positions[i], expected, atol=5e-16)
+    assert structure.fixed_nodes == ("n2", "n3", "n4")
+    assert [set(string.nodes) for string in structure.strings] == [{"n1", "n2"}, {"n1", "n3"}, {"n1", "n4"}]
+    assert scene.target is not None
+    aim = scene.target.nodes[0, 1] - scene.target.nodes[0, 0]
+    np.testing.assert_allclose(aim, np.array([0, math.sqrt(2), 1]) / math.sqrt(3), rtol=4e-16)
+    assert scene.control == ControlSpec("lyapunov", {"decay_rate": 0.15, "norm": 2})
+    assert (scene.duration, scene.gravity) == (60.0, (0.0, 0.0, 0.0))
+
+
+def test_prism_is_that_of_section_5_5() -> None:
+    scene = load_scene("prism")
+    structure = scene.structure
+    assert structure.node_names == ("O", "n1", "n2", "n3", "n4", "n5")
+    assert [rod.nodes for rod in structure.rods] == [("O", "n1"), ("n2", "n3"), ("n4", "n5")]
+    assert [rod.mass for rod in structure.rods] == [1.0, 1.0, 1.0]
+    held = [Support.pinned(0.0), Support.constrained([0, 0, 1]), Support.constrained([[1, 0, 0], [0, 0, 1]])]
+    assert [rod.support for rod in structure.rods] == held
+    names = structure.node_names
+    pairs = [
+        {i, j}
+        for a, i in enumerate(names)
+        for j in names[a + 1 :]
+        if {i, j} not in [set(r.nodes) for r in structure.rods]
+    ]
+    assert [set(string.nodes) for string in structure.strings] == pairs
+    assert [string.name for string in structure.strings] == [f"s{i}" for i in range(1, 13)]
+    assert scene.target is not None
+    # As printed in the thesis.
+    printed = {
+        0.8: ([[0.4243, 0.4243, 0.8], [-0.5796, 0.1553, 0.8], [0.1553, -0.5796, 0.8]], [0.4659, 0.2690], 0.5379),
+        0.6: ([[0.5657, 0.5657, 0.6], [-0.7727, 0.2071, 0.6], [0.2071, -0.7727, 0.6]], [0.6212, 0.3586], 0.7173),
+    }
+    for height, nodes in ((0.8, structure.positions), (0.6, scene.target.nodes[0])):
+        directions, z2, z3 = printed[height]
+        np.testing.assert_allclose(nodes[[1, 3, 5]] - nodes[[0, 2, 4]], directions, atol=HALF_UNIT)
+        np.testing.assert_allclose(nodes[2], [*z2, 0.0], atol=HALF_UNIT)
+        np.testing.assert_allclose(nodes[4], [0.0, z3, 0.0], atol=HALF_UNIT)
+        # The exact numbers behind them: rods at 45°, 165°, 285°, their feet on a circle of radius R.
+        c = math.sqrt(1 - height**2)
+        angles = np.radians([45.0, 165.0, 285.0])
+        exact = np.column_stack([c * np.cos(angles), c * np.sin(angles), np.full(3, height)])
+        side = c / (2 * math.sin(math.radians(75))) * math.sqrt(3)
+        np.testing.assert_allclose(nodes[[1, 3, 5]] - nodes[[0, 2, 4]], exact, atol=3e-16)
+        feet = [[0, 0, 0], [side * math.cos(math.pi / 6), side / 2, 0], [0, side, 0]]
+        np.testing.assert_allclose(nodes[[0, 2, 4]], feet, atol=3e-16)
+    assert scene.control == ControlSpec("lyapunov", {"decay_rate": 1.0, "norm": 2})
+    assert (scene.duration, scene.gravity) == (10.0, (0.0, 0.0, 0.0))
+
+
+def test_tbar_is_the_published_one() -> None:
+    data = truth.load("stedy_tbar_undamped")
+    scene = load_scene("tbar")
+    structure = scene.structure
+    np.testing.assert_array_equal(structure.positions, data["N0"].T)
+    for pairs, matrix in ((structure.rod_nodes, data["Cb"]), (structure.string_nodes, data["Cs"])):
+        np.testing.assert_array_equal(pairs[:, 0], np.argmin(matrix, axis=1))
+        np.testing.assert_array_equal(pairs[:, 1], np.argmax(matrix, axis=1))
+    np.testing.assert_array_equal(structure.rod_masses, data["bar_mass"])
+    np.testing.assert_array_equal([rod.radius for rod in structure.rods], data["bar_radius"])
+    np.testing.assert_array_equal(structure.stiffness, data["k"])
+    np.testing.assert_array_equal(structure.damping, data["c"])
+    np.testing.assert_array_equal(structure.rest_lengths, data["L0"])
+    np.testing.assert_array_equal(scene.gravity, data["g"])
+    # Held coordinates: all of the two feet, and y of the rest.
+    assert [rod.support for rod in structure.rods] == [Support.pinned(0.0, plane=(0, 1, 0))] * 2
+    np.testing.assert_array_equal(data["fixed"], [[1, 1, 0, 0], [1, 1, 1, 1], [1, 1, 0, 0]])
+    np.testing.assert_array_equal(scene.velocities0, data["V0"].T)
+    assert scene.duration == data["t"][-1] == 10.0
