@@ -118,20 +118,21 @@ class Replay:
             raise OptionError(
                 f"replay: values for {self.values.shape[1]} strings, but structure '{structure.name}' has {size}"
             )
-        count = len(self.times)
-        coefficients = np.zeros((count - 1, size, 4))
+        times = self.times
         if self.held:
-            coefficients[:, :, 3] = self.values[:-1]
+            times = np.append(times, times[-1] + 1.0)  # the last value stands, too
+            coefficients = np.zeros((len(self.values), size, 4))
+            coefficients[:, :, 3] = self.values
         else:
             from scipy.interpolate import CubicSpline
 
-            spline = CubicSpline(self.times, self.values, bc_type="not-a-knot")
-            coefficients[:] = np.moveaxis(spline.c, 0, -1)
-        table = np.array([count, size, address_of(self.times), address_of(coefficients)], np.int64)
+            spline = CubicSpline(times, self.values, bc_type="not-a-knot")
+            coefficients = np.ascontiguousarray(np.moveaxis(spline.c, 0, -1))
+        table = np.array([len(times), size, address_of(times), address_of(coefficients)], np.int64)
         return NativeLaw(
             address=_replay.address,
             context=address_of(table),
-            keep=(self, coefficients, table),
+            keep=(times, coefficients, table),
             command=self.command,
             discontinuous=self.discontinuous,
             description=self.describe(),

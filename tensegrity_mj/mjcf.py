@@ -118,24 +118,26 @@ def initial_velocities(scene: Scene) -> Array:
 
 
 class _Names:
-    """Names of bodies and joints, unique among their kind."""
+    """Names of bodies and joints, unique among their kind: lists over the rods, and over the point masses."""
 
     def __init__(self, scene: Scene) -> None:
-        structure = scene.structure
-        rods = [rod.name for rod in structure.rods]
-        bodies = _distinct([*rods, *(point.node for point in structure.point_masses)], taken={"world"})
+        rods, points = scene.structure.rods, scene.structure.point_masses
+        members = [rod.name for rod in rods] + [point.node for point in points]
+        bodies = _distinct(members, taken={"world"})
         self.rods, self.points = bodies[: len(rods)], bodies[len(rods) :]
-        self.turns = rods
         # A rod's own name goes to the joint that turns it, whatever the slides of the others are called.
-        wanted, counts = [], []
-        bases = [rod.support.translation_basis for rod in structure.rods]
-        bases += [point.translation_basis for point in structure.point_masses]
-        for member, E in zip([*rods, *(point.node for point in structure.point_masses)], bases, strict=True):
-            wanted += [f"{member} {number + 1}" for number in range(E.shape[1])]
-            counts.append(E.shape[1])
-        given = iter(_distinct(wanted, taken=set(rods)))
+        self.turns = [rod.name for rod in rods]
+        counts = [0 if _is_free(rod) else rod.support.translation_basis.shape[1] for rod in rods]
+        counts += [point.translation_basis.shape[1] for point in points]
+        wanted = [f"{name} {k + 1}" for name, count in zip(members, counts, strict=True) for k in range(count)]
+        given = iter(_distinct(wanted, taken=set(self.turns)))
         slides = [[next(given) for _ in range(count)] for count in counts]
         self.rod_slides, self.point_slides = slides[: len(rods)], slides[len(rods) :]
+
+
+def _is_free(rod: Rod) -> bool:
+    """Whether one free joint is all that the rod needs."""
+    return rod.support.plane is None and rod.support.translation_basis.shape[1] == 3
 
 
 def _distinct(names: Iterable[str], taken: set[str]) -> list[str]:
@@ -159,12 +161,12 @@ def _rod_body(world: ET.Element, scene: Scene, number: int, names: _Names, site:
     position = (1 - sigma) * first + sigma * second
     place = {"pos": _numbers(position), "quat": _numbers(quaternion(rotation))}
     body = ET.SubElement(world, "body", name=names.rods[number], **place)
-    E, turn = rod.support.translation_basis, names.turns[number]
-    if E.shape[1] == 3 and plane is None:
+    turn = names.turns[number]
+    if _is_free(rod):
         ET.SubElement(body, "freejoint", name=turn)
     else:
         # Slides come before the turn, so that their axes stay where the support has them.
-        for name, axis in zip(names.rod_slides[number], E.T, strict=True):
+        for name, axis in zip(names.rod_slides[number], rod.support.translation_basis.T, strict=True):
             ET.SubElement(body, "joint", name=name, type="slide", axis=_numbers(rotation.T @ axis))
         if plane is None:
             ET.SubElement(body, "joint", name=turn, type="ball")
@@ -242,7 +244,7 @@ def _remarks(scene: Scene) -> str:
         "ctrl is the change of a string's rest length [m].",
     ]
     if np.any(scene.structure.damping > 0):
-        remarks.append("A slack string that opens fast must not pull; here its damper does.")
+        remarks.append("By itself this model lets the damper of a slack string pull where the string opens fast.")
     if np.any(scene.velocities0):
         remarks.append('The motion starts with the velocities of the keyframe "start".')
     if scene.loads:

@@ -62,3 +62,15 @@ def support(first: Array, second: Array) -> Support:
     assert other.sum() <= 1, "the other end may be held in one direction at most"
     plane = np.eye(3)[int(np.argmax(other))] if other.any() else None
     return Support.pinned(sigma, plane)
+
+
+def largest_frequency(data: np.lib.npyio.NpzFile) -> float:
+    """An upper bound of the natural frequencies [rad/s].
+
+    A string's stiffness is at most k in every direction (its tension is below k L), and rods that are rigid only
+    lower frequencies; beside the strings there is gravity on a pinned rod, √(3 g / 2 ℓ).
+    """
+    stiffness = np.kron(data["Cs"].T @ (data["k"][:, None] * data["Cs"]), np.eye(3))
+    squares = np.linalg.eigvals(np.linalg.solve(data["mass_matrix"], stiffness)).real
+    pendulum = 1.5 * np.linalg.norm(data["g"]) / data["bar_len"].min()
+    return float(np.sqrt(squares.max() + pendulum))

@@ -114,9 +114,9 @@ def test_v_decays_along_a_path():
     assert run.status is tmj.Status.COMPLETED
     # 100 rtol for about a hundred steps.
     assert run.lyapunov == pytest.approx(run.lyapunov[0] * np.exp(-0.3 * run.time), rel=1e-8)
-    # Without the path's velocity and acceleration V would not decay so.
+    # The path has turned by half of 98.7° by then, so V about its start is at least (1 - 1/Z) |e|²/2 with |e| > 0.7.
     still = Lyapunov(scene.structure, path.nodes[0], decay_rate=0.3)
-    assert still.evaluate(5.0, run.nodes[500], run.velocities[500])[2] > 2 * run.lyapunov[500]
+    assert still.evaluate(10.0, run.nodes[-1], run.velocities[-1])[2] > 0.08 > 2 * run.lyapunov[-1]
 
 
 def test_the_targets_equilibrium_is_checked():

@@ -77,23 +77,34 @@ def execute(options: argparse.Namespace) -> Outcome:
     else:
         raise OptionError(f"compare {' '.join(options.inputs)}: give one scene, or two .nc files")
 
-    from tensegrity_mj import compare
+    from tensegrity_mj import Status
 
-    comparison = compare(first, second, **({} if options.tolerance is None else {"tolerance": options.tolerance}))
     for path, run in zip(files.values(), (first, second), strict=False):
         run.save(path)
-    if plot:
-        from tensegrity_mj.plots import plot_comparison
+    if code and min(len(first.time), len(second.time)) < 2:
+        # Stopped where it began: there is nothing to compare.
+        numbers: dict[str, Any] = {**dict.fromkeys(UNITS), "first_exceeded": {}}
+        plot = None
+    else:
+        from tensegrity_mj import compare
 
-        plot_comparison(comparison, plot, runs=[first, second])
+        comparison = compare(first, second, **({} if options.tolerance is None else {"tolerance": options.tolerance}))
+        numbers = comparison.to_dict()
+        if plot:
+            from tensegrity_mj.plots import plot_comparison
+
+            plot_comparison(comparison, plot, runs=[first, second])
+    # Two files are compared with success whatever became of their runs, which first_status and second_status tell.
     worst = max((first, second), key=lambda run: code_of_status(run.status))
     data = {
-        "status": worst.status,
+        "status": worst.status if code else Status.COMPLETED,
         "message": worst.message,
         "scene": first.scene.name,
         "first": first.engine,
         "second": second.engine,
-        **comparison.to_dict(),
+        "first_status": first.status,
+        "second_status": second.status,
+        **numbers,
         "first_wall_time": first.cost.get("wall_time"),
         "second_wall_time": second.cost.get("wall_time"),
         "out": files,

@@ -25,6 +25,7 @@ from tensegrity_mj.native.plant import (
     ask_law,
     infeasible_message,
     remember,
+    row_width,
     start_ledger,
 )
 from tensegrity_mj.trajectory import Status, Trajectory
@@ -34,6 +35,7 @@ Array = NDArray[np.float64]
 # A law that loses and regains its solution more often than this slides along the boundary of the admissible set.
 MAX_SWITCHES = 1000
 SWITCH_TOLERANCE = 1e-10  # s, to which the time of a switch is located
+VANISHING_MARGIN = 1e-3  # of the margin at the start: below it, an integrator that gives up gave up for the law's sake
 
 
 class _Stopped(Exception):
@@ -55,6 +57,10 @@ class ErrorControlled:
         self.times = output_times(run.request)
         self.rows = np.full((len(self.times) + 1, run.width), np.nan)  # one more, for where a run stops
         self.next = 0
+
+    @property
+    def _margin_column(self) -> int:
+        return int(row_width(self.table)) - 5
 
     def integrate(self) -> Trajectory:
         """The whole run.
@@ -224,6 +230,9 @@ class ErrorControlled:
 
     def _give_up(self, cause: str) -> None:
         t = float(self.solver.t)
+        margin = float(self.run.plant[REPORT][0])
+        if self.continuous and margin < VANISHING_MARGIN * abs(float(self.rows[0, self._margin_column])):
+            cause += f", where the law's margin max(v/α) tends to zero ({margin:.2g}) and so its u to infinity"
         remedy = "use Method.RADAU for stiff strings, loosen the tolerances, or run a discontinuous law sampled"
         partial = self.run.finish(
             self.times[: self.next], self.rows[: self.next], Status.DIVERGED, cause, self.clock.seconds

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.engines import mujoco_callback as callback
 from tensegrity_mj.engines.run import Grid, Progress, Request, Stopwatch, check_energy, chunks, make_trajectory
-from tensegrity_mj.errors import DivergenceError, OptionError
+from tensegrity_mj.errors import DivergenceError, OptionError, StructureError, TensegrityError
 from tensegrity_mj.law import NO_SOLUTION
-from tensegrity_mj.mjcf import rotation_to, scene_to_mjcf
-from tensegrity_mj.native.plant import REPORT, Plant, infeasible_message, row_width
+from tensegrity_mj.mjcf import initial_velocities, scene_to_mjcf
+from tensegrity_mj.native.plant import NODES, REPORT, VELOCITIES, Plant, infeasible_message, row_width
 from tensegrity_mj.native.pointers import address_of
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.trajectory import Status, Trajectory
@@ -43,6 +43,15 @@ _WORDS = {
 }
 
 
+# What MuJoCo warns of where it has left the world of sense; it goes on all the same.
+_WARNINGS = {
+    "mjWARN_BADQPOS": "a position beyond what MuJoCo takes for real",
+    "mjWARN_BADQVEL": "a velocity beyond what MuJoCo takes for real",
+    "mjWARN_BADQACC": "an acceleration beyond what MuJoCo takes for real",
+    "mjWARN_BADCTRL": "a rest length beyond what MuJoCo takes for real",
+}
+
+
 @dataclass(frozen=True)
 class MuJoCo:
     """Options of the MuJoCo engine.
@@ -64,40 +73,38 @@ class MuJoCo:
             raise OptionError(f"MuJoCo: integrator = {self.integrator!r}; allowed: {allowed}")
 
     def __str__(self) -> str:
-        return f"MuJoCo {mujoco.__version__} {_WORDS[self.integrator]}, h = {self.timestep:g} s"
+        return f"MuJoCo {mujoco.__version__} {self.word}, h = {self.timestep:g} s"
 
     def model(self, scene: Scene) -> mujoco.MjModel:
-        """The compiled model of a scene."""
-        return mujoco.MjModel.from_xml_string(scene_to_mjcf(scene, self.timestep, _WORDS[self.integrator]))
+        """The compiled model of a scene.
+
+        Raises:
+            StructureError: for masses or sizes that MuJoCo cannot hold.
+        """
+        far = np.abs(scene.nodes0).max(axis=1) > mujoco.mjMAXVAL
+        if far.any():
+            number = int(np.argmax(far))
+            raise StructureError(
+                f"node '{scene.structure.node_names[number]}' is at {scene.nodes0[number].tolist()} m: MuJoCo takes "
+                f"coordinates beyond {mujoco.mjMAXVAL:g} m for a divergence; move the structure nearer to the origin"
+            )
+        try:
+            return mujoco.MjModel.from_xml_string(scene_to_mjcf(scene, self.timestep, self.word))
+        except ValueError as error:
+            reason = " ".join(str(error).split())
+            raise StructureError(
+                f"structure '{scene.structure.name}': MuJoCo cannot hold it ({reason}); masses [kg] and moments of "
+                f"inertia [kg m²] must be above {mujoco.mjMINVAL:g}: use units of the structure's own size, or the DAE"
+            ) from error
+
+    @property
+    def word(self) -> str:
+        """MuJoCo's own word for the integrator."""
+        return _WORDS[self.integrator]
 
     def run(self, request: Request) -> Trajectory:
         """Simulate; called by `simulate`."""
         return _Run(self, request).run()
-
-
-def initial_state(scene: Scene, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Set qvel to the scene's initial node velocities; positions are the model's own (qpos0)."""
-    structure = scene.structure
-    velocities = scene.velocities0
-    for number, rod in enumerate(structure.rods):
-        i, j = structure.rod_nodes[number]
-        first, second = scene.nodes0[i], scene.nodes0[j]
-        sigma, length = rod.support.sigma, structure.rod_lengths[number]
-        b = (second - first) / np.linalg.norm(second - first)
-        spin = np.cross(b, (velocities[j] - velocities[i]) / length)  # ω = b × ḃ: no spin about the axis
-        r_rate = (1 - sigma) * velocities[i] + sigma * velocities[j]
-        start = model.body(rod.name).dofadr[0]
-        E, plane = rod.support.translation_basis, rod.support.plane
-        size = E.shape[1]
-        data.qvel[start : start + size] = r_rate if size == 3 and plane is None else E.T @ r_rate
-        if plane is None:
-            data.qvel[start + size : start + size + 3] = rotation_to(b).T @ spin
-        else:
-            data.qvel[start + size] = spin @ (np.array(plane) / np.linalg.norm(plane))
-    for point in structure.point_masses:
-        start = model.body(point.node).dofadr[0]
-        E = point.translation_basis
-        data.qvel[start : start + E.shape[1]] = E.T @ velocities[structure.node_index[point.node]]
 
 
 def node_addresses(scene: Scene, model: mujoco.MjModel) -> tuple[Any, Any, Any]:
@@ -114,7 +121,7 @@ class _Run:
         self.grid = Grid.of(request, options.timestep)
         self.model = options.model(scene)
         self.data = mujoco.MjData(self.model)
-        initial_state(scene, self.model, self.data)
+        self.data.qvel[:] = initial_velocities(scene)  # positions are the model's own
         self.plant = Plant(scene, request.law, request.actuation, request.on_infeasible)
         table = self.plant.table
         self.times = self.grid.times
@@ -163,7 +170,8 @@ class _Run:
             E = rod.support.translation_basis
             basis = np.zeros((3, 3))
             basis[:, : E.shape[1]] = E
-            row[0], row[1], row[2:] = E.shape[1], self.model.body(rod.name).dofadr[0], basis.ravel()
+            body = self.model.site_bodyid[self.model.site(rod.nodes[0]).id]
+            row[0], row[1], row[2:] = E.shape[1], self.model.body_dofadr[body], basis.ravel()
         return slides
 
     def run(self) -> Trajectory:
@@ -178,7 +186,7 @@ class _Run:
                     progress.reached(min(first + count, int(counters[callback.STEP])) * options.timestep)
                     if counters[callback.ENDED] != callback.RUNNING:
                         break
-                    self._check(first + count, clock)
+                    self._check(first + count, clock.seconds)
                 else:
                     mujoco.mj_forward(self.model, self.data)  # the last row
                 seconds = clock.seconds
@@ -187,11 +195,16 @@ class _Run:
         ended, step = int(counters[callback.ENDED]), int(counters[callback.END_STEP])
         if ended == callback.FINISHED:
             run = self._finish(len(self.times), Status.COMPLETED, "", seconds)
-            check_energy(run, self._remedy())
+            self._check_energy(run)
             return run
         time = step * options.timestep
-        self.plant.raise_if_failed(ended, time)
+        try:
+            self.plant.raise_if_failed(ended, time)
+        except TensegrityError:
+            self._blame_divergence(time, seconds)
+            raise
         assert ended == NO_SOLUTION, ended
+        self._blame_divergence(time, seconds)
         kept = int(counters[callback.NEXT_ROW])
         self.times = np.append(self.times[: kept - 1], time)
         message = infeasible_message(float(self.plant[REPORT][0]), time)
@@ -206,23 +219,38 @@ class _Run:
         table[callback.COUNTERS] = address_of(counters)
         callback.control_stage(table)
 
-    def _check(self, steps: int, clock: Stopwatch) -> None:
+    def _check(self, steps: int, seconds: float) -> None:
         """Raise if MuJoCo warned, stopped counting steps, or left the finite world."""
         data = self.data
-        bad = [
-            name
-            for name in ("BADQPOS", "BADQVEL", "BADQACC", "BADCTRL")
-            if data.warning[getattr(mujoco.mjtWarning, f"mjWARN_{name}")].number
-        ]
-        finite = bool(np.all(np.isfinite(data.qpos)) and np.all(np.isfinite(data.qvel)))
-        if not bad and finite and int(self.counters[callback.STEP]) == steps:
-            return
-        rows = max(1, int(self.counters[callback.NEXT_ROW]) - 1)
-        partial = self._finish(rows, Status.DIVERGED, "diverged", clock.seconds)
-        check_energy(partial, self._remedy())
+        causes = [text for name, text in _WARNINGS.items() if data.warning[getattr(mujoco.mjtWarning, name)].number]
+        if not (np.all(np.isfinite(data.qpos)) and np.all(np.isfinite(data.qvel))):
+            causes.append("the state is no longer finite")
+        if int(self.counters[callback.STEP]) != steps:
+            causes.append(f"{self.counters[callback.STEP]} steps were made, not {steps}")
+        if causes:
+            self._diverged(", ".join(causes), seconds)
+
+    def _blame_divergence(self, time: float, seconds: float) -> None:
+        """Raise DivergenceError if what a law or a load was given to judge was no state of a structure any more."""
+        state = np.concatenate([self.plant[NODES], self.plant[VELOCITIES]])
+        if not np.all(np.abs(state) < mujoco.mjMAXVAL):
+            self._diverged(f"positions or velocities beyond {mujoco.mjMAXVAL:g} at t = {time:.6g} s", seconds)
+        self._check_energy(self._partial(seconds))
+
+    def _diverged(self, cause: str, seconds: float) -> None:
+        partial = self._partial(seconds)
+        self._check_energy(partial)  # it may know better when and why
         time = float(partial.time[-1])
-        cause = f"MuJoCo warned of {', '.join(bad)}" if bad else "the state is no longer finite"
         raise DivergenceError(f"diverged soon after t = {time:.6g} s: {cause}; {self._remedy()}", time, partial)
+
+    def _partial(self, seconds: float) -> Trajectory:
+        """What there is so far: the rows that have their accelerations."""
+        rows = int(self.counters[callback.NEXT_ROW]) - int(self.counters[callback.WAITING] >= 0)
+        return self._finish(max(1, min(rows, len(self.times))), Status.DIVERGED, "diverged", seconds)
+
+    def _check_energy(self, run: Trajectory) -> None:
+        explicit = self.options.integrator in (Integrator.EULER, Integrator.RK4)
+        check_energy(run, self._remedy(), dampers_as_recorded=explicit)
 
     def _remedy(self) -> str:
         text = f"reduce the time step (h = {self.options.timestep:g} s)"

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import ctypes
 import threading
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -155,7 +156,9 @@ def set_controls(table: Any) -> None:
         L0 = rest[m]
         if exact and lengths[m] <= L0:
             balanced = lengths[m] + damping[m] * rates[m] / stiffness[m]
-            L0 = max(L0, balanced) if table[CLIPPED] else balanced  # an unclipped actuator would also push
+            # A clipped actuator is taken well into its limit, where it is off without round-off and implicit
+            # integrators know that its damper is; an unclipped one has no limit and would push.
+            L0 = max(L0, balanced, lengths[m]) + lengths[m] if table[CLIPPED] else balanced
         ctrl[m] = L0 - designed[m]
 
 
@@ -283,13 +286,21 @@ def installed(table: Any) -> Iterator[None]:
         raise OptionError("another MuJoCo run of this process is under way; run simulations in separate processes")
     try:
         function, _keep = _callback()
-        previous = mujoco.get_mjcb_control()
+        previous, previous_warning = mujoco.get_mjcb_control(), mujoco.get_mju_user_warning()
         ACTIVE[0] = address_of(table)
         mujoco.set_mjcb_control(function)
+        mujoco.set_mju_user_warning(_warning)
         try:
             yield
         finally:
+            mujoco.set_mju_user_warning(previous_warning)
             mujoco.set_mjcb_control(previous)
             ACTIVE[0] = 0
     finally:
         _lock.release()
+
+
+def _warning(text: str) -> None:
+    """MuJoCo's own handler writes a log file into the current folder. What it says of instability the run raises."""
+    if "unstable" not in text:
+        warnings.warn(f"MuJoCo: {text}", RuntimeWarning, stacklevel=2)

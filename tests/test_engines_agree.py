@@ -1,0 +1,143 @@
+"""The two engines on random class 1 structures: every support, planar ones, point masses, gravity, loads, damping,
+slack strings, both string laws.
+
+They share no equation of motion: the DAE integrates (2.45)-(2.49) in q = (r, b), MuJoCo joint coordinates of bodies
+whose mass, centre and inertia are written in the MJCF.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from engine_accelerations import dae_accelerations, mujoco_accelerations
+from numpy.typing import NDArray
+from random_structures import random_scene, random_structure
+
+import tensegrity_mj as tmj
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.strings import StringLaw
+
+Array = NDArray[np.float64]
+
+REFERENCE = tmj.DAE(rtol=1e-13, atol=1e-14)
+DURATION = 0.4  # s
+INTERVAL = 0.02
+LAWS = list(StringLaw)
+SUPPORTS = ["free", "pinned", "constrained"]
+
+
+def run(scene: Scene, engine: tmj.DAE | tmj.MuJoCo) -> tmj.Trajectory:
+    return tmj.simulate(scene, None, engine, duration=DURATION, output_interval=INTERVAL)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("planar", [False, True], ids=["space", "plane"])
+@pytest.mark.parametrize("seed", range(12))
+def test_accelerations_are_equal_at_random_states(seed: int, planar: bool, law: StringLaw) -> None:
+    rng = np.random.default_rng([seed, planar])
+    structure = random_structure(
+        rng,
+        rods=1 + seed % 5,
+        support=SUPPORTS[seed % 4] if seed % 4 < 3 else SUPPORTS,
+        planar=planar,
+        own_planes=0.3,
+        point_masses=seed % 3,
+        stretch=(-0.2, 0.4),
+        damping=(0.0, 3.0),
+        law=law,
+    )
+    scene = random_scene(rng, structure, displaced=0.3, moving=2.0, gravity=True, loads=2)
+    dae, mujoco = dae_accelerations(scene), mujoco_accelerations(scene)
+    scale = max(1.0, float(np.abs(dae).max()))
+    error = float(np.abs(dae - mujoco).max())
+    # Inertias of rods of about 1 kg and 1 m have condition numbers below 1e3, MuJoCo's with the axial one below 1e6:
+    # 1e6 times the machine precision of 2e-16.
+    assert error <= 1e-10 * scale
+
+
+def taut_scene(rng: np.random.Generator, support: str, planar: bool) -> tuple[Scene, tmj.Trajectory]:
+    """A random experiment in which no string slackens, so that its motion is smooth; with its reference run."""
+    for _ in range(100):
+        damped = bool(rng.integers(2))
+        structure = random_structure(
+            rng,
+            rods=int(rng.integers(1, 5)),
+            support=support,
+            planar=planar,
+            own_planes=0.3,
+            point_masses=int(rng.integers(3)),
+            stretch=(0.6, 0.9),
+            stiffness=(3.0, 10.0),
+            damping=(0.05, 0.3) if damped else (0.0, 0.0),
+            law=LAWS[int(rng.integers(2))],
+        )
+        scene = random_scene(rng, structure, displaced=0.1, moving=0.5, gravity=True, loads=2)
+        reference = run(scene, REFERENCE)
+        if np.all(reference.tensions > 0) and np.all(structure.string_lengths(reference.nodes) > 0.1):
+            return scene, reference
+    raise AssertionError("no taut motion found")
+
+
+@pytest.mark.parametrize("planar", [False, True], ids=["space", "plane"])
+@pytest.mark.parametrize("support", SUPPORTS)
+@pytest.mark.parametrize("seed", range(3))
+def test_taut_motions_agree_and_the_difference_falls_with_order_four(seed: int, support: str, planar: bool) -> None:
+    rng = np.random.default_rng([seed, SUPPORTS.index(support), planar])
+    scene, reference = taut_scene(rng, support, planar)
+    steps = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4)  # none divides the interval at 8e-3: see below
+    steps = steps[1:]
+    runs = [run(scene, tmj.MuJoCo(timestep=h)) for h in steps]
+    errors = [tmj.compare(each, reference).max_node_error for each in runs]
+    orders = [float(np.log2(a / b)) for a, b in zip(errors, errors[1:], strict=False) if b > 1e-11]
+    print(f"{support}: " + ", ".join(f"{h:g} s {e:.1e} m" for h, e in zip(steps, errors, strict=True)), orders)
+    # The next term of the error is h ω times the leading one: ω of at most 30 rad/s, 0.1 at the coarsest step, which
+    # halves: 0.05 / ln 2 = 0.1 in the order.
+    assert orders == pytest.approx([4.0] * len(orders), abs=0.15)
+    # (ω h)⁴ ω T / 120 · 1 m at h = 5e-4 s is 5e-9 m for ω = 30 rad/s, which few have.
+    finest = tmj.compare(runs[-1], reference)
+    assert finest.max_node_error <= 1e-9
+    # ω, k, m ω² and m ω³ times as much: 30 /s, 10 N/m, 1e3 N/m, 1e4 W/m.
+    assert finest.max_velocity_error <= 3e-8
+    assert finest.max_tension_error <= 1e-8
+    assert finest.max_rod_force_error <= 1e-6
+    for name in ("external_work", "dissipation", "kinetic_energy", "gravity_energy", "string_energy"):
+        assert np.abs(getattr(runs[-1], name) - getattr(reference, name)).max() <= 1e-7, name
+    # The ledgers close by themselves: nothing is lost beside what is booked.
+    assert max(reference.energy_residual, runs[-1].energy_residual) <= 1e-8
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(("damping", "order"), [((0.0, 0.0), 2), ((0.5, 3.0), 1)], ids=["undamped", "damped"])
+def test_slack_strings_cost_the_order_that_their_kink_or_jump_explains(
+    law: StringLaw, damping: tuple[float, float], order: int
+) -> None:
+    """A step in which a string slackens: a kink of the force (k dL/dt) makes it O(h²), a jump (c dL/dt) O(h).
+
+    What it costs depends on where in the step it happens, so only the mean over many structures shows the order.
+    """
+    steps = (4e-3, 1e-3, 2.5e-4)
+    errors, slackenings = [], 0
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        structure = random_structure(
+            rng,
+            rods=1 + seed % 4,
+            planar=seed % 3 == 0,
+            own_planes=0.3,
+            point_masses=seed % 3,
+            stretch=(-0.2, 0.3),
+            damping=damping,
+            law=law,
+        )
+        scene = random_scene(rng, structure, displaced=0.2, moving=1.5, gravity=True, loads=2)
+        reference = run(scene, REFERENCE)
+        slack = reference.tensions == 0
+        slackenings += int(np.sum(slack[1:] & ~slack[:-1]))
+        errors.append([tmj.compare(run(scene, tmj.MuJoCo(timestep=h)), reference).max_node_error for h in steps])
+    assert slackenings >= 10, "strings that never slacken prove nothing"
+    means = np.exp(np.mean(np.log(errors), axis=0))
+    found = -float(np.polyfit(np.log(1 / np.array(steps)), np.log(means), 1)[0])
+    print(f"{law.value}, damping {damping}: mean errors {means} m, order {found:.2f}, {slackenings} slackenings")
+    # Ten structures with errors that scatter by a factor of 3: a mean within a factor of 3 / √10 at each end of a
+    # range of 16 in h, so ± 0.3 in the order.
+    assert found == pytest.approx(order, abs=0.4)
