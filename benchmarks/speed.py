@@ -39,7 +39,9 @@ def main() -> None:
     print(f"{'scene':12s} {'closed loop':42s} {'per second':>12s} {'bare MuJoCo':>22s} {'ratio':>6s}")
     for name in ("prism", "pinned_rod"):
         scene = tmj.load_scene(name)
-        engines = {integrator: tmj.MuJoCo(STEP, integrator) for integrator in (tmj.Integrator.RK4, tmj.Integrator.EULER)}
+        engines = {
+            integrator: tmj.MuJoCo(STEP, integrator) for integrator in (tmj.Integrator.RK4, tmj.Integrator.EULER)
+        }
         dae = {
             "DAE DOP853, rtol 1e-12": tmj.DAE(rtol=1e-12, atol=1e-13),
             "DAE RK4": tmj.DAE(tmj.Method.RK4, timestep=STEP),
@@ -61,7 +63,8 @@ def main() -> None:
         ):
             unit = "right-hand sides" if label.startswith("DAE") else "steps"
             shown = f"{against} {best[against]:,.0f}/s"
-            print(f"{name:12s} {label + ', ' + unit:42s} {best[label]:12,.0f} {shown:>22s} {best[label] / best[against]:6.2f}")
+            ratio = best[label] / best[against]
+            print(f"{name:12s} {label + ', ' + unit:42s} {best[label]:12,.0f} {shown:>22s} {ratio:6.2f}")
 
 
 if __name__ == "__main__":

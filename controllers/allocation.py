@@ -60,6 +60,16 @@ def _least_squares(v: Any, alpha: float, rest: float, floor: Any, u: Any) -> Non
     # |μ| piecewise linearly; strings leave their threshold at |μ| = ū_i / |v_i|: walk these breakpoints upwards.
     sign = 1.0 if rest > 0.0 else -1.0
     n = len(v)
+    if rest == alpha and not floor.any():
+        # Part b) of the lemma as printed: no threshold, no breakpoint.
+        square = 0.0
+        for i in range(n):
+            if sign * v[i] > 0.0:
+                square += v[i] * v[i]
+        for i in range(n):
+            if sign * v[i] > 0.0:
+                u[i] = alpha * v[i] / square
+        return
     breakpoints = np.empty(n)
     for i in range(n):
         w = sign * v[i]

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.controllers.allocation import least_norm
-from tensegrity_mj.dynamics.kernels import rod_accelerations, rod_forces
+from tensegrity_mj.dynamics.kernels import rod_accelerations
 from tensegrity_mj.dynamics.records import POINT, ROD, StructureRecords
 from tensegrity_mj.dynamics.target import point_target, rod_target
 from tensegrity_mj.errors import InfeasibleError, OptionError
@@ -43,7 +43,7 @@ DISCONTINUOUS = (
 class Gains:
     """X, Y, Z of (5.4) or (5.5): scalars or symmetric-where-needed matrices; [X Y; Yᵀ Z] must be positive definite.
 
-    Matrices for `z` are (nz, nz) in the coordinates z of the support's basis E, those for `b` (3, 3) in the world frame.
+    Matrices for z are (nz, nz) in the coordinates of the support's basis E, those for b (3, 3) in the world frame.
     """
 
     X: ArrayLike = 1.0
@@ -84,11 +84,10 @@ def lyapunov_terms(
     """V and β of (5.3), (5.11), and f of (5.12) into (M,); weight counts as a known force."""
     V, beta = 0.0, 0.0
     influence = np.zeros(nodes.shape)  # Φ A c: how each node's force enters V̇
-    no_force = np.zeros(nodes.shape)
-    b, b_rate, r, r_rate = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    r_aim, b_aim = np.empty((3, 3)), np.empty((3, 3))
-    e, rate, c, c_z, c_b = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    t_r, t_b, r_acc, b_acc = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    work = np.empty((23, 3))  # one allocation: this is called at every stage
+    scratch, r_aim, b_aim = work[:4], work[4:7], work[7:10]
+    b, b_rate, r, r_rate, e, rate = work[10], work[11], work[12], work[13], work[14], work[15]
+    c, c_z, c_b, t_r, t_b, r_acc, b_acc = work[16], work[17], work[18], work[19], work[20], work[21], work[22]
     for a in range(len(rods)):
         rod, gain = rods[a], gains[a]
         square, rate2 = 0.0, 0.0
@@ -101,8 +100,9 @@ def lyapunov_terms(
             rate2 += b_rate[k] * b_rate[k]
         rod_target(rod, t, times, waypoints, r_aim, b_aim)
         # Accelerations without strings: M⁻¹ g, weight included.
-        rod_forces(rod, no_force, gravity, t_r, t_b)
-        rod_accelerations(rod, b, rate2 / square, t_r, t_b, r_acc, b_acc)
+        for k in range(3):
+            t_r[k], t_b[k] = rod.mass * gravity[k], rod.f * gravity[k]
+        rod_accelerations(rod, b, rate2 / square, t_r, t_b, r_acc, b_acc, scratch)
         for k in range(3):
             e[k], rate[k] = b[k] - b_aim[0, k], b_rate[k] - b_aim[1, k]
         V_b, gamma = _quadratic(gain.Xb, gain.Yb, gain.Zb, 3, e, rate, c_b)
@@ -125,7 +125,7 @@ def lyapunov_terms(
                     c_z[k] += rod.E[k, p] * c[p]
                 beta += c_z[k] * (r_acc[k] - r_aim[2, k])
         # aᵀ H = (A c)ᵀ, A = M⁻¹ H being symmetric.
-        rod_accelerations(rod, b, 0.0, c_z, c_b, r_acc, b_acc)
+        rod_accelerations(rod, b, 0.0, c_z, c_b, r_acc, b_acc, scratch)
         for k in range(3):
             influence[rod.i, k] = r_acc[k] - rod.sigma * rod.length * b_acc[k]
             influence[rod.j, k] = r_acc[k] + (1.0 - rod.sigma) * rod.length * b_acc[k]
@@ -243,7 +243,7 @@ class Lyapunov:
         own = self.structure
         if (len(own.nodes), own.string_nodes.tolist()) != (len(structure.nodes), structure.string_nodes.tolist()):
             raise OptionError(
-                f"the law was made for structure '{own.name}' with {len(own.nodes)} nodes and {len(own.strings)} strings; "
+                f"the law was made for '{own.name}' with {len(own.nodes)} nodes and {len(own.strings)} strings; "
                 f"'{structure.name}' has other nodes or strings"
             )
         target = self.target
@@ -300,7 +300,7 @@ class Lyapunov:
         return u, float(report[0]), float(report[1])
 
     def target_equilibrium(self) -> dict[str, Any]:
-        """Is the (last) target an equilibrium, as Theorem 5.1 assumes? Residual [N], force densities, self-stress modes."""
+        """Is the (last) target an equilibrium, as Theorem 5.1 assumes? Residual [N], u [N/m], self-stress modes."""
         from tensegrity_mj.prestress import equilibrium_force_densities
 
         target = self.target
@@ -334,7 +334,9 @@ def gain_records(
         if isinstance(given, Mapping):
             for name in given:
                 if name not in names:
-                    raise OptionError(f"gains for '{name}', which is no rod or point mass; there are {', '.join(names)}")
+                    raise OptionError(
+                        f"gains for '{name}', which is no rod or point mass; there are {', '.join(names)}"
+                    )
     records = np.zeros(len(names), GAINS)
     for number, (name, size) in enumerate(zip(names, sizes, strict=True)):
         blocks = [("z", translation, size)]

@@ -52,7 +52,8 @@ _MODULES = ("controllers", "plots")
 
 __all__ = [*_HOME, *_MODULES]
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # the same names, for type checkers and editors
+    # ruff: noqa: F401
     from tensegrity_mj import controllers, plots
     from tensegrity_mj.actuation import Actuation, OnInfeasible
     from tensegrity_mj.comparison import Comparison, compare

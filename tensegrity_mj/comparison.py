@@ -159,7 +159,7 @@ def compare(first: Trajectory, second: Trajectory, tolerance: float = 1e-6) -> C
     )
 
 
-def _common(first: Array, second: Array) -> tuple[Array, Array]:
+def _common(first: Array, second: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Indices of the times that both have, to within round-off of the longer run."""
     close = 1e-9 * max(1.0, float(first[-1]), float(second[-1]))
     nearest = np.clip(np.searchsorted(second, first - close), 0, len(second) - 1)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tensegrity_mj.errors import MissingLibraryError, OptionError
+from tensegrity_mj.errors import InfeasibleError, MissingLibraryError, OptionError
 from tensegrity_mj.jsontext import to_json
 
 if TYPE_CHECKING:
@@ -55,18 +55,19 @@ def run_demo(out: str | os.PathLike[str] = "results", scene: str = "prism", *, p
 
     Raises:
         OptionError: if the folder cannot be made or written in, or the scene has no control law.
-        DivergenceError: if a simulation diverges.
+        InfeasibleError, DivergenceError: if a simulation ends before its time.
     """
     from tensegrity_mj import controllers
     from tensegrity_mj.textformat import load_scene
+    from tensegrity_mj.trajectory import Status
 
-    folder = _writable_folder(out)
     experiment = load_scene(scene)
     if experiment.control is None:
         raise OptionError(
             f"scene '{experiment.name}' has no control law; choose one that has, such as prism or pinned_rod"
         )
     law = controllers.from_scene(experiment)
+    folder = _writable_folder(out)
     name = experiment.name
 
     def tell(text: str) -> None:
@@ -75,6 +76,11 @@ def run_demo(out: str | os.PathLike[str] = "results", scene: str = "prism", *, p
 
     tell(f"1/4 Simulating {name} in both engines")
     runs, reference = _simulate(experiment, law, progress)
+    for trajectory in (reference, *runs.values()):
+        if trajectory.status is not Status.COMPLETED:
+            raise InfeasibleError(
+                f"{trajectory.engine}: {trajectory.message}; choose a scene whose law can be followed"
+            )
     run = runs[TIMESTEP]
     agreement, comparison = _compare(runs, reference)
     files = {"MuJoCo's run": folder / f"{name}-mujoco.nc", "the DAE's run": folder / f"{name}-dae.nc"}

@@ -97,7 +97,7 @@ def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLa
     def view(address: int, shape: tuple[int, ...]) -> Array:
         length = int(np.prod(shape))
         buffer = (ctypes.c_double * length).from_address(address)
-        return np.frombuffer(buffer, float).reshape(shape)
+        return np.ctypeslib.as_array(buffer).reshape(shape)
 
     def call(time: float, nodes: int, velocities: int, context: int, out: int, report: int) -> int:
         try:

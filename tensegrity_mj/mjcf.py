@@ -19,6 +19,7 @@ import math
 import os
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
+from typing import Any
 from pathlib import Path
 
 import numpy as np
@@ -79,7 +80,7 @@ def scene_to_mjcf(scene: Scene, timestep: float = 1e-3, integrator: str = "RK4")
     world = ET.SubElement(root, "worldbody")
     ET.SubElement(world, "light", pos="0 0 4", dir="0 0 -1", directional="true")
     thickness = 0.25 * min((rod.radius for rod in structure.rods), default=0.02 * _size(scene))
-    site = {"size": _numbers([2 * thickness]), "rgba": "0.2 0.2 0.2 1"}
+    site: dict[str, Any] = {"size": _numbers([2 * thickness]), "rgba": "0.2 0.2 0.2 1"}
     for name in structure.fixed_nodes:
         position = scene.nodes0[structure.node_index[name]]
         ET.SubElement(world, "site", name=name, pos=_numbers(position), **site)
@@ -152,7 +153,7 @@ def _distinct(names: Iterable[str], taken: set[str]) -> list[str]:
     return result
 
 
-def _rod_body(world: ET.Element, scene: Scene, number: int, names: _Names, site: dict[str, str]) -> None:
+def _rod_body(world: ET.Element, scene: Scene, number: int, names: _Names, site: dict[str, Any]) -> None:
     structure = scene.structure
     rod, length = structure.rods[number], float(structure.rod_lengths[number])
     sigma, plane = rod.support.sigma, rod.support.plane  # the body's frame sits at σ: the point that r follows
@@ -197,7 +198,7 @@ def _rod_body(world: ET.Element, scene: Scene, number: int, names: _Names, site:
 
 
 def _point_body(
-    world: ET.Element, scene: Scene, number: int, names: _Names, site: dict[str, str], thickness: float
+    world: ET.Element, scene: Scene, number: int, names: _Names, site: dict[str, Any], thickness: float
 ) -> None:
     point = scene.structure.point_masses[number]
     position = scene.nodes0[scene.structure.node_index[point.node]]
@@ -217,9 +218,7 @@ def _strings(root: ET.Element, scene: Scene, thickness: float) -> None:
     tendons, actuators = ET.SubElement(root, "tendon"), ET.SubElement(root, "actuator")
     clipped = structure.string_law is StringLaw.CLIPPED
     for string, rest_length in zip(structure.strings, structure.rest_lengths, strict=True):
-        tendon = ET.SubElement(
-            tendons, "spatial", name=string.name, width=_numbers([thickness]), rgba="0.8 0.2 0.15 1"
-        )
+        tendon = ET.SubElement(tendons, "spatial", name=string.name, width=_numbers([thickness]), rgba="0.8 0.2 0.15 1")
         for name in string.nodes:
             ET.SubElement(tendon, "site", site=name)
         k, c = string.stiffness, string.damping

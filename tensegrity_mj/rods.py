@@ -5,6 +5,8 @@ Every function takes node positions and velocities (..., N, 3) in the world fram
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,7 +15,7 @@ from tensegrity_mj.structure import Structure
 Array = NDArray[np.float64]
 
 
-def inertia_terms(mass: Array, length: Array, sigma: Array) -> tuple[Array, Array]:
+def inertia_terms(mass: Any, length: Any, sigma: Any) -> tuple[Any, Any]:
     """f(σ) [kg m] and J(σ) [kg m²] of (2.30) for uniform rods; arguments broadcast."""
     return 0.5 * mass * length * (1 - 2 * sigma), mass * length**2 * (1 - 3 * sigma + 3 * sigma**2) / 3
 

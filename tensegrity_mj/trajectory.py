@@ -177,7 +177,7 @@ class Trajectory:
             with h5netcdf.File(path, "r") as file:
                 if file.attrs.get("format") != FORMAT or "scene" not in file.attrs:
                     raise FormatError(f"{path}: a NetCDF file, but no trajectory of format {FORMAT} of tensegrity_mj")
-                arrays = {name: np.array(file.variables[name][...], float) for name in VARIABLES}
+                arrays: dict[str, Any] = {name: np.array(file.variables[name][...], float) for name in VARIABLES}
                 attrs = {key: file.attrs[key] for key in ("scene", "status", "message", "engine")}
                 extra = {key: json.loads(str(file.attrs[key])) for key in ("cost", "reports", "provenance")}
         except (OSError, KeyError, ValueError) as error:

@@ -50,6 +50,7 @@ def no_simulation(monkeypatch: pytest.MonkeyPatch) -> None:
         pytest.fail("it was simulated although the input is bad")
 
     monkeypatch.setattr(tmj, "simulate", refuse)
+    monkeypatch.setattr("tensegrity_mj.simulation.simulate", refuse)
 
 
 # Help and parsing ------------------------------------------------------------------------------------------
@@ -585,6 +586,75 @@ def test_doctor_answers(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.
         assert main(["doctor"]) == code
         text = capsys.readouterr().out
         assert all(check.remedy in text for check in checks)
+
+
+@pytest.fixture
+def short_prism(tmp_path: Path) -> Path:
+    """The prism for a tenth of a second."""
+    return tmj.save_scene(tmj.load_scene("prism").with_(duration=0.1, name="short"), tmp_path / "short.toml")
+
+
+DEMO_FILES = {
+    "report.html",
+    "short-dae.nc",
+    "short-differences.png",
+    "short-mujoco.nc",
+    "short-paths.png",
+    "short-runs.png",
+    "short.json",
+}
+
+
+@pytest.mark.slow
+def test_demo_makes_everything(short_prism: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from tensegrity_mj.doctor import check_opengl
+
+    out = tmp_path / "a new" / "folder"
+    code, answer, err = ask(capsys, "demo", "--scene", short_prism, "--out", out)
+    assert code == 0, err
+    expected = DEMO_FILES | ({"short.mp4"} if check_opengl().works else set())
+    assert {path.name for path in out.iterdir()} == expected
+    assert {Path(path).name for path in answer["files"].values()} == expected
+    assert [row["timestep"] for row in answer["agreement"]] == [5e-3, 2e-3, 1e-3, 5e-4]
+    assert json.loads((out / "short.json").read_text())["agreement"] == answer["agreement"]
+    # Taut strings and 0.1 s: RK4's error is below 1e-9 m at every one of these steps.
+    assert 0 < answer["max_node_error"] < 1e-9
+
+
+@pytest.mark.slow
+def test_demo_runs_without_opengl(
+    short_prism: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "results"
+    out.mkdir()
+    (out / "short.mp4").write_text("of an earlier run, with other numbers")
+    monkeypatch.setenv("MUJOCO_GL", "disabled")
+    code, answer, _ = ask(capsys, "demo", "--scene", short_prism, "--out", out)
+    assert code == 0
+    assert {path.name for path in out.iterdir()} == DEMO_FILES
+    assert "OpenGL" in answer["no_video"]
+    assert "OpenGL" in (out / "report.html").read_text()
+
+
+@pytest.mark.usefixtures("no_simulation")
+def test_demo_refuses_before_it_works(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("")
+    code, answer, _ = ask(capsys, "demo", "--out", tmp_path / "file")
+    assert code == 2
+    assert "no files can be written there" in answer["error"]
+    code, answer, _ = ask(capsys, "demo", "--scene", "tbar", "--out", tmp_path / "out")
+    assert code == 2
+    assert "no control law" in answer["error"]
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_observed_orders() -> None:
+    from tensegrity_mj.demo import observed_orders
+
+    table = [(h, 3.0 * h**4, 0.0) for h in (0.1, 0.05, 0.01)]
+    first, *others = observed_orders(table)
+    assert first is None
+    assert others == pytest.approx([4.0, 4.0], rel=1e-12)
 
 
 @pytest.mark.slow

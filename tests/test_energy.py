@@ -34,7 +34,9 @@ def test_the_ledger_closes_with_dampers_loads_and_gravity(seed, law):
     assert min(np.ptp(term) for term in terms) > 1e-3 * scale, "every term must take part, or the test is empty"
     assert run.energy_residual <= 1e-9 * scale  # rtol 1e-12, a few hundred steps, kinks of the clipped law
     residuals = [tmj.simulate(scene, None, tmj.MuJoCo(h)).energy_residual for h in (2e-3, 1e-3, 5e-4)]
-    print(f"seed {seed}, {law.value}: DAE {run.energy_residual:.1e}, MuJoCo at 2, 1, 0.5 ms: {residuals} of {scale:.1f} J")
+    print(
+        f"seed {seed}, {law.value}: DAE {run.energy_residual:.1e}, MuJoCo at 2, 1, 0.5 ms: {residuals} of {scale:.1f} J"
+    )
     # Order 4 where smooth; slack events leave order 2 with scatter. At least a factor of 4 over two halvings.
     assert residuals[2] <= max(residuals[0] / 4, 1e-12 * scale)
 

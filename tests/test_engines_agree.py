@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from random_structures import random_scene, random_structure
 
 import tensegrity_mj as tmj
+from tensegrity_mj import rods
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.strings import StringLaw
 
@@ -21,7 +22,8 @@ Array = NDArray[np.float64]
 
 REFERENCE = tmj.DAE(rtol=1e-13, atol=1e-14)
 DURATION = 0.4  # s
-INTERVAL = 0.02
+INTERVAL = 0.01
+FASTEST_TURN = 15.0  # rad/s
 LAWS = list(StringLaw)
 SUPPORTS = ["free", "pinned", "constrained"]
 
@@ -56,8 +58,8 @@ def test_accelerations_are_equal_at_random_states(seed: int, planar: bool, law: 
 
 
 def taut_scene(rng: np.random.Generator, support: str, planar: bool) -> tuple[Scene, tmj.Trajectory]:
-    """A random experiment in which no string slackens, so that its motion is smooth; with its reference run."""
-    for _ in range(100):
+    """A random experiment whose motion is smooth: no string slackens, no rod spins; and its reference run."""
+    for _ in range(200):
         damped = bool(rng.integers(2))
         structure = random_structure(
             rng,
@@ -73,49 +75,59 @@ def taut_scene(rng: np.random.Generator, support: str, planar: bool) -> tuple[Sc
         )
         scene = random_scene(rng, structure, displaced=0.1, moving=0.5, gravity=True, loads=2)
         reference = run(scene, REFERENCE)
-        if np.all(reference.tensions > 0) and np.all(structure.string_lengths(reference.nodes) > 0.1):
+        # 0.5 N: between two samples no string of at most 10 N/m shortens by the 0.05 m that it would take. And none
+        # becomes so short that its direction turns within a step.
+        taut = np.all(reference.tensions > 0.5) and np.all(structure.string_lengths(reference.nodes) > 0.3)
+        first, second = rods.ends(structure, reference.velocities)
+        if taut and np.all(np.linalg.norm(second - first, axis=-1) <= FASTEST_TURN * structure.rod_lengths):
             return scene, reference
     raise AssertionError("no taut motion found")
 
 
 @pytest.mark.parametrize("planar", [False, True], ids=["space", "plane"])
 @pytest.mark.parametrize("support", SUPPORTS)
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(4))
 def test_taut_motions_agree_and_the_difference_falls_with_order_four(seed: int, support: str, planar: bool) -> None:
     rng = np.random.default_rng([seed, SUPPORTS.index(support), planar])
     scene, reference = taut_scene(rng, support, planar)
-    steps = (8e-3, 4e-3, 2e-3, 1e-3, 5e-4)  # none divides the interval at 8e-3: see below
-    steps = steps[1:]
+    steps = (5e-3, 2.5e-3, 1.25e-3, 6.25e-4)
     runs = [run(scene, tmj.MuJoCo(timestep=h)) for h in steps]
     errors = [tmj.compare(each, reference).max_node_error for each in runs]
     orders = [float(np.log2(a / b)) for a, b in zip(errors, errors[1:], strict=False) if b > 1e-11]
     print(f"{support}: " + ", ".join(f"{h:g} s {e:.1e} m" for h, e in zip(steps, errors, strict=True)), orders)
-    # The next term of the error is h ω times the leading one: ω of at most 30 rad/s, 0.1 at the coarsest step, which
-    # halves: 0.05 / ln 2 = 0.1 in the order.
-    assert orders == pytest.approx([4.0] * len(orders), abs=0.15)
-    # (ω h)⁴ ω T / 120 · 1 m at h = 5e-4 s is 5e-9 m for ω = 30 rad/s, which few have.
+    # The next term of the error is h ω times the leading one, 0.075 at the coarsest step and half of it at the next:
+    # 0.0375 / ln 2 = 0.05 in the order; twice that for what is faster than a rod's turn.
+    assert orders == pytest.approx([4.0] * len(orders), abs=0.1)
+    # (ω h)⁴ ω T / 120 · 1 m at h = 6.25e-4 s is 4e-10 m.
     finest = tmj.compare(runs[-1], reference)
     assert finest.max_node_error <= 1e-9
-    # ω, k, m ω² and m ω³ times as much: 30 /s, 10 N/m, 1e3 N/m, 1e4 W/m.
-    assert finest.max_velocity_error <= 3e-8
+    # As many times more as ω = 15 /s, k = 10 N/m, m ω² = 450 N/m, and 30 N for the terms of the energy.
+    assert finest.max_velocity_error <= 1.5e-8
     assert finest.max_tension_error <= 1e-8
-    assert finest.max_rod_force_error <= 1e-6
+    assert finest.max_rod_force_error <= 4.5e-7
     for name in ("external_work", "dissipation", "kinetic_energy", "gravity_energy", "string_energy"):
-        assert np.abs(getattr(runs[-1], name) - getattr(reference, name)).max() <= 1e-7, name
+        assert np.abs(getattr(runs[-1], name) - getattr(reference, name)).max() <= 3e-8, name
     # The ledgers close by themselves: nothing is lost beside what is booked.
-    assert max(reference.energy_residual, runs[-1].energy_residual) <= 1e-8
+    assert max(reference.energy_residual, runs[-1].energy_residual) <= 3e-8
 
 
-@pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize(("damping", "order"), [((0.0, 0.0), 2), ((0.5, 3.0), 1)], ids=["undamped", "damped"])
+@pytest.mark.parametrize(
+    ("law", "damping", "lowest", "highest"),
+    [
+        (StringLaw.CLIPPED, (0.0, 0.0), 2, 2),
+        (StringLaw.UNCLIPPED, (0.0, 0.0), 2, 2),
+        (StringLaw.UNCLIPPED, (0.5, 3.0), 1, 1),
+        (StringLaw.CLIPPED, (0.5, 3.0), 1, 2),  # clipped, the force is continuous where a string slackens
+    ],
+)
 def test_slack_strings_cost_the_order_that_their_kink_or_jump_explains(
-    law: StringLaw, damping: tuple[float, float], order: int
+    law: StringLaw, damping: tuple[float, float], lowest: int, highest: int
 ) -> None:
     """A step in which a string slackens: a kink of the force (k dL/dt) makes it O(h²), a jump (c dL/dt) O(h).
 
     What it costs depends on where in the step it happens, so only the mean over many structures shows the order.
     """
-    steps = (4e-3, 1e-3, 2.5e-4)
+    steps = (5e-3, 1.25e-3, 3.125e-4)
     errors, slackenings = [], 0
     for seed in range(10):
         rng = np.random.default_rng(seed)
@@ -140,4 +152,4 @@ def test_slack_strings_cost_the_order_that_their_kink_or_jump_explains(
     print(f"{law.value}, damping {damping}: mean errors {means} m, order {found:.2f}, {slackenings} slackenings")
     # Ten structures with errors that scatter by a factor of 3: a mean within a factor of 3 / √10 at each end of a
     # range of 16 in h, so ± 0.3 in the order.
-    assert found == pytest.approx(order, abs=0.4)
+    assert lowest - 0.3 <= found <= highest + 0.3

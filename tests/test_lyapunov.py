@@ -99,7 +99,9 @@ def test_paths_turn_on_great_circles_and_stand_still_at_waypoints():
     # Quintic timing: half way at half time, with 15/8 of the mean speed there.
     middle = np.argmin(np.abs(times - 2.0))
     b = (second - first)[middle] / structure.rod_lengths[:, None]
-    halves = (second - first)[0] / structure.rod_lengths[:, None] + (second - first)[-1] / structure.rod_lengths[:, None]
+    halves = (second - first)[0] / structure.rod_lengths[:, None] + (second - first)[-1] / structure.rod_lengths[
+        :, None
+    ]
     assert np.allclose(b, halves / np.linalg.norm(halves, axis=1)[:, None], atol=1e-13)
 
 

@@ -43,6 +43,15 @@ def names(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     return zipfile.ZipFile(wheel).namelist()
 
 
+@pytest.mark.parametrize("script", ["scripts/demo.sh", "scripts/test.sh", "scripts/setup.sh", ".ci/run"])
+def test_scripts_are_valid(script: str) -> None:
+    bash = shutil.which("bash")
+    if bash is None:
+        pytest.skip("no bash on this machine")
+    check = subprocess.run([bash, "-n", str(ROOT / script)], capture_output=True, text=True)
+    assert check.returncode == 0, check.stderr
+
+
 def test_nothing_but_the_package_lands_in_site_packages(names: list[str]) -> None:
     tops = {name.partition("/")[0] for name in names}
     assert {top for top in tops if not top.endswith(".dist-info")} == {"tensegrity_mj"}

@@ -225,6 +225,16 @@ def test_the_tension_scale_ends_at_a_round_number_and_does_not_follow_a_peak():
     assert np.array_equal(palette.tension_colors([7.0]), [high])
 
 
+def test_shrinking_by_two_thirds_shares_the_middle():
+    source = np.random.default_rng(0).integers(0, 256, (18, 12, 3), dtype=np.uint8)
+    result = np.empty((12, 8, 3), np.uint8)
+    shrink(source, 1.5, result)
+    # Every pixel twice in each direction, then blocks of 3 x 3: each takes its share of the pixels it covers.
+    fine = np.repeat(np.repeat(source[::-1].astype(int), 2, axis=0), 2, axis=1)
+    sums = fine.reshape(12, 3, 8, 3, 3).sum(axis=(1, 3))
+    assert np.array_equal(result, (sums + 4) // 9)
+
+
 @pytest.mark.parametrize("factor", [1, 2, 3])
 def test_shrinking_averages_blocks_and_turns_the_picture(factor):
     source = np.random.default_rng(factor).integers(0, 256, (12 * factor, 10 * factor, 3), dtype=np.uint8)

@@ -12,7 +12,6 @@ import numba
 import numpy as np
 
 njit = numba.njit(cache=True, error_model="numpy")
-inlined = numba.njit(cache=True, error_model="numpy", inline="always")
 
 
 @njit
@@ -31,10 +30,10 @@ def solve_spd(n: int, A: Any, x: Any) -> None:
 
 
 @njit
-def rod_accelerations(rod: Any, b: Any, c: float, t_r: Any, t_b: Any, r_acc: Any, b_acc: Any) -> None:
+def rod_accelerations(rod: Any, b: Any, c: float, t_r: Any, t_b: Any, r_acc: Any, b_acc: Any, work: Any) -> None:
     """r̈ and b̈ of one rod from its forces, (2.43) and (2.37).
 
-    `c` is (‖ḃ‖/‖b‖)², plus what a stabilization adds. With c = 0 this applies A = M⁻¹ H of (2.45), which is
+    `work` is scratch, (4, 3). `c` is (‖ḃ‖/‖b‖)², plus what a stabilization adds. With c = 0 this applies A = M⁻¹ H of (2.45), which is
     symmetric: the laws use it so.
     """
     square = b[0] * b[0] + b[1] * b[1] + b[2] * b[2]
@@ -53,8 +52,7 @@ def rod_accelerations(rod: Any, b: Any, c: float, t_r: Any, t_b: Any, r_acc: Any
                 r_acc[i] = t_r[i] / m
         else:
             E, B = rod.E, rod.B
-            A = np.empty((3, 3))
-            x = np.empty(3)
+            A, x = work[:3], work[3]
             for i in range(nz):
                 eb_i = E[0, i] * b[0] + E[1, i] * b[1] + E[2, i] * b[2]
                 x[i] = 0.0
@@ -77,7 +75,7 @@ def rod_accelerations(rod: Any, b: Any, c: float, t_r: Any, t_b: Any, r_acc: Any
     if f != 0.0:
         # P f r̈, subtracted from P t_b.
         along = f * (b[0] * r_acc[0] + b[1] * r_acc[1] + b[2] * r_acc[2]) / square
-        pr = np.empty(3)
+        pr = work[0]
         for i in range(3):
             pr[i] = f * r_acc[i] - along * b[i]
         if nb == 2:
@@ -149,8 +147,8 @@ def accelerations(
     multipliers: Any,
 ) -> None:
     """q̈ (nq,) and λ (R,) for nodal forces (N, 3) [N]; kp, kd are Baumgarte's gains of (3.25), zero for none."""
-    b, b_rate, t_r, t_b = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    r_acc, b_acc = np.empty(3), np.empty(3)
+    work = np.empty((10, 3))  # one allocation: this is called at every stage
+    b, b_rate, t_r, t_b, r_acc, b_acc = work[4], work[5], work[6], work[7], work[8], work[9]
     for a in range(len(rods)):
         rod = rods[a]
         iz, ib = rod.q, rod.q + rod.nz
@@ -166,7 +164,7 @@ def accelerations(
         rod_forces(rod, forces, gravity, t_r, t_b)
         # bᵀb̈ + ‖ḃ‖² = -k_d bᵀḃ - k_p (bᵀb - 1)/2, (3.26).
         c = (rate2 + kd * dot + 0.5 * kp * (square - 1.0)) / square
-        rod_accelerations(rod, b, c, t_r, t_b, r_acc, b_acc)
+        rod_accelerations(rod, b, c, t_r, t_b, r_acc, b_acc, work[:4])
         along = 0.0
         for k in range(3):
             along += b[k] * (rod.f * r_acc[k] - t_b[k])

@@ -24,7 +24,7 @@ def locate(t: float, times: Any) -> tuple[int, float, float, float]:
         return 0, 0.0, 0.0, 0.0
     if t >= times[last]:
         return last, 0.0, 0.0, 0.0
-    k = np.searchsorted(times, t, side="right") - 1
+    k = int(np.searchsorted(times, t, side="right")) - 1
     span = times[k + 1] - times[k]
     x = (t - times[k]) / span
     s = x * x * x * (10.0 + x * (6.0 * x - 15.0))
@@ -73,6 +73,9 @@ def rod_target(rod: Any, t: float, times: Any, nodes: Any, r: Any, b: Any) -> No
     """r and b of a rod's target with two derivatives each, (3, 3); `nodes` are the waypoints (W, N, 3)."""
     k, s, rate, acc = locate(t, times)
     m = min(k + 1, len(times) - 1)
+    if rate == 0.0 and s == 0.0:
+        _standing_target(rod, nodes[k], r, b)
+        return
     ends = np.empty((2, 2, 3))
     for w in range(2):
         row = k if w == 0 else m
@@ -86,6 +89,19 @@ def rod_target(rod: Any, t: float, times: Any, nodes: Any, r: Any, b: Any) -> No
             ends[w, 1, i] /= np.sqrt(length)
     along_line(ends[0, 0], ends[1, 0], s, rate, acc, r)
     along_great_circle(ends[0, 1], ends[1, 1], s, rate, acc, b)
+
+
+@njit
+def _standing_target(rod: Any, nodes: Any, r: Any, b: Any) -> None:
+    length = 0.0
+    for i in range(3):
+        first, second = nodes[rod.i, i], nodes[rod.j, i]
+        r[0, i] = (1.0 - rod.sigma) * first + rod.sigma * second
+        b[0, i] = second - first
+        length += b[0, i] * b[0, i]
+        r[1, i], r[2, i], b[1, i], b[2, i] = 0.0, 0.0, 0.0, 0.0
+    for i in range(3):
+        b[0, i] /= np.sqrt(length)
 
 
 @njit

@@ -26,8 +26,17 @@ from tensegrity_mj.engines.dae_kernels import (
     WORK,
     rk4_steps,
 )
-from tensegrity_mj.engines.run import Grid, Progress, Request, Stopwatch, check_energy, chunks, make_trajectory
-from tensegrity_mj.errors import DivergenceError, OptionError
+from tensegrity_mj.engines.run import (
+    Grid,
+    Progress,
+    Request,
+    Stopwatch,
+    blame_divergence,
+    check_energy,
+    chunks,
+    make_trajectory,
+)
+from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
 from tensegrity_mj.law import SOLVED
 from tensegrity_mj.native.plant import REPORT, Plant, infeasible_message, row_width
 from tensegrity_mj.native.pointers import address_of
@@ -177,7 +186,14 @@ class DAERun:
                 progress.reached(reached * step)
                 if status != SOLVED:
                     time = reached * step
-                    self.plant.raise_if_failed(status, time)
+                    before = max(1, int(np.searchsorted(times, time - 0.5 * step)))
+                    partial = self.finish(times[:before], rows[:before], Status.DIVERGED, "diverged", clock.seconds)
+                    try:
+                        self.plant.raise_if_failed(status, time)
+                    except TensegrityError:
+                        blame_divergence(partial, self.plant, time, remedy)
+                        raise
+                    blame_divergence(partial, self.plant, time, remedy)
                     kept = np.concatenate([times[times < time - 0.5 * step], [time]])
                     margin = float(self.plant[REPORT][0])
                     message = infeasible_message(margin, time)
@@ -191,6 +207,7 @@ class DAERun:
                         reached * step,
                         self.finish(times[:done], rows[:done], Status.DIVERGED, "", clock.seconds),
                     )
+        self.plant.raise_if_failed(SOLVED, times[-1])  # a load, at the very end
         run = self.finish(times, rows, Status.COMPLETED, "", clock.seconds)
         check_energy(run, remedy)
         return run

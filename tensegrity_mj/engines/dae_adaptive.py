@@ -244,7 +244,7 @@ def output_times(request: Request) -> Array:
     """Multiples of the output interval, and the end."""
     interval = request.output_interval or DEFAULT_INTERVAL
     count = math.floor(request.duration / interval * (1 + 1e-12))
-    times = np.arange(count + 1) * interval
+    times: Array = np.arange(count + 1, dtype=float) * interval
     if request.duration - times[-1] > 1e-9 * interval:
         return np.append(times, request.duration)
     times[-1] = request.duration

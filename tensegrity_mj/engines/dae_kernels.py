@@ -48,7 +48,7 @@ WORK = 3  # work integrals behind q and q̇: elastic string work ∫ Σ T dL, di
 
 @njit
 def dae_rhs(t: float, y: Any, dy: Any, table: Any) -> int:
-    """dy/dt of the state; the law's status where it was asked. Leaves nodes, strings and λ of this state in the table."""
+    """dy/dt, and the law's status where it was asked. Leaves nodes, strings and λ of this state in the table."""
     N, M, nq = table[NODE_COUNT], table[STRING_COUNT], table[Q_SIZE]
     rods, points = _read_rods(table[RODS], table[ROD_COUNT]), _read_points(table[POINTS], table[POINT_COUNT])
     q, rates = y[:nq], y[nq : 2 * nq]

@@ -12,11 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.engines import mujoco_callback as callback
-from tensegrity_mj.engines.run import Grid, Progress, Request, Stopwatch, check_energy, chunks, make_trajectory
+from tensegrity_mj.engines.run import (
+    Grid,
+    Progress,
+    Request,
+    Stopwatch,
+    blame_divergence,
+    check_energy,
+    chunks,
+    make_trajectory,
+)
 from tensegrity_mj.errors import DivergenceError, OptionError, StructureError, TensegrityError
-from tensegrity_mj.law import NO_SOLUTION
+from tensegrity_mj.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.mjcf import initial_velocities, scene_to_mjcf
-from tensegrity_mj.native.plant import NODES, REPORT, VELOCITIES, Plant, infeasible_message, row_width
+from tensegrity_mj.native.plant import REPORT, STATUS, Plant, infeasible_message, row_width
 from tensegrity_mj.native.pointers import address_of
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.trajectory import Status, Trajectory
@@ -177,36 +186,38 @@ class _Run:
     def run(self) -> Trajectory:
         grid, options = self.grid, self.options
         counters = self.counters
-        with Progress(self.request, f"MuJoCo {options.integrator.value}") as progress:
-            with callback.installed(self.plant.table):
-                self._warm_up()
-                clock = Stopwatch()
-                for first, count in chunks(grid.count, 4096):
-                    mujoco.mj_step(self.model, self.data, count)
-                    progress.reached(min(first + count, int(counters[callback.STEP])) * options.timestep)
-                    if counters[callback.ENDED] != callback.RUNNING:
-                        break
-                    self._check(first + count, clock.seconds)
-                else:
-                    mujoco.mj_forward(self.model, self.data)  # the last row
-                seconds = clock.seconds
+        label = f"MuJoCo {options.integrator.value}"
+        with Progress(self.request, label) as progress, callback.installed(self.plant.table):
+            self._warm_up()
+            clock = Stopwatch()
+            for first, count in chunks(grid.count, 4096):
+                mujoco.mj_step(self.model, self.data, count)
+                progress.reached(min(first + count, int(counters[callback.STEP])) * options.timestep)
                 if counters[callback.ENDED] != callback.RUNNING:
-                    callback.finish_row(self.plant.table)
+                    break
+                self._check(first + count, clock.seconds)
+            else:
+                mujoco.mj_forward(self.model, self.data)  # the last row
+            seconds = clock.seconds
+            if counters[callback.ENDED] != callback.RUNNING:
+                callback.finish_row(self.plant.table)
         ended, step = int(counters[callback.ENDED]), int(counters[callback.END_STEP])
         if ended == callback.FINISHED:
+            self.plant.raise_if_failed(SOLVED, self.times[-1])  # a load, at the very end
             run = self._finish(len(self.times), Status.COMPLETED, "", seconds)
-            self._check_energy(run)
+            check_energy(run, self._remedy(), self._explicit)
             return run
-        time = step * options.timestep
+        time, kept = step * options.timestep, int(counters[callback.NEXT_ROW])
+        if counters[callback.STAGE] == 0 and not self.plant.table[STATUS]:
+            self.times = np.append(self.times[: kept - 1], time)  # the law stopped it at a step's start: a row more
+        blame = (self.plant, time, self._remedy(), self._explicit)
         try:
             self.plant.raise_if_failed(ended, time)
         except TensegrityError:
-            self._blame_divergence(time, seconds)
+            blame_divergence(self._partial(seconds), *blame)
             raise
         assert ended == NO_SOLUTION, ended
-        self._blame_divergence(time, seconds)
-        kept = int(counters[callback.NEXT_ROW])
-        self.times = np.append(self.times[: kept - 1], time)
+        blame_divergence(self._partial(seconds), *blame)
         message = infeasible_message(float(self.plant[REPORT][0]), time)
         return self._finish(kept, Status.INFEASIBLE, message, seconds)
 
@@ -230,27 +241,22 @@ class _Run:
         if causes:
             self._diverged(", ".join(causes), seconds)
 
-    def _blame_divergence(self, time: float, seconds: float) -> None:
-        """Raise DivergenceError if what a law or a load was given to judge was no state of a structure any more."""
-        state = np.concatenate([self.plant[NODES], self.plant[VELOCITIES]])
-        if not np.all(np.abs(state) < mujoco.mjMAXVAL):
-            self._diverged(f"positions or velocities beyond {mujoco.mjMAXVAL:g} at t = {time:.6g} s", seconds)
-        self._check_energy(self._partial(seconds))
-
     def _diverged(self, cause: str, seconds: float) -> None:
         partial = self._partial(seconds)
-        self._check_energy(partial)  # it may know better when and why
+        check_energy(partial, self._remedy(), self._explicit)  # it may know better when and why
         time = float(partial.time[-1])
         raise DivergenceError(f"diverged soon after t = {time:.6g} s: {cause}; {self._remedy()}", time, partial)
 
     def _partial(self, seconds: float) -> Trajectory:
         """What there is so far: the rows that have their accelerations."""
         rows = int(self.counters[callback.NEXT_ROW]) - int(self.counters[callback.WAITING] >= 0)
+        if self.plant.table[STATUS]:  # a load that failed has no value at the last row
+            rows -= 1
         return self._finish(max(1, min(rows, len(self.times))), Status.DIVERGED, "diverged", seconds)
 
-    def _check_energy(self, run: Trajectory) -> None:
-        explicit = self.options.integrator in (Integrator.EULER, Integrator.RK4)
-        check_energy(run, self._remedy(), dampers_as_recorded=explicit)
+    @property
+    def _explicit(self) -> bool:
+        return self.options.integrator in (Integrator.EULER, Integrator.RK4)
 
     def _remedy(self) -> str:
         text = f"reduce the time step (h = {self.options.timestep:g} s)"

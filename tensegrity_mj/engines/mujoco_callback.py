@@ -144,6 +144,17 @@ def apply_loads(table: Any) -> None:
 
 
 @njit
+def load_power(table: Any) -> float:
+    """Power of the last external forces at the current velocities [W]."""
+    N = table[NODE_COUNT]
+    forces, velocities = floats(table[FORCES], (3 * N,)), floats(table[VELOCITIES], (3 * N,))
+    total = 0.0
+    for x in range(3 * N):
+        total += forces[x] * velocities[x]
+    return total
+
+
+@njit
 def set_controls(table: Any) -> None:
     """Controls from rest lengths. A slack string's control is such that neither its spring nor its damper acts."""
     M = table[STRING_COUNT]
@@ -175,7 +186,7 @@ def finish_row(table: Any) -> None:
     force = floats(table[ACTUATOR_FORCE], (M,))
     at = 6 * N + 2 * M
     for m in range(M):
-        row[at + m] = -force[m]
+        row[at + m] = 0.0 - force[m]  # not -0
     # For each rod: number of translational coordinates, their first dof, and their axes.
     slides = floats(table[SLIDES], (R, 11))
     width = row_width(table)
@@ -209,6 +220,9 @@ def control_stage(table: Any) -> None:
         floats(table[RATE], (M,))[:] = floats(table[TEN_VELOCITY], (M,))
     external = 0.0
     if table[LOADED]:
+        if stages == 1 and step > 0:
+            # One-stage integrators hold the force over the step: its work counts the speeds at both ends.
+            work[2] += 0.5 * h * load_power(table)
         external = set_loads(table, t)
         apply_loads(table)
     status = SOLVED
@@ -246,7 +260,7 @@ def control_stage(table: Any) -> None:
     stored, lost = string_power(table)
     work[0] += weight * stored
     work[1] += weight * lost
-    work[2] += weight * external
+    work[2] += (weight if stages == 4 else 0.5 * weight) * external
     counters[STAGE] += 1
     if counters[STAGE] == stages:
         counters[STAGE] = 0

@@ -15,7 +15,7 @@ from tensegrity_mj import rods, strings
 from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible, whole_ratio
 from tensegrity_mj.errors import DivergenceError
 from tensegrity_mj.law import NativeLaw
-from tensegrity_mj.native.plant import Plant
+from tensegrity_mj.native.plant import NODES, VELOCITIES, Plant
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.trajectory import VARIABLES, Status, Trajectory
 
@@ -28,6 +28,7 @@ DEFAULT_INTERVAL = 0.01  # s: a hundred samples a second
 ENERGY_BOUND = 2.0
 WINCH_BOUND = 10.0  # where winches work
 STRAIN_BOUND = 0.5
+LOST = 1e10  # m, m/s: what MuJoCo takes for a divergence too
 
 
 @dataclass(frozen=True)
@@ -126,6 +127,8 @@ def chunks(count: int, size: int) -> Iterator[tuple[int, int]]:
         yield first, min(size, count - first)
 
 
+# Of a run that diverged too, where numbers overflow: what they mean is for `check_energy` to say.
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def make_trajectory(
     request: Request,
     plant: Plant,
@@ -215,6 +218,7 @@ def _reports(request: Request, plant: Plant, run: Trajectory) -> dict[str, Any]:
     return reports
 
 
+@np.errstate(over="ignore", invalid="ignore")
 def check_energy(run: Trajectory, remedy: str, dampers_as_recorded: bool = True) -> None:
     """Raise DivergenceError, with what came before, if a run is not finite, tore its rods, or made energy from nothing.
 
@@ -238,6 +242,26 @@ def check_energy(run: Trajectory, remedy: str, dampers_as_recorded: bool = True)
         return
     at = float(run.time[good])
     raise DivergenceError(f"diverged by t = {at:.6g} s: {cause}; {remedy}", at, run.until(good))
+
+
+def blame_divergence(
+    partial: Trajectory, plant: Plant, time: float, remedy: str, dampers_as_recorded: bool = True
+) -> None:
+    """Raise DivergenceError if a law or a load stopped a run because its state was none of a structure any more.
+
+    Args:
+        partial: what was recorded before.
+        plant: with the nodes that the law was given last.
+        time: when it stopped the run [s].
+        remedy, dampers_as_recorded: as for `check_energy`.
+    """
+    check_energy(partial, remedy, dampers_as_recorded)
+    if not all(np.all(np.abs(plant[slot]) < LOST) for slot in (NODES, VELOCITIES)):
+        raise DivergenceError(
+            f"diverged by t = {time:.6g} s: positions or velocities are beyond {LOST:g} m or m/s; {remedy}",
+            time,
+            partial,
+        )
 
 
 def _torn_rods(run: Trajectory) -> tuple[int, str]:

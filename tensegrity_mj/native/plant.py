@@ -163,9 +163,7 @@ def set_loads(table: Any, t: float) -> float:
 def ask_law(table: Any, t: float) -> int:
     """Evaluate the law at the current nodes into the command; SOLVED, NO_SOLUTION, FAILED or NOT_FINITE."""
     M = table[STRING_COUNT]
-    status = call_law(
-        table[LAW], t, table[NODES], table[VELOCITIES], table[LAW_CONTEXT], table[COMMAND], table[REPORT]
-    )
+    status = call_law(table[LAW], t, table[NODES], table[VELOCITIES], table[LAW_CONTEXT], table[COMMAND], table[REPORT])
     if status == SOLVED:
         command = floats(table[COMMAND], (M,))
         for m in range(M):
@@ -282,7 +280,7 @@ def row_width(table: Any) -> int:
 
 @njit
 def write_row(table: Any, stored: float, lost: float, external: float, row: Any) -> None:
-    """Nodes, velocities, rest lengths, elastic tensions, tensions, margin, V, winch work, dissipation, external work."""
+    """Nodes, velocities, L0, elastic tensions, tensions, margin, V, winch work, dissipation, external work."""
     N, M = table[NODE_COUNT], table[STRING_COUNT]
     row[: 3 * N] = floats(table[NODES], (3 * N,))
     row[3 * N : 6 * N] = floats(table[VELOCITIES], (3 * N,))
@@ -355,7 +353,7 @@ class Plant:
                     if value.shape != shape or not np.all(np.isfinite(value)):
                         raise ValueError(f"it returned shape {value.shape}; it must return finite {shape} [N]")
                     buffer = (ctypes.c_double * value.size).from_address(out)
-                    np.frombuffer(buffer, float)[:] = value.ravel()
+                    np.ctypeslib.as_array(buffer)[:] = value.ravel()
                 except BaseException as error:
                     if not self.load_failure:
                         self.load_failure.append(error)
@@ -410,5 +408,3 @@ def infeasible_message(margin: float, time: float) -> str:
     if not np.isnan(margin):
         text += f": feasibility margin max(v/α) = {margin:.3g} <= 0 (5.18)"
     return text + "; change the target or decay rate, or choose OnInfeasible.PASSIVE"
-
-

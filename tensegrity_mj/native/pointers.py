@@ -49,9 +49,7 @@ def call_law(
     typingctx: Any, function: Any, time: Any, nodes: Any, velocities: Any, context_: Any, command: Any, report: Any
 ) -> Any:
     """Call the law at address `function`; the arguments are those of the C function above."""
-    signature = types.int64(
-        types.int64, types.float64, types.int64, types.int64, types.int64, types.int64, types.int64
-    )
+    signature = types.int64(types.int64, types.float64, types.int64, types.int64, types.int64, types.int64, types.int64)
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         integer = ir.IntType(64)

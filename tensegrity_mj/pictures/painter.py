@@ -229,7 +229,7 @@ class Painter:
         for row in np.flatnonzero(~slack):
             i, j = pairs[row]
             self._capsule(nodes[i], nodes[j], radius, rgba[row], look, 0.1)
-        for points in slack_curves(motion, pose, slack):
+        for points in slack_curves(motion, pose, slack) if slack.any() else ():
             for start, end in itertools.pairwise(points):
                 self._capsule(start, end, 0.75 * radius, loose, look, 0.1)
 
