@@ -29,7 +29,10 @@ _HOME = {
     "TensegrityError": "errors",
     "Command": "law",
     "Layout": "rendering",
+    "Quality": "rendering",
+    "picture": "rendering",
     "render": "rendering",
+    "render_frame": "rendering",
     "ControlSpec": "scene",
     "Load": "scene",
     "Scene": "scene",
@@ -71,7 +74,7 @@ if TYPE_CHECKING:  # the same names, for type checkers and editors
         TensegrityError,
     )
     from tensegrity_mj.law import Command
-    from tensegrity_mj.rendering import Layout, render
+    from tensegrity_mj.rendering import Layout, Quality, picture, render, render_frame
     from tensegrity_mj.scene import ControlSpec, Load, Scene, Target
     from tensegrity_mj.simulation import simulate
     from tensegrity_mj.strings import StringLaw

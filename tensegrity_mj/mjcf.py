@@ -243,7 +243,7 @@ def _remarks(scene: Scene) -> str:
         "ctrl is the change of a string's rest length [m].",
     ]
     if np.any(scene.structure.damping > 0):
-        remarks.append("By itself this model lets the damper of a slack string pull where the string opens fast.")
+        remarks.append("By itself, without tensegrity_mj, this model lets the damper of a slack string act.")
     if np.any(scene.velocities0):
         remarks.append('The motion starts with the velocities of the keyframe "start".')
     if scene.loads:

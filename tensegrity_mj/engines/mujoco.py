@@ -158,6 +158,7 @@ class _Run:
             callback.QACC: data.qacc,
             callback.ACTUATOR_FORCE: data.actuator_force,
             callback.CTRL: data.ctrl,
+            callback.FORCE_RANGE: self.model.actuator_forcerange,
             callback.TEN_LENGTH: data.ten_length,
             callback.TEN_VELOCITY: data.ten_velocity,
         }

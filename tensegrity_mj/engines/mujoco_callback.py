@@ -23,6 +23,7 @@ from numba import types
 
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED
+from tensegrity_mj.mjcf import UNLIMITED
 from tensegrity_mj.native.plant import (
     CLIPPED,
     CONTINUOUS,
@@ -86,7 +87,8 @@ njit = numba.njit(cache=True, error_model="numpy")
     TOTAL,
     STAGES,
     ROD_COUNT,
-) = range(ENGINE_SLOTS, ENGINE_SLOTS + 28)
+    FORCE_RANGE,
+) = range(ENGINE_SLOTS, ENGINE_SLOTS + 29)
 
 # Counters: calls within the step, steps begun, next row, row waiting for its accelerations, final status.
 STAGE, STEP, NEXT_ROW, WAITING, ENDED, END_STEP = range(6)
@@ -156,20 +158,23 @@ def load_power(table: Any) -> float:
 
 @njit
 def set_controls(table: Any) -> None:
-    """Controls from rest lengths. A slack string's control is such that neither its spring nor its damper acts."""
+    """Controls from rest lengths, such that neither spring nor damper of a slack string acts.
+
+    A slack string's control takes its actuator well beyond the limit of zero tension, where MuJoCo gives exactly zero
+    and implicit integrators know that no damper is there. Without clipping, only slack strings have that limit.
+    """
     M = table[STRING_COUNT]
     rest, designed = floats(table[REST], (M,)), floats(table[DESIGNED], (M,))
     lengths, rates = floats(table[LENGTH], (M,)), floats(table[RATE], (M,))
     stiffness, damping = floats(table[STIFFNESS], (M,)), floats(table[DAMPING], (M,))
-    ctrl = floats(table[CTRL], (M,))
-    exact = table[DAMPED] or not table[CLIPPED]  # else the actuator's force limit does it
+    ctrl, force_range = floats(table[CTRL], (M,)), floats(table[FORCE_RANGE], (M, 2))
     for m in range(M):
         L0 = rest[m]
-        if exact and lengths[m] <= L0:
-            balanced = lengths[m] + damping[m] * rates[m] / stiffness[m]
-            # A clipped actuator is taken well into its limit, where it is off without round-off and implicit
-            # integrators know that its damper is; an unclipped one has no limit and would push.
-            L0 = max(L0, balanced, lengths[m]) + lengths[m] if table[CLIPPED] else balanced
+        slack = lengths[m] <= L0
+        if slack and table[DAMPED]:
+            L0 += lengths[m] + max(0.0, damping[m] * rates[m] / stiffness[m])
+        if not table[CLIPPED]:
+            force_range[m, 1] = 0.0 if slack else UNLIMITED
         ctrl[m] = L0 - designed[m]
 
 

@@ -240,10 +240,11 @@ class Stage:
         return clouds
 
     def _plan_grid(self, points: Array, extent: float, camera: Camera) -> None:
-        """A horizontal grid at the lowest point, for scale and depth; none where it would be seen edge-on."""
+        """A horizontal grid that everything stands on, for scale and depth; none where it would be seen edge-on."""
         self._has_grid = camera.elevation < -2.0
         self._cell = palette.round_up(extent / 15.0, (1.0, 2.0, 5.0))
         low, high = points.min(axis=0), points.max(axis=0)
+        low[2] -= 1.05 * max(s.support for s in self._sizes)
         # Whole cells that hold everything; a line a cell is drawn, so that their number is bounded by the extent.
         self._grid_low = np.array([*np.floor(low[:2] / self._cell + 1e-6) * self._cell, low[2]])
         self._grid_high = np.array([*np.ceil(high[:2] / self._cell - 1e-6) * self._cell, low[2]])
