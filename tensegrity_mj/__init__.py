@@ -56,31 +56,49 @@ _MODULES = ("controllers", "plots")
 __all__ = [*_HOME, *_MODULES]
 
 if TYPE_CHECKING:  # the same names, for type checkers and editors
-    # ruff: noqa: F401
-    from tensegrity_mj import controllers, plots
-    from tensegrity_mj.actuation import Actuation, OnInfeasible
-    from tensegrity_mj.comparison import Comparison, compare
-    from tensegrity_mj.engines.dae import DAE, Drift, Method
-    from tensegrity_mj.engines.mujoco import Integrator, MuJoCo
-    from tensegrity_mj.errors import (
-        ControllerError,
-        DivergenceError,
-        FormatError,
-        InfeasibleError,
-        MissingLibraryError,
-        OptionError,
-        SceneError,
-        StructureError,
-        TensegrityError,
-    )
-    from tensegrity_mj.law import Command
-    from tensegrity_mj.rendering import Layout, Quality, picture, render, render_frame
-    from tensegrity_mj.scene import ControlSpec, Load, Scene, Target
-    from tensegrity_mj.simulation import simulate
-    from tensegrity_mj.strings import StringLaw
-    from tensegrity_mj.structure import PointMass, Rod, String, Structure, Support
-    from tensegrity_mj.textformat import load_scene, load_structure, save_scene, save_structure
-    from tensegrity_mj.trajectory import Status, Trajectory
+    from tensegrity_mj import controllers as controllers
+    from tensegrity_mj import plots as plots
+    from tensegrity_mj.actuation import Actuation as Actuation
+    from tensegrity_mj.actuation import OnInfeasible as OnInfeasible
+    from tensegrity_mj.comparison import Comparison as Comparison
+    from tensegrity_mj.comparison import compare as compare
+    from tensegrity_mj.engines.dae import DAE as DAE
+    from tensegrity_mj.engines.dae import Drift as Drift
+    from tensegrity_mj.engines.dae import Method as Method
+    from tensegrity_mj.engines.mujoco import Integrator as Integrator
+    from tensegrity_mj.engines.mujoco import MuJoCo as MuJoCo
+    from tensegrity_mj.errors import ControllerError as ControllerError
+    from tensegrity_mj.errors import DivergenceError as DivergenceError
+    from tensegrity_mj.errors import FormatError as FormatError
+    from tensegrity_mj.errors import InfeasibleError as InfeasibleError
+    from tensegrity_mj.errors import MissingLibraryError as MissingLibraryError
+    from tensegrity_mj.errors import OptionError as OptionError
+    from tensegrity_mj.errors import SceneError as SceneError
+    from tensegrity_mj.errors import StructureError as StructureError
+    from tensegrity_mj.errors import TensegrityError as TensegrityError
+    from tensegrity_mj.law import Command as Command
+    from tensegrity_mj.rendering import Layout as Layout
+    from tensegrity_mj.rendering import Quality as Quality
+    from tensegrity_mj.rendering import picture as picture
+    from tensegrity_mj.rendering import render as render
+    from tensegrity_mj.rendering import render_frame as render_frame
+    from tensegrity_mj.scene import ControlSpec as ControlSpec
+    from tensegrity_mj.scene import Load as Load
+    from tensegrity_mj.scene import Scene as Scene
+    from tensegrity_mj.scene import Target as Target
+    from tensegrity_mj.simulation import simulate as simulate
+    from tensegrity_mj.strings import StringLaw as StringLaw
+    from tensegrity_mj.structure import PointMass as PointMass
+    from tensegrity_mj.structure import Rod as Rod
+    from tensegrity_mj.structure import String as String
+    from tensegrity_mj.structure import Structure as Structure
+    from tensegrity_mj.structure import Support as Support
+    from tensegrity_mj.textformat import load_scene as load_scene
+    from tensegrity_mj.textformat import load_structure as load_structure
+    from tensegrity_mj.textformat import save_scene as save_scene
+    from tensegrity_mj.textformat import save_structure as save_structure
+    from tensegrity_mj.trajectory import Status as Status
+    from tensegrity_mj.trajectory import Trajectory as Trajectory
 
 
 def __getattr__(name: str) -> Any:

@@ -172,8 +172,8 @@ def _write_report(demo: Demo, path: Path) -> None:
                 "Agreement against MuJoCo's time step",
                 ("time step [s]", "largest node error [m]", "RMS node error [m]", "observed order"),
                 [(*row, order) for row, order in zip(demo.agreement, observed_orders(demo.agreement), strict=True)],
-                "The error falls with the fourth power of the step until strings go slack (u >= 0 has kinks) or "
-                "the reference's own error shows.",
+                "RK4 is of fourth order where the law is smooth. Here strings go slack and taut again (u >= 0 has "
+                "kinks), and the step that a kink falls into decides the error, so that it falls unevenly.",
             )
         ],
     )

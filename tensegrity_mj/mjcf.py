@@ -19,8 +19,8 @@ import math
 import os
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
-from typing import Any
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -160,7 +160,7 @@ def _rod_body(world: ET.Element, scene: Scene, number: int, names: _Names, site:
     first, second = scene.nodes0[structure.rod_nodes[number]]
     rotation = rotation_to((second - first) / np.linalg.norm(second - first))
     position = (1 - sigma) * first + sigma * second
-    place = {"pos": _numbers(position), "quat": _numbers(quaternion(rotation))}
+    place: dict[str, Any] = {"pos": _numbers(position), "quat": _numbers(quaternion(rotation))}
     body = ET.SubElement(world, "body", name=names.rods[number], **place)
     turn = names.turns[number]
     if _is_free(rod):
@@ -256,8 +256,8 @@ def _size(scene: Scene) -> float:
 
 
 def _unit(vector: Iterable[float]) -> Array:
-    array = np.array(tuple(vector), float)
-    return np.asarray(array / np.linalg.norm(array))
+    array: Array = np.array(tuple(vector), float)
+    return array / float(np.linalg.norm(array))
 
 
 def _visual(root: ET.Element, scene: Scene) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import time
 import warnings
 from typing import Any
@@ -19,6 +20,7 @@ from tensegrity_mj.trajectory import Trajectory
 
 FRAME = 1.0 / 60.0  # s
 PAUSE = 1.0  # s at the end, before it starts again
+CLOSING_TIME = 10.0  # s that a window may take to close
 
 ROD = np.array([0.25, 0.27, 0.31, 1.0], np.float32)
 TAUT = np.array([0.80, 0.20, 0.15, 1.0], np.float32)
@@ -66,21 +68,32 @@ def view(run: Trajectory) -> None:
     import mujoco.viewer
 
     model = _empty_model(run)
+    before = set(threading.enumerate())
     try:
         window = mujoco.viewer.launch_passive(model, mujoco.MjData(model), show_left_ui=False, show_right_ui=False)
     except RuntimeError as error:
         raise MissingLibraryError(f"MuJoCo's viewer cannot open a window: {error}") from error
-    with window:
-        _point_camera(window.cam, run)
-        string_width = 0.002 * _extent(run)[1]
-        began = time.monotonic()
-        while window.is_running():
-            now = (time.monotonic() - began) % (float(run.time[-1] - run.time[0]) + PAUSE)
-            row = min(int(np.searchsorted(run.time - run.time[0], now)), len(run.time) - 1)
-            with window.lock():
-                _draw(window.user_scn, run, row, string_width)
-            window.sync()
-            time.sleep(FRAME)
+    try:
+        _show(window, run)
+    finally:
+        window.close()
+        # Its thread still draws: Python must not end, and take the window system away, before it has.
+        for thread in set(threading.enumerate()) - before:
+            thread.join(CLOSING_TIME)
+
+
+def _show(window: Any, run: Trajectory) -> None:
+    """Replay the run in an open window."""
+    _point_camera(window.cam, run)
+    string_width = 0.002 * _extent(run)[1]
+    began = time.monotonic()
+    while window.is_running():
+        now = (time.monotonic() - began) % (float(run.time[-1] - run.time[0]) + PAUSE)
+        row = min(int(np.searchsorted(run.time - run.time[0], now)), len(run.time) - 1)
+        with window.lock():
+            _draw(window.user_scn, run, row, string_width)
+        window.sync()
+        time.sleep(FRAME)
 
 
 def _empty_model(run: Trajectory) -> Any:

@@ -17,7 +17,7 @@ def scene_of(data: np.lib.npyio.NpzFile) -> Scene:
     nodes = data["N0"].T
     rods, strings = pairs(data["Cb"]), pairs(data["Cs"])
     held = data["fixed"].T.astype(bool)
-    masses = data["point_mass"]
+    points = zip(data["point_mass_location"], data["point_mass"], strict=True)
     structure = Structure.from_arrays(
         nodes,
         rods,
@@ -27,7 +27,7 @@ def scene_of(data: np.lib.npyio.NpzFile) -> Scene:
         damping=data["c"],
         rest_length=data["L0"],
         supports=[support(held[i], held[j]) for i, j in rods],
-        point_masses={int(np.argmax(where)): float(m) for where, m in zip(data["point_mass_location"], masses)},
+        point_masses={int(np.argmax(where)): float(mass) for where, mass in points},
         name="stedy",
         string_law=StringLaw.UNCLIPPED,
     )

@@ -76,6 +76,15 @@ def test_every_example_parses(command: str) -> None:
         assert build_parser().parse_args(words[1:]).command == command
 
 
+def test_every_command_in_the_readme_parses() -> None:
+    text = (Path(__file__).resolve().parent.parent / "README.md").read_text(encoding="utf-8")
+    lines = [line.partition("#")[0].split() for line in text.splitlines() if line.startswith("tensegrity-mj ")]
+    assert {words[1] for words in lines} == set(COMMANDS) - {"demo"}  # which scripts/demo.sh runs
+    assert all(f"| {code:d} |" in text for code in ExitCode)
+    for words in lines:
+        assert build_parser().parse_args(words[1:]).command == words[1]
+
+
 def test_help_and_parsing_load_no_heavy_library() -> None:
     # This, and not a clock, is what keeps --help fast.
     code = (
@@ -482,6 +491,10 @@ def test_options_reach_the_simulation(capsys: pytest.CaptureFixture[str], monkey
     assert asked["engine"] == tmj.MuJoCo(timestep=3e-3, integrator=tmj.Integrator.IMPLICIT)
     assert asked["law"] is None
     assert asked["duration"] is None
+    words = "run prism --actuation hold-rest-length --control-period 5e-3 --output-interval 1e-2"
+    assert ask(capsys, *words.split())[1]["error"] == "recorded"
+    assert asked["actuation"] == tmj.Actuation.hold_rest_length(5e-3)
+    assert asked["output_interval"] == 1e-2
 
 
 def test_a_diverged_run_gives_4_and_keeps_what_it_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -655,6 +668,23 @@ def test_observed_orders() -> None:
     first, *others = observed_orders(table)
     assert first is None
     assert others == pytest.approx([4.0, 4.0], rel=1e-12)
+
+
+def test_options_reach_the_renderer(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = tmp_path / "p.nc"
+    assert ask(capsys, *"run prism --timestep 1e-2 --duration 0.1 --out".split(), run)[0] == 0
+    asked: dict[str, Any] = {}
+    monkeypatch.setattr(tmj, "render", lambda *args, **options: asked.update(options))
+    monkeypatch.setattr(experiment, "require_off_screen_opengl", lambda: None)
+    words = ("render", run, run, "--out", tmp_path / "v.mp4", "--size", "640x360", "--fps", "25", "--speed", "0.5")
+    assert ask(capsys, *words, "--layout", "side-by-side")[0] == 0
+    assert asked["layout"] is tmj.Layout.SIDE_BY_SIDE
+    assert (asked["size"], asked["fps"], asked["speed"]) == ((640, 360), 25.0, 0.5)
+    assert asked["other"] is not None
+    assert ask(capsys, *words)[0] == 0
+    assert asked["layout"] is tmj.Layout.OVERLAY
 
 
 @pytest.mark.slow

@@ -48,6 +48,12 @@ def test_opengl_that_is_switched_off_is_reported(monkeypatch: pytest.MonkeyPatch
     assert doctor.OPENGL_PACKAGES in check.remedy
 
 
+def test_a_chosen_opengl_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MUJOCO_GL", "osmesa")
+    monkeypatch.setattr(doctor, "_run_probe", lambda code: (False, "broken on purpose"))
+    assert doctor.check_opengl().found == "broken on purpose (MUJOCO_GL=osmesa)"
+
+
 def test_opengl_names_what_it_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("MUJOCO_GL", raising=False)
     check = doctor.check_opengl()

@@ -7,6 +7,8 @@ whose mass, centre and inertia are written in the MJCF.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from engine_accelerations import dae_accelerations, mujoco_accelerations
@@ -93,8 +95,9 @@ def test_taut_motions_agree_and_the_difference_falls_with_order_four(seed: int, 
     steps = (5e-3, 2.5e-3, 1.25e-3, 6.25e-4)
     runs = [run(scene, tmj.MuJoCo(timestep=h)) for h in steps]
     errors = [tmj.compare(each, reference).max_node_error for each in runs]
-    orders = [float(np.log2(a / b)) for a, b in zip(errors, errors[1:], strict=False) if b > 1e-11]
-    print(f"{support}: " + ", ".join(f"{h:g} s {e:.1e} m" for h, e in zip(steps, errors, strict=True)), orders)
+    orders = [float(np.log2(a / b)) for a, b in pairwise(errors) if b > 1e-11]
+    listed = ", ".join(f"{h:g} s {e:.1e} m" for h, e in zip(steps, errors, strict=True))
+    print(f"{support}: {listed}; orders {np.round(orders, 2)}")
     # The next term of the error is h ω times the leading one, 0.075 at the coarsest step and half of it at the next:
     # 0.0375 / ln 2 = 0.05 in the order; twice that for what is faster than a rod's turn.
     assert orders == pytest.approx([4.0] * len(orders), abs=0.1)

@@ -631,7 +631,7 @@ def bare_machine(monkeypatch):
 def test_without_opengl_the_error_names_the_packages(bare_machine, tmp_path: Path):
     for chosen in ("", "egl", "osmesa"):
         bare_machine.setenv("MUJOCO_GL", chosen)
-        with pytest.raises(MissingLibraryError, match="libegl1 libegl-mesa0 libopengl0") as caught:
+        with pytest.raises(MissingLibraryError, match="libegl1 libegl-mesa0 libgl1-mesa-dri libopengl0") as caught:
             render(cone_run(), tmp_path / "film.mp4")
         assert "libosmesa6" in str(caught.value)
     assert not list(tmp_path.iterdir())

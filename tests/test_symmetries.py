@@ -1,8 +1,8 @@
 """What must not matter: where an experiment stands in the world, the order of its members, and the units.
 
 Each experiment is run twice with the same fixed-step method, whose steps turn, permute and scale with it, so that only
-round-off is between the two: 2e-16 m a step, 1e-13 m after 400 steps if all of it had one sign. The motion spreads it by
-less than tenfold in 0.4 s. Velocities and forces carry it times a frequency or a stiffness of below 100.
+round-off is between the two: 2e-16 m a step, 1e-13 m after 400 steps if all of it had one sign. The motion spreads it
+by less than tenfold in 0.4 s. Velocities and forces carry it times a frequency or a stiffness of below 100.
 """
 
 from __future__ import annotations

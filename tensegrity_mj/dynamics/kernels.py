@@ -33,8 +33,8 @@ def solve_spd(n: int, A: Any, x: Any) -> None:
 def rod_accelerations(rod: Any, b: Any, c: float, t_r: Any, t_b: Any, r_acc: Any, b_acc: Any, work: Any) -> None:
     """r̈ and b̈ of one rod from its forces, (2.43) and (2.37).
 
-    `work` is scratch, (4, 3). `c` is (‖ḃ‖/‖b‖)², plus what a stabilization adds. With c = 0 this applies A = M⁻¹ H of (2.45), which is
-    symmetric: the laws use it so.
+    `c` is (‖ḃ‖/‖b‖)², plus what a stabilization adds. With c = 0 this applies A = M⁻¹ H of (2.45), which is
+    symmetric: the laws use it so. `work` is scratch, (4, 3).
     """
     square = b[0] * b[0] + b[1] * b[1] + b[2] * b[2]
     nz, nb = rod.nz, rod.nb

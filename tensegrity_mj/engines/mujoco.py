@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
@@ -188,7 +189,7 @@ class _Run:
         grid, options = self.grid, self.options
         counters = self.counters
         label = f"MuJoCo {options.integrator.value}"
-        with Progress(self.request, label) as progress, callback.installed(self.plant.table):
+        with Progress(self.request, label) as progress, callback.installed(self.plant.table) as texts:
             self._warm_up()
             clock = Stopwatch()
             for first, count in chunks(grid.count, 4096):
@@ -207,6 +208,8 @@ class _Run:
             self.plant.raise_if_failed(SOLVED, self.times[-1])  # a load, at the very end
             run = self._finish(len(self.times), Status.COMPLETED, "", seconds)
             check_energy(run, self._remedy(), self._explicit)
+            for text in texts:
+                warnings.warn(f"MuJoCo: {text}", RuntimeWarning, stacklevel=4)  # at the call of simulate
             return run
         time, kept = step * options.timestep, int(counters[callback.NEXT_ROW])
         if counters[callback.STAGE] == 0 and not self.plant.table[STATUS]:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import ctypes
 import threading
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -293,8 +292,10 @@ def _callback() -> tuple[Any, Any]:
 
 
 @contextmanager
-def installed(table: Any) -> Iterator[None]:
-    """Install the callback for one run; the previous one is put back.
+def installed(table: Any) -> Iterator[list[str]]:
+    """Install the callback for one run; the previous one is put back. Gives the texts that MuJoCo warns with.
+
+    They are kept from MuJoCo's own handler, which would write a log file into the current folder.
 
     Raises:
         OptionError: if another thread of this process is simulating: MuJoCo has one callback for all.
@@ -302,24 +303,23 @@ def installed(table: Any) -> Iterator[None]:
     import mujoco
 
     if not _lock.acquire(blocking=False):
-        raise OptionError("another MuJoCo run of this process is under way; run simulations in separate processes")
+        raise OptionError(
+            "another MuJoCo run of this process is under way, in another thread or in the law that called this one; "
+            "MuJoCo has one callback a process: run simulations one after the other, or in processes"
+        )
+    texts: list[str] = []
     try:
         function, _keep = _callback()
-        previous, previous_warning = mujoco.get_mjcb_control(), mujoco.get_mju_user_warning()
+        previous, previous_handler = mujoco.get_mjcb_control(), mujoco.get_mju_user_warning()
         ACTIVE[0] = address_of(table)
         mujoco.set_mjcb_control(function)
-        mujoco.set_mju_user_warning(_warning)
+        # Nothing that can raise: an exception in there ends the process.
+        mujoco.set_mju_user_warning(texts.append)
         try:
-            yield
+            yield texts
         finally:
-            mujoco.set_mju_user_warning(previous_warning)
+            mujoco.set_mju_user_warning(previous_handler)
             mujoco.set_mjcb_control(previous)
             ACTIVE[0] = 0
     finally:
         _lock.release()
-
-
-def _warning(text: str) -> None:
-    """MuJoCo's own handler writes a log file into the current folder. What it says of instability the run raises."""
-    if "unstable" not in text:
-        warnings.warn(f"MuJoCo: {text}", RuntimeWarning, stacklevel=2)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.errors import MissingLibraryError, OptionError
 
-DEBIAN_PACKAGES = "libegl1 libegl-mesa0 libopengl0"
+DEBIAN_PACKAGES = "libegl1 libegl-mesa0 libgl1-mesa-dri libopengl0"
 DEBIAN_PACKAGES_OSMESA = "libosmesa6"
 MAX_SIZE = 4096  # px; a frame's largest side
 MAX_BUFFER = 8192  # px; what every OpenGL of the last ten years can hold
