@@ -263,7 +263,7 @@ def _unit(vector: Iterable[float]) -> Array:
 def _visual(root: ET.Element, scene: Scene) -> None:
     nodes = scene.nodes0
     center = 0.5 * (nodes.min(axis=0) + nodes.max(axis=0))
-    extent = float(max(np.linalg.norm(np.ptp(nodes, axis=0)), 1e-3))
+    extent = max(float(np.linalg.norm(np.ptp(nodes, axis=0))), 1e-3)
     ET.SubElement(root, "statistic", center=_numbers(center), extent=_numbers([extent]))
 
 

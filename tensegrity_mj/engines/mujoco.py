@@ -6,7 +6,7 @@ import enum
 import math
 import warnings
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NoReturn
 
 import mujoco
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.engines import mujoco_callback as callback
 from tensegrity_mj.engines.run import (
+    LOST,
     Grid,
     Progress,
     Request,
@@ -55,10 +56,10 @@ _WORDS = {
 
 # What MuJoCo warns of where it has left the world of sense; it goes on all the same.
 _WARNINGS = {
-    "mjWARN_BADQPOS": "a position beyond what MuJoCo takes for real",
-    "mjWARN_BADQVEL": "a velocity beyond what MuJoCo takes for real",
-    "mjWARN_BADQACC": "an acceleration beyond what MuJoCo takes for real",
-    "mjWARN_BADCTRL": "a rest length beyond what MuJoCo takes for real",
+    "a bad position": mujoco.mjtWarning.mjWARN_BADQPOS,
+    "a bad velocity": mujoco.mjtWarning.mjWARN_BADQVEL,
+    "a bad acceleration": mujoco.mjtWarning.mjWARN_BADQACC,
+    "a bad control": mujoco.mjtWarning.mjWARN_BADCTRL,
 }
 
 
@@ -90,6 +91,7 @@ class MuJoCo:
 
         Raises:
             StructureError: for masses or sizes that MuJoCo cannot hold.
+            OptionError: where a control callback that is not this package's hinders MuJoCo.
         """
         far = np.abs(scene.nodes0).max(axis=1) > mujoco.mjMAXVAL
         if far.any():
@@ -101,6 +103,11 @@ class MuJoCo:
         try:
             return mujoco.MjModel.from_xml_string(scene_to_mjcf(scene, self.timestep, self.word))
         except ValueError as error:
+            if mujoco.get_mjcb_control() is not None and not callback.ACTIVE[0]:
+                raise OptionError(
+                    "a control callback of your own is installed, and MuJoCo has one for the whole process: "
+                    "take it out with mujoco.set_mjcb_control(None)"
+                ) from error
             reason = " ".join(str(error).split())
             raise StructureError(
                 f"structure '{scene.structure.name}': MuJoCo cannot hold it ({reason}); masses [kg] and moments of "
@@ -214,6 +221,10 @@ class _Run:
         time, kept = step * options.timestep, int(counters[callback.NEXT_ROW])
         if counters[callback.STAGE] == 0 and not self.plant.table[STATUS]:
             self.times = np.append(self.times[: kept - 1], time)  # the law stopped it at a step's start: a row more
+        if ended == callback.LOST:
+            self._diverged(f"positions or velocities are beyond {LOST:g} m or m/s", seconds, time)
+        if ended == callback.LOST_CONTROL:
+            self._diverged(f"rest lengths are beyond {LOST:g} m, where MuJoCo ignores them", seconds, time)
         blame = (self.plant, time, self._remedy(), self._explicit)
         try:
             self.plant.raise_if_failed(ended, time)
@@ -237,19 +248,18 @@ class _Run:
     def _check(self, steps: int, seconds: float) -> None:
         """Raise if MuJoCo warned, stopped counting steps, or left the finite world."""
         data = self.data
-        causes = [text for name, text in _WARNINGS.items() if data.warning[getattr(mujoco.mjtWarning, name)].number]
+        causes = [f"MuJoCo warned of {name}" for name in _WARNINGS if data.warning[_WARNINGS[name]].number]
         if not (np.all(np.isfinite(data.qpos)) and np.all(np.isfinite(data.qvel))):
             causes.append("the state is no longer finite")
         if int(self.counters[callback.STEP]) != steps:
             causes.append(f"{self.counters[callback.STEP]} steps were made, not {steps}")
         if causes:
-            self._diverged(", ".join(causes), seconds)
+            self._diverged(", ".join(causes), seconds, steps * self.options.timestep)
 
-    def _diverged(self, cause: str, seconds: float) -> None:
+    def _diverged(self, cause: str, seconds: float, time: float) -> NoReturn:
         partial = self._partial(seconds)
         check_energy(partial, self._remedy(), self._explicit)  # it may know better when and why
-        time = float(partial.time[-1])
-        raise DivergenceError(f"diverged soon after t = {time:.6g} s: {cause}; {self._remedy()}", time, partial)
+        raise DivergenceError(f"diverged by t = {time:.6g} s: {cause}; {self._remedy()}", time, partial)
 
     def _partial(self, seconds: float) -> Trajectory:
         """What there is so far: the rows that have their accelerations."""

@@ -91,7 +91,8 @@ njit = numba.njit(cache=True, error_model="numpy")
 
 # Counters: calls within the step, steps begun, next row, row waiting for its accelerations, final status.
 STAGE, STEP, NEXT_ROW, WAITING, ENDED, END_STEP = range(6)
-RUNNING, FINISHED = -1, -2
+RUNNING, FINISHED, LOST, LOST_CONTROL = -1, -2, -3, -4
+BEYOND = 1e10  # mjMAXVAL: MuJoCo takes larger numbers for a divergence, and sets all controls to zero for one of them
 
 ACTIVE = np.zeros(1, np.int64)  # address of the running plant's table, 0 for none
 _ACTIVE_ADDRESS = address_of(ACTIVE)
@@ -145,6 +146,17 @@ def apply_loads(table: Any) -> None:
 
 
 @njit
+def is_lost(table: Any) -> bool:
+    """Whether a position or a velocity is beyond all reason, or no number."""
+    N = table[NODE_COUNT]
+    nodes, velocities = floats(table[NODES], (3 * N,)), floats(table[VELOCITIES], (3 * N,))
+    for x in range(3 * N):
+        if not (abs(nodes[x]) < BEYOND and abs(velocities[x]) < BEYOND):
+            return True
+    return False
+
+
+@njit
 def load_power(table: Any) -> float:
     """Power of the last external forces at the current velocities [W]."""
     N = table[NODE_COUNT]
@@ -156,8 +168,8 @@ def load_power(table: Any) -> float:
 
 
 @njit
-def set_controls(table: Any) -> None:
-    """Controls from rest lengths, such that neither spring nor damper of a slack string acts.
+def set_controls(table: Any) -> bool:
+    """Controls from rest lengths, such that neither spring nor damper of a slack string acts; False for one beyond.
 
     A slack string's control takes its actuator well beyond the limit of zero tension, where MuJoCo gives exactly zero
     and implicit integrators know that no damper is there. Without clipping, only slack strings have that limit.
@@ -175,6 +187,9 @@ def set_controls(table: Any) -> None:
         if not table[CLIPPED]:
             force_range[m, 1] = 0.0 if slack else UNLIMITED
         ctrl[m] = L0 - designed[m]
+        if not abs(ctrl[m]) < BEYOND:
+            return False
+    return True
 
 
 @njit
@@ -219,6 +234,9 @@ def control_stage(table: Any) -> None:
         weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
         t = (step + (0.0 if stage == 0 else (1.0 if stage == 3 else 0.5))) * h
     read_nodes(table)
+    if is_lost(table):
+        counters[ENDED], counters[END_STEP] = LOST, step
+        return
     if M > 0:
         floats(table[LENGTH], (M,))[:] = floats(table[TEN_LENGTH], (M,))
         floats(table[RATE], (M,))[:] = floats(table[TEN_VELOCITY], (M,))
@@ -236,7 +254,9 @@ def control_stage(table: Any) -> None:
     if M > 0:
         asked = set_rest_lengths(table, t)
         tighten_strings(table)
-        set_controls(table)
+        if asked <= NO_SOLUTION and status <= NO_SOLUTION and not set_controls(table):
+            counters[ENDED], counters[END_STEP] = LOST_CONTROL, step
+            return
     if stage == 0:
         if step == 0:
             start_ledger(table)
