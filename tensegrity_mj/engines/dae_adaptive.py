@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.integrate import DOP853, Radau
 
 from tensegrity_mj.engines.dae import DAERun, Drift, Method
-from tensegrity_mj.engines.dae_kernels import dae_rhs, observe, renormalize, sample_law
+from tensegrity_mj.engines.dae_kernels import WORK, dae_rhs, observe, renormalize, sample_law
 from tensegrity_mj.engines.run import DEFAULT_INTERVAL, Progress, Request, Stopwatch, check_energy
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED
@@ -34,6 +34,7 @@ Array = NDArray[np.float64]
 
 # A law that loses and regains its solution more often than this slides along the boundary of the admissible set.
 MAX_SWITCHES = 1000
+JACOBIAN_STEP = 1.5e-8  # √eps: round-off and curvature spoil the difference alike
 SWITCH_TOLERANCE = 1e-10  # s, to which the time of a switch is located
 VANISHING_MARGIN = 1e-3  # of the margin at the start: below it, an integrator that gives up gave up for the law's sake
 
@@ -131,13 +132,33 @@ class ErrorControlled:
     def _rhs(self, t: float, y: Array) -> Array:
         return self._rhs_status(t, y)[0]
 
+    def _jacobian(self, t: float, y: Array) -> Array:
+        """∂(dy/dt)/∂y by forward differences, for Radau.
+
+        SciPy's own widens its step tenfold each time in a column that changes nothing, until it overflows; work
+        integrals and the place of a rod without strings are such columns.
+        """
+        here = self._rhs(t, y)
+        jacobian = np.zeros((len(y), len(y)))
+        for column in range(len(y) - WORK):
+            aside = y.copy()
+            aside[column] += JACOBIAN_STEP * max(1.0, abs(y[column]))
+            jacobian[:, column] = (self._rhs(t, aside) - here) / (aside[column] - y[column])
+        return jacobian
+
+    def _jacobian(self, t: float, y: Array) -> Array:
+        out = np.empty((len(y), len(y)))
+        self.run.evaluations += int(jacobian(t, y, self.table, out))
+        return out
+
     def _step(self, mark: float, keep_last: bool) -> None:
         """One accepted step, its outputs, and a switch within it."""
         if self.solver is None:
             options = self.options
             first = None if self.first_step is None else min(self.first_step, mark - self.t)
+            implicit = {"jac": self._jacobian} if self.kind is Radau else {}
             self.solver = self.kind(
-                self._rhs, self.t, self.y, mark, rtol=options.rtol, atol=options.atol, first_step=first
+                self._rhs, self.t, self.y, mark, rtol=options.rtol, atol=options.atol, first_step=first, **implicit
             )
         elif self.solver.t_bound != mark:
             self.solver.t_bound, self.solver.status = mark, "running"
