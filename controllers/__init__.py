@@ -26,6 +26,8 @@ def from_scene(scene: Scene, **overrides: Any) -> Lyapunov:
     Raises:
         OptionError: if the scene names no law or an unknown one, or an option that the law has not.
     """
+    if not isinstance(scene, Scene):
+        raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
     if scene.control is None:
         raise OptionError(f"scene '{scene.name}' names no control law: add [scene.control], or make a law yourself")
     if scene.control.law not in LAWS:

@@ -10,12 +10,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tensegrity_mj.checks import positive, real_array
 from tensegrity_mj.controllers.allocation import least_norm
 from tensegrity_mj.dynamics.kernels import rod_accelerations
 from tensegrity_mj.dynamics.records import POINT, ROD, StructureRecords
@@ -210,26 +212,19 @@ class Lyapunov:
     def __post_init__(self) -> None:
         if self.target is None:
             raise OptionError("target = None: the Lyapunov law needs a target; give node positions (N, 3) or a Target")
+        if not isinstance(self.structure, Structure):
+            raise OptionError(f"structure = {self.structure!r}; use a Structure (scene.structure)")
         if not isinstance(self.target, Target):
             object.__setattr__(self, "target", Target.set_point(self.target))
         check_target(self.structure, self.target)
-        if not (_is_number(self.decay_rate) and self.decay_rate > 0):
-            raise OptionError(f"decay_rate = {self.decay_rate!r}; it must be a finite number > 0 [1/s]")
-        if self.norm not in (1, 2, math.inf):
+        object.__setattr__(self, "decay_rate", positive("decay_rate", self.decay_rate, "1/s"))
+        if isinstance(self.norm, bool) or not np.isscalar(self.norm) or self.norm not in (1, 2, math.inf):
             raise OptionError(f"norm = {self.norm!r}; allowed: 1, 2, math.inf")
-        floor = self.minimum_force_density
-        try:
-            values = np.broadcast_to(np.asarray(floor, float), (len(self.structure.strings),))
-        except ValueError:
-            raise OptionError(
-                f"minimum_force_density = {floor!r}; it must be a number or one for each of the "
-                f"{len(self.structure.strings)} strings"
-            ) from None
-        if not np.all(np.isfinite(values)) or np.any(values < 0):
-            raise OptionError(f"minimum_force_density = {floor!r}; every value must be finite and >= 0 N/m")
-        gravity = np.asarray(self.gravity, float)
-        if gravity.shape != (3,) or not np.all(np.isfinite(gravity)):
-            raise OptionError(f"gravity = {self.gravity!r}; it must be three finite numbers [m/s²]")
+        floor = real_array("minimum_force_density", self.minimum_force_density, (len(self.structure.strings),), "N/m")
+        if np.any(floor < 0):
+            raise OptionError(f"minimum_force_density = {self.minimum_force_density!r}; every value must be >= 0 N/m")
+        gravity = real_array("gravity", self.gravity, (3,), "m/s²", scalar=False)
+        object.__setattr__(self, "gravity", tuple(float(x) for x in gravity))
         gain_records(self.structure, self.translation, self.rotation)
 
     @property
@@ -246,7 +241,11 @@ class Lyapunov:
                 f"the law was made for '{own.name}' with {len(own.nodes)} nodes and {len(own.strings)} strings; "
                 f"'{structure.name}' has other nodes or strings"
             )
-        target = self.target
+        return self._native
+
+    @cached_property
+    def _native(self) -> NativeLaw:
+        own, target = self.structure, self.target
         assert isinstance(target, Target)
         records = StructureRecords.of(own)
         gains = gain_records(own, self.translation, self.rotation)
@@ -265,9 +264,9 @@ class Lyapunov:
         return NativeLaw(
             address=_lyapunov.address,
             context=address_of(table),
-            keep=(records, gains, arrays, table, self),
+            keep=(records, gains, arrays, table),
             discontinuous=self.discontinuous,
-            description=self.describe(),
+            gravity=self.gravity,
         )
 
     def __call__(self, time: float, nodes: Array, velocities: Array) -> Array:
@@ -285,7 +284,7 @@ class Lyapunov:
 
     def evaluate(self, time: float, nodes: Array, velocities: Array) -> tuple[Array, float, float]:
         """u (M,) [N/m], the feasibility margin max(v/α) and V at one state."""
-        native = self.native(self.structure)
+        native = self._native
         nodes = np.ascontiguousarray(nodes, float)
         velocities = np.ascontiguousarray(velocities, float)
         u, report = np.zeros(len(self.structure.strings)), np.zeros(2)
@@ -381,7 +380,3 @@ def _matrix(value: ArrayLike, n: int, what: str) -> Array:
     if array.shape != (n, n) or not np.all(np.isfinite(array)):
         raise OptionError(f"gain {what} = {value!r}; it must be a finite number or a ({n}, {n}) matrix")
     return array
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float, np.integer, np.floating)) and math.isfinite(value)

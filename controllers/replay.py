@@ -6,12 +6,14 @@ The plain cross-model experiment, in which no law can hide a plant's error: what
 from __future__ import annotations
 
 import os
+from functools import cached_property
 from typing import Any
 
 import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tensegrity_mj.checks import member, positive
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.law import SOLVED, Command, NativeLaw
 from tensegrity_mj.native.pointers import LAW_SIGNATURE, address_of, floats, integers
@@ -47,24 +49,32 @@ class Replay:
         command: which of the two.
         held: values stand from each time to the next (what a sampled run did); such a replay jumps and runs
             sampled only. Otherwise they are interpolated by a not-a-knot cubic spline.
+        period: the control period [s] that held values must be played with; None allows any.
 
     Raises:
         OptionError: for shapes that do not match, times that do not increase, or values that are not finite.
     """
 
     def __init__(
-        self, times: ArrayLike, values: ArrayLike, command: Command = Command.REST_LENGTH, held: bool = False
+        self,
+        times: ArrayLike,
+        values: ArrayLike,
+        command: Command = Command.REST_LENGTH,
+        held: bool = False,
+        period: float | None = None,
     ) -> None:
-        self.times = np.array(times, float)
-        self.values = np.array(values, float)
+        member("replay: command", command, Command)
+        try:
+            self.times, self.values = np.array(times, float), np.array(values, float)
+        except (TypeError, ValueError):
+            self.times, self.values = np.zeros(0), np.zeros(0)
         self.command = command
-        self.held = held
-        if not isinstance(command, Command):
-            raise OptionError(f"replay: command = {command!r}; allowed: Command.FORCE_DENSITY, Command.REST_LENGTH")
+        self.held = bool(held)
+        self.period = None if period is None else positive("replay: period", period, "s")
         if self.times.ndim != 1 or len(self.times) < 2 or self.values.ndim != 2 or len(self.values) != len(self.times):
             raise OptionError(
-                f"replay: times of shape {self.times.shape} and values of shape {self.values.shape}; they must be (T,) "
-                "and (T, strings) with T >= 2"
+                f"replay: times of shape {self.times.shape} and values of shape {self.values.shape}; they must be "
+                "numbers of shapes (T,) and (T, strings) with T >= 2"
             )
         if not np.all(np.diff(self.times) > 0) or not np.all(np.isfinite(self.times)):
             raise OptionError("replay: the times must be finite and increase")
@@ -77,20 +87,28 @@ class Replay:
 
     @classmethod
     def of_run(cls, run: Trajectory, command: Command = Command.REST_LENGTH) -> Replay:
-        """What a run did. A sampled run is replayed held if it recorded every sample of the held quantity."""
+        """What a run did. A sampled run is replayed held, and must have recorded every sample of what it held.
+
+        Raises:
+            OptionError: where the run held the other quantity, or recorded it too seldom.
+        """
         values = run.rest_lengths if command is Command.REST_LENGTH else run.force_densities
         actuation = run.provenance.get("actuation") or {}
-        mode = "hold rest length" if command is Command.REST_LENGTH else "hold force density"
-        held = False
-        if actuation.get("mode") == mode:
-            spacing = float(np.max(np.diff(run.time), initial=0.0))
-            if spacing > actuation["period"] * (1 + 1e-9):
-                raise OptionError(
-                    f"replay: the run held its {command.value} for {actuation['period']:g} s but recorded it each "
-                    f"{spacing:g} s only; record it with output_interval = {actuation['period']:g}"
-                )
-            held = True
-        return cls(run.time, values, command, held)
+        mode = actuation.get("mode", "continuous")
+        if mode == "continuous":
+            return cls(run.time, values, command)
+        if mode != f"hold {command.value}":
+            other = next(c for c in Command if c is not command)
+            raise OptionError(
+                f"replay: the run held its {other.value}, and its {command.value} jumps; replay Command.{other.name}"
+            )
+        spacing = float(np.max(np.diff(run.time), initial=0.0))
+        if spacing > actuation["period"] * (1 + 1e-9):
+            raise OptionError(
+                f"replay: the run held its {command.value} for {actuation['period']:g} s but recorded it each "
+                f"{spacing:g} s only; record it with output_interval = {actuation['period']:g}"
+            )
+        return cls(run.time, values, command, held=True, period=actuation["period"])
 
     @classmethod
     def of_file(cls, path: str | os.PathLike[str], command: Command = Command.REST_LENGTH) -> Replay:
@@ -124,10 +142,7 @@ class Replay:
             coefficients = np.zeros((len(self.values), size, 4))
             coefficients[:, :, 3] = self.values
         else:
-            from scipy.interpolate import CubicSpline
-
-            spline = CubicSpline(times, self.values, bc_type="not-a-knot")
-            coefficients = np.ascontiguousarray(np.moveaxis(spline.c, 0, -1))
+            coefficients = np.ascontiguousarray(np.moveaxis(self._spline.c, 0, -1))
         table = np.array([len(times), size, address_of(times), address_of(coefficients)], np.int64)
         return NativeLaw(
             address=_replay.address,
@@ -135,7 +150,8 @@ class Replay:
             keep=(times, coefficients, table),
             command=self.command,
             discontinuous=self.discontinuous,
-            description=self.describe(),
+            period=self.period,
+            until=float(self.times[-1]),
         )
 
     def __call__(self, time: float, nodes: Array, velocities: Array) -> Array:
@@ -144,9 +160,23 @@ class Replay:
         if self.held:
             row = np.searchsorted(self.times, clipped + 1e-9 * (self.times[1] - self.times[0]), side="right") - 1
             return np.array(self.values[max(row, 0)])
+        return np.asarray(self._spline(clipped))
+
+    @cached_property
+    def _spline(self) -> Any:
         from scipy.interpolate import CubicSpline
 
-        return np.asarray(CubicSpline(self.times, self.values, bc_type="not-a-knot")(clipped))
+        return CubicSpline(self.times, self.values, bc_type="not-a-knot")
+
+    def interpolation_error(self) -> float:
+        """Largest error at every second time of a spline through the others: an upper estimate of the spline's own."""
+        from scipy.interpolate import CubicSpline
+
+        if self.held or len(self.times) < 9:
+            return 0.0
+        sparse = CubicSpline(self.times[::2], self.values[::2], bc_type="not-a-knot")
+        inside = self.times[1::2] <= self.times[::2][-1]
+        return float(np.max(np.abs(sparse(self.times[1::2][inside]) - self.values[1::2][inside]), initial=0.0))
 
     def describe(self) -> dict[str, Any]:
         """Plain values for the provenance of a run."""
@@ -156,4 +186,5 @@ class Replay:
             "held": self.held,
             "samples": len(self.times),
             "until": float(self.times[-1]),
+            "interpolation_error": self.interpolation_error(),
         }

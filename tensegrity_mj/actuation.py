@@ -6,6 +6,7 @@ import enum
 import math
 from dataclasses import dataclass
 
+from tensegrity_mj.checks import member, positive
 from tensegrity_mj.errors import OptionError
 
 
@@ -53,13 +54,12 @@ class Actuation:
         return cls(Mode.HOLD_REST_LENGTH, period)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.mode, Mode):
-            raise OptionError(f"actuation mode = {self.mode!r}; allowed: {', '.join(f'Mode.{m.name}' for m in Mode)}")
+        member("actuation mode", self.mode, Mode)
         if self.mode is Mode.CONTINUOUS:
             if self.period is not None:
                 raise OptionError(f"control period = {self.period!r}: the continuous mode has none; leave it out")
-        elif not isinstance(self.period, (int, float)) or not (math.isfinite(self.period) and self.period > 0):
-            raise OptionError(f"control period = {self.period!r}; '{self.mode.value}' needs a period > 0 s")
+        else:
+            object.__setattr__(self, "period", positive("control period", self.period, "s"))
 
 
 def whole_ratio(larger: float, smaller: float, what: str) -> int:
@@ -69,6 +69,8 @@ def whole_ratio(larger: float, smaller: float, what: str) -> int:
         OptionError: if it is none within 1e-9, naming the nearest values that would do.
     """
     ratio = larger / smaller
+    if not ratio < 2**53:
+        raise OptionError(f"{what}: {larger:.6g} s over {smaller:.6g} s are more steps than can be counted")
     count = round(ratio)
     if count < 1 or abs(ratio - count) > 1e-9 * max(1.0, ratio):
         low, high = max(1, math.floor(ratio)), max(1, math.floor(ratio)) + 1

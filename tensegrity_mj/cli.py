@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import os
 import sys
+import traceback
 from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn
 
@@ -84,19 +85,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
             parser.error(f"name a command: {', '.join(COMMANDS)}")
         with _stdout_to_stderr():
             outcome: Outcome = options.execute(options)
+        answer = to_json(outcome.data) if as_json else outcome.text
     except UsageError as error:
         print(error.usage, end="", file=sys.stderr)
         return _fail(ExitCode.BAD_INPUT, str(error), as_json)
     except TensegrityError as error:
         return _fail(_code_of_error(error), str(error), as_json)
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] == "tensegrity_mj":
-            raise
-        message = f"the Python package '{error.name}' is missing: install it with python -m pip install {error.name}"
-        return _fail(ExitCode.MISSING_LIBRARY, message, as_json)
+    except OSError as error:
+        return _fail(ExitCode.BAD_INPUT, f"a file or a folder could not be used: {error}", as_json)
     except KeyboardInterrupt:
         return _fail(ExitCode.INTERRUPTED, "interrupted", as_json)
-    _print(to_json(outcome.data) if as_json else outcome.text)
+    except Exception as error:
+        name = error.name or "" if isinstance(error, ModuleNotFoundError) else ""
+        if name and name.partition(".")[0] != "tensegrity_mj":
+            message = f"the Python package '{name}' is missing: install it with python -m pip install {name}"
+            return _fail(ExitCode.MISSING_LIBRARY, message, as_json)
+        # A mistake of ours: Python prints its traceback, but who asked for JSON gets an answer too.
+        if not as_json:
+            raise
+        traceback.print_exc()
+        return _fail(ExitCode.PROGRAM_ERROR, f"{type(error).__name__}: {error}", as_json)
+    _print(answer)
     return int(outcome.code)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,23 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+
+
+class _Largest:
+    """Property `max_x` of a comparison: the largest entry of its array `x`; NaN where one is NaN."""
+
+    def __init__(self, unit: str) -> None:
+        self.__doc__ = f"The largest over members and times [{unit}]; NaN where a run has NaN."
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name.removeprefix("max_")
+
+    @overload
+    def __get__(self, comparison: None, owner: type) -> Self: ...
+    @overload
+    def __get__(self, comparison: object, owner: type) -> float: ...
+    def __get__(self, comparison: object | None, owner: type) -> Self | float:
+        return self if comparison is None else float(np.max(getattr(comparison, self._name), initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,6 +42,7 @@ class Comparison:
             forces [N], of u [N/m], of L0 [m].
         energy_error: of the total energy [J].
         rms_node_error: root mean square over nodes and times [m].
+        max_node_error, ...: the largest entry of each array.
         tolerance: [m], [m/s], [N], [N/m], [J] alike: what `first_exceeded` refers to.
     """
 
@@ -51,47 +69,23 @@ class Comparison:
         "energy_error",
     )
 
-    @property
-    def max_node_error(self) -> float:
-        """[m]."""
-        return _largest(self.node_error)
-
-    @property
-    def max_velocity_error(self) -> float:
-        """[m/s]."""
-        return _largest(self.velocity_error)
-
-    @property
-    def max_tension_error(self) -> float:
-        """[N]."""
-        return _largest(self.tension_error)
-
-    @property
-    def max_rod_force_error(self) -> float:
-        """[N]."""
-        return _largest(self.rod_force_error)
-
-    @property
-    def max_force_density_error(self) -> float:
-        """[N/m]."""
-        return _largest(self.force_density_error)
-
-    @property
-    def max_rest_length_error(self) -> float:
-        """[m]."""
-        return _largest(self.rest_length_error)
-
-    @property
-    def max_energy_error(self) -> float:
-        """[J]."""
-        return _largest(self.energy_error)
+    max_node_error = _Largest("m")
+    max_velocity_error = _Largest("m/s")
+    max_tension_error = _Largest("N")
+    max_rod_force_error = _Largest("N")
+    max_force_density_error = _Largest("N/m")
+    max_rest_length_error = _Largest("m")
+    max_energy_error = _Largest("J")
 
     @property
     def first_exceeded(self) -> dict[str, float | None]:
-        """The first common time at which each difference exceeds the tolerance [s]; None if it never does."""
+        """The first common time at which each difference exceeds the tolerance [s]; None if it never does.
+
+        NaN exceeds any tolerance.
+        """
         times: dict[str, float | None] = {}
         for name in self.NAMES:
-            over = getattr(self, name) > self.tolerance
+            over = ~(getattr(self, name) <= self.tolerance)
             times[name] = float(self.time[np.argmax(over)]) if over.any() else None
         return times
 
@@ -108,12 +102,16 @@ class Comparison:
         }
 
 
+@np.errstate(over="ignore", invalid="ignore")  # runs that diverged: what is not finite shows in the result
 def compare(first: Trajectory, second: Trajectory, tolerance: float = 1e-6) -> Comparison:
     """Compare two runs at all output times that they share, without interpolation.
 
     Raises:
-        OptionError: where the structures differ, or fewer than two times are common.
+        OptionError: for what is no run, where the structures differ, or where fewer than two times are common.
     """
+    for place, run in (("first", first), ("second", second)):
+        if not isinstance(run, Trajectory):
+            raise OptionError(f"compare: the {place} is {run!r}; it must be a Trajectory")
     if not isinstance(tolerance, (int, float)) or not (np.isfinite(tolerance) and tolerance > 0):
         raise OptionError(f"tolerance = {tolerance!r}; it must be a finite number > 0")
     for member, names in (
@@ -161,6 +159,8 @@ def compare(first: Trajectory, second: Trajectory, tolerance: float = 1e-6) -> C
 
 def _common(first: Array, second: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Indices of the times that both have, to within round-off of the longer run."""
+    if not (len(first) and len(second)):
+        return np.empty(0, np.intp), np.empty(0, np.intp)
     close = 1e-9 * max(1.0, float(first[-1]), float(second[-1]))
     nearest = np.clip(np.searchsorted(second, first - close), 0, len(second) - 1)
     rows = np.flatnonzero(np.abs(second[nearest] - first) <= close)
@@ -168,8 +168,4 @@ def _common(first: Array, second: Array) -> tuple[NDArray[np.intp], NDArray[np.i
 
 
 def _spacing(run: Trajectory) -> str:
-    return f"{np.median(np.diff(run.time)):.6g} s" if len(run.time) > 1 else "one time"
-
-
-def _largest(values: Array) -> float:
-    return float(np.max(values, initial=0.0))
+    return f"{np.median(np.diff(run.time)):.6g} s" if len(run.time) > 1 else f"{len(run.time)} samples"

@@ -188,7 +188,7 @@ def observed_orders(agreement: Sequence[tuple[float, float, float]]) -> list[flo
 
 
 def _write_numbers(demo: Demo, path: Path) -> None:
-    from tensegrity_mj.pictures.files import replacing
+    from tensegrity_mj.files import replacing
 
     def of(run: Trajectory) -> dict[str, Any]:
         return {"engine": run.engine, "status": run.status.value, "cost": run.cost, "reports": run.reports}

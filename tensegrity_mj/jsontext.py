@@ -5,26 +5,46 @@ from __future__ import annotations
 import enum
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
+
+NOT_FINITE = "$float"
 
 
 def to_json(data: Any, indent: int | None = None) -> str:
     """Strict JSON text: NaN and infinity become null, enums their value, arrays lists, paths and the like text."""
-    return json.dumps(_plain(data), ensure_ascii=False, allow_nan=False, indent=indent)
+    return _text(_plain(data, lambda value: None), indent)
 
 
-def _plain(value: Any) -> Any:
+def to_exact_json(data: Any) -> str:
+    """As `to_json`, but NaN and infinity become objects such as {"$float": "nan"}, which `from_exact_json` reads."""
+    return _text(_plain(data, lambda value: {NOT_FINITE: repr(value)}))
+
+
+def from_exact_json(text: str) -> Any:
+    """What `to_exact_json` wrote.
+
+    Raises:
+        ValueError: if the text is no JSON.
+    """
+    return json.loads(text, object_hook=lambda item: float(item[NOT_FINITE]) if item.keys() == {NOT_FINITE} else item)
+
+
+def _text(plain: Any, indent: int | None = None) -> str:
+    return json.dumps(plain, ensure_ascii=False, allow_nan=False, indent=indent)
+
+
+def _plain(value: Any, not_finite: Callable[[float], Any]) -> Any:
     if isinstance(value, enum.Enum):
-        return _plain(value.value)
+        return _plain(value.value, not_finite)
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): _plain(item, not_finite) for key, item in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):
-        return [_plain(item) for item in value]
+        return [_plain(item, not_finite) for item in value]
     if value is None or isinstance(value, (str, bool, int)):
         return value
     if hasattr(value, "tolist"):  # numpy scalars and arrays
-        return _plain(value.tolist())
+        return _plain(value.tolist(), not_finite)
     if isinstance(value, float):
-        return value if math.isfinite(value) else None
+        return value if math.isfinite(value) else not_finite(value)
     return str(value)

@@ -15,13 +15,16 @@ A law that has no admissible answer at a state raises `InfeasibleError`. See doc
 from __future__ import annotations
 
 import enum
+import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tensegrity_mj import interrupts
+from tensegrity_mj.checks import member
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.structure import Structure
 
@@ -55,6 +58,9 @@ class NativeLaw:
         keep: objects that must stay alive while the law is called.
         command: what it returns.
         discontinuous: why it cannot run continuously, or "".
+        period: [s] that a sampled recording must be played with, or None.
+        until: [s] at which a recording ends, or None.
+        gravity: [m/s²] that it reckons with, or None if it has no such notion.
         failure: the exception of a Python law that failed with FAILED, in a list of at most one.
     """
 
@@ -65,6 +71,9 @@ class NativeLaw:
     discontinuous: str = ""
     description: dict[str, Any] | None = None
     failure: list[BaseException] | None = None
+    period: float | None = None
+    until: float | None = None
+    gravity: tuple[float, ...] | None = None
 
 
 def native_law(law: Law | Callable[..., ArrayLike] | None, structure: Structure) -> NativeLaw:
@@ -75,12 +84,34 @@ def native_law(law: Law | Callable[..., ArrayLike] | None, structure: Structure)
     """
     if law is None:
         return NativeLaw(0, 0, ())
-    if hasattr(law, "native"):
-        native: NativeLaw = law.native(structure)
-        return native
-    if not callable(law):
-        raise OptionError(f"controller = {law!r}: it must be a function (time, nodes, velocities) -> u, or a law")
-    return _python_law(law, structure)
+    if isinstance(law, type) or not callable(law):
+        raise OptionError(
+            f"controller = {law!r}: it must be a function (time, nodes, velocities) -> u, or a law (an object, "
+            "not a class)"
+        )
+    if callable(getattr(law, "native", None)):
+        native: NativeLaw = law.native(structure)  # type: ignore[union-attr]
+    else:
+        native = _python_law(law, structure)
+    return replace(native, description=_description(law))
+
+
+def _description(law: Any) -> dict[str, Any]:
+    """What a law says of itself, checked before the run: it goes into files."""
+    describe = getattr(law, "describe", None)
+    if not callable(describe):
+        return {"law": getattr(law, "__name__", type(law).__name__)}
+    try:
+        description = describe()
+        json.dumps(description)
+    except Exception as error:
+        raise OptionError(
+            f"{law!r}.describe() must return a dict of plain values (texts, numbers, lists, dicts): "
+            f"{type(error).__name__}: {error}"
+        ) from error
+    if not isinstance(description, dict):
+        raise OptionError(f"{law!r}.describe() returned {description!r}; it must return a dict")
+    return description
 
 
 def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLaw:
@@ -90,8 +121,10 @@ def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLa
 
     count, size = len(structure.nodes), len(structure.strings)
     command = getattr(law, "command", Command.FORCE_DENSITY)
-    if not isinstance(command, Command):
-        raise OptionError(f"{law!r}.command = {command!r}; allowed: {', '.join(f'Command.{c.name}' for c in Command)}")
+    member(f"{law!r}.command", command, Command)
+    discontinuous = getattr(law, "discontinuous", "")
+    if not isinstance(discontinuous, str):
+        raise OptionError(f"{law!r}.discontinuous = {discontinuous!r}; it must be a text that says why, or absent")
     failure: list[BaseException] = []
 
     def view(address: int, shape: tuple[int, ...]) -> Array:
@@ -101,7 +134,12 @@ def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLa
 
     def call(time: float, nodes: int, velocities: int, context: int, out: int, report: int) -> int:
         try:
-            value = np.asarray(law(time, view(nodes, (count, 3)).copy(), view(velocities, (count, 3)).copy()), float)
+            if interrupts.requested():
+                raise KeyboardInterrupt
+            value = np.asarray(law(time, view(nodes, (count, 3)).copy(), view(velocities, (count, 3)).copy()))
+            if np.iscomplexobj(value):
+                raise ValueError("it returned complex numbers; it must return real ones")
+            value = value.astype(float)
             if value.shape != (size,):
                 raise ValueError(f"it returned shape {value.shape}; it must return ({size},), a value a string")
             view(out, (size,))[:] = value
@@ -113,14 +151,12 @@ def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLa
             return FAILED
         return SOLVED
 
-    describe = getattr(law, "describe", None)
     function = LAW_FUNCTION(call)
     return NativeLaw(
         address=ctypes.cast(function, ctypes.c_void_p).value or 0,
         context=0,
         keep=(function, law),
         command=command,
-        discontinuous=str(getattr(law, "discontinuous", "")),
-        description=describe() if callable(describe) else {"law": getattr(law, "__name__", type(law).__name__)},
+        discontinuous=discontinuous,
         failure=failure,
     )

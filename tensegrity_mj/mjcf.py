@@ -300,4 +300,4 @@ def quaternion(rotation: Array) -> Array:
 
 
 def _numbers(values: Iterable[float]) -> str:
-    return " ".join(repr(float(value)) for value in values)
+    return " ".join(repr(float(value) + 0.0) for value in values)  # no -0.0

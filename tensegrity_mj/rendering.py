@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.errors import MissingLibraryError, OptionError
-from tensegrity_mj.pictures.files import checked, replacing
+from tensegrity_mj.files import checked, replacing
 from tensegrity_mj.pictures.motion import Motion
 from tensegrity_mj.pictures.stage import Layout, Quality, Stage, View
 from tensegrity_mj.scene import Scene
@@ -67,7 +67,7 @@ def render(
         azimuth, elevation: of the camera [degrees], in MuJoCo's sense; chosen where None.
         distance: of the camera [m]; chosen where None.
         quality: of edges; `Quality.FAST` halves the drawing time.
-        progress: show a bar on stderr.
+        progress: show a bar on stderr, if that is a terminal.
 
     Raises:
         OptionError: an option that cannot be met, an empty trajectory, a file that cannot be written.
@@ -221,7 +221,8 @@ def _encode(stage: Stage, times: NDArray[np.float64], path: Path, fps: float, pr
     try:
         writer.__enter__()
         try:
-            for time in tqdm(times, desc="video", unit="frame", disable=not progress):
+            # None: no bar where stderr is no terminal, a log for example.
+            for time in tqdm(times, desc="video", unit="frame", disable=None if progress else True):
                 writer.add_image(stage.frame(time))
         except BaseException:
             # ffmpeg may have been interrupted too: what it says about it must not hide the reason.

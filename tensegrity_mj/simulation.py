@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import platform
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
@@ -10,7 +9,9 @@ from typing import Any, Protocol
 
 from numpy.typing import ArrayLike
 
+from tensegrity_mj import interrupts
 from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible
+from tensegrity_mj.checks import member, positive
 from tensegrity_mj.engines.run import Request
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.law import Law, native_law
@@ -63,30 +64,35 @@ def simulate(
         from tensegrity_mj.engines.mujoco import MuJoCo
 
         engine = MuJoCo()
-    if not hasattr(engine, "run"):
+    if isinstance(engine, type) or not callable(getattr(engine, "run", None)):
         raise OptionError(f"engine = {engine!r}; use MuJoCo(...) or DAE(...)")
     actuation = actuation or Actuation.continuous()
     if not isinstance(actuation, Actuation):
         raise OptionError(f"actuation = {actuation!r}; use Actuation.continuous() or one of the hold modes")
-    if not isinstance(on_infeasible, OnInfeasible):
-        raise OptionError(f"on_infeasible = {on_infeasible!r}; allowed: OnInfeasible.STOP, OnInfeasible.PASSIVE")
+    member("on_infeasible", on_infeasible, OnInfeasible)
     total = scene.duration if duration is None else duration
-    for name, value in (("duration", total), ("output_interval", output_interval)):
-        if value is not None and not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
-            raise OptionError(f"{name} = {value!r}; it must be a finite number > 0 s")
+    total = positive("duration", total, "s")
+    if output_interval is not None:
+        output_interval = positive("output_interval", output_interval, "s")
     if output_interval is not None and output_interval > total * (1 + 1e-12):
         raise OptionError(f"output_interval = {output_interval!r} s is longer than the run of {total} s")
     law = native_law(controller, scene.structure)
     if law.discontinuous and actuation.mode is Mode.CONTINUOUS:
         raise OptionError(law.discontinuous)
-    request = Request(scene, law, actuation, on_infeasible, float(total), output_interval, progress)
-    run = engine.run(request)
+    if controller is None and actuation.mode is not Mode.CONTINUOUS:
+        raise OptionError(f"actuation '{actuation.mode.value}' without a law: there is nothing to sample; leave it out")
+    if law.period is not None and actuation.period is not None and abs(actuation.period / law.period - 1) > 1e-9:
+        raise OptionError(
+            f"control period = {actuation.period:g} s: the recording was made each {law.period:g} s; replay it so"
+        )
+    request = Request(scene, law, actuation, on_infeasible, total, output_interval, progress)
+    with interrupts.deferred():
+        run = engine.run(request)
     run.provenance.update(
         {
             "controller": law.description,
-            "actuation": {"mode": actuation.mode.value, "period": actuation.period},
             "on_infeasible": on_infeasible.value,
-            "duration": float(total),
+            "duration": total,
             "versions": versions(),
         }
     )

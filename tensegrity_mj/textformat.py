@@ -10,7 +10,6 @@ from __future__ import annotations
 import difflib
 import importlib.resources
 import os
-import tempfile
 import tomllib
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -21,6 +20,7 @@ import tomli_w
 from numpy.typing import NDArray
 
 from tensegrity_mj.errors import FormatError, SceneError, StructureError
+from tensegrity_mj.files import replacing
 from tensegrity_mj.scene import ControlSpec, Load, Scene, Target
 from tensegrity_mj.strings import StringLaw
 from tensegrity_mj.structure import PointMass, Rod, String, Structure, Support
@@ -534,21 +534,6 @@ def _given(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _write(path: str | os.PathLike[str], text: str) -> Path:
-    destination = Path(path)
-    temporary = None
-    try:
-        target = destination.resolve()  # a link stays a link
-        handle, temporary = tempfile.mkstemp(dir=target.parent, suffix=".toml.part")
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-        mask = os.umask(0)  # mkstemp makes it private; give it the rights of any new file
-        os.umask(mask)
-        os.chmod(temporary, 0o666 & ~mask)
-        os.replace(temporary, target)
-    except BaseException as error:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise FormatError(f"{destination}: cannot be written ({error.strerror})") from error
-        raise
-    return destination
+    with replacing(path) as part:
+        part.write_text(text, encoding="utf-8", newline="\n")
+    return Path(path)

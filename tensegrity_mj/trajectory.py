@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import enum
-import json
 import os
-import tempfile
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.errors import FormatError
+from tensegrity_mj.files import checked, replacing
+from tensegrity_mj.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.scene import Scene
 
 Array = NDArray[np.float64]
@@ -47,11 +47,14 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "feasibility_margin": (("time",), "m2 or as the law defines", "max(v/α) of (5.18); NaN without such a law"),
     "lyapunov": (("time",), "as the law defines", "V of (5.3); NaN without such a law"),
 }
+DICTIONARIES = ("cost", "reports", "provenance")  # in the file as JSON
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """One simulated run: arrays over time as in `VARIABLES`, and where they come from.
+
+    It has no samples where a run diverged at its very start.
 
     Attributes:
         scene: what was simulated (loads given as a Python function are not kept in files).
@@ -90,7 +93,7 @@ class Trajectory:
     def energy_balance(self) -> Array:
         """(T,) [J]: energy gained minus winch work minus external work plus dissipation; zero if exact."""
         energy = self.kinetic_energy + self.gravity_energy + self.string_energy
-        return energy - energy[0] - self.winch_work - self.external_work + self.dissipation
+        return energy - energy[:1] - self.winch_work - self.external_work + self.dissipation
 
     @property
     def energy_residual(self) -> float:
@@ -118,46 +121,34 @@ class Trajectory:
         return np.max(np.linalg.norm(self.nodes - aims, axis=-1), axis=1)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write NetCDF-4, atomically (a crash leaves the old file or none); returns the path."""
+        """Write NetCDF-4 (.nc), atomically (a crash leaves the old file or none); returns the path.
+
+        Raises:
+            OptionError: for another suffix, or a place where no file can be written.
+            FormatError: if writing fails.
+        """
         import h5netcdf
 
         from tensegrity_mj.textformat import scene_to_toml
 
-        destination = Path(path)
-        structure = self.scene.structure
-        handle, temporary = tempfile.mkstemp(dir=destination.absolute().parent, suffix=".nc.part")
-        os.close(handle)
-        try:
-            with h5netcdf.File(temporary, "w") as file:
-                file.dimensions = {
-                    "time": len(self.time),
-                    "node": len(structure.nodes),
-                    "axis": 3,
-                    "string": len(structure.strings),
-                    "rod": len(structure.rods),
-                }
-                for name, (dimensions, unit, meaning) in VARIABLES.items():
-                    # Contiguous storage: it also takes dimensions of length zero (no strings, no rods).
-                    variable = file.create_variable(name, dimensions, float)
-                    if getattr(self, name).size:
-                        variable[...] = getattr(self, name)
-                    variable.attrs["units"] = unit
-                    variable.attrs["long_name"] = meaning
-                file.attrs["format"] = FORMAT
-                file.attrs["title"] = f"tensegrity_mj trajectory of scene {self.scene.name}"
-                file.attrs["scene"] = scene_to_toml(_without_function_loads(self.scene))
-                file.attrs["status"] = self.status.value
-                file.attrs["message"] = self.message
-                file.attrs["engine"] = self.engine
-                for name in ("cost", "reports", "provenance"):
-                    file.attrs[name] = json.dumps(getattr(self, name))
-            mask = os.umask(0)
-            os.umask(mask)
-            os.chmod(temporary, 0o666 & ~mask)
-            os.replace(temporary, destination)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
+        destination = checked(path, (".nc",), "trajectory")
+        with replacing(destination) as part, h5netcdf.File(part, "w") as file:
+            file.dimensions = _sizes(self.scene, len(self.time))
+            for name, (dimensions, unit, meaning) in VARIABLES.items():
+                # Contiguous storage: it also takes dimensions of length zero (no strings, no rods, no samples).
+                variable = file.create_variable(name, dimensions, float)
+                if getattr(self, name).size:
+                    variable[...] = getattr(self, name)
+                variable.attrs["units"] = unit
+                variable.attrs["long_name"] = meaning
+            file.attrs["format"] = FORMAT
+            file.attrs["title"] = f"tensegrity_mj trajectory of scene {self.scene.name}"
+            file.attrs["scene"] = scene_to_toml(_without_function_loads(self.scene))
+            file.attrs["status"] = self.status.value
+            file.attrs["message"] = self.message
+            file.attrs["engine"] = self.engine
+            for name in DICTIONARIES:
+                file.attrs[name] = to_exact_json(getattr(self, name))
         return destination
 
     @classmethod
@@ -171,34 +162,59 @@ class Trajectory:
 
         from tensegrity_mj.textformat import scene_from_toml
 
-        if not Path(path).is_file():
-            raise FormatError(f"{path}: no such file")
         try:
-            with h5netcdf.File(path, "r") as file:
+            source = Path(path)
+        except TypeError:
+            raise FormatError(f"{path!r}: that is no path; give the name of a trajectory's .nc file") from None
+        try:
+            if source.is_dir():
+                raise FormatError(f"{path}: that is a folder; name a .nc file in it")
+            if not source.is_file():
+                raise FormatError(f"{path}: no such file")
+            with h5netcdf.File(source, "r") as file:
                 if file.attrs.get("format") != FORMAT or "scene" not in file.attrs:
                     raise FormatError(f"{path}: a NetCDF file, but no trajectory of format {FORMAT} of tensegrity_mj")
                 arrays: dict[str, Any] = {name: np.array(file.variables[name][...], float) for name in VARIABLES}
-                attrs = {key: file.attrs[key] for key in ("scene", "status", "message", "engine")}
-                extra = {key: json.loads(str(file.attrs[key])) for key in ("cost", "reports", "provenance")}
-        except (OSError, KeyError, ValueError) as error:
-            if isinstance(error, FormatError):
-                raise
+                texts = {key: str(file.attrs[key]) for key in ("scene", "status", "message", "engine", *DICTIONARIES)}
+            status = Status(texts["status"])
+            extra = {key: from_exact_json(texts[key]) for key in DICTIONARIES}
+        except FormatError:
+            raise
+        except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError) as error:
+            # What the libraries of the format raise for damaged files is documented nowhere.
             raise FormatError(f"{path}: not a readable trajectory ({error})") from error
-        return cls(
-            scene=scene_from_toml(str(attrs["scene"]), where=str(path)),
-            status=Status(str(attrs["status"])),
-            message=str(attrs["message"]),
-            engine=str(attrs["engine"]),
-            **arrays,
-            **extra,
-        )
+        for key, value in extra.items():
+            if not isinstance(value, dict):
+                raise FormatError(f"{path}: {key} is a {type(value).__name__}; it must be a JSON object")
+        scene = scene_from_toml(texts["scene"], where=str(path))
+        sizes = _sizes(scene, arrays["time"].size)
+        for name, (dimensions, _, _) in VARIABLES.items():
+            shape = tuple(sizes[dimension] for dimension in dimensions)
+            if arrays[name].shape != shape:
+                raise FormatError(
+                    f"{path}: {name} has shape {arrays[name].shape}; for its scene '{scene.name}' and its times it "
+                    f"must be {shape}, ({', '.join(dimensions)})"
+                )
+        return cls(scene, **arrays, status=status, message=texts["message"], engine=texts["engine"], **extra)
 
     def until(self, count: int) -> Trajectory:
         """The first `count` samples."""
         return replace(self, **{name: getattr(self, name)[:count] for name in VARIABLES})
 
 
-assert set(VARIABLES) < {f.name for f in fields(Trajectory)}
+assert set(VARIABLES) | set(DICTIONARIES) < {f.name for f in fields(Trajectory)}
+
+
+def _sizes(scene: Scene, samples: int) -> dict[str, int]:
+    """Lengths of the dimensions of `VARIABLES`."""
+    structure = scene.structure
+    return {
+        "time": samples,
+        "node": len(structure.nodes),
+        "axis": 3,
+        "string": len(structure.strings),
+        "rod": len(structure.rods),
+    }
 
 
 def _without_function_loads(scene: Scene) -> Scene:

@@ -12,7 +12,7 @@ from tensegrity_mj.structure import Structure, Support
 Array = NDArray[np.float64]
 
 
-def scene_of(data: np.lib.npyio.NpzFile) -> Scene:
+def scene_of(data: dict[str, Array]) -> Scene:
     """The scene of a STEDY file whose bars share no node (class 1); the file's own constants to the last digit."""
     nodes = data["N0"].T
     rods, strings = pairs(data["Cb"]), pairs(data["Cs"])
@@ -64,7 +64,7 @@ def support(first: Array, second: Array) -> Support:
     return Support.pinned(sigma, plane)
 
 
-def largest_frequency(data: np.lib.npyio.NpzFile) -> float:
+def largest_frequency(data: dict[str, Array]) -> float:
     """An upper bound of the natural frequencies [rad/s].
 
     A string's stiffness is at most k in every direction (its tension is below k L), and rods that are rigid only

@@ -200,3 +200,80 @@ def test_rest_lengths_below_zero_are_reported(prism):
         assert set(report["strings"]) <= {s.name for s in prism.structure.strings}
     # u >= k is exact all the same.
     assert tmj.compare(runs[0], runs[2]).max_node_error < 1e-7
+
+
+def test_a_period_without_a_law_is_refused(prism):
+    with pytest.raises(tmj.OptionError, match="without a law"):
+        tmj.simulate(prism, None, tmj.MuJoCo(2e-3), actuation=tmj.Actuation.hold_rest_length(1e-2))
+
+
+@pytest.mark.parametrize("engine", ENGINES, ids=NAMES)
+def test_margin_and_v_are_those_of_the_recorded_state_while_passive(engine):
+    """In the passive mode the law is not obeyed, but its margin and V are still told of each recorded state."""
+    # One string pulls a rod towards its target, and cannot push it back once it is too fast.
+    structure = tmj.Structure(
+        "one string",
+        nodes={"a": (0, 0, 0), "b": (1, 0, 0), "c": (0, 1, 0)},
+        rods=(tmj.Rod("r", ("a", "b"), 1.0, support=tmj.Support.pinned()),),
+        strings=(tmj.String("s", ("b", "c"), 5.0),),
+        fixed_nodes=("c",),
+    )
+    target = np.array([[0, 0, 0], [np.cos(0.8), np.sin(0.8), 0], [0, 1, 0]])
+    law = Lyapunov(structure, target, decay_rate=0.5)
+    start = tmj.Scene(structure, initial_velocities=[[0, 0, 0], [0, 0.5, 0], [0, 0, 0]])
+    run = tmj.simulate(start, law, engine, duration=3.0, on_infeasible=tmj.OnInfeasible.PASSIVE)
+    truth = np.array([law.evaluate(*row)[1:] for row in zip(run.time, run.nodes, run.velocities, strict=True)])
+    assert np.any(truth[:, 0] <= 0), "the law must lose its solution here, or the test is empty"
+    # The same function of the same state, up to round-off in the nodes.
+    assert run.lyapunov == pytest.approx(truth[:, 1], rel=1e-9)
+    assert run.feasibility_margin == pytest.approx(truth[:, 0], rel=1e-6)
+
+
+def test_what_does_not_fit_together_is_warned_of(prism):
+    heavy = prism.with_(gravity=(0.0, 0.0, -0.01))
+    run = tmj.simulate(heavy, Lyapunov(prism.structure, prism.target), tmj.DAE(), duration=0.2)
+    assert any("gravity" in warning for warning in run.reports["warnings"])
+    coarse = tmj.simulate(prism, from_scene(prism), tmj.MuJoCo(0.02, tmj.Integrator.EULER), duration=2.0)
+    assert any("energy balance" in warning for warning in coarse.reports["warnings"])
+    fine = tmj.simulate(prism, from_scene(prism), tmj.MuJoCo(1e-3), duration=2.0)
+    assert fine.reports["warnings"] == []
+
+
+def test_a_run_too_long_to_record_is_refused_before_memory_is_asked_for(prism):
+    for engine in ENGINES:
+        with pytest.raises(tmj.OptionError, match=r"GiB|counted"):
+            tmj.simulate(prism, None, engine, duration=1e12)
+
+
+def test_descriptions_that_no_file_can_hold_are_refused_before_the_run(prism):
+    class Shapeless:
+        def __call__(self, time, nodes, velocities):
+            return np.zeros(12)
+
+        def describe(self):
+            return {"gain": np.eye(2)}
+
+    with pytest.raises(tmj.OptionError, match="plain values"):
+        tmj.simulate(prism, Shapeless(), tmj.MuJoCo(2e-3), duration=0.1)
+
+
+@pytest.mark.parametrize("engine", ENGINES, ids=NAMES)
+@pytest.mark.parametrize("python_law", [False, True])
+def test_an_interrupt_is_neither_lost_nor_misread(prism, engine, python_law):
+    """SIGINT at some moment of a run raises KeyboardInterrupt, also within a Python law."""
+    import os
+    import signal
+    import threading
+
+    law = from_scene(prism)
+    controller = (lambda t, n, v: law(t, n, v)) if python_law else law
+    timer = threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            tmj.simulate(prism, controller, engine, duration=20000.0, output_interval=10.0)
+    finally:
+        timer.cancel()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    # The next run is undisturbed.
+    assert tmj.simulate(prism, law, engine, duration=0.1).status is tmj.Status.COMPLETED

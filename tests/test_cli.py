@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import math
 import os
@@ -10,6 +11,7 @@ import signal
 import stat
 import subprocess
 import sys
+import termios
 from pathlib import Path
 from typing import Any
 
@@ -193,6 +195,29 @@ def test_our_own_mistakes_stay_tracebacks(error: Exception, monkeypatch: pytest.
         main(["scenes"])
 
 
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (ZeroDivisionError("a mistake of ours"), 1),
+        (ModuleNotFoundError("No module", name="tensegrity_mj.x"), 1),
+        (MemoryError("no room"), 1),
+        (PermissionError(13, "Permission denied", "some/file"), 2),
+    ],
+    ids=lambda value: type(value).__name__ if isinstance(value, BaseException) else str(value),
+)
+def test_json_answers_whatever_happens(
+    error: Exception, code: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(options: argparse.Namespace) -> Outcome:
+        raise error
+
+    monkeypatch.setattr(COMMANDS["scenes"], "execute", fail)
+    got, answer, err = ask(capsys, "scenes")
+    assert (got, answer["status"]) == (code, "error")
+    assert str(error) in answer["error"]
+    assert ("Traceback" in err) == (code == 1)
+
+
 def test_every_status_has_a_code() -> None:
     codes = {status.value: common.code_of_status(status) for status in tmj.Status}
     assert codes == {"completed": 0, "infeasible": 3, "diverged": 4}
@@ -299,6 +324,14 @@ def test_unwritable_folders_and_files_are_found_before(tmp_path: Path, capsys: p
     tmp_path.chmod(stat.S_IRWXU)
     assert code == 2
     assert "may not write" in answer["error"]
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs a folder that takes no new files")
+@pytest.mark.usefixtures("no_simulation")
+def test_folders_that_take_no_files_are_found_before(capsys: pytest.CaptureFixture[str]) -> None:
+    code, answer, _ = ask(capsys, "run", "prism", "--out", "/proc/x.nc")
+    assert code == 2
+    assert answer["error"].startswith("--out /proc/x.nc: ")
 
 
 @pytest.mark.usefixtures("no_simulation")
@@ -512,6 +545,19 @@ def test_a_diverged_run_gives_4_and_keeps_what_it_has(tmp_path: Path, capsys: py
         assert tmj.Trajectory.load(out).status is tmj.Status.DIVERGED
 
 
+def test_a_run_that_diverges_where_it_begins_gives_4(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "d.nc"
+    words = ("run", "pinned_rod", "--duration", "0.2", "--decay-rate", "1e300", "--out", out)
+    code, answer, err = ask(capsys, *words, "--plot", tmp_path / "d.png")
+    assert code == 4, err
+    assert (answer["status"], answer["samples"], answer["duration"]) == ("diverged", 0, 0.0)
+    assert answer["final_error"] is None
+    assert answer["plot"] is None  # there is nothing to draw
+    assert len(tmj.Trajectory.load(out).time) == 0
+    assert main([*map(str, words)]) == 4
+    assert "diverged" in capsys.readouterr().out
+
+
 def test_an_infeasible_run_gives_3(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     # The rod lies in the plane of its strings' anchors, at rest, and is to stand upright: no string pulls it out of
     # the plane (thesis §5.4), so that V cannot fall.
@@ -700,21 +746,28 @@ def test_render_makes_a_video(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert code == 0, err
     assert answer["size"] == [320, 240]
     assert (tmp_path / "both.mp4").read_bytes()[4:8] == b"ftyp"
+    assert "video" not in err  # no bar of progress where stderr is no terminal
 
 
 @pytest.mark.slow
 def test_ctrl_c_leaves_no_half_file(tmp_path: Path) -> None:
     out = tmp_path / "p.nc"
     command = "run prism --timestep 1e-5 --duration 1000 --json --out".split()
+    terminal, end = os.openpty()  # progress is shown on terminals only, and as wide as they are
+    termios.tcsetwinsize(end, (24, 120))
     child = subprocess.Popen(
-        [sys.executable, "-m", "tensegrity_mj", *command, str(out)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        [sys.executable, "-m", "tensegrity_mj", *command, str(out)], stdout=subprocess.PIPE, stderr=end
     )
-    assert child.stderr is not None
-    seen = b""
-    while b"MuJoCo" not in seen:  # its progress bar: it simulates, and would do so for hours
-        seen += child.stderr.read(1)
+    os.close(end)
+    stderr = b""
+    while b"MuJoCo" not in stderr:  # its progress bar: it simulates, and would do so for hours
+        stderr += os.read(terminal, 1000)
     child.send_signal(signal.SIGINT)
-    stdout, stderr = child.communicate(timeout=60)
+    stdout, _ = child.communicate(timeout=60)
+    with contextlib.suppress(OSError):  # how a terminal says that its other end is closed
+        while more := os.read(terminal, 1000):
+            stderr += more
+    os.close(terminal)
     assert child.returncode == 130, stderr.decode()
     assert json.loads(stdout)["status"] == "interrupted"
     assert b"Traceback" not in stderr

@@ -6,6 +6,7 @@ import itertools
 import math
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -29,6 +30,7 @@ from tensegrity_mj import (
     Trajectory,
 )
 from tensegrity_mj.engines.mujoco import MuJoCo
+from tensegrity_mj.engines.run import check_energy
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.structure import PointMass, String, Structure
 from tensegrity_mj.trajectory import VARIABLES
@@ -168,14 +170,13 @@ def test_a_controlled_run_with_too_large_a_step(name: str) -> None:
 
 
 def test_rods_that_tear_are_told() -> None:
-    # The reference model's rods are held by a multiplier, and let go of when the step is too large. The work of the
-    # winches grows along with the motion there, so that energy alone would not tell.
-    scene = tmj.load_scene("prism")
-    error, _ = diverging(
-        scene, engines(1.0)["DAE"], 10.0, tmj.controllers.from_scene(scene), on_infeasible=OnInfeasible.PASSIVE
-    )
-    assert "rod 'rod2' has " in str(error)
-    assert " times its length" in str(error)
+    # The reference model's rods are held by a multiplier, and let go of when the step is too large.
+    run = tmj.simulate(tmj.load_scene("prism"), None, tmj.DAE(), duration=0.1)
+    nodes = run.nodes.copy()
+    nodes[5:, 3] += 1.4 * (nodes[5:, 3] - nodes[5:, 2])
+    with pytest.raises(tmj.DivergenceError, match=r"t = 0\.05 s: rod 'rod2' has 2\.4 times its length") as caught:
+        check_energy(replace(run, nodes=nodes), "reduce the time step")
+    assert len(caught.value.trajectory.time) == 5
 
 
 @pytest.mark.parametrize("integrator", Integrator)
@@ -197,18 +198,18 @@ def test_a_rest_length_that_mujoco_would_ignore_is_told(integrator: Integrator) 
 
 @pytest.mark.parametrize("name", [*(i.name for i in EXPLICIT), "DAE"])
 def test_a_law_is_not_blamed_for_what_a_step_did(name: str) -> None:
-    seen = []
-
     def careful(time: float, nodes: Array, velocities: Array) -> Array:
-        seen.append(time)
-        if not np.all(np.abs(nodes) < 1e100):
+        if not np.all(np.abs(nodes) < 1e10):
             raise ValueError("no such nodes")
         return np.full(2, 50.0)  # ω² = 100, whatever the stiffness
 
     error, _ = diverging(oscillator(10.0), engines(1.0)[name], 1000.0, careful)
-    assert isinstance(error.__context__, ControllerError)
-    assert "no such nodes" in str(error.__context__)
-    assert seen[-1] > error.time  # it went on to see garbage
+    assert error.time < 20  # it grows nearly a hundredfold a step
+    if name == "DAE":  # in MuJoCo the law is not even asked there
+        assert isinstance(error.__context__, ControllerError)
+        assert "no such nodes" in str(error.__context__)
+    else:
+        assert error.__context__ is None
 
 
 # No false alarm ------------------------------------------------------------------------------------------
@@ -272,6 +273,16 @@ def test_a_coarse_controlled_run_is_no_divergence(name: str, mode: str, stiffnes
     }[mode]
     law = tmj.controllers.from_scene(scene)
     run = tmj.simulate(scene, law, engines(step)[name], duration=10.0, actuation=actuation)  # type: ignore[arg-type]
+    assert run.status is Status.COMPLETED
+
+
+@pytest.mark.parametrize("name", ENGINES)
+def test_stiff_strings_under_a_continuous_law_are_no_divergence(name: str) -> None:
+    # They hold next to no energy at the start, and what winches give in the first step an order-one ledger misses.
+    scene = tmj.load_scene("prism")
+    scene = scene.with_(structure=scene.structure.with_strings(stiffness=1e6))
+    law = tmj.controllers.Lyapunov(scene.structure, scene.target, decay_rate=5.0, norm=2)
+    run = tmj.simulate(scene, law, engines(0.01)[name], duration=2.0)  # type: ignore[arg-type]
     assert run.status is Status.COMPLETED
 
 

@@ -88,3 +88,25 @@ def test_bad_recordings_are_refused(times, values, words):
 def test_a_replay_for_another_structure_is_refused(prism):
     with pytest.raises(tmj.OptionError, match="values for 3 strings"):
         tmj.simulate(prism, Replay([0.0, 1.0], np.ones((2, 3))), tmj.MuJoCo(1e-2))
+
+
+def test_a_recording_is_replayed_as_it_was_made(prism):
+    actuation = tmj.Actuation.hold_force_density(1e-2)
+    options = {"duration": 0.2, "actuation": actuation}
+    run = tmj.simulate(prism, from_scene(prism), tmj.MuJoCo(1e-2), **options)
+    with pytest.raises(tmj.OptionError, match=r"Command\.FORCE_DENSITY"):
+        Replay.of_run(run)
+    law = Replay.of_run(run, tmj.Command.FORCE_DENSITY)
+    with pytest.raises(tmj.OptionError, match=r"0\.01 s"):
+        tmj.simulate(prism, law, tmj.MuJoCo(1e-2), duration=0.2, actuation=tmj.Actuation.hold_force_density(2e-2))
+    longer = tmj.simulate(prism, law, tmj.MuJoCo(1e-2), duration=0.4, actuation=actuation)
+    assert any("recording ends at 0.2 s" in warning for warning in longer.reports["warnings"])
+
+
+def test_a_splined_recording_tells_its_own_error():
+    times = np.linspace(0, 1, 41)
+    law = Replay(times, np.sin(10 * times)[:, None] + 2)
+    fine = np.linspace(0, 1, 4001)
+    error = max(abs(law(t, None, None)[0] - np.sin(10 * t) - 2) for t in fine)
+    # A spline through every second sample errs 16 times as much: an upper estimate, and not a wild one.
+    assert error <= law.interpolation_error() <= 100 * error

@@ -2,6 +2,13 @@
 
 from __future__ import annotations
 
+import json
+import math
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import h5netcdf
 import numpy as np
 import pytest
 import xarray
@@ -9,6 +16,7 @@ from random_structures import random_scene, random_structure
 
 import tensegrity_mj as tmj
 from tensegrity_mj.controllers import from_scene
+from tensegrity_mj.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.trajectory import VARIABLES
 
 
@@ -49,11 +57,126 @@ def test_xarray_reads_names_units_and_numbers(run, tmp_path):
 def test_a_failed_save_leaves_the_old_file(run, tmp_path, monkeypatch):
     path = run.save(tmp_path / "run.nc")
     before = path.read_bytes()
-    monkeypatch.setattr("tensegrity_mj.trajectory.json.dumps", lambda value: 1 / 0)
+    monkeypatch.setattr("tensegrity_mj.trajectory.to_exact_json", lambda value: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         run.save(path)
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_run_without_samples_is_safe_everywhere(run, tmp_path):
+    empty = run.until(0)
+    assert empty.energy_balance.shape == empty.target_error().shape == (0,)
+    assert empty.energy_residual == empty.max_force_density == 0
+    assert math.isnan(empty.min_feasibility_margin)
+    loaded = tmj.Trajectory.load(empty.save(tmp_path / "empty.nc"))
+    for name in VARIABLES:
+        assert getattr(loaded, name).shape == getattr(empty, name).shape, name
+    for pair in ((empty, run), (run, empty), (empty, empty)):
+        with pytest.raises(tmj.OptionError, match="share 0 output times"):
+            tmj.compare(*pair)
+
+
+def test_json_of_a_run_is_strict_and_lossless(run, tmp_path):
+    reports = {"residual": math.nan, "largest": [math.inf, -math.inf, 0.1 + 0.2], "none": None, "text": "NaN"}
+    path = replace(run, reports=reports).save(tmp_path / "run.nc")
+    with h5netcdf.File(path) as file:
+        json.loads(file.attrs["reports"], parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+    again = tmj.Trajectory.load(path).reports
+    assert math.isnan(again.pop("residual"))
+    assert again == {key: value for key, value in reports.items() if key != "residual"}
+
+
+def test_what_laws_and_engines_report_survives_json(run):
+    scene = run.scene
+    runs = [
+        run,
+        tmj.simulate(scene, from_scene(scene), tmj.DAE(), duration=0.02),
+        tmj.simulate(scene, None, tmj.MuJoCo(1e-2), duration=0.02),
+        tmj.simulate(
+            scene,
+            from_scene(scene, norm=math.inf),
+            tmj.MuJoCo(1e-2),
+            duration=0.02,
+            actuation=tmj.Actuation.hold_rest_length(1e-2),
+        ),
+    ]
+    for each in runs:
+        for kept in (each.cost, each.reports, each.provenance):
+            assert from_exact_json(to_exact_json(kept)) == kept
+
+
+def test_places_where_no_file_can_be_written_are_refused(run, tmp_path):
+    (tmp_path / "folder.nc").mkdir()
+    os.mkfifo(tmp_path / "pipe.nc")
+    (tmp_path / "circle.nc").symlink_to(tmp_path / "circle.nc")
+    for path, complaint in (
+        (tmp_path / "missing" / "x.nc", "there is no folder"),
+        (tmp_path / "folder.nc", "that is a folder"),
+        (tmp_path / "pipe.nc", "no regular file"),
+        (tmp_path / "circle.nc", "no file can be written there"),
+        (tmp_path / ("x" * 300 + ".nc"), "no file can be written there"),
+        (tmp_path / "x.txt", r"must end in \.nc"),
+        (None, "no path"),
+    ):
+        with pytest.raises(tmj.OptionError, match=complaint):
+            run.save(path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["circle.nc", "folder.nc", "pipe.nc"]
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs a folder that takes no new files")
+def test_a_file_system_that_takes_no_files_is_refused(run):
+    with pytest.raises(tmj.OptionError, match=r"/proc/x\.nc: "):
+        run.save("/proc/x.nc")
+
+
+def test_a_disk_that_is_full_leaves_the_old_file(run, tmp_path, monkeypatch):
+    path = run.save(tmp_path / "run.nc")
+    before = path.read_bytes()
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full)
+    with pytest.raises(tmj.FormatError, match=r"run\.nc: cannot be written \(No space left on device\)"):
+        run.save(path)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_save_through_a_link_keeps_the_link(run, tmp_path):
+    real, link = tmp_path / "real.nc", tmp_path / "link.nc"
+    link.symlink_to(real)
+    run.save(link)
+    assert link.is_symlink()
+    assert len(tmj.Trajectory.load(real).time) == len(run.time)
+
+
+def test_loading_says_what_is_no_file(tmp_path):
+    for path, complaint in ((None, "no path"), (tmp_path, "that is a folder"), (tmp_path / "x.nc", "no such file")):
+        with pytest.raises(tmj.FormatError, match=complaint):
+            tmj.Trajectory.load(path)
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value", "complaint"),
+    [
+        ("status", "weird", "'weird'"),
+        ("reports", "[]", "reports is a list"),
+        ("cost", "{", "not a readable trajectory"),
+        ("scene", "format = 1", "'structure' is missing"),
+        # The pinned rod has other numbers of nodes, strings and rods than the arrays in the file.
+        ("scene", None, r"nodes has shape \(51, 6, 3\)"),
+    ],
+)
+def test_a_trajectory_with_a_wrong_attribute_is_refused(attribute, value, complaint, run, tmp_path):
+    from tensegrity_mj.textformat import scene_to_toml
+
+    path = run.save(tmp_path / "run.nc")
+    with h5netcdf.File(path, "a") as file:
+        file.attrs[attribute] = scene_to_toml(tmj.load_scene("pinned_rod")) if value is None else value
+    with pytest.raises(tmj.FormatError, match=rf"run\.nc: .*{complaint}"):
+        tmj.Trajectory.load(path)
 
 
 @pytest.mark.parametrize("content", [None, b"", b"not a file of that kind"])
@@ -76,14 +199,36 @@ def test_a_run_differs_from_itself_by_nothing_and_from_another_by_what_was_added
     same = tmj.compare(run, run)
     assert same.max_node_error == same.max_energy_error == same.rms_node_error == 0
     assert set(same.first_exceeded.values()) == {None}
-    from dataclasses import replace
-
     nodes = run.nodes.copy()
     nodes[20:, 3] += (0.0, 3e-3, 4e-3)
     other = tmj.compare(replace(run, nodes=nodes), run, tolerance=1e-3)
     assert other.max_node_error == pytest.approx(5e-3, rel=1e-12)
     assert other.first_exceeded["node_error"] == run.time[20]
     assert other.rms_node_error == pytest.approx(5e-3 * np.sqrt(31 / 51 / 6), rel=1e-12)
+
+
+def test_nan_exceeds_every_tolerance(run):
+    tensions = run.tensions.copy()
+    tensions[7, 2] = np.nan
+    broken = tmj.compare(replace(run, tensions=tensions), run, tolerance=1e30)
+    assert broken.first_exceeded["tension_error"] == run.time[7]
+    assert broken.first_exceeded["node_error"] is None
+    assert math.isnan(broken.max_tension_error)
+    assert broken.max_node_error == 0
+
+
+def test_every_difference_has_its_documented_maximum(run):
+    same = tmj.compare(run, run)
+    for name in same.NAMES:
+        assert getattr(same, f"max_{name}") == 0
+        assert "[" in getattr(tmj.Comparison, f"max_{name}").__doc__  # its unit
+
+
+@pytest.mark.parametrize("other", [None, "run.nc"])
+def test_only_runs_are_compared(other, run):
+    for pair in ((run, other), (other, run)):
+        with pytest.raises(tmj.OptionError, match="must be a Trajectory"):
+            tmj.compare(*pair)
 
 
 def test_only_common_times_are_compared_and_none_is_made_up(run):

@@ -6,13 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 FOLDER = Path(__file__).resolve().parents[2] / "shared" / "truth"
 
 
-def load(name: str) -> np.lib.npyio.NpzFile:
+def load(name: str) -> dict[str, NDArray]:
     """The arrays of `name`.npz; skips the calling test where the data is absent."""
     path = FOLDER / f"{name}.npz"
     if not path.is_file():
         pytest.skip(f"reference data {name}.npz is not beside this checkout (../shared/truth)")
-    return np.load(path)
+    with np.load(path) as file:
+        return dict(file)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 import enum
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.files import checked
 
 if TYPE_CHECKING:
     from tensegrity_mj.trajectory import Status
@@ -21,6 +21,7 @@ class ExitCode(enum.IntEnum):
     """The exit codes of `tensegrity-mj`, each with one meaning in every command."""
 
     SUCCESS = 0
+    PROGRAM_ERROR = 1
     BAD_INPUT = 2
     INFEASIBLE = 3
     DIVERGED = 4
@@ -85,15 +86,7 @@ def output_file(path: str | None, option: str, suffixes: Sequence[str]) -> Path 
     """
     if path is None:
         return None
-    from tensegrity_mj.pictures.files import checked
-
-    destination = checked(path, suffixes, option)
-    # Files are replaced as a whole, which asks for no right to write the old one; what was made read-only stays.
-    if destination.exists() and not destination.is_file():
-        raise OptionError(f"{option} {path}: something that is no regular file is there; choose another name")
-    if destination.exists() and not os.access(destination, os.W_OK):
-        raise OptionError(f"{option} {path}: the file there is read-only; choose another name or make it writable")
-    return destination
+    return checked(path, suffixes, option)
 
 
 def distinct(outputs: Mapping[str, Path | None]) -> None:

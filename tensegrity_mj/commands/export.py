@@ -30,9 +30,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     if out.suffix.lower() == ".toml":
         save_scene(scene, out)
     else:
-        from tensegrity_mj.mjcf import scene_to_mjcf
-        from tensegrity_mj.pictures.files import replacing
+        from tensegrity_mj.mjcf import save_mjcf
 
-        with replacing(out) as part:
-            part.write_text(scene_to_mjcf(scene), encoding="utf-8")
+        save_mjcf(scene, out)
     return Outcome({"status": "ok", "scene": scene.name, "out": out}, f"{out}")

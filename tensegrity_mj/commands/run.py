@@ -97,6 +97,8 @@ def execute(options: argparse.Namespace) -> Outcome:
         run = replace(cast("Trajectory", error.trajectory), status=Status.DIVERGED, message=str(error))
     if out:
         run.save(out)
+    if not len(run.time):  # it diverged where it began: there is nothing to draw
+        video = plot = None
     if plot:
         from tensegrity_mj.plots import plot_run
 
@@ -105,7 +107,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         from tensegrity_mj import render
 
         render(run, video, progress=True)
-    if options.view:
+    if options.view and len(run.time):
         from tensegrity_mj.view import view
 
         view(run)

@@ -7,13 +7,13 @@ no part.
 from __future__ import annotations
 
 import enum
-import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.checks import member, positive
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.engines.dae_kernels import (
     CONSTANTS,
@@ -31,6 +31,7 @@ from tensegrity_mj.engines.run import (
     Progress,
     Request,
     Stopwatch,
+    allocate_rows,
     blame_divergence,
     check_energy,
     chunks,
@@ -84,27 +85,21 @@ class DAE:
     max_steps: int = 1_000_000
 
     def __post_init__(self) -> None:
-        for name, kind in (("method", Method), ("drift", Drift)):
-            if not isinstance(getattr(self, name), kind):
-                allowed = ", ".join(f"{kind.__name__}.{member.name}" for member in kind)
-                raise OptionError(f"DAE: {name} = {getattr(self, name)!r}; allowed: {allowed}")
+        member("DAE: method", self.method, Method)
+        member("DAE: drift", self.drift, Drift)
         if self.method is Method.RK4:
-            if not _positive(self.timestep):
-                raise OptionError(f"DAE: timestep = {self.timestep!r}; Method.RK4 needs a fixed step > 0 s")
+            object.__setattr__(
+                self, "timestep", positive("DAE: timestep (Method.RK4 has a fixed one)", self.timestep, "s")
+            )
         elif self.timestep is not None:
             raise OptionError(f"DAE: timestep = {self.timestep!r}: {self.method.name} chooses its steps; leave it out")
-        for name in ("rtol", "atol"):
-            value = getattr(self, name)
-            if not _positive(value) or value > 1e-2:
-                raise OptionError(f"DAE: {name} = {value!r}; it must be > 0 and <= 1e-2")
+        for name in ("rtol", "atol", "baumgarte_frequency", "baumgarte_damping"):
+            object.__setattr__(self, name, positive(f"DAE: {name}", getattr(self, name)))
+        if max(self.rtol, self.atol) > 1e-2:
+            raise OptionError(f"DAE: rtol = {self.rtol:g}, atol = {self.atol:g}; both must be <= 1e-2")
         if self.rtol < 100 * np.finfo(float).eps:
             raise OptionError(f"DAE: rtol = {self.rtol:g} is below what double precision can hold; use >= 2.3e-14")
-        if not _positive(self.baumgarte_frequency) or not _positive(self.baumgarte_damping):
-            raise OptionError(
-                f"DAE: baumgarte_frequency = {self.baumgarte_frequency!r}, baumgarte_damping = "
-                f"{self.baumgarte_damping!r}; both must be finite and > 0"
-            )
-        if not isinstance(self.max_steps, int) or self.max_steps < 1:
+        if not isinstance(self.max_steps, int) or isinstance(self.max_steps, bool) or self.max_steps < 1:
             raise OptionError(f"DAE: max_steps = {self.max_steps!r}; it must be an integer >= 1")
 
     def __str__(self) -> str:
@@ -173,14 +168,14 @@ class DAERun:
         assert step is not None
         grid = Grid.of(self.request, step)
         times = grid.times
-        rows = np.full((len(times), self.width), np.nan)
+        rows = allocate_rows(len(times), self.width)
         fix = self.options.drift is Drift.NORMALIZE
         remedy = f"reduce the time step (h = {step:g} s), or use Method.RADAU where strings are stiff"
         arguments = (grid.count, grid.stride, grid.ratio, fix, rows)
         rk4_steps(self.table, self.y.copy(), step, 1, 0, *arguments)  # compiles
         clock = Stopwatch()
         with Progress(self.request, "DAE RK4") as progress:
-            for first, count in chunks(grid.count, 4096):
+            for first, count in chunks(grid.count):
                 reached, status = rk4_steps(self.table, self.y, step, first, count, *arguments)
                 self.steps, self.evaluations = reached, 4 * reached
                 progress.reached(reached * step)
@@ -211,7 +206,3 @@ class DAERun:
         run = self.finish(times, rows, Status.COMPLETED, "", clock.seconds)
         check_energy(run, remedy)
         return run
-
-
-def _positive(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value) and value > 0

@@ -10,9 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import DOP853, Radau
 
+from tensegrity_mj import interrupts
 from tensegrity_mj.engines.dae import DAERun, Drift, Method
 from tensegrity_mj.engines.dae_kernels import WORK, dae_rhs, observe, renormalize, sample_law
-from tensegrity_mj.engines.run import DEFAULT_INTERVAL, Progress, Request, Stopwatch, check_energy
+from tensegrity_mj.engines.run import (
+    DEFAULT_INTERVAL,
+    Progress,
+    Request,
+    Stopwatch,
+    allocate_rows,
+    check_energy,
+    check_rows,
+)
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.native.plant import (
@@ -56,7 +65,7 @@ class ErrorControlled:
         self.continuous = bool(self.table[MODE] == CONTINUOUS)
         self.switches = 0
         self.times = output_times(run.request)
-        self.rows = np.full((len(self.times) + 1, run.width), np.nan)  # one more, for where a run stops
+        self.rows = allocate_rows(len(self.times) + 1, run.width)  # one more, for where a run stops
         self.next = 0
 
     @property
@@ -146,11 +155,6 @@ class ErrorControlled:
             jacobian[:, column] = (self._rhs(t, aside) - here) / (aside[column] - y[column])
         return jacobian
 
-    def _jacobian(self, t: float, y: Array) -> Array:
-        out = np.empty((len(y), len(y)))
-        self.run.evaluations += int(jacobian(t, y, self.table, out))
-        return out
-
     def _step(self, mark: float, keep_last: bool) -> None:
         """One accepted step, its outputs, and a switch within it."""
         if self.solver is None:
@@ -164,6 +168,7 @@ class ErrorControlled:
             self.solver.t_bound, self.solver.status = mark, "running"
         solver = self.solver
         problem = solver.step()
+        interrupts.raise_if_requested()
         self.run.steps += 1
         if problem is not None or not np.all(np.isfinite(solver.y)):
             self._give_up(f"the step size fell below what double precision resolves ({problem})")
@@ -230,6 +235,8 @@ class ErrorControlled:
         """Write rows for the output times before a limit, all with this state."""
         while self.next < len(self.times) and self.times[self.next] < while_before:
             self._evaluate(t, y)
+            if self.table[SUSPENDED]:
+                ask_law(self.table, t)  # for its margin and V; what it holds stays held
             observe(y, self.table, self.rows[self.next])
             self.next += 1
 
@@ -265,6 +272,7 @@ def output_times(request: Request) -> Array:
     """Multiples of the output interval, and the end."""
     interval = request.output_interval or DEFAULT_INTERVAL
     count = math.floor(request.duration / interval * (1 + 1e-12))
+    check_rows(count)
     times: Array = np.arange(count + 1, dtype=float) * interval
     if request.duration - times[-1] > 1e-9 * interval:
         return np.append(times, request.duration)
@@ -282,7 +290,8 @@ def _marks(request: Request, times: Array, with_outputs: bool) -> list[tuple[flo
         for number in range(1, count + 1):
             # The very float of an output time where the two coincide, so that no sliver of a step lies between.
             time = number * period
-            nearest = float(times[np.argmin(np.abs(times - time))])
+            beside = np.searchsorted(times, time - 1e-9 * period)
+            nearest = float(times[min(int(beside), len(times) - 1)])
             marks[nearest if abs(nearest - time) < 1e-9 * period else time] = True
     if with_outputs:
         for time in times[1:]:

@@ -81,27 +81,6 @@ def dae_rhs(t: float, y: Any, dy: Any, table: Any) -> int:
 
 
 @njit
-def jacobian(t: float, y: Any, table: Any, out: Any) -> int:
-    """∂(dy/dt)/∂y by forward differences into (size, size); returns the number of evaluations.
-
-    Nothing depends on the work integrals, so their columns are zero. (SciPy's own differences enlarge the step of
-    a zero column without bound, until it overflows.)
-    """
-    size, moving = len(y), 2 * table[Q_SIZE]
-    here, there, x = np.empty(size), np.empty(size), y.copy()
-    dae_rhs(t, y, here, table)
-    out[:] = 0.0
-    for column in range(moving):
-        step = 1.5e-8 * max(1.0, abs(y[column]))  # the square root of the machine's precision
-        x[column] = y[column] + step
-        dae_rhs(t, x, there, table)
-        for row in range(size):
-            out[row, column] = (there[row] - here[row]) / (x[column] - y[column])
-        x[column] = y[column]
-    return moving + 1
-
-
-@njit
 def observe(y: Any, table: Any, row: Any) -> None:
     """Write the state that `dae_rhs` saw last as a row, λ behind it."""
     nq, count = table[Q_SIZE], table[ROD_COUNT]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import math
 import warnings
 from dataclasses import dataclass
 from typing import Any, NoReturn
@@ -12,6 +11,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.checks import member, positive
 from tensegrity_mj.engines import mujoco_callback as callback
 from tensegrity_mj.engines.run import (
     LOST,
@@ -19,6 +19,7 @@ from tensegrity_mj.engines.run import (
     Progress,
     Request,
     Stopwatch,
+    allocate_rows,
     blame_divergence,
     check_energy,
     chunks,
@@ -76,12 +77,8 @@ class MuJoCo:
     integrator: Integrator = Integrator.RK4
 
     def __post_init__(self) -> None:
-        h = self.timestep
-        if not isinstance(h, (int, float)) or isinstance(h, bool) or not (math.isfinite(h) and h > 0):
-            raise OptionError(f"MuJoCo: timestep = {h!r}; it must be a finite number > 0 s")
-        if not isinstance(self.integrator, Integrator):
-            allowed = ", ".join(f"Integrator.{member.name}" for member in Integrator)
-            raise OptionError(f"MuJoCo: integrator = {self.integrator!r}; allowed: {allowed}")
+        object.__setattr__(self, "timestep", positive("MuJoCo: timestep", self.timestep, "s"))
+        member("MuJoCo: integrator", self.integrator, Integrator)
 
     def __str__(self) -> str:
         return f"MuJoCo {mujoco.__version__} {self.word}, h = {self.timestep:g} s"
@@ -144,7 +141,7 @@ class _Run:
         self.times = self.grid.times
         self.width = row_width(table)
         # One row more than the grid has, for where a law stops the run.
-        self.rows = np.full((len(self.times) + 1, self.width + 3 * len(structure.rods)), np.nan)
+        self.rows = allocate_rows(len(self.times) + 1, self.width + 3 * len(structure.rods))
         self.counters = np.array([0, 0, 0, -1, callback.RUNNING, 0], np.int64)
         self.keep = {
             callback.DESIGNED: np.array(structure.rest_lengths),
@@ -199,7 +196,7 @@ class _Run:
         with Progress(self.request, label) as progress, callback.installed(self.plant.table) as texts:
             self._warm_up()
             clock = Stopwatch()
-            for first, count in chunks(grid.count, 4096):
+            for first, count in chunks(grid.count):
                 mujoco.mj_step(self.model, self.data, count)
                 progress.reached(min(first + count, int(counters[callback.STEP])) * options.timestep)
                 if counters[callback.ENDED] != callback.RUNNING:

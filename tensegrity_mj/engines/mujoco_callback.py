@@ -150,10 +150,10 @@ def is_lost(table: Any) -> bool:
     """Whether a position or a velocity is beyond all reason, or no number."""
     N = table[NODE_COUNT]
     nodes, velocities = floats(table[NODES], (3 * N,)), floats(table[VELOCITIES], (3 * N,))
+    lost = False
     for x in range(3 * N):
-        if not (abs(nodes[x]) < BEYOND and abs(velocities[x]) < BEYOND):
-            return True
-    return False
+        lost |= not (abs(nodes[x]) < BEYOND and abs(velocities[x]) < BEYOND)
+    return lost
 
 
 @njit

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.errors import ControllerError, OptionError
-from tensegrity_mj.law import FAILED, NOT_FINITE, SOLVED, Command, NativeLaw
+from tensegrity_mj.law import FAILED, NO_SOLUTION, NOT_FINITE, SOLVED, Command, NativeLaw
 from tensegrity_mj.native.pointers import (
     LOAD_FUNCTION,
     address_of,
@@ -169,6 +169,8 @@ def ask_law(table: Any, t: float) -> int:
         for m in range(M):
             if not np.isfinite(command[m]):
                 return NOT_FINITE
+    elif status != NO_SOLUTION:
+        return FAILED
     return status
 
 
@@ -227,7 +229,8 @@ def start_ledger(table: Any) -> None:
 def winch_work(table: Any, stored: float) -> float:
     """-∫ T dL0 up to now [J], T the elastic tension; `stored` is ∫ Σ T dL, integrated beside the state.
 
-    Continuous: by parts, since L0 = L - T/k: -∫ T dL0 = Δ(T²/2k) - ∫ T dL. Sampled: the energy step at each jump of
+    Continuous: by parts, since L0 = L - T/k: -∫ T dL0 = Δ(T²/2k) - ∫ T dL (so the string energy drops out of the
+    balance in this mode, which tests the rest of it). Sampled: the energy step at each jump of
     L0, and where the force density u is held, -∫ u L d(L (1 - u/k)) = -u (1 - u/k) Δ(L²)/2 between the jumps.
     """
     winch = floats(table[WINCH], (2,))

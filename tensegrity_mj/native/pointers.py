@@ -84,12 +84,6 @@ def integers(address: int, shape: Any) -> Any:
     return numba.carray(_as_pointer(address), shape, np.int64)
 
 
-@numba.njit(inline="always")
-def int32s(address: int, shape: Any) -> Any:
-    """The int32 array of the given shape at an address."""
-    return numba.carray(_as_pointer(address), shape, np.int32)
-
-
 def records_reader(dtype: np.dtype[Any]) -> Any:
     """A compiled function (address, count) -> record array of this dtype."""
     pointer = types.CPointer(numba.from_dtype(dtype))

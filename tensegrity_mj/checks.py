@@ -1,0 +1,65 @@
+"""Checks of what a caller hands over, with one message for each kind of mistake."""
+
+from __future__ import annotations
+
+import math
+import numbers
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.errors import OptionError
+
+
+def positive(what: str, value: Any, unit: str = "") -> float:
+    """The value as a finite float > 0.
+
+    Raises:
+        OptionError: naming what it is and its value.
+    """
+    number = finite(what, value, f" > 0{unit and ' ' + unit}")
+    if not number > 0:
+        raise OptionError(f"{what} = {value!r}; it must be a finite number > 0{unit and ' ' + unit}")
+    return number
+
+
+def finite(what: str, value: Any, more: str = "") -> float:
+    """The value as a finite float; numbers of any library pass, bools and texts do not.
+
+    Raises:
+        OptionError: naming what it is and its value.
+    """
+    if not isinstance(value, numbers.Real) or isinstance(value, (bool, np.bool_)) or not math.isfinite(value):
+        raise OptionError(f"{what} = {value!r}; it must be a finite number{more}")
+    return float(value)
+
+
+def real_array(
+    what: str, value: Any, shape: tuple[int, ...], unit: str = "", scalar: bool = True
+) -> NDArray[np.float64]:
+    """The value as a real, finite array of the given shape; one number stands for all of them where `scalar`.
+
+    Raises:
+        OptionError: naming what it is and the shape it must have.
+    """
+    try:
+        array = np.asarray(value)
+        if np.iscomplexobj(array) or array.dtype == bool:
+            raise TypeError
+        if array.shape != shape and not (scalar and array.shape == ()):
+            raise ValueError
+        array = np.broadcast_to(array.astype(float), shape)
+    except (TypeError, ValueError):
+        allowed = f"{'a number or ' if scalar else ''}an array of shape {shape}"
+        raise OptionError(f"{what} = {value!r}; it must be {allowed}{unit and ' [' + unit + ']'}") from None
+    if not np.all(np.isfinite(array)):
+        raise OptionError(f"{what} = {value!r}; every number must be finite")
+    return array
+
+
+def member(what: str, value: Any, kind: type) -> None:
+    """Raise OptionError unless the value is a member of an enum."""
+    if not isinstance(value, kind):
+        allowed = ", ".join(f"{kind.__name__}.{one.name}" for one in kind)  # type: ignore[attr-defined]
+        raise OptionError(f"{what} = {value!r}; allowed: {allowed}")

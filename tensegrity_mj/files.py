@@ -1,0 +1,87 @@
+"""Output files: checked before the work, and replaced as a whole after it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from tensegrity_mj.errors import FormatError, OptionError
+
+
+def checked(path: str | os.PathLike[str], suffixes: Sequence[str], what: str) -> Path:
+    """The path, once it is certain that a file of that kind may be written there.
+
+    Raises:
+        OptionError: no path, unknown suffix, missing or unwritable folder, or something there that is no writable file.
+    """
+    try:
+        destination = Path(path)
+    except TypeError:
+        raise OptionError(f"{what} {path!r}: that is no path; give the name of a file") from None
+    if destination.suffix.lower() not in suffixes:
+        raise OptionError(f"{what} {path}: the name must end in {' or '.join(suffixes)}")
+    try:
+        if destination.is_dir():
+            raise OptionError(f"{what} {path}: that is a folder; name a file in it")
+        target = destination.resolve()
+        folder = target.parent
+        if not folder.is_dir():
+            raise OptionError(f"{what} {path}: there is no folder {folder}; create it first")
+        if target.exists() and not target.is_file():
+            raise OptionError(f"{what} {path}: something that is no regular file is there; choose another name")
+        # Files are replaced as a whole, which asks for no right to write the old one; what was made read-only stays.
+        if target.exists() and not os.access(target, os.W_OK):
+            raise OptionError(f"{what} {path}: the file there is read-only; choose another name or make it writable")
+        # Only trying tells: rights say nothing of file systems that take no new files.
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except (OSError, RuntimeError) as error:  # RuntimeError: links in a circle
+        if isinstance(error, PermissionError):
+            raise OptionError(f"{what} {path}: you may not write in its folder; choose another") from error
+        raise OptionError(f"{what} {path}: no file can be written there ({_reason(error)}); choose another") from error
+    return destination
+
+
+@contextlib.contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """A temporary file beside the destination (with its suffix), which takes its place if the block succeeds.
+
+    Whatever happens, an exception or an interrupt, the destination holds either the old file or the whole new one.
+    A link stays a link: the file that it names is replaced.
+
+    Raises:
+        FormatError: if the file cannot be written, in the block or after it.
+    """
+    try:
+        destination = Path(path)
+    except TypeError:
+        raise FormatError(f"{path!r}: that is no path; give the name of a file") from None
+    temporary = None
+    try:
+        target = destination.resolve()
+        if target.exists() and not target.is_file():
+            raise FormatError(f"{destination}: cannot be written (it is no regular file); choose another name")
+        handle, name = tempfile.mkstemp(dir=target.parent, prefix=".new-", suffix=f".part{destination.suffix}")
+        temporary = Path(name)
+        os.close(handle)
+        yield temporary
+        mask = os.umask(0)  # mkstemp makes it private; give it the rights of any new file
+        os.umask(mask)
+        temporary.chmod(0o666 & ~mask)
+        os.replace(temporary, target)
+    except BaseException as error:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise FormatError(
+                f"{destination}: cannot be written ({_reason(error)}); make room and rights there, or choose another "
+                "folder"
+            ) from error
+        raise
+
+
+def _reason(error: Exception) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)
