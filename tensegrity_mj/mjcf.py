@@ -42,8 +42,9 @@ def save_mjcf(scene: Scene, path: str | os.PathLike[str], timestep: float = 1e-3
 
     Raises:
         OptionError: for another suffix, or a place where no file can be written.
+        FormatError: where writing fails all the same.
     """
-    from tensegrity_mj.pictures.files import checked, replacing
+    from tensegrity_mj.files import checked, replacing
 
     destination = checked(path, (".xml",), "MJCF")
     text = scene_to_mjcf(scene, timestep, integrator)

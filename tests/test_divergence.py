@@ -281,7 +281,7 @@ def test_stiff_strings_under_a_continuous_law_are_no_divergence(name: str) -> No
     # They hold next to no energy at the start, and what winches give in the first step an order-one ledger misses.
     scene = tmj.load_scene("prism")
     scene = scene.with_(structure=scene.structure.with_strings(stiffness=1e6))
-    law = tmj.controllers.Lyapunov(scene.structure, scene.target, decay_rate=5.0, norm=2)
+    law = tmj.controllers.from_scene(scene)
     run = tmj.simulate(scene, law, engines(0.01)[name], duration=2.0)  # type: ignore[arg-type]
     assert run.status is Status.COMPLETED
 

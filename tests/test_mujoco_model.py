@@ -13,7 +13,7 @@ from random_structures import random_scene, random_structure
 
 import tensegrity_mj as tmj
 from tensegrity_mj import rods
-from tensegrity_mj.errors import OptionError, StructureError
+from tensegrity_mj.errors import FormatError, OptionError, StructureError
 from tensegrity_mj.mjcf import initial_velocities, save_mjcf, scene_to_mjcf
 from tensegrity_mj.scene import Load, Scene
 from tensegrity_mj.structure import PointMass, Rod, String, Structure, Support
@@ -384,7 +384,7 @@ def test_files_are_written_whole_or_not_at_all(tmp_path: Path, monkeypatch: pyte
         raise OSError("disk full")
 
     monkeypatch.setattr(Path, "write_text", fail)
-    with pytest.raises(OSError, match="disk full"):
+    with pytest.raises(FormatError, match="disk full"):
         save_mjcf(one_rod(Support.pinned()), path)
     assert path.read_text(encoding="utf-8") == before
     assert [file.name for file in tmp_path.iterdir()] == ["a.xml"]
