@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.files import checked, replacing
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.files import checked, replacing
 from tensegrity_mj.trajectory import Trajectory
 
 if TYPE_CHECKING:

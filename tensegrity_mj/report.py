@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.pictures.files import checked, replacing
+from tensegrity_mj.files import checked, replacing
 from tensegrity_mj.trajectory import Trajectory
 
 if TYPE_CHECKING:

@@ -778,3 +778,11 @@ def test_the_module_runs_as_a_program() -> None:
     child = shell("scenes", "--json")
     assert child.returncode == 0, child.stderr
     assert json.loads(child.stdout)["status"] == "ok"
+
+
+def test_run_says_on_stderr_what_is_doubtful(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("run", "prism", "--integrator", "euler", "--timestep", "0.02", "--duration", "2")
+    code, answer, err = ask(capsys, *words)
+    assert code == 0
+    assert "warning: the energy balance is off" in err
+    assert answer["reports"]["warnings"]

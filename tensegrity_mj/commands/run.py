@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -111,6 +112,8 @@ def execute(options: argparse.Namespace) -> Outcome:
         from tensegrity_mj.view import view
 
         view(run)
+    for warning in run.reports.get("warnings", []):
+        print(f"warning: {warning}", file=sys.stderr)
     data = summary(run) | {"out": out, "video": video, "plot": plot}
     return Outcome(data, describe(data), code_of_status(run.status))
 
