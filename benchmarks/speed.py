@@ -7,6 +7,7 @@ Each figure is the best of several interleaved repetitions, so that other load o
 
 from __future__ import annotations
 
+import itertools
 import time
 
 import mujoco
@@ -67,5 +68,23 @@ def main() -> None:
             print(f"{name:12s} {label + ', ' + unit:42s} {best[label]:12,.0f} {shown:>22s} {ratio:6.2f}")
 
 
+def draw() -> None:
+    """Milliseconds a frame at 1280x720, without encoding: the median and the least."""
+    from tensegrity_mj.rendering import frames
+
+    scene = tmj.load_scene("prism")
+    run = tmj.simulate(scene, tmj.controllers.from_scene(scene), tmj.MuJoCo(STEP))
+    for label, options in (
+        ("one run", {}),
+        ("two overlaid", {"other": run}),
+        ("two side by side", {"other": run, "layout": tmj.Layout.SIDE_BY_SIDE}),
+    ):
+        times = [time.perf_counter()]
+        times += [time.perf_counter() for _ in frames(run, **options)]
+        spent = sorted(1e3 * (b - a) for a, b in itertools.pairwise(times))
+        print(f"drawing, {label:17s} median {spent[len(spent) // 2]:5.1f} ms a frame, least {spent[0]:5.1f} ms")
+
+
 if __name__ == "__main__":
     main()
+    draw()
