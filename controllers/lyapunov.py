@@ -267,6 +267,7 @@ class Lyapunov:
             keep=(records, gains, arrays, table),
             discontinuous=self.discontinuous,
             gravity=self.gravity,
+            decay_rate=self.decay_rate,
         )
 
     def __call__(self, time: float, nodes: Array, velocities: Array) -> Array:

@@ -61,6 +61,7 @@ class NativeLaw:
         period: [s] that a sampled recording must be played with, or None.
         until: [s] at which a recording ends, or None.
         gravity: [m/s²] that it reckons with, or None if it has no such notion.
+        decay_rate: δ [1/s] of the V̇ = -δ V that it promises, or None if it promises none.
         failure: the exception of a Python law that failed with FAILED, in a list of at most one.
     """
 
@@ -74,6 +75,7 @@ class NativeLaw:
     period: float | None = None
     until: float | None = None
     gravity: tuple[float, ...] | None = None
+    decay_rate: float | None = None
 
 
 def native_law(law: Law | Callable[..., ArrayLike] | None, structure: Structure) -> NativeLaw:

@@ -204,3 +204,16 @@ def test_every_random_structure_closes_its_loop_alike():
             # Order 2 at a kink of u: h² times accelerations of up to a hundred m/s² times the duration.
             assert tmj.compare(run, reference).max_node_error < 1e-5
     assert agreed >= 4
+
+
+def test_the_prisms_law_meets_a_singularity_after_the_thesis_ten_seconds(prism):
+    """At 12.02 s max(v/α) falls to zero. The DAE stops there soon, with the cause; MuJoCo steps across, and warns."""
+    law = from_scene(prism)
+    with pytest.raises(tmj.DivergenceError, match=r"t = 12\.0\d* s.*margin max\(v/α\) tends to zero") as caught:
+        tmj.simulate(prism, law, tmj.DAE(), duration=20.0)
+    assert caught.value.trajectory.feasibility_margin[-1] < 0.1 * np.max(caught.value.trajectory.feasibility_margin)
+    across = tmj.simulate(prism, law, tmj.MuJoCo(1e-3), duration=20.0)
+    assert any("V leaves the decay" in warning for warning in across.reports["warnings"])
+    before = tmj.simulate(prism, law, tmj.MuJoCo(1e-3), duration=10.0)
+    assert before.reports["warnings"] == []
+    assert before.reports["decay_error"] < 1e-8

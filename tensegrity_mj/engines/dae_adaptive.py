@@ -44,8 +44,12 @@ Array = NDArray[np.float64]
 # A law that loses and regains its solution more often than this slides along the boundary of the admissible set.
 MAX_SWITCHES = 1000
 JACOBIAN_STEP = 1.5e-8  # √eps: round-off and curvature spoil the difference alike
+# At the pace of a run that needs a hundred times max_steps, it is given up long before.
+CRAWL_STEPS = 5000
 SWITCH_TOLERANCE = 1e-10  # s, to which the time of a switch is located
-VANISHING_MARGIN = 1e-3  # of the margin at the start: below it, an integrator that gives up gave up for the law's sake
+VANISHING_MARGIN = (
+    1e-2  # of the largest margin before: below it, an integrator that gives up gave up for the law's sake
+)
 
 
 class _Stopped(Exception):
@@ -60,6 +64,7 @@ class ErrorControlled:
         self.table = run.table
         self.kind = DOP853 if run.options.method is Method.DOP853 else Radau
         self.t, self.y = 0.0, run.y
+        self.mark_of_progress = -math.inf  # the first stretch has all the time it wants
         self.solver: Any = None
         self.first_step: float | None = None
         self.continuous = bool(self.table[MODE] == CONTINUOUS)
@@ -172,6 +177,12 @@ class ErrorControlled:
         self.run.steps += 1
         if problem is not None or not np.all(np.isfinite(solver.y)):
             self._give_up(f"the step size fell below what double precision resolves ({problem})")
+        if self.run.steps % CRAWL_STEPS == 0:
+            if solver.t - self.mark_of_progress < CRAWL_STEPS / self.options.max_steps * self.request.duration / 100:
+                self._give_up(
+                    f"the last {CRAWL_STEPS} steps came only {solver.t - self.mark_of_progress:.2g} s further"
+                )
+            self.mark_of_progress = float(solver.t)
         if self.run.steps >= self.options.max_steps:
             self._give_up(f"max_steps = {self.options.max_steps} steps were not enough")
         self.first_step = solver.h_abs
@@ -259,7 +270,8 @@ class ErrorControlled:
     def _give_up(self, cause: str) -> None:
         t = float(self.solver.t)
         margin = float(self.run.plant[REPORT][0])
-        if self.continuous and margin < VANISHING_MARGIN * abs(float(self.rows[0, self._margin_column])):
+        recorded = self.rows[: self.next, self._margin_column]
+        if self.continuous and margin < VANISHING_MARGIN * np.max(np.abs(recorded), initial=0.0):
             cause += f", where the law's margin max(v/α) tends to zero ({margin:.2g}) and so its u to infinity"
         remedy = "use Method.RADAU for stiff strings, loosen the tolerances, or run a discontinuous law sampled"
         partial = self.run.finish(

@@ -33,6 +33,8 @@ WINCH_BOUND = 10.0  # where winches work
 GAIN_BOUND = 0.9
 STRAIN_BOUND = 0.5
 ENERGY_WARNING = 0.01  # part of the energy exchanged beyond which a run says that its balance is off
+DECAY_WARNING = 0.01  # part of V
+V_RESOLVED = 1e-20  # of V(0): below it, errors squared are not far from round-off squared
 LOST = 1e10  # m, m/s: what MuJoCo takes for a divergence too
 
 
@@ -236,12 +238,20 @@ def _reports(request: Request, plant: Plant, run: Trajectory) -> dict[str, Any]:
     gravity = getattr(request.law, "gravity", None)
     if gravity is not None and tuple(gravity) != run.scene.gravity:
         warnings.append(f"the law reckons with gravity {tuple(gravity)}, the scene has {run.scene.gravity} m/s²")
+    decay_error, since = _decay_error(request, run)
+    if decay_error is not None and decay_error > DECAY_WARNING and not request.sampled:
+        warnings.append(
+            f"V leaves the decay that the law promises by {decay_error:.2g} of itself (by {DECAY_WARNING:g} first at "
+            f"t = {since:.6g} s): the law is near a singularity there (its margin falls to zero), the step is too "
+            "coarse, or forces act that the law does not know"
+        )
     if request.law.until is not None and request.law.until < request.duration * (1 - 1e-9):
         warnings.append(
             f"the recording ends at {request.law.until:g} s; until {request.duration:g} s its last values are held"
         )
     reports: dict[str, Any] = {
         "warnings": warnings,
+        "decay_error": decay_error,  # of V against V(0) e^(-δt), relative
         "drift": float(drift.max(initial=0.0)),  # of bᵀb - 1
         "rate_drift": float(rate_drift.max(initial=0.0)),  # of bᵀḃ [1/s]
         "energy_residual": run.energy_residual,
@@ -262,6 +272,16 @@ def _reports(request: Request, plant: Plant, run: Trajectory) -> dict[str, Any]:
             ratio = np.where(loaded, structure.stiffness * period * rates / (run.force_densities * lengths), 0.0)
         reports["largest_holding_ratio"] = float(ratio.max(initial=0.0))
     return reports
+
+
+def _decay_error(request: Request, run: Trajectory) -> tuple[float | None, float]:
+    """Largest relative error of V against V(0) e^(-δt), and when it first exceeds what is warned of."""
+    if request.law.decay_rate is None or len(run.time) == 0 or not run.lyapunov[0] > 0:
+        return None, 0.0
+    promised = run.lyapunov[0] * np.exp(-request.law.decay_rate * run.time)
+    resolved = promised > V_RESOLVED * run.lyapunov[0]
+    error = np.abs(run.lyapunov[resolved] / promised[resolved] - 1)
+    return float(error.max()), float(run.time[resolved][np.argmax(error > DECAY_WARNING)])
 
 
 def _intervals(time: Array, true: NDArray[np.bool_]) -> list[list[float]]:
