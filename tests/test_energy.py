@@ -103,3 +103,15 @@ def test_winch_work_is_the_integral_of_tension_over_rest_length():
     # Trapezoid: h²/12 T'' per second; T changes by 0.1 N within 0.1 s at the most, so 1e-8 · 10 / 12 · 2 s.
     assert np.abs(run.winch_work - summed).max() <= 1e-7
     assert np.ptp(summed) > 5e-3
+
+
+@pytest.mark.parametrize("engine", [tmj.MuJoCo(1e-3), tmj.DAE()], ids=["MuJoCo", "DAE"])
+def test_what_stands_still_is_not_warned_of(engine):
+    """Where nothing is exchanged, the residual is round-off, however large a part of nothing it is."""
+    hanging = tmj.Structure.from_arrays(
+        [[0, 0, 0], [0.3, 0.4, -1.2]], [[0, 1]], [], rod_mass=1.0, stiffness=1.0, supports=[tmj.Support.pinned()]
+    )
+    along = tuple(-9.81 * np.array([-0.3, -0.4, 1.2]) / 1.3)
+    run = tmj.simulate(tmj.Scene(hanging, gravity=along, duration=2.0), None, engine)
+    assert run.kinetic_energy.max() < 1e-20
+    assert run.reports["warnings"] == []

@@ -150,7 +150,6 @@ class DAERun:
         options = {name: getattr(value, "value", value) for name, value in vars(self.options).items()}
         return make_trajectory(
             self.request,
-            self.plant,
             time,
             rows[:, :width],
             multipliers=rows[:, width:].copy(),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tensegrity_mj.checks import member, positive
 from tensegrity_mj.engines import mujoco_callback as callback
 from tensegrity_mj.engines.run import (
-    LOST,
+    BEYOND,
     Grid,
     Progress,
     Request,
@@ -219,9 +219,9 @@ class _Run:
         if counters[callback.STAGE] == 0 and not self.plant.table[STATUS]:
             self.times = np.append(self.times[: kept - 1], time)  # the law stopped it at a step's start: a row more
         if ended == callback.LOST:
-            self._diverged(f"positions or velocities are beyond {LOST:g} m or m/s", seconds, time)
+            self._diverged(f"positions or velocities are beyond {BEYOND:g} m or m/s", seconds, time)
         if ended == callback.LOST_CONTROL:
-            self._diverged(f"rest lengths are beyond {LOST:g} m, where MuJoCo ignores them", seconds, time)
+            self._diverged(f"rest lengths are beyond {BEYOND:g} m, where MuJoCo ignores them", seconds, time)
         blame = (self.plant, time, self._remedy(), self._explicit)
         try:
             self.plant.raise_if_failed(ended, time)
@@ -281,7 +281,6 @@ class _Run:
         rows = self.rows[:count]
         return make_trajectory(
             self.request,
-            self.plant,
             self.times[:count],
             rows[:, : self.width],
             r_accelerations=rows[:, self.width :].reshape(count, R, 3),

@@ -20,6 +20,7 @@ import numba
 import numpy as np
 from numba import types
 
+from tensegrity_mj.engines.run import BEYOND
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.mjcf import UNLIMITED
@@ -41,6 +42,7 @@ from tensegrity_mj.native.plant import (
     STATUS,
     STIFFNESS,
     STRING_COUNT,
+    TABLE_SIZE,
     VELOCITIES,
     remember,
     row_width,
@@ -92,7 +94,6 @@ njit = numba.njit(cache=True, error_model="numpy")
 # Counters: calls within the step, steps begun, next row, row waiting for its accelerations, final status.
 STAGE, STEP, NEXT_ROW, WAITING, ENDED, END_STEP = range(6)
 RUNNING, FINISHED, LOST, LOST_CONTROL = -1, -2, -3, -4
-BEYOND = 1e10  # mjMAXVAL: MuJoCo takes larger numbers for a divergence, and sets all controls to zero for one of them
 
 ACTIVE = np.zeros(1, np.int64)  # address of the running plant's table, 0 for none
 _ACTIVE_ADDRESS = address_of(ACTIVE)
@@ -303,7 +304,7 @@ def _callback() -> tuple[Any, Any]:
     def control(model: Any, data: Any) -> None:
         address = integers(active, (1,))[0]
         if address != 0:
-            table = integers(address, (96,))
+            table = integers(address, (TABLE_SIZE,))
             if table[DATA] == data:
                 control_stage(table)
 

@@ -35,7 +35,7 @@ STRAIN_BOUND = 0.5
 ENERGY_WARNING = 0.01  # part of the energy exchanged beyond which a run says that its balance is off
 DECAY_WARNING = 0.01  # part of V
 V_RESOLVED = 1e-20  # of V(0): below it, errors squared are not far from round-off squared
-LOST = 1e10  # m, m/s: what MuJoCo takes for a divergence too
+BEYOND = 1e10  # m, m/s: mjMAXVAL, what MuJoCo takes for a divergence too; it zeroes all controls for one of them
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,6 @@ def chunks(count: int) -> Iterator[tuple[int, int]]:
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def make_trajectory(
     request: Request,
-    plant: Plant,
     time: Array,
     rows: Array,
     *,
@@ -215,11 +214,11 @@ def make_trajectory(
         provenance=provenance
         | {"actuation": {"mode": request.actuation.mode.value, "period": request.actuation.period}},
     )
-    trajectory.reports.update(_reports(request, plant, trajectory), **(reports or {}))
+    trajectory.reports.update(_reports(request, trajectory), **(reports or {}))
     return trajectory
 
 
-def _reports(request: Request, plant: Plant, run: Trajectory) -> dict[str, Any]:
+def _reports(request: Request, run: Trajectory) -> dict[str, Any]:
     structure = run.scene.structure
     first, second = rods.ends(structure, run.nodes)
     b = (second - first) / structure.rod_lengths[:, None]
@@ -230,14 +229,14 @@ def _reports(request: Request, plant: Plant, run: Trajectory) -> dict[str, Any]:
     below = np.argwhere(run.rest_lengths <= 0)
     warnings = []
     exchanged = float(energy_exchanged(run)[-1]) if len(run.time) else 0.0
-    if run.energy_residual > ENERGY_WARNING * exchanged:
+    if run.energy_residual > ENERGY_WARNING * exchanged + _energy_round_off(run):
         warnings.append(
             f"the energy balance is off by {run.energy_residual:.2g} J of {exchanged:.2g} J exchanged: "
             "reduce the time step or the tolerances before trusting this run"
         )
-    gravity = getattr(request.law, "gravity", None)
-    if gravity is not None and tuple(gravity) != run.scene.gravity:
-        warnings.append(f"the law reckons with gravity {tuple(gravity)}, the scene has {run.scene.gravity} m/s²")
+    known = request.law.gravity
+    if known is not None and known != run.scene.gravity:
+        warnings.append(f"the law reckons with gravity {known}, the scene has {run.scene.gravity} m/s²")
     decay_error, since = _decay_error(request, run)
     if decay_error is not None and decay_error > DECAY_WARNING and not request.sampled:
         warnings.append(
@@ -263,7 +262,7 @@ def _reports(request: Request, plant: Plant, run: Trajectory) -> dict[str, Any]:
         },
     }
     if request.sampled:
-        # A held rest length adds a viscosity of about k H: right only where this ratio is small.
+        # A held rest length adds a viscosity of the order of k H (docs/laws.md): right only where this ratio is small.
         period = request.actuation.period or 0.0
         lengths = structure.string_lengths(run.nodes)
         rates = np.abs(structure.string_rates(run.nodes, run.velocities))
@@ -328,9 +327,9 @@ def blame_divergence(
         remedy, dampers_as_recorded: as for `check_energy`.
     """
     check_energy(partial, remedy, dampers_as_recorded)
-    if not all(np.all(np.abs(plant[slot]) < LOST) for slot in (NODES, VELOCITIES)):
+    if not all(np.all(np.abs(plant[slot]) < BEYOND) for slot in (NODES, VELOCITIES)):
         raise DivergenceError(
-            f"diverged by t = {time:.6g} s: positions or velocities are beyond {LOST:g} m or m/s; {remedy}",
+            f"diverged by t = {time:.6g} s: positions or velocities are beyond {BEYOND:g} m or m/s; {remedy}",
             time,
             partial,
         )
@@ -359,14 +358,18 @@ def _energy_from_nowhere(run: Trajectory, dampers_as_recorded: bool) -> tuple[in
         bound, given = GAIN_BOUND, energy_exchanged(run)
     else:
         bound, given = WINCH_BOUND if np.any(run.winch_work) else ENERGY_BOUND, _energy_given(run)
-    # Round-off of the positions alone, in the stiffest string.
-    floor = 1e-12 * (1.0 + float(np.max(run.scene.structure.stiffness, initial=0.0)))
+    floor = _energy_round_off(run)
     # In the first steps from rest next to nothing has been given yet, and its relative error is large: the verdict is
     # by the largest of the whole run, its time by the first.
     if not gained.max() > bound * given[-1] + floor:
         return len(run.time), ""
     at = int(np.argmax(gained > bound * given + floor))
     return at, f"energy came from nowhere: {gained[at]:.3g} J gained, {given[at]:.3g} J given"
+
+
+def _energy_round_off(run: Trajectory) -> float:
+    """[J]: what the round-off of positions alone makes of the energy, in the stiffest string and under gravity."""
+    return 1e-12 * (1.0 + float(np.max(run.scene.structure.stiffness, initial=0.0)))
 
 
 def _energy_given(run: Trajectory) -> Array:
