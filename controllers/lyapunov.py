@@ -21,7 +21,7 @@ from tensegrity_mj.checks import positive, real_array
 from tensegrity_mj.controllers.allocation import least_norm
 from tensegrity_mj.dynamics.kernels import rod_accelerations
 from tensegrity_mj.dynamics.records import POINT, ROD, StructureRecords
-from tensegrity_mj.dynamics.target import point_target, rod_target
+from tensegrity_mj.dynamics.target import PackedTarget, point_target, read_target, rod_target
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED, Command, NativeLaw
 from tensegrity_mj.native.pointers import LAW_SIGNATURE, address_of, floats, integers, records_reader
@@ -78,8 +78,7 @@ def lyapunov_terms(
     points: Any,
     gains: Any,
     string_nodes: Any,
-    times: Any,
-    waypoints: Any,
+    target: Any,
     gravity: Any,
     f: Any,
 ) -> tuple[float, float]:
@@ -100,7 +99,7 @@ def lyapunov_terms(
             r_rate[k] = velocities[rod.i, k] + rod.sigma * rod.length * b_rate[k]
             square += b[k] * b[k]
             rate2 += b_rate[k] * b_rate[k]
-        rod_target(rod, t, times, waypoints, r_aim, b_aim)
+        rod_target(rod, t, target, r_aim, b_aim)
         # Accelerations without strings: M⁻¹ g, weight included.
         for k in range(3):
             t_r[k], t_b[k] = rod.mass * gravity[k], rod.f * gravity[k]
@@ -133,7 +132,7 @@ def lyapunov_terms(
             influence[rod.j, k] = r_acc[k] + (1.0 - rod.sigma) * rod.length * b_acc[k]
     for a in range(len(points)):
         point, gain = points[a], gains[len(rods) + a]
-        point_target(point, t, times, waypoints, r_aim)
+        point_target(point, t, target, r_aim)
         for p in range(point.nz):
             e[p], rate[p] = 0.0, 0.0
             for k in range(3):
@@ -157,7 +156,7 @@ def lyapunov_terms(
 @numba.cfunc(LAW_SIGNATURE, cache=True, error_model="numpy")
 def _lyapunov(t, nodes_at, velocities_at, context, command_at, report_at):  # type: ignore[no-untyped-def]
     table = integers(context, (16,))
-    count, size, waypoint_count = table[0], table[1], table[2]
+    count, size = table[0], table[1]
     rods, points = _read_rods(table[3], table[4]), _read_points(table[5], table[6])
     gains = _read_gains(table[7], table[4] + table[6])
     settings = floats(table[11], (5,))  # decay rate, norm, gravity
@@ -171,8 +170,7 @@ def _lyapunov(t, nodes_at, velocities_at, context, command_at, report_at):  # ty
         points,
         gains,
         integers(table[8], (size, 2)),
-        floats(table[9], (waypoint_count,)),
-        floats(table[10], (waypoint_count, count, 3)),
+        read_target(table[9]),
         settings[2:],
         f,
     )
@@ -251,20 +249,20 @@ class Lyapunov:
         gains = gain_records(own, self.translation, self.rotation)
         arrays = (
             np.array(own.string_nodes),
-            np.array(target.times, float),
-            np.ascontiguousarray(target.nodes),
             np.array([self.decay_rate, self.norm, *self.gravity], float),
             np.array(np.broadcast_to(np.asarray(self.minimum_force_density, float), (len(own.strings),))),
         )
         table = np.zeros(16, np.int64)
-        table[:3] = len(own.nodes), len(own.strings), len(target.times)
+        packed = PackedTarget(target)
+        table[:2] = len(own.nodes), len(own.strings)
         table[3:7] = address_of(records.rods), len(records.rods), address_of(records.points), len(records.points)
         table[7] = address_of(gains)
-        table[8:13] = [address_of(array) for array in arrays]
+        table[8], table[9] = address_of(arrays[0]), packed.address
+        table[11:13] = [address_of(array) for array in arrays[1:]]
         return NativeLaw(
             address=_lyapunov.address,
             context=address_of(table),
-            keep=(records, gains, arrays, table),
+            keep=(records, gains, arrays, packed, table),
             discontinuous=self.discontinuous,
             gravity=self.gravity,
             decay_rate=self.decay_rate,

@@ -7,6 +7,7 @@ attributes:
     command = Command.REST_LENGTH     it returns rest lengths [m] instead of force densities
     discontinuous = "why"             it jumps, and so cannot be evaluated at every stage of an integrator
     describe()                        a dict of plain values for the provenance of a run
+    report                            after each call, five numbers about it (see `Report`); NaN where it has none
     native(structure)                 a `NativeLaw`, compiled; the built-in laws have it
 
 A law that has no admissible answer at a state raises `InfeasibleError`. See docs/laws.md.
@@ -45,7 +46,17 @@ class Law(Protocol):
     def __call__(self, time: float, nodes: Array, velocities: Array, /) -> ArrayLike: ...
 
 
-# What a native law returns; report[0] is the feasibility margin, report[1] the Lyapunov function, NaN if it has none.
+class Report(enum.IntEnum):
+    """What a law may tell of each evaluation besides its command; each is recorded, NaN where the law has none."""
+
+    FEASIBILITY_MARGIN = 0  # an admissible solution exists while it is > 0
+    LYAPUNOV = 1  # V
+    LYAPUNOV_ERROR = 2  # the terms of V in the errors alone
+    LYAPUNOV_VELOCITY = 3  # the terms of V with velocities
+    ALLOCATION_RESIDUAL = 4  # largest violation of what was asked of the strings
+
+
+# What a native law returns.
 SOLVED, NO_SOLUTION, FAILED, NOT_FINITE = 0, 1, 2, 3
 
 
@@ -63,6 +74,7 @@ class NativeLaw:
         gravity: [m/s²] that it reckons with, or None if it has no such notion.
         decay_rate: δ [1/s] of the V̇ = -δ V that it promises, or None if it promises none.
         failure: the exception of a Python law that failed with FAILED, in a list of at most one.
+        reason: why a Python law had no solution when it was last asked, in a list of at most one text.
     """
 
     address: int
@@ -72,6 +84,7 @@ class NativeLaw:
     discontinuous: str = ""
     description: dict[str, Any] | None = None
     failure: list[BaseException] | None = None
+    reason: list[str] | None = None
     period: float | None = None
     until: float | None = None
     gravity: tuple[float, ...] | None = None
@@ -128,6 +141,7 @@ def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLa
     if not isinstance(discontinuous, str):
         raise OptionError(f"{law!r}.discontinuous = {discontinuous!r}; it must be a text that says why, or absent")
     failure: list[BaseException] = []
+    reason: list[str] = []
 
     def view(address: int, shape: tuple[int, ...]) -> Array:
         length = int(np.prod(shape))
@@ -145,12 +159,16 @@ def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLa
             if value.shape != (size,):
                 raise ValueError(f"it returned shape {value.shape}; it must return ({size},), a value a string")
             view(out, (size,))[:] = value
-        except InfeasibleError:
+        except InfeasibleError as error:
+            reason[:] = [str(error)]
             return NO_SOLUTION
         except BaseException as error:
             if not failure:
                 failure.append(error)
             return FAILED
+        finally:
+            told = getattr(law, "report", None)
+            view(report, (len(Report),))[:] = np.nan if told is None else told
         return SOLVED
 
     function = LAW_FUNCTION(call)
@@ -161,4 +179,5 @@ def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLa
         command=command,
         discontinuous=discontinuous,
         failure=failure,
+        reason=reason,
     )

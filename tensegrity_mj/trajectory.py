@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.files import checked, replacing
 from tensegrity_mj.jsontext import from_exact_json, to_exact_json
+from tensegrity_mj.law import Report
 from tensegrity_mj.scene import Scene
 
 Array = NDArray[np.float64]
-FORMAT = 1
+FORMAT = 2
 
 
 class Status(enum.Enum):
@@ -46,7 +47,15 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "dissipation": (("time",), "J", "energy taken by the strings' dampers"),
     "feasibility_margin": (("time",), "m2 or as the law defines", "max(v/α) of (5.18); NaN without such a law"),
     "lyapunov": (("time",), "as the law defines", "V of (5.3); NaN without such a law"),
+    "lyapunov_error": (("time",), "as the law defines", "terms of V in the errors alone; NaN without such a law"),
+    "lyapunov_velocity": (("time",), "as the law defines", "terms of V with velocities; NaN without such a law"),
+    "allocation_residual": (
+        ("time",),
+        "as the law defines",
+        "largest violation of what a law with an optimal allocation asked of the strings; NaN without such a law",
+    ),
 }
+LAW_REPORTS = tuple(report.name.lower() for report in Report)  # those that are NaN where the law has none
 DICTIONARIES = ("cost", "reports", "provenance")  # in the file as JSON
 
 
@@ -82,6 +91,9 @@ class Trajectory:
     dissipation: Array
     feasibility_margin: Array
     lyapunov: Array
+    lyapunov_error: Array
+    lyapunov_velocity: Array
+    allocation_residual: Array
     status: Status = Status.COMPLETED
     message: str = ""
     engine: str = ""

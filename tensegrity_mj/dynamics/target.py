@@ -2,18 +2,47 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.dynamics.records import StructureRecords
+from tensegrity_mj.native.pointers import address_of, floats, integers
 from tensegrity_mj.scene import Target
 from tensegrity_mj.structure import Structure
 
 Array = NDArray[np.float64]
 njit = numba.njit(cache=True, error_model="numpy")
+
+
+class TargetArrays(NamedTuple):
+    """A target as compiled code sees it: times (W,) [s] and node positions (W, N, 3) [m] of the waypoints."""
+
+    times: Any
+    nodes: Any
+
+
+class PackedTarget:
+    """The arrays of a target and a table of their addresses, to be kept alive while compiled code reads them."""
+
+    def __init__(self, target: Target) -> None:
+        self.arrays = TargetArrays(np.array(target.times, float), np.array(target.nodes, float))
+        sizes = self.arrays.nodes.shape[:2]
+        self.table = np.array([*sizes, *(address_of(array) for array in self.arrays)], np.int64)
+
+    @property
+    def address(self) -> int:
+        """Of the table."""
+        return address_of(self.table)
+
+
+@njit
+def read_target(address: int) -> Any:
+    """The arrays of a `PackedTarget`."""
+    table = integers(address, (4,))
+    return TargetArrays(floats(table[2], (table[0],)), floats(table[3], (table[0], table[1], 3)))
 
 
 @njit
@@ -69,8 +98,9 @@ def along_great_circle(start: Any, end: Any, s: float, rate: float, acc: float, 
 
 
 @njit
-def rod_target(rod: Any, t: float, times: Any, nodes: Any, r: Any, b: Any) -> None:
-    """r and b of a rod's target with two derivatives each, (3, 3); `nodes` are the waypoints (W, N, 3)."""
+def rod_target(rod: Any, t: float, target: Any, r: Any, b: Any) -> None:
+    """r and b of a rod's target (`TargetArrays`) with two derivatives each, (3, 3)."""
+    times, nodes = target.times, target.nodes
     k, s, rate, acc = locate(t, times)
     m = min(k + 1, len(times) - 1)
     if rate == 0.0 and s == 0.0:
@@ -105,25 +135,26 @@ def _standing_target(rod: Any, nodes: Any, r: Any, b: Any) -> None:
 
 
 @njit
-def point_target(point: Any, t: float, times: Any, nodes: Any, r: Any) -> None:
+def point_target(point: Any, t: float, target: Any, r: Any) -> None:
     """Position of a point mass' target with two derivatives, (3, 3)."""
+    times, nodes = target.times, target.nodes
     k, s, rate, acc = locate(t, times)
     m = min(k + 1, len(times) - 1)
     along_line(nodes[k, point.node], nodes[m, point.node], s, rate, acc, r)
 
 
 @njit
-def _target_nodes(times_out: Any, rods: Any, points: Any, times: Any, nodes: Any, out: Any) -> None:
+def _target_nodes(times_out: Any, rods: Any, points: Any, target: Any, out: Any) -> None:
     r, b = np.empty((3, 3)), np.empty((3, 3))
     for n in range(len(times_out)):
         for a in range(len(rods)):
             rod = rods[a]
-            rod_target(rod, times_out[n], times, nodes, r, b)
+            rod_target(rod, times_out[n], target, r, b)
             for i in range(3):
                 out[n, rod.i, i] = r[0, i] - rod.sigma * rod.length * b[0, i]
                 out[n, rod.j, i] = r[0, i] + (1.0 - rod.sigma) * rod.length * b[0, i]
         for a in range(len(points)):
-            point_target(points[a], times_out[n], times, nodes, r)
+            point_target(points[a], times_out[n], target, r)
             for i in range(3):
                 out[n, points[a].node, i] = r[0, i]
 
@@ -133,6 +164,5 @@ def target_nodes(structure: Structure, target: Target, times: Array) -> Array:
     records = StructureRecords.of(structure)
     out = np.empty((len(times), len(structure.nodes), 3))
     out[:] = structure.positions
-    waypoints = np.array(target.nodes, float)
-    _target_nodes(np.asarray(times, float), records.rods, records.points, np.array(target.times), waypoints, out)
+    _target_nodes(np.asarray(times, float), records.rods, records.points, PackedTarget(target).arrays, out)
     return out

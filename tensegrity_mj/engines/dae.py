@@ -39,7 +39,7 @@ from tensegrity_mj.engines.run import (
 )
 from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
 from tensegrity_mj.law import SOLVED
-from tensegrity_mj.native.plant import REPORT, Plant, infeasible_message, row_width
+from tensegrity_mj.native.plant import Plant, row_width
 from tensegrity_mj.native.pointers import address_of
 from tensegrity_mj.trajectory import Status, Trajectory
 
@@ -189,8 +189,7 @@ class DAERun:
                         raise
                     blame_divergence(partial, self.plant, time, remedy)
                     kept = np.concatenate([times[times < time - 0.5 * step], [time]])
-                    margin = float(self.plant[REPORT][0])
-                    message = infeasible_message(margin, time)
+                    message = self.plant.infeasible_message(time)
                     return self.finish(kept, rows[: len(kept)], Status.INFEASIBLE, message, clock.seconds)
                 done = int(np.searchsorted(times, (first + count - 0.5) * step))
                 if not np.all(np.isfinite(self.y)):

@@ -23,16 +23,16 @@ from tensegrity_mj.engines.run import (
     check_rows,
 )
 from tensegrity_mj.errors import DivergenceError, OptionError
-from tensegrity_mj.law import NO_SOLUTION, SOLVED
+from tensegrity_mj.law import NO_SOLUTION, SOLVED, Report
 from tensegrity_mj.native.plant import (
     CONTINUOUS,
     MODE,
     PASSIVE,
     REPORT,
+    REPORT_SIZE,
     STATUS,
     SUSPENDED,
     ask_law,
-    infeasible_message,
     remember,
     row_width,
     start_ledger,
@@ -75,7 +75,7 @@ class ErrorControlled:
 
     @property
     def _margin_column(self) -> int:
-        return int(row_width(self.table)) - 5
+        return int(row_width(self.table)) - REPORT_SIZE + Report.FEASIBILITY_MARGIN
 
     def integrate(self) -> Trajectory:
         """The whole run.
@@ -262,14 +262,14 @@ class ErrorControlled:
         if self.continuous:
             ask_law(self.table, self.t + SWITCH_TOLERANCE)
         observe(self.y, self.table, self.rows[self.next])
-        message = infeasible_message(float(self.run.plant[REPORT][0]), self.t)
+        message = self.run.plant.infeasible_message(self.t)
         return self.run.finish(
             time, self.rows[: len(time)], Status.INFEASIBLE, message, self.clock.seconds, switches=self.switches
         )
 
     def _give_up(self, cause: str) -> None:
         t = float(self.solver.t)
-        margin = float(self.run.plant[REPORT][0])
+        margin = float(self.run.plant[REPORT][Report.FEASIBILITY_MARGIN])
         recorded = self.rows[: self.next, self._margin_column]
         if self.continuous and margin < VANISHING_MARGIN * np.max(np.abs(recorded), initial=0.0):
             cause += f", where the law's margin max(v/α) tends to zero ({margin:.2g}) and so its u to infinity"

@@ -28,7 +28,7 @@ from tensegrity_mj.engines.run import (
 from tensegrity_mj.errors import DivergenceError, OptionError, StructureError, TensegrityError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.mjcf import initial_velocities, scene_to_mjcf
-from tensegrity_mj.native.plant import REPORT, STATUS, Plant, infeasible_message, row_width
+from tensegrity_mj.native.plant import STATUS, Plant, row_width
 from tensegrity_mj.native.pointers import address_of
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.trajectory import Status, Trajectory
@@ -230,8 +230,7 @@ class _Run:
             raise
         assert ended == NO_SOLUTION, ended
         blame_divergence(self._partial(seconds), *blame)
-        message = infeasible_message(float(self.plant[REPORT][0]), time)
-        return self._finish(kept, Status.INFEASIBLE, message, seconds)
+        return self._finish(kept, Status.INFEASIBLE, self.plant.infeasible_message(time), seconds)
 
     def _warm_up(self) -> None:
         """Compile the callback on data that is not this run's, so that no clock counts it."""

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from tensegrity_mj import interrupts, rods, strings
 from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible, whole_ratio
 from tensegrity_mj.errors import DivergenceError, OptionError
-from tensegrity_mj.law import NativeLaw
+from tensegrity_mj.law import NativeLaw, Report
 from tensegrity_mj.native.plant import NODES, VELOCITIES, Plant
 from tensegrity_mj.scene import Scene
-from tensegrity_mj.trajectory import VARIABLES, Status, Trajectory
+from tensegrity_mj.trajectory import LAW_REPORTS, VARIABLES, Status, Trajectory
 
 Array = NDArray[np.float64]
 
@@ -182,7 +182,8 @@ def make_trajectory(
     at = 6 * N
     rest, elastic, tensions = (rows[:, at + part * M : at + (part + 1) * M].copy() for part in range(3))
     at += 3 * M
-    margin, lyapunov, winch, lost, external = (rows[:, at + column].copy() for column in range(5))
+    winch, lost, external = (rows[:, at + column].copy() for column in range(3))
+    told = {report.name.lower(): rows[:, at + 3 + report].copy() for report in Report}
     lengths = structure.string_lengths(nodes)
     if multipliers is None:
         assert r_accelerations is not None
@@ -205,8 +206,7 @@ def make_trajectory(
         winch_work=winch,
         external_work=external,
         dissipation=lost,
-        feasibility_margin=margin,
-        lyapunov=lyapunov,
+        **told,
         status=status,
         message=message,
         engine=engine,
@@ -301,7 +301,7 @@ def check_energy(run: Trajectory, remedy: str, dampers_as_recorded: bool = True)
     """
     finite = np.ones(len(run.time), bool)
     for name in VARIABLES:
-        if name not in ("feasibility_margin", "lyapunov"):  # NaN where the law has none
+        if name not in LAW_REPORTS:  # NaN where the law has none
             values = np.isfinite(getattr(run, name))
             finite &= values.all(axis=tuple(range(1, values.ndim)))
     good = len(finite) if finite.all() else int(np.argmin(finite))

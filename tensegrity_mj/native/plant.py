@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.errors import ControllerError, OptionError
-from tensegrity_mj.law import FAILED, NO_SOLUTION, NOT_FINITE, SOLVED, Command, NativeLaw
+from tensegrity_mj.law import FAILED, NO_SOLUTION, NOT_FINITE, SOLVED, Command, NativeLaw, Report
 from tensegrity_mj.native.pointers import (
     LOAD_FUNCTION,
     address_of,
@@ -44,6 +44,8 @@ WINCH, SAMPLED_LENGTH = 30, 31
 SUSPENDED = 32  # in the continuous mode: the law has no solution, the last admissible rest lengths are held
 ENGINE_SLOTS = 33  # an engine's own slots start here
 TABLE_SIZE = 96
+
+REPORT_SIZE = len(Report)
 
 NO_LAW, CONTINUOUS, HOLD_FORCE_DENSITY, HOLD_REST_LENGTH = range(4)
 _MODES = {
@@ -278,12 +280,12 @@ def take_sample(table: Any, t: float) -> int:
 @njit
 def row_width(table: Any) -> int:
     """Length of what `write_row` writes."""
-    return 6 * table[NODE_COUNT] + 3 * table[STRING_COUNT] + 5
+    return 6 * table[NODE_COUNT] + 3 * table[STRING_COUNT] + 3 + REPORT_SIZE
 
 
 @njit
 def write_row(table: Any, stored: float, lost: float, external: float, row: Any) -> None:
-    """Nodes, velocities, L0, elastic tensions, tensions, margin, V, winch work, dissipation, external work."""
+    """Nodes, velocities, L0, elastic tensions, tensions, winch work, dissipation, external work, the law's report."""
     N, M = table[NODE_COUNT], table[STRING_COUNT]
     row[: 3 * N] = floats(table[NODES], (3 * N,))
     row[3 * N : 6 * N] = floats(table[VELOCITIES], (3 * N,))
@@ -292,10 +294,9 @@ def write_row(table: Any, stored: float, lost: float, external: float, row: Any)
     row[at + M : at + 2 * M] = floats(table[ELASTIC], (M,))
     row[at + 2 * M : at + 3 * M] = floats(table[TENSION], (M,))
     at += 3 * M
-    report = floats(table[REPORT], (2,))
-    row[at], row[at + 1] = report[0], report[1]
-    row[at + 2] = winch_work(table, stored)
-    row[at + 3], row[at + 4] = lost, external
+    row[at] = winch_work(table, stored)
+    row[at + 1], row[at + 2] = lost, external
+    row[at + 3 : at + 3 + REPORT_SIZE] = floats(table[REPORT], (REPORT_SIZE,))
 
 
 class Plant:
@@ -321,7 +322,7 @@ class Plant:
             NODES: np.array(scene.nodes0),
             VELOCITIES: np.array(scene.velocities0),
             FORCES: np.zeros((N, 3)),
-            REPORT: np.full(2, np.nan),
+            REPORT: np.full(REPORT_SIZE, np.nan),
             WINCH: np.zeros(2),
             **{slot: np.zeros(M) for slot in (COMMAND, LENGTH, RATE, TENSION, ELASTIC, SAMPLED_LENGTH)},
         }
@@ -404,10 +405,12 @@ class Plant:
                 "it must return a finite number for every string"
             )
 
-
-def infeasible_message(margin: float, time: float) -> str:
-    """What a run stopped by an infeasible law says."""
-    text = f"the law has no admissible solution at t = {time:.6g} s"
-    if not np.isnan(margin):
-        text += f": feasibility margin max(v/α) = {margin:.3g} <= 0 (5.18)"
-    return text + "; change the target or decay rate, or choose OnInfeasible.PASSIVE"
+    def infeasible_message(self, time: float) -> str:
+        """What a run stopped by an infeasible law says."""
+        text = f"the law has no admissible solution at t = {time:.6g} s"
+        margin = float(self.arrays[REPORT][Report.FEASIBILITY_MARGIN])
+        if self.law.reason:
+            text += f": {self.law.reason[0]}"
+        elif not np.isnan(margin):
+            text += f": feasibility margin max(v/α) = {margin:.3g} <= 0 (5.18)"
+        return text + "; change the target or decay rate, or choose OnInfeasible.PASSIVE"
