@@ -3,49 +3,81 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
-from tensegrity_mj.controllers.lyapunov import Gains, Lyapunov
+from tensegrity_mj.controllers import feedback_linearization
+from tensegrity_mj.controllers.feedback_linearization import FeedbackLinearization
+from tensegrity_mj.controllers.gains import Gains
+from tensegrity_mj.controllers.lyapunov import Lyapunov
+from tensegrity_mj.controllers.optimal_allocation import Allocation, Sum, WhenInfeasible
+from tensegrity_mj.controllers.projection import Projection
+from tensegrity_mj.controllers.quadratic_form import Onto
 from tensegrity_mj.controllers.replay import Replay
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.scene import Scene
 
-__all__ = ["Gains", "Lyapunov", "Replay", "from_scene"]
+__all__ = [
+    "LAWS",
+    "Allocation",
+    "FeedbackLinearization",
+    "Gains",
+    "Lyapunov",
+    "Onto",
+    "Projection",
+    "Replay",
+    "Sum",
+    "WhenInfeasible",
+    "from_scene",
+]
 
-LAWS = ("lyapunov",)
-LYAPUNOV_OPTIONS = ("decay_rate", "norm", "translation", "rotation", "minimum_force_density")
+
+class _Entry(NamedTuple):
+    """A law that scene files and the command line can name."""
+
+    law: Callable[..., Any]  # (structure, target, *, gravity, **options)
+    options: Mapping[str, Callable[[Any, str], Any]]  # by name: (value as in a file, what it is) -> the law's value
 
 
-def from_scene(scene: Scene, **overrides: Any) -> Lyapunov:
-    """The law that a scene names in its `control`, with the scene's target and gravity; `overrides` win.
+def from_scene(scene: Scene, law: str | None = None, **overrides: Any) -> Any:
+    """The law that a scene names in its `control`, or `law`, with the scene's target and gravity; `overrides` win.
 
-    Options in a scene file are those of the law's class; `norm` may be "inf", and `translation` and `rotation` are
-    tables {X = , Y = , Z = } of numbers or matrices, or tables of such by rod name.
+    A law other than the scene's takes those of the scene's options that it has too. Options in a scene file are those
+    of the law's class; `norm` may be "inf", `onto` is "current" or "target", gains are tables {X = , Y = , Z = } of
+    numbers or matrices, or tables of such by rod name.
 
     Raises:
-        OptionError: if the scene names no law or an unknown one, or an option that the law has not.
+        OptionError: if there is no law or an unknown one, no target, or an option that the law has not.
     """
     if not isinstance(scene, Scene):
         raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
-    if scene.control is None:
-        raise OptionError(f"scene '{scene.name}' names no control law: add [scene.control], or make a law yourself")
-    if scene.control.law not in LAWS:
-        raise OptionError(f"scene '{scene.name}': unknown law '{scene.control.law}'; allowed: {', '.join(LAWS)}")
-    options: dict[str, Any] = {**scene.control.options, **overrides}
-    for name in options:
-        if name not in LYAPUNOV_OPTIONS:
-            raise OptionError(
-                f"scene '{scene.name}': law 'lyapunov' has no option '{name}'; allowed: {', '.join(LYAPUNOV_OPTIONS)}"
-            )
-    if options.get("norm") == "inf":
-        options["norm"] = math.inf
-    for name in ("translation", "rotation"):
-        if name in options:
-            options[name] = _gains(options[name], f"scene '{scene.name}': {name}")
+    where = f"scene '{scene.name}'"
+    if law is None and scene.control is None:
+        raise OptionError(f"{where} names no control law: add [scene.control], or choose one: {', '.join(LAWS)}")
+    name = law if law is not None else scene.control.law  # type: ignore[union-attr]
+    if name not in LAWS:
+        raise OptionError(f"{where}: unknown law {name!r}; allowed: {', '.join(LAWS)}")
+    entry = LAWS[name]
+    given: dict[str, Any] = {}
+    if scene.control is not None:
+        own = scene.control.law == name
+        given = {key: value for key, value in scene.control.options.items() if own or key in entry.options}
+    given.update(overrides)
+    for key in given:
+        if key not in entry.options:
+            raise OptionError(f"{where}: law '{name}' has no option '{key}'; allowed: {', '.join(entry.options)}")
     if scene.target is None:
-        raise OptionError(f"scene '{scene.name}' has no target, which its law needs: add [scene.target]")
-    return Lyapunov(scene.structure, scene.target, gravity=scene.gravity, **options)
+        raise OptionError(f"{where} has no target, which its law needs: add [scene.target]")
+    options = {key: entry.options[key](value, f"{where}: {key}") for key, value in given.items()}
+    return entry.law(scene.structure, scene.target, gravity=scene.gravity, **options)
+
+
+def _as_it_is(value: Any, what: str) -> Any:
+    return value
+
+
+def _norm(value: Any, what: str) -> Any:
+    return math.inf if value == "inf" else value
 
 
 def _gains(value: Any, what: str) -> Gains | dict[str, Gains]:
@@ -64,3 +96,46 @@ def _gains(value: Any, what: str) -> Gains | dict[str, Gains]:
         else:
             raise OptionError(f"{what}.{name} = {entry!r}; it must be a table with X, Y, Z")
     return gains
+
+
+def _onto(value: Any, what: str) -> Any:
+    names = [one.value for one in Onto]
+    if isinstance(value, str) and value not in names:
+        raise OptionError(f"{what} = {value!r}; allowed: {', '.join(names)}")
+    return Onto(value) if isinstance(value, str) else value
+
+
+def _when_infeasible(value: Any, what: str) -> Any:
+    names = [one.value for one in WhenInfeasible]
+    if isinstance(value, str) and value not in names:
+        raise OptionError(f"{what} = {value!r}; allowed: {', '.join(names)}")
+    return WhenInfeasible(value) if isinstance(value, str) else value
+
+
+_QUADRATIC = {
+    "decay_rate": _as_it_is,
+    "norm": _norm,
+    "translation": _gains,
+    "rotation": _gains,
+    "minimum_force_density": _as_it_is,
+    "maximum_force_density": _as_it_is,
+    "respect_limits": _as_it_is,
+}
+
+_LINEARIZING: dict[str, Callable[[Any, str], Any]] = {
+    "natural_frequency": _as_it_is,
+    "damping": _as_it_is,
+    "sums": _as_it_is,
+    "weight": _as_it_is,
+    "minimum_force_density": _as_it_is,
+    "maximum_force_density": _as_it_is,
+    "linear": _as_it_is,
+    "on_infeasible": _when_infeasible,
+    "respect_limits": _as_it_is,
+}
+
+LAWS: Mapping[str, _Entry] = {
+    "lyapunov": _Entry(Lyapunov, _QUADRATIC),
+    "feedback_linearization": _Entry(feedback_linearization.from_options, _LINEARIZING),
+    "projection": _Entry(Projection, {**_QUADRATIC, "onto": _onto, "stiffness": _as_it_is}),
+}

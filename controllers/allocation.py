@@ -1,8 +1,15 @@
-"""The smallest controls that meet one linear equation: Lemma 5.1, in closed form, also above threshold values.
+"""The smallest controls that meet one linear equation: Lemma 5.1, in closed form, also between thresholds and ceilings.
 
-Given v and α, find u with vᵀu = α, u >= ū >= 0, that minimizes ‖u‖_p for p = 1, 2 or ∞. With α' = α - vᵀū, a solution
-exists if and only if α' = 0 or max(v/α') > 0, (5.18); that maximum is the feasibility margin. For ū = 0 the
-solutions are those of the lemma.
+Given v and α, find u with vᵀu = α and ū <= u <= c that minimizes ‖u‖_p for p = 1, 2 or ∞; ū >= 0, and c may be
+infinite. Let α' = α - vᵀū be what the thresholds leave to do, w = v sign(α'), and C = Σ max(w, 0)(c - ū) the most
+that the ceilings allow. A solution exists if and only if α' = 0 or C >= |α'|. The feasibility margin is
+
+    max(v/α') min(1, C/|α'| - 1) where max(v/α') > 0, else max(v/α').
+
+It is continuous, positive where a solution exists, and max(v/α') of (5.18) while the ceilings leave room for twice of
+what is needed, so always without ceilings. It is infinite where α' = 0 (u = ū is the solution), zero where all ceilings
+are used up exactly, which counts as infeasible, and -∞ where a ceiling lies below its threshold. Without thresholds
+and ceilings the solutions are those of the lemma.
 """
 
 from __future__ import annotations
@@ -16,21 +23,35 @@ njit = numba.njit(cache=True, error_model="numpy")
 
 
 @njit
-def feasibility_margin(v: Any, alpha: float, floor: Any) -> float:
-    """max(v/α') of (5.18), infinite where α' = 0 (then u = ū solves it)."""
+def feasibility_margin(v: Any, alpha: float, floor: Any, ceiling: Any) -> float:
+    """The margin of the module's text for v, ū and c (M,) and α."""
     rest = alpha
     for i in range(len(v)):
         rest -= v[i] * floor[i]
-    if rest == 0.0:
-        return np.inf
-    margin = -np.inf
+    return _margin(v, rest, floor, ceiling)
+
+
+@njit
+def _margin(v: Any, rest: float, floor: Any, ceiling: Any) -> float:
+    need, sign = (rest, 1.0) if rest > 0.0 else (-rest, -1.0)
+    best, capacity = -np.inf, 0.0
     for i in range(len(v)):
-        margin = max(margin, v[i] / rest)
+        if ceiling[i] < floor[i]:
+            return -np.inf
+        w = sign * v[i]
+        best = max(best, w)
+        if w > 0.0:
+            capacity += w * (ceiling[i] - floor[i])
+    if need == 0.0:
+        return np.inf
+    margin = best / need
+    if margin > 0.0 and capacity < 2.0 * need:
+        margin *= capacity / need - 1.0
     return margin
 
 
 @njit
-def least_norm(v: Any, alpha: float, floor: Any, norm: float, u: Any) -> float:
+def least_norm(v: Any, alpha: float, floor: Any, ceiling: Any, norm: float, u: Any) -> float:
     """Write the minimizer of ‖u‖_norm (norm 1, 2 or inf) into u and return the margin; u = ū where it is <= 0."""
     n = len(v)
     rest, highest = alpha, 0.0
@@ -38,73 +59,131 @@ def least_norm(v: Any, alpha: float, floor: Any, norm: float, u: Any) -> float:
         u[i] = floor[i]
         rest -= v[i] * floor[i]
         highest = max(highest, floor[i])
-    margin = feasibility_margin(v, alpha, floor)
+    margin = _margin(v, rest, floor, ceiling)
     if rest == 0.0 or not margin > 0.0:
         return margin
     if norm == 1.0:
-        best = 0
-        for i in range(1, n):
-            if v[i] / rest > v[best] / rest:
-                best = i
-        u[best] += rest / v[best]
+        _least_sum(v, rest, floor, ceiling, u)
     elif norm == 2.0:
-        _least_squares(v, alpha, rest, floor, u)
+        _least_squares(v, alpha, rest, floor, ceiling, u)
     else:
-        _least_maximum(v, rest, highest, floor, u)
+        _least_maximum(v, rest, highest, floor, ceiling, u)
     return margin
 
 
 @njit
-def _least_squares(v: Any, alpha: float, rest: float, floor: Any, u: Any) -> None:
-    # The optimality conditions give u_i = max(ū_i, μ v_i), with μ of the sign of α'. The sum of v_i u_i grows with
-    # |μ| piecewise linearly; strings leave their threshold at |μ| = ū_i / |v_i|: walk these breakpoints upwards.
+def _least_sum(v: Any, rest: float, floor: Any, ceiling: Any, u: Any) -> None:
+    # The most effective string first, each up to its ceiling. One pass a string that is filled; mostly that is one.
+    sign = 1.0 if rest > 0.0 else -1.0
+    n, need, last = len(v), sign * rest, -1
+    while True:
+        best = -1
+        for i in range(n):
+            # Strings in falling order of w, and of equal ones in their own order.
+            after = last < 0 or sign * v[i] < sign * v[last] or (v[i] == v[last] and i > last)
+            if after and sign * v[i] > 0.0 and (best < 0 or sign * v[i] > sign * v[best]):
+                best = i
+        if best < 0:
+            return  # round-off at the last ceiling
+        w = sign * v[best]
+        room = w * (ceiling[best] - floor[best])
+        if need <= room:
+            u[best] = min(floor[best] + need / w, ceiling[best])
+            return
+        u[best] = ceiling[best]
+        need -= room
+        last = best
+
+
+@njit
+def _least_squares(v: Any, alpha: float, rest: float, floor: Any, ceiling: Any, u: Any) -> None:
+    # The optimality conditions give u_i = min(max(ū_i, μ w_i), c_i) with w = v sign(α') and μ > 0. The sum of w_i u_i
+    # grows with μ piecewise linearly: string i leaves its threshold at μ = ū_i / w_i and meets its ceiling at c_i / w_i.
     sign = 1.0 if rest > 0.0 else -1.0
     n = len(v)
     if rest == alpha and not floor.any():
-        # Part b) of the lemma as printed: no threshold, no breakpoint.
-        square = 0.0
+        # Part b) of the lemma as printed: no threshold, and where no ceiling is reached, no breakpoint.
+        square, within = 0.0, True
         for i in range(n):
             if sign * v[i] > 0.0:
                 square += v[i] * v[i]
         for i in range(n):
             if sign * v[i] > 0.0:
                 u[i] = alpha * v[i] / square
-        return
-    breakpoints = np.empty(n)
+                within = within and u[i] <= ceiling[i]
+        if within:
+            return
+    breakpoints = np.full(2 * n, np.inf)
     for i in range(n):
         w = sign * v[i]
-        breakpoints[i] = floor[i] / w if w > 0.0 else np.inf
+        if w > 0.0:
+            breakpoints[i], breakpoints[n + i] = floor[i] / w, ceiling[i] / w
     order = np.argsort(breakpoints)
-    slope, at_floor = 0.0, sign * (alpha - rest)
+    # Σ w_i u_i = resting + slope μ: what stands at thresholds and ceilings, and what moves.
+    slope, resting = 0.0, sign * (alpha - rest)
     mu = 0.0
-    for position in range(n):
-        i = order[position]
-        if breakpoints[i] == np.inf:
+    for position in range(2 * n):
+        at = order[position]
+        if breakpoints[at] == np.inf or (slope > 0.0 and resting + slope * breakpoints[at] >= sign * alpha):
             break
-        if slope > 0.0 and (sign * alpha - at_floor) / slope <= breakpoints[i]:
-            break
-        slope += v[i] * v[i]
-        at_floor -= sign * v[i] * floor[i]
-    mu = (sign * alpha - at_floor) / slope
+        mu = breakpoints[at]
+        i = at if at < n else at - n
+        w = sign * v[i]
+        if at < n:
+            slope += w * w
+            resting -= w * floor[i]
+        else:
+            slope -= w * w
+            resting += w * ceiling[i]
+    # Slopes that cancel leave round-off; the sum over the moving strings has none.
+    slope, resting = 0.0, 0.0
     for i in range(n):
-        u[i] = max(floor[i], mu * sign * v[i])
+        w = sign * v[i]
+        if w > 0.0 and breakpoints[i] <= mu < breakpoints[n + i]:
+            slope += w * w
+        elif w > 0.0 and breakpoints[n + i] <= mu:
+            resting += w * ceiling[i]
+        else:
+            resting += w * floor[i]
+    if slope > 0.0:
+        mu = (sign * alpha - resting) / slope
+    for i in range(n):
+        u[i] = min(max(floor[i], mu * sign * v[i]), ceiling[i])
 
 
 @njit
-def _least_maximum(v: Any, rest: float, highest: float, floor: Any, u: Any) -> None:
-    # Raise every helpful string to one common level y; below the highest threshold the level is not unique, and the
-    # part of the way that suffices is taken.
+def _least_maximum(v: Any, rest: float, highest: float, floor: Any, ceiling: Any, u: Any) -> None:
+    # Raise every helpful string to one common level y or its ceiling; below the highest threshold the level is not
+    # unique, and the part of the way that suffices is taken.
     sign = 1.0 if rest > 0.0 else -1.0
-    gain, slack = 0.0, 0.0
-    for i in range(len(v)):
-        w = sign * v[i]
-        if w > 0.0:
-            gain += w
-            slack += w * (highest - floor[i])
-    need = sign * rest
-    for i in range(len(v)):
+    n, need, slack = len(v), sign * rest, 0.0
+    for i in range(n):
         if sign * v[i] > 0.0:
-            if need <= slack:
-                u[i] = floor[i] + (highest - floor[i]) * (need / slack)
-            else:
-                u[i] = highest + (need - slack) / gain
+            slack += sign * v[i] * (min(highest, ceiling[i]) - floor[i])
+    if need <= slack:
+        for i in range(n):
+            if sign * v[i] > 0.0:
+                u[i] = floor[i] + (min(highest, ceiling[i]) - floor[i]) * (need / slack)
+        return
+    # Each round raises the level to the next ceiling, or to where the need is met; mostly that is one round.
+    level = highest
+    while True:
+        gain, given, top = 0.0, 0.0, np.inf
+        for i in range(n):
+            w = sign * v[i]
+            if w > 0.0:
+                if ceiling[i] > level:
+                    gain += w
+                    given += w * (level - floor[i])
+                    top = min(top, ceiling[i])
+                else:
+                    given += w * (ceiling[i] - floor[i])
+        if gain == 0.0:
+            break  # round-off at the last ceiling
+        reached = level + (need - given) / gain
+        level = min(reached, top)
+        if reached <= top:
+            break
+    for i in range(n):
+        if sign * v[i] > 0.0:
+            u[i] = min(level, ceiling[i])

@@ -15,9 +15,10 @@ _HOME = {
     "compare": "comparison",
     "DAE": "engines.dae",
     "Drift": "engines.dae",
-    "Method": "engines.dae",
+    "Method": "engines.integration",
     "Integrator": "engines.mujoco",
     "MuJoCo": "engines.mujoco",
+    "ODE": "engines.ode",
     "ControllerError": "errors",
     "DivergenceError": "errors",
     "FormatError": "errors",
@@ -28,11 +29,14 @@ _HOME = {
     "StructureError": "errors",
     "TensegrityError": "errors",
     "Command": "law",
+    "Linearization": "linearization",
+    "linearize": "linearization",
     "Layout": "rendering",
     "Quality": "rendering",
     "picture": "rendering",
     "render": "rendering",
     "render_frame": "rendering",
+    "Break": "scene",
     "ControlSpec": "scene",
     "Load": "scene",
     "Scene": "scene",
@@ -44,6 +48,21 @@ _HOME = {
     "String": "structure",
     "Structure": "structure",
     "Support": "structure",
+    "WithFiles": "studies.attempt",
+    "Choice": "studies.axes",
+    "Draw": "studies.axes",
+    "LogUniform": "studies.axes",
+    "Normal": "studies.axes",
+    "Together": "studies.axes",
+    "Uniform": "studies.axes",
+    "Vary": "studies.axes",
+    "Study": "studies.many",
+    "run_many": "studies.many",
+    "write_sweep_page": "studies.page",
+    "Scaled": "studies.parameters",
+    "Sweep": "studies.sweep",
+    "Backend": "studies.workers",
+    "Workers": "studies.workers",
     "load_scene": "textformat",
     "load_structure": "textformat",
     "save_scene": "textformat",
@@ -64,9 +83,10 @@ if TYPE_CHECKING:  # the same names, for type checkers and editors
     from tensegrity_mj.comparison import compare as compare
     from tensegrity_mj.engines.dae import DAE as DAE
     from tensegrity_mj.engines.dae import Drift as Drift
-    from tensegrity_mj.engines.dae import Method as Method
+    from tensegrity_mj.engines.integration import Method as Method
     from tensegrity_mj.engines.mujoco import Integrator as Integrator
     from tensegrity_mj.engines.mujoco import MuJoCo as MuJoCo
+    from tensegrity_mj.engines.ode import ODE as ODE
     from tensegrity_mj.errors import ControllerError as ControllerError
     from tensegrity_mj.errors import DivergenceError as DivergenceError
     from tensegrity_mj.errors import FormatError as FormatError
@@ -77,11 +97,14 @@ if TYPE_CHECKING:  # the same names, for type checkers and editors
     from tensegrity_mj.errors import StructureError as StructureError
     from tensegrity_mj.errors import TensegrityError as TensegrityError
     from tensegrity_mj.law import Command as Command
+    from tensegrity_mj.linearization import Linearization as Linearization
+    from tensegrity_mj.linearization import linearize as linearize
     from tensegrity_mj.rendering import Layout as Layout
     from tensegrity_mj.rendering import Quality as Quality
     from tensegrity_mj.rendering import picture as picture
     from tensegrity_mj.rendering import render as render
     from tensegrity_mj.rendering import render_frame as render_frame
+    from tensegrity_mj.scene import Break as Break
     from tensegrity_mj.scene import ControlSpec as ControlSpec
     from tensegrity_mj.scene import Load as Load
     from tensegrity_mj.scene import Scene as Scene
@@ -93,6 +116,21 @@ if TYPE_CHECKING:  # the same names, for type checkers and editors
     from tensegrity_mj.structure import String as String
     from tensegrity_mj.structure import Structure as Structure
     from tensegrity_mj.structure import Support as Support
+    from tensegrity_mj.studies.attempt import WithFiles as WithFiles
+    from tensegrity_mj.studies.axes import Choice as Choice
+    from tensegrity_mj.studies.axes import Draw as Draw
+    from tensegrity_mj.studies.axes import LogUniform as LogUniform
+    from tensegrity_mj.studies.axes import Normal as Normal
+    from tensegrity_mj.studies.axes import Together as Together
+    from tensegrity_mj.studies.axes import Uniform as Uniform
+    from tensegrity_mj.studies.axes import Vary as Vary
+    from tensegrity_mj.studies.many import Study as Study
+    from tensegrity_mj.studies.many import run_many as run_many
+    from tensegrity_mj.studies.page import write_sweep_page as write_sweep_page
+    from tensegrity_mj.studies.parameters import Scaled as Scaled
+    from tensegrity_mj.studies.sweep import Sweep as Sweep
+    from tensegrity_mj.studies.workers import Backend as Backend
+    from tensegrity_mj.studies.workers import Workers as Workers
     from tensegrity_mj.textformat import load_scene as load_scene
     from tensegrity_mj.textformat import load_structure as load_structure
     from tensegrity_mj.textformat import save_scene as save_scene

@@ -10,7 +10,19 @@ import traceback
 from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn
 
-from tensegrity_mj.commands import compare, demo, doctor, export, render, run, scenes
+from tensegrity_mj.commands import (
+    compare,
+    demo,
+    doctor,
+    export,
+    linearize,
+    render,
+    reproduce,
+    run,
+    scenes,
+    sweep,
+    validate,
+)
 from tensegrity_mj.commands.common import EXIT_CODES, ExitCode, Outcome
 from tensegrity_mj.errors import DivergenceError, InfeasibleError, MissingLibraryError, TensegrityError
 from tensegrity_mj.jsontext import to_json
@@ -21,7 +33,11 @@ COMMANDS = {
     "compare": compare,
     "render": render,
     "export": export,
+    "linearize": linearize,
     "doctor": doctor,
+    "sweep": sweep,
+    "validate": validate,
+    "reproduce": reproduce,
     "demo": demo,
 }
 

@@ -1,4 +1,4 @@
-"""Plots of runs that a reader of the thesis recognises (figures 5.3, 5.4, 5.6 and 5.7), and comparisons of runs.
+"""Plots of runs that a reader of the thesis recognises (figures 5.1 to 6.9), and comparisons of runs.
 
 Every function returns a matplotlib Figure and writes it where a path is given (.png, .pdf or .svg). Figures are made
 without pyplot: nothing global is touched, no window opens, and they can be made in any thread. For example:
@@ -6,6 +6,8 @@ without pyplot: nothing global is touched, no window opens, and they can be made
     tmj.plots.plot_run([run, reference], "prism.png")     # a row for each run
     tmj.plots.plot_paths([run, reference], "paths.png")
     tmj.plots.plot_comparison(tmj.compare(run, reference), "comparison.png", runs=[run, reference])
+    tmj.plots.plot_lyapunov(run, "v.png")
+    tmj.plots.landscape(law, run, "landscape.png")        # V over φ and φ̇, with the run's way over it
 """
 
 from __future__ import annotations
@@ -27,7 +29,19 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["plot_comparison", "plot_coordinates", "plot_errors", "plot_paths", "plot_run", "save_figure"]
+    from tensegrity_mj.controllers import Lyapunov, Projection
+    from tensegrity_mj.landscape import Landscape
+
+__all__ = [
+    "landscape",
+    "plot_comparison",
+    "plot_coordinates",
+    "plot_errors",
+    "plot_lyapunov",
+    "plot_paths",
+    "plot_run",
+    "save_figure",
+]
 
 Array = NDArray[np.float64]
 PathLike = str | os.PathLike[str]
@@ -220,6 +234,78 @@ def plot_comparison(
     return _saved(figure, path)
 
 
+def plot_lyapunov(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = None) -> Figure:
+    """Figure 6.6: V over time in blue, its terms in the errors alone in red, those with velocities in green.
+
+    Raises:
+        OptionError: no run, an empty one, one whose law has no V, or a path that cannot be written.
+    """
+    all_runs = _listed(runs)
+    figure = _figure(COLUMN * max(len(all_runs), 1.5), 1.2 * ROW)
+    panels = np.atleast_1d(np.asarray(figure.subplots(1, len(all_runs)), dtype=object))
+    parts = (("lyapunov", 0, "$V$"), ("lyapunov_error", 2, "errors"), ("lyapunov_velocity", 1, "velocities"))
+    for run, panel in zip(all_runs, panels, strict=True):
+        if not np.any(np.isfinite(run.lyapunov_error)):
+            raise OptionError(f"the run of scene '{run.scene.name}' ({run.engine}) had no law with a Lyapunov function")
+        for name, color, label in parts:
+            panel.plot(run.time, getattr(run, name), color=palette.CYCLE[color], lw=1.2, label=label)
+        _finish(panel, f"{run.scene.name}\n{_law_name(run)}", "$V$ and its terms")
+        panel.set_xlabel("time [s]", fontsize=9)
+    return _saved(figure, path)
+
+
+def landscape(
+    law: Lyapunov | Projection | Landscape,
+    runs: Trajectory | Sequence[Trajectory] = (),
+    path: PathLike | None = None,
+    *,
+    rod: str | None = None,
+) -> Figure:
+    """Figures 5.1, 6.2 and 6.7: contours of V_φ(φ, φ̇) of one rod, and the ways of runs over them.
+
+    φ is the angle from b_d to b. In space b turns about b_d too; that part of V, V_θ, is not in the picture.
+    Each way starts at a dot.
+
+    Args:
+        law: whose V, or a `landscape.Landscape`.
+        runs: towards a set-point; none for the contours alone.
+        rod: the rod's name; the first by default.
+
+    Raises:
+        OptionError: gains that are no numbers, an unknown rod, a run without a set-point, or a path that cannot be
+            written.
+    """
+    from tensegrity_mj.landscape import Landscape, angles
+
+    shape = law if isinstance(law, Landscape) else Landscape.of(law, rod)
+    all_runs = _listed(runs) if isinstance(runs, Trajectory) or len(runs) else []
+    ways = [angles(run, rod) for run in all_runs]
+    top = max([1.0, *(1.1 * float(np.max(np.abs(way.phi_rate))) for way in ways)])
+    phi, rate = np.linspace(-np.pi, np.pi, 361), np.linspace(-top, top, 241)
+    figure = _figure(6.4, 4.6)
+    panel = figure.subplots()
+    contours = panel.contour(phi, rate, shape(phi, rate[:, None]), levels=24, cmap="viridis", linewidths=0.8)
+    figure.colorbar(contours, ax=panel, label=r"$V_\varphi$")
+    for number, (run, way) in enumerate(zip(all_runs, ways, strict=True)):
+        style = {"color": palette.CYCLE[(2 + number) % len(palette.CYCLE)]}
+        label = f"{_law_name(run)}, {run.engine or run.scene.name}" if len(all_runs) > 1 else None
+        panel.plot(way.phi, way.phi_rate, lw=1.6, ls=RUN_STYLES[number % len(RUN_STYLES)], label=label, **style)
+        panel.plot(way.phi[:1], way.phi_rate[:1], marker="o", ms=5, ls="none", **style)
+    name = (
+        "no projection"
+        if shape.onto is None
+        else {"current": "onto $b^\\perp$", "target": "onto $b_d^\\perp$"}[shape.onto.value]
+    )
+    gains = (
+        rf"$\alpha = {shape.alpha:g}$, $\beta = {shape.beta:g}$, $\gamma = {shape.gamma:g}$, $K = {shape.stiffness:g}$"
+    )
+    _finish(panel, f"{name}: {gains}", r"$\dot\varphi$ [rad/s]")
+    panel.set_xlabel(r"$\varphi$ [rad]", fontsize=9)
+    panel.set_xticks([-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi], [r"$-\pi$", r"$-\pi/2$", "0", r"$\pi/2$", r"$\pi$"])
+    panel.set_ylim(-top, top)
+    return _saved(figure, path)
+
+
 def save_figure(figure: Figure, path: PathLike) -> Path:
     """Write a figure as .png, .pdf or .svg, as a whole or not at all; returns the path.
 
@@ -395,6 +481,14 @@ def _target_nodes(run: Trajectory) -> Array | None:
     from tensegrity_mj.pictures.motion import target_positions
 
     return target_positions(run.scene.structure, run.scene.target, run.time)
+
+
+def _law_name(run: Trajectory) -> str:
+    """The law of a run as its provenance has it, with what it projects onto and its decay rate."""
+    law = run.provenance.get("controller") or {}
+    onto = f" onto {law['onto']}" if "onto" in law else ""
+    rate = f", δ = {law['decay_rate']:g} /s" if "decay_rate" in law else ""
+    return f"{law.get('law', 'law')}{onto}{rate}"
 
 
 def _color(number: int) -> palette.Color:

@@ -24,7 +24,7 @@ from tensegrity_mj.trajectory import Trajectory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Picture", "Table", "write_report"]
+__all__ = ["Picture", "Section", "Table", "write_page", "write_report", "write_sections"]
 
 PathLike = str | os.PathLike[str]
 IMAGE_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
@@ -70,6 +70,15 @@ class Table:
     note: str = ""
 
 
+@dataclass(frozen=True)
+class Section:
+    """A part of a page: its title, paragraphs of plain text, then pictures and tables as they come."""
+
+    title: str
+    text: Sequence[str] = ()
+    parts: Sequence[Picture | Table] = ()
+
+
 def write_report(
     path: PathLike,
     runs: Sequence[Trajectory],
@@ -111,14 +120,64 @@ def write_report(
     if video is not None or video_note:
         parts += ["<h2>Video</h2>", _video(video, video_note)]
     parts += ["<h2>Runs</h2>", _runs(runs)]
+    parts += _pictures_and_tables(pictures, tables)
+    parts += ["<h2>How it was run</h2>", *(_details(run) for run in runs)]
+    return _written(destination, heading, parts)
+
+
+def write_page(
+    path: PathLike,
+    title: str,
+    *,
+    introduction: str = "",
+    pictures: Iterable[Picture] = (),
+    tables: Iterable[Table] = (),
+) -> Path:
+    """Write a page of pictures and tables in the same style, about many runs or none; returns its path.
+
+    Raises:
+        OptionError: a picture that is missing or of another kind, a path that cannot be written.
+    """
+    destination = checked(path, (".html", ".htm"), "page")
+    parts = [f"<h1>{escape(title)}</h1>"]
+    if introduction:
+        parts.append(f"<p>{escape(introduction)}</p>")
+    return _written(destination, title, parts + _pictures_and_tables(pictures, tables))
+
+
+def write_sections(path: PathLike, title: str, introduction: str, sections: Iterable[Section]) -> Path:
+    """Write a page of sections in the same style; returns its path.
+
+    Raises:
+        OptionError: a picture that is missing or of another kind, a path that cannot be written.
+    """
+    destination = checked(path, (".html", ".htm"), "page")
+    parts = [f"<h1>{escape(title)}</h1>", f"<p>{escape(introduction)}</p>"]
+    for section in sections:
+        parts.append(f"<h2>{escape(section.title)}</h2>")
+        parts += [f"<p>{escape(text)}</p>" for text in section.text]
+        for part in section.parts:
+            if isinstance(part, Picture):
+                parts.append(_picture(part))
+                continue
+            head = [f"<h3>{escape(part.title)}</h3>"] if part.title else []
+            parts += [*head, _table(part.columns, part.rows)]
+            if part.note:
+                parts.append(f"<p>{escape(part.note)}</p>")
+    return _written(destination, title, parts)
+
+
+def _pictures_and_tables(pictures: Iterable[Picture], tables: Iterable[Table]) -> list[str]:
     shown = [_picture(picture) for picture in pictures]
-    if shown:
-        parts += ["<h2>Plots</h2>", *shown]
+    parts = ["<h2>Plots</h2>", *shown] if shown else []
     for table in tables:
         parts += [f"<h2>{escape(table.title)}</h2>", _table(table.columns, table.rows)]
         if table.note:
             parts.append(f"<p>{escape(table.note)}</p>")
-    parts += ["<h2>How it was run</h2>", *(_details(run) for run in runs)]
+    return parts
+
+
+def _written(destination: Path, heading: str, parts: Sequence[str]) -> Path:
     page = _PAGE.format(title=escape(heading), style=_STYLE, body="\n".join(parts))
     with replacing(destination) as part:
         part.write_text(page, encoding="utf-8")
@@ -257,6 +316,7 @@ body { margin: 0 auto; padding: 1rem; max-width: 68rem; color: var(--ink); backg
        font: 1rem/1.5 system-ui, sans-serif; overflow-wrap: break-word; }
 h1 { font-size: 1.5rem; line-height: 1.25; margin: .5rem 0 1rem; }
 h2 { font-size: 1.15rem; margin: 2rem 0 .6rem; border-bottom: 2px solid var(--accent); padding-bottom: .2rem; }
+h3 { font-size: 1rem; margin: 1.4rem 0 .4rem; }
 .table { overflow-x: auto; }
 table { border-collapse: collapse; font-size: .92rem; }
 th, td { text-align: left; vertical-align: top; padding: .3rem .9rem .3rem 0; border-bottom: 1px solid var(--line); }

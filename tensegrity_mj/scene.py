@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tensegrity_mj.curve import Curve
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.structure import Structure, Vector
 
@@ -39,20 +40,31 @@ class Load:
     phase: float = 0.0
 
 
+@dataclass(frozen=True)
+class Break:
+    """A string that breaks at a time [s] and carries nothing from then on; no law is told."""
+
+    string: str
+    time: float
+
+
 @dataclass(frozen=True, eq=False)
 class Target:
-    """Where a controller is to take the nodes: a set-point, or a path through waypoints.
+    """Where a controller is to take the nodes: a set-point, a path through waypoints, or a curve of shapes.
 
-    Between two waypoints every rod's b moves along the great circle and its r along the straight line, with
-    quintic timing (at rest at each waypoint); before the first and after the last it stands still.
+    On a path, every rod's b moves along the great circle and its r along the straight line between two waypoints, with
+    quintic timing (at rest at each waypoint). On a curve, the nodes follow one polynomial through given shapes, whose
+    parameter moves by quintics. Before the first time and after the last a target stands still.
 
     Attributes:
         times: (W,) increasing [s]; a set-point has one.
-        nodes: (W, N, 3) node positions [m].
+        nodes: (W, N, 3) node positions [m] at these times.
+        along: the curve, or None.
     """
 
     times: tuple[float, ...]
     nodes: Array
+    along: Curve | None = None
 
     @classmethod
     def set_point(cls, nodes: ArrayLike) -> Target:
@@ -64,10 +76,30 @@ class Target:
         """A path: times (W,), node positions (W, N, 3)."""
         return cls(tuple(times), nodes)  # type: ignore[arg-type]
 
+    @classmethod
+    def curve(
+        cls,
+        times: Sequence[float],
+        values: Sequence[float],
+        parameters: Sequence[float],
+        shapes: ArrayLike,
+        rates: Sequence[float] | None = None,
+        accelerations: Sequence[float] | None = None,
+    ) -> Target:
+        """Shapes (P, N, 3) at parameters (P,); the parameter has these values, rates and accelerations at times (W,).
+
+        Rates and accelerations are zero unless given. Between the times the parameter follows quintics, (4.2)-(4.5);
+        the nodes follow the polynomial through all shapes (`curve.chebyshev_points` says where to take them).
+        """
+        along = Curve(tuple(values), tuple(parameters), shapes, tuple(rates or ()), tuple(accelerations or ()))  # type: ignore[arg-type]
+        return cls(tuple(times), along.nodes(along.values), along)
+
     def __post_init__(self) -> None:
+        if self.along is not None and not isinstance(self.along, Curve):
+            raise SceneError(f"target: along = {self.along!r}; use Target.curve(times, values, parameters, shapes)")
         try:
             times = tuple(float(t) for t in self.times)
-            nodes = np.array(self.nodes, float)
+            nodes = np.array(self.nodes if self.along is None else self.along.nodes(self.along.values), float)
         except (TypeError, ValueError) as error:
             raise SceneError(f"target: times and node positions must be arrays of numbers ({error})") from None
         nodes.flags.writeable = False
@@ -75,7 +107,11 @@ class Target:
         object.__setattr__(self, "nodes", nodes)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Target) and self.times == other.times and np.array_equal(self.nodes, other.nodes)
+        return (
+            isinstance(other, Target)
+            and (self.times, self.along) == (other.times, other.along)
+            and np.array_equal(self.nodes, other.nodes)
+        )
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -106,6 +142,7 @@ class Scene:
         initial_nodes: (N, 3) [m] at t = 0; the structure's reference nodes by default.
         initial_velocities: (N, 3) [m/s]; at rest by default.
         loads: external forces on nodes, either `Load`s or a function t -> (N, 3) [N].
+        breaks: strings that break, each at its time.
         target: what a controller aims at.
         control: the law that the scene is run with unless another is given.
         duration: [s], what the scene is run for unless told otherwise.
@@ -121,6 +158,7 @@ class Scene:
     initial_nodes: Array | None = None
     initial_velocities: Array | None = None
     loads: tuple[Load, ...] | LoadFunction = ()
+    breaks: tuple[Break, ...] = ()
     target: Target | None = None
     control: ControlSpec | None = None
     duration: float = 10.0
@@ -130,6 +168,7 @@ class Scene:
 
         if not callable(self.loads):
             object.__setattr__(self, "loads", sequence_of("loads", self.loads, SceneError))
+        object.__setattr__(self, "breaks", sequence_of("breaks", self.breaks, SceneError))
         for name in ("initial_nodes", "initial_velocities"):
             value = getattr(self, name)
             if value is not None:
@@ -145,13 +184,14 @@ class Scene:
         x, y, z = (float(v) for v in self.gravity)
         object.__setattr__(self, "gravity", (x, y, z))
         object.__setattr__(self, "duration", float(self.duration))
+        object.__setattr__(self, "breaks", tuple(Break(str(e.string), float(e.time)) for e in self.breaks))
         if not callable(self.loads):
             object.__setattr__(self, "loads", tuple(_plain_load(load) for load in self.loads))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Scene):
             return False
-        plain = ("structure", "name", "source", "gravity", "loads", "target", "control", "duration")
+        plain = ("structure", "name", "source", "gravity", "loads", "breaks", "target", "control", "duration")
         return all(getattr(self, a) == getattr(other, a) for a in plain) and all(
             _same_array(getattr(self, a), getattr(other, a)) for a in ("initial_nodes", "initial_velocities")
         )

@@ -43,7 +43,7 @@ def simulate(
     Args:
         scene: the experiment.
         controller: a law (see `law`), a function (time, nodes, velocities) -> u, or None for constant rest lengths.
-        engine: `MuJoCo(...)` (default) or `DAE(...)`.
+        engine: `MuJoCo(...)` (default), `DAE(...)` or `ODE(...)`.
         duration: [s]; the scene's by default.
         actuation: what happens between evaluations of the law; continuous by default.
         on_infeasible: what to do where the law has no admissible solution.
@@ -51,7 +51,8 @@ def simulate(
         progress: show a bar on stderr.
 
     Returns:
-        The trajectory; its status is INFEASIBLE where the run stopped for lack of a solution.
+        The trajectory; its status is INFEASIBLE where the run stopped for lack of a solution, and SINGULAR where the
+        engine's coordinates could not hold the motion any longer (the ODE at a pole).
 
     Raises:
         OptionError: for options that are out of range or contradict each other.
@@ -65,7 +66,7 @@ def simulate(
 
         engine = MuJoCo()
     if isinstance(engine, type) or not callable(getattr(engine, "run", None)):
-        raise OptionError(f"engine = {engine!r}; use MuJoCo(...) or DAE(...)")
+        raise OptionError(f"engine = {engine!r}; use MuJoCo(...), DAE(...) or ODE(...)")
     actuation = actuation or Actuation.continuous()
     if not isinstance(actuation, Actuation):
         raise OptionError(f"actuation = {actuation!r}; use Actuation.continuous() or one of the hold modes")
@@ -83,7 +84,8 @@ def simulate(
         raise OptionError(f"actuation '{actuation.mode.value}' without a law: there is nothing to sample; leave it out")
     if law.period is not None and actuation.period is not None and abs(actuation.period / law.period - 1) > 1e-9:
         raise OptionError(
-            f"control period = {actuation.period:g} s: the recording was made each {law.period:g} s; replay it so"
+            f"control period = {actuation.period:g} s: the law (or its recording) has samples each {law.period:g} s; "
+            "use that period"
         )
     request = Request(scene, law, actuation, on_infeasible, total, output_interval, progress)
     with interrupts.deferred():

@@ -20,6 +20,7 @@ IntArray = NDArray[np.int64]
 
 T = TypeVar("T", bound=NDArray[Any])
 Vector = tuple[float, float, float]
+LIMITS = ("max_force_density", "min_rest_length", "winch_speed")  # of a string
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,9 @@ class String:
 
     At most one of `rest_length` [m], `tension` [N] and `force_density` [N/m] is given, the latter two at the
     structure's reference nodes; none of them means taut without tension there.
+
+    The last three are limits of a real string and its winch, None for none: the largest force density [N/m], the
+    smallest rest length [m] and the largest speed of the rest length [m/s]. docs/laws.md says who keeps them.
     """
 
     name: str
@@ -124,6 +128,9 @@ class String:
     rest_length: float | None = None
     tension: float | None = None
     force_density: float | None = None
+    max_force_density: float | None = None
+    min_rest_length: float | None = None
+    winch_speed: float | None = None
 
 
 @dataclass(frozen=True)
@@ -266,27 +273,29 @@ class Structure:
         )
 
     def with_strings(self, **changes: ArrayLike | None) -> Structure:
-        """A copy whose strings have other `stiffness`, `damping`, `rest_length`, `tension` or `force_density`.
+        """A copy whose strings have other `stiffness`, `damping`, `rest_length`, `tension`, `force_density` or limits.
 
-        Values are scalars or (M,). Giving one of the last three replaces whichever of them was there; None removes
-        it, so that the strings are taut without tension at the reference nodes.
+        Values are scalars or (M,). Giving a rest length, tension or force density replaces whichever of the three was
+        there; None removes it, so that the strings are taut without tension at the reference nodes. A limit of None
+        is lifted.
         """
         from tensegrity_mj.errors import StructureError
         from tensegrity_mj.validation import array_of_shape
 
-        allowed = ("stiffness", "damping", "rest_length", "tension", "force_density")
+        rest = ("rest_length", "tension", "force_density")
+        allowed = ("stiffness", "damping", *rest, *LIMITS)
         for key in changes:
             if key not in allowed:
                 raise StructureError(f"with_strings: '{key}' is no property of strings; allowed: {', '.join(allowed)}")
         strings = list(self.strings)
-        if set(changes) & set(allowed[2:]):
+        if set(changes) & set(rest):
             strings = [replace(s, rest_length=None, tension=None, force_density=None) for s in strings]
         for key, values in changes.items():
-            if values is None and key in allowed[2:]:
-                continue
-            column = array_of_shape(key, values, (len(strings),))
-            column = np.broadcast_to(column, (len(strings),))
-            values_by_string: list[dict[str, Any]] = [{key: float(x)} for x in column]
+            if values is None and key in (*rest, *LIMITS):
+                values_by_string: list[dict[str, Any]] = [{key: None}] * len(strings)
+            else:
+                column = np.broadcast_to(array_of_shape(key, values, (len(strings),)), (len(strings),))
+                values_by_string = [{key: float(x)} for x in column]
             strings = [replace(s, **change) for s, change in zip(strings, values_by_string, strict=True)]
         return replace(self, strings=tuple(strings))
 
@@ -325,6 +334,12 @@ class Structure:
     def rod_masses(self) -> Array:
         """m (R,) [kg]."""
         return _readonly(np.array([rod.mass for rod in self.rods], float))
+
+    def limits(self, name: str) -> Array:
+        """One of `LIMITS` (M,) of the strings; where there is none, ∞, or -∞ for the smallest rest length."""
+        none = -np.inf if name == "min_rest_length" else np.inf
+        values = [getattr(string, name) for string in self.strings]
+        return np.array([none if value is None else value for value in values], float)
 
     @cached_property
     def stiffness(self) -> Array:
@@ -426,7 +441,8 @@ def _plain_rod(rod: Rod) -> Rod:
 
 def _plain_string(string: String) -> String:
     i, j = string.nodes
-    rest = (None if x is None else float(x) for x in (string.rest_length, string.tension, string.force_density))
+    names = ("rest_length", "tension", "force_density", *LIMITS)
+    rest = (None if getattr(string, name) is None else float(getattr(string, name)) for name in names)
     return String(str(string.name), (str(i), str(j)), float(string.stiffness), float(string.damping), *rest)
 
 

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.errors import FormatError, SceneError, StructureError
 from tensegrity_mj.files import replacing
-from tensegrity_mj.scene import ControlSpec, Load, Scene, Target
+from tensegrity_mj.scene import Break, ControlSpec, Load, Scene, Target
 from tensegrity_mj.strings import StringLaw
-from tensegrity_mj.structure import PointMass, Rod, String, Structure, Support
+from tensegrity_mj.structure import LIMITS, PointMass, Rod, String, Structure, Support
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -35,16 +35,19 @@ PINNED = Support.pinned().directions
 FILE_KEYS = ("format", "name", "source", "structure", "scene")
 STRUCTURE_KEYS = ("name", "string_law", "fixed_nodes", "nodes", "rods", "strings", "point_masses")
 ROD_KEYS = ("name", "nodes", "mass", "radius", "support")
-STRING_KEYS = ("name", "nodes", "stiffness", "damping", "rest_length", "tension", "force_density")
+STRING_KEYS = ("name", "nodes", "stiffness", "damping", "rest_length", "tension", "force_density", *LIMITS)
 POINT_MASS_KEYS = ("node", "mass", "plane")
 SUPPORT_KEYS = {
     "free": ("kind", "sigma", "plane"),
     "pinned": ("kind", "sigma", "plane"),
     "constrained": ("kind", "sigma", "plane", "D", "values"),
 }
-SCENE_KEYS = ("gravity", "duration", "loads", "initial_nodes", "initial_velocities", "target", "control")
+SCENE_KEYS = ("gravity", "duration", "loads", "breaks", "initial_nodes", "initial_velocities", "target", "control")
+BREAK_KEYS = ("string", "time")
 LOAD_KEYS = ("node", "force", "angular_frequency", "phase")
-TARGET_KEYS = ("nodes", "waypoints")
+TARGET_KEYS = ("nodes", "waypoints", "times", "values", "rates", "accelerations", "shapes")
+CURVE_KEYS = TARGET_KEYS[2:]
+SHAPE_KEYS = ("parameter", "nodes")
 WAYPOINT_KEYS = ("time", "nodes")
 CONTROL_KEYS = ("law", "options")
 
@@ -307,6 +310,7 @@ def _string(table: _Table) -> String:
         table.number("rest_length", None),
         table.number("tension", None),
         table.number("force_density", None),
+        *(table.number(name, None) for name in LIMITS),
     )
 
 
@@ -322,6 +326,10 @@ def _read_scene(top: _Table, structure: Structure) -> Scene:
         initial_nodes=None if nodes is None else nodes.node_rows(structure, structure.positions),
         initial_velocities=None if velocities is None else velocities.node_rows(structure, still),
         loads=tuple(_load(item) for item in table.tables("loads", LOAD_KEYS, title="node")),
+        breaks=tuple(
+            Break(item.text("string"), item.number("time"))
+            for item in table.tables("breaks", BREAK_KEYS, title="string")
+        ),
         target=_target(table, structure),
         control=_control(table),
         duration=table.number("duration", Scene.duration),
@@ -338,17 +346,43 @@ def _target(scene: _Table, structure: Structure) -> Target | None:
     if table is None:
         return None
     nodes = table.table("nodes", None)
-    if (nodes is None) == ("waypoints" not in table.data):
-        raise FormatError(f"{table.where}: it must hold either 'nodes' (a set-point) or 'waypoints' (a path)")
+    if sum(key in table.data for key in ("nodes", "waypoints", "shapes")) != 1:
+        raise FormatError(
+            f"{table.where}: it must hold one of 'nodes' (a set-point), 'waypoints' (a path) or 'shapes' (a curve)"
+        )
+    if "shapes" in table.data:
+        return _curve(table, structure)
+    table.allow(TARGET_KEYS[:2])
     if nodes is not None:
         return Target.set_point(nodes.node_rows(structure, structure.positions))
-    waypoints = []
-    for item in table.tables("waypoints", WAYPOINT_KEYS):
+    times, rows = _node_tables(table, "waypoints", "time", WAYPOINT_KEYS, structure)
+    return Target.path(times, rows)
+
+
+def _curve(table: _Table, structure: Structure) -> Target:
+    table.allow(CURVE_KEYS)
+    parameters, shapes = _node_tables(table, "shapes", "parameter", SHAPE_KEYS, structure)
+    need = "a list of numbers, one a time"
+    times = table.numbers("times", "a list of numbers")
+    values, rates, accelerations = (
+        table.numbers(key, need, len(times), default)
+        for key, default in (("values", ...), ("rates", None), ("accelerations", None))
+    )
+    return Target.curve(times, values, parameters, shapes, rates, accelerations)
+
+
+def _node_tables(
+    table: _Table, key: str, title: str, keys: Sequence[str], structure: Structure
+) -> tuple[list[float], list[Array]]:
+    """The numbers called `title` and the node positions of an array of tables."""
+    numbers, positions = [], []
+    for item in table.tables(key, keys):
         rows = item.table("nodes", None) or _Table({}, item.file, item.path, None)
-        waypoints.append((item.number("time"), rows.node_rows(structure, structure.positions)))
-    if not waypoints:
-        raise table.fail("waypoints", "an array of at least one table")
-    return Target.path([time for time, _ in waypoints], [rows for _, rows in waypoints])
+        numbers.append(item.number(title))
+        positions.append(rows.node_rows(structure, structure.positions))
+    if not numbers:
+        raise table.fail(key, "an array of at least one table")
+    return numbers, positions
 
 
 def _control(scene: _Table) -> ControlSpec | None:
@@ -481,20 +515,39 @@ def _scene_lines(scene: Scene) -> list[str]:
     lines.append(_entry("duration", scene.duration))
     assert not callable(scene.loads)
     lines += _array("loads", [vars(load) for load in scene.loads])
+    lines += _array("breaks", [vars(event) for event in scene.breaks])
     if scene.initial_nodes is not None:
         lines += _section("scene.initial_nodes", _node_lines(structure, scene.initial_nodes, structure.positions))
     if scene.initial_velocities is not None:
         still = np.zeros_like(structure.positions)
         lines += _section("scene.initial_velocities", _node_lines(structure, scene.initial_velocities, still))
-    if scene.target is not None and scene.target.times == (0.0,):
-        lines += _section("scene.target.nodes", _node_lines(structure, scene.target.nodes[0], structure.positions))
-    elif scene.target is not None:
-        for time, nodes in zip(scene.target.times, scene.target.nodes, strict=True):
-            rows = _node_lines(structure, nodes, structure.positions)
-            lines += ["", "[[scene.target.waypoints]]", _entry("time", time), *(f"nodes.{row}" for row in rows)]
+    if scene.target is not None:
+        lines += _target_lines(structure, scene.target)
     if scene.control is not None:
         options = dict(scene.control.options)
         lines += _section("scene.control", [_entry("law", scene.control.law), _entry("options", options)])
+    return lines
+
+
+def _target_lines(structure: Structure, target: Target) -> list[str]:
+    curve, still = target.along, structure.positions
+    if curve is not None:
+        entries = {"times": target.times, "values": curve.values}
+        entries |= {key: values for key in ("rates", "accelerations") if any(values := getattr(curve, key))}
+        lines = _section("scene.target", [_entry(key, values) for key, values in entries.items()])
+        return lines + _node_table_lines("scene.target.shapes", "parameter", curve.parameters, curve.shapes, structure)
+    if target.times == (0.0,):
+        return _section("scene.target.nodes", _node_lines(structure, target.nodes[0], still))
+    return _node_table_lines("scene.target.waypoints", "time", target.times, target.nodes, structure)
+
+
+def _node_table_lines(
+    key: str, title: str, numbers: Iterable[float], positions: Array, structure: Structure
+) -> list[str]:
+    lines = []
+    for number, nodes in zip(numbers, positions, strict=True):
+        rows = _node_lines(structure, nodes, structure.positions)
+        lines += ["", f"[[{key}]]", _entry(title, number), *(f"nodes.{row}" for row in rows)]
     return lines
 
 

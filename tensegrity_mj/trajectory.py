@@ -27,6 +27,7 @@ class Status(enum.Enum):
     COMPLETED = "completed"
     INFEASIBLE = "infeasible"  # the control problem had no admissible solution and the caller chose to stop
     DIVERGED = "diverged"
+    SINGULAR = "singular"  # the engine's coordinates cannot hold the state that the run came to
 
 
 # Every recorded quantity: dimensions, unit, meaning. One table for the class, the file and the docs.

@@ -12,7 +12,7 @@ from tensegrity_mj.errors import SceneError, StructureError
 from tensegrity_mj.strings import StringLaw
 
 if TYPE_CHECKING:
-    from tensegrity_mj.scene import Scene
+    from tensegrity_mj.scene import Scene, Target
     from tensegrity_mj.structure import Rod, String, Structure
 
 Array = NDArray[np.float64]
@@ -20,6 +20,10 @@ Array = NDArray[np.float64]
 # Initial motions are accepted when they break a rigid constraint by less than this part of the structure's size
 # (or of its fastest node): well above the round-off of 17 digits, well below anything that would be seen.
 CONSTRAINT_TOLERANCE = 1e-9
+
+# Between the shapes of a curve a polynomial may stretch rods by this part of the structure's size; targets of rods are
+# normalised, so that it is the error of where they are that this bounds.
+CURVE_TOLERANCE = 1e-6
 
 
 def array_of_shape(what: str, values: Any, shape: tuple[int, ...], broadcast: bool = True) -> Array:
@@ -175,9 +179,10 @@ def check_scene(scene: Scene) -> None:
                 f"loads: the function gave shape {forces.shape} at t = 0; it must give finite ({count}, 3) [N]"
             )
 
+    _check_breaks(scene)
     if scene.target is not None:
         if not isinstance(scene.target, Target):
-            raise SceneError(f"target = {scene.target!r}: use Target.set_point(nodes) or Target.path(times, nodes)")
+            raise SceneError(f"target = {scene.target!r}: use Target.set_point(nodes), Target.path or Target.curve")
         check_target(structure, scene.target)
     if scene.control is not None:
         _check_control(scene.control)
@@ -194,10 +199,44 @@ def check_target(structure: Structure, target: Any) -> None:
     times = np.array(target.times, float)
     if len(times) == 0 or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
         raise SceneError(f"target: times {list(target.times)} must be finite and increase")
+    if target.along is not None:
+        _check_curve(structure, target)
+        return
     for number, nodes in enumerate(target.nodes):
         where = "target" if len(times) == 1 else f"target waypoint {number} (t = {times[number]} s)"
         _check_node_array(structure, where, nodes)
         check_configuration(structure, nodes, where)
+
+
+def _check_curve(structure: Structure, target: Target) -> None:
+    """Raise SceneError unless the shapes are configurations and what lies between them nearly so."""
+    curve = target.along
+    assert curve is not None
+    for number, nodes in enumerate(curve.shapes):
+        where = f"target shape {number} (parameter {curve.parameters[number]})"
+        _check_node_array(structure, where, nodes)
+        check_configuration(structure, nodes, where)
+    first, last = curve.interval
+    lowest, highest = curve.extremes(target.times)
+    slack = 1e-12 * (last - first)
+    if lowest < first - slack or highest > last + slack:
+        raise SceneError(
+            f"target: the parameter moves within [{lowest:.12g}, {highest:.12g}], but shapes are known in "
+            f"[{first:.12g}, {last:.12g}] only: give shapes beyond, or smaller rates and accelerations"
+        )
+    between = np.linspace(first, last, 8 * len(curve.parameters) + 1)
+    pairs = structure.rod_nodes
+    nodes = curve.nodes(between)
+    lengths = np.linalg.norm(nodes[:, pairs[:, 1]] - nodes[:, pairs[:, 0]], axis=-1)
+    stretch = np.abs(lengths - structure.rod_lengths)
+    again = float(np.abs(curve.nodes(curve.parameters) - curve.shapes).max())
+    if again > CONSTRAINT_TOLERANCE * _size(structure) or stretch.max(initial=0.0) > CURVE_TOLERANCE * _size(structure):
+        row, rod = np.unravel_index(np.argmax(stretch), stretch.shape) if stretch.size else (0, 0)
+        raise SceneError(
+            f"target: the polynomial through the {len(curve.parameters)} shapes stretches rods by up to "
+            f"{stretch.max(initial=0.0):.3g} m (rod '{structure.rods[rod].name}' at parameter {between[row]:.6g}) and "
+            f"misses the shapes by {again:.3g} m: give more shapes, at chebyshev_points of the parameter"
+        )
 
 
 def check_configuration(structure: Structure, nodes: Array, where: str) -> None:
@@ -330,6 +369,9 @@ def _check_string(structure: Structure, string: String, size: float) -> None:
     for name in given:
         limit = "a finite number" if name == "rest_length" else ">= 0"
         _check_number(f"{what}: {name}", getattr(string, name), limit, lambda x, n=name: n == "rest_length" or x >= 0)
+    for name, unit in (("max_force_density", "N/m"), ("min_rest_length", "m"), ("winch_speed", "m/s")):
+        if getattr(string, name) is not None:
+            _check_number(f"{what}: {name}", getattr(string, name), f"> 0 {unit}, or absent", lambda x: x > 0)
     a, b = (np.array(structure.nodes[name], float) for name in string.nodes)
     length = _distance(a, b)
     if not 1e-12 * size < length < np.inf:
@@ -363,6 +405,21 @@ def _check_option(what: str, value: Any) -> None:
         _check_text(what, value, SceneError)
     elif not isinstance(value, (bool, int, float)) or value != value:
         raise SceneError(f"{what}: {value!r} is no number, text or truth value, nor a list of them")
+
+
+def _check_breaks(scene: Scene) -> None:
+    from tensegrity_mj.scene import Break
+
+    known = [string.name for string in scene.structure.strings]
+    for number, event in enumerate(scene.breaks):
+        if not isinstance(event, Break):
+            raise SceneError(f"breaks[{number}] = {event!r}: it must be a Break(string, time)")
+        if event.string not in known:
+            raise SceneError(f"breaks[{number}]: unknown string '{event.string}'; the strings are {', '.join(known)}")
+        what = f"breaks[{number}] of string '{event.string}': time"
+        _check_number(what, event.time, ">= 0 s", lambda x: x >= 0, SceneError)
+        if event.string in [other.string for other in scene.breaks[:number]]:
+            raise SceneError(f"breaks[{number}]: string '{event.string}' breaks twice; give one time for each string")
 
 
 def _check_initial_velocities(scene: Scene) -> None:

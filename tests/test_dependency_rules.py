@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = {"tensegrity_mj": ROOT / "tensegrity_mj", "tensegrity_mj.controllers": ROOT / "controllers"}
-CORE = {f"tensegrity_mj.{name}" for name in ("structure", "scene", "strings", "errors", "validation")}
+CORE = {f"tensegrity_mj.{name}" for name in ("structure", "scene", "curve", "strings", "errors", "validation")}
 
 # Who may import mujoco itself (or dm_control, which imports it), besides the MuJoCo engine: modules and packages.
 MAY_IMPORT_MUJOCO = {
@@ -131,9 +131,14 @@ def engine_family(name: str) -> set[str]:
 def test_engines_never_import_controllers_or_each_other() -> None:
     engines = {name for name in MODULES if within(name, "tensegrity_mj.engines")} - {"tensegrity_mj.engines"}
     assert not offenders(engines, "tensegrity_mj.controllers")
-    families = {family: engine_family(family) for family in ("dae", "mujoco")}
-    assert not offenders(families["dae"], *families["mujoco"])
-    assert not offenders(families["mujoco"], *families["dae"])
+    families = {family: engine_family(family) for family in ("dae", "ode", "mujoco")}
+    for family, modules in families.items():
+        others = set().union(*(others for other, others in families.items() if other != family))
+        assert not offenders(modules, *others)
+    # What they share knows none of them.
+    shared = {name for name in engines if not any(name in family for family in families.values())}
+    assert {"tensegrity_mj.engines.run", "tensegrity_mj.engines.integration"} <= shared
+    assert not offenders(shared, *set().union(*families.values()))
 
 
 def test_only_a_few_modules_import_mujoco() -> None:
@@ -157,8 +162,8 @@ def reachable(start: str) -> set[str]:
     return seen
 
 
-def test_the_dae_never_reaches_mujoco() -> None:
-    starts = engine_family("dae") | {name for name in MODULES if within(name, "tensegrity_mj.dynamics")}
+def test_dae_and_ode_never_reach_mujoco() -> None:
+    starts = engine_family("dae") | engine_family("ode") | {name for name in MODULES if within(name, "tensegrity_mj.dynamics")}
     for module in set().union(*(reachable(start) for start in starts)):
         assert not offenders({module}, "mujoco", "dm_control")
 
@@ -167,7 +172,7 @@ def test_importing_the_dae_leaves_mujoco_out() -> None:
     code = (
         "import sys, tensegrity_mj as tmj\n"
         "import tensegrity_mj.engines.dae, tensegrity_mj.controllers, tensegrity_mj.dynamics\n"
-        "tmj.DAE(), tmj.load_scene('prism'), tmj.Trajectory\n"
+        "tmj.DAE(), tmj.ODE(), tmj.load_scene('prism'), tmj.Trajectory\n"
         "assert 'mujoco' not in sys.modules and 'dm_control' not in sys.modules\n"
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

@@ -26,6 +26,7 @@ class ExitCode(enum.IntEnum):
     INFEASIBLE = 3
     DIVERGED = 4
     MISSING_LIBRARY = 5
+    SINGULAR = 6
     INTERRUPTED = 130
 
 
@@ -39,6 +40,7 @@ exit codes:
   3    infeasible: the control law or the problem has no admissible solution
   4    the simulation diverged
   5    a library, a program or a display that is needed is missing
+  6    the engine's coordinates cannot hold the motion (the ODE at a pole): use another engine
   130  interrupted
 """
 
@@ -58,6 +60,7 @@ def code_of_status(status: Status) -> ExitCode:
         "completed": ExitCode.SUCCESS,
         "infeasible": ExitCode.INFEASIBLE,
         "diverged": ExitCode.DIVERGED,
+        "singular": ExitCode.SINGULAR,
     }[status.value]
 
 

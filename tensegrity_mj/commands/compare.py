@@ -1,8 +1,9 @@
-"""Compare two runs: MuJoCo against the DAE reference model on one scene, or two trajectory files."""
+"""Compare two runs: two engines on one scene, or two trajectory files."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,13 +22,14 @@ from tensegrity_mj.commands.common import (
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
-    from tensegrity_mj import DAE, MuJoCo, Trajectory
+    from tensegrity_mj import DAE, ODE, MuJoCo, Trajectory
 
-HELP = "compare MuJoCo with the DAE reference model, or two files"
+HELP = "compare two engines on one scene (MuJoCo with the DAE reference model), or two files"
 EXAMPLES = """\
 examples:
   tensegrity-mj compare prism --timestep 5e-3 --duration 4 --json
   tensegrity-mj compare prism --actuation hold-force-density --control-period 1e-3 --out results/
+  tensegrity-mj compare prism --engine ode --reference dae --rtol 1e-12
   tensegrity-mj compare a.nc b.nc --tolerance 1e-8 --plot difference.png
 
 By default: MuJoCo with RK4 at --timestep against the DAE at its default tolerances, under the scene's law,
@@ -54,7 +56,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tolerance", type=positive, help="report when each quantity first differs by more (in its SI unit)"
     )
-    experiment.add_engine_options(parser.add_argument_group("engines"))
+    engines = parser.add_argument_group("engines")
+    engines.add_argument("--engine", choices=experiment.ENGINES, help="the first (mujoco)")
+    engines.add_argument("--reference", choices=experiment.ENGINES, help="the second (dae, or ode beside --engine dae)")
+    experiment.add_engine_options(engines)
     experiment.add_control_options(parser.add_argument_group("control"))
     output = parser.add_argument_group("output")
     output.add_argument(
@@ -71,8 +76,9 @@ def execute(options: argparse.Namespace) -> Outcome:
         files: dict[str, Path] = {}
         code = ExitCode.SUCCESS
     elif len(options.inputs) == 1:
-        files = _outputs(options.out)
-        first, second = _simulate(options)
+        names = _engines(options)
+        files = _outputs(options.out, names)
+        first, second = _simulate(options, names)
         code = max(code_of_status(first.status), code_of_status(second.status))
     else:
         raise OptionError(f"compare {' '.join(options.inputs)}: give one scene, or two .nc files")
@@ -129,16 +135,27 @@ def describe(data: dict[str, Any]) -> str:
     return table(rows)
 
 
-def _simulate(options: argparse.Namespace) -> tuple[Trajectory, Trajectory]:
-    from tensegrity_mj import OnInfeasible, load_scene, simulate
+def _engines(options: argparse.Namespace) -> tuple[str, str]:
+    """The names of the two engines."""
+    first = options.engine or "mujoco"
+    second = options.reference or ("ode" if first == "dae" else "dae")
+    if first == second:
+        raise OptionError(f"--engine {first} --reference {second}: name two different engines")
+    experiment.refuse_options_of_other_engines(options, (first, second))
+    return first, second
+
+
+def _simulate(options: argparse.Namespace, names: tuple[str, str]) -> tuple[Trajectory, Trajectory]:
+    from tensegrity_mj import OnInfeasible, Status, load_scene, simulate
 
     experiment.check_control(options)
     scene = load_scene(options.inputs[0])
-    # The step is MuJoCo's; the DAE takes it only where its method has a fixed step.
-    mujoco, dae = experiment.mujoco_of(options), experiment.dae_of(options, with_timestep=options.method == "rk4")
+    # The step is MuJoCo's; DAE and ODE take it only where their method has a fixed step.
+    alone = "mujoco" not in names
+    engines = [experiment.engine_of(name, options, with_timestep=alone or options.method == "rk4") for name in names]
     law, actuation = experiment.law_of(options, scene), experiment.actuation_of(options)
 
-    def run(engine: MuJoCo | DAE, interval: float | None) -> Trajectory:
+    def run(engine: MuJoCo | DAE | ODE, interval: float | None) -> Trajectory:
         return simulate(
             scene,
             law,
@@ -150,10 +167,12 @@ def _simulate(options: argparse.Namespace) -> tuple[Trajectory, Trajectory]:
             progress=True,
         )
 
-    first = run(mujoco, options.output_interval)
-    # Where the step does not divide 0.01 s, MuJoCo's samples lie elsewhere: the reference is sampled there too.
-    spacing = float(first.time[1] - first.time[0]) if len(first.time) > 1 else options.output_interval
-    return first, run(dae, spacing)
+    first = run(engines[0], options.output_interval)
+    # Where a fixed step does not divide 0.01 s, its samples lie elsewhere: the reference is sampled there too.
+    # (The last sample of a run that stopped lies anywhere.)
+    regular = len(first.time) > (1 if first.status is Status.COMPLETED else 2)
+    spacing = float(first.time[1] - first.time[0]) if regular else options.output_interval
+    return first, run(engines[1], spacing)
 
 
 def _read(options: argparse.Namespace) -> tuple[Trajectory, Trajectory]:
@@ -161,7 +180,7 @@ def _read(options: argparse.Namespace) -> tuple[Trajectory, Trajectory]:
 
     if len(options.inputs) != 2:
         raise OptionError(f"compare {' '.join(options.inputs)}: give two .nc files, not {len(options.inputs)}")
-    engines = ("duration", "timestep", "output-interval", *experiment.MUJOCO_OPTIONS, *experiment.DAE_OPTIONS)
+    engines = ("engine", "reference", "duration", "timestep", "output-interval", *experiment.ENGINE_OPTIONS)
     control = ("law", *experiment.LAW_OPTIONS, *experiment.ACTUATION_OPTIONS)
     refuse(options, (*engines, *control), "belongs to a simulation; two files are only read")
     refuse(options, ("out",), "writes simulated runs; two files are only read")
@@ -169,10 +188,10 @@ def _read(options: argparse.Namespace) -> tuple[Trajectory, Trajectory]:
     return first, second
 
 
-def _outputs(out: str | None) -> dict[str, Path]:
+def _outputs(out: str | None, engines: Sequence[str]) -> dict[str, Path]:
     """Where --out puts the two runs: in a folder that exists, or beside each other with a common prefix."""
     if out is None:
         return {}
     is_folder = out.endswith(("/", "\\")) or Path(out).is_dir()
     start = f"{out.rstrip('/')}/" if is_folder else f"{out.removesuffix('.nc')}-"
-    return {name: output_file(f"{start}{name}.nc", "--out", (".nc",)) for name in ("mujoco", "dae")}
+    return {name: output_file(f"{start}{name}.nc", "--out", (".nc",)) for name in engines}

@@ -11,7 +11,7 @@ from tensegrity_mj.commands.common import positive, refuse
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
-    from tensegrity_mj import DAE, Actuation, MuJoCo
+    from tensegrity_mj import DAE, ODE, Actuation, MuJoCo
     from tensegrity_mj.scene import Scene
 
 # The values of the enums of the same names: written here so that --help need not import them (tested to agree).
@@ -20,22 +20,28 @@ METHODS = ("dop853", "radau", "rk4")
 DRIFTS = ("monitor", "normalize", "baumgarte")
 INFEASIBLE_CHOICES = ("stop", "passive")
 
+LAWS = ("lyapunov", "feedback_linearization", "projection")  # keys of controllers.LAWS, in its order
+
 ACTUATIONS = ("continuous", "hold-force-density", "hold-rest-length")
 NORMS = {"1": 1.0, "2": 2.0, "inf": math.inf}
 
+ENGINES = ("mujoco", "dae", "ode")
+# Options that some engines alone have.
 MUJOCO_OPTIONS = ("integrator",)
-DAE_OPTIONS = ("method", "rtol", "atol", "drift")
-LAW_OPTIONS = ("norm", "decay-rate", "on-infeasible")
+INTEGRATION_OPTIONS = ("method", "rtol", "atol")  # of the DAE and the ODE
+DAE_OPTIONS = ("drift",)
+ENGINE_OPTIONS = (*MUJOCO_OPTIONS, *INTEGRATION_OPTIONS, *DAE_OPTIONS)
+LAW_OPTIONS = ("norm", "decay-rate", "law-option", "on-infeasible")
 ACTUATION_OPTIONS = ("actuation", "control-period")
 
 
 def add_engine_options(parser: argparse._ArgumentGroup) -> None:
-    """The options of both engines."""
-    parser.add_argument("--timestep", type=positive, metavar="S", help="fixed step [s] of MuJoCo, or of the DAE's rk4")
+    """The options of all engines."""
+    parser.add_argument("--timestep", type=positive, metavar="S", help="fixed step [s] of MuJoCo, or of --method rk4")
     parser.add_argument("--integrator", choices=INTEGRATORS, help="MuJoCo's integrator (rk4)")
-    parser.add_argument("--method", choices=METHODS, help="the DAE's method (dop853)")
-    parser.add_argument("--rtol", type=positive, help="relative tolerance of the DAE's dop853 and radau")
-    parser.add_argument("--atol", type=positive, help="absolute tolerance of the DAE's dop853 and radau")
+    parser.add_argument("--method", choices=METHODS, help="the method of DAE and ODE (dop853)")
+    parser.add_argument("--rtol", type=positive, help="relative tolerance of dop853 and radau")
+    parser.add_argument("--atol", type=positive, help="absolute tolerance of dop853 and radau")
     parser.add_argument(
         "--drift", choices=DRIFTS, help="what the DAE does about the drift of its constraints (monitor)"
     )
@@ -46,11 +52,16 @@ def add_engine_options(parser: argparse._ArgumentGroup) -> None:
 
 def add_control_options(parser: argparse._ArgumentGroup) -> None:
     """The options of laws and actuation."""
-    parser.add_argument("--law", choices=("lyapunov", "none"), help="the control law (the scene's)")
+    parser.add_argument("--law", choices=(*LAWS, "none"), help="the control law (the scene's)")
+    parser.add_argument("--norm", choices=tuple(NORMS), help="norm of u that the law keeps least (the scene's)")
+    parser.add_argument("--decay-rate", type=positive, metavar="1/S", help="decay rate δ of the law [1/s]")
     parser.add_argument(
-        "--norm", choices=tuple(NORMS), help="norm of u that the Lyapunov law keeps least (the scene's)"
+        "--law-option",
+        action="append",
+        type=law_option,
+        metavar="NAME=VALUE",
+        help="any other option of the law, written as in a scene file: onto=target, rotation={Z=2.0}; may be repeated",
     )
-    parser.add_argument("--decay-rate", type=positive, metavar="1/S", help="decay rate δ of the Lyapunov law [1/s]")
     parser.add_argument("--on-infeasible", choices=INFEASIBLE_CHOICES, help="without an admissible u: (stop)")
     parser.add_argument("--actuation", choices=ACTUATIONS, help="what is held between control samples (continuous)")
     parser.add_argument("--control-period", type=positive, metavar="S", help="time between control samples [s]")
@@ -79,23 +90,30 @@ def law_of(options: argparse.Namespace, scene: Scene) -> Any:
     """
     from tensegrity_mj import controllers
 
-    overrides: dict[str, Any] = {}
+    overrides: dict[str, Any] = dict(options.law_option or ())
     if options.norm is not None:
         overrides["norm"] = NORMS[options.norm]
     if options.decay_rate is not None:
         overrides["decay_rate"] = options.decay_rate
     if options.law == "none":
         return None
-    if scene.control is not None and options.law in (None, scene.control.law):
-        return controllers.from_scene(scene, **overrides)
-    if options.law is None:
-        refuse(options, LAW_OPTIONS, f"needs a control law, and scene '{scene.name}' has none: add --law lyapunov")
+    if scene.control is None and options.law is None:
+        refuse(options, LAW_OPTIONS, f"needs a control law, and scene '{scene.name}' has none: add --law {LAWS[0]}")
         return None
-    if scene.target is None:
-        raise OptionError(
-            f"--law {options.law} needs a target, and scene '{scene.name}' has none: add one to the scene"
-        )
-    return controllers.Lyapunov(scene.structure, scene.target, gravity=scene.gravity, **overrides)
+    return controllers.from_scene(scene, options.law, **overrides)
+
+
+def law_option(text: str) -> tuple[str, Any]:
+    """argparse type: NAME=VALUE, the value in TOML or, where it is none, a text."""
+    import tomllib
+
+    name, equals, value = (part.strip() for part in text.partition("="))
+    if not equals or not name.isidentifier() or not value:
+        raise argparse.ArgumentTypeError(f"{text!r}: write NAME=VALUE, for example onto=target")
+    try:
+        return name, tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return name, value
 
 
 def actuation_of(options: argparse.Namespace) -> Actuation:
@@ -122,16 +140,53 @@ def mujoco_of(options: argparse.Namespace) -> MuJoCo:
 
 def dae_of(options: argparse.Namespace, *, with_timestep: bool = True) -> DAE:
     """The DAE engine with the options given, defaults elsewhere."""
-    from tensegrity_mj import DAE, Drift, Method
+    from tensegrity_mj import DAE, Drift
+
+    chosen = _integration_of(options, with_timestep)
+    if options.drift is not None:
+        chosen["drift"] = Drift(options.drift)
+    return DAE(**chosen)
+
+
+def ode_of(options: argparse.Namespace, *, with_timestep: bool = True) -> ODE:
+    """The ODE engine with the options given, defaults elsewhere."""
+    from tensegrity_mj import ODE
+
+    return ODE(**_integration_of(options, with_timestep))
+
+
+def engine_of(name: str, options: argparse.Namespace, *, with_timestep: bool = True) -> MuJoCo | DAE | ODE:
+    """The engine of this name with the options given; `with_timestep` says whether DAE and ODE take --timestep."""
+    if name == "mujoco":
+        return mujoco_of(options)
+    return (dae_of if name == "dae" else ode_of)(options, with_timestep=with_timestep)
+
+
+def refuse_options_of_other_engines(options: argparse.Namespace, used: Sequence[str]) -> None:
+    """Refuse options that none of the engines in use has.
+
+    Raises:
+        OptionError: naming the option and the engines that have it.
+    """
+    for names, owners, instead in (
+        (MUJOCO_OPTIONS, ("mujoco",), "DAE and ODE have --method"),
+        (INTEGRATION_OPTIONS, ("dae", "ode"), "MuJoCo has --integrator and --timestep"),
+        (DAE_OPTIONS, ("dae",), "the others have no constraint that drifts"),
+    ):
+        if not set(owners) & set(used):
+            refuse(options, names, f"belongs to --engine {' or '.join(owners)}; {instead}")
+
+
+def _integration_of(options: argparse.Namespace, with_timestep: bool) -> dict[str, Any]:
+    """What DAE and ODE have in common."""
+    from tensegrity_mj import Method
 
     chosen = _given(options, ("rtol", "atol", *(("timestep",) if with_timestep else ())))
     if options.method is not None:
         chosen["method"] = Method(options.method)
     if options.method == "rk4":
         refuse(options, ("rtol", "atol"), "belongs to the error-controlled methods; rk4 has --timestep")
-    if options.drift is not None:
-        chosen["drift"] = Drift(options.drift)
-    return DAE(**chosen)
+    return chosen
 
 
 def require_off_screen_opengl() -> None:

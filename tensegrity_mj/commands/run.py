@@ -44,7 +44,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", metavar="SCENE", help="a shipped scene (see `scenes`) or a path to a .toml file")
     parser.add_argument("--duration", type=positive, metavar="S", help="simulated time [s] (the scene's)")
     engine = parser.add_argument_group("engine")
-    engine.add_argument("--engine", choices=("mujoco", "dae"), default="mujoco", help="(mujoco)")
+    engine.add_argument("--engine", choices=experiment.ENGINES, default="mujoco", help="(mujoco)")
     experiment.add_engine_options(engine)
     experiment.add_control_options(parser.add_argument_group("control"))
     replay = parser.add_argument_group("replay: open loop, instead of a law")
@@ -63,10 +63,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     video = output_file(options.video, "--video", (".mp4",))
     plot = output_file(options.plot, "--plot", PLOT_SUFFIXES)
     distinct({"--replay": Path(options.replay) if options.replay else None, "--out": out})
-    if options.engine == "mujoco":
-        refuse(options, experiment.DAE_OPTIONS, "belongs to --engine dae; MuJoCo has --integrator and --timestep")
-    else:
-        refuse(options, experiment.MUJOCO_OPTIONS, "belongs to --engine mujoco; the DAE has --method")
+    experiment.refuse_options_of_other_engines(options, (options.engine,))
     _check_replay(options)
     experiment.check_control(options)
     if video:
@@ -79,7 +76,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     from tensegrity_mj import OnInfeasible, Status, load_scene, simulate
 
     scene = load_scene(options.scene)
-    engine = experiment.mujoco_of(options) if options.engine == "mujoco" else experiment.dae_of(options)
+    engine = experiment.engine_of(options.engine, options)
     law, actuation, duration = _replay_of(options) if options.replay else _law_of(options, scene)
     try:
         run = simulate(

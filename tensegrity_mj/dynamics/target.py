@@ -1,4 +1,7 @@
-"""Where a target is at a time: set-points, and paths along great circles and straight lines with quintic timing."""
+"""Where a target is at a time: set-points, paths along great circles and straight lines, curves of shapes.
+
+All move by quintics in time, and all derivatives are exact.
+"""
 
 from __future__ import annotations
 
@@ -18,18 +21,37 @@ njit = numba.njit(cache=True, error_model="numpy")
 
 
 class TargetArrays(NamedTuple):
-    """A target as compiled code sees it: times (W,) [s] and node positions (W, N, 3) [m] of the waypoints."""
+    """A target as compiled code sees it.
+
+    Attributes:
+        times: (W,) [s].
+        nodes: (W, N, 3) [m] at these times.
+        quintics: (W - 1, 6) of a curve's parameter, lowest power of t - times[k] first; scaled so that the shapes lie
+            between -1 and 1.
+        shapes: (P, N, 3) Chebyshev coefficients of a curve [m]; P = 0 for a set-point or a path.
+    """
 
     times: Any
     nodes: Any
+    quintics: Any
+    shapes: Any
 
 
 class PackedTarget:
     """The arrays of a target and a table of their addresses, to be kept alive while compiled code reads them."""
 
     def __init__(self, target: Target) -> None:
-        self.arrays = TargetArrays(np.array(target.times, float), np.array(target.nodes, float))
-        sizes = self.arrays.nodes.shape[:2]
+        times, nodes = np.array(target.times, float), np.array(target.nodes, float)
+        if target.along is None:
+            quintics, shapes = np.zeros((0, 6)), np.zeros((0, *nodes.shape[1:]))
+        else:
+            first, last = target.along.interval
+            quintics = 2.0 * target.along.quintics(target.times) / (last - first)
+            values = (2.0 * np.array(target.along.values[:-1]) - first - last) / (last - first)
+            quintics[:, 0] = values
+            shapes = np.ascontiguousarray(target.along.coefficients)
+        self.arrays = TargetArrays(times, nodes, quintics, shapes)
+        sizes = (*nodes.shape[:2], len(quintics), len(shapes))
         self.table = np.array([*sizes, *(address_of(array) for array in self.arrays)], np.int64)
 
     @property
@@ -41,8 +63,14 @@ class PackedTarget:
 @njit
 def read_target(address: int) -> Any:
     """The arrays of a `PackedTarget`."""
-    table = integers(address, (4,))
-    return TargetArrays(floats(table[2], (table[0],)), floats(table[3], (table[0], table[1], 3)))
+    table = integers(address, (8,))
+    W, N = table[0], table[1]
+    return TargetArrays(
+        floats(table[4], (W,)),
+        floats(table[5], (W, N, 3)),
+        floats(table[6], (table[2], 6)),
+        floats(table[7], (table[3], N, 3)),
+    )
 
 
 @njit
@@ -98,8 +126,81 @@ def along_great_circle(start: Any, end: Any, s: float, rate: float, acc: float, 
 
 
 @njit
+def _along_curve(t: float, target: Any, node: int, out: Any) -> None:
+    """Position, velocity and acceleration (3, 3) of a node of a curve between its first and last time."""
+    times, quintics, shapes = target.times, target.quintics, target.shapes
+    k = int(np.searchsorted(times, t, side="right")) - 1
+    tau = t - times[k]
+    x, rate, acc = 0.0, 0.0, 0.0  # of the scaled parameter, by Horner
+    for power in range(5, -1, -1):
+        acc = acc * tau + 2.0 * rate
+        rate = rate * tau + x
+        x = x * tau + quintics[k, power]
+    for i in range(3):
+        out[0, i], out[1, i], out[2, i] = 0.0, 0.0, 0.0
+    # Chebyshev polynomials with two derivatives: T_n = 2 x T_{n-1} - T_{n-2}, differentiated.
+    T, dT, ddT = 1.0, 0.0, 0.0
+    back, d_back, dd_back = x, 1.0, 0.0  # T_{-1} = T_1 = x starts the recurrence with T_1 = 2 x T_0 - T_{-1}
+    for p in range(len(shapes)):
+        first = dT * rate
+        second = ddT * rate * rate + dT * acc
+        for i in range(3):
+            c = shapes[p, node, i]
+            out[0, i] += c * T
+            out[1, i] += c * first
+            out[2, i] += c * second
+        T, dT, ddT, back, d_back, dd_back = (
+            2.0 * x * T - back,
+            2.0 * (T + x * dT) - d_back,
+            2.0 * (2.0 * dT + x * ddT) - dd_back,
+            T,
+            dT,
+            ddT,
+        )
+
+
+@njit
+def _moves_on_curve(t: float, target: Any) -> bool:
+    return len(target.shapes) > 0 and target.times[0] < t < target.times[-1]
+
+
+@njit
+def _unit_with_derivatives(v: Any, b: Any) -> None:
+    """b = v/‖v‖ with two derivatives (3, 3), from v with two derivatives."""
+    square, dot, more = 0.0, 0.0, 0.0
+    for i in range(3):
+        square += v[0, i] * v[0, i]
+    length = np.sqrt(square)
+    for i in range(3):
+        b[0, i] = v[0, i] / length
+        dot += b[0, i] * v[1, i]
+    for i in range(3):
+        b[1, i] = (v[1, i] - dot * b[0, i]) / length
+        more += b[1, i] * v[1, i] + b[0, i] * v[2, i]
+    # d/dt of ℓ ḃ = v̇ - (bᵀv̇) b, with ℓ̇ = bᵀv̇.
+    for i in range(3):
+        b[2, i] = (v[2, i] - more * b[0, i] - 2.0 * dot * b[1, i]) / length
+
+
+@njit
+def _rod_on_curve(rod: Any, t: float, target: Any, r: Any, b: Any) -> None:
+    work = np.empty((3, 3, 3))
+    first, second, along = work[0], work[1], work[2]
+    _along_curve(t, target, rod.i, first)
+    _along_curve(t, target, rod.j, second)
+    for order in range(3):
+        for i in range(3):
+            r[order, i] = (1.0 - rod.sigma) * first[order, i] + rod.sigma * second[order, i]
+            along[order, i] = second[order, i] - first[order, i]
+    _unit_with_derivatives(along, b)
+
+
+@njit
 def rod_target(rod: Any, t: float, target: Any, r: Any, b: Any) -> None:
     """r and b of a rod's target (`TargetArrays`) with two derivatives each, (3, 3)."""
+    if _moves_on_curve(t, target):
+        _rod_on_curve(rod, t, target, r, b)
+        return
     times, nodes = target.times, target.nodes
     k, s, rate, acc = locate(t, times)
     m = min(k + 1, len(times) - 1)
@@ -137,6 +238,9 @@ def _standing_target(rod: Any, nodes: Any, r: Any, b: Any) -> None:
 @njit
 def point_target(point: Any, t: float, target: Any, r: Any) -> None:
     """Position of a point mass' target with two derivatives, (3, 3)."""
+    if _moves_on_curve(t, target):
+        _along_curve(t, target, point.node, r)
+        return
     times, nodes = target.times, target.nodes
     k, s, rate, acc = locate(t, times)
     m = min(k + 1, len(times) - 1)

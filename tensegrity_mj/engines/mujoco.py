@@ -15,6 +15,7 @@ from tensegrity_mj.checks import member, positive
 from tensegrity_mj.engines import mujoco_callback as callback
 from tensegrity_mj.engines.run import (
     BEYOND,
+    Accelerations,
     Grid,
     Progress,
     Request,
@@ -119,6 +120,12 @@ class MuJoCo:
     def run(self, request: Request) -> Trajectory:
         """Simulate; called by `simulate`."""
         return _Run(self, request).run()
+
+    def accelerations(self, request: Request) -> Accelerations:
+        """Node accelerations J q̈ + J̇ q̇ of the model that `run` steps."""
+        from tensegrity_mj.engines.mujoco_accelerations import NodeAccelerations
+
+        return NodeAccelerations(_Run(self, request))
 
 
 def node_addresses(scene: Scene, model: mujoco.MjModel) -> tuple[Any, Any, Any]:

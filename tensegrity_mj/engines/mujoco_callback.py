@@ -25,6 +25,8 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.mjcf import UNLIMITED
 from tensegrity_mj.native.plant import (
+    BREAKING,
+    BROKEN,
     CLIPPED,
     CONTINUOUS,
     DAMPED,
@@ -44,6 +46,7 @@ from tensegrity_mj.native.plant import (
     STRING_COUNT,
     TABLE_SIZE,
     VELOCITIES,
+    break_strings,
     remember,
     row_width,
     set_loads,
@@ -180,10 +183,11 @@ def set_controls(table: Any) -> bool:
     lengths, rates = floats(table[LENGTH], (M,)), floats(table[RATE], (M,))
     stiffness, damping = floats(table[STIFFNESS], (M,)), floats(table[DAMPING], (M,))
     ctrl, force_range = floats(table[CTRL], (M,)), floats(table[FORCE_RANGE], (M, 2))
+    broken = integers(table[BROKEN], (M,))
     for m in range(M):
-        L0 = rest[m]
+        L0 = max(rest[m], lengths[m]) if broken[m] else rest[m]
         slack = lengths[m] <= L0
-        if slack and table[DAMPED]:
+        if slack and (table[DAMPED] or broken[m]):
             L0 += lengths[m] + max(0.0, damping[m] * rates[m] / stiffness[m])
         if not table[CLIPPED]:
             force_range[m, 1] = 0.0 if slack else UNLIMITED
@@ -249,6 +253,8 @@ def control_stage(table: Any) -> None:
         external = set_loads(table, t)
         apply_loads(table)
     status = SOLVED
+    if stage == 0 and table[BREAKING] > 0:
+        break_strings(table, t)
     if stage == 0 and table[RATIO] > 0 and step % table[RATIO] == 0:
         status = take_sample(table, t)
     asked = SOLVED

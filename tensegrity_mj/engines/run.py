@@ -6,12 +6,12 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj import interrupts, rods, strings
+from tensegrity_mj import interrupts, rods
 from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible, whole_ratio
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.law import NativeLaw, Report
@@ -33,6 +33,7 @@ WINCH_BOUND = 10.0  # where winches work
 GAIN_BOUND = 0.9
 STRAIN_BOUND = 0.5
 ENERGY_WARNING = 0.01  # part of the energy exchanged beyond which a run says that its balance is off
+LIMIT_ROUND_OFF = 1e-6  # part of a limit: u = k (1 - L0/L) loses digits where k is much larger than u
 DECAY_WARNING = 0.01  # part of V
 V_RESOLVED = 1e-20  # of V(0): below it, errors squared are not far from round-off squared
 BEYOND = 1e10  # m, m/s: mjMAXVAL, what MuJoCo takes for a divergence too; it zeroes all controls for one of them
@@ -54,6 +55,19 @@ class Request:
     def sampled(self) -> bool:
         """Whether the law is sampled."""
         return bool(self.law.address) and self.actuation.mode is not Mode.CONTINUOUS
+
+
+class Accelerations(Protocol):
+    """Accelerations of the nodes from an engine's own equations, at one state and without a step.
+
+    Called with time [s], node positions and velocities (N, 3), and rest lengths (M,) [m] (None: the structure's, or
+    what the law sets). Returns the positions (N, 3) [m] where the engine places the nodes, and their accelerations
+    (N, 3) [m/s²].
+    """
+
+    def __call__(
+        self, time: float, nodes: Array, velocities: Array, rest_lengths: Array | None = None
+    ) -> tuple[Array, Array]: ...
 
 
 @dataclass(frozen=True)
@@ -82,6 +96,9 @@ class Grid:
         if request.sampled:
             assert request.actuation.period is not None
             ratio = whole_ratio(request.actuation.period, step, "control period over the time step")
+        for event in request.scene.breaks:
+            if 0 < event.time < request.duration:
+                whole_ratio(event.time, step, f"break of string '{event.string}' over the time step")
         return cls(step, count, min(stride, count), ratio)
 
     @property
@@ -183,7 +200,7 @@ def make_trajectory(
     rest, elastic, tensions = (rows[:, at + part * M : at + (part + 1) * M].copy() for part in range(3))
     at += 3 * M
     winch, lost, external = (rows[:, at + column].copy() for column in range(3))
-    told = {report.name.lower(): rows[:, at + 3 + report].copy() for report in Report}
+    told: dict[str, Any] = {report.name.lower(): rows[:, at + 3 + report].copy() for report in Report}
     lengths = structure.string_lengths(nodes)
     if multipliers is None:
         assert r_accelerations is not None
@@ -202,7 +219,7 @@ def make_trajectory(
         rod_force_densities=rods.force_densities(structure, multipliers),
         kinetic_energy=rods.kinetic_energy(structure, velocities),
         gravity_energy=rods.gravity_energy(structure, nodes, np.array(scene.gravity)),
-        string_energy=np.sum(strings.energy(structure.stiffness, lengths, rest), axis=1),
+        string_energy=np.sum(elastic**2 / (2 * structure.stiffness), axis=1),  # none in slack and broken strings
         winch_work=winch,
         external_work=external,
         dissipation=lost,
@@ -248,8 +265,16 @@ def _reports(request: Request, run: Trajectory) -> dict[str, Any]:
         warnings.append(
             f"the recording ends at {request.law.until:g} s; until {request.duration:g} s its last values are held"
         )
+    limits = _limits(request, run)
+    for name, bound in limits.items():
+        if bound["exceeded"] is not None:
+            warnings.append(
+                f"{name} of string '{bound['string']}' is exceeded: {bound['exceeded']:.3g} at t = {bound['time']:.6g} "
+                f"s, allowed {bound['limit']:.3g}; docs/laws.md says which actuation keeps which limit"
+            )
     reports: dict[str, Any] = {
         "warnings": warnings,
+        "limits": limits,
         "decay_error": decay_error,  # of V against V(0) e^(-δt), relative
         "drift": float(drift.max(initial=0.0)),  # of bᵀb - 1
         "rate_drift": float(rate_drift.max(initial=0.0)),  # of bᵀḃ [1/s]
@@ -271,6 +296,43 @@ def _reports(request: Request, run: Trajectory) -> dict[str, Any]:
             ratio = np.where(loaded, structure.stiffness * period * rates / (run.force_densities * lengths), 0.0)
         reports["largest_holding_ratio"] = float(ratio.max(initial=0.0))
     return reports
+
+
+def _limits(request: Request, run: Trajectory) -> dict[str, Any]:
+    """For each limit that some string has: how long any string was at or beyond it, and the worst beyond it."""
+    structure = run.scene.structure
+    mode, period = request.actuation.mode, request.actuation.period or 0.0
+    spacing = np.maximum(np.diff(run.time), period if mode is Mode.HOLD_REST_LENGTH else 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        speed = np.abs(np.diff(run.rest_lengths, axis=0)) / spacing[:, None]
+    values = {
+        "max_force_density": (run.force_densities, 1.0),
+        "min_rest_length": (run.rest_lengths, -1.0),
+        # From sample to sample, so that a winch that may only move at samples is not taken for a fast one.
+        "winch_speed": (
+            np.concatenate([np.zeros_like(speed[:1]), speed]) if len(run.time) > 1 else 0 * run.tensions,
+            1.0,
+        ),
+    }
+    found: dict[str, Any] = {}
+    for name, (value, sign) in values.items():
+        limit = structure.limits(name)
+        if not np.any(np.isfinite(limit)) or not len(run.time):
+            continue
+        beyond = np.where(np.isfinite(limit), sign * (value - limit) / np.abs(limit), -np.inf)
+        row, column = np.unravel_index(np.argmax(beyond), beyond.shape)
+        over = beyond[row, column] > LIMIT_ROUND_OFF
+        found[name] = {
+            "reached": _intervals(run.time, np.any(beyond > -LIMIT_ROUND_OFF, axis=1)),
+            "strings": [
+                s.name for s, at in zip(structure.strings, beyond.max(axis=0), strict=True) if at > -LIMIT_ROUND_OFF
+            ],
+            "exceeded": float(value[row, column]) if over else None,
+            "string": structure.strings[int(column)].name if over else None,
+            "time": float(run.time[row]) if over else None,
+            "limit": float(limit[column]) if over else None,
+        }
+    return found
 
 
 def _decay_error(request: Request, run: Trajectory) -> tuple[float | None, float]:

@@ -27,6 +27,7 @@ from tensegrity_mj.native.pointers import (
 )
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.strings import StringLaw
+from tensegrity_mj.structure import Structure
 
 Array = NDArray[np.float64]
 njit = numba.njit(cache=True, error_model="numpy")
@@ -42,7 +43,9 @@ LOAD_COUNT, LOADS, LOAD_FUNCTION_SLOT, LOADED = range(18, 22)
 REST, LENGTH, RATE, TENSION, ELASTIC, FORCES, NODES, VELOCITIES = range(22, 30)
 WINCH, SAMPLED_LENGTH = 30, 31
 SUSPENDED = 32  # in the continuous mode: the law has no solution, the last admissible rest lengths are held
-ENGINE_SLOTS = 33  # an engine's own slots start here
+LIMITED, MAX_FORCE_DENSITY, MIN_REST_LENGTH, WINCH_REACH = range(33, 37)
+BREAKING, BREAK_TIMES, BROKEN = range(37, 40)  # how many strings are still to break, when each does, whether it has
+ENGINE_SLOTS = 40  # an engine's own slots start here
 TABLE_SIZE = 96
 
 REPORT_SIZE = len(Report)
@@ -79,11 +82,11 @@ def tighten_strings(table: Any) -> None:
     M = table[STRING_COUNT]
     stiffness, damping = floats(table[STIFFNESS], (M,)), floats(table[DAMPING], (M,))
     lengths, rates = floats(table[LENGTH], (M,)), floats(table[RATE], (M,))
-    rest = floats(table[REST], (M,))
+    rest, broken = floats(table[REST], (M,)), integers(table[BROKEN], (M,))
     tension, elastic = floats(table[TENSION], (M,)), floats(table[ELASTIC], (M,))
     for m in range(M):
         stretch = lengths[m] - rest[m]
-        if stretch > 0.0:
+        if stretch > 0.0 and not broken[m]:
             elastic[m] = stiffness[m] * stretch
             total = elastic[m] + damping[m] * rates[m]
             tension[m] = max(0.0, total) if table[CLIPPED] else total
@@ -98,10 +101,11 @@ def string_energy(table: Any) -> float:
     M = table[STRING_COUNT]
     stiffness = floats(table[STIFFNESS], (M,))
     lengths, rest = floats(table[LENGTH], (M,)), floats(table[REST], (M,))
+    broken = integers(table[BROKEN], (M,))
     total = 0.0
     for m in range(M):
         stretch = lengths[m] - rest[m]
-        if stretch > 0.0:
+        if stretch > 0.0 and not broken[m]:
             total += 0.5 * stiffness[m] * stretch * stretch
     return total
 
@@ -162,6 +166,20 @@ def set_loads(table: Any, t: float) -> float:
 
 
 @njit
+def _limit_command(table: Any) -> None:
+    """Keep the command within the largest force densities and the smallest rest lengths of the strings."""
+    M = table[STRING_COUNT]
+    command, lengths = floats(table[COMMAND], (M,)), floats(table[LENGTH], (M,))
+    stiffness, most = floats(table[STIFFNESS], (M,)), floats(table[MAX_FORCE_DENSITY], (M,))
+    least = floats(table[MIN_REST_LENGTH], (M,))
+    for m in range(M):
+        if table[RETURNS_LENGTHS]:
+            command[m] = max(command[m], least[m], lengths[m] * (1.0 - most[m] / stiffness[m]))
+        else:
+            command[m] = min(command[m], most[m], stiffness[m] * (1.0 - least[m] / lengths[m]))
+
+
+@njit
 def ask_law(table: Any, t: float) -> int:
     """Evaluate the law at the current nodes into the command; SOLVED, NO_SOLUTION, FAILED or NOT_FINITE."""
     M = table[STRING_COUNT]
@@ -171,6 +189,8 @@ def ask_law(table: Any, t: float) -> int:
         for m in range(M):
             if not np.isfinite(command[m]):
                 return NOT_FINITE
+        if table[LIMITED]:
+            _limit_command(table)
     elif status != NO_SOLUTION:
         return FAILED
     return status
@@ -221,8 +241,8 @@ def remember(table: Any) -> None:
 @njit
 def start_ledger(table: Any) -> None:
     """Count winch work from here on, at the current lengths and rest lengths."""
-    winch = floats(table[WINCH], (2,))
-    winch[0], winch[1] = 0.0, string_energy(table)
+    winch = floats(table[WINCH], (3,))
+    winch[0], winch[1], winch[2] = 0.0, string_energy(table), 0.0
     M = table[STRING_COUNT]
     floats(table[SAMPLED_LENGTH], (M,))[:] = floats(table[LENGTH], (M,))
 
@@ -235,18 +255,19 @@ def winch_work(table: Any, stored: float) -> float:
     balance in this mode, which tests the rest of it). Sampled: the energy step at each jump of
     L0, and where the force density u is held, -∫ u L d(L (1 - u/k)) = -u (1 - u/k) Δ(L²)/2 between the jumps.
     """
-    winch = floats(table[WINCH], (2,))
+    winch = floats(table[WINCH], (3,))
     if table[MODE] == NO_LAW:
         return 0.0
     if table[MODE] == CONTINUOUS:
-        return string_energy(table) - winch[1] - stored
+        return string_energy(table) + winch[2] - winch[1] - stored
     total = winch[0]
     if table[HOLDS_FORCE_DENSITY]:
         M = table[STRING_COUNT]
         held, stiffness = floats(table[HELD], (M,)), floats(table[STIFFNESS], (M,))
         lengths, start = floats(table[LENGTH], (M,)), floats(table[SAMPLED_LENGTH], (M,))
+        broken = integers(table[BROKEN], (M,))
         for m in range(M):
-            if held[m] > 0.0:
+            if held[m] > 0.0 and not broken[m]:
                 square = lengths[m] * lengths[m] - start[m] * start[m]
                 total -= 0.5 * held[m] * (1.0 - held[m] / stiffness[m]) * square
     return total
@@ -271,10 +292,39 @@ def take_sample(table: Any, t: float) -> int:
         table[HOLDS_FORCE_DENSITY] = 1
     else:
         _command_as_lengths(table, held)
+        if table[LIMITED]:
+            reach = floats(table[WINCH_REACH], (M,))
+            for m in range(M):
+                held[m] = min(max(held[m], rest[m] - reach[m]), rest[m] + reach[m])
     set_rest_lengths(table, t)
-    floats(table[WINCH], (2,))[0] = work + string_energy(table) - before
+    floats(table[WINCH], (3,))[0] = work + string_energy(table) - before
     floats(table[SAMPLED_LENGTH], (M,))[:] = floats(table[LENGTH], (M,))
     return status
+
+
+@njit
+def break_strings(table: Any, t: float) -> bool:
+    """Break the strings whose time has come; to be called at the start of a step. Their energy is lost."""
+    M = table[STRING_COUNT]
+    times, broken = floats(table[BREAK_TIMES], (M,)), integers(table[BROKEN], (M,))
+    due = False
+    for m in range(M):
+        # Break times are multiples of fixed steps, up to round-off.
+        due |= not broken[m] and times[m] <= t * (1.0 + 1e-12)
+    if not due:
+        return False
+    set_rest_lengths(table, t)
+    winch = floats(table[WINCH], (3,))
+    work, before = winch_work(table, 0.0), string_energy(table)
+    for m in range(M):
+        if not broken[m] and times[m] <= t * (1.0 + 1e-12):
+            broken[m] = 1
+            table[BREAKING] -= 1
+    winch[2] += before - string_energy(table)
+    if table[MODE] != CONTINUOUS:
+        winch[0] = work
+        floats(table[SAMPLED_LENGTH], (M,))[:] = floats(table[LENGTH], (M,))
+    return True
 
 
 @njit
@@ -295,8 +345,14 @@ def write_row(table: Any, stored: float, lost: float, external: float, row: Any)
     row[at + 2 * M : at + 3 * M] = floats(table[TENSION], (M,))
     at += 3 * M
     row[at] = winch_work(table, stored)
-    row[at + 1], row[at + 2] = lost, external
+    row[at + 1], row[at + 2] = lost + floats(table[WINCH], (3,))[2], external
     row[at + 3 : at + 3 + REPORT_SIZE] = floats(table[REPORT], (REPORT_SIZE,))
+
+
+def break_times(scene: Scene) -> Array:
+    """When each string breaks (M,) [s], ∞ for never."""
+    times = {event.string: event.time for event in scene.breaks}
+    return np.array([times.get(string.name, np.inf) for string in scene.structure.strings], float)
 
 
 class Plant:
@@ -323,7 +379,9 @@ class Plant:
             VELOCITIES: np.array(scene.velocities0),
             FORCES: np.zeros((N, 3)),
             REPORT: np.full(REPORT_SIZE, np.nan),
-            WINCH: np.zeros(2),
+            WINCH: np.zeros(3),  # work of the jumps so far, energy at the start, energy set free by breaking strings
+            BREAK_TIMES: break_times(scene),
+            BROKEN: np.zeros(M, np.int64),
             **{slot: np.zeros(M) for slot in (COMMAND, LENGTH, RATE, TENSION, ELASTIC, SAMPLED_LENGTH)},
         }
         self.table = np.zeros(TABLE_SIZE, np.int64)
@@ -336,7 +394,18 @@ class Plant:
         self.table[PASSIVE] = on_infeasible is OnInfeasible.PASSIVE
         self.table[LAW], self.table[LAW_CONTEXT] = law.address, law.context
         self.table[MODE] = _MODES[actuation.mode] if law.address else NO_LAW
+        self.table[BREAKING] = len(scene.breaks)
+        self._set_limits(structure, actuation)
         self._set_loads(scene)
+
+    def _set_limits(self, structure: Structure, actuation: Actuation) -> None:
+        # A winch that holds rest lengths from sample to sample moves them once a period.
+        reach = structure.limits("winch_speed") * (actuation.period or np.inf)
+        limits = (structure.limits("max_force_density"), structure.limits("min_rest_length"), reach)
+        for slot, values in zip((MAX_FORCE_DENSITY, MIN_REST_LENGTH, WINCH_REACH), limits, strict=True):
+            self.arrays[slot] = values
+            self.table[slot] = address_of(values)
+            self.table[LIMITED] |= bool(np.any(np.isfinite(values)))
 
     @property
     def address(self) -> int:

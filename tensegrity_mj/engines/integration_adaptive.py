@@ -1,9 +1,10 @@
-"""Error-controlled integration of the DAE by SciPy's solvers, stepped here so that control samples, switches of a law
-that loses its solution, and outputs fall where they belong."""
+"""Error-controlled integration by SciPy's solvers, stepped here so that control samples, breaking strings, switches of
+a law that loses its solution, and outputs fall where they belong."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,17 @@ from numpy.typing import NDArray
 from scipy.integrate import DOP853, Radau
 
 from tensegrity_mj import interrupts
-from tensegrity_mj.engines.dae import DAERun, Drift, Method
-from tensegrity_mj.engines.dae_kernels import WORK, dae_rhs, observe, renormalize, sample_law
+from tensegrity_mj.engines.integration import IntegratedRun, Method
+from tensegrity_mj.engines.integration_kernels import (
+    SINGULAR,
+    WORK,
+    break_due_strings,
+    guard,
+    observe,
+    project,
+    rates,
+    sample_law,
+)
 from tensegrity_mj.engines.run import (
     DEFAULT_INTERVAL,
     Progress,
@@ -33,6 +43,7 @@ from tensegrity_mj.native.plant import (
     STATUS,
     SUSPENDED,
     ask_law,
+    break_times,
     remember,
     row_width,
     start_ledger,
@@ -47,6 +58,7 @@ JACOBIAN_STEP = 1.5e-8  # √eps: round-off and curvature spoil the difference a
 # At the pace of a run that needs a hundred times max_steps, it is given up long before.
 CRAWL_STEPS = 5000
 SWITCH_TOLERANCE = 1e-10  # s, to which the time of a switch is located
+RETREAT = 0.2  # of a step, after a stage that the model's coordinates cannot hold: what SciPy takes at least, too
 VANISHING_MARGIN = (
     1e-2  # of the largest margin before: below it, an integrator that gives up gave up for the law's sake
 )
@@ -56,10 +68,18 @@ class _Stopped(Exception):
     """The law has no solution, and the caller wants to stop there."""
 
 
+class _Singular(Exception):
+    """The run has come to a state that the model's coordinates cannot hold."""
+
+
+class _Outside(Exception):
+    """A stage of a trial step cannot be held by the model's coordinates."""
+
+
 class ErrorControlled:
     """One run with DOP853 or Radau."""
 
-    def __init__(self, run: DAERun) -> None:
+    def __init__(self, run: IntegratedRun) -> None:
         self.run, self.options, self.request = run, run.options, run.request
         self.table = run.table
         self.kind = DOP853 if run.options.method is Method.DOP853 else Radau
@@ -83,24 +103,28 @@ class ErrorControlled:
         Raises:
             DivergenceError: where the solver cannot go on, or energy comes from nowhere.
         """
-        self._evaluate(0.0, self.y)  # compiles
-        self.run.evaluations = 0
+        rates(0.0, self.y, np.empty(len(self.y)), self.table)  # compiles
         self.clock = Stopwatch()
         # DOP853's dense output has a local error of the order of the method's global one; Radau's has not, so there
         # the solver steps onto the output times.
         marks = _marks(self.request, self.times, with_outputs=self.kind is Radau)
         try:
-            with Progress(self.request, f"DAE {self.options.method.name}") as progress:
+            with Progress(self.request, f"{self.run.name} {self.options.method.name}") as progress:
                 self._start()
-                for mark, is_sample in marks:
+                for mark, is_jump, is_sample in marks:
                     while self.t < mark:
-                        self._step(mark, keep_last=is_sample)
+                        self._step(mark, keep_last=is_jump)
                         progress.reached(self.t)
+                    if break_due_strings(self.t, self.y, self.table):
+                        self.solver = None
                     if is_sample:
                         self._sample()
+                    if is_jump:
                         self._record(self.t, self.y, while_before=math.nextafter(mark, math.inf))
         except _Stopped:
-            return self._stopped()
+            return self._stopped(Status.INFEASIBLE)
+        except (_Singular, _Outside):
+            return self._stopped(Status.SINGULAR)
         self._record_at_end()
         run = self.run.finish(
             self.times, self.rows[:-1], Status.COMPLETED, "", self.clock.seconds, switches=self.switches
@@ -109,6 +133,10 @@ class ErrorControlled:
         return run
 
     def _start(self) -> None:
+        if guard(self.y, self.table) == SINGULAR:
+            start_ledger(self.table)
+            raise _Singular
+        break_due_strings(0.0, self.y, self.table)
         if self.request.sampled:
             self._sample()
         status = self._evaluate(0.0, self.y)
@@ -137,8 +165,10 @@ class ErrorControlled:
 
     def _rhs_status(self, t: float, y: Array) -> tuple[Array, int]:
         out = np.empty(len(y))
-        status = int(dae_rhs(t, y, out, self.table))
+        status = int(rates(t, y, out, self.table))
         self.run.evaluations += 1
+        if status == SINGULAR:
+            raise _Outside
         if status > NO_SOLUTION or self.table[STATUS]:
             self.run.plant.raise_if_failed(max(status, int(self.table[STATUS])), t)
         return out, status
@@ -160,19 +190,34 @@ class ErrorControlled:
             jacobian[:, column] = (self._rhs(t, aside) - here) / (aside[column] - y[column])
         return jacobian
 
+    def _new_solver(self, mark: float) -> Any:
+        options = self.options
+        first = None if self.first_step is None else min(self.first_step, mark - self.t)
+        implicit = {"jac": self._jacobian} if self.kind is Radau else {}
+        return self.kind(
+            self._rhs, self.t, self.y, mark, rtol=options.rtol, atol=options.atol, first_step=first, **implicit
+        )
+
+    def _try_step(self, mark: float) -> str | None:
+        """A step of the solver, shortened until all its stages are states that the model can hold."""
+        while True:
+            try:
+                if self.solver is None:
+                    self.solver = self._new_solver(mark)
+                elif self.solver.t_bound != mark:
+                    self.solver.t_bound, self.solver.status = mark, "running"
+                return self.solver.step()
+            except _Outside:
+                tried = self.first_step if self.solver is None else self.solver.h_abs
+                self.first_step = RETREAT * min(tried or math.inf, mark - self.t)
+                self.solver = None
+                if self.first_step < 16 * math.ulp(max(self.t, 1e-3 * mark)):
+                    raise _Singular from None
+
     def _step(self, mark: float, keep_last: bool) -> None:
         """One accepted step, its outputs, and a switch within it."""
-        if self.solver is None:
-            options = self.options
-            first = None if self.first_step is None else min(self.first_step, mark - self.t)
-            implicit = {"jac": self._jacobian} if self.kind is Radau else {}
-            self.solver = self.kind(
-                self._rhs, self.t, self.y, mark, rtol=options.rtol, atol=options.atol, first_step=first, **implicit
-            )
-        elif self.solver.t_bound != mark:
-            self.solver.t_bound, self.solver.status = mark, "running"
+        problem = self._try_step(mark)
         solver = self.solver
-        problem = solver.step()
         interrupts.raise_if_requested()
         self.run.steps += 1
         if problem is not None or not np.all(np.isfinite(solver.y)):
@@ -186,25 +231,31 @@ class ErrorControlled:
         if self.run.steps >= self.options.max_steps:
             self._give_up(f"max_steps = {self.options.max_steps} steps were not enough")
         self.first_step = solver.h_abs
-        dense = None
+        dense: Any = None
         end, switched = solver.t, False
-        if self.continuous and self._feasible(solver.t, solver.y) == bool(self.table[SUSPENDED]):
-            dense, switched = solver.dense_output(), True
-            end = self._locate(dense, solver.t_old, solver.t)
+        stuck = guard(solver.y, self.table) == SINGULAR
+        if stuck:
+            dense = solver.dense_output()
+            end, _ = _bisect(lambda t: guard(dense(t), self.table) != SINGULAR, solver.t_old, solver.t)
+        if self.continuous and self._feasible(end, dense(end) if stuck else solver.y) == bool(self.table[SUSPENDED]):
+            dense, switched, stuck = dense or solver.dense_output(), True, False
+            end = self._locate(dense, solver.t_old, end)
         limit = math.nextafter(end, -math.inf) if keep_last and end == mark else end
         if self.next < len(self.times) and self.times[self.next] <= limit:
             dense = dense or solver.dense_output()
             while self.next < len(self.times) and self.times[self.next] <= limit:
                 at = float(self.times[self.next])
                 self._record(at, solver.y if at == solver.t else dense(at), while_before=math.nextafter(at, math.inf))
+        if stuck:
+            self.t, self.y = end, dense(end)
+            raise _Singular
         if switched:
-            assert dense is not None
             self.t, self.y = end, dense(end)
             self._switch()
         else:
             self.t, self.y = solver.t, solver.y
-            if self.options.drift is Drift.NORMALIZE:
-                renormalize(self.y, self.table)
+            if self.run.projects:
+                project(self.y, self.table)
                 solver.f = self._rhs(self.t, self.y)
             if self.continuous and not self.table[SUSPENDED]:
                 self._evaluate(self.t, self.y)
@@ -217,14 +268,9 @@ class ErrorControlled:
     def _locate(self, dense: Any, start: float, end: float) -> float:
         """The time within a step at which the law loses or regains its solution, by bisection."""
         was = not self.table[SUSPENDED]
-        while end - start > SWITCH_TOLERANCE:
-            middle = 0.5 * (start + end)
-            if self._feasible(middle, dense(middle)) == was:
-                start = middle
-            else:
-                end = middle
+        before, after = _bisect(lambda t: self._feasible(t, dense(t)) == was, start, end)
         # On the far side when regained (the law must have a solution there), on the near side when lost.
-        return start if was else end
+        return before if was else after
 
     def _switch(self) -> None:
         self.solver = None
@@ -254,17 +300,22 @@ class ErrorControlled:
     def _record_at_end(self) -> None:
         self._record(self.t, self.y, while_before=math.inf)
 
-    def _stopped(self) -> Trajectory:
-        if self.next and self.times[self.next - 1] >= self.t:
+    def _stopped(self, status: Status) -> Trajectory:
+        """What was recorded, and the state at which the run stopped."""
+        while self.next and self.times[self.next - 1] >= self.t:
             self.next -= 1
         time = np.append(self.times[: self.next], self.t)
-        self._evaluate(self.t, self.y)
-        if self.continuous:
+        rates(self.t, self.y, np.empty(len(self.y)), self.table)
+        if status is Status.INFEASIBLE and self.continuous:
             ask_law(self.table, self.t + SWITCH_TOLERANCE)
         observe(self.y, self.table, self.rows[self.next])
-        message = self.run.plant.infeasible_message(self.t)
+        if status is Status.INFEASIBLE:
+            message = self.run.plant.infeasible_message(self.t)
+        else:
+            guard(self.y, self.table)  # names what is singular
+            message = self.run.singular_message(self.t)
         return self.run.finish(
-            time, self.rows[: len(time)], Status.INFEASIBLE, message, self.clock.seconds, switches=self.switches
+            time, self.rows[: len(time)], status, message, self.clock.seconds, switches=self.switches
         )
 
     def _give_up(self, cause: str) -> None:
@@ -292,21 +343,39 @@ def output_times(request: Request) -> Array:
     return times
 
 
-def _marks(request: Request, times: Array, with_outputs: bool) -> list[tuple[float, bool]]:
-    """Times to step onto, each with whether the law is sampled there."""
-    marks: dict[float, bool] = {}
+def _bisect(holds: Callable[[float], bool], start: float, end: float) -> tuple[float, float]:
+    """Two times, SWITCH_TOLERANCE apart, between which something ends that holds at `start` and not at `end`."""
+    while end - start > SWITCH_TOLERANCE:
+        middle = 0.5 * (start + end)
+        if holds(middle):
+            start = middle
+        else:
+            end = middle
+    return start, end
+
+
+def _marks(request: Request, times: Array, with_outputs: bool) -> list[tuple[float, bool, bool]]:
+    """Times to step onto, each with whether something jumps there, and whether that is a sample of the law."""
+    jumps: dict[float, bool] = {}
+
+    def add(time: float, window: float, is_sample: bool) -> None:
+        # The very float of an output or a sample where they coincide, so that no sliver of a step lies between.
+        beside = int(np.searchsorted(times, time - window))
+        candidates = (float(times[min(beside, len(times) - 1)]), *(() if is_sample else jumps))
+        at = next((other for other in candidates if abs(other - time) < window), time)
+        jumps[at] = jumps.get(at, False) or is_sample
+
     if request.sampled:
         period = request.actuation.period
         assert period is not None
-        count = math.floor(request.duration / period * (1 + 1e-12))
-        for number in range(1, count + 1):
-            # The very float of an output time where the two coincide, so that no sliver of a step lies between.
-            time = number * period
-            beside = np.searchsorted(times, time - 1e-9 * period)
-            nearest = float(times[min(int(beside), len(times) - 1)])
-            marks[nearest if abs(nearest - time) < 1e-9 * period else time] = True
+        for number in range(1, math.floor(request.duration / period * (1 + 1e-12)) + 1):
+            add(number * period, 1e-9 * period, is_sample=True)
+    for time in break_times(request.scene):
+        if 0 < time <= request.duration:
+            add(float(time), 1e-12 * time, is_sample=False)
+    marks = {time: (True, is_sample) for time, is_sample in jumps.items()}
     if with_outputs:
         for time in times[1:]:
-            marks.setdefault(float(time), False)
-    marks.setdefault(float(times[-1]), False)
-    return sorted(marks.items())
+            marks.setdefault(float(time), (False, False))
+    marks.setdefault(float(times[-1]), (False, False))
+    return [(time, *what) for time, what in sorted(marks.items())]

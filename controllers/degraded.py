@@ -1,0 +1,287 @@
+"""Laws made worse: what a real loop adds between the structure and its law, for any law, compiled or Python.
+
+`Noisy` measures nodes with normally distributed errors, `Delayed` answers some samples late. Both belong to a control
+period and run sampled. Both depend on the number of the sample alone, not on the engine nor on how often they are
+called, so that runs in different engines stay comparable. They may be put around each other.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tensegrity_mj.checks import finite, positive
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.law import FAILED, NO_SOLUTION, Command, NativeLaw, Report, native_law
+from tensegrity_mj.native.pointers import LAW_SIGNATURE, address_of, call_law, floats, integers
+from tensegrity_mj.structure import Structure
+
+Array = NDArray[np.float64]
+njit = numba.njit(cache=True, error_model="numpy")
+
+NOISY = "sensor noise is drawn anew for each control sample: run it sampled (hold force density or hold rest length)"
+DELAYED = "its delay is counted in control samples: run it sampled (hold force density or hold rest length)"
+REPORT_SIZE = len(Report)
+HALF = np.uint64(0xFFFFFFFF)
+SHIFT = np.uint64(32)
+
+
+@njit
+def _high(a: Any, b: Any) -> Any:
+    """The upper 64 of the 128 bits of a product."""
+    a0, a1, b0, b1 = a & HALF, a >> SHIFT, b & HALF, b >> SHIFT
+    middle = a1 * b0 + ((a0 * b0) >> SHIFT)
+    return a1 * b1 + (middle >> SHIFT) + (((middle & HALF) + a0 * b1) >> SHIFT)
+
+
+@njit
+def philox(counter0: Any, counter1: Any, key0: Any, key1: Any, out: Any) -> None:
+    """Philox4x64-10: four random 64-bit integers of a counter and a key, into out (4,) uint64.
+
+    J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw: Parallel random numbers: as easy as 1, 2, 3. SC'11.
+    """
+    x0, x1, x2, x3 = np.uint64(counter0), np.uint64(counter1), np.uint64(0), np.uint64(0)
+    k0, k1 = np.uint64(key0), np.uint64(key1)
+    m0, m1 = np.uint64(0xD2E7470EE14C6C93), np.uint64(0xCA5A826395121157)
+    for _ in range(10):
+        high0, low0, high1, low1 = _high(m0, x0), m0 * x0, _high(m1, x2), m1 * x2
+        x0, x1, x2, x3 = high1 ^ x1 ^ k0, low1, high0 ^ x3 ^ k1, low0
+        k0 += np.uint64(0x9E3779B97F4A7C15)
+        k1 += np.uint64(0xBB67AE8584CAA73B)
+    out[0], out[1], out[2], out[3] = x0, x1, x2, x3
+
+
+@njit
+def add_noise(values: Any, std: float, moving: Any, sample: int, stream: int, seed: int) -> None:
+    """Add std times standard normal numbers to the moving rows of values (N, 3), by Box and Muller.
+
+    A row's numbers depend on the seed, the sample, the stream and the number of the row alone.
+    """
+    bits = np.empty(4, np.uint64)
+    for row in range(len(values)):
+        if not moving[row]:
+            continue
+        philox(sample, 2 * row + stream, seed, 0, bits)
+        for pair in range(2):
+            # Uniform in (0, 1] and in [0, 1).
+            first = (float(bits[2 * pair] >> np.uint64(11)) + 1.0) * 2.0**-53
+            turn = 2.0 * math.pi * float(bits[2 * pair + 1] >> np.uint64(11)) * 2.0**-53
+            radius = std * math.sqrt(-2.0 * math.log(first))
+            values[row, 2 * pair] += radius * math.cos(turn)
+            if pair == 0:
+                values[row, 1] += radius * math.sin(turn)
+
+
+@numba.cfunc(LAW_SIGNATURE, cache=True, error_model="numpy")
+def _noisy(t, nodes_at, velocities_at, context, command, report):  # type: ignore[no-untyped-def]
+    table = integers(context, (8,))
+    settings = floats(table[3], (3,))
+    nodes, velocities = floats(table[4], (table[2], 3)), floats(table[5], (table[2], 3))
+    moving = integers(table[6], (table[2],))
+    nodes[:] = floats(nodes_at, (table[2], 3))
+    velocities[:] = floats(velocities_at, (table[2], 3))
+    sample = round(t / settings[0])
+    add_noise(nodes, settings[1], moving, sample, 0, table[7])
+    add_noise(velocities, settings[2], moving, sample, 1, table[7])
+    return call_law(table[0], t, table[4], table[5], table[1], command, report)
+
+
+@numba.cfunc(LAW_SIGNATURE, cache=True, error_model="numpy")
+def _delayed(t, nodes, velocities, context, command_at, report_at):  # type: ignore[no-untyped-def]
+    table = integers(context, (9,))
+    size, samples = table[2], table[3]
+    period = floats(table[4], (1,))[0]
+    slots = samples + 1
+    numbers, statuses = integers(table[5], (slots,)), integers(table[6], (slots,))
+    commands, reports = floats(table[7], (slots, size)), floats(table[8], (slots, REPORT_SIZE))
+    command, report = floats(command_at, (size,)), floats(report_at, (REPORT_SIZE,))
+    sample = round(t / period)
+    now = sample % slots
+    status = call_law(table[0], t, nodes, velocities, table[1], command_at, report_at)
+    if status > NO_SOLUTION:
+        return status
+    numbers[now], statuses[now], commands[now], reports[now] = sample, status, command, report
+    wanted = max(sample - samples, 0)
+    then = wanted % slots
+    if numbers[then] != wanted:
+        return FAILED
+    command[:] = commands[then]
+    report[:] = reports[then]
+    return statuses[then]
+
+
+class Noisy:
+    """A law that measures node positions and velocities with independent, normally distributed errors.
+
+    Nodes that are fixed in space have none. The errors are drawn at each control sample, from a generator whose
+    numbers depend on the seed and the sample alone (Philox4x64-10).
+
+    Args:
+        law: any law.
+        position_std: standard deviation of each coordinate [m], >= 0.
+        velocity_std: the same of velocities [m/s].
+        seed: an integer >= 0.
+        period: of the control samples [s]; the run must have the same.
+
+    Raises:
+        OptionError: for values out of range.
+    """
+
+    discontinuous = NOISY
+
+    def __init__(self, law: Any, position_std: float, velocity_std: float, seed: int, period: float) -> None:
+        self.law = law
+        self.position_std = _at_least_zero("Noisy: position_std", position_std, "m")
+        self.velocity_std = _at_least_zero("Noisy: velocity_std", velocity_std, "m/s")
+        if not isinstance(seed, (int, np.integer)) or isinstance(seed, bool) or not 0 <= seed < 2**63:
+            raise OptionError(f"Noisy: seed = {seed!r}; it must be an integer from 0 to 2**63 - 1")
+        self.seed = int(seed)
+        self.period = positive("Noisy: period", period, "s")
+
+    @property
+    def command(self) -> Command:
+        """What the law returns."""
+        return getattr(self.law, "command", Command.FORCE_DENSITY)
+
+    def measured(self, time: float, nodes: ArrayLike, velocities: ArrayLike, fixed: Any = ()) -> tuple[Array, Array]:
+        """Positions and velocities (N, 3) as measured; rows in `fixed` without errors."""
+        positions, rates = np.array(nodes, float), np.array(velocities, float)
+        moving = np.ones(len(positions), np.int64)
+        moving[list(fixed)] = 0
+        sample = round(time / self.period)
+        add_noise(positions, self.position_std, moving, sample, 0, self.seed)
+        add_noise(rates, self.velocity_std, moving, sample, 1, self.seed)
+        return positions, rates
+
+    def __call__(self, time: float, nodes: Array, velocities: Array) -> ArrayLike:
+        """The law's command for what is measured, every node with errors."""
+        value: ArrayLike = self.law(time, *self.measured(time, nodes, velocities))
+        return value
+
+    def native(self, structure: Structure) -> NativeLaw:
+        """The law for a plant, compiled."""
+        inner = _inner(self.law, structure, self.period)
+        count = len(structure.nodes)
+        moving = np.array([name not in structure.fixed_nodes for name in structure.node_names], np.int64)
+        settings = np.array([self.period, self.position_std, self.velocity_std])
+        nodes, velocities = np.zeros((count, 3)), np.zeros((count, 3))
+        at = [address_of(array) for array in (settings, nodes, velocities, moving)]
+        table = np.array([inner.address, inner.context, count, *at, self.seed], np.int64)
+        return replace(
+            inner,
+            address=_noisy.address,
+            context=address_of(table),
+            keep=(inner, settings, nodes, velocities, moving, table),
+            discontinuous=NOISY,
+            period=self.period,
+            decay_rate=None,
+        )
+
+    def describe(self) -> dict[str, Any]:
+        """Plain values for the provenance of a run."""
+        return {
+            "law": "noisy",
+            "of": _told(self.law),
+            "position_std": self.position_std,
+            "velocity_std": self.velocity_std,
+            "seed": self.seed,
+            "period": self.period,
+        }
+
+
+class Delayed:
+    """A law whose answers come some control samples late, with all that it reports of them.
+
+    At sample n the answer is that of sample n - `samples`. Until the first has come through it is that of sample 0: the
+    structure is taken to have stood at its start before.
+
+    Args:
+        law: any law.
+        samples: the delay, an integer >= 0.
+        period: of the control samples [s]; the run must have the same.
+
+    Raises:
+        OptionError: for values out of range.
+    """
+
+    discontinuous = DELAYED
+
+    def __init__(self, law: Any, samples: int, period: float) -> None:
+        self.law = law
+        if not isinstance(samples, (int, np.integer)) or isinstance(samples, bool) or samples < 0:
+            raise OptionError(f"Delayed: samples = {samples!r}; it must be an integer >= 0")
+        self.samples = int(samples)
+        self.period = positive("Delayed: period", period, "s")
+        self._answers: dict[int, ArrayLike] = {}
+
+    @property
+    def command(self) -> Command:
+        """What the law returns."""
+        return getattr(self.law, "command", Command.FORCE_DENSITY)
+
+    def __call__(self, time: float, nodes: Array, velocities: Array) -> ArrayLike:
+        """The command of an earlier sample; to be called at every sample, from 0 on.
+
+        Raises:
+            OptionError: if the earlier sample was left out.
+        """
+        sample = round(time / self.period)
+        if sample == 0:
+            self._answers.clear()
+        self._answers[sample] = self.law(time, nodes, velocities)
+        wanted = max(sample - self.samples, 0)
+        if wanted not in self._answers:
+            raise OptionError(f"Delayed: sample {wanted} was left out; call the law at every sample, from 0 on")
+        for old in [number for number in self._answers if number < wanted]:
+            del self._answers[old]
+        return self._answers[wanted]
+
+    def native(self, structure: Structure) -> NativeLaw:
+        """The law for one run, compiled."""
+        inner = _inner(self.law, structure, self.period)
+        size, slots = len(structure.strings), self.samples + 1
+        period = np.array([self.period])
+        numbers, statuses = np.full(slots, -1, np.int64), np.zeros(slots, np.int64)
+        commands, reports = np.zeros((slots, size)), np.full((slots, REPORT_SIZE), np.nan)
+        arrays = (period, numbers, statuses, commands, reports)
+        at = [address_of(array) for array in arrays]
+        table = np.array([inner.address, inner.context, size, self.samples, *at], np.int64)
+        return replace(
+            inner,
+            address=_delayed.address,
+            context=address_of(table),
+            keep=(inner, *arrays, table),
+            discontinuous=DELAYED,
+            period=self.period,
+            decay_rate=None,
+        )
+
+    def describe(self) -> dict[str, Any]:
+        """Plain values for the provenance of a run."""
+        return {"law": "delayed", "of": _told(self.law), "samples": self.samples, "period": self.period}
+
+
+def _inner(law: Any, structure: Structure, period: float) -> NativeLaw:
+    inner = native_law(law, structure)
+    if not inner.address:
+        raise OptionError("law = None: there is no law that could be made noisy or late")
+    if inner.period is not None and abs(inner.period / period - 1) > 1e-9:
+        raise OptionError(f"period = {period:g} s: the law within has samples each {inner.period:g} s; use that")
+    return inner
+
+
+def _told(law: Any) -> Any:
+    describe = getattr(law, "describe", None)
+    return describe() if callable(describe) else getattr(law, "__name__", type(law).__name__)
+
+
+def _at_least_zero(what: str, value: Any, unit: str) -> float:
+    number = finite(what, value, f" >= 0 {unit}")
+    if number < 0:
+        raise OptionError(f"{what} = {value!r}; it must be a finite number >= 0 {unit}")
+    return number

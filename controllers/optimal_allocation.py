@@ -1,0 +1,356 @@
+"""Optimal allocation of force densities, §4.4-4.5: the string controls of least cost that meet linear equations.
+
+    minimise ½ uᵀHu (or fᵀu)   subject to   A u = d,  A_sum u >= u_sum,  u_min <= u <= u_max,      (4.10)-(4.14)
+
+for any law that asks for A u = d. `Allocation` says what is wanted; `Allocator` does it for one structure.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tensegrity_mj.checks import finite, member, real_array
+from tensegrity_mj.controllers.limits import StringLimits
+from tensegrity_mj.controllers.quadratic_program import NO_POINT, SETTLED, columns_of, maximize_dual
+from tensegrity_mj.errors import InfeasibleError, OptionError
+from tensegrity_mj.structure import Structure
+
+Array = NDArray[np.float64]
+
+ACCURACY = 1e-8  # relative; what a library's answer may violate before it counts as none
+NEWTON_STEPS = 60
+LEAST_VIOLATION = 1e-7  # of the curvature: the first step towards the least violation counts costs with this weight
+
+LINEAR = (
+    "the least fᵀu jumps from string to string, so an integrator's stages would see different laws: run it sampled "
+    "(hold force density or hold rest length)"
+)
+HELD = (
+    "what it holds where there is no admissible u depends on when it was called before: run it sampled (hold force "
+    "density or hold rest length), or choose WhenInfeasible.STOP or RELAX"
+)
+
+
+class WhenInfeasible(enum.Enum):
+    """What to do where no admissible u exists."""
+
+    STOP = "stop"  # raise InfeasibleError, which names the constraint at fault
+    RELAX = "relax"  # the u within its bounds that violates equations and sums least (sum of squares, SI units)
+    HOLD = "hold"  # the last admissible u
+
+
+@dataclass(frozen=True)
+class Sum:
+    """One row of A_sum u >= u_sum, (4.13).
+
+    Attributes:
+        minimum: u_sum [N/m].
+        strings: names of the strings that count; None for all (strategy 1).
+    """
+
+    minimum: float
+    strings: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Allocation:
+    """What is wanted of the force densities.
+
+    Attributes:
+        weight: H: a number or (M,) for the diagonal, or a symmetric positive definite (M, M).
+        minimum_force_density, maximum_force_density: u_min >= 0 and u_max [N/m], numbers or (M,).
+        sums: strategy 1 is one sum over all strings, strategy 2 one over the strings of each cell.
+        linear: f (M,) of the objective fᵀu, which then replaces the quadratic one; f >= 0, or u_max finite.
+        on_infeasible: see `WhenInfeasible`.
+        respect_limits: whether the strings' own `max_force_density` and `min_rest_length` bound u too.
+    """
+
+    weight: ArrayLike = 1.0
+    minimum_force_density: ArrayLike = 0.0
+    maximum_force_density: ArrayLike = np.inf
+    sums: Sequence[Sum] = ()
+    linear: ArrayLike | None = None
+    on_infeasible: WhenInfeasible = WhenInfeasible.STOP
+    respect_limits: bool = True
+
+    @property
+    def discontinuous(self) -> str:
+        """Why a law with this allocation cannot run continuously, or ""."""
+        if self.linear is not None:
+            return LINEAR
+        return HELD if self.on_infeasible is WhenInfeasible.HOLD else ""
+
+    def describe(self, structure: Structure) -> dict[str, Any]:
+        """Plain values for the provenance of a run."""
+        everything = [string.name for string in structure.strings]
+        return {
+            "weight": np.asarray(self.weight, float).tolist(),
+            "minimum_force_density": np.asarray(self.minimum_force_density, float).tolist(),
+            "maximum_force_density": [None if x == np.inf else float(x) for x in np.ravel(self.maximum_force_density)],
+            "sums": [[list(one.strings or everything), float(one.minimum)] for one in self.sums],
+            "linear": None if self.linear is None else np.asarray(self.linear, float).tolist(),
+            "on_infeasible": self.on_infeasible.value,
+            "respect_limits": self.respect_limits,
+        }
+
+
+class Equation(NamedTuple):
+    """What one row of A u = d is called in messages."""
+
+    name: str
+    unit: str
+
+
+class Allotment(NamedTuple):
+    """An answer: u (M,) [N/m], and by how much it violates equations and sums at most."""
+
+    u: Array
+    violation: float
+
+
+class Allocator:
+    """Solves an `Allocation` for a structure, again and again.
+
+    The multipliers of the last answer are where the next search starts: it is short then, but its end is the same.
+
+    Args:
+        allocation: what is wanted.
+        structure: whose strings.
+        equations: the rows of A, for messages.
+
+    Raises:
+        OptionError: for values that are out of range, or do not fit the structure.
+    """
+
+    def __init__(self, allocation: Allocation, structure: Structure, equations: Sequence[Equation]) -> None:
+        if not isinstance(allocation, Allocation):
+            raise OptionError(f"allocation = {allocation!r}; use Allocation(...)")
+        member("on_infeasible", allocation.on_infeasible, WhenInfeasible)
+        self.options = allocation
+        self.names = [string.name for string in structure.strings]
+        self.equations = list(equations)
+        M = len(self.names)
+        floor = allocation.minimum_force_density
+        self.lower = np.array(real_array("minimum_force_density", floor, (M,), "N/m"))
+        if np.any(self.lower < 0):
+            raise OptionError(f"minimum_force_density = {floor!r}; every value must be >= 0 N/m")
+        self._floor = self.lower
+        self._limits = StringLimits.of(structure, allocation.maximum_force_density, allocation.respect_limits)
+        self.upper = self._limits.max_force_density
+        below = self.upper < self.lower
+        if np.any(below):
+            m = int(np.argmax(below))
+            raise OptionError(
+                f"string '{self.names[m]}': maximum force density {self.upper[m]:g} N/m is below the minimum of "
+                f"{self.lower[m]:g} N/m"
+            )
+        self.sum_rows, self.sum_values = self._sums()
+        self.weight = _weight(allocation.weight, M)
+        self.linear = None if allocation.linear is None else np.array(real_array("linear", allocation.linear, (M,)))
+        if self.linear is not None:
+            free_to_fall = (self.linear < 0) & (self.upper == np.inf)
+            if np.any(free_to_fall):
+                name = self.names[int(np.argmax(free_to_fall))]
+                raise OptionError(f"linear: f < 0 for string '{name}', which has no maximum: fᵀu has no least value")
+        self._multipliers = np.zeros(len(self.equations) + len(self.sum_values))
+        self._last: Array | None = None
+
+    def _sums(self) -> tuple[Array, Array]:
+        rows, values = [], []
+        for number, one in enumerate(self.options.sums):
+            if not isinstance(one, Sum):
+                raise OptionError(f"sums[{number}] = {one!r}; use Sum(minimum, strings)")
+            values.append(finite(f"sums[{number}]: minimum", one.minimum, " [N/m]"))
+            chosen = self.names if one.strings is None else list(one.strings)
+            for name in chosen:
+                if name not in self.names:
+                    raise OptionError(
+                        f"sums[{number}]: unknown string {name!r}; the strings are {', '.join(self.names)}"
+                    )
+            rows.append([float(name in chosen) for name in self.names])
+        return np.array(rows, float).reshape(-1, len(self.names)), np.array(values, float)
+
+    def solve(self, A: Array, d: Array, nodes: Array | None = None) -> Allotment:
+        """The force densities for A (n, M) u = d (n,).
+
+        `nodes` (N, 3) [m] tell the strings' lengths, on which the limits of their rest lengths depend.
+
+        Raises:
+            InfeasibleError: with `WhenInfeasible.STOP` where there are none (or none was ever, with HOLD): it names the
+                constraint at fault.
+        """
+        if nodes is not None and self._limits.of_state:
+            self.upper = self._limits.ceilings(nodes)
+            # A string too short for its rest length can only hang slack.
+            self.lower = np.minimum(self._floor, self.upper)
+        u = self._search(A, d)
+        if u is None and self.options.on_infeasible is WhenInfeasible.RELAX:
+            u = self._least_violation(A, d)
+        elif u is None and self.options.on_infeasible is WhenInfeasible.HOLD:
+            u = self._last
+        if u is None:
+            raise InfeasibleError(self.fault(A, d))
+        self._last = u
+        return Allotment(u, self.violation(A, d, u))
+
+    def violation(self, A: Array, d: Array, u: Array) -> float:
+        """By how much u violates equations and sums at most, in their units."""
+        missed = float(np.max(np.abs(A @ u - d), initial=0.0))
+        return max(missed, float(np.max(self.sum_values - self.sum_rows @ u, initial=0.0)))
+
+    def _search(self, A: Array, d: Array) -> Array | None:
+        """The optimal u, or None where there is none."""
+        if self.linear is not None:
+            return self._simplex(A, d)
+        if self.weight.ndim == 1:
+            for start in (self._multipliers, np.zeros_like(self._multipliers)):
+                y = start.copy()
+                status, u = self._newton(A, d, y, y, 0.0)
+                if status == SETTLED:
+                    self._multipliers = y
+                    return u
+                if status == NO_POINT:
+                    return None
+        return self._library(A, d)
+
+    def _newton(self, A: Array, d: Array, center: Array, y: Array, proximal: float) -> tuple[int, Array]:
+        """`maximize_dual` from y, which it moves, with H's diagonal."""
+        u = np.empty(len(self.names))
+        b = np.concatenate([d, self.sum_values])
+        h = self.weight if self.weight.ndim == 1 else np.ones(len(u))
+        columns = columns_of(np.ascontiguousarray(A), self.sum_rows)
+        status, _ = maximize_dual(*columns, len(d), h, self.lower, self.upper, b, center, proximal, y, u, NEWTON_STEPS)
+        return int(status), u
+
+    def _library(self, A: Array, d: Array) -> Array | None:
+        """The same by daqp, a library of its own: for a full H, and where Newton's method does not settle."""
+        import daqp
+
+        H = np.diag(self.weight) if self.weight.ndim == 1 else self.weight
+        M = len(self.names)
+        # Rows of one size, for a tolerance in common.
+        rows = np.vstack([A, self.sum_rows])
+        norms = np.linalg.norm(rows, axis=1)
+        scale = np.where(norms > 0, norms, 1.0)
+        rows = rows / scale[:, None]
+        b = np.concatenate([d, self.sum_values]) / scale
+        above = np.concatenate([np.minimum(self.upper, 1e30), b[: len(d)], np.full(len(self.sum_values), 1e30)])
+        below = np.concatenate([self.lower, b])
+        kinds = np.concatenate([np.zeros(M), np.full(len(d), 5), np.zeros(len(self.sum_values))]).astype(np.int32)
+        size = float(np.max(np.abs(b), initial=0.0)) or 1.0
+        u, _, flag, _ = daqp.solve(
+            np.ascontiguousarray(H), np.zeros(M), rows, above, below, kinds, primal_tol=0.1 * ACCURACY * size
+        )
+        if flag <= 0:
+            return None
+        u = np.clip(np.asarray(u, float), self.lower, self.upper)
+        lacking = rows @ u - b
+        lacking[len(d) :] = np.minimum(lacking[len(d) :], 0.0)
+        return u if np.all(np.abs(lacking) <= ACCURACY * (size + np.abs(rows) @ np.abs(u))) else None
+
+    def _simplex(self, A: Array, d: Array) -> Array | None:
+        """The least fᵀu, by HiGHS."""
+        from scipy.optimize import linprog
+
+        found = linprog(
+            self.linear,
+            A_ub=-self.sum_rows if len(self.sum_rows) else None,
+            b_ub=-self.sum_values if len(self.sum_rows) else None,
+            A_eq=A if len(d) else None,
+            b_eq=d if len(d) else None,
+            bounds=np.column_stack([self.lower, self.upper]),
+            method="highs-ds",
+        )
+        return np.clip(np.asarray(found.x, float), self.lower, self.upper) if found.status == 0 else None
+
+    def _least_violation(self, A: Array, d: Array) -> Array:
+        """Of the u within their bounds that violate equations and sums least, the one of least cost.
+
+        The proximal point method on the dual: its steps always have a solution, and u tends to the one sought.
+        """
+        squares = np.einsum("im,im->m", A, A) + np.einsum("im,im->m", self.sum_rows, self.sum_rows)
+        h = self.weight if self.weight.ndim == 1 else np.ones(len(self.names))
+        proximal = LEAST_VIOLATION * float(np.max(squares / h, initial=0.0)) or 1.0
+        y = np.zeros(len(d) + len(self.sum_values))
+        u = np.clip(np.zeros(len(self.names)), self.lower, self.upper)
+        for _ in range(20):
+            before, center = u, y.copy()
+            _, u = self._newton(A, d, center, y, proximal)
+            if np.max(np.abs(u - before), initial=0.0) <= 1e-10 * (1.0 + np.max(np.abs(u), initial=0.0)):
+                break
+        return u
+
+    def fault(self, A: Array, d: Array) -> str:
+        """Which equation or sum cannot be met, by how much, and the bounds that stand in the way."""
+        from scipy.optimize import linprog
+
+        n, L, M = len(d), len(self.sum_values), len(self.names)
+        # Phase 1: the least sum of violations, with every bound kept.
+        cost = np.concatenate([np.zeros(M), np.ones(2 * n + L)])
+        found = linprog(
+            cost,
+            A_ub=np.hstack([-self.sum_rows, np.zeros((L, 2 * n)), -np.eye(L)]) if L else None,
+            b_ub=-self.sum_values if L else None,
+            A_eq=np.hstack([A, np.eye(n), -np.eye(n), np.zeros((n, L))]) if n else None,
+            b_eq=d if n else None,
+            bounds=np.column_stack(
+                [np.append(self.lower, np.zeros(2 * n + L)), np.append(self.upper, np.full(2 * n + L, np.inf))]
+            ),
+            method="highs-ds",
+        )
+        if found.status != 0:
+            return f"no admissible force densities ({found.message})"
+        missed = found.x[M : M + n] - found.x[M + n : M + 2 * n]
+        short = found.x[M + 2 * n :]
+        parts = [
+            f"{self.equations[i].name} is missed by {abs(missed[i]):.3g} {self.equations[i].unit}"
+            for i in np.argsort(-np.abs(missed))[:2]
+            if abs(missed[i]) > 0
+        ]
+        parts += [
+            f"{self._sum_name(i)} falls short by {short[i]:.3g} N/m" for i in np.argsort(-short)[:2] if short[i] > 0
+        ]
+        text = "no admissible force densities: at best " + (" and ".join(parts) or "all is met to round-off")
+        prices = (("minimum", self.lower, found.lower.marginals), ("maximum", self.upper, -found.upper.marginals))
+        walls = [
+            (float(price[m]), f"'{self.names[m]}' at its {word} of {bound[m]:g} N/m")
+            for word, bound, price in prices
+            for m in range(M)
+            if price[m] > 1e-9
+        ]
+        if walls:
+            shown = [wall for _, wall in sorted(walls, reverse=True)[:3]]
+            text += (
+                "; in the way: string " + ", ".join(shown) + ("" if len(walls) <= 3 else f" and {len(walls) - 3} more")
+            )
+        return text
+
+    def _sum_name(self, number: int) -> str:
+        chosen = self.options.sums[number].strings
+        what = "all strings" if chosen is None else ", ".join(chosen[:6]) + (", ..." if len(chosen) > 6 else "")
+        return f"sum {number + 1} (of {what}) >= {self.sum_values[number]:g}"
+
+
+def _weight(weight: ArrayLike, M: int) -> Array:
+    """H as its diagonal (M,), or full (M, M)."""
+    try:
+        H = np.array(weight, float)
+    except (TypeError, ValueError):
+        H = np.zeros((0, 0, 0))
+    if H.shape == (M, M) and M > 1:
+        if not np.all(np.isfinite(H)) or not np.allclose(H, H.T, rtol=0, atol=1e-12 * np.abs(H).max()):
+            raise OptionError("weight: H must be finite and symmetric")
+        smallest = float(np.linalg.eigvalsh(H)[0])
+        if not smallest > 0:
+            raise OptionError(f"weight: H must be positive definite; its smallest eigenvalue is {smallest:.3g}")
+        return np.diag(H).copy() if np.array_equal(H, np.diag(np.diag(H))) else H
+    diagonal = np.array(real_array("weight", weight, (M,)))
+    if not np.all(diagonal > 0):
+        raise OptionError(f"weight = {weight!r}; every value must be > 0")
+    return diagonal

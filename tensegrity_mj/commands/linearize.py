@@ -1,0 +1,113 @@
+"""Linearize a scene about a state: A, B, C, natural frequencies and damping, from any engine's equations."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import TYPE_CHECKING, Any
+
+from tensegrity_mj.commands import experiment
+from tensegrity_mj.commands.common import Outcome, number, output_file, positive, refuse, table
+from tensegrity_mj.errors import OptionError
+
+if TYPE_CHECKING:
+    from tensegrity_mj.linearization import Linearization
+
+HELP = "linearize a scene about a state: A, B, C, frequencies"
+EXAMPLES = """\
+examples:
+  tensegrity-mj linearize prism
+  tensegrity-mj linearize prism --engine ode --inputs force-density --out prism.npz
+  tensegrity-mj linearize pinned_rod --closed-loop --json
+  tensegrity-mj linearize prism --state p.nc --time 2.5
+
+The state is the scene's start, or a sample of a run. ẋ = A x + B v + residual, y = C x; x are the translations and
+turns of rods and point masses and their rates, the same coordinates in every engine; v rest lengths [m] or force
+densities [N/m]; y node positions [m].
+"""
+MOST_LINES = 20
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The options of `linearize`."""
+    parser.add_argument("scene", metavar="SCENE", help="a shipped scene or a path to a .toml file")
+    parser.add_argument("--engine", choices=experiment.ENGINES, default="mujoco", help="(mujoco)")
+    parser.add_argument("--inputs", choices=("rest-length", "force-density"), default="rest-length", help="what v is")
+    parser.add_argument("--closed-loop", action="store_true", help="with the scene's control law: A is A + B ∂v/∂x")
+    parser.add_argument("--state", metavar="FILE.nc", help="a run of this scene, whose sample is the state")
+    parser.add_argument("--time", type=positive, metavar="S", help="of the sample: the nearest one (the last)")
+    parser.add_argument("--out", metavar="FILE", help="write everything: .npz (arrays) or .json")
+
+
+def execute(options: argparse.Namespace) -> Outcome:
+    """Linearize, and write what was asked for."""
+    out = output_file(options.out, "--out", (".npz", ".json"))
+    if options.state is None:
+        refuse(options, ("time",), "needs --state FILE.nc, the run whose sample it chooses")
+
+    from tensegrity_mj import DAE, ODE, Command, MuJoCo, linearize, load_scene
+
+    scene = load_scene(options.scene)
+    law = None
+    if options.closed_loop:
+        if scene.control is None:
+            raise OptionError(f"--closed-loop: scene '{scene.name}' names no control law")
+        from tensegrity_mj import controllers
+
+        law = controllers.from_scene(scene)
+    state = {} if options.state is None else _state_of(options, [*scene.structure.node_names])
+    if law is not None:
+        state.pop("rest_lengths", None)
+    model = linearize(
+        scene,
+        {"mujoco": MuJoCo, "dae": DAE, "ode": ODE}[options.engine](),
+        law=law,
+        inputs=Command.FORCE_DENSITY if options.inputs == "force-density" else Command.REST_LENGTH,
+        **state,
+    )
+    if out is not None:
+        model.save(out)
+    data = {"status": "ok", **model.to_dict(), "out": out}
+    return Outcome(data, describe(model) + (f"\nwritten  {out}" if out else ""))
+
+
+def describe(model: Linearization) -> str:
+    """The model for people."""
+    rows = [
+        ("engine", model.engine),
+        ("state", f"{len(model.A)} numbers, at t = {model.time:g} s"),
+        ("inputs", f"{model.B.shape[1]} ({model.inputs.value})"),
+        ("equilibrium", "yes" if model.is_equilibrium else "no: accelerations up to " + number(_largest(model))),
+        ("fastest growth", number(float(model.eigenvalues.real.max(initial=-math.inf)), "1/s")),
+    ]
+    frequencies, damping = model.frequencies, model.damping_ratios
+    rows += [
+        (f"mode {k + 1}", f"{number(float(f), 'Hz')}, damping ratio {number(float(d))}")
+        for k, (f, d) in enumerate(zip(frequencies[:MOST_LINES], damping[:MOST_LINES], strict=True))
+    ]
+    if len(frequencies) > MOST_LINES:
+        rows.append(("", f"and {len(frequencies) - MOST_LINES} more (--json)"))
+    rows += [("note", warning) for warning in model.warnings]
+    return table(rows)
+
+
+def _largest(model: Linearization) -> float:
+    return float(abs(model.residual[len(model.coordinates) :]).max(initial=0.0))
+
+
+def _state_of(options: argparse.Namespace, node_names: list[str]) -> dict[str, Any]:
+    """The state of a recorded run."""
+    from tensegrity_mj import Trajectory
+
+    run = Trajectory.load(options.state)
+    if len(run.time) == 0:
+        raise OptionError(f"--state {options.state}: that run has no samples")
+    if [*run.scene.structure.node_names] != node_names:
+        raise OptionError(f"--state {options.state}: a run of scene '{run.scene.name}', whose nodes are others")
+    row = len(run.time) - 1 if options.time is None else int(abs(run.time - options.time).argmin())
+    return {
+        "nodes": run.nodes[row],
+        "velocities": run.velocities[row],
+        "rest_lengths": run.rest_lengths[row],
+        "time": float(run.time[row]),
+    }

@@ -1,0 +1,159 @@
+"""`environment`: a scene as a dm_control Environment, with rest lengths or force densities as actions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tensegrity_mj.actuation import whole_ratio
+from tensegrity_mj.checks import finite, member, positive, real_array
+from tensegrity_mj.dm_control.models import physics
+from tensegrity_mj.dm_control.repairing import repair
+from tensegrity_mj.engines.mujoco import Integrator
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.law import Command
+from tensegrity_mj.scene import Scene
+
+if TYPE_CHECKING:
+    from dm_control.rl.control import Environment
+
+Array = NDArray[np.float64]
+
+# (scene, nodes (N, 3), velocities (N, 3), force densities (M,)) after a control step.
+Reward = Callable[[Scene, Array, Array, Array], float]
+Termination = Callable[[Scene, Array, Array, Array], float | None]
+
+
+@dataclass(frozen=True)
+class RandomStart:
+    """Episodes that start near the scene's start, drawn evenly and in all ways that rods and supports allow.
+
+    Attributes:
+        displacement: largest shift and turn of each degree of freedom [m, rad], >= 0.
+        speed: largest change of its velocity [m/s, rad/s], >= 0.
+        seed: of the whole sequence of episodes.
+    """
+
+    displacement: float = 0.0
+    speed: float = 0.0
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("displacement", "speed"):
+            value = finite(f"RandomStart: {name}", getattr(self, name), " >= 0")
+            if value < 0:
+                raise OptionError(f"RandomStart: {name} = {value!r}; it must be a finite number >= 0")
+            object.__setattr__(self, name, value)
+        if isinstance(self.seed, bool) or not isinstance(self.seed, (int, np.integer)) or self.seed < 0:
+            raise OptionError(f"RandomStart: seed = {self.seed!r}; it must be a whole number >= 0")
+
+
+def environment(
+    scene: Scene,
+    action: Command = Command.REST_LENGTH,
+    *,
+    control_timestep: float = 0.01,
+    timestep: float = 1e-3,
+    integrator: Integrator = Integrator.RK4,
+    time_limit: float | None = None,
+    bounds: tuple[ArrayLike, ArrayLike] | None = None,
+    reward: Reward | None = None,
+    termination: Termination | None = None,
+    start: RandomStart | None = None,
+) -> Environment:
+    """A `dm_control.rl.control.Environment` of a scene, which is a `dm_env.Environment`.
+
+    An action is one number a string: its rest length [m], held for the control step as a winch would hold it, or its
+    force density [N/m], with L0 = L (1 - u/k) renewed at every stage as the string moves: the two hold modes of
+    `Actuation`. Observations are `nodes` and `velocities` (N, 3), `string_lengths`, `rest_lengths` and `tensions` (M,),
+    and where the scene has a target its `target` (N, 3) at the time. Limits of strings and winches are kept as engines
+    keep them.
+
+    Args:
+        scene: the experiment. Its loads are held over each physics step.
+        action: what an action is.
+        control_timestep: between two actions [s], a multiple of `timestep`.
+        timestep: of the physics [s].
+        integrator: of the physics.
+        time_limit: of an episode [s], a multiple of `control_timestep`; the scene's duration by default. An episode
+            that ends there has discount 1.
+        bounds: least and greatest action, each a number or (M,). By default 0 to k for force densities; for rest
+            lengths 0 to twice the largest of the designed one and the lengths at the start and at the targets; less
+            where a string's `max_force_density` or `min_rest_length` leaves less.
+        reward: of a control step, from its end. By default minus the mean distance [m] of the moving nodes from their
+            targets.
+        termination: discount in [0, 1] where the episode is to end, else None; asked after each control step.
+        start: random starts; every episode begins at the scene's start by default.
+
+    Raises:
+        OptionError: for options that are out of range or contradict each other, and for a scene without strings, or
+            without a target where no reward is given.
+        StructureError: for masses or sizes that MuJoCo cannot hold.
+        ControllerError: on `step`, for an action that is not finite, not of the shape or not within the bounds.
+        PhysicsDivergence: on `step`; both a `DivergenceError` and dm_control's `PhysicsError`. `reset` begins anew.
+    """
+    if not isinstance(scene, Scene):
+        raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
+    member("action", action, Command)
+    timestep = positive("timestep", timestep, "s")
+    control_timestep = positive("control_timestep", control_timestep, "s")
+    substeps = whole_ratio(control_timestep, timestep, "control_timestep over timestep")
+    limit = positive("time_limit", scene.duration if time_limit is None else time_limit, "s")
+    steps = whole_ratio(limit, control_timestep, "time_limit over control_timestep")
+    if not scene.structure.strings:
+        raise OptionError(f"scene '{scene.name}' has no strings: there is nothing to act with")
+    if reward is None and scene.target is None:
+        raise OptionError(f"scene '{scene.name}' has no target for the default reward: give one, or reward=")
+    for name, value in (("reward", reward), ("termination", termination)):
+        if value is not None and not callable(value):
+            raise OptionError(f"{name} = {value!r}; it must be a function (scene, nodes, velocities, u)")
+    if start is not None and not isinstance(start, RandomStart):
+        raise OptionError(f"start = {start!r}; use RandomStart(displacement, speed, seed)")
+    for event in scene.breaks:
+        whole_ratio(event.time, timestep, f"break of string '{event.string}' over timestep")
+    low, high = _bounds(scene, action, bounds)
+    model = physics(scene, timestep, integrator, action)
+    repair()
+    from dm_control.rl.control import Environment
+
+    from tensegrity_mj.dm_control.tasks import TensegrityTask
+
+    task = TensegrityTask(scene, action, control_timestep, low, high, reward, termination, start)
+    # dm_control compares whole steps with a quotient; a little less than the last step keeps round-off out of it.
+    return Environment(
+        model, task, time_limit=(steps - 0.5) * substeps * model.timestep(), n_sub_steps=substeps, legacy_step=True
+    )
+
+
+def _bounds(scene: Scene, action: Command, given: tuple[ArrayLike, ArrayLike] | None) -> tuple[Array, Array]:
+    structure = scene.structure
+    if given is None:
+        least = np.zeros(len(structure.strings))
+        if action is Command.REST_LENGTH:
+            least = np.maximum(least, structure.limits("min_rest_length"))
+        return least, np.maximum(_largest(scene, action), np.nextafter(least, np.inf))
+    if not isinstance(given, (tuple, list)) or len(given) != 2:
+        raise OptionError(f"bounds = {given!r}; it must be a pair: the least action and the greatest")
+    unit = "m" if action is Command.REST_LENGTH else "N/m"
+    shape = (len(structure.strings),)
+    low, high = (np.array(real_array("bounds", value, shape, unit)) for value in given)
+    for string, least, greatest in zip(structure.strings, low, high, strict=True):
+        if not 0 <= least < greatest:
+            raise OptionError(
+                f"bounds of string '{string.name}' = {least:g} to {greatest:g} {unit}; allowed: 0 <= least < greatest"
+            )
+    return low, high
+
+
+def _largest(scene: Scene, action: Command) -> Array:
+    structure = scene.structure
+    if action is Command.FORCE_DENSITY:
+        return np.minimum(structure.stiffness, structure.limits("max_force_density"))
+    lengths = [structure.rest_lengths, structure.string_lengths(scene.nodes0)]
+    if scene.target is not None:
+        lengths.extend(structure.string_lengths(scene.target.nodes))
+    return np.asarray(2 * np.max(lengths, axis=0))

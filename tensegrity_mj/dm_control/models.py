@@ -1,0 +1,95 @@
+"""The MJCF of a scene as dm_control needs it, and a Physics of it.
+
+Two things are added to `mjcf.scene_to_mjcf`, since dm_control has no place for a control callback:
+
+- Where actions are force densities, an actuator's gain is minus its string's length, so that its control is u itself:
+  the rest length L0 = L (1 - u/k) is renewed at every stage of the integrator, without a callback.
+- External loads are three more actuators a loaded node. They push at the node along the scene's axes, whatever way
+  the rod has turned by then.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from typing import TYPE_CHECKING
+
+from tensegrity_mj.checks import member
+from tensegrity_mj.engines.mujoco import Integrator, MuJoCo
+from tensegrity_mj.law import Command
+from tensegrity_mj.mjcf import scene_to_mjcf
+from tensegrity_mj.scene import Scene
+
+if TYPE_CHECKING:
+    from tensegrity_mj.dm_control.stepping import ScenePhysics
+
+
+def physics(
+    scene: Scene,
+    timestep: float = 1e-3,
+    integrator: Integrator = Integrator.RK4,
+    command: Command = Command.REST_LENGTH,
+) -> ScenePhysics:
+    """A dm_control `Physics` of a scene, at the scene's start.
+
+        physics = tensegrity_mj.dm_control.physics(scene, timestep=5e-3)
+        physics.set_control(rest_lengths - scene.structure.rest_lengths)     # [m]
+        physics.step()
+
+    It steps as the MuJoCo engine does with rest lengths (or force densities) held from step to step. Controls are
+    changes of the strings' rest lengths [m] from the designed ones, or force densities [N/m] with
+    `Command.FORCE_DENSITY`; `set_command` takes the rest lengths themselves. `reset()` goes back to the scene's start.
+
+    Raises:
+        OptionError: for a time step, an integrator or a command that is none.
+        StructureError: for masses or sizes that MuJoCo cannot hold.
+    """
+    options = MuJoCo(timestep, integrator)
+    member("command", command, Command)
+    options.model(scene)  # for its errors: dm_control's would not say what to do
+    from tensegrity_mj.dm_control.repairing import repair
+
+    repair()
+    from tensegrity_mj.dm_control.stepping import ScenePhysics
+
+    return ScenePhysics.of_scene(scene, command, ET.tostring(model(scene, command, options), encoding="unicode"))
+
+
+def model(scene: Scene, command: Command, options: MuJoCo) -> ET.Element:
+    """The MJCF of a scene for the given command, loads included; actuators of strings come first."""
+    root = ET.fromstring(scene_to_mjcf(scene, options.timestep, options.word))
+    if command is Command.FORCE_DENSITY:
+        for actuator, string in zip(root.iterfind("actuator/general"), scene.structure.strings, strict=True):
+            actuator.set("gaintype", "affine")
+            actuator.set("gainprm", "0 -1 0")
+            actuator.set("biasprm", f"0 0 {-string.damping!r}")
+    nodes = loaded_nodes(scene)
+    if nodes:
+        world = root.find("worldbody")
+        assert world is not None
+        axes = unused("load axes", scene.structure.node_names)
+        ET.SubElement(world, "site", name=axes, pos="0 0 0", size="1e-6", rgba="0 0 0 0")
+        actuators = root.find("actuator")
+        if actuators is None:
+            actuators = ET.SubElement(root, "actuator")
+        taken = {string.name for string in scene.structure.strings}
+        for node in nodes:
+            for letter, gear in zip("xyz", ("1 0 0 0 0 0", "0 1 0 0 0 0", "0 0 1 0 0 0"), strict=True):
+                name = unused(f"load on {node} {letter}", taken)
+                ET.SubElement(actuators, "general", name=name, site=node, refsite=axes, gear=gear)
+    return root
+
+
+def loaded_nodes(scene: Scene) -> list[str]:
+    """Nodes that may be loaded: all that move, where the loads are a function of time."""
+    names = [name for name in scene.structure.node_names if name not in scene.structure.fixed_nodes]
+    if callable(scene.loads):
+        return names
+    loaded = {load.node for load in scene.loads}
+    return [name for name in names if name in loaded]
+
+
+def unused(name: str, taken: tuple[str, ...] | set[str]) -> str:
+    """The name, with a sign behind it until nobody else has it."""
+    while name in taken:
+        name += "'"
+    return name

@@ -1,0 +1,135 @@
+"""What MuJoCo's arrays say in the scene's own terms: nodes, strings, loads. Pure functions over arrays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj import strings
+from tensegrity_mj.dm_control.models import loaded_nodes
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.law import Command
+from tensegrity_mj.mjcf import UNLIMITED
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.strings import StringLaw
+
+Array = NDArray[np.float64]
+
+
+def point_velocities(model: Any, data: Any, bodies: Any, points: Array) -> Array:
+    """Velocities (N, 3) [m/s] of points (N, 3) that are fixed to the bodies (N,), in the world frame.
+
+    MuJoCo's cvel is (ω, v) at the centre of mass of the body's kinematic tree.
+    """
+    spatial = data.cvel[bodies]
+    arms = points - data.subtree_com[model.body_rootid[bodies]]
+    return np.asarray(spatial[:, 3:] + np.cross(spatial[:, :3], arms))
+
+
+class StringActuators:
+    """The strings' actuators of one command: what their controls mean, and what keeps them true to the string law.
+
+    Arguments named ctrl, lengths and rates are (M,), of one state; `time` [s] tells which strings have broken by then.
+    """
+
+    def __init__(self, scene: Scene, command: Command, timestep: float) -> None:
+        structure = scene.structure
+        self.command, self.designed_lengths = command, structure.rest_lengths
+        self.k, self.c = structure.stiffness, structure.damping
+        self._largest_u = structure.limits("max_force_density")
+        self._least_length = structure.limits("min_rest_length")
+        self._winch_speed = structure.limits("winch_speed")
+        self._clipped = structure.string_law is StringLaw.CLIPPED
+        # What a taut string may push with, by its own damper.
+        self._most = np.where(self._clipped | (self.c == 0), 0.0, UNLIMITED)
+        # A break is due at the step that begins then; MuJoCo's time is a sum with its roundings.
+        times = {event.string: event.time - 1e-3 * timestep for event in scene.breaks}
+        self._breaks = np.array([times.get(string.name, np.inf) for string in structure.strings])
+        # Otherwise the force limits in the model are all that a slack string needs.
+        self.needs_limits = bool(np.any(self.c > 0) or scene.breaks)
+
+    def limited(self, command: Array, ctrl: Array, lengths: Array, period: float | None) -> Array:
+        """The command kept within what strings and winches can do, as every engine keeps a law's; see docs/laws.md.
+
+        `ctrl` is in force until now; `period` [s] is how long the command will hold, None to pass over winch speeds.
+        """
+        if self.command is Command.FORCE_DENSITY:
+            return np.minimum(np.minimum(command, self._largest_u), self.k * (1 - self._least_length / lengths))
+        kept = np.maximum(np.maximum(command, self._least_length), lengths * (1 - self._largest_u / self.k))
+        if period is None:
+            return kept
+        rest, reach = self.rest_lengths(ctrl, lengths), self._winch_speed * period
+        return np.clip(kept, rest - reach, rest + reach)
+
+    def controls(self, command: Array) -> Array:
+        """ctrl of rest lengths [m], or of force densities [N/m]."""
+        return command - self.designed_lengths if self.command is Command.REST_LENGTH else command
+
+    def rest_lengths(self, ctrl: Array, lengths: Array) -> Array:
+        """L0 (M,) [m]."""
+        if self.command is Command.REST_LENGTH:
+            return np.asarray(self.designed_lengths + ctrl)
+        return strings.rest_length(self.k, lengths, ctrl)
+
+    def force_densities(self, ctrl: Array, lengths: Array, time: float) -> Array:
+        """u (M,) [N/m]: the elastic part of the tension over the length."""
+        u = ctrl if self.command is Command.FORCE_DENSITY else self.k * (1 - self.rest_lengths(ctrl, lengths) / lengths)
+        return np.where(self.idle(ctrl, lengths, time), 0.0, u)
+
+    def idle(self, ctrl: Array, lengths: Array, time: float) -> NDArray[np.bool_]:
+        """Which strings (M,) carry nothing: they are broken, or not longer than at rest."""
+        slack = ctrl <= 0.0 if self.command is Command.FORCE_DENSITY else lengths <= self.rest_lengths(ctrl, lengths)
+        return np.asarray(slack | (self._breaks <= time))
+
+    def tensions(self, ctrl: Array, lengths: Array, rates: Array, time: float) -> Array:
+        """T (M,) [N], dampers included."""
+        total = self.force_densities(ctrl, lengths, time) * lengths + self.c * rates
+        if self._clipped:
+            total = np.maximum(0.0, total)
+        return np.where(self.idle(ctrl, lengths, time), 0.0, total)
+
+    def force_limits(self, ctrl: Array, lengths: Array, time: float) -> Array:
+        """Limits (M, 2) of the actuators' forces [N]: none for an idle string, whose damper must not act either."""
+        idle = self.idle(ctrl, lengths, time)
+        return np.column_stack([np.where(idle, 0.0, -UNLIMITED), np.where(idle, 0.0, self._most)])
+
+    def designed(self, lengths: Array) -> Array:
+        """ctrl (M,) of the structure as designed, at the given lengths."""
+        if self.command is Command.REST_LENGTH:
+            return np.zeros(len(lengths))
+        return strings.force_density(self.k, lengths, self.designed_lengths)
+
+
+class Loads:
+    """External loads of a scene as controls of the load actuators, held over each physics step.
+
+    Sampled in the middle of a step of RK4, which leaves an error of the second order in the step, and at its beginning
+    with the other integrators, as the MuJoCo engine does with them.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.rows = np.array([scene.structure.node_index[name] for name in loaded_nodes(scene)], np.int64)
+
+    def __len__(self) -> int:
+        return 3 * len(self.rows)
+
+    def controls(self, time: float, timestep: float, middle: bool) -> Array:
+        """ctrl of the load actuators [N] for the step that begins at a time [s].
+
+        Raises:
+            OptionError: where the scene's function fails or returns something else than finite (N, 3).
+        """
+        at = time + 0.5 * timestep if middle else time
+        shape = (len(self.scene.structure.nodes), 3)
+        try:
+            forces = self.scene.nodal_forces(at)
+            if forces.shape != shape or not np.all(np.isfinite(forces)):
+                raise ValueError(f"it returned shape {forces.shape}; it must return finite {shape} [N]")
+        except Exception as error:
+            raise OptionError(
+                f"loads: the function failed near t = {at:.6g} s: {type(error).__name__}: {error}"
+            ) from error
+        return forces[self.rows].ravel()

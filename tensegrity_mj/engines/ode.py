@@ -1,0 +1,117 @@
+"""The minimal ODE engine: the thesis' chapter 2.3, as many coordinates as degrees of freedom, and no constraint.
+
+State: q = (z, θ, φ) of every rod in space, (z, β) of every rod in a plane, q̇, and the work integrals of the energy
+ledger. There is nothing to drift; the price is a pole for each rod in space, φ = 0 and φ = π, where θ is not defined.
+A run that comes to a pole stops there with `Status.SINGULAR`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.checks import positive
+from tensegrity_mj.dynamics.minimal import MinimalRecords, node_accelerations
+from tensegrity_mj.engines import ode_kernels as ode
+from tensegrity_mj.engines.integration import IntegratedRun, Method, check_options, describe_method
+from tensegrity_mj.engines.integration_kernels import WORK
+from tensegrity_mj.engines.run import Accelerations, Request
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.native.plant import NODES, Plant
+from tensegrity_mj.native.pointers import address_of
+from tensegrity_mj.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ODE:
+    """Options of the minimal ODE engine.
+
+    Attributes:
+        method: see `Method`.
+        rtol, atol: tolerances of the error-controlled methods.
+        timestep: [s], of RK4 only.
+        max_steps: of the error-controlled methods, before the run is given up.
+        least_sine: sin φ at which a run stops. A rod that passes a pole at this distance has θ̇ = ω / sin φ, so that an
+            error ε of φ becomes one of ε / sin φ of its velocity. With the round-off of φ near π, ε = π 2.2e-16, the
+            default leaves 7e-13; with atol for ε, least_sine >= atol / rtol keeps rtol.
+    """
+
+    method: Method = Method.DOP853
+    rtol: float = 1e-10
+    atol: float = 1e-12
+    timestep: float | None = None
+    max_steps: int = 1_000_000
+    least_sine: float = 1e-3
+
+    def __post_init__(self) -> None:
+        check_options("ODE", self)
+        object.__setattr__(self, "least_sine", positive("ODE: least_sine", self.least_sine))
+        if not 1e-8 <= self.least_sine <= 0.5:
+            raise OptionError(f"ODE: least_sine = {self.least_sine:g}; it must be from 1e-8 to 0.5")
+
+    def __str__(self) -> str:
+        return f"ODE {describe_method(self)}"
+
+    def run(self, request: Request) -> Trajectory:
+        """Simulate; called by `simulate`."""
+        return self._prepared(request)[0].integrate()
+
+    def accelerations(self, request: Request) -> Accelerations:
+        """Node accelerations r̈ and b̈ = W β̈ + Ẇ β̇ of the equations that `run` integrates."""
+        run, records = self._prepared(request)
+        nq = records.nq
+
+        def at(time: float, nodes: Array, velocities: Array, rest_lengths: Array | None = None) -> tuple[Array, Array]:
+            q, q_rates = records.state(nodes, velocities)
+            run.y[:nq], run.y[nq : 2 * nq] = q, q_rates
+            rates = run.rates_at(time, run.y, rest_lengths)
+            out = np.zeros_like(run.plant[NODES])
+            node_accelerations(q, q_rates, rates[nq : 2 * nq], records.rods, records.points, out)
+            return run.plant[NODES].copy(), out
+
+        return at
+
+    def _prepared(self, request: Request) -> tuple[IntegratedRun, MinimalRecords]:
+        scene = request.scene
+        plant = Plant(scene, request.law, request.actuation, request.on_infeasible)
+        records = MinimalRecords.of(scene.structure)
+        constants = np.array([*scene.gravity, self.least_sine, self.timestep or 0.0])
+        table, nq = plant.table, records.nq
+        table[ode.RODS], table[ode.ROD_COUNT] = address_of(records.rods), len(records.rods)
+        table[ode.POINTS], table[ode.POINT_COUNT] = address_of(records.points), len(records.points)
+        table[ode.Q_SIZE], table[ode.CONSTANTS] = nq, address_of(constants)
+        y = np.zeros(2 * nq + WORK)
+        y[:nq], y[nq : 2 * nq] = records.state(scene.nodes0, scene.velocities0)
+
+        def explain(time: float) -> str:
+            rod = scene.structure.rods[int(table[ode.LAST_SINGULAR])].name
+            limits = {
+                ode.NEAR_POLE: f"points along the z axis (sin φ <= least_sine = {self.least_sine:g})",
+                ode.ACROSS_POLE: "swings across the z axis within a step",
+                ode.TURNS_TOO_FAR: f"passes the z axis so near that θ turns by more than {ode.MAX_TURN:g} rad in a "
+                f"step of {self.timestep or 0.0:g} s",
+            }
+            return (
+                f"at t = {time:.6g} s rod '{rod}' {limits[int(table[ode.REASON])]}, and the angles (θ, φ) of the "
+                "minimal coordinates end there (thesis 2.3.1); use the DAE, which has no such pole, or turn the "
+                "structure, so that no rod comes near the z axis"
+            )
+
+        run = IntegratedRun(
+            "ODE",
+            self,
+            request,
+            plant,
+            y,
+            rates=ode.ode_rates.address,
+            place=ode.ode_place.address,
+            guard=ode.ode_guard.address,
+            multipliers=np.zeros(len(records.rods)),
+            keep=(records, constants),
+            explain_singular=explain,
+        )
+        return run, records

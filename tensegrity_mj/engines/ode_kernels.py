@@ -1,0 +1,124 @@
+"""The compiled equations of the minimal model, as the integrators call them, and where its coordinates end.
+
+State y: q = (z, β) of every rod and point mass, q̇, and the work integrals of the energy ledger.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+
+from tensegrity_mj.dynamics.minimal import minimal_accelerations, place_minimal
+from tensegrity_mj.dynamics.records import POINT, ROD
+from tensegrity_mj.engines.integration_kernels import (
+    MODEL_SLOTS,
+    MULTIPLIERS,
+    RATES_SIGNATURE,
+    SINGULAR,
+    STATE_SIGNATURE,
+    STATE_SIZE,
+    pull_strings,
+)
+from tensegrity_mj.law import SOLVED
+from tensegrity_mj.native.plant import FORCES, NODE_COUNT, NODES, TABLE_SIZE, VELOCITIES, set_loads
+from tensegrity_mj.native.pointers import floats, integers, records_reader
+
+njit = numba.njit(cache=True, error_model="numpy")
+
+RODS, ROD_COUNT, POINTS, POINT_COUNT, Q_SIZE, CONSTANTS, LAST_SINGULAR, REASON = range(MODEL_SLOTS, MODEL_SLOTS + 8)
+_read_rods, _read_points = records_reader(ROD), records_reader(POINT)
+
+# Constants: gravity (3,), the least sin φ, the fixed step [s] or 0.
+GRAVITY, LEAST_SINE, STEP = 0, 3, 4
+NEAR_POLE, ACROSS_POLE, TURNS_TOO_FAR = 1, 2, 3  # reasons
+
+# θ turns the frame (e_θ, e_φ) about b by θ̇ cos φ a second, which is the rod's own ω cot φ near a pole. A fixed step h
+# errs there by (h θ̇)⁴ instead of (h ω)⁴: it is refused where a step turns the frame by more than MAX_TURN (1e-4 to the
+# fourth power) although the rod itself turns OWN_PART of that at most.
+MAX_TURN = 0.1  # rad
+OWN_PART = 1.0 / 3.0
+
+
+@njit
+def singular_rod(q: Any, rates: Any, rods: Any, least_sine: float, step: float) -> tuple[int, int]:
+    """The first rod whose angles are beyond a pole, at one, or turn too far in a step, and why; (-1, 0) for none."""
+    for a in range(len(rods)):
+        rod = rods[a]
+        if rod.nb == 2:
+            continue
+        at = rod.q + rod.nz
+        phi, turn, tilt = q[at + 1], rates[at], rates[at + 1]
+        if phi < 0.0 or phi > np.pi:
+            return a, ACROSS_POLE
+        sine = np.sin(phi)
+        if sine < least_sine:
+            return a, NEAR_POLE
+        if step > 0.0:
+            frame = abs(turn * np.cos(phi))
+            own = np.hypot(sine * turn, tilt)
+            if frame * step > MAX_TURN and own < OWN_PART * frame:
+                return a, TURNS_TOO_FAR
+    return -1, 0
+
+
+@njit
+def _check(y: Any, table: Any, least_sine: float) -> int:
+    nq = table[Q_SIZE]
+    constants = floats(table[CONSTANTS], (5,))
+    rods = _read_rods(table[RODS], table[ROD_COUNT])
+    rod, reason = singular_rod(y[:nq], y[nq : 2 * nq], rods, least_sine, constants[STEP])
+    if rod < 0:
+        return SOLVED
+    table[LAST_SINGULAR], table[REASON] = rod, reason
+    return SINGULAR
+
+
+@numba.cfunc(RATES_SIGNATURE, cache=True, error_model="numpy")
+def ode_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
+    """A fixed step cannot shorten itself: there every stage is held to what `ode_guard` asks of whole steps."""
+    table = integers(table_at, (TABLE_SIZE,))
+    N, nq, size = table[NODE_COUNT], table[Q_SIZE], table[STATE_SIZE]
+    y, dy = floats(y_at, (size,)), floats(dy_at, (size,))
+    constants = floats(table[CONSTANTS], (5,))
+    fixed = constants[STEP] > 0.0
+    singular = _check(y, table, constants[LEAST_SINE] if fixed else 1e-300)
+    if singular == SINGULAR and table[REASON] == ACROSS_POLE:
+        return SINGULAR
+    rods, points = _read_rods(table[RODS], table[ROD_COUNT]), _read_points(table[POINTS], table[POINT_COUNT])
+    q, q_rates = y[:nq], y[nq : 2 * nq]
+    nodes, velocities = floats(table[NODES], (N, 3)), floats(table[VELOCITIES], (N, 3))
+    place_minimal(q, q_rates, rods, points, nodes, velocities)
+    dy[2 * nq + 2] = set_loads(table, t)
+    status = pull_strings(t, dy[2 * nq : 2 * nq + 2], table)
+    minimal_accelerations(
+        q,
+        q_rates,
+        floats(table[FORCES], (N, 3)),
+        rods,
+        points,
+        constants,
+        dy[nq : 2 * nq],
+        floats(table[MULTIPLIERS], (len(rods),)),
+    )
+    dy[:nq] = q_rates
+    return max(status, singular)
+
+
+@numba.cfunc(STATE_SIGNATURE, cache=True, error_model="numpy")
+def ode_place(y_at, table_at):  # type: ignore[no-untyped-def]
+    table = integers(table_at, (TABLE_SIZE,))
+    N, nq = table[NODE_COUNT], table[Q_SIZE]
+    y = floats(y_at, (2 * nq,))
+    rods, points = _read_rods(table[RODS], table[ROD_COUNT]), _read_points(table[POINTS], table[POINT_COUNT])
+    nodes, velocities = floats(table[NODES], (N, 3)), floats(table[VELOCITIES], (N, 3))
+    place_minimal(y[:nq], y[nq:], rods, points, nodes, velocities)
+    return SOLVED
+
+
+@numba.cfunc(STATE_SIGNATURE, cache=True, error_model="numpy")
+def ode_guard(y_at, table_at):  # type: ignore[no-untyped-def]
+    table = integers(table_at, (TABLE_SIZE,))
+    y = floats(y_at, (2 * table[Q_SIZE],))
+    return _check(y, table, floats(table[CONSTANTS], (5,))[LEAST_SINE])

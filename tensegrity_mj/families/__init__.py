@@ -1,0 +1,1 @@
+"""Families of scenes: builders with parameters, of which the shipped scenes are members."""

@@ -1,0 +1,37 @@
+"""All figures and statements, and which of them a user means by "5.4" or "5"."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.reproduction import figures5, statements5
+from tensegrity_mj.reproduction.drawing import ThesisFigure
+from tensegrity_mj.reproduction.statement import Statement
+
+FIGURES: tuple[ThesisFigure, ...] = (*figures5.FIGURES,)
+STATEMENTS: tuple[Statement, ...] = (*statements5.STATEMENTS,)
+
+
+def selected(chosen: Sequence[str]) -> tuple[list[ThesisFigure], list[Statement]]:
+    """The figures and the statements that are meant; all of them where nothing is chosen.
+
+    Args:
+        chosen: numbers of figures ("5.4") and of chapters ("5"). A chapter's statements that belong to no figure come
+            with the chapter only.
+
+    Raises:
+        OptionError: for a number that is neither.
+    """
+    numbers = [figure.number for figure in FIGURES]
+    chapters = sorted({number.partition(".")[0] for number in numbers})
+    for text in chosen:
+        if text not in numbers and text not in chapters:
+            raise OptionError(
+                f"figure {text!r}: it is not among the figures {', '.join(numbers)} and chapters {', '.join(chapters)}"
+            )
+    if not chosen:
+        return list(FIGURES), list(STATEMENTS)
+    figures = [one for one in FIGURES if one.number in chosen or one.number.partition(".")[0] in chosen]
+    statements = [one for one in STATEMENTS if one.figure in chosen or str(one.chapter) in chosen]
+    return figures, statements

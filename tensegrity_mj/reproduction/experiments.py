@@ -1,0 +1,149 @@
+"""The thesis' experiments of chapters 4 to 6: each is run once in each engine, and serves many rows and figures."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from tensegrity_mj.errors import OptionError
+
+if TYPE_CHECKING:
+    from tensegrity_mj.actuation import Actuation
+    from tensegrity_mj.scene import Scene
+    from tensegrity_mj.simulation import Engine
+    from tensegrity_mj.trajectory import Trajectory
+
+
+class EngineName(enum.Enum):
+    """The engines of the ledger, by the names of the command line."""
+
+    DAE = "dae"
+    MUJOCO = "mujoco"
+    ODE = "ode"
+
+
+# How the columns of the ledger are headed.
+TITLES = {EngineName.DAE: "DAE", EngineName.MUJOCO: "MuJoCo", EngineName.ODE: "ODE"}
+
+SAMPLED = 1e-3  # s; the laws of p = 1 and p = ∞ jump, so they are sampled at 1 kHz, force density held
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One experiment of the thesis.
+
+    Attributes:
+        name: unique.
+        scene: of `models/`.
+        about: what it is, with the page.
+        law: another law than the scene's, or None.
+        options: of the law, in place of the scene's.
+        period: control period [s] with held force density; None evaluates the law at every stage.
+        timestep: of MuJoCo's RK4 [s]; so small that its nodes are within 1e-7 m of the DAE's.
+        interval: between recorded samples [s].
+        rtol, atol: of the DAE (and the ODE), where the law is continuous.
+    """
+
+    name: str
+    scene: str
+    about: str
+    law: str | None = None
+    options: Mapping[str, Any] = field(default_factory=dict)
+    period: float | None = None
+    timestep: float = 2e-3
+    interval: float = 0.01
+    rtol: float = 1e-10
+    atol: float = 1e-12
+
+    def load(self) -> Scene:
+        """Its scene."""
+        from tensegrity_mj.textformat import load_scene
+
+        return load_scene(self.scene)
+
+    def actuation(self) -> Actuation:
+        """What is held between evaluations of the law."""
+        from tensegrity_mj.actuation import Actuation
+
+        return Actuation.continuous() if self.period is None else Actuation.hold_force_density(self.period)
+
+    def engine(self, name: EngineName) -> Engine:
+        """The engine with the settings of this experiment."""
+        if name is EngineName.MUJOCO:
+            from tensegrity_mj.engines.mujoco import MuJoCo
+
+            return MuJoCo(timestep=self.timestep if self.period is None else self.period)
+        if name is EngineName.DAE:
+            from tensegrity_mj.engines.dae import DAE
+
+            return DAE(rtol=self.rtol, atol=self.atol)
+        from tensegrity_mj.engines.ode import ODE
+
+        return ODE(rtol=self.rtol, atol=self.atol)
+
+
+def simulate_experiment(experiment: Experiment, engine: EngineName, mass_scale: float = 1.0) -> Trajectory:
+    """Run it.
+
+    Args:
+        mass_scale: the plant's rods are so much heavier; the law knows nothing of it.
+    """
+    from tensegrity_mj import controllers
+    from tensegrity_mj.simulation import simulate
+
+    scene = experiment.load()
+    law = controllers.from_scene(scene, experiment.law, **experiment.options)
+    return simulate(
+        heavier(scene, mass_scale),
+        law,
+        experiment.engine(engine),
+        actuation=experiment.actuation(),
+        output_interval=experiment.interval,
+    )
+
+
+def heavier(scene: Scene, mass_scale: float) -> Scene:
+    """The scene with rods of other mass."""
+    if mass_scale == 1.0:
+        return scene
+    rods = tuple(replace(rod, mass=mass_scale * rod.mass) for rod in scene.structure.rods)
+    return scene.with_(structure=replace(scene.structure, rods=rods))
+
+
+def _gains(**values: float) -> dict[str, Any]:
+    given = {"X": 1.0, "Y": 1.0, "Z": 1.5, **values}
+    return {"translation": given, "rotation": given}
+
+
+# ---------------------------------------------------------------------------------------------------- the list
+
+_CHAPTER_5 = (
+    Experiment("pinned", "pinned_rod", "§5.4: pinned rod, p = 2, δ = 0.15"),
+    Experiment("pinned-fast", "pinned_rod", "§6.2: pinned rod, p = 2, δ = 0.20", options={"decay_rate": 0.20}),
+    Experiment("pinned-p1", "pinned_rod", "§5.4: pinned rod, p = 1, sampled", options={"norm": 1}, period=SAMPLED),
+    Experiment(
+        "pinned-pinf", "pinned_rod", "§5.4: pinned rod, p = ∞, sampled", options={"norm": "inf"}, period=SAMPLED
+    ),
+    Experiment("pinned-Z2", "pinned_rod", "§5.6: pinned rod with Z = 2 for 3/2", options=_gains(Z=2.0)),
+    Experiment("pinned-Y08", "pinned_rod", "§5.6: pinned rod with Y = 0.8 for 1", options=_gains(Y=0.8)),
+    Experiment("pinned-Y12", "pinned_rod", "§5.6: pinned rod with Y = 1.2 for 1", options=_gains(Y=1.2)),
+    Experiment("prism", "prism", "§5.5: prism, p = 2, δ = 1"),
+    Experiment("prism-Z2", "prism", "§5.6: prism with Z = 2 for 3/2", options=_gains(Z=2.0)),
+    Experiment("prism-Y08", "prism", "§5.6: prism with Y = 0.8 for 1", options=_gains(Y=0.8)),
+    Experiment("prism-Y12", "prism", "§5.6: prism with Y = 1.2 for 1", options=_gains(Y=1.2)),
+)
+
+EXPERIMENTS: Mapping[str, Experiment] = {one.name: one for one in _CHAPTER_5}
+
+
+def experiment_of(name: str) -> Experiment:
+    """An experiment by its name.
+
+    Raises:
+        OptionError: for a name that is none.
+    """
+    if name not in EXPERIMENTS:
+        raise OptionError(f"experiment {name!r}: there is none of that name; there are {', '.join(EXPERIMENTS)}")
+    return EXPERIMENTS[name]

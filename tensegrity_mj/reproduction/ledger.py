@@ -1,0 +1,118 @@
+"""The ledger: every statement beside ours, with a verdict computed from the row's tolerance."""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from tensegrity_mj.reproduction.experiments import EngineName
+from tensegrity_mj.reproduction.runs import Computed
+from tensegrity_mj.reproduction.statement import HOLDS, Interval, Statement
+from tensegrity_mj.trajectory import Status
+
+
+class Verdict(enum.Enum):
+    """What became of a statement."""
+
+    REPRODUCED = "reproduced"
+    DIFFERS = "differs"  # and the cause is known
+    UNEXPLAINED = "differs, cause unknown"
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Our value in one engine.
+
+    Attributes:
+        value: NaN where there is none.
+        verdict: of this value alone.
+        note: why there is no value, or "".
+    """
+
+    value: float
+    verdict: Verdict
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A statement and ours."""
+
+    statement: Statement
+    cells: Mapping[EngineName, Cell]
+
+    @property
+    def verdict(self) -> Verdict:
+        """The worst of the engines'."""
+        order = list(Verdict)
+        return max((cell.verdict for cell in self.cells.values()), key=order.index)
+
+    @property
+    def cause(self) -> str:
+        """Why ours differs; "" where it does not."""
+        if self.verdict is Verdict.REPRODUCED:
+            return ""
+        notes = dict.fromkeys(cell.note for cell in self.cells.values() if cell.note)
+        if notes:
+            return "; ".join(notes)
+        known = self.statement.known
+        return known.cause if self.verdict is Verdict.DIFFERS and known is not None else "cause unknown"
+
+
+def judge(statements: Sequence[Statement], computed: Computed) -> list[Row]:
+    """A row for each statement."""
+    return [
+        Row(statement, {engine: _cell(statement, engine, computed) for engine in computed.runs})
+        for statement in statements
+    ]
+
+
+def verdict_of(statement: Statement, value: float) -> Verdict:
+    """The verdict on a value: known causes explain only the difference that they were found for."""
+    if value in statement.accepted:
+        return Verdict.REPRODUCED
+    known = statement.known
+    return Verdict.DIFFERS if known is not None and value in known.ours else Verdict.UNEXPLAINED
+
+
+def _cell(statement: Statement, engine: EngineName, computed: Computed) -> Cell:
+    runs = computed.runs[engine]
+    for name in statement.needs:
+        if name not in runs:
+            reason = computed.failures.get((engine, name), "it was not run")
+            return Cell(math.nan, Verdict.UNEXPLAINED, f"no run '{name}' in {engine.value}: {reason}")
+        if runs[name].status is not Status.COMPLETED:
+            stopped = runs[name].time[-1]
+            reason = f"{runs[name].status.value} at {stopped:g} s: {runs[name].message}"
+            return Cell(math.nan, Verdict.UNEXPLAINED, f"run '{name}' in {engine.value} ended {reason}")
+    value = float(statement.measure(runs))
+    return Cell(value, verdict_of(statement, value))
+
+
+# ------------------------------------------------------------------------------------------------------ as text
+
+
+def value_text(statement: Statement, value: float) -> str:
+    """A value with as many digits as its tolerance asks for, which do not depend on the machine."""
+    if math.isnan(value):
+        return "–"
+    if statement.accepted is HOLDS:
+        return "true" if value else "false"
+    if float(value).is_integer() and statement.accepted.low == statement.accepted.high:
+        return str(int(value))
+    if statement.accepted.low == 0.0 and 0.0 <= value < (least := statement.accepted.high / 10.0):
+        return f"< {least:.0e}".replace("e-0", "e-") if least < 1e-3 else f"< {least:.2g}"  # what rounding leaves
+    step = _resolution(statement.accepted, value)
+    digits = max(0, -math.floor(math.log10(step) + 1e-9))
+    return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
+
+
+def _resolution(accepted: Interval, value: float) -> float:
+    """About a hundredth of the tolerance as a power of ten, at most six digits; four where the tolerance is open."""
+    width = accepted.high - accepted.low
+    leading = math.floor(math.log10(abs(value))) if value else 0
+    if not math.isfinite(width) or width == 0.0:
+        return 10.0 ** (leading - 3)
+    return 10.0 ** max(math.floor(math.log10(width)) - 2, leading - 5)

@@ -1,0 +1,213 @@
+"""The ledger as an HTML page (self-contained), as JSON, and as the Markdown table of docs/reproduction.md."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from tensegrity_mj.files import replacing
+from tensegrity_mj.reproduction.drawing import ThesisFigure
+from tensegrity_mj.reproduction.experiments import TITLES, EngineName
+from tensegrity_mj.reproduction.ledger import Row, Verdict, value_text
+
+THESIS = "A. S. Wroldsen, Modelling and Control of Tensegrity Structures, NTNU 2007:190"
+SIGNS = {Verdict.REPRODUCED: "reproduced", Verdict.DIFFERS: "differs", Verdict.UNEXPLAINED: "differs, cause unknown"}
+
+
+def counts(rows: Sequence[Row]) -> dict[str, int]:
+    """How many rows there are of each verdict."""
+    return {verdict.value: sum(row.verdict is verdict for row in rows) for verdict in Verdict}
+
+
+def summary(rows: Sequence[Row]) -> str:
+    """One line about all rows."""
+    found = counts(rows)
+    return (
+        f"{len(rows)} statements: {found[Verdict.REPRODUCED.value]} reproduced, {found[Verdict.DIFFERS.value]} differ "
+        f"with a known cause, {found[Verdict.UNEXPLAINED.value]} differ without"
+    )
+
+
+def row_data(row: Row) -> dict[str, Any]:
+    """A row as plain values, for JSON."""
+    statement = row.statement
+    return {
+        "id": statement.id,
+        "figure": statement.figure or None,
+        "place": statement.place,
+        "page": statement.page,
+        "says": statement.says,
+        "stated": statement.stated,
+        "read_from": statement.read_from.value,
+        "unit": statement.unit,
+        "accepted": {"low": statement.accepted.low, "high": statement.accepted.high, "why": statement.tolerance},
+        "experiments": list(statement.needs),
+        "ours": {
+            engine.value: {"value": cell.value, "verdict": cell.verdict.value, "note": cell.note}
+            for engine, cell in row.cells.items()
+        },
+        "verdict": row.verdict.value,
+        "cause": row.cause,
+    }
+
+
+# ---------------------------------------------------------------------------------------------------------- Markdown
+
+_INTRODUCTION = """\
+# What the thesis states, and what comes out here
+
+Made by `tensegrity-mj reproduce --table docs/reproduction.md`; a test checks that it is what the code gives.
+
+A row is a quantity that the thesis states in chapters 4 to 6, in text, caption, curves or axis, beside its value in each
+engine, with as many digits as the tolerance asks for. The verdict is computed from a tolerance that is stored with the
+row; its reason is in `tensegrity-mj reproduce --json`. An axis ends below the next tick after its last, so a curve fits
+where it stays below that, and it was meant to where it fills more than half of the axis.
+"""
+
+
+def markdown(rows: Sequence[Row], engines: Sequence[EngineName]) -> str:
+    """The text of docs/reproduction.md."""
+    lines = [_INTRODUCTION, f"{summary(rows)}.", ""]
+    for chapter in sorted({row.statement.chapter for row in rows}):
+        lines += [f"## Chapter {chapter}", "", *_markdown_head(engines)]
+        own = [row for row in rows if row.statement.chapter == chapter]
+        lines += [markdown_row(row) for row in own]
+        causes = dict.fromkeys((row.cause, row.verdict) for row in own if row.cause)
+        if causes:
+            lines += ["", "Why rows differ:", ""]
+        for cause, _ in causes:
+            names = ", ".join(f"`{row.statement.id}`" for row in own if row.cause == cause)
+            lines.append(f"- {names}: {cause}.")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _markdown_head(engines: Sequence[EngineName]) -> list[str]:
+    heads = ["row", "where", "what", "thesis", *(TITLES[engine] for engine in engines), "verdict"]
+    return ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
+
+
+def markdown_row(row: Row) -> str:
+    """One line of the table."""
+    statement = row.statement
+    values = [with_unit(value_text(statement, cell.value), statement.unit) for cell in row.cells.values()]
+    where = f"{statement.place}, p. {statement.page} ({statement.read_from.value})"
+    cells = [f"`{statement.id}`", where, statement.says, statement.stated, *values, SIGNS[row.verdict]]
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def with_unit(text: str, unit: str) -> str:
+    """A value and its unit, or a dash."""
+    return text if text == "–" or not unit else f"{text}{'' if unit == '°' else ' '}{unit}"
+
+
+# -------------------------------------------------------------------------------------------------------------- HTML
+
+
+def html(
+    rows: Sequence[Row],
+    engines: Sequence[EngineName],
+    figures: Sequence[tuple[ThesisFigure, bytes]],
+    runs: Sequence[Mapping[str, Any]],
+    note: str = "",
+) -> str:
+    """The page: the ledger above, the figures below, then what was run.
+
+    Args:
+        figures: with the content of a PNG file each.
+        runs: a line for each run: experiment, about, engine, status, wall time, difference from the first engine.
+    """
+    parts = [f"<h1>The thesis, reproduced</h1><p>{escape(THESIS)}</p>"]
+    if note:
+        parts.append(f'<p class="note">{escape(note)}</p>')
+    parts += [f"<p>{escape(summary(rows))}.</p>", _ledger(rows, engines)]
+    if figures:
+        parts.append("<h2>Figures</h2>")
+    for figure, content in figures:
+        caption = f"Figure {figure.number} (page {figure.page} of the thesis): {figure.title}"
+        url = base64.b64encode(content).decode("ascii")
+        parts.append(
+            f'<figure id="f{figure.number}"><img alt="{escape(caption)}" src="data:image/png;base64,{url}">'
+            f"<figcaption>{escape(caption)}</figcaption></figure>"
+        )
+    parts += ["<h2>Runs</h2>", _runs(runs)]
+    return _PAGE.format(style=_STYLE, body="\n".join(parts))
+
+
+def _ledger(rows: Sequence[Row], engines: Sequence[EngineName]) -> str:
+    heads = ["where", "what", "thesis", *(TITLES[engine] for engine in engines), "verdict"]
+    lines = ["<thead><tr>", *(f"<th>{escape(head)}</th>" for head in heads), "</tr></thead>"]
+    for row in rows:
+        statement = row.statement
+        kind = {Verdict.REPRODUCED: "good", Verdict.DIFFERS: "known", Verdict.UNEXPLAINED: "bad"}[row.verdict]
+        place = escape(f"{statement.place}, p. {statement.page}")
+        if statement.figure:
+            place = f'<a href="#f{statement.figure}">{place}</a>'
+        values = "".join(
+            f'<td class="n">{escape(with_unit(value_text(statement, cell.value), statement.unit))}</td>'
+            for cell in row.cells.values()
+        )
+        cause = f'<div class="cause">{escape(row.cause)}</div>' if row.cause else ""
+        why = f"from the {statement.read_from.value}; tolerance: {statement.tolerance}"
+        lines.append(
+            f'<tr class="{kind}" id="{escape(statement.id)}"><td>{place}</td><td>{escape(statement.says)}</td>'
+            f'<td title="{escape(why)}">{escape(statement.stated)}</td>{values}'
+            f"<td><b>{escape(SIGNS[row.verdict])}</b>{cause}</td></tr>"
+        )
+    return f'<div class="table"><table>{"".join(lines)}</table></div>'
+
+
+def _runs(runs: Sequence[Mapping[str, Any]]) -> str:
+    heads = list(runs[0]) if runs else []
+    lines = ["<thead><tr>", *(f"<th>{escape(head)}</th>" for head in heads), "</tr></thead>"]
+    lines += ["<tr>" + "".join(f"<td>{escape(_shown(line[head]))}</td>" for head in heads) + "</tr>" for line in runs]
+    return f'<div class="table"><table>{"".join(lines)}</table></div>'
+
+
+def _shown(value: object) -> str:
+    if value is None:
+        return "–"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def write(path: Path, text: str) -> None:
+    """Write a text file as a whole or not at all."""
+    with replacing(path) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+_STYLE = """
+body { margin: 0 auto; padding: 1rem; max-width: 84rem; color: #22262c; background: #fff;
+       font: 1rem/1.45 system-ui, sans-serif; overflow-wrap: break-word; }
+h1 { font-size: 1.5rem; } h2 { font-size: 1.15rem; margin-top: 2rem; border-bottom: 2px solid #1f5cc6; }
+.table { overflow-x: auto; }
+table { border-collapse: collapse; font-size: .88rem; }
+th, td { text-align: left; vertical-align: top; padding: .25rem .6rem; border-bottom: 1px solid #dde1e6; }
+td.n { font-variant-numeric: tabular-nums; white-space: nowrap; }
+tr.good td:last-child { background: #e3f4e6; color: #14532d; }
+tr.known td:last-child { background: #fdeaea; color: #7f1d1d; }
+tr.bad td:last-child { background: #b91c1c; color: #fff; }
+.cause { font-size: .85em; max-width: 28rem; }
+.note { border-left: 4px solid #b91c1c; padding-left: .6rem; }
+figure { margin: 0 0 1.8rem; }
+img { display: block; max-width: 100%; height: auto; border: 1px solid #dde1e6; }
+figcaption { color: #667080; font-size: .9rem; }
+"""
+
+_PAGE = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
+<title>The thesis, reproduced</title>
+<style>{style}</style>
+</head>
+<body>
+{body}
+</body>
+</html>
+"""

@@ -1,0 +1,150 @@
+"""`reproduce`: run what the thesis ran, draw its figures again, and judge what it states."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.comparison import compare
+from tensegrity_mj.errors import OptionError, TensegrityError
+from tensegrity_mj.jsontext import to_json
+from tensegrity_mj.plots import save_figure
+from tensegrity_mj.reproduction import page
+from tensegrity_mj.reproduction.catalog import selected
+from tensegrity_mj.reproduction.drawing import ThesisFigure
+from tensegrity_mj.reproduction.experiments import EngineName, experiment_of
+from tensegrity_mj.reproduction.ledger import Row, Verdict, judge
+from tensegrity_mj.reproduction.runs import Computed, run_experiments
+from tensegrity_mj.studies.workers import Workers
+
+RUNS, FIGURES = "runs", "figures"
+PAGE, DATA = "reproduction.html", "reproduction.json"
+
+
+@dataclass(frozen=True, eq=False)
+class Reproduction:
+    """What came out.
+
+    Attributes:
+        rows: a row for each statement.
+        computed: the runs.
+        files: the page, the data and the figures by number.
+    """
+
+    rows: list[Row]
+    computed: Computed
+    files: dict[str, Path]
+
+    @property
+    def unexplained(self) -> list[Row]:
+        """The rows that differ without a known cause."""
+        return [row for row in self.rows if row.verdict is Verdict.UNEXPLAINED]
+
+
+def reproduce(
+    figures: Sequence[str] = (),
+    out: str | Path = "reproduction",
+    *,
+    engines: Sequence[EngineName] = (EngineName.DAE, EngineName.MUJOCO),
+    mass_scale: float = 1.0,
+    workers: Workers | None = None,
+    progress: bool = False,
+    picture_format: str = "png",
+    draw: bool = True,
+) -> Reproduction:
+    """Run, judge and draw; a second call in the same folder computes only what is missing.
+
+    Args:
+        figures: numbers of figures or chapters; all where none is given.
+        out: folder, made if absent: reproduction.html, reproduction.json, figures/ and runs/.
+        engines: the columns of the ledger; figures show the first as lines and the second as circles.
+        mass_scale: the plant's rods are so much heavier than the law believes: a check that rows can turn red.
+        picture_format: of the figures' files: png, svg or pdf (the page always holds PNG).
+        draw: False for the ledger alone.
+
+    Raises:
+        OptionError: an unknown figure, no engine, or a folder that cannot be used.
+        KeyboardInterrupt: what is finished is kept.
+    """
+    chosen, statements = selected(figures)
+    if not engines:
+        raise OptionError("engines: none was given; choose of dae, mujoco, ode")
+    folder = _folder(Path(out))
+    drawn_needs = [name for figure in chosen for name in figure.needs] if draw else []
+    names = list(dict.fromkeys([*drawn_needs, *(name for one in statements for name in one.needs)]))
+    computed = run_experiments(
+        names, engines, _folder(folder / RUNS), mass_scale=mass_scale, workers=workers, progress=progress
+    )
+    rows = judge(statements, computed)
+    files: dict[str, Path] = {}
+    pictures: list[tuple[ThesisFigure, bytes]] = []
+    if draw:
+        place = _folder(folder / FIGURES)
+        for figure in chosen:
+            if any(name not in computed.runs[engines[0]] for name in figure.needs):
+                continue  # its rows say why
+            canvas = figure.draw(computed.runs)
+            path = save_figure(canvas, place / f"figure-{figure.number}.{picture_format}")
+            files[figure.number] = path
+            pictures.append((figure, _png(canvas, path)))
+    runs = _run_lines(names, engines, computed)
+    note = "" if mass_scale == 1.0 else f"The plant's masses are {mass_scale:g} times those that the laws believe."
+    page.write(folder / PAGE, page.html(rows, engines, pictures, runs, note))
+    data = {
+        "thesis": page.THESIS,
+        "mass_scale": mass_scale,
+        "counts": page.counts(rows),
+        "rows": [page.row_data(row) for row in rows],
+        "runs": runs,
+        "figures": {figure.number: {"page": figure.page, "title": figure.title} for figure in chosen},
+    }
+    page.write(folder / DATA, to_json(data, indent=1) + "\n")
+    return Reproduction(rows, computed, {"page": folder / PAGE, "data": folder / DATA, **files})
+
+
+def _run_lines(names: Sequence[str], engines: Sequence[EngineName], computed: Computed) -> list[dict[str, Any]]:
+    """A line for each run, with how far its nodes are from those of the first engine."""
+    lines = []
+    for name in names:
+        first = computed.runs[engines[0]].get(name)
+        for engine in engines:
+            run = computed.runs[engine].get(name)
+            apart: float | None = None
+            if run is not None and first is not None and run is not first:
+                try:
+                    apart = compare(run, first).max_node_error
+                except TensegrityError:  # one of them stopped before there was anything to compare
+                    apart = None
+            lines.append(
+                {
+                    "experiment": name,
+                    "about": experiment_of(name).about,
+                    "engine": run.engine if run is not None else engine.value,
+                    "status": run.status.value if run is not None else computed.failures.get((engine, name), "not run"),
+                    "wall time [s]": run.cost.get("wall_time") if run is not None else None,
+                    "from the first engine [m]": None if apart is None or np.isnan(apart) else apart,
+                }
+            )
+    return lines
+
+
+def _folder(path: Path) -> Path:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OptionError(f"--out {path}: no folder can be made there ({error.strerror}); choose another") from error
+    return path
+
+
+def _png(canvas: Any, path: Path) -> bytes:
+    import io
+
+    if path.suffix == ".png":
+        return path.read_bytes()
+    buffer = io.BytesIO()
+    canvas.savefig(buffer, format="png", dpi=110)
+    return buffer.getvalue()

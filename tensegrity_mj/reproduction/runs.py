@@ -1,0 +1,119 @@
+"""The runs of the ledger: computed by `run_many`, each kept as a .nc file at once, and read again where it fits."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tensegrity_mj.errors import DivergenceError, FormatError
+from tensegrity_mj.reproduction.experiments import EngineName, experiment_of, heavier, simulate_experiment
+from tensegrity_mj.studies.many import run_many
+from tensegrity_mj.studies.workers import Workers
+from tensegrity_mj.trajectory import Trajectory
+
+STAMP = "reproduction"  # the key of a run's provenance that tells what it is a run of
+
+
+@dataclass(frozen=True)
+class Computed:
+    """Runs by engine and experiment; where there is none, the reason why."""
+
+    runs: Mapping[EngineName, Mapping[str, Trajectory]]
+    failures: Mapping[tuple[EngineName, str], str] = field(default_factory=dict)
+
+
+def run_experiments(
+    names: Sequence[str],
+    engines: Sequence[EngineName],
+    folder: Path,
+    *,
+    mass_scale: float = 1.0,
+    workers: Workers | None = None,
+    progress: bool = False,
+) -> Computed:
+    """Runs of all these experiments in all these engines; only those are computed that the folder lacks.
+
+    Args:
+        folder: exists; holds a file <experiment>-<engine>.nc for each run.
+        mass_scale: of the plant's rods.
+
+    Raises:
+        KeyboardInterrupt: its message says how much is finished; what is finished is kept.
+    """
+    wanted = [(name, engine) for name in names for engine in engines]
+    found = {key: run for key in wanted if (run := _kept(folder, *key, mass_scale)) is not None}
+    points = [{"experiment": name, "engine": engine.value} for name, engine in wanted if (name, engine) not in found]
+    failures: dict[tuple[EngineName, str], str] = {}
+    if points:
+        common = {"folder": str(folder.absolute()), "mass_scale": mass_scale}
+        try:
+            study = run_many(compute, points, common=common, workers=workers, progress=progress, label="runs")
+        except KeyboardInterrupt:
+            done = sum(_path(folder, name, engine).exists() for name, engine in wanted)
+            raise KeyboardInterrupt(
+                f"{done} of {len(wanted)} runs are kept in {folder}; run the same again to go on from there"
+            ) from None
+        for point, outcome in zip(points, study.outcomes, strict=True):
+            key = point["experiment"], EngineName(point["engine"])
+            run = _kept(folder, *key, mass_scale)
+            if outcome["status"] == "done" and run is not None:
+                found[key] = run
+            else:
+                failures[key[1], key[0]] = outcome.get("reason", "its file cannot be read")
+    runs: dict[EngineName, dict[str, Trajectory]] = {engine: {} for engine in engines}
+    for name, engine in wanted:
+        if (name, engine) in found:
+            runs[engine][name] = found[name, engine]
+    return Computed(runs, failures)
+
+
+def compute(point: dict[str, Any]) -> dict[str, Any]:
+    """The task of the study: one run, written to its file.
+
+    A run that diverges is kept as far as it came.
+    """
+    name, engine, mass_scale = point["experiment"], EngineName(point["engine"]), point["mass_scale"]
+    try:
+        run = simulate_experiment(experiment_of(name), engine, mass_scale)
+    except DivergenceError as error:
+        partial = error.trajectory
+        if not isinstance(partial, Trajectory) or len(partial.time) < 2:
+            raise
+        run = partial
+    run.provenance[STAMP] = stamp(name, engine, mass_scale)
+    path = run.save(_path(Path(point["folder"]), name, engine))
+    return {"file": path.name, "status": run.status.value, "wall_time": run.cost.get("wall_time")}
+
+
+def stamp(name: str, engine: EngineName, mass_scale: float) -> dict[str, Any]:
+    """What a file must say of itself to be this run: settings, scene and versions."""
+    from tensegrity_mj.simulation import versions
+    from tensegrity_mj.textformat import scene_to_toml
+
+    experiment = experiment_of(name)
+    scene = scene_to_toml(heavier(experiment.load(), mass_scale))
+    return {
+        "experiment": {**asdict(experiment), "options": dict(experiment.options)},
+        "engine": repr(experiment.engine(engine)),
+        "mass_scale": mass_scale,
+        "scene": hashlib.sha256(scene.encode()).hexdigest(),
+        "versions": versions(),
+    }
+
+
+def _kept(folder: Path, name: str, engine: EngineName, mass_scale: float) -> Trajectory | None:
+    path = _path(folder, name, engine)
+    if not path.is_file():
+        return None
+    try:
+        run = Trajectory.load(path)
+    except FormatError:
+        return None
+    return run if run.provenance.get(STAMP) == stamp(name, engine, mass_scale) else None
+
+
+def _path(folder: Path, name: str, engine: EngineName) -> Path:
+    return folder / f"{name}-{engine.value}.nc"

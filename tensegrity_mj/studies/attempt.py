@@ -1,0 +1,89 @@
+"""One point, computed where the work is done: in a worker process, on a cluster, or here. Whatever fails is data."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import threading
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from tensegrity_mj.errors import OptionError, TensegrityError
+from tensegrity_mj.jsontext import to_exact_json
+from tensegrity_mj.studies.plain import plain
+
+DONE, FAILED = "done", "failed"
+WATCH_INTERVAL = 0.25  # s between looks whether the parent still lives
+
+# Threads of one process take turns: an engine may hold what a process has only once (MuJoCo's control callback).
+_TURN = threading.Lock()
+_settled = False
+
+
+@dataclass(frozen=True)
+class WithFiles:
+    """What a task returns that leaves files too: plain values, and the content of each file by its name.
+
+    The process that runs the study writes the files, so that workers need not share a file system with it.
+    """
+
+    values: Mapping[str, Any]
+    files: Mapping[str, bytes] = field(default_factory=dict)
+
+
+Task = Callable[[dict[str, Any]], Mapping[str, Any] | WithFiles]
+# key of the point, its outcome as exact JSON, the content of its files by name
+Answer = tuple[str, str, dict[str, bytes]]
+
+
+def attempt(task: Task, key: str, point: dict[str, Any], parent: int | None = None) -> Answer:
+    """Compute one point; an exception of the task becomes its outcome.
+
+    Args:
+        parent: the process that must live as long as this one, or None.
+    """
+    if parent is not None:
+        _settle(parent)
+    try:
+        with _TURN:
+            result = task(point)
+        values, files = (result.values, dict(result.files)) if isinstance(result, WithFiles) else (result, {})
+        if not isinstance(values, Mapping):
+            raise OptionError(f"the task returned {values!r}; it must return a dict of plain values")
+        values = plain(values, "the task's result")
+        return key, to_exact_json({"status": DONE, "values": values}), files
+    except (Exception, SystemExit) as error:
+        return key, to_exact_json(failure(error)), {}
+
+
+def failure(error: BaseException) -> dict[str, Any]:
+    """An exception as an outcome; with its traceback, unless it is an error that this package raises on purpose."""
+    name = type(error).__name__
+    outcome = {"status": FAILED, "error": name, "reason": str(error) or name}
+    if not isinstance(error, TensegrityError):
+        trace = error.__traceback__
+        below = trace.tb_next if trace is not None else None  # this module's own frame says nothing
+        outcome["traceback"] = "".join(traceback.format_exception(type(error), error, below))
+    return outcome
+
+
+def _settle(parent: int) -> None:
+    """Make this worker process the parent's own: it leaves Ctrl-C to the parent, and ends when the parent ends."""
+    global _settled
+    if _settled:
+        return
+    _settled = True
+    with contextlib.suppress(ValueError):  # not in the main thread
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    # A parent that was killed cannot stop its children, and their pool would keep them for minutes.
+    while os.getppid() == parent:
+        time.sleep(WATCH_INTERVAL)
+    os._exit(1)

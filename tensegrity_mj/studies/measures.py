@@ -1,0 +1,90 @@
+"""What a sweep keeps of each run: a table of plain numbers and texts, each with its unit and meaning."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tensegrity_mj.trajectory import Trajectory
+
+
+class Measure(NamedTuple):
+    """One number of a run."""
+
+    unit: str
+    meaning: str
+    of: Callable[[Trajectory], Any]
+
+
+def _last(values: Any) -> Any:
+    return values[-1] if len(values) else None
+
+
+def _largest(values: Any) -> Any:
+    return np.max(values) if values.size else None
+
+
+def _compression(run: Trajectory) -> Any:
+    return -np.min(run.rod_force_densities) if run.rod_force_densities.size else None
+
+
+def _margin_time(run: Trajectory) -> Any:
+    margins = run.feasibility_margin
+    return run.time[np.nanargmin(margins)] if np.any(~np.isnan(margins)) else None
+
+
+def _final_error(run: Trajectory) -> Any:
+    return _last(run.target_error())
+
+
+# Shown unless others are chosen.
+USUAL = ("final_error", "max_force_density", "min_margin", "energy_residual")
+
+
+def _report(name: str) -> Callable[[Trajectory], Any]:
+    return lambda run: run.reports.get(name)
+
+
+def _cost(name: str) -> Callable[[Trajectory], Any]:
+    return lambda run: run.cost.get(name)
+
+
+def _below(name: str) -> Callable[[Trajectory], Any]:
+    return lambda run: run.reports.get("nonpositive_rest_lengths", {}).get(name)
+
+
+LAW = "as the law defines"
+MEASURES: dict[str, Measure] = {
+    "status": Measure("", "how the run ended", lambda run: run.status.value),
+    "message": Measure("", "why it was not completed", lambda run: run.message),
+    "end_time": Measure("s", "simulated time that was reached", lambda run: _last(run.time)),
+    "final_error": Measure("m", "largest distance of a node from its target at the end", _final_error),
+    "max_force_density": Measure("N/m", "largest u of a string", lambda run: _largest(run.force_densities)),
+    "max_tension": Measure("N", "largest tension of a string", lambda run: _largest(run.tensions)),
+    "max_compression": Measure("N/m", "largest compressive force density -Jλ/ℓ² of a rod", _compression),
+    "min_margin": Measure(LAW, "smallest feasibility margin", lambda run: run.min_feasibility_margin),
+    "min_margin_time": Measure("s", "when the feasibility margin is smallest", _margin_time),
+    "final_lyapunov": Measure(LAW, "V at the end", lambda run: _last(run.lyapunov)),
+    "decay_error": Measure("", "largest relative error of V against V(0) exp(-δt)", _report("decay_error")),
+    "energy_residual": Measure("J", "largest error of the energy balance", lambda run: run.energy_residual),
+    "drift": Measure("", "largest error of bᵀb = 1", _report("drift")),
+    "nonpositive_rest_lengths": Measure("", "recorded samples with a rest length <= 0", _below("samples")),
+    "nonpositive_since": Measure("s", "the first of them", _below("first_time")),
+    "holding_ratio": Measure("", "largest ratio of what holding adds to the load", _report("largest_holding_ratio")),
+    "steps": Measure("", "steps of the integrator", _cost("steps")),
+    "evaluations": Measure("", "evaluations of the right-hand side", _cost("evaluations")),
+    "warnings": Measure("", "what the run warned of", lambda run: list(run.reports.get("warnings", []))),
+}
+
+
+def measure(run: Trajectory) -> dict[str, Any]:
+    """Every measure of a run as a plain value; None where a run has no such thing."""
+    return {name: _plain(one.of(run)) for name, one in MEASURES.items()}
+
+
+def _plain(value: Any) -> Any:
+    value = value.item() if isinstance(value, np.generic) else value
+    return None if isinstance(value, float) and math.isnan(value) else value

@@ -1,0 +1,80 @@
+"""Plain values: what points, outcomes and files of a study hold, in one form whatever they came from."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.jsontext import from_exact_json, to_exact_json
+
+
+def plain(value: Any, what: str) -> Any:
+    """The value as JSON gives it back: dicts with text keys, lists, texts, numbers, truth values, None.
+
+    Tuples become lists, numpy's numbers and arrays plain ones; NaN and infinity are kept.
+
+    Raises:
+        OptionError: naming the part that is nothing of the kind.
+    """
+    _check(value, what)
+    return from_exact_json(to_exact_json(value))
+
+
+def _check(value: Any, what: str) -> None:
+    if value is None or isinstance(value, (bool, int, float, str, np.bool_, np.integer, np.floating)):
+        return
+    if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
+        return
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            if not isinstance(key, str):
+                raise OptionError(f"{what}: key {key!r} must be a text")
+            _check(item, f"{what}[{key!r}]")
+    elif isinstance(value, (list, tuple)):
+        for number, item in enumerate(value):
+            _check(item, f"{what}[{number}]")
+    else:
+        raise OptionError(
+            f"{what} = {value!r}; it must be a plain value: a number, a text, a truth value, None, "
+            "or lists and dicts of them"
+        )
+
+
+def canonical(value: Any) -> str:
+    """One JSON text for one plain value, whatever the order of its keys."""
+    return json.dumps(json.loads(to_exact_json(value)), sort_keys=True, separators=(",", ":"), allow_nan=False)
+
+
+def digest(value: Any) -> str:
+    """SHA-256 of the canonical text, in hexadecimal."""
+    return hashlib.sha256(canonical(value).encode("ascii")).hexdigest()
+
+
+def difference(ours: Any, theirs: Any, where: str = "") -> str | None:
+    """Where two plain values first differ, and how; None if they are equal."""
+    if isinstance(ours, dict) and isinstance(theirs, dict):
+        for key in [*ours, *(key for key in theirs if key not in ours)]:
+            place = f"{where}.{key}" if where else key
+            if key not in ours or key not in theirs:
+                return f"{place} is given {'there only' if key in theirs else 'here only'}"
+            if found := difference(ours[key], theirs[key], place):
+                return found
+        return None
+    if isinstance(ours, list) and isinstance(theirs, list):
+        for number, (a, b) in enumerate(zip(ours, theirs, strict=False)):
+            if found := difference(a, b, f"{where}[{number}]"):
+                return found
+        return None if len(ours) == len(theirs) else f"{where} has {len(theirs)} entries there and {len(ours)} here"
+    if canonical(ours) == canonical(theirs):
+        return None
+    return f"{where} is {_short(theirs)} there and {_short(ours)} here"
+
+
+def _short(value: Any) -> str:
+    text = to_exact_json(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."

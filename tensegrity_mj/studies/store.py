@@ -1,0 +1,176 @@
+"""The folder of a study: every finished point on disk at once, whole or not at all, each exactly once.
+
+study.json     what the study is: written first, compared when the study goes on
+points.jsonl   a line for every finished point, appended and synced; each line carries its own checksum
+files/         what tasks left, written before the line of their point
+result.json    all points in their order with their outcomes, once all are finished
+.lock          locked while a process works here; the lock goes when the process does, however it ends
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import IO, Any
+
+from tensegrity_mj.errors import FormatError, OptionError
+from tensegrity_mj.files import replacing
+from tensegrity_mj.jsontext import from_exact_json, to_exact_json
+from tensegrity_mj.studies.plain import difference, digest
+
+STUDY, POINTS, FILES, RESULT, LOCK = "study.json", "points.jsonl", "files", "result.json", ".lock"
+FORMAT = 1
+
+
+class Store:
+    """An open study folder; use `opened`.
+
+    Attributes:
+        folder: the folder.
+        outcomes: of every point that is finished, by key.
+    """
+
+    def __init__(self, folder: Path, file: IO[bytes], outcomes: dict[str, dict[str, Any]]) -> None:
+        self.folder, self.outcomes = folder, outcomes
+        self._file = file
+
+    def add(self, key: str, outcome: dict[str, Any], files: Mapping[str, bytes]) -> None:
+        """Save a finished point: its files, then its line, which makes it finished.
+
+        Raises:
+            FormatError: if it cannot be written.
+        """
+        for name, content in files.items():
+            (self.folder / FILES).mkdir(exist_ok=True)
+            write(self.folder / FILES / name, content)
+        try:
+            self._file.write(line_of(key, outcome))
+            self._file.flush()
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            raise FormatError(
+                f"{self.folder / POINTS}: cannot be written ({error.strerror}); make room there and run the same again"
+            ) from error
+        self.outcomes[key] = outcome
+
+
+def line_of(key: str, outcome: dict[str, Any]) -> bytes:
+    """A record: one line of JSON with its checksum."""
+    record = {"key": key, "outcome": outcome}
+    return (to_exact_json(record | {"check": digest(record)}) + "\n").encode()
+
+
+def record_of(line: bytes) -> tuple[str, dict[str, Any]] | None:
+    """Key and outcome of a line; None where it is torn or damaged."""
+    try:
+        record = from_exact_json(line.decode())
+        check = record.pop("check")
+        return (record["key"], record["outcome"]) if digest(record) == check else None
+    except (ValueError, LookupError, TypeError, AttributeError):
+        return None
+
+
+@contextlib.contextmanager
+def opened(folder: Path, study: dict[str, Any]) -> Iterator[Store]:
+    """Make the folder of a study, or go on in it.
+
+    Args:
+        study: what the study is, as plain values.
+
+    Raises:
+        OptionError: if the folder belongs to another study or to something else, cannot be made, or is in use.
+        FormatError: if what says which study it is cannot be read.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if not (folder / STUDY).exists():
+            foreign = sorted(entry.name for entry in folder.iterdir() if entry.name != LOCK and not _is_left(entry))
+            if foreign:
+                raise OptionError(
+                    f"{folder}: this folder is no study, and not empty (it holds {foreign[0]}); choose another"
+                )
+        lock = open(folder / LOCK, "a+b")  # noqa: SIM115
+    except OSError as error:
+        raise OptionError(f"{folder}: no study can be kept there ({error.strerror}); choose another folder") from error
+    with lock:
+        _hold(lock, folder)
+        for left in [*folder.iterdir(), *(folder / FILES).glob("*")]:
+            if _is_left(left):
+                left.unlink()
+        _compare(folder, study)
+        with open(folder / POINTS, "a+b") as file:
+            yield Store(folder, file, _recovered(file))
+
+
+def write(path: Path, content: bytes) -> None:
+    """Write a file durably: after a crash, of the program or of the machine, the old one is there or the new one.
+
+    Raises:
+        FormatError: if it cannot be written.
+    """
+    with replacing(path) as part, open(part, "wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    _sync_folder(path.parent)
+
+
+def _hold(lock: IO[bytes], folder: Path) -> None:
+    import fcntl
+
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        lock.seek(0)
+        who = lock.read().decode(errors="replace").strip() or "another process"
+        raise OptionError(
+            f"{folder}: {who} works on this study; wait for it to end, or choose another folder"
+        ) from None
+    lock.truncate(0)
+    lock.write(f"process {os.getpid()}\n".encode())
+    lock.flush()
+
+
+def _compare(folder: Path, study: dict[str, Any]) -> None:
+    """Write what the study is, or refuse a folder that holds another."""
+    path = folder / STUDY
+    ours = {"format": FORMAT, **study}
+    if not path.exists():
+        write(path, (json.dumps(json.loads(to_exact_json(ours)), ensure_ascii=False, indent=1) + "\n").encode())
+        return
+    try:
+        theirs = from_exact_json(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise FormatError(f"{path}: it cannot be read ({error}); choose another folder, or delete this one") from error
+    if found := difference(ours, theirs):
+        raise OptionError(
+            f"{folder}: this folder holds another study ({found}); choose another folder, or delete this one"
+        )
+
+
+def _recovered(file: IO[bytes]) -> dict[str, dict[str, Any]]:
+    """The outcomes in the file; a last line that a crash tore is cut off, and its point is computed again."""
+    file.seek(0)
+    content = file.read()
+    whole = content.rfind(b"\n") + 1
+    if whole < len(content):
+        file.truncate(whole)
+        os.fsync(file.fileno())
+    records = [record_of(line) for line in content[:whole].splitlines()]
+    return dict(record for record in records if record is not None)
+
+
+def _is_left(path: Path) -> bool:
+    """Whether it is a file that was being written when its process was killed."""
+    return path.name.startswith(".new-") and ".part" in path.name
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,224 @@
+"""`Sweep`: simulations of one scene over parameters of scene, structure, law, engine and actuation, by `run_many`."""
+
+from __future__ import annotations
+
+import functools
+import os
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, cast
+
+from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible
+from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.simulation import simulate, versions
+from tensegrity_mj.studies.attempt import WithFiles
+from tensegrity_mj.studies.axes import Draw, Grid, Together, Vary
+from tensegrity_mj.studies.many import Study, run_many, task_name
+from tensegrity_mj.studies.measures import measure
+from tensegrity_mj.studies.parameters import Draft, encoded, engine_settings, member_names
+from tensegrity_mj.studies.plain import canonical
+from tensegrity_mj.studies.workers import Workers
+from tensegrity_mj.textformat import load_scene, scene_from_toml, scene_to_toml
+from tensegrity_mj.trajectory import Status, Trajectory
+
+TRAJECTORY = "trajectory.nc"
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Simulations of a scene, one for every combination of values and every draw.
+
+    Attributes:
+        scene: a scene, or the name or the path of one. Its loads must not be a Python function.
+        axes: `Vary` and `Together`; all combinations are run.
+        draws: random parameters, drawn `samples` times at every combination.
+        samples, seed: see `Grid`; a seed is needed where something is drawn.
+        fixed: parameters with one value, path -> value.
+        engine: an engine, MuJoCo() by default; the parameter `engine` chooses another with its own defaults.
+        law: a function of a module, (scene, **options) -> law, called with the options that are set by `law.<option>`;
+            by default the scene's law.
+        actuation, on_infeasible, output_interval: as for `simulate`.
+        keep_trajectories: keep every run as a .nc file in the study's folder.
+    """
+
+    scene: Scene | str | os.PathLike[str]
+    axes: Sequence[Vary | Together] = ()
+    draws: Sequence[Draw] = ()
+    samples: int = 1
+    seed: int | None = None
+    fixed: Mapping[str, Any] = field(default_factory=dict)
+    engine: Any = None
+    law: Callable[..., Any] | None = None
+    actuation: Actuation = field(default_factory=Actuation.continuous)
+    on_infeasible: OnInfeasible = OnInfeasible.STOP
+    output_interval: float | None = None
+    keep_trajectories: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.scene, Scene):
+            object.__setattr__(self, "scene", load_scene(self.scene))
+        axes, draws = tuple(self.axes), tuple(self.draws)
+        for axis in axes:
+            if not isinstance(axis, (Vary, Together)):
+                raise OptionError(f"Sweep: axes holds {axis!r}; use Vary(parameter, values) or Together([...])")
+        for draw in draws:
+            if not isinstance(draw, Draw):
+                raise OptionError(f"Sweep: draws holds {draw!r}; use Draw(parameter, distribution)")
+        for name, least in (("samples", 1), ("seed", 0)):
+            value = getattr(self, name)
+            if name == "seed" and value is None:
+                continue
+            if not isinstance(value, int) or isinstance(value, bool) or value < least:
+                raise OptionError(f"Sweep: {name} = {value!r}; it must be an integer >= {least}")
+        if draws and self.seed is None:
+            raise OptionError("Sweep: what is drawn needs a seed, so that it can be drawn again; give one, such as 0")
+        if self.samples > 1 and not draws:
+            raise OptionError(f"Sweep: samples = {self.samples}, and nothing is drawn; add draws, or leave it out")
+        single = (
+            replace(draw, parameter=path)
+            for draw in draws
+            for path in member_names(cast(Scene, self.scene), draw.parameter) or [draw.parameter]
+        )
+        object.__setattr__(self, "axes", axes)
+        object.__setattr__(self, "draws", tuple(single))
+        self._check()
+
+    @property
+    def grid(self) -> Grid:
+        """The points."""
+        return Grid(self.axes, self.draws, self.samples, self.seed, self.fixed)
+
+    @property
+    def parameters(self) -> list[str]:
+        """The parameters that take several values, in order: those of the axes, then those drawn."""
+        axes = [one for axis in self.axes for one in (axis.axes if isinstance(axis, Together) else (axis,))]
+        return [axis.parameter for axis in axes if len(axis.values) > 1] + [draw.parameter for draw in self.draws]
+
+    def common(self) -> dict[str, Any]:
+        """What all points share, as plain values: everything that the task needs besides their parameters."""
+        engine, options = ("mujoco", {}) if self.engine is None else engine_settings(self.engine)
+        return {
+            "scene": scene_to_toml(cast(Scene, self.scene)),
+            "law": None if self.law is None else task_name(self.law),
+            "engine": {"name": engine, "options": options},
+            "actuation": {"mode": self.actuation.mode.value, "period": self.actuation.period},
+            "on_infeasible": self.on_infeasible.value,
+            "output_interval": self.output_interval,
+            "keep_trajectories": self.keep_trajectories,
+        }
+
+    def run(
+        self,
+        folder: str | os.PathLike[str] | None = None,
+        *,
+        workers: Workers | None = None,
+        progress: bool = False,
+    ) -> Study:
+        """Run it, or go on with it; see `run_many`.
+
+        Raises:
+            OptionError: as `run_many`, and for trajectories that no folder is given for.
+        """
+        if self.keep_trajectories and folder is None:
+            raise OptionError("Sweep: keep_trajectories needs a folder to keep them in")
+        points = [{"parameters": settings} for settings in self.grid.points()]
+        return run_many(
+            simulate_point,
+            points,
+            folder,
+            common=self.common(),
+            identity={"versions": versions()},
+            workers=workers,
+            progress=progress,
+            label=f"sweep of {cast(Scene, self.scene).name}",
+        )
+
+    def _check(self) -> None:
+        """Refuse what cannot be meant, before anything runs: names of nothing, and values of a wrong kind.
+
+        Engines and actuations must be possible in every combination. A value that the structure or the law refuses is
+        no mistake of the sweep: its point fails as data.
+        """
+        seen: set[str] = set(self.fixed)
+        singles: list[tuple[str, Any]] = list(self.fixed.items())
+        for axis in self.axes:
+            for one in axis.axes if isinstance(axis, Together) else (axis,):
+                _once(one.parameter, seen)
+                if "[*]" in one.parameter:
+                    raise OptionError(f"{one.parameter}: [*] is for draws; without it all of them take the value")
+                singles += [(one.parameter, value) for value in one.values]
+        for draw in self.draws:
+            _once(draw.parameter, seen)
+        grid = self.grid
+        singles += grid.sample(0).items()
+        common = self.common()
+        for path, value in singles:
+            try:
+                drafted(common).apply({path: encoded(value)})
+            except OptionError:
+                raise
+            except TensegrityError:
+                pass
+        tried: set[str] = set()
+        for settings in replace(grid, samples=1).points():
+            how = {path: value for path, value in settings.items() if path.partition(".")[0] in ("engine", "actuation")}
+            if how and canonical(how) not in tried:
+                tried.add(canonical(how))
+                draft = drafted(common).apply(how)
+                draft.make_engine()
+                draft.make_actuation()
+
+
+def simulate_point(point: dict[str, Any]) -> dict[str, Any] | WithFiles:
+    """The task of a sweep: simulate one point, and return its measures."""
+    draft = drafted(point).apply(point["parameters"])
+    scene = draft.plant or draft.scene
+    try:
+        run = simulate(
+            scene,
+            draft.make_law(),
+            draft.make_engine(),
+            actuation=draft.make_actuation(),
+            on_infeasible=draft.on_infeasible,
+            output_interval=draft.output_interval,
+        )
+    except DivergenceError as error:
+        if error.trajectory is None:
+            raise
+        run = replace(cast(Trajectory, error.trajectory), status=Status.DIVERGED, message=str(error))
+    values = measure(run)
+    return WithFiles(values, {TRAJECTORY: _content(run)}) if point["keep_trajectories"] else values
+
+
+def drafted(common: Mapping[str, Any]) -> Draft:
+    """The experiment of what all points of a sweep share."""
+    return Draft(
+        scene=_scene(common["scene"]),
+        law_maker=common["law"],
+        engine=common["engine"]["name"],
+        engine_options=dict(common["engine"]["options"]),
+        actuation=Mode(common["actuation"]["mode"]),
+        period=common["actuation"]["period"],
+        on_infeasible=OnInfeasible(common["on_infeasible"]),
+        output_interval=common["output_interval"],
+    )
+
+
+@functools.lru_cache(maxsize=8)
+def _scene(text: str) -> Scene:
+    return scene_from_toml(text, where="the scene of the sweep")
+
+
+def _content(run: Trajectory) -> bytes:
+    """The run as the bytes of its file."""
+    with tempfile.TemporaryDirectory() as folder:
+        return run.save(Path(folder) / TRAJECTORY).read_bytes()
+
+
+def _once(parameter: str, seen: set[str]) -> None:
+    if parameter in seen:
+        raise OptionError(f"{parameter}: it is given twice; give each parameter once")
+    seen.add(parameter)

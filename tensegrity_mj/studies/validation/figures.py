@@ -1,0 +1,203 @@
+"""Figures of the report, from its data."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tensegrity_mj.pictures import palette
+from tensegrity_mj.plots import COLUMN, GREY, RUN_STYLES
+from tensegrity_mj.report import Picture
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Data = Mapping[str, Any]
+
+OUTCOME_COLORS: dict[str, Any] = {
+    "converged": palette.TARGET,
+    "still moving": palette.CYCLE[5],
+    "off target": palette.CYCLE[4],
+    "mirrored": palette.GHOST,
+    "infeasible": palette.WARNING,
+    "singular": palette.CYCLE[3],
+    "diverged": palette.TEXT,
+    "failed": GREY,
+    "completed": palette.SLACK,
+}
+GAIN_NAMES = {"decay_rate": "δ"}
+
+
+def of_section(section: str, data: Data) -> Iterator[Picture]:
+    """The figures of a section."""
+    maker = {
+        "nominal": _nominal,
+        "sampling": _sampling,
+        "gains": _gains,
+        "noise": _noise,
+        "delay": _delay,
+        "starts": _starts,
+    }.get(section)
+    if maker is not None:
+        yield from maker(data)
+
+
+def _figure(width: float, height: float) -> Figure:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def _finish(panel: Axes, x: str, y: str, legend: bool = True) -> None:
+    panel.set_xlabel(x)
+    panel.set_ylabel(y)
+    panel.grid(color=palette.GRID, lw=0.6)
+    panel.set_axisbelow(True)
+    for side in ("top", "right"):
+        panel.spines[side].set_visible(False)
+    if legend and panel.get_legend_handles_labels()[0]:
+        panel.legend(fontsize=8, frameon=False)
+
+
+def _style(number: int) -> str:
+    return RUN_STYLES[number % len(RUN_STYLES)]
+
+
+def _nominal(data: Data) -> Iterator[Picture]:
+    runs = {engine: one for engine, one in data["nominal"]["engines"].items() if one.get("series")}
+    if not runs:
+        return
+    first = next(iter(runs.values()))
+    panels = ["error", *(["lyapunov"] if first["lyapunov"] else []), "force_density"]
+    figure = _figure(len(panels) * COLUMN, 0.85 * COLUMN)
+    labels = {"error": "target error [m]", "lyapunov": "V", "force_density": "largest u [N/m]"}
+    for panel, name in zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True):
+        for number, (engine, one) in enumerate(runs.items()):
+            series = one["series"]
+            values = np.array([math.nan if value is None else value for value in series[name]], float)
+            panel.plot(series["times"], values, color=palette.CYCLE[number], ls=_style(number), label=engine)
+            if name == "lyapunov" and one["lyapunov"] and one["lyapunov"]["promised_rate"]:
+                V = one["lyapunov"]["initial"] * np.exp(-one["lyapunov"]["promised_rate"] * np.array(series["times"]))
+                if number == 0:
+                    panel.plot(series["times"], V, color=GREY, lw=3, alpha=0.4, zorder=0, label="promised")
+        if name != "force_density" and np.all(np.isfinite(values)) and np.all(values > 0):
+            panel.set_yscale("log")
+        _finish(panel, "t [s]", labels[name])
+    yield Picture(figure, "The nominal run in each engine; lines that coincide agree.")
+
+
+def _sampling(data: Data) -> Iterator[Picture]:
+    figure = _figure(2 * COLUMN, 1.05 * COLUMN)
+    panel = figure.subplots()
+    drawn = False
+    for number, (engine, part) in enumerate(data["sampling"].items()):
+        for mode in dict.fromkeys(one["mode"] for one in part["rows"] if "period" in one):
+            own = [one for one in part["rows"] if one["mode"] == mode and (one["node_error"] or 0) > 0]
+            own.sort(key=lambda one: one["period"])
+            if own:
+                drawn = True
+                color = palette.CYCLE[0 if "force" in mode else 2]
+                x, y = [1e3 * one["period"] for one in own], [one["node_error"] for one in own]
+                panel.loglog(x, y, color=color, ls=_style(number), marker="o", ms=4, label=f"{mode}, {engine}")
+    if drawn:
+        _finish(panel, "control period [ms]", "largest node error [m]")
+        yield Picture(figure, "What sampling costs: the largest node error against the control period.")
+
+
+def _gains(data: Data) -> Iterator[Picture]:
+    engine, part = next(iter(data["gains"].items()))
+    if not part["rows"]:
+        return
+    figure = _figure(2 * COLUMN, COLUMN)
+    panels = figure.subplots(1, 2)
+    names = (("settling_10", "settled to 10 % [s]"), ("peak_force_density", "peak u [N/m]"))
+    for panel, (quantity, label) in zip(panels, names, strict=True):
+        for number, gain in enumerate(dict.fromkeys(one["gain"] for one in part["rows"])):
+            own = [one for one in part["rows"] if one["gain"] == gain and one[quantity] is not None]
+            own.sort(key=lambda one: one["factor"])
+            x, y = [one["factor"] for one in own], [one[quantity] for one in own]
+            panel.plot(x, y, color=palette.CYCLE[number], marker="o", ms=4, label=GAIN_NAMES.get(gain, gain))
+        if any(line.get_xdata().size for line in panel.get_lines()):
+            panel.set_xscale("log", base=2)
+        _finish(panel, "factor on the gain", label)
+    yield Picture(figure, f"Trends of the gains ({engine}); runs that never settle are left out.")
+
+
+def _noise(data: Data) -> Iterator[Picture]:
+    yield from _against(
+        data["noise"],
+        (("position_std", "velocity_std", "noise of positions [m]"), ("velocity_std", "position_std", "of velocities [m/s]")),
+        "What sensor noise leaves of the target error.",
+    )
+
+
+def _delay(data: Data) -> Iterator[Picture]:
+    yield from _against(data["delay"], (("samples", "", "delay [samples]"),), "What a delay leaves of the target error.")
+
+
+def _against(section: Data, panels: Any, caption: str) -> Iterator[Picture]:
+    """The final error against one fact, coloured by outcome."""
+    figure = _figure(max(1.6, len(panels)) * COLUMN, COLUMN)
+    seen: set[str] = set()
+    for panel, (key, other, label) in zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True):
+        for number, part in enumerate(section.values()):
+            own = [one for one in part["rows"] if one[key] and not one.get(other) and one["final_error"] is not None]
+            own.sort(key=lambda one: one[key])
+            x, y = [one[key] for one in own], [one["final_error"] for one in own]
+            panel.plot(x, y, color=GREY, ls=_style(number), lw=1, zorder=1)
+            for one in own:
+                name = one["outcome"] if one["outcome"] not in seen else None
+                seen.add(one["outcome"])
+                panel.plot(one[key], one["final_error"], "o", ms=5, color=OUTCOME_COLORS[one["outcome"]], label=name)
+        if panel.lines:
+            panel.set_yscale("log")
+        if other:
+            panel.set_xscale("log")
+        _finish(panel, label, "final error [m]")
+    if seen:
+        yield Picture(figure, caption)
+
+
+def _starts(data: Data) -> Iterator[Picture]:
+    engine, part = next(iter(data["starts"].items()))
+    rows = part["rows"]
+    if "direction" in rows[0]:
+        yield from _map(engine, rows)
+        return
+    figure = _figure(1.6 * COLUMN, COLUMN)
+    panel = figure.subplots()
+    for number, (name, own) in enumerate(data["starts"].items()):
+        x, y = [one["amplitude"] for one in own["fractions"]], [one["converged"] for one in own["fractions"]]
+        panel.plot(x, y, color=palette.CYCLE[number], ls=_style(number), marker="o", ms=4, label=name)
+    panel.set_ylim(-0.05, 1.05)
+    _finish(panel, "amplitude of the perturbation [rad; of the mean rod length]", "part of the starts that converge")
+    yield Picture(figure, "Random starts of growing distance from the nominal one.")
+
+
+def _map(engine: str, rows: Any) -> Iterator[Picture]:
+    names = list(dict.fromkeys(one["law"] for one in rows))
+    columns = 2
+    lines = math.ceil(len(names) / columns)
+    figure = _figure(columns * 1.25 * COLUMN, lines * 0.8 * COLUMN)
+    used: dict[str, Any] = {}
+    for number, name in enumerate(names):
+        panel = figure.add_subplot(lines, columns, number + 1, projection="mollweide")
+        for outcome, color in OUTCOME_COLORS.items():
+            b = np.array([one["direction"] for one in rows if one["law"] == name and one["outcome"] == outcome])
+            if len(b):
+                places = np.arctan2(b[:, 1], b[:, 0]), np.arcsin(np.clip(b[:, 2], -1, 1))
+                used[outcome] = panel.scatter(*places, s=16, color=color, label=outcome)
+        panel.set_title(name, fontsize=9)
+        panel.grid(color=palette.GRID, lw=0.5)
+        panel.set_xticklabels([])
+        panel.tick_params(labelsize=6)
+    figure.legend(used.values(), used.keys(), loc="outside lower center", ncols=len(used), fontsize=8, frameon=False)
+    yield Picture(
+        figure,
+        f"Initial directions of the rod ({engine}), laws side by side: Mollweide's projection, +x in the middle, +y to "
+        "the right, +z up.",
+    )

@@ -1,0 +1,459 @@
+"""From the runs to the report's data: rows by section and engine, trends, and sentences that a user can act on."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.actuation import Mode
+from tensegrity_mj.dynamics.target import target_nodes
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.studies.attempt import DONE
+from tensegrity_mj.studies.validation.sections import SECTIONS, Case, Setup
+
+Data = dict[str, Any]
+
+CONVERGED = 0.05  # part of the way to the target that may be left
+MIRRORED = -0.98  # cos of the angle between a rod and its target
+STANDING = 0.05  # part of the way to the target that the fastest node would go in another duration
+TREND = 0.01  # part by which a quantity must change to have a trend
+OUTCOMES = ("converged", "off target", "still moving", "mirrored", "infeasible", "singular", "diverged", "failed", "completed")
+
+# What §5.6 says of gains: (gain, quantity, sign of its change as the gain grows, in words).
+STATEMENTS = (
+    ("Z", "settling_10", 1, "slower with larger Z"),
+    ("Z", "peak_force_density", 1, "larger controls with larger Z"),
+    ("Y", "peak_force_density", -1, "larger controls with smaller Y"),
+    ("Y", "settling_10", 1, "may become slower with larger Y"),
+)
+
+
+def findings(setup: Setup, pairs: Sequence[tuple[Case, Mapping[str, Any]]]) -> Data:
+    """The sections of the report from each case and its outcome."""
+    nominal = {case.point["engine"]: outcome for case, outcome in pairs if case.section == "nominal"}
+    tolerance = _tolerance(setup, nominal.values())
+    found: Data = {"tolerance": tolerance, "nominal": _nominal(setup, nominal, tolerance)}
+    for section in SECTIONS:
+        chosen = [pair for pair in pairs if pair[0].section == section]
+        if section == "nominal" or not chosen:
+            continue
+        found[section] = {}
+        for engine in setup.engines:
+            own = [(case, outcome) for case, outcome in chosen if case.point["engine"] == engine]
+            rows = [row(setup, case, outcome, tolerance) for case, outcome in own]
+            part: Data = {"rows": rows}
+            if section == "sampling":
+                part |= _sampling(rows, [outcome for _, outcome in own])
+            elif section == "gains":
+                part["trends"] = trends(rows)
+            elif section == "starts":
+                part["fractions"] = _fractions(rows)
+            found[section][engine] = part
+    if "starts" in found and len(setup.engines) > 1:
+        found["starts_that_differ"] = _differing(found["starts"])
+    found["summary"] = summary(setup, found)
+    return found
+
+
+def row(setup: Setup, case: Case, outcome: Mapping[str, Any], tolerance: float) -> Data:
+    """One run in a table: what it was, how it ended, and its main numbers."""
+    base: Data = {"label": case.label, **case.facts}
+    if outcome["status"] != DONE:
+        reason = f"{outcome['error']}: {outcome['reason']}"
+        return base | {"outcome": "failed", "end_time": None, "message": reason, **dict.fromkeys(_NUMBERS)}
+    values = outcome["values"]
+    base |= {
+        "outcome": judged(values, tolerance, setup.duration),
+        "end_time": values["end_time"],
+        "message": values["message"],
+    }
+    return base | _numbers(values)
+
+
+_NUMBERS = (
+    "final_error",
+    "settling_10",
+    "settling_2",
+    "peak_force_density",
+    "peak_tension",
+    "peak_compression",
+    "rms_force_density",
+    "switching_rate",
+    "smallest_margin",
+    "winch_done",
+)
+
+
+def _numbers(values: Mapping[str, Any]) -> Data:
+    if "peaks" not in values:  # diverged
+        return dict.fromkeys(_NUMBERS)
+    error, peaks, margin = values["error"] or {}, values["peaks"], values["margin"] or {}
+
+    def peak(name: str) -> float | None:
+        return None if peaks[name] is None else peaks[name]["value"]
+
+    numbers = (
+        error.get("final"),
+        error.get("settling_10"),
+        error.get("settling_2"),
+        peak("force_density"),
+        peak("tension"),
+        peak("compression"),
+        peaks["rms_force_density"],
+        values["switching"]["rate"],
+        margin.get("smallest"),
+        values["winch"]["done"],
+    )
+    return dict(zip(_NUMBERS, numbers, strict=True))
+
+
+def judged(values: Mapping[str, Any], tolerance: float, duration: float) -> str:
+    """How a run came out, one of `OUTCOMES`.
+
+    Args:
+        values: of `measures.of_run`, or of a run that diverged.
+        tolerance: distance from the target that counts as there [m].
+        duration: of the run [s].
+    """
+    if values["status"] != "completed":
+        return str(values["status"])
+    if values["error"] is None:
+        return "completed"
+    if values["error"]["final"] <= tolerance:
+        return "converged"
+    standing = values["arrival"]["speed"] * duration <= STANDING / CONVERGED * tolerance
+    if standing and min(values["arrival"]["alignment"], default=1.0) < MIRRORED:
+        return "mirrored"
+    return "off target" if standing else "still moving"
+
+
+def _tolerance(setup: Setup, nominal: Iterable[Mapping[str, Any]]) -> float:
+    """Distance from the target [m] that counts as there: 5 % of the way, or twice what the nominal run has left."""
+    finals = [one["values"]["error"]["final"] for one in nominal if one["status"] == DONE and one["values"].get("error")]
+    return max([CONVERGED * way(setup.scene, setup.duration), *(2 * final for final in finals)])
+
+
+def way(scene: Scene, duration: float) -> float:
+    """The largest distance [m] of a node at the start from its target at the end; of the structure's size if it is 0."""
+    if scene.target is not None:
+        aims = target_nodes(scene.structure, scene.target, np.array([duration]))[0]
+        largest = float(np.max(np.linalg.norm(scene.nodes0 - aims, axis=-1)))
+        if largest > 0:
+            return largest
+    return float(np.max(np.ptp(scene.nodes0, axis=0)))
+
+
+def _nominal(setup: Setup, nominal: Mapping[str, Mapping[str, Any]], tolerance: float) -> Data:
+    found: Data = {}
+    kept = {}
+    for engine, outcome in nominal.items():
+        if outcome["status"] != DONE:
+            found[engine] = {"outcome": "failed", "message": f"{outcome['error']}: {outcome['reason']}"}
+            continue
+        values = dict(outcome["values"])
+        kept[engine] = values.pop("kept", None)
+        series = {key: item for key, item in (kept[engine] or {}).items() if key != "nodes"}
+        found[engine] = {"outcome": judged(values, tolerance, setup.duration), **values, "series": series}
+    engines = [engine for engine in found if kept.get(engine)]
+    return {
+        "engines": found,
+        "differences": [
+            {"engines": [a, b], "node_error": node_error(kept[a], kept[b])}
+            for number, a in enumerate(engines)
+            for b in engines[number + 1 :]
+        ],
+    }
+
+
+def node_error(first: Mapping[str, Any] | None, second: Mapping[str, Any] | None) -> float | None:
+    """The largest distance of a node in two runs at the times that both kept [m]."""
+    if first is None or second is None:
+        return None
+    count = min(len(first["times"]), len(second["times"]))
+    if not count:
+        return None
+    a, b = np.array(first["nodes"][:count]), np.array(second["nodes"][:count])
+    return float(np.max(np.linalg.norm(a - b, axis=-1), initial=0.0))
+
+
+def _sampling(rows: list[Data], outcomes: Sequence[Mapping[str, Any]]) -> Data:
+    """Node errors against the continuous run, or, without one, against the finest period of the same mode."""
+    kept = [outcome.get("values", {}).get("kept") for outcome in outcomes]
+    continuous = next((kept[i] for i, one in enumerate(rows) if one["mode"] == Mode.CONTINUOUS.value), None)
+    for number, one in enumerate(rows):
+        reference = continuous
+        if reference is None:
+            alike = [i for i, other in enumerate(rows) if other["mode"] == one["mode"] and kept[i]]
+            reference = kept[min(alike, key=lambda i: rows[i]["period"])] if alike else None
+        one["node_error"] = node_error(kept[number], reference)
+    return {"reference": "continuous" if continuous is not None else "the finest period of the mode"}
+
+
+def trends(rows: Sequence[Data]) -> list[Data]:
+    """Whether what §5.6 says of gains shows: yes, no, mixed, none (nothing changes by more than 1 %)."""
+    found = []
+    for gain, quantity, sign, words in STATEMENTS:
+        own = sorted((one for one in rows if one["gain"] == gain and one["outcome"] != "failed"), key=lambda r: r["factor"])
+        values = [one[quantity] for one in own if one["outcome"] not in ("infeasible", "diverged", "singular")]
+        if len(values) > 1:
+            verdict = trend(values, sign, unsettled=quantity.startswith("settling"))
+            found.append({"gain": gain, "quantity": quantity, "statement": words, "shows": verdict, "values": values})
+    return found
+
+
+def trend(values: Sequence[float | None], sign: int, unsettled: bool = False) -> str:
+    """Whether values change in the direction of the sign; None, where it means "never settled", is larger than any."""
+    numbers = [math.inf if value is None and unsettled else value for value in values]
+    if any(number is None for number in numbers):
+        return "unknown"
+    steps = [_step(float(a), float(b)) for a, b in zip(numbers, numbers[1:], strict=False)]  # type: ignore[arg-type]
+    ups, downs = steps.count(sign), steps.count(-sign)
+    if not ups and not downs:
+        return "none"
+    return "mixed" if ups and downs else "yes" if ups else "no"
+
+
+def _step(a: float, b: float) -> int:
+    if a == b or abs(b - a) <= TREND * max(abs(a), abs(b)) < math.inf:
+        return 0
+    return 1 if b > a else -1
+
+
+def _fractions(rows: Sequence[Data]) -> list[Data]:
+    """How many starts of each law, or of each amplitude, came out how."""
+    key = "law" if "law" in rows[0] else "amplitude"
+    found = []
+    for group in dict.fromkeys(one[key] for one in rows):
+        own = [one["outcome"] for one in rows if one[key] == group]
+        counts = Counter(own)
+        outcomes = {name: counts[name] for name in OUTCOMES if counts[name]}
+        found.append({key: group, "starts": len(own), "converged": counts["converged"] / len(own), "outcomes": outcomes})
+    return found
+
+
+def _differing(starts: Mapping[str, Any]) -> list[Data]:
+    """Starts that come out differently in two engines."""
+    engines = list(starts)
+    found = []
+    for parts in zip(*(starts[engine]["rows"] for engine in engines), strict=True):
+        outcomes = {engine: one["outcome"] for engine, one in zip(engines, parts, strict=True)}
+        if len(set(outcomes.values())) > 1:
+            found.append({"label": parts[0]["label"], "outcomes": outcomes})
+    return found
+
+
+# ------------------------------------------------------------------------------------------------------- sentences
+
+
+def summary(setup: Setup, found: Data) -> list[str]:
+    """What the report comes to, in sentences; of the first engine, and where another one differs."""
+    engine = setup.engines[0]
+    sentences = [_nominal_sentence(setup, found, engine), *_winch_sentences(found, engine)]
+    makers = {
+        "sampling": _sampling_sentences,
+        "gains": _gain_sentences,
+        "mass": _plant_sentences,
+        "stiffness": _plant_sentences,
+        "noise": _noise_sentences,
+        "delay": _delay_sentences,
+        "breaks": _break_sentences,
+        "gravity": _gravity_sentences,
+        "starts": _start_sentences,
+    }
+    for section, maker in makers.items():
+        if section in found:
+            mine = maker(setup, section, found[section][engine])
+            others = [name for name in setup.engines[1:] if maker(setup, section, found[section][name]) != mine]
+            sentences += mine
+            if others and section not in ("sampling", "starts"):
+                sentences.append(f"For {section}, {' and '.join(others)} comes out differently: see the tables.")
+    if found.get("starts_that_differ"):
+        count = len(found["starts_that_differ"])
+        sentences.append(f"{count} of the starts {'comes' if count == 1 else 'come'} out differently in other engines.")
+    return [sentence for sentence in sentences if sentence]
+
+
+def _nominal_sentence(setup: Setup, found: Data, engine: str) -> str:
+    values = found["nominal"]["engines"][engine]
+    if values["outcome"] == "failed":
+        return f"The nominal run fails: {values['message']}."
+    text = f"Nominal, {engine}: {values['outcome']} after {values['end_time']:g} s"
+    if values["outcome"] in ("infeasible", "diverged", "singular"):
+        return f"{text}: {values['message']}."
+    error, V = values["error"], values["lyapunov"]
+    if error is not None:
+        text += f", {error['final']:.2g} m from the target"
+    if V is not None and V["promised_rate"] is not None:
+        text += f"; V falls at {V['fitted_rate']:.6g} /s, promised {V['promised_rate']:g} /s"
+        if V["decay_error"] is not None:
+            text += f" (largest error {V['decay_error']:.1g})"
+    for one in found["nominal"]["differences"]:
+        if engine in one["engines"] and one["node_error"] is not None:
+            other = next(name for name in one["engines"] if name != engine)
+            text += f"; {other} differs by {one['node_error']:.1e} m"
+    return text + "."
+
+
+def _winch_sentences(found: Data, engine: str) -> list[str]:
+    values = found["nominal"]["engines"][engine]
+    if "winch" not in values:
+        return []
+    sentences = []
+    margin, peaks, winch = values["margin"], values["peaks"], values["winch"]
+    if margin is not None and margin["smallest"] is not None:
+        sentences.append(f"The smallest feasibility margin is {margin['smallest']:.3g}, at {margin['time']:g} s.")
+    u, rod = peaks["force_density"], peaks["compression"]
+    if u is not None:
+        text = f"The largest force density is {u['value']:.3g} N/m ({u['of']} at {u['time']:g} s)"
+        if rod is not None and rod["value"] > 0:
+            text += f", the largest compression {rod['value']:.3g} N ({rod['of']} at {rod['time']:g} s)"
+        sentences.append(text + ".")
+    below = values["rest_lengths"]
+    if below and below["samples"]:
+        sentences.append(
+            f"Rest lengths of {', '.join(below['strings'])} are <= 0 from {below['first_time']:g} s on at times: no string "
+            "can do that; take stiffer strings."
+        )
+    for name, limit in values["limits"].items():
+        if limit["strings"]:
+            sentences.append(f"{name} is reached by {', '.join(limit['strings'])}.")
+    if winch["peak"] is not None:
+        sentences.append(
+            f"The winches do {winch['done']:.3g} J and get {winch['recovered']:.3g} J back; a single one needs up to "
+            f"{winch['peak']['value']:.3g} W ({winch['peak']['of']} at {winch['peak']['time']:g} s)."
+        )
+    return sentences
+
+
+def _sampling_sentences(setup: Setup, section: str, part: Data) -> list[str]:
+    sentences = []
+    for mode in (Mode.HOLD_FORCE_DENSITY.value, Mode.HOLD_REST_LENGTH.value):
+        own = [one for one in part["rows"] if one["mode"] == mode]
+        bad = [one for one in own if one["outcome"] != "converged"]
+        good = [one for one in own if one["outcome"] == "converged" and one["node_error"] is not None]
+        near = min(good, key=lambda one: abs(math.log(one["period"] / setup.period)), default=None)
+        if near is not None:
+            against = "" if part["reference"] == "continuous" else " against the finest period"
+            sentences.append(f"{mode} at {1e3 * near['period']:g} ms costs {near['node_error']:.2g} m{against}")
+        if bad:
+            what = f"{mode} does not do at {', '.join(_milliseconds(one) for one in bad)}"
+            sentences.append(f"{what} ({_outcomes(bad)})")
+    return [f"{text[0].upper()}{text[1:]}." for text in sentences]
+
+
+def _milliseconds(one: Data) -> str:
+    return f"{1e3 * one['period']:g} ms"
+
+
+def _gain_sentences(setup: Setup, section: str, part: Data) -> list[str]:
+    words = {"yes": "shows", "no": "does not show: it is the other way round", "mixed": "shows in part only"}
+    words |= {"none": "does not show: nothing changes", "unknown": "cannot be told"}
+    return [f"§5.6, {one['statement']}: {words[one['shows']]}." for one in part["trends"]]
+
+
+def _plant_sentences(setup: Setup, section: str, part: Data) -> list[str]:
+    what = "masses" if section == "mass" else "stiffnesses"
+    bad = [one for one in part["rows"] if one["outcome"] != "converged"]
+    if not bad:
+        worst = max(part["rows"], key=lambda one: one["final_error"])
+        return [f"Converges with {what} off by up to 20 % (final error up to {worst['final_error']:.2g} m)."]
+    return [f"Does not tolerate {what} off by 20 %: {_listed(bad)}."]
+
+
+def _noise_sentences(setup: Setup, section: str, part: Data) -> list[str]:
+    sentences = []
+    for key, unit, what in (("position_std", "m", "positions"), ("velocity_std", "m/s", "velocities")):
+        other = "velocity_std" if key == "position_std" else "position_std"
+        own = sorted((one for one in part["rows"] if one[key] and not one[other]), key=lambda one: one[key])
+        text = _tolerated(own, key, f"noise of {what}", unit)
+        sentences += [text] if text else []
+    return sentences
+
+
+def _delay_sentences(setup: Setup, section: str, part: Data) -> list[str]:
+    own = sorted(part["rows"], key=lambda one: one["samples"])
+    good = _first_good(own)
+    if good is None:
+        return [f"Does not tolerate a delay of {own[0]['samples']} samples of {1e3 * setup.period:g} ms ({_outcomes(own[:1])})."]
+    more = " (more was not tried)" if good is own[-1] else f" ({_outcomes([own[own.index(good) + 1]])} with more)"
+    samples = "1 sample" if good["samples"] == 1 else f"{good['samples']} samples"
+    return [f"Tolerates a delay of up to {samples} of {1e3 * setup.period:g} ms{more}."]
+
+
+def _break_sentences(setup: Setup, section: str, part: Data) -> list[str]:
+    bad = [one for one in part["rows"] if one["outcome"] != "converged"]
+    time = part["rows"][0]["time"]
+    if not bad:
+        return [f"Converges whichever of the {len(part['rows'])} strings tried breaks at {time:g} s."]
+    groups = dict.fromkeys(one["outcome"] for one in bad)
+    listed = [f"{group} when {_names(one['string'] for one in bad if one['outcome'] == group)} breaks" for group in groups]
+    text = "; ".join(listed)
+    return [f"{text[0].upper()}{text[1:]} at {time:g} s ({len(bad)} of {len(part['rows'])} strings tried)."]
+
+
+def _gravity_sentences(setup: Setup, section: str, part: Data) -> list[str]:
+    sentences = []
+    for told, words in ((False, "unknown to the law"), (True, "known to it")):
+        own = [one for one in part["rows"] if one["known_to_the_law"] is told]
+        if own:
+            good = [one for one in own if one["outcome"] == "converged"]
+            bad = [one for one in own if one["outcome"] != "converged"]
+            fine = f"converges with {_names(_g(one) for one in good)}" if good else ""
+            ill = f"not with {_names(f'{_g(one)} ({_ended(one)})' for one in bad)}" if bad else ""
+            sentences.append(f"Gravity {words}: {'; '.join(text for text in (fine, ill) if text)}.")
+    return sentences
+
+
+def _g(one: Data) -> str:
+    return f"{np.linalg.norm(one['gravity']):g} m/s²"
+
+
+def _start_sentences(setup: Setup, section: str, part: Data) -> list[str]:
+    key = "law" if "law" in part["fractions"][0] else "amplitude"
+    listed = [
+        f"{one[key] if key == 'law' else f'amplitude {one[key]:g}'}: {one['converged']:.0%}" for one in part["fractions"]
+    ]
+    return [f"Of {part['fractions'][0]['starts']} random starts each, there converge: {'; '.join(listed)}."]
+
+
+def _tolerated(own: Sequence[Data], key: str, what: str, unit: str) -> str:
+    if not own:
+        return ""
+    good = _first_good(own)
+    if good is None:
+        return f"Does not tolerate {what} of {own[0][key]:g} {unit} ({_outcomes(own[:1])})."
+    more = " (more was not tried)" if good is own[-1] else f" ({_outcomes([own[own.index(good) + 1]])} with more)"
+    return f"Tolerates {what} of up to {good[key]:g} {unit}{more}."
+
+
+def _first_good(own: Sequence[Data]) -> Data | None:
+    """The last row before the first that does not converge."""
+    best = None
+    for one in own:
+        if one["outcome"] != "converged":
+            break
+        best = one
+    return best
+
+
+def _listed(rows: Sequence[Data]) -> str:
+    return "; ".join(f"{one['label']}: {_ended(one)}" for one in rows)
+
+
+def _ended(one: Data) -> str:
+    if one["outcome"] in ("infeasible", "diverged", "singular"):
+        return f"{one['outcome']} at {one['end_time']:.3g} s"
+    return str(one["outcome"])
+
+
+def _outcomes(rows: Sequence[Data]) -> str:
+    return _names(dict.fromkeys(_ended(one) if len(rows) == 1 else one["outcome"] for one in rows))
+
+
+def _names(names: Iterable[str]) -> str:
+    *some, last = names
+    return f"{', '.join(some)} or {last}" if some else last

@@ -1,0 +1,223 @@
+"""The report as one self-contained HTML page, made of its data alone."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from tensegrity_mj.report import Picture, Section, Table, write_sections
+from tensegrity_mj.studies.validation import figures
+from tensegrity_mj.studies.validation.sections import SECTIONS
+
+Data = Mapping[str, Any]
+
+TITLES = {
+    "mujoco": "MuJoCo",
+    "dae": "DAE",
+    "ode": "ODE",
+}
+COLUMNS = {
+    "outcome": "outcome",
+    "end_time": "ended at [s]",
+    "final_error": "final error [m]",
+    "settling_10": "settled to 10 % [s]",
+    "settling_2": "to 2 % [s]",
+    "peak_force_density": "peak u [N/m]",
+    "rms_force_density": "RMS u [N/m]",
+    "peak_tension": "peak tension [N]",
+    "peak_compression": "peak compression [N]",
+    "switching_rate": "switches [1/s]",
+    "smallest_margin": "smallest margin",
+    "node_error": "node error [m]",
+}
+USUAL = ("outcome", "end_time", "final_error", "settling_10", "peak_force_density", "smallest_margin")
+SHOWN: dict[str, tuple[str, ...]] = {
+    "sampling": ("outcome", "node_error", "final_error", "peak_force_density", "peak_tension", "switching_rate"),
+    "gains": ("outcome", "settling_10", "settling_2", "peak_force_density", "rms_force_density", "final_error"),
+    "noise": ("outcome", "end_time", "final_error", "peak_force_density", "rms_force_density", "switching_rate"),
+}
+NOTES = {
+    "sampling": "Node error: largest distance of a node from the same run of the same engine with {reference}.",
+    "gains": "All diagonal blocks X, Y or Z times a factor; combinations that are not positive definite fail.",
+    "mass": "Rods are uniform and thin: their inertia is m ℓ²/12 about the middle, and is off with the mass. The law keeps "
+    "the nominal masses.",
+    "stiffness": "The winches set L0 = L (1 - u/k) with the nominal k, so that a stiffer string pulls harder than asked.",
+    "noise": "Independent normal errors of every moving node, drawn at each control sample; the force density is held.",
+    "delay": "The command of an earlier control sample; the force density is held.",
+    "breaks": "From that time on the string carries nothing, and no law is told.",
+    "starts": "At rest. Map: directions b of the rod on the sphere (Mollweide's projection, centre +x, +z up).",
+}
+
+
+def write_validation_page(path: str | os.PathLike[str], data: Data) -> Path:
+    """Write the page of a report's data; returns its path.
+
+    Raises:
+        OptionError: for a path that cannot be written.
+    """
+    setup, law = data["setup"], data["law"]
+    name = _law_name(law)
+    introduction = (
+        f"Law {name} on scene {data['scene']['name']} ({data['scene']['source'] or 'no source given'}); {setup['runs']} runs "
+        f"of {setup['duration']:g} s in {', '.join(_title(engine) for engine in setup['engines'])}; RK4 at "
+        f"{1e3 * setup['timestep']:g} ms where the step is fixed; control period {1e3 * setup['control_period']:g} ms where "
+        f"the law is sampled; seed {setup['seed']}. A run has converged if it ends within {data['tolerance']:.2g} m of its "
+        "target."
+    )
+    parts = [_summary(data), *_sections(data), _details(data)]
+    return write_sections(path, f"Validation of {name} on {data['scene']['name']}", introduction, parts)
+
+
+def _law_name(law: Data) -> str:
+    return str((law["description"] or {}).get("law", law["from"]))
+
+
+def _title(engine: str) -> str:
+    return TITLES.get(engine, engine)
+
+
+def _summary(data: Data) -> Section:
+    rows = [[number, sentence] for number, sentence in enumerate(data["summary"], 1)]
+    return Section("In short", (), [Table("", ("", "finding"), rows)])
+
+
+def _sections(data: Data) -> Iterator[Section]:
+    yield _nominal(data)
+    for section, title in SECTIONS.items():
+        if section == "nominal" or section not in data:
+            continue
+        parts: list[Picture | Table] = list(figures.of_section(section, data))
+        text = NOTES.get(section, "")
+        for engine, part in data[section].items():
+            text = text.replace("{reference}", _reference(part))
+            parts += list(_engine(section, engine, part))
+        if section == "starts" and data.get("starts_that_differ"):
+            rows = [[one["label"], one["outcomes"]] for one in data["starts_that_differ"]]
+            parts.append(Table("Starts that come out differently in two engines", ("start", "outcomes"), rows))
+        yield Section(title[0].upper() + title[1:], [text] if text else [], parts)
+
+
+def _reference(part: Data) -> str:
+    reference = part.get("reference", "")
+    return "the law at every stage" if reference == "continuous" else str(reference)
+
+
+def _engine(section: str, engine: str, part: Data) -> Iterator[Table]:
+    if section == "gains" and part["trends"]:
+        rows = [[one["statement"], one["shows"], [_short(value) for value in one["values"]]] for one in part["trends"]]
+        yield Table(f"What §5.6 says, {_title(engine)}", ("statement", "shows", "values, gain growing"), rows)
+    if section == "starts":
+        head = "law" if "law" in part["fractions"][0] else "amplitude"
+        rows = [
+            [one[head], one["starts"], f"{one['converged']:.0%}", one["outcomes"]] for one in part["fractions"]
+        ]
+        yield Table(_title(engine), (head, "starts", "converge", "outcomes"), rows)
+        return
+    columns = SHOWN.get(section, USUAL)
+    rows = [[one["label"], *(one.get(column) for column in columns), _reason(one)] for one in part["rows"]]
+    if not any(row[-1] for row in rows):
+        rows = [row[:-1] for row in rows]
+        yield Table(_title(engine), ("", *(COLUMNS[column] for column in columns)), rows)
+    else:
+        yield Table(_title(engine), ("", *(COLUMNS[column] for column in columns), "why"), rows)
+
+
+def _reason(one: Data) -> str:
+    text = str(one["message"] or "")
+    return text if len(text) <= 160 else f"{text[:157]}..."
+
+
+def _short(value: float | None) -> str:
+    return "not settled" if value is None else f"{value:.4g}"
+
+
+def _nominal(data: Data) -> Section:
+    engines = data["nominal"]["engines"]
+    runs = [one for one in engines.values() if "peaks" in one]
+    heads = ["", *(_title(engine) for engine, one in engines.items() if "peaks" in one)]
+    rows = [[label, *(_value(one, *keys) for one in runs)] for label, keys in _NOMINAL]
+    parts: list[Picture | Table] = list(figures.of_section("nominal", data))
+    if runs:
+        parts.append(Table("", heads, rows))
+    failed = [[_title(engine), one["outcome"], one["message"]] for engine, one in engines.items() if one not in runs]
+    if failed:
+        parts.append(Table("Without a result", ("engine", "outcome", "why"), failed))
+    if data["nominal"]["differences"]:
+        rows = [
+            [" and ".join(_title(engine) for engine in one["engines"]), one["node_error"]]
+            for one in data["nominal"]["differences"]
+        ]
+        parts.append(Table("Agreement", ("engines", "largest node difference [m]"), rows))
+    if runs:
+        parts += list(_strings(runs[0], next(engine for engine, one in engines.items() if one is runs[0])))
+    return Section("As it is meant to be", (), parts)
+
+
+_NOMINAL: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("outcome", ("outcome",)),
+    ("ended at [s]", ("end_time",)),
+    ("target error at the start [m]", ("error", "initial")),
+    ("target error at the end [m]", ("error", "final")),
+    ("its fitted rate [1/s]", ("error", "rate")),
+    ("settled to 10 % [s]", ("error", "settling_10")),
+    ("settled to 2 % [s]", ("error", "settling_2")),
+    ("promised rate of V [1/s]", ("lyapunov", "promised_rate")),
+    ("fitted rate of V [1/s]", ("lyapunov", "fitted_rate")),
+    ("largest relative error of V(0) exp(-δt)", ("lyapunov", "decay_error")),
+    ("smallest feasibility margin", ("margin", "smallest")),
+    ("at [s]", ("margin", "time")),
+    ("with this distance from the target [m]", ("margin", "target_error")),
+    ("with nodes at [m]", ("margin", "nodes")),
+    ("largest violation of an allocation", ("margin", "allocation_residual")),
+    ("peak force density [N/m]", ("peaks", "force_density")),
+    ("peak tension [N]", ("peaks", "tension")),
+    ("peak compression of a rod [N]", ("peaks", "compression")),
+    ("strings that begin or cease to pull [1/s]", ("switching", "rate")),
+    ("rest lengths <= 0", ("rest_lengths", "strings")),
+    ("limits reached", ("limits",)),
+    ("work of the winches [J]", ("winch", "done")),
+    ("work that they get back [J]", ("winch", "recovered")),
+    ("mean of |power| [W]", ("winch", "mean")),
+    ("peak power of one winch [W]", ("winch", "peak")),
+    ("peak power of all together [W]", ("winch", "peak_total")),
+    ("energy residual [J]", ("energy_residual",)),
+    ("warnings", ("warnings",)),
+)
+
+
+def _value(one: Data, *keys: str) -> Any:
+    value: Any = one
+    for key in keys:
+        if value is None:
+            return None
+        value = value.get(key)
+    if isinstance(value, Mapping) and {"value", "time"} <= set(value):
+        member = f"{value['of']}, " if "of" in value else ""
+        return f"{value['value']:.4g} ({member}{value['time']:.4g} s)"
+    if isinstance(value, Mapping) and keys[-1] == "nodes":
+        return {name: ", ".join(f"{x:.3g}" for x in place) for name, place in value.items()}
+    return value
+
+
+def _strings(one: Data, engine: str) -> Iterator[Table]:
+    strings = one["winch"]["strings"]
+    if not strings:
+        return
+    rates = one["switching"]["strings"]
+    rows = [
+        [name, work["done"], work["recovered"], work["peak"], work["mean"], rates[name]] for name, work in strings.items()
+    ]
+    heads = ("string", "work done [J]", "got back [J]", "peak power [W]", "mean |power| [W]", "switches [1/s]")
+    yield Table(f"Each winch, {_title(engine)}", heads, rows)
+
+
+def _details(data: Data) -> Section:
+    rows: Sequence[Sequence[object]] = [
+        ["law", data["law"]["from"]],
+        ["what it says of itself", data["law"]["description"]],
+        ["setup", data["setup"]],
+        ["versions", data["versions"]],
+    ]
+    return Section("How it was run", (), [Table("", ("", ""), rows)])

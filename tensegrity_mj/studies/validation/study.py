@@ -1,0 +1,207 @@
+"""`validate`: the controller's report of any law on any scene, as data, a page and sentences."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import ArrayLike
+
+from tensegrity_mj.actuation import whole_ratio
+from tensegrity_mj.checks import positive
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.files import replacing
+from tensegrity_mj.jsontext import to_json
+from tensegrity_mj.law import Law
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.simulation import versions
+from tensegrity_mj.studies.many import run_many
+from tensegrity_mj.studies.parameters import ENGINES
+from tensegrity_mj.studies.plain import plain
+from tensegrity_mj.studies.validation import laws
+from tensegrity_mj.studies.validation.findings import findings
+from tensegrity_mj.studies.validation.sections import SECTIONS, Extent, Setup, cases
+from tensegrity_mj.studies.validation.task import TICK, run_point
+from tensegrity_mj.studies.workers import Backend, Workers
+from tensegrity_mj.textformat import load_scene, scene_to_toml
+
+FORMAT = 1
+DATA, PAGE, RUNS = "validation.json", "validation.html", "runs"  # what a folder holds
+
+
+@dataclass(frozen=True, eq=False)
+class Validation:
+    """A finished report.
+
+    Attributes:
+        data: everything, as plain values; docs/validate.md explains the keys.
+        folder: where it is, or None.
+    """
+
+    data: dict[str, Any]
+    folder: Path | None = None
+
+    @property
+    def summary(self) -> list[str]:
+        """What it comes to, in sentences."""
+        return list(self.data["summary"])
+
+    def save_page(self, path: str | os.PathLike[str]) -> Path:
+        """Write the page (.html); returns its path."""
+        from tensegrity_mj.studies.validation.page import write_validation_page
+
+        return write_validation_page(path, self.data)
+
+
+def validate(
+    scene: Scene | str | os.PathLike[str],
+    law: Law | Callable[..., ArrayLike] | str | os.PathLike[str] | None = None,
+    *,
+    folder: str | os.PathLike[str] | None = None,
+    engines: Sequence[str] | None = None,
+    sections: Sequence[str] | None = None,
+    duration: float | None = None,
+    timestep: float = 1e-3,
+    control_period: float = 1e-3,
+    seed: int = 0,
+    quick: bool = False,
+    extent: Extent | None = None,
+    workers: Workers | None = None,
+    progress: bool = False,
+) -> Validation:
+    """Test a law on a scene in every engine: as it is meant to be, sampled, and with everything off that may be.
+
+    Args:
+        scene: a scene, or the name or the path of one; its loads must not be a Python function.
+        law: the scene's law by default; a built-in law's name; "module:name" or "path.py:name" of your own; or a law
+            object or function. What no other process can import is run in this one.
+        folder: where the report is written (validation.json, validation.html) and finished runs are kept, so that the
+            same call goes on after an interruption; None keeps nothing.
+        engines: "mujoco", "dae", ...; all by default. Sentences are of the first.
+        sections: of `SECTIONS`; all by default. `nominal` is always run.
+        duration: of each run [s]; the scene's by default; rounded to hundredths.
+        timestep: of RK4 in every engine [s]; it must divide 10 ms.
+        control_period: of runs that must be sampled (noise, delay, laws that jump) [s]; it must divide 10 ms.
+        seed: of everything random, an integer >= 0.
+        quick: a few points of each section.
+        extent: exactly how much is run, in place of `quick`.
+        workers: who computes; all cores by default.
+        progress: show a bar with the time left on stderr.
+
+    Returns:
+        The report. Runs that fail, diverge or have no solution are results in it.
+
+    Raises:
+        OptionError: for options out of range, no law, or workers that cannot have the law.
+        SceneError: for loads that are a Python function.
+    """
+    if not isinstance(scene, Scene):
+        scene = load_scene(scene)
+    spec = laws.spec_of(law, scene)
+    made = laws.make(spec, scene)
+    told = plain(laws.describe(spec, made, scene), "what the law says of itself")
+    setup = Setup(
+        scene,
+        made,
+        _names("engines", engines, tuple(ENGINES)),
+        _duration(scene, duration),
+        _part_of_a_tick("timestep", timestep),
+        _part_of_a_tick("control_period", control_period),
+        _seed(seed),
+        extent or (Extent.quick() if quick else Extent()),
+    )
+    chosen = _names("sections", sections, tuple(SECTIONS))
+    chosen = [name for name in SECTIONS if name == "nominal" or name in chosen]
+    todo = cases(setup, chosen)
+    common = {
+        "scene": scene_to_toml(scene),
+        "spec": spec,
+        "duration": setup.duration,
+        "timestep": setup.timestep,
+    }
+    place = _folder(folder)
+    known = versions()
+    study = run_many(
+        run_point,
+        [case.point for case in todo],
+        None if place is None else place / RUNS,
+        common=common,
+        identity={"versions": known, "law": told},
+        workers=_workers(workers, spec),
+        progress=progress,
+        label=f"validation of {scene.name}",
+    )
+    data: dict[str, Any] = {
+        "format": FORMAT,
+        "scene": {"name": scene.name, "source": scene.source},
+        "law": told,
+        "setup": {
+            "engines": list(setup.engines),
+            "sections": chosen,
+            "duration": setup.duration,
+            "timestep": setup.timestep,
+            "control_period": setup.period,
+            "seed": setup.seed,
+            "runs": len(todo),
+        },
+        "versions": known,
+        **findings(setup, list(zip(todo, study.outcomes, strict=True))),
+    }
+    report = Validation(data, place)
+    if place is not None:
+        with replacing(place / DATA) as part:
+            part.write_text(to_json(data, indent=1) + "\n", encoding="utf-8")
+        report.save_page(place / PAGE)
+    return report
+
+
+def _workers(workers: Workers | None, spec: laws.Spec) -> Workers:
+    if not laws.is_here(spec):
+        return workers or Workers()
+    if workers is not None and workers.backend is not Backend.THIS_PROCESS:
+        raise OptionError(
+            f"law '{spec['name']}': it exists in this process only, and workers cannot make it again. Put it, or a function "
+            'scene -> law, at the top of a file of its own and give "path.py:name"; or leave workers out'
+        )
+    return Workers(backend=Backend.THIS_PROCESS)
+
+
+def _folder(folder: str | os.PathLike[str] | None) -> Path | None:
+    if folder is None:
+        return None
+    place = Path(folder)
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OptionError(f"{place}: no folder can be made there ({error.strerror}); choose another") from error
+    return place
+
+
+def _names(what: str, given: Sequence[str] | None, known: Sequence[str]) -> list[str]:
+    names = list(known if given is None else [given] if isinstance(given, str) else given)
+    for name in names:
+        if name not in known:
+            raise OptionError(f"{what}: there is no {name!r}; allowed: {', '.join(known)}")
+    if not names:
+        raise OptionError(f"{what}: name at least one of {', '.join(known)}")
+    return list(dict.fromkeys(names))
+
+
+def _duration(scene: Scene, duration: float | None) -> float:
+    total = positive("duration", scene.duration if duration is None else duration, "s")
+    return TICK * max(1, round(total / TICK))
+
+
+def _part_of_a_tick(what: str, value: float) -> float:
+    value = positive(what, value, "s")
+    whole_ratio(TICK, value, f"10 ms over the {what}")
+    return value
+
+
+def _seed(seed: int) -> int:
+    if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
+        raise OptionError(f"seed = {seed!r}; it must be an integer >= 0")
+    return seed

@@ -1,0 +1,130 @@
+"""One run of the report: a point of plain values in, its measures out. What ends a run early is a result, too."""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.actuation import Actuation, Mode
+from tensegrity_mj.controllers.degraded import Delayed, Noisy
+from tensegrity_mj.errors import DivergenceError
+from tensegrity_mj.law import native_law
+from tensegrity_mj.scene import Break, Scene
+from tensegrity_mj.simulation import simulate
+from tensegrity_mj.studies.nominal import NominalWinches
+from tensegrity_mj.studies.parameters import Draft
+from tensegrity_mj.studies.validation import laws, measures
+from tensegrity_mj.textformat import scene_from_toml
+from tensegrity_mj.trajectory import Trajectory
+
+ROWS = 64 * 2**20  # bytes of recorded rows at most
+TICK = 0.01  # s: what control periods, durations and break times are multiples or parts of
+KEPT = 100  # times at which nodes are kept for comparison, besides the start
+
+# What a point may hold besides its engine; absent means nominal.
+DEFAULTS: dict[str, Any] = {
+    "engine_options": {},
+    "mode": Mode.CONTINUOUS.value,
+    "period": None,
+    "law": None,  # another law than the one under test
+    "gain": None,  # [X, Y, Z or decay_rate, factor]
+    "settings": {},  # parameters of `studies.parameters`
+    "gravity": None,  # [g, whether the law is told]
+    "noise": None,  # [m, m/s, seed]
+    "delay": 0,  # samples
+    "breaks": [],  # [string, s]
+    "nodes": None,  # (N, 3): another start
+    "keep_nodes": False,
+}
+
+
+def run_point(point: dict[str, Any]) -> dict[str, Any]:
+    """The task: simulate one point and measure it.
+
+    Args:
+        point: `scene` (TOML), `spec` of the law, `duration` [s], `timestep` [s], `engine`, and any of `DEFAULTS`.
+    """
+    case = DEFAULTS | point
+    nominal = scene_of(case["scene"])
+    draft = Draft(nominal, engine=case["engine"], engine_options=dict(case["engine_options"]))
+    draft.apply(case["settings"])
+    plant = draft.plant or draft.scene
+    law = _law(case, nominal)
+    if case["gravity"] is not None:
+        gravity, told = case["gravity"]
+        plant = plant.with_(gravity=tuple(gravity))
+        law = laws.with_gravity(law, gravity) if told else law
+    if case["breaks"]:
+        plant = plant.with_(breaks=tuple(Break(name, time) for name, time in case["breaks"]))
+    if case["nodes"] is not None:
+        plant = plant.with_(initial_nodes=np.array(case["nodes"]), initial_velocities=None)
+    promised = native_law(law, nominal.structure).decay_rate
+    floor = getattr(law, "minimum_force_density", 0.0)
+    law = NominalWinches.between(law, nominal.structure, plant.structure)
+    period = case["period"]
+    if case["noise"] is not None:
+        position, velocity, seed = case["noise"]
+        law = Noisy(law, position, velocity, seed, period)
+    if case["delay"]:
+        law = Delayed(law, case["delay"], period)
+    try:
+        run = simulate(
+            plant,
+            law,
+            draft.make_engine(),
+            duration=case["duration"],
+            actuation=Actuation(Mode(case["mode"]), period),
+            output_interval=recording_interval(plant, period or case["timestep"], case["duration"]),
+        )
+    except DivergenceError as error:
+        return {"status": "diverged", "message": str(error), "end_time": error.time}
+    if case["settings"] or case["gravity"] is not None or case["breaks"]:
+        promised = None  # of another plant
+    values = measures.of_run(run, promised, floor)
+    if case["keep_nodes"]:
+        values["kept"] = kept_nodes(run, case["duration"])
+    return values
+
+
+@functools.lru_cache(maxsize=4)
+def scene_of(text: str) -> Scene:
+    """The scene under test."""
+    return scene_from_toml(text, where="the scene under test")
+
+
+def recording_interval(scene: Scene, base: float, duration: float) -> float:
+    """The least multiple of `base` that divides `TICK` and keeps rows within `ROWS`; else `TICK`, or `base` if larger."""
+    width = 6 * len(scene.structure.nodes) + 3 * len(scene.structure.strings) + len(scene.structure.rods) + 8
+    whole = round(TICK / base) if base < TICK else 1
+    for factor in range(1, whole + 1):
+        if whole % factor == 0 and 8.0 * width * duration / (factor * base) <= ROWS:
+            return factor * base
+    return whole * base
+
+
+def kept_nodes(run: Trajectory, duration: float) -> dict[str, Any]:
+    """Nodes, target error, V, margin and the largest u at times that all runs of one duration record."""
+    step = TICK * max(1, math.ceil(round(duration / TICK) / KEPT))
+    wanted = np.arange(0, math.floor(run.time[-1] / step + 1e-6) + 1) * step
+    rows = np.clip(np.searchsorted(run.time, wanted - 1e-6), 0, len(run.time) - 1)
+    good = np.abs(run.time[rows] - wanted) < 1e-6
+    rows = rows[good]
+    return {
+        "times": wanted[good].tolist(),
+        "nodes": run.nodes[rows].tolist(),
+        "error": run.target_error()[rows].tolist(),
+        "lyapunov": run.lyapunov[rows].tolist(),
+        "margin": run.feasibility_margin[rows].tolist(),
+        "force_density": run.force_densities[rows].max(axis=1, initial=0.0).tolist(),
+    }
+
+
+def _law(case: Mapping[str, Any], nominal: Scene) -> Any:
+    law = laws.make(case["law"] or case["spec"], nominal)
+    if case["gain"] is not None:
+        law = laws.with_gain(law, nominal, *case["gain"])
+    return law
