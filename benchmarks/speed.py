@@ -1,7 +1,7 @@
 """Speed as ratios, measured side by side in one run: `python benchmarks/speed.py`.
 
 The prism of §5.5 in closed loop (Lyapunov law, p = 2, evaluated at every stage) against the bare C loop
-`mj_step(nstep)` of the same model without any law, and the DAE's right-hand sides against bare Euler steps.
+`mj_step(nstep)` of the same model without any law, and the right-hand sides of DAE and ODE against bare Euler steps.
 Each figure is the best of several interleaved repetitions, so that other load on the machine hits both sides.
 """
 
@@ -43,9 +43,11 @@ def main() -> None:
         engines = {
             integrator: tmj.MuJoCo(STEP, integrator) for integrator in (tmj.Integrator.RK4, tmj.Integrator.EULER)
         }
-        dae = {
+        integrated = {
             "DAE DOP853, rtol 1e-12": tmj.DAE(rtol=1e-12, atol=1e-13),
             "DAE RK4": tmj.DAE(tmj.Method.RK4, timestep=STEP),
+            "ODE DOP853, rtol 1e-12": tmj.ODE(rtol=1e-12, atol=1e-13),
+            "ODE RK4": tmj.ODE(tmj.Method.RK4, timestep=STEP),
         }
         best: dict[str, float] = {}
         for _ in range(REPEATS):
@@ -55,14 +57,14 @@ def main() -> None:
                     (f"MuJoCo {integrator.value}", closed(scene, engine, "steps")),
                 ):
                     best[label] = max(best.get(label, 0.0), value)
-            for label, reference in dae.items():
+            for label, reference in integrated.items():
                 best[label] = max(best.get(label, 0.0), closed(scene, reference, "evaluations"))
         for label, against in (
             ("MuJoCo rk4", "bare rk4"),
             ("MuJoCo euler", "bare euler"),
-            *((label, "bare euler") for label in dae),
+            *((label, "bare euler") for label in integrated),
         ):
-            unit = "right-hand sides" if label.startswith("DAE") else "steps"
+            unit = "right-hand sides" if label in integrated else "steps"
             shown = f"{against} {best[against]:,.0f}/s"
             ratio = best[label] / best[against]
             print(f"{name:12s} {label + ', ' + unit:42s} {best[label]:12,.0f} {shown:>22s} {ratio:6.2f}")

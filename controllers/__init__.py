@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from tensegrity_mj.controllers import feedback_linearization
+from tensegrity_mj.controllers.degraded import Delayed, Noisy
 from tensegrity_mj.controllers.feedback_linearization import FeedbackLinearization
 from tensegrity_mj.controllers.gains import Gains
 from tensegrity_mj.controllers.lyapunov import Lyapunov
@@ -20,9 +21,11 @@ from tensegrity_mj.scene import Scene
 __all__ = [
     "LAWS",
     "Allocation",
+    "Delayed",
     "FeedbackLinearization",
     "Gains",
     "Lyapunov",
+    "Noisy",
     "Onto",
     "Projection",
     "Replay",

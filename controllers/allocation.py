@@ -98,7 +98,7 @@ def _least_sum(v: Any, rest: float, floor: Any, ceiling: Any, u: Any) -> None:
 @njit
 def _least_squares(v: Any, alpha: float, rest: float, floor: Any, ceiling: Any, u: Any) -> None:
     # The optimality conditions give u_i = min(max(ū_i, μ w_i), c_i) with w = v sign(α') and μ > 0. The sum of w_i u_i
-    # grows with μ piecewise linearly: string i leaves its threshold at μ = ū_i / w_i and meets its ceiling at c_i / w_i.
+    # grows with μ piecewise linearly: string i leaves its threshold at ū_i / w_i and meets its ceiling at c_i / w_i.
     sign = 1.0 if rest > 0.0 else -1.0
     n = len(v)
     if rest == alpha and not floor.any():
@@ -165,7 +165,8 @@ def _least_maximum(v: Any, rest: float, highest: float, floor: Any, ceiling: Any
             if sign * v[i] > 0.0:
                 u[i] = floor[i] + (min(highest, ceiling[i]) - floor[i]) * (need / slack)
         return
-    # Each round raises the level to the next ceiling, or to where the need is met; mostly that is one round.
+    # What is given is concave in the level, so that Newton's steps rise to the solution and never beyond: each but the
+    # last passes a ceiling. Mostly there is one.
     level = highest
     while True:
         gain, given, top = 0.0, 0.0, np.inf
@@ -180,9 +181,8 @@ def _least_maximum(v: Any, rest: float, highest: float, floor: Any, ceiling: Any
                     given += w * (ceiling[i] - floor[i])
         if gain == 0.0:
             break  # round-off at the last ceiling
-        reached = level + (need - given) / gain
-        level = min(reached, top)
-        if reached <= top:
+        level += (need - given) / gain
+        if level <= top:
             break
     for i in range(n):
         if sign * v[i] > 0.0:

@@ -278,7 +278,10 @@ class FeedbackLinearization:
             InfeasibleError: where no admissible u exists, with the constraint at fault; or where a rod's angles are
                 singular.
         """
-        return self._own(time, nodes, velocities)
+        try:
+            return self._own(time, nodes, velocities)
+        except InfeasibleError as error:
+            raise InfeasibleError(f"t = {time:.6g} s: {error}") from None
 
     def error(self, time: float, nodes: Array, velocities: Array) -> tuple[Array, Array]:
         """e and ė (n,) of (4.6) at one state, in the order of `coordinates`."""
@@ -355,10 +358,7 @@ class _Evaluation:
     def __call__(self, time: float, nodes: Array, velocities: Array) -> Array:
         self.report[:] = np.nan
         A, d, _ = self.equation(time, nodes, velocities)
-        try:
-            u, violation = self.allocator.solve(A, d, nodes)
-        except InfeasibleError as error:
-            raise InfeasibleError(f"t = {time:.6g} s: {error}") from None
+        u, violation = self.allocator.solve(A, d, nodes)
         self.report[Report.ALLOCATION_RESIDUAL] = violation
         return u
 

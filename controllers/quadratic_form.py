@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.checks import positive, real_array
-from tensegrity_mj.controllers.allocation import least_norm
+from tensegrity_mj.controllers.allocation import feasibility_margin, least_norm
 from tensegrity_mj.controllers.gains import GAINS, Gains, gain_records
 from tensegrity_mj.controllers.limits import StringLimits, write_ceilings
 from tensegrity_mj.dynamics.kernels import rod_accelerations
@@ -288,7 +288,7 @@ class QuadraticForm:
         self.decay_rate = positive("decay_rate", decay_rate, "1/s")
         if isinstance(norm, bool) or not np.isscalar(norm) or norm not in (1, 2, math.inf):
             raise OptionError(f"norm = {norm!r}; allowed: 1, 2, math.inf")
-        self.norm = float(norm)  # type: ignore[arg-type]
+        self.norm = float(norm)
         self.floor = np.array(real_array("minimum_force_density", minimum, (len(structure.strings),), "N/m"))
         if np.any(self.floor < 0):
             raise OptionError(f"minimum_force_density = {minimum!r}; every value must be >= 0 N/m")
@@ -373,13 +373,18 @@ class QuadraticForm:
         if margin == -np.inf:
             low = int(np.argmin(self.limits.ceilings(nodes) - self.floor))
             text += f"; string '{self.structure.strings[low].name}' is too short to keep its minimum_force_density"
+        else:
+            terms = self.terms(time, nodes, velocities)
+            alpha = terms.beta + self.decay_rate * (terms.V_error + terms.V_velocity)
+            if feasibility_margin(terms.f, alpha, self.floor, np.full(len(u), np.inf)) > 0:
+                text += "; without the ceilings of the strings there would be one"
         raise InfeasibleError(text)
 
     def terms(self, time: float, nodes: Array, velocities: Array) -> Terms:
         """The parts of V, and β and f of V̇ = β - fᵀu."""
         records = StructureRecords.of(self.structure)
         f = np.empty(len(self.structure.strings))
-        parts = quadratic_terms(
+        error, velocity, beta = quadratic_terms(
             float(time),
             np.ascontiguousarray(nodes, float),
             np.ascontiguousarray(velocities, float),
@@ -392,7 +397,7 @@ class QuadraticForm:
             np.array(self.gravity),
             f,
         )
-        return Terms(*parts, f)
+        return Terms(error, velocity, beta, f)
 
     def target_equilibrium(self) -> dict[str, Any]:
         """Is the (last) target an equilibrium, as Theorem 5.1 assumes? Residual [N], u [N/m], self-stress modes."""

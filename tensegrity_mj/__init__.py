@@ -61,6 +61,9 @@ _HOME = {
     "write_sweep_page": "studies.page",
     "Scaled": "studies.parameters",
     "Sweep": "studies.sweep",
+    "Extent": "studies.validation.sections",
+    "Validation": "studies.validation.study",
+    "validate": "studies.validation.study",
     "Backend": "studies.workers",
     "Workers": "studies.workers",
     "load_scene": "textformat",
@@ -129,6 +132,9 @@ if TYPE_CHECKING:  # the same names, for type checkers and editors
     from tensegrity_mj.studies.page import write_sweep_page as write_sweep_page
     from tensegrity_mj.studies.parameters import Scaled as Scaled
     from tensegrity_mj.studies.sweep import Sweep as Sweep
+    from tensegrity_mj.studies.validation.sections import Extent as Extent
+    from tensegrity_mj.studies.validation.study import Validation as Validation
+    from tensegrity_mj.studies.validation.study import validate as validate
     from tensegrity_mj.studies.workers import Backend as Backend
     from tensegrity_mj.studies.workers import Workers as Workers
     from tensegrity_mj.textformat import load_scene as load_scene

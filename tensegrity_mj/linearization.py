@@ -165,6 +165,15 @@ class Linearization:
             moved = moved / np.where(largest == 0, 1, largest)
         return values[order], moved
 
+    def deviation(self, nodes: ArrayLike, velocities: ArrayLike) -> Array:
+        """x (2n,) of node positions and velocities (N, 3): what they differ by from the state of this model."""
+        structure = self.scene.structure
+        shape = (len(structure.nodes), 3)
+        chart = Chart(structure, self.nodes)
+        here = real_array("nodes", nodes, shape, "m", False), real_array("velocities", velocities, shape, "m/s", False)
+        delta, rate = chart.coordinates(*here)
+        return np.concatenate([delta, rate - chart.coordinates(self.nodes, self.velocities)[1]])
+
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write everything as .json, or its arrays and names as .npz; returns the path.
 
@@ -257,16 +266,20 @@ class Chart:
             q_rate[at : at + nz] = rate[d : d + nz]
         return (self.phi @ q + self.offset).reshape(-1, 3), (self.phi @ q_rate).reshape(-1, 3)
 
-    def rates(self, velocities: Array) -> Array:
-        """δ̇ (n,) at δ = 0 of node velocities (N, 3)."""
-        q_rate = self.records.coordinates(velocities)
-        out = np.zeros(self.size)
+    def coordinates(self, nodes: Array, velocities: Array) -> tuple[Array, Array]:
+        """δ, δ̇ (n,) of node positions and velocities (N, 3); every b within a right angle of b₀."""
+        q, q_rate = self.records.coordinates(nodes), self.records.coordinates(velocities)
+        delta, rate = np.zeros(self.size), np.zeros(self.size)
         for at, nz, d, b0, T in self._rods:
-            out[d : d + nz] = q_rate[at : at + nz]
-            out[d + nz : d + nz + T.shape[1]] = T.T @ q_rate[at + nz : at + nz + len(b0)]
+            z, turn = slice(d, d + nz), slice(d + nz, d + nz + T.shape[1])
+            b, b_rate = (values[at + nz : at + nz + len(b0)] for values in (q, q_rate))
+            delta[z], rate[z] = q[at : at + nz] - self.q0[at : at + nz], q_rate[at : at + nz]
+            delta[turn] = T.T @ b / (b0 @ b)
+            rate[turn] = (T.T @ b_rate - delta[turn] * (b0 @ b_rate)) / (b0 @ b)
         for at, nz, d in self._points:
-            out[d : d + nz] = q_rate[at : at + nz]
-        return out
+            delta[d : d + nz] = q[at : at + nz] - self.q0[at : at + nz]
+            rate[d : d + nz] = q_rate[at : at + nz]
+        return delta, rate
 
     def accelerations(self, delta: Array, rate: Array, nodes: Array) -> Array:
         """δ̈ (n,) of node accelerations (N, 3) at δ, δ̇: of δ_b = Tᵀ b / (b₀ᵀ b), differentiated twice."""
@@ -331,7 +344,7 @@ def linearize(
         breaks=(),
     )
     chart = Chart(structure, scene.nodes0)
-    rate0 = chart.rates(scene.velocities0)
+    _, rate0 = chart.coordinates(scene.nodes0, scene.velocities0)
     reach = _reach(structure, scene.nodes0)
     loop = None if law is None else _RestLengths(scene, law, time)
     if rest_lengths is not None and law is not None:

@@ -287,15 +287,12 @@ def landscape(
     contours = panel.contour(phi, rate, shape(phi, rate[:, None]), levels=24, cmap="viridis", linewidths=0.8)
     figure.colorbar(contours, ax=panel, label=r"$V_\varphi$")
     for number, (run, way) in enumerate(zip(all_runs, ways, strict=True)):
-        style = {"color": palette.CYCLE[(2 + number) % len(palette.CYCLE)]}
+        color = _color(2 + number)
         label = f"{_law_name(run)}, {run.engine or run.scene.name}" if len(all_runs) > 1 else None
-        panel.plot(way.phi, way.phi_rate, lw=1.6, ls=RUN_STYLES[number % len(RUN_STYLES)], label=label, **style)
-        panel.plot(way.phi[:1], way.phi_rate[:1], marker="o", ms=5, ls="none", **style)
-    name = (
-        "no projection"
-        if shape.onto is None
-        else {"current": "onto $b^\\perp$", "target": "onto $b_d^\\perp$"}[shape.onto.value]
-    )
+        panel.plot(way.phi, way.phi_rate, lw=1.6, ls=RUN_STYLES[number % len(RUN_STYLES)], color=color, label=label)
+        panel.plot(way.phi[:1], way.phi_rate[:1], marker="o", ms=5, ls="none", color=color)
+    names = {None: "no projection", "current": r"onto $b^\perp$", "target": r"onto $b_d^\perp$"}
+    name = names[shape.onto.value if shape.onto else None]
     gains = (
         rf"$\alpha = {shape.alpha:g}$, $\beta = {shape.beta:g}$, $\gamma = {shape.gamma:g}$, $K = {shape.stiffness:g}$"
     )

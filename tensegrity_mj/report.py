@@ -62,12 +62,16 @@ class Picture:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of its own: a title, column heads, rows of cells (numbers are formatted, all else becomes text)."""
+    """A table of its own: a title, column heads, rows of cells (numbers are formatted, all else becomes text).
+
+    In a `Section`, a folded one shows its title alone until it is opened.
+    """
 
     title: str
     columns: Sequence[str]
     rows: Sequence[Sequence[object]]
     note: str = ""
+    folded: bool = False
 
 
 @dataclass(frozen=True)
@@ -160,10 +164,11 @@ def write_sections(path: PathLike, title: str, introduction: str, sections: Iter
             if isinstance(part, Picture):
                 parts.append(_picture(part))
                 continue
-            head = [f"<h3>{escape(part.title)}</h3>"] if part.title else []
-            parts += [*head, _table(part.columns, part.rows)]
-            if part.note:
-                parts.append(f"<p>{escape(part.note)}</p>")
+            body = _table(part.columns, part.rows) + (f"<p>{escape(part.note)}</p>" if part.note else "")
+            if part.folded:
+                parts.append(f"<details><summary>{escape(part.title)}</summary>{body}</details>")
+            else:
+                parts.append((f"<h3>{escape(part.title)}</h3>" if part.title else "") + body)
     return _written(destination, title, parts)
 
 

@@ -125,7 +125,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
         ["no-such-command"],
         ["run"],
         ["run", "prism", "--no-such-option"],
-        ["run", "prism", "--engine", "ode"],
+        ["run", "prism", "--engine", "bullet"],
         ["run", "prism", "--timestep", "0"],
         ["run", "prism", "--timestep", "-1e-3"],
         ["run", "prism", "--timestep", "nan"],
@@ -220,7 +220,7 @@ def test_json_answers_whatever_happens(
 
 def test_every_status_has_a_code() -> None:
     codes = {status.value: common.code_of_status(status) for status in tmj.Status}
-    assert codes == {"completed": 0, "infeasible": 3, "diverged": 4}
+    assert codes == {"completed": 0, "infeasible": 3, "diverged": 4, "singular": 6}
 
 
 # What goes where -------------------------------------------------------------------------------------------

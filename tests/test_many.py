@@ -103,7 +103,9 @@ def kill_and_resume(code: str, folder: Path, tmp_path: Path, kills: int, seed: i
                 if generator.random() < 0.25:
                     time.sleep(generator.uniform(0.0, 1.0))  # anywhere, starting up included
                 else:
-                    wait_for(lambda at=before, one=process: size_of(folder / store.POINTS) > at or one.poll() is not None)
+                    wait_for(
+                        lambda at=before, one=process: size_of(folder / store.POINTS) > at or one.poll() is not None
+                    )
                     time.sleep(generator.uniform(0.0, pause))
                 process.kill()
             _, err = process.communicate()
@@ -206,7 +208,7 @@ def check_troubles(study: Study) -> None:
     assert told["infeasible"] == ("InfeasibleError", "no admissible u", False)
     assert told["mistake"] == ("ZeroDivisionError", "division by zero", True)
     assert told["exit"] == ("SystemExit", "leaving", True)
-    assert told["no dict"][:2] == ("OptionError", "the task returned [1, 2]; it must return a dict of plain values")
+    assert told["no dict"][:2] == ("OptionError", "the task returned a list; it must return a dict of plain values")
     assert told["not plain"][0] == "OptionError"
     assert "the task's result['x']['y']" in (told["not plain"][1] or "")
     if "killed" in told:
@@ -260,7 +262,11 @@ def test_this_process_gives_the_same_result(tmp_path: Path) -> None:
 
 
 def test_a_worker_that_dies_once_costs_nothing_but_time(tmp_path: Path) -> None:
-    points = [*POINTS, {"how": "killed once", "mark": str(tmp_path / "mark")}, *({"how": "well", "n": n} for n in range(5))]
+    points = [
+        *POINTS,
+        {"how": "killed once", "mark": str(tmp_path / "mark")},
+        *({"how": "well", "n": n} for n in range(5)),
+    ]
     points = [point if "how" in point else {"how": "well", **point} for point in points]
     study = run_many(study_tasks.troubled, points, tmp_path / "study", workers=TWO)
     assert study.failed == []
@@ -464,7 +470,7 @@ def test_the_name_of_a_task() -> None:
     ("points", "said"),
     [
         ([1], r"points\[0\] = 1; it must be a dict"),
-        ([{}, {"x": {1, 2}}], r"points\[1\]\['x'\] = \{1, 2\}; it must be a plain value"),
+        ([{}, {"x": {1, 2}}], r"points\[1\]\['x'\] is of type set; it must be a plain value"),
         ([{"x": [0, object]}], r"points\[0\]\['x'\]\[1\]"),
         ([{1: 2}], "key 1 must be a text"),
         ([{"x": 1j}], "plain value"),

@@ -29,10 +29,14 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--law",
         metavar="LAW",
-        help="a built-in law, or your own as module:name or path.py:name: a law, or a function scene -> law (the scene's)",
+        help="a built-in law, or module:name or path.py:name of a law or of a function scene -> law (the scene's)",
     )
-    parser.add_argument("--only", nargs="+", choices=SECTIONS, metavar="SECTION", help=f"of {', '.join(SECTIONS)} (all)")
-    parser.add_argument("--engines", nargs="+", choices=ENGINES, metavar="ENGINE", help=f"of {', '.join(ENGINES)} (all)")
+    parser.add_argument(
+        "--only", nargs="+", choices=SECTIONS, metavar="SECTION", help=f"of {', '.join(SECTIONS)} (all)"
+    )
+    parser.add_argument(
+        "--engines", nargs="+", choices=ENGINES, metavar="ENGINE", help=f"of {', '.join(ENGINES)} (all)"
+    )
     parser.add_argument("--quick", action="store_true", help="a few points of each section")
     parser.add_argument("--duration", type=positive, metavar="S", help="of each run [s] (the scene's)")
     parser.add_argument("--timestep", type=positive, metavar="S", default=1e-3, help="of RK4 [s]; divides 0.01 (0.001)")
@@ -42,7 +46,9 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, help="of everything random (0)")
     parser.add_argument("--workers", type=int, metavar="N", help="how many runs at a time (all cores)")
     parser.add_argument(
-        "--out", metavar="FOLDER", help="write validation.json and validation.html there, and go on there if interrupted"
+        "--out",
+        metavar="FOLDER",
+        help="write validation.json and validation.html there; go on there if interrupted",
     )
 
 

@@ -116,13 +116,26 @@ def state_of_nodes(nodes: Any, velocities: Any, rods: Any, points: Any, q: Any, 
 
 
 @njit
+def cosine_and_sine(angle: float) -> tuple[float, float]:
+    """cos and sin, exactly 0 and ±1 at right angles up to ±π.
+
+    A law that has no solution in a plane of axes must not find one in a cosine's round-off.
+    """
+    size = abs(angle)
+    if size > np.pi:
+        return np.cos(angle), np.sin(angle)
+    sine = np.sin(size) if size <= 0.5 * np.pi else np.sin(np.pi - size)
+    return np.sin(0.5 * np.pi - size), -sine if angle < 0.0 else sine
+
+
+@njit
 def direction(rod: Any, angles: Any, rates: Any, b: Any, b_rate: Any, U: Any, bend: Any) -> float:
     """b, ḃ = W β̇, the unit vectors U (rows) of W's columns, and Ẇ β̇, of a rod's angles; returns sin φ (1 in a plane).
 
     `U` is (2, 3), of which a rod in a plane uses the first row.
     """
     if rod.nb == 2:
-        c, s = np.cos(angles[0]), np.sin(angles[0])
+        c, s = cosine_and_sine(angles[0])
         rate = rates[0]
         for k in range(3):
             b[k] = rod.B[k, 0] * c + rod.B[k, 1] * s
@@ -130,7 +143,8 @@ def direction(rod: Any, angles: Any, rates: Any, b: Any, b_rate: Any, U: Any, be
             b_rate[k] = rate * U[0, k]
             bend[k] = -rate * rate * b[k]
         return 1.0
-    ct, st, cp, sp = np.cos(angles[0]), np.sin(angles[0]), np.cos(angles[1]), np.sin(angles[1])
+    ct, st = cosine_and_sine(angles[0])
+    cp, sp = cosine_and_sine(angles[1])
     turn, tilt = rates[0], rates[1]
     b[0], b[1], b[2] = ct * sp, st * sp, cp
     U[0, 0], U[0, 1], U[0, 2] = -st, ct, 0.0

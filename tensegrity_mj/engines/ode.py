@@ -89,16 +89,18 @@ class ODE:
 
         def explain(time: float) -> str:
             rod = scene.structure.rods[int(table[ode.LAST_SINGULAR])].name
+            reason = int(table[ode.REASON])
             limits = {
                 ode.NEAR_POLE: f"points along the z axis (sin φ <= least_sine = {self.least_sine:g})",
                 ode.ACROSS_POLE: "swings across the z axis within a step",
                 ode.TURNS_TOO_FAR: f"passes the z axis so near that θ turns by more than {ode.MAX_TURN:g} rad in a "
                 f"step of {self.timestep or 0.0:g} s",
             }
+            finer = "reduce the time step, or " if reason == ode.TURNS_TOO_FAR else ""
             return (
-                f"at t = {time:.6g} s rod '{rod}' {limits[int(table[ode.REASON])]}, and the angles (θ, φ) of the "
-                "minimal coordinates end there (thesis 2.3.1); use the DAE, which has no such pole, or turn the "
-                "structure, so that no rod comes near the z axis"
+                f"at t = {time:.6g} s rod '{rod}' {limits[reason]}, and the angles (θ, φ) of the minimal coordinates "
+                f"end there (thesis 2.3.1); {finer}use the DAE, which has no such pole, or turn the structure, so that "
+                "no rod comes near the z axis"
             )
 
         run = IntegratedRun(

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.reproduction import figures5, statements5
+from tensegrity_mj.reproduction import figures4, figures5, figures6, statements4, statements5, statements6
 from tensegrity_mj.reproduction.drawing import ThesisFigure
 from tensegrity_mj.reproduction.statement import Statement
 
-FIGURES: tuple[ThesisFigure, ...] = (*figures5.FIGURES,)
-STATEMENTS: tuple[Statement, ...] = (*statements5.STATEMENTS,)
+FIGURES: tuple[ThesisFigure, ...] = (*figures4.FIGURES, *figures5.FIGURES, *figures6.FIGURES)
+STATEMENTS: tuple[Statement, ...] = (*statements4.STATEMENTS, *statements5.STATEMENTS, *statements6.STATEMENTS)
 
 
 def selected(chosen: Sequence[str]) -> tuple[list[ThesisFigure], list[Statement]]:

@@ -44,6 +44,7 @@ class Experiment:
         timestep: of MuJoCo's RK4 [s]; so small that its nodes are within 1e-7 m of the DAE's.
         interval: between recorded samples [s].
         rtol, atol: of the DAE (and the ODE), where the law is continuous.
+        set_point: the scene's last target from the start, in place of its path.
     """
 
     name: str
@@ -56,12 +57,17 @@ class Experiment:
     interval: float = 0.01
     rtol: float = 1e-10
     atol: float = 1e-12
+    set_point: bool = False
 
     def load(self) -> Scene:
         """Its scene."""
+        from tensegrity_mj.scene import Target
         from tensegrity_mj.textformat import load_scene
 
-        return load_scene(self.scene)
+        scene = load_scene(self.scene)
+        if not self.set_point or scene.target is None:
+            return scene
+        return scene.with_(target=Target.set_point(scene.target.nodes[-1]))
 
     def actuation(self) -> Actuation:
         """What is held between evaluations of the law."""
@@ -135,7 +141,55 @@ _CHAPTER_5 = (
     Experiment("prism-Y12", "prism", "§5.6: prism with Y = 1.2 for 1", options=_gains(Y=1.2)),
 )
 
-EXPERIMENTS: Mapping[str, Experiment] = {one.name: one for one in _CHAPTER_5}
+_ONTO_B = {"decay_rate": 0.15, "norm": 2, "onto": "current"}
+_ONTO_TARGET = {"decay_rate": 0.15, "norm": 2, "onto": "target"}
+
+_CHAPTER_6 = (
+    Experiment("projection", "pinned_rod", "§6.2: pinned rod, projection onto b⊥, δ = 0.15", "projection", _ONTO_B),
+    Experiment("mirror-b", "pinned_rod_mirror", "§6.2: second start, onto b⊥", "projection", _ONTO_B),
+    Experiment("mirror-bd", "pinned_rod_mirror", "§6.2: second start, onto b_d⊥", "projection", _ONTO_TARGET),
+    Experiment(
+        "mirror-lyapunov",
+        "pinned_rod_mirror",
+        "§6.2: second start, Lyapunov law, δ = 0.20",
+        "lyapunov",
+        {"decay_rate": 0.20},
+        timestep=1e-3,
+    ),
+    Experiment("prism-projection", "prism", "§6.3: prism, projection onto b⊥", "projection"),
+)
+
+BEAM_STRINGS, BEAM_CELLS = 196, 39
+
+
+def cell_strings(cell: int) -> range:
+    """Indices of the six strings of a cell of the beam, 1 to 39: its left vertical, four of its own, the next one."""
+    return range(5 * (cell - 1), 5 * cell + 1)
+
+
+def _one_sum(minimum: float) -> dict[str, Any]:
+    return {"sums": [["all", minimum]] if minimum else []}
+
+
+def _cell_sums(minimum: float) -> dict[str, Any]:
+    return {"sums": [[[f"s{k + 1}" for k in cell_strings(cell)], minimum] for cell in range(1, BEAM_CELLS + 1)]}
+
+
+_BEAM: dict[str, Any] = {"timestep": 1e-2, "interval": 0.1}
+
+_CHAPTER_4 = (
+    Experiment("cross-1.2", "cross", "§4.6.1: cross, tracking, u_sum = 1.20 N/m", options=_one_sum(1.2)),
+    Experiment("cross-0.4", "cross", "§4.6.1: cross, tracking, u_sum = 0.40 N/m", options=_one_sum(0.4)),
+    Experiment("cross-0", "cross", "§4.6.1: cross, tracking, no sum", options=_one_sum(0.0)),
+    Experiment("cross-set-point", "cross", "§4.6.1: cross, set-point", options=_one_sum(1.2), set_point=True),
+    Experiment("beam-1960", "planar_beam", "§4.6.2: beam, one sum of 1960 N/m", options=_one_sum(1960.0), **_BEAM),
+    Experiment("beam-980", "planar_beam", "§4.6.2: beam, one sum of 980 N/m", options=_one_sum(980.0), **_BEAM),
+    Experiment("beam-0", "planar_beam", "§4.6.2: beam, no sum", options=_one_sum(0.0), **_BEAM),
+    Experiment("beam-cells-60", "planar_beam", "§4.6.2: beam, 60 N/m in each cell", options=_cell_sums(60.0), **_BEAM),
+    Experiment("beam-cells-30", "planar_beam", "§4.6.2: beam, 30 N/m in each cell", options=_cell_sums(30.0), **_BEAM),
+)
+
+EXPERIMENTS: Mapping[str, Experiment] = {one.name: one for one in (*_CHAPTER_4, *_CHAPTER_5, *_CHAPTER_6)}
 
 
 def experiment_of(name: str) -> Experiment:

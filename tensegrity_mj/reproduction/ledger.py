@@ -100,19 +100,20 @@ def value_text(statement: Statement, value: float) -> str:
         return "–"
     if statement.accepted is HOLDS:
         return "true" if value else "false"
-    if float(value).is_integer() and statement.accepted.low == statement.accepted.high:
-        return str(int(value))
-    if statement.accepted.low == 0.0 and 0.0 <= value < (least := statement.accepted.high / 10.0):
+    known = statement.known
+    within = known.ours if known is not None and value in known.ours else statement.accepted
+    if within.low == 0.0 and 0.0 <= value < (least := within.high / 10.0):
         return f"< {least:.0e}".replace("e-0", "e-") if least < 1e-3 else f"< {least:.2g}"  # what rounding leaves
-    step = _resolution(statement.accepted, value)
-    digits = max(0, -math.floor(math.log10(step) + 1e-9))
+    if value.is_integer() and (within.low == within.high or not math.isfinite(within.high)):
+        return str(int(value)).replace("-", "−")  # a count
+    digits = max(0, -_last_digit(within, value))
     return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
 
 
-def _resolution(accepted: Interval, value: float) -> float:
-    """About a hundredth of the tolerance as a power of ten, at most six digits; four where the tolerance is open."""
-    width = accepted.high - accepted.low
+def _last_digit(within: Interval, value: float) -> int:
+    """The power of ten of the last digit to show: a hundredth of the tolerance; six digits, or four if it is open."""
+    width = within.high - within.low
     leading = math.floor(math.log10(abs(value))) if value else 0
     if not math.isfinite(width) or width == 0.0:
-        return 10.0 ** (leading - 3)
-    return 10.0 ** max(math.floor(math.log10(width)) - 2, leading - 5)
+        return leading - 3
+    return max(math.floor(math.log10(width)) - 2, leading - 5)

@@ -61,10 +61,10 @@ _INTRODUCTION = """\
 
 Made by `tensegrity-mj reproduce --table docs/reproduction.md`; a test checks that it is what the code gives.
 
-A row is a quantity that the thesis states in chapters 4 to 6, in text, caption, curves or axis, beside its value in each
-engine, with as many digits as the tolerance asks for. The verdict is computed from a tolerance that is stored with the
-row; its reason is in `tensegrity-mj reproduce --json`. An axis ends below the next tick after its last, so a curve fits
-where it stays below that, and it was meant to where it fills more than half of the axis.
+A row is a quantity that the thesis states in chapters 4 to 6, in text, caption, curves or axis, beside its value in
+each engine, with as many digits as the tolerance asks for. The verdict is computed from a tolerance that is stored with
+the row; its reason is in `tensegrity-mj reproduce --json`. An axis ends below the next tick after its last, so a curve
+fits where it stays below that, and it was meant to where it fills more than half of the axis.
 """
 
 

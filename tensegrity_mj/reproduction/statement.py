@@ -108,3 +108,8 @@ def fills(last_tick: float, tick: float) -> Interval:
 def inside(low: float, high: float) -> Interval:
     """Between the ticks that would follow the first and the last."""
     return Interval(low, high)
+
+
+def of(name: str, measure: Callable[[Trajectory], float | bool]) -> Measure:
+    """The measure of one experiment's run."""
+    return lambda runs: measure(runs[name])

@@ -9,32 +9,19 @@ import numpy as np
 
 from tensegrity_mj.landscape import angles
 from tensegrity_mj.reproduction import measures
+from tensegrity_mj.reproduction.shared_rows import LINE, panel_statements, prism_statements
 from tensegrity_mj.reproduction.statement import (
-    FITS,
     HOLDS,
-    INSIDE,
     Interval,
     KnownDifference,
     Measure,
     ReadFrom,
     Runs,
     Statement,
-    fills,
-    inside,
     near,
+    of,
 )
 from tensegrity_mj.trajectory import Trajectory
-
-TRANSIENT = 1.0  # s; the first instants, which a panel of 60 s does not resolve
-LINE = 0.02  # of a panel's height: what the thickness of a line hides
-OUT_OF_PANEL = (
-    "the law's value at rest, where a = M⁻ᵀYᵀe: it follows from the printed data alone and falls below the axis within "
-    "0.5 s, one line's width of the 60 s shown. All panels of figs. 5.4 and 6.4 have the same axes, set by hand"
-)
-
-
-def _of(name: str, measure: Callable[[Trajectory], float | bool]) -> Measure:
-    return lambda runs: measure(runs[name])
 
 
 def _initial_b(run: Trajectory) -> float:
@@ -56,31 +43,6 @@ def _top_angular_rate(run: Trajectory) -> float:
 
 def _landscape_angles(run: Trajectory) -> float:
     return float(angles(run).phi.max())
-
-
-def _unit_length(run: Trajectory) -> float:
-    return float(np.abs(np.linalg.norm(measures.directions(run), axis=-1) - 1.0).max())
-
-
-def _final_coordinates(run: Trajectory) -> float:
-    goal = measures.directions(run, measures.aims(run))
-    return float(np.abs(measures.directions(run)[-1] - goal[-1]).max())
-
-
-def _lowest_coordinate(run: Trajectory) -> float:
-    return float(measures.directions(run).min())
-
-
-def _final_multiplier(run: Trajectory) -> float:
-    return float(np.abs(run.multipliers[-1]).max())
-
-
-def _lowest_multiplier(run: Trajectory, start: float) -> float:
-    return float(measures.since(run, start, run.multipliers).min())
-
-
-def _highest_multiplier(run: Trajectory) -> float:
-    return float(run.multipliers.max())
 
 
 def _coordinates_go_astray(run: Trajectory) -> bool:
@@ -112,344 +74,84 @@ def _least_norms(run: Trajectory) -> bool:
 
 
 # ---------------------------------------------------------------------------------------------------- pinned rod
-# fmt: off: tables read better with several columns a line
 
 # panel, experiment, norm, decay rate
 _PANELS = (("a", "pinned", "2", 0.15), ("b", "pinned-p1", "1", 0.15), ("c", "pinned-pinf", "∞", 0.15))
-# Largest u and lowest λ of the first instant: ours, with 1 % for the sampling and nothing for the physics.
-_FIRST_U = {"pinned": 0.08019, "pinned-p1": 0.08124, "pinned-pinf": 0.07289, "pinned-fast": 0.10692}
-_FIRST_LAMBDA = {"pinned": -0.4760, "pinned-p1": -0.4693, "pinned-pinf": -0.5224, "pinned-fast": -0.6347}
-
-
-def panel_statements(
-    figure: str, panel: str, name: str, title: str, page: int, decay_rate: float
-) -> Iterator[Statement]:
-    """The rows of one line of panels of figures 5.4 and 6.4: coordinates, controls, λ."""
-    place, start = f"Fig. {figure}({panel})", f"{figure}{panel}"
-    sampled = name in ("pinned-p1", "pinned-pinf")
-    yield Statement(
-        f"{start}-coordinates",
-        figure,
-        place,
-        page,
-        f"{title}: lowest coordinate of b",
-        "axis to −0.5, ticks of 0.5",
-        ReadFrom.AXIS,
-        inside(-1.0, -0.25),
-        FITS,
-        (name,),
-        _of(name, _lowest_coordinate),
-    )
-    yield Statement(
-        f"{start}-final",
-        figure,
-        place,
-        page,
-        f"{title}: at 60 s every coordinate lies on its dotted target",
-        "0 between the lines",
-        ReadFrom.CURVES,
-        Interval(0.0, LINE),
-        "the thickness of a line, 2 % of the panel",
-        (name,),
-        _of(name, _final_coordinates),
-    )
-    yield Statement(
-        f"{start}-norm",
-        figure,
-        place,
-        page,
-        f"{title}: largest | ‖b‖ − 1 | (dashed line)",
-        "‖b‖² = 1",
-        ReadFrom.CURVES,
-        Interval(0.0, 1e-9),
-        "a constraint; the engines keep it to their tolerance",
-        (name,),
-        _of(name, _unit_length),
-    )
-    yield Statement(
-        f"{start}-u",
-        figure,
-        place,
-        page,
-        f"{title}: largest u after the first second",
-        "axis to 0.06 N/m, ticks of 0.01",
-        ReadFrom.AXIS,
-        fills(0.06, 0.01),
-        FITS,
-        (name,),
-        _of(name, lambda run: measures.peak(run, TRANSIENT)),
-        "N/m",
-    )
-    yield Statement(
-        f"{start}-u-first",
-        figure,
-        place,
-        page,
-        f"{title}: largest u of all, reached at the start",
-        "axis to 0.06 N/m, ticks of 0.01",
-        ReadFrom.AXIS,
-        fills(0.06, 0.01),
-        FITS,
-        (name,),
-        _of(name, measures.peak),
-        "N/m",
-        KnownDifference(OUT_OF_PANEL, near(_FIRST_U[name], 0.01 * _FIRST_U[name])) if name in _FIRST_U else None,
-    )
-    yield Statement(
-        f"{start}-lambda",
-        figure,
-        place,
-        page,
-        f"{title}: lowest λ after the first second",
-        "axis to −0.3 1/s², ticks of 0.05",
-        ReadFrom.AXIS,
-        fills(-0.3, 0.05),
-        FITS,
-        (name,),
-        _of(name, lambda run: _lowest_multiplier(run, TRANSIENT)),
-        "1/s²",
-    )
-    yield Statement(
-        f"{start}-lambda-first",
-        figure,
-        place,
-        page,
-        f"{title}: lowest λ of all, reached at the start",
-        "axis to −0.3 1/s², ticks of 0.05",
-        ReadFrom.AXIS,
-        fills(-0.3, 0.05),
-        FITS,
-        (name,),
-        _of(name, lambda run: _lowest_multiplier(run, 0.0)),
-        "1/s²",
-        KnownDifference(OUT_OF_PANEL, near(_FIRST_LAMBDA[name], -0.01 * _FIRST_LAMBDA[name]))
-        if name in _FIRST_LAMBDA
-        else None,
-    )
-    yield Statement(
-        f"{start}-lambda-top",
-        figure,
-        place,
-        page,
-        f"{title}: highest λ",
-        "axis to 0, ticks of 0.05",
-        ReadFrom.AXIS,
-        inside(-0.05, 0.05),
-        INSIDE,
-        (name,),
-        _of(name, _highest_multiplier),
-        "1/s²",
-    )
-    yield Statement(
-        f"{start}-decay",
-        figure,
-        place,
-        page,
-        f"{title}: largest deviation of V(t) from V(0) e^(−δt), δ = {decay_rate:.2f}",
-        "0 (exponential convergence)",
-        ReadFrom.CAPTION,
-        Interval(0.0, 0.01 if sampled else 1e-5),
-        "sampled each 1/60000 of the run: V̇ = −δV holds at the samples only, to the first order in the period"
-        if sampled
-        else "exact in the law; the integration's tolerance, 1e-10 of V(0), over V(60 s) = 1e-5 V(0)",
-        (name,),
-        _of(name, lambda run: measures.decay_error(run, decay_rate)),
-    )
+# fmt: off
 
 
 def _pinned_rod() -> Iterator[Statement]:
     run = "pinned"
     yield Statement(
-        "5.1-start",
-        "5.1",
-        "§5.4, Fig. 5.1",
-        119,
-        "angle φ between the printed b(0) and b_d",
-        "98.70°",
-        ReadFrom.TEXT,
+        "5.1-start", "5.1", "§5.4, Fig. 5.1", 119, "angle φ between the printed b(0) and b_d", "98.70°", ReadFrom.TEXT,
         near(math.degrees(math.acos((math.sqrt(2.0) - 2.0) / math.sqrt(15.0))), 1e-6),
-        "b(0)ᵀb_d = (√2 − 2)/√15 exactly",
-        (run,),
-        _of(run, _initial_angle),
-        "°",
+        "b(0)ᵀb_d = (√2 − 2)/√15 exactly", (run,), of(run, _initial_angle), "°",
     )
     yield Statement(
-        "5.1-phi",
-        "5.1",
-        "Fig. 5.1",
-        110,
-        "largest φ of the trajectory",
-        "axis from −π to π",
-        ReadFrom.AXIS,
-        Interval(0.0, math.pi),
-        "the panel ends there",
-        ("pinned-fast",),
-        _of("pinned-fast", _landscape_angles),
-        "rad",
+        "5.1-phi", "5.1", "Fig. 5.1", 110, "largest φ of the trajectory", "axis from −π to π", ReadFrom.AXIS,
+        Interval(0.0, math.pi), "the panel ends there", ("pinned-fast",), of("pinned-fast", _landscape_angles), "rad",
     )
     yield Statement(
-        "5.1-rate",
-        "5.1",
-        "Fig. 5.1",
-        110,
-        "largest |φ̇| of the trajectory",
-        "axis from −1 to 1",
-        ReadFrom.AXIS,
-        Interval(0.0, 1.0),
-        "the panel ends there",
-        ("pinned-fast",),
-        _of("pinned-fast", _top_angular_rate),
-        "rad/s",
+        "5.1-rate", "5.1", "Fig. 5.1", 110, "largest |φ̇| of the trajectory", "axis from −1 to 1", ReadFrom.AXIS,
+        Interval(0.0, 1.0), "the panel ends there", ("pinned-fast",), of("pinned-fast", _top_angular_rate), "rad/s",
     )
     yield Statement(
-        "5.1-end",
-        "5.1",
-        "Fig. 5.1",
-        110,
-        "φ at the end: the trajectory runs into the minimum at 0",
-        "0",
-        ReadFrom.CURVES,
-        Interval(0.0, LINE * math.pi),
-        "the thickness of a line, 2 % of π",
-        ("pinned-fast",),
-        _of("pinned-fast", _last_angle),
-        "rad",
+        "5.1-end", "5.1", "Fig. 5.1", 110, "φ at the end: the trajectory runs into the minimum at 0", "0",
+        ReadFrom.CURVES, Interval(0.0, LINE * math.pi), "the thickness of a line, 2 % of π", ("pinned-fast",),
+        of("pinned-fast", _last_angle), "rad",
     )
     yield Statement(
-        "5.3-apart",
-        "5.3",
-        "Fig. 5.3",
-        120,
-        "least distance by which two of the three paths (p = 2, 1, ∞) part",
-        "three paths that can be told apart",
-        ReadFrom.CURVES,
-        Interval(0.1),
-        "a tenth of the rod's length",
-        ("pinned", "pinned-p1", "pinned-pinf"),
-        _paths_differ,
-        "m",
+        "5.3-apart", "5.3", "Fig. 5.3", 120, "least distance by which two of the three paths (p = 2, 1, ∞) part",
+        "three paths that can be told apart", ReadFrom.CURVES, Interval(0.1), "a tenth of the rod's length",
+        ("pinned", "pinned-p1", "pinned-pinf"), _paths_differ, "m",
     )
     yield Statement(
-        "5.3-start",
-        "5.3",
-        "§5.4",
-        119,
-        "largest difference of b(0) from the printed (1, −√2, √2)/√5",
-        "0",
-        ReadFrom.TEXT,
-        Interval(0.0, 1e-12),
-        "printed exactly",
-        (run,),
-        _of(run, _initial_b),
+        "5.3-start", "5.3", "§5.4", 119, "largest difference of b(0) from the printed (1, −√2, √2)/√5", "0",
+        ReadFrom.TEXT, Interval(0.0, 1e-12), "printed exactly", (run,), of(run, _initial_b),
     )
     for panel, name, norm, decay_rate in _PANELS:
         yield from panel_statements("5.4", panel, name, f"p = {norm}", 121, decay_rate)
     yield Statement(
-        "5.4a-continuous",
-        "5.4",
-        "§5.3, Fig. 5.4(a)",
-        117,
-        "p = 2: largest change of a u within 10 ms, of the largest u",
-        "a continuous function",
-        ReadFrom.TEXT,
-        Interval(0.0, 0.05),
-        "a curve, where p = 1 and ∞ leap by most of it",
-        (run,),
-        _of(run, measures.largest_jump),
+        "5.4a-continuous", "5.4", "§5.3, Fig. 5.4(a)", 117,
+        "p = 2: largest change of a u within 10 ms, of the largest u", "a continuous function", ReadFrom.TEXT,
+        Interval(0.0, 0.05), "a curve, where p = 1 and ∞ leap by most of it", (run,), of(run, measures.largest_jump),
     )
     for panel, name, norm in (("b", "pinned-p1", "1"), ("c", "pinned-pinf", "∞")):
         yield Statement(
-            f"5.4{panel}-leaps",
-            "5.4",
-            f"§5.4, Fig. 5.4({panel})",
-            119,
-            f"p = {norm}: largest change of a u within 10 ms, of the largest u",
-            "discontinuity and chattering",
-            ReadFrom.TEXT,
-            Interval(0.2),
-            "a leap; p = 2 changes by less than 5 %",
-            (name,),
-            _of(name, measures.largest_jump),
+            f"5.4{panel}-leaps", "5.4", f"§5.4, Fig. 5.4({panel})", 119,
+            f"p = {norm}: largest change of a u within 10 ms, of the largest u", "discontinuity and chattering",
+            ReadFrom.TEXT, Interval(0.2), "a leap; p = 2 changes by less than 5 %", (name,),
+            of(name, measures.largest_jump),
         )
     yield Statement(
-        "5.4b-one",
-        "5.4",
-        "§5.3, §5.6",
-        126,
-        "p = 1: most strings that pull at one time",
-        "1",
-        ReadFrom.TEXT,
-        near(1.0, 0.0),
-        "a count",
-        ("pinned-p1",),
-        _of("pinned-p1", lambda r: int(measures.active_strings(r).max())),
+        "5.4b-one", "5.4", "§5.3, §5.6", 126, "p = 1: most strings that pull at one time", "1", ReadFrom.TEXT,
+        near(1.0, 0.0), "a count", ("pinned-p1",), of("pinned-p1", lambda r: int(measures.active_strings(r).max())),
     )
     yield Statement(
-        "5.4c-equal",
-        "5.4",
-        "§5.3, §5.6",
-        126,
-        "p = ∞: largest difference between nonzero u, of the larger",
-        "0",
-        ReadFrom.TEXT,
-        Interval(0.0, 1e-9),
-        "equal by Lemma 5.1 c); rounding of rest lengths",
-        ("pinned-pinf",),
-        _of("pinned-pinf", measures.spread_of_active),
+        "5.4c-equal", "5.4", "§5.3, §5.6", 126, "p = ∞: largest difference between nonzero u, of the larger", "0",
+        ReadFrom.TEXT, Interval(0.0, 1e-9), "equal by Lemma 5.1 c); rounding of rest lengths", ("pinned-pinf",),
+        of("pinned-pinf", measures.spread_of_active),
     )
     yield Statement(
-        "5.4-chatter",
-        "5.4",
-        "§5.4",
-        119,
-        "switching per shown sample of 10 ms: p = 1 over p = ∞",
-        "chattering, particularly for p = 1",
-        ReadFrom.TEXT,
-        Interval(1.0),
-        "more than the other",
+        "5.4-chatter", "5.4", "§5.4", 119, "switching per shown sample of 10 ms: p = 1 over p = ∞",
+        "chattering, particularly for p = 1", ReadFrom.TEXT, Interval(1.0), "more than the other",
         ("pinned-p1", "pinned-pinf"),
         lambda runs: measures.switches(runs["pinned-p1"]) / max(1, measures.switches(runs["pinned-pinf"])),
     )
     yield Statement(
-        "5.4-least",
-        "5.4",
-        "§5.3",
-        114,
-        "along the run of p = 2, each law's u has the least of its own norm",
-        "true",
-        ReadFrom.TEXT,
-        HOLDS,
-        "equality to 1e-9",
-        (run,),
-        _of(run, _least_norms),
+        "5.4-least", "5.4", "§5.3", 114, "along the run of p = 2, each law's u has the least of its own norm", "true",
+        ReadFrom.TEXT, HOLDS, "equality to 1e-9", (run,), of(run, _least_norms),
     )
     for name, norm in (("pinned", "2"), ("pinned-p1", "1"), ("pinned-pinf", "∞")):
         yield Statement(
-            f"5.4-feasible-{norm}",
-            "5.4",
-            "§5.3",
-            117,
-            f"p = {norm}: smallest margin max(v/α) of (5.18)",
-            "> 0: infeasibility never occurred",
-            ReadFrom.TEXT,
-            Interval(1e-6),
-            "positive",
-            (name,),
-            _of(name, lambda r: r.min_feasibility_margin),
-            "m²",
+            f"5.4-feasible-{norm}", "5.4", "§5.3", 117, f"p = {norm}: smallest margin max(v/α) of (5.18)",
+            "> 0: infeasibility never occurred", ReadFrom.TEXT, Interval(1e-6), "positive", (name,),
+            of(name, lambda r: r.min_feasibility_margin), "m²",
         )
     yield Statement(
-        "5.4-uniform",
-        "5.4",
-        "§5.6, Fig. 5.4",
-        125,
-        "V falls uniformly, yet coordinates do not converge uniformly",
-        "true",
-        ReadFrom.TEXT,
-        HOLDS,
-        "a coordinate's error grows by more than a line's width",
-        (run,),
-        _of(run, _coordinates_go_astray),
+        "5.4-uniform", "5.4", "§5.6, Fig. 5.4", 125, "V falls uniformly, yet coordinates do not converge uniformly",
+        "true", ReadFrom.TEXT, HOLDS, "a coordinate's error grows by more than a line's width", (run,),
+        of(run, _coordinates_go_astray),
     )
 
 
@@ -503,260 +205,31 @@ def unbalanced(run: Trajectory, positions: measures.Array) -> float:
     return float(nnls(np.vstack([matrix, ones]), np.append(np.zeros(len(matrix)), 1.0))[1])
 
 
-def _heights(run: Trajectory, positions: measures.Array) -> float:
-    """Height of the top nodes over the bottom nodes; NaN where they differ."""
-    z = positions[run.scene.structure.rod_nodes, 2]
-    height = z[:, 1] - z[:, 0]
-    return float(height.mean()) if np.ptp(height) < 0.01 else math.nan
-
-
-def prism_statements(error_figure: str, path_figure: str, name: str, pages: tuple[int, int]) -> Iterator[Statement]:
-    """The rows of figures 5.6 and 5.7, or 6.8 and 6.9."""
-    paths, errors = f"Fig. {path_figure}", f"Fig. {error_figure}"
-    for axis, letter, high in ((0, "x", 1.0), (1, "y", 1.0), (2, "z", 1.0)):
-        low = -0.4 if letter != "z" else -0.2
-        yield Statement(
-            f"{path_figure}-{letter}",
-            path_figure,
-            paths,
-            pages[0],
-            f"largest {letter} of the nodes",
-            f"axis from {low + 0.2:.1f} to 0.8 m, ticks of 0.2",
-            ReadFrom.AXIS,
-            Interval(0.4, high),
-            FITS,
-            (name,),
-            _of(name, lambda run, axis=axis: float(run.nodes[..., axis].max())),
-            "m",  # type: ignore[misc]
-        )
-        yield Statement(
-            f"{path_figure}-{letter}-low",
-            path_figure,
-            paths,
-            pages[0],
-            f"smallest {letter} of the nodes",
-            f"axis from {low + 0.2:.1f} to 0.8 m, ticks of 0.2",
-            ReadFrom.AXIS,
-            Interval(low, 0.0001),
-            INSIDE,
-            (name,),
-            _of(name, lambda run, axis=axis: float(run.nodes[..., axis].min())),
-            "m",  # type: ignore[misc]
-        )
-    yield Statement(
-        f"{path_figure}-height",
-        path_figure,
-        f"§5.5, {paths}",
-        124,
-        "height at 10 s",
-        "0.6 m",
-        ReadFrom.TEXT,
-        near(0.6, 0.005),
-        "drawn as the final configuration: 2 % of the axis' 0.2 m ticks",
-        (name,),
-        _of(name, lambda run: _heights(run, run.nodes[-1])),
-        "m",
-    )
-    yield Statement(
-        f"{error_figure}-error",
-        error_figure,
-        errors,
-        pages[1],
-        "largest error, ‖e_b‖ or ‖e_r‖",
-        "axis to 0.3 m, ticks of 0.05",
-        ReadFrom.AXIS,
-        fills(0.3, 0.05),
-        FITS,
-        (name,),
-        _of(name, lambda run: float(max(measures.rotation_errors(run).max(), measures.translation_errors(run).max()))),
-        "m",
-    )
-    yield Statement(
-        f"{error_figure}-first",
-        error_figure,
-        errors,
-        pages[1],
-        "‖e_b(0)‖ of the three rods, from the printed vectors",
-        "0.2828",
-        ReadFrom.TEXT,
-        near(math.hypot(0.2, 0.2), 5e-5),
-        "a quarter unit of the last printed digit in each component",
-        (name,),
-        _of(name, lambda run: float(measures.rotation_errors(run)[0].mean())),
-    )
-    yield Statement(
-        f"{error_figure}-final",
-        error_figure,
-        errors,
-        pages[1],
-        "largest error at 10 s",
-        "0 m",
-        ReadFrom.CURVES,
-        Interval(0.0, LINE * 0.3),
-        "the thickness of a line, 2 % of the panel",
-        (name,),
-        _of(
-            name,
-            lambda run: float(max(measures.rotation_errors(run)[-1].max(), measures.translation_errors(run)[-1].max())),
-        ),
-        "m",
-    )
-    yield Statement(
-        f"{error_figure}-u",
-        error_figure,
-        errors,
-        pages[1],
-        "largest u",
-        "axis to 0.15 N/m, ticks of 0.05",
-        ReadFrom.AXIS,
-        fills(0.15, 0.05),
-        FITS,
-        (name,),
-        _of(name, measures.peak),
-        "N/m",
-    )
-    yield Statement(
-        f"{error_figure}-lambda",
-        error_figure,
-        errors,
-        pages[1],
-        "lowest λ",
-        "axis to −0.5 1/s², ticks of 0.1",
-        ReadFrom.AXIS,
-        fills(-0.5, 0.1),
-        FITS,
-        (name,),
-        _of(name, lambda run: _lowest_multiplier(run, 0.0)),
-        "1/s²",
-    )
-    yield Statement(
-        f"{error_figure}-lambda-top",
-        error_figure,
-        errors,
-        pages[1],
-        "highest λ",
-        "axis to 0, ticks of 0.1",
-        ReadFrom.AXIS,
-        inside(-0.1, 0.1),
-        INSIDE,
-        (name,),
-        _of(name, _highest_multiplier),
-        "1/s²",
-    )
-    yield Statement(
-        f"{error_figure}-final-lambda",
-        error_figure,
-        errors,
-        pages[1],
-        "largest |λ| at 10 s: strings have gone slack",
-        "0",
-        ReadFrom.CURVES,
-        Interval(0.0, LINE * 0.5),
-        "the thickness of a line, 2 % of the panel",
-        (name,),
-        _of(name, _final_multiplier),
-        "1/s²",
-    )
-    yield Statement(
-        f"{error_figure}-decay",
-        error_figure,
-        errors,
-        pages[1],
-        "largest deviation of V(t) from V(0) e^(−δt), δ = 1",
-        "0 (exponential convergence)",
-        ReadFrom.TEXT,
-        Interval(0.0, 1e-5),
-        "exact in the law; the integration's tolerance, 1e-10 of V(0), over V(10 s) = 5e-5 V(0)",
-        (name,),
-        _of(name, lambda run: measures.decay_error(run, 1.0)),
-    )
-    yield Statement(
-        f"{error_figure}-feasible",
-        error_figure,
-        "§5.3" if error_figure == "5.7" else "§6.3",
-        117,
-        "smallest margin max(v/α) of (5.18)",
-        "> 0: infeasibility never occurred",
-        ReadFrom.TEXT,
-        Interval(1e-6),
-        "positive",
-        (name,),
-        _of(name, lambda run: run.min_feasibility_margin),
-        "m²",
-    )
-    yield Statement(
-        f"{error_figure}-all",
-        error_figure,
-        "§5.6",
-        126,
-        "p = 2: strings that pull at some time",
-        "all 12",
-        ReadFrom.TEXT,
-        near(12.0, 0.0),
-        "a count",
-        (name,),
-        _of(name, lambda run: int(np.sum(run.force_densities.max(axis=0) > measures.ACTIVE))),
-    )
-
 
 def _prism() -> Iterator[Statement]:
     yield from prism_statements("5.7", "5.6", "prism", (125, 126))
     digits = "half a unit of the fourth printed digit, and 3e-5 by which the print is off (its |b| is not 1)"
     yield Statement(
-        "5.6-printed-start",
-        "5.6",
-        "§5.5",
-        124,
-        "largest difference of the start from the 12 printed components",
-        "0",
-        ReadFrom.TEXT,
-        Interval(0.0, 8e-5),
-        digits,
-        ("prism",),
-        _of("prism", lambda run: _off_printed(run, run.nodes[0], PRINTED_START)),
+        "5.6-printed-start", "5.6", "§5.5", 124, "largest difference of the start from the 12 printed components", "0",
+        ReadFrom.TEXT, Interval(0.0, 8e-5), digits, ("prism",),
+        of("prism", lambda run: _off_printed(run, run.nodes[0], PRINTED_START)),
     )
     yield Statement(
-        "5.6-printed-target",
-        "5.6",
-        "§5.5",
-        124,
-        "largest difference of the target from the 12 printed components",
-        "0",
-        ReadFrom.TEXT,
-        Interval(0.0, 8e-5),
-        digits,
-        ("prism",),
-        _of("prism", lambda run: _off_printed(run, measures.aims(run)[-1], PRINTED_TARGET)),
+        "5.6-printed-target", "5.6", "§5.5", 124, "largest difference of the target from the 12 printed components",
+        "0", ReadFrom.TEXT, Interval(0.0, 8e-5), digits, ("prism",),
+        of("prism", lambda run: _off_printed(run, measures.aims(run)[-1], PRINTED_TARGET)),
     )
     yield Statement(
-        "5.6-height-start",
-        "5.6",
-        "§5.5",
-        124,
-        "height at the start",
-        "0.8 m",
-        ReadFrom.TEXT,
-        near(0.8, 1e-9),
-        "printed exactly",
-        ("prism",),
-        _of("prism", lambda run: _heights(run, run.nodes[0])),
-        "m",
+        "5.6-height-start", "5.6", "§5.5", 124, "height at the start", "0.8 m", ReadFrom.TEXT, near(0.8, 1e-9),
+        "printed exactly", ("prism",), of("prism", lambda run: measures.height(run, run.nodes[0])), "m",
     )
     for where, positions in (("start", lambda run: run.nodes[0]), ("target", lambda run: measures.aims(run)[-1])):
         for figure, name, section in (("5.4", "pinned", "§5.2, §5.4"), ("5.6", "prism", "§5.5")):
             yield Statement(
-                f"{figure}-equilibrium-{where}",
-                figure,
-                section,
-                113 if name == "pinned" else 123,
+                f"{figure}-equilibrium-{where}", figure, section, 113 if name == "pinned" else 123,
                 f"{where}: least unbalanced force under strings that pull with 1 N/m in sum",
-                "0 (a prestressable equilibrium)",
-                ReadFrom.TEXT,
-                Interval(0.0, 1e-9),
-                "rounding",
-                (name,),
-                _of(name, lambda run, positions=positions: unbalanced(run, positions(run))),
-                "N",  # type: ignore[misc]
+                "0 (a prestressable equilibrium)", ReadFrom.TEXT, Interval(0.0, 1e-9), "rounding", (name,),
+                of(name, lambda run, positions=positions: unbalanced(run, positions(run))), "N",
             )
 
 
@@ -776,58 +249,26 @@ def _gain_trends() -> Iterator[Statement]:
     )
     for name, title in (("pinned", "pinned rod"), ("prism", "prism")):
         yield Statement(
-            f"5.6gains-{name}-Z-speed",
-            "",
-            "§5.6",
-            125,
-            f"{title}: top speed with Z = 2 over that with 3/2",
-            "slower with larger Z",
-            ReadFrom.TEXT,
-            less,
-            why,
-            (f"{name}-Z2", name),
+            f"5.6gains-{name}-Z-speed", "", "§5.6", 125, f"{title}: top speed with Z = 2 over that with 3/2",
+            "slower with larger Z", ReadFrom.TEXT, less, why, (f"{name}-Z2", name),
             _ratio(measures.top_speed, f"{name}-Z2", name),
         )
         yield Statement(
-            f"5.6gains-{name}-Z-u",
-            "",
-            "§5.6",
-            125,
-            f"{title}: largest u with Z = 2 over that with 3/2",
-            "larger with larger Z",
-            ReadFrom.TEXT,
-            more,
-            why,
-            (f"{name}-Z2", name),
-            _ratio(measures.peak, f"{name}-Z2", name),
-            "",
+            f"5.6gains-{name}-Z-u", "", "§5.6", 125, f"{title}: largest u with Z = 2 over that with 3/2",
+            "larger with larger Z", ReadFrom.TEXT, more, why, (f"{name}-Z2", name),
+            _ratio(measures.peak, f"{name}-Z2", name), "",
             KnownDifference(at_rest, near(1.0, 1e-6)) if name == "pinned" else None,
         )
         yield Statement(
-            f"5.6gains-{name}-Y-u",
-            "",
-            "§5.6",
-            125,
-            f"{title}: largest u with Y = 0.8 over that with 1",
-            "larger with smaller Y",
-            ReadFrom.TEXT,
-            more,
-            why,
-            (f"{name}-Y08", name),
+            f"5.6gains-{name}-Y-u", "", "§5.6", 125, f"{title}: largest u with Y = 0.8 over that with 1",
+            "larger with smaller Y", ReadFrom.TEXT, more, why, (f"{name}-Y08", name),
             _ratio(measures.peak, f"{name}-Y08", name),
         )
         yield Statement(
-            f"5.6gains-{name}-Y-time",
-            "",
-            "§5.6",
-            125,
-            f"{title}: time until the error stays below half, with Y = 1.2 over that with 1",
-            "slower with larger Y",
-            ReadFrom.TEXT,
-            more,
-            why,
-            (f"{name}-Y12", name),
-            _ratio(measures.half_time, f"{name}-Y12", name),
+            f"5.6gains-{name}-Y-time", "", "§5.6", 125,
+            f"{title}: time until the error stays below half, with Y = 1.2 over that with 1", "slower with larger Y",
+            ReadFrom.TEXT, more, why, (f"{name}-Y12", name),
+            _ratio(lambda run: measures.time_below(run, 0.5), f"{name}-Y12", name),
         )
 
 

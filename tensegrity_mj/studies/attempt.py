@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import signal
 import threading
@@ -21,7 +20,6 @@ WATCH_INTERVAL = 0.25  # s between looks whether the parent still lives
 
 # Threads of one process take turns: an engine may hold what a process has only once (MuJoCo's control callback).
 _TURN = threading.Lock()
-_settled = False
 
 
 @dataclass(frozen=True)
@@ -40,20 +38,14 @@ Task = Callable[[dict[str, Any]], Mapping[str, Any] | WithFiles]
 Answer = tuple[str, str, dict[str, bytes]]
 
 
-def attempt(task: Task, key: str, point: dict[str, Any], parent: int | None = None) -> Answer:
-    """Compute one point; an exception of the task becomes its outcome.
-
-    Args:
-        parent: the process that must live as long as this one, or None.
-    """
-    if parent is not None:
-        _settle(parent)
+def attempt(task: Task, key: str, point: dict[str, Any]) -> Answer:
+    """Compute one point; an exception of the task becomes its outcome."""
     try:
         with _TURN:
             result = task(point)
         values, files = (result.values, dict(result.files)) if isinstance(result, WithFiles) else (result, {})
         if not isinstance(values, Mapping):
-            raise OptionError(f"the task returned {values!r}; it must return a dict of plain values")
+            raise OptionError(f"the task returned a {type(values).__name__}; it must return a dict of plain values")
         values = plain(values, "the task's result")
         return key, to_exact_json({"status": DONE, "values": values}), files
     except (Exception, SystemExit) as error:
@@ -71,19 +63,14 @@ def failure(error: BaseException) -> dict[str, Any]:
     return outcome
 
 
-def _settle(parent: int) -> None:
-    """Make this worker process the parent's own: it leaves Ctrl-C to the parent, and ends when the parent ends."""
-    global _settled
-    if _settled:
-        return
-    _settled = True
-    with contextlib.suppress(ValueError):  # not in the main thread
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+def settle(parent: int) -> None:
+    """Begin as a worker process of `parent`: leave Ctrl-C to it, and end when it ends, whatever ended it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
 
 def _end_with(parent: int) -> None:
-    # A parent that was killed cannot stop its children, and their pool would keep them for minutes.
+    # A parent that was killed cannot stop its children, and they would wait for work for minutes.
     while os.getppid() == parent:
         time.sleep(WATCH_INTERVAL)
     os._exit(1)

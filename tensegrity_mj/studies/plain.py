@@ -40,7 +40,8 @@ def _check(value: Any, what: str) -> None:
             _check(item, f"{what}[{number}]")
     else:
         raise OptionError(
-            f"{what} = {value!r}; it must be a plain value: a number, a text, a truth value, None, "
+            # No repr of it: that may hold an address, and results are to be the same each time.
+            f"{what} is of type {type(value).__name__}; it must be a plain value: a number, a text, a truth value, None, "
             "or lists and dicts of them"
         )
 

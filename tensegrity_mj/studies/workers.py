@@ -14,7 +14,7 @@ from typing import Any
 from tensegrity_mj.checks import member
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.jsontext import to_exact_json
-from tensegrity_mj.studies.attempt import FAILED, Answer, Task, attempt
+from tensegrity_mj.studies.attempt import FAILED, Answer, Task, attempt, settle
 
 DIED = to_exact_json(
     {
@@ -74,12 +74,12 @@ class Workers:
         if self.backend is Backend.THIS_PROCESS:
             yield _here
         elif self.backend is Backend.PROCESSES:
-            yield _Pool(self.count or _cores(), _processes, _terminated(), parent=os.getpid())
+            yield _Pool(self.count or _cores(), _processes, _terminated())
         else:
             from tensegrity_mj.studies import cluster
 
             with cluster.connected(self.address, self.client) as client:
-                yield _Pool(self.count, partial(_cluster, client), cluster.death(), parent=None)
+                yield _Pool(self.count, partial(_cluster, client), cluster.death())
 
 
 # Answers of the points given by key, as they are ready; a generator, whose `close` stops the workers.
@@ -94,10 +94,8 @@ def _here(task: Task, points: Mapping[str, dict[str, Any]]) -> Iterator[Answer]:
 class _Pool:
     """Points through joblib, one a job; a point whose worker dies is tried again alone, and is then given up."""
 
-    def __init__(
-        self, count: int | None, parallel: Callable[[int | None], Any], death: type[Exception], parent: int | None
-    ) -> None:
-        self.count, self.parallel, self.death, self.parent = count, parallel, death, parent
+    def __init__(self, count: int | None, parallel: Callable[[int | None], Any], death: type[Exception]) -> None:
+        self.count, self.parallel, self.death = count, parallel, death
 
     def __call__(self, task: Task, points: Mapping[str, dict[str, Any]]) -> Iterator[Answer]:
         missing = dict(points)
@@ -124,7 +122,7 @@ class _Pool:
         def jobs() -> Iterator[Any]:
             for key, point in list(points.items()):
                 begun.append(key)
-                yield delayed(attempt)(task, key, point, self.parent)
+                yield delayed(attempt)(task, key, point)
 
         answers = None
         try:
@@ -166,7 +164,8 @@ def _processes(count: int | None) -> Any:
     assert count is not None
     # joblib computes in this process where one worker is asked for, and a crash would take it down: two processes
     # then, of which one works at a time.
-    with parallel_config(backend="loky", inner_max_num_threads=1):
+    begin = {"initializer": settle, "initargs": (os.getpid(),)}
+    with parallel_config(backend="loky", inner_max_num_threads=1, **begin):
         return Parallel(n_jobs=max(2, count), pre_dispatch=count, **_ONE_BY_ONE)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.plots import COLUMN, GREY, RUN_STYLES
 from tensegrity_mj.report import Picture
+from tensegrity_mj.studies.validation.findings import title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -79,7 +80,7 @@ def _nominal(data: Data) -> Iterator[Picture]:
         for number, (engine, one) in enumerate(runs.items()):
             series = one["series"]
             values = np.array([math.nan if value is None else value for value in series[name]], float)
-            panel.plot(series["times"], values, color=palette.CYCLE[number], ls=_style(number), label=engine)
+            panel.plot(series["times"], values, color=palette.CYCLE[number], ls=_style(number), label=title(engine))
             if name == "lyapunov" and one["lyapunov"] and one["lyapunov"]["promised_rate"]:
                 V = one["lyapunov"]["initial"] * np.exp(-one["lyapunov"]["promised_rate"] * np.array(series["times"]))
                 if number == 0:
@@ -102,7 +103,7 @@ def _sampling(data: Data) -> Iterator[Picture]:
                 drawn = True
                 color = palette.CYCLE[0 if "force" in mode else 2]
                 x, y = [1e3 * one["period"] for one in own], [one["node_error"] for one in own]
-                panel.loglog(x, y, color=color, ls=_style(number), marker="o", ms=4, label=f"{mode}, {engine}")
+                panel.loglog(x, y, color=color, ls=_style(number), marker="o", ms=4, label=f"{mode}, {title(engine)}")
     if drawn:
         _finish(panel, "control period [ms]", "largest node error [m]")
         yield Picture(figure, "What sampling costs: the largest node error against the control period.")
@@ -123,20 +124,27 @@ def _gains(data: Data) -> Iterator[Picture]:
             panel.plot(x, y, color=palette.CYCLE[number], marker="o", ms=4, label=GAIN_NAMES.get(gain, gain))
         if any(line.get_xdata().size for line in panel.get_lines()):
             panel.set_xscale("log", base=2)
+            if quantity == "peak_force_density":
+                panel.set_yscale("log")
         _finish(panel, "factor on the gain", label)
-    yield Picture(figure, f"Trends of the gains ({engine}); runs that never settle are left out.")
+    yield Picture(figure, f"Trends of the gains ({title(engine)}); runs that never settle are left out.")
 
 
 def _noise(data: Data) -> Iterator[Picture]:
     yield from _against(
         data["noise"],
-        (("position_std", "velocity_std", "noise of positions [m]"), ("velocity_std", "position_std", "of velocities [m/s]")),
+        (
+            ("position_std", "velocity_std", "noise of positions [m]"),
+            ("velocity_std", "position_std", "of velocities [m/s]"),
+        ),
         "What sensor noise leaves of the target error.",
     )
 
 
 def _delay(data: Data) -> Iterator[Picture]:
-    yield from _against(data["delay"], (("samples", "", "delay [samples]"),), "What a delay leaves of the target error.")
+    yield from _against(
+        data["delay"], (("samples", "", "delay [samples]"),), "What a delay leaves of the target error."
+    )
 
 
 def _against(section: Data, panels: Any, caption: str) -> Iterator[Picture]:
@@ -172,7 +180,7 @@ def _starts(data: Data) -> Iterator[Picture]:
     panel = figure.subplots()
     for number, (name, own) in enumerate(data["starts"].items()):
         x, y = [one["amplitude"] for one in own["fractions"]], [one["converged"] for one in own["fractions"]]
-        panel.plot(x, y, color=palette.CYCLE[number], ls=_style(number), marker="o", ms=4, label=name)
+        panel.plot(x, y, color=palette.CYCLE[number], ls=_style(number), marker="o", ms=4, label=title(name))
     panel.set_ylim(-0.05, 1.05)
     _finish(panel, "amplitude of the perturbation [rad; of the mean rod length]", "part of the starts that converge")
     yield Picture(figure, "Random starts of growing distance from the nominal one.")
@@ -196,8 +204,5 @@ def _map(engine: str, rows: Any) -> Iterator[Picture]:
         panel.set_xticklabels([])
         panel.tick_params(labelsize=6)
     figure.legend(used.values(), used.keys(), loc="outside lower center", ncols=len(used), fontsize=8, frameon=False)
-    yield Picture(
-        figure,
-        f"Initial directions of the rod ({engine}), laws side by side: Mollweide's projection, +x in the middle, +y to "
-        "the right, +z up.",
-    )
+    caption = f"Initial directions of the rod ({title(engine)}), laws side by side"
+    yield Picture(figure, f"{caption}: Mollweide's projection, +x in the middle, +y to the right, +z up.")

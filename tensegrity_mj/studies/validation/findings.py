@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -19,17 +20,30 @@ Data = dict[str, Any]
 
 CONVERGED = 0.05  # part of the way to the target that may be left
 MIRRORED = -0.98  # cos of the angle between a rod and its target
+SAME = 1e-9  # part of the structure's size: nodes that are not farther apart are at the same place
 STANDING = 0.05  # part of the way to the target that the fastest node would go in another duration
 TREND = 0.01  # part by which a quantity must change to have a trend
-OUTCOMES = ("converged", "off target", "still moving", "mirrored", "infeasible", "singular", "diverged", "failed", "completed")
+STOPPED = ("infeasible", "singular", "diverged")
+GOOD = ("converged", "completed")  # the latter where there is no target
+OUTCOMES = ("converged", "off target", "still moving", "mirrored", *STOPPED, "failed", "completed")
 
 # What §5.6 says of gains: (gain, quantity, sign of its change as the gain grows, in words).
 STATEMENTS = (
     ("Z", "settling_10", 1, "slower with larger Z"),
-    ("Z", "peak_force_density", 1, "larger controls with larger Z"),
-    ("Y", "peak_force_density", -1, "larger controls with smaller Y"),
+    ("Z", "peak_force_density", 1, "larger controls with larger Z (peak)"),
+    ("Z", "rms_force_density", 1, "larger controls with larger Z (root mean square)"),
+    ("Y", "peak_force_density", -1, "larger controls with smaller Y (peak)"),
+    ("Y", "rms_force_density", -1, "larger controls with smaller Y (root mean square)"),
     ("Y", "settling_10", 1, "may become slower with larger Y"),
 )
+
+
+TITLES = {"mujoco": "MuJoCo", "dae": "DAE", "ode": "ODE"}
+
+
+def title(engine: str) -> str:
+    """An engine's name for people."""
+    return TITLES.get(engine, engine)
 
 
 def findings(setup: Setup, pairs: Sequence[tuple[Case, Mapping[str, Any]]]) -> Data:
@@ -133,18 +147,20 @@ def judged(values: Mapping[str, Any], tolerance: float, duration: float) -> str:
 
 def _tolerance(setup: Setup, nominal: Iterable[Mapping[str, Any]]) -> float:
     """Distance from the target [m] that counts as there: 5 % of the way, or twice what the nominal run has left."""
-    finals = [one["values"]["error"]["final"] for one in nominal if one["status"] == DONE and one["values"].get("error")]
+    finals = [
+        one["values"]["error"]["final"] for one in nominal if one["status"] == DONE and one["values"].get("error")
+    ]
     return max([CONVERGED * way(setup.scene, setup.duration), *(2 * final for final in finals)])
 
 
 def way(scene: Scene, duration: float) -> float:
-    """The largest distance [m] of a node at the start from its target at the end; of the structure's size if it is 0."""
-    if scene.target is not None:
-        aims = target_nodes(scene.structure, scene.target, np.array([duration]))[0]
-        largest = float(np.max(np.linalg.norm(scene.nodes0 - aims, axis=-1)))
-        if largest > 0:
-            return largest
-    return float(np.max(np.ptp(scene.nodes0, axis=0)))
+    """The largest distance [m] of a node at the start from its target at the end; the structure's size if it is 0."""
+    size = float(np.max(np.ptp(scene.nodes0, axis=0)))
+    if scene.target is None:
+        return size
+    aims = target_nodes(scene.structure, scene.target, np.array([duration]))[0]
+    largest = float(np.max(np.linalg.norm(scene.nodes0 - aims, axis=-1)))
+    return largest if largest > SAME * size else size
 
 
 def _nominal(setup: Setup, nominal: Mapping[str, Mapping[str, Any]], tolerance: float) -> Data:
@@ -197,11 +213,21 @@ def trends(rows: Sequence[Data]) -> list[Data]:
     """Whether what §5.6 says of gains shows: yes, no, mixed, none (nothing changes by more than 1 %)."""
     found = []
     for gain, quantity, sign, words in STATEMENTS:
-        own = sorted((one for one in rows if one["gain"] == gain and one["outcome"] != "failed"), key=lambda r: r["factor"])
-        values = [one[quantity] for one in own if one["outcome"] not in ("infeasible", "diverged", "singular")]
+        own = [one for one in rows if one["gain"] == gain and one["outcome"] not in (*STOPPED, "failed")]
+        own.sort(key=lambda one: one["factor"])
+        values, factors = ([one[key] for one in own] for key in (quantity, "factor"))
         if len(values) > 1:
             verdict = trend(values, sign, unsettled=quantity.startswith("settling"))
-            found.append({"gain": gain, "quantity": quantity, "statement": words, "shows": verdict, "values": values})
+            found.append(
+                {
+                    "gain": gain,
+                    "quantity": quantity,
+                    "statement": words,
+                    "shows": verdict,
+                    "factors": factors,
+                    "values": values,
+                }
+            )
     return found
 
 
@@ -210,7 +236,7 @@ def trend(values: Sequence[float | None], sign: int, unsettled: bool = False) ->
     numbers = [math.inf if value is None and unsettled else value for value in values]
     if any(number is None for number in numbers):
         return "unknown"
-    steps = [_step(float(a), float(b)) for a, b in zip(numbers, numbers[1:], strict=False)]  # type: ignore[arg-type]
+    steps = [_step(float(a), float(b)) for a, b in pairwise(numbers)]  # type: ignore[arg-type]
     ups, downs = steps.count(sign), steps.count(-sign)
     if not ups and not downs:
         return "none"
@@ -225,13 +251,14 @@ def _step(a: float, b: float) -> int:
 
 def _fractions(rows: Sequence[Data]) -> list[Data]:
     """How many starts of each law, or of each amplitude, came out how."""
-    key = "law" if "law" in rows[0] else "amplitude"
+    key = "law" if rows and "law" in rows[0] else "amplitude"
     found = []
     for group in dict.fromkeys(one[key] for one in rows):
         own = [one["outcome"] for one in rows if one[key] == group]
         counts = Counter(own)
         outcomes = {name: counts[name] for name in OUTCOMES if counts[name]}
-        found.append({key: group, "starts": len(own), "converged": counts["converged"] / len(own), "outcomes": outcomes})
+        part = sum(counts[name] for name in GOOD) / len(own)
+        found.append({key: group, "starts": len(own), "converged": part, "outcomes": outcomes})
     return found
 
 
@@ -270,7 +297,8 @@ def summary(setup: Setup, found: Data) -> list[str]:
             others = [name for name in setup.engines[1:] if maker(setup, section, found[section][name]) != mine]
             sentences += mine
             if others and section not in ("sampling", "starts"):
-                sentences.append(f"For {section}, {' and '.join(others)} comes out differently: see the tables.")
+                listed = " and ".join(title(name) for name in others)
+                sentences.append(f"{section.capitalize()} in {listed}: not quite the same, see the tables.")
     if found.get("starts_that_differ"):
         count = len(found["starts_that_differ"])
         sentences.append(f"{count} of the starts {'comes' if count == 1 else 'come'} out differently in other engines.")
@@ -281,8 +309,8 @@ def _nominal_sentence(setup: Setup, found: Data, engine: str) -> str:
     values = found["nominal"]["engines"][engine]
     if values["outcome"] == "failed":
         return f"The nominal run fails: {values['message']}."
-    text = f"Nominal, {engine}: {values['outcome']} after {values['end_time']:g} s"
-    if values["outcome"] in ("infeasible", "diverged", "singular"):
+    text = f"Nominal, {title(engine)}: {values['outcome']} after {values['end_time']:g} s"
+    if values["outcome"] in STOPPED:
         return f"{text}: {values['message']}."
     error, V = values["error"], values["lyapunov"]
     if error is not None:
@@ -294,7 +322,7 @@ def _nominal_sentence(setup: Setup, found: Data, engine: str) -> str:
     for one in found["nominal"]["differences"]:
         if engine in one["engines"] and one["node_error"] is not None:
             other = next(name for name in one["engines"] if name != engine)
-            text += f"; {other} differs by {one['node_error']:.1e} m"
+            text += f"; {title(other)} differs by {one['node_error']:.1e} m"
     return text + "."
 
 
@@ -315,7 +343,7 @@ def _winch_sentences(found: Data, engine: str) -> list[str]:
     below = values["rest_lengths"]
     if below and below["samples"]:
         sentences.append(
-            f"Rest lengths of {', '.join(below['strings'])} are <= 0 from {below['first_time']:g} s on at times: no string "
+            f"Rest lengths of {', '.join(below['strings'])} are <= 0, first at {below['first_time']:g} s: no string "
             "can do that; take stiffer strings."
         )
     for name, limit in values["limits"].items():
@@ -333,8 +361,8 @@ def _sampling_sentences(setup: Setup, section: str, part: Data) -> list[str]:
     sentences = []
     for mode in (Mode.HOLD_FORCE_DENSITY.value, Mode.HOLD_REST_LENGTH.value):
         own = [one for one in part["rows"] if one["mode"] == mode]
-        bad = [one for one in own if one["outcome"] != "converged"]
-        good = [one for one in own if one["outcome"] == "converged" and one["node_error"] is not None]
+        bad = [one for one in own if one["outcome"] not in GOOD]
+        good = [one for one in own if one["outcome"] in GOOD and one["node_error"] is not None]
         near = min(good, key=lambda one: abs(math.log(one["period"] / setup.period)), default=None)
         if near is not None:
             against = "" if part["reference"] == "continuous" else " against the finest period"
@@ -357,10 +385,11 @@ def _gain_sentences(setup: Setup, section: str, part: Data) -> list[str]:
 
 def _plant_sentences(setup: Setup, section: str, part: Data) -> list[str]:
     what = "masses" if section == "mass" else "stiffnesses"
-    bad = [one for one in part["rows"] if one["outcome"] != "converged"]
+    bad = [one for one in part["rows"] if one["outcome"] not in GOOD]
     if not bad:
-        worst = max(part["rows"], key=lambda one: one["final_error"])
-        return [f"Converges with {what} off by up to 20 % (final error up to {worst['final_error']:.2g} m)."]
+        errors = [one["final_error"] for one in part["rows"] if one["final_error"] is not None]
+        worst = f" (final error up to {max(errors):.2g} m)" if errors else ""
+        return [f"Converges with {what} off by up to 20 %{worst}."] if part["rows"] else []
     return [f"Does not tolerate {what} off by 20 %: {_listed(bad)}."]
 
 
@@ -378,19 +407,24 @@ def _delay_sentences(setup: Setup, section: str, part: Data) -> list[str]:
     own = sorted(part["rows"], key=lambda one: one["samples"])
     good = _first_good(own)
     if good is None:
-        return [f"Does not tolerate a delay of {own[0]['samples']} samples of {1e3 * setup.period:g} ms ({_outcomes(own[:1])})."]
+        first = f"{own[0]['samples']} × {1e3 * setup.period:g} ms ({_outcomes(own[:1])})"
+        return [f"Does not tolerate a delay of {first}."]
     more = " (more was not tried)" if good is own[-1] else f" ({_outcomes([own[own.index(good) + 1]])} with more)"
     samples = "1 sample" if good["samples"] == 1 else f"{good['samples']} samples"
     return [f"Tolerates a delay of up to {samples} of {1e3 * setup.period:g} ms{more}."]
 
 
 def _break_sentences(setup: Setup, section: str, part: Data) -> list[str]:
-    bad = [one for one in part["rows"] if one["outcome"] != "converged"]
+    if not part["rows"]:
+        return []
+    bad = [one for one in part["rows"] if one["outcome"] not in GOOD]
     time = part["rows"][0]["time"]
     if not bad:
         return [f"Converges whichever of the {len(part['rows'])} strings tried breaks at {time:g} s."]
     groups = dict.fromkeys(one["outcome"] for one in bad)
-    listed = [f"{group} when {_names(one['string'] for one in bad if one['outcome'] == group)} breaks" for group in groups]
+    listed = [
+        f"{group} when {_names(one['string'] for one in bad if one['outcome'] == group)} breaks" for group in groups
+    ]
     text = "; ".join(listed)
     return [f"{text[0].upper()}{text[1:]} at {time:g} s ({len(bad)} of {len(part['rows'])} strings tried)."]
 
@@ -400,8 +434,8 @@ def _gravity_sentences(setup: Setup, section: str, part: Data) -> list[str]:
     for told, words in ((False, "unknown to the law"), (True, "known to it")):
         own = [one for one in part["rows"] if one["known_to_the_law"] is told]
         if own:
-            good = [one for one in own if one["outcome"] == "converged"]
-            bad = [one for one in own if one["outcome"] != "converged"]
+            good = [one for one in own if one["outcome"] in GOOD]
+            bad = [one for one in own if one["outcome"] not in GOOD]
             fine = f"converges with {_names(_g(one) for one in good)}" if good else ""
             ill = f"not with {_names(f'{_g(one)} ({_ended(one)})' for one in bad)}" if bad else ""
             sentences.append(f"Gravity {words}: {'; '.join(text for text in (fine, ill) if text)}.")
@@ -415,7 +449,8 @@ def _g(one: Data) -> str:
 def _start_sentences(setup: Setup, section: str, part: Data) -> list[str]:
     key = "law" if "law" in part["fractions"][0] else "amplitude"
     listed = [
-        f"{one[key] if key == 'law' else f'amplitude {one[key]:g}'}: {one['converged']:.0%}" for one in part["fractions"]
+        f"{one[key] if key == 'law' else f'amplitude {one[key]:g}'}: {one['converged']:.0%}"
+        for one in part["fractions"]
     ]
     return [f"Of {part['fractions'][0]['starts']} random starts each, there converge: {'; '.join(listed)}."]
 
@@ -434,7 +469,7 @@ def _first_good(own: Sequence[Data]) -> Data | None:
     """The last row before the first that does not converge."""
     best = None
     for one in own:
-        if one["outcome"] != "converged":
+        if one["outcome"] not in GOOD:
             break
         best = one
     return best
@@ -445,7 +480,7 @@ def _listed(rows: Sequence[Data]) -> str:
 
 
 def _ended(one: Data) -> str:
-    if one["outcome"] in ("infeasible", "diverged", "singular"):
+    if one["outcome"] in STOPPED:
         return f"{one['outcome']} at {one['end_time']:.3g} s"
     return str(one["outcome"])
 

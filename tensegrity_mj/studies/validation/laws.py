@@ -220,7 +220,8 @@ def _import(name: str) -> types.ModuleType:
         return importlib.import_module(name)
     except Exception as error:
         raise OptionError(
-            f"law: module '{name}' cannot be imported ({type(error).__name__}: {error}); install it, or write path.py:name"
+            f"law: module '{name}' cannot be imported ({type(error).__name__}: {error}); install it, or write "
+            "path.py:name"
         ) from error
 
 

@@ -1,4 +1,4 @@
-"""What the report says of one run, from its trajectory. Every function gives plain values; docs/validate.md explains them.
+"""What the report says of one run, from its trajectory, as plain values; docs/validate.md explains them.
 
 Everything is of the recorded samples: a run is recorded at every control sample where memory allows it.
 """
@@ -88,7 +88,7 @@ def settling_time(time: Array, values: Array, bound: float) -> float | None:
 
 
 def arrival(run: Trajectory) -> Values:
-    """How a run ends: the fastest node's speed [m/s], and for each rod cos of the angle to its target (-1: mirrored)."""
+    """How a run ends: the fastest node's speed [m/s]; for each rod, cos of the angle to its target (-1: mirrored)."""
     speed = float(np.max(np.linalg.norm(run.velocities[-1], axis=-1), initial=0.0))
     if run.scene.target is None:
         return {"speed": speed, "alignment": None}
@@ -117,7 +117,7 @@ def lyapunov(run: Trajectory, promised_rate: float | None) -> Values | None:
 
 
 def margin(run: Trajectory) -> Values | None:
-    """The smallest feasibility margin, when, and where: node positions, target error [m], largest violation of demands."""
+    """The smallest feasibility margin, when and where (nodes, target error [m]); the largest violation of demands."""
     known = ~np.isnan(run.feasibility_margin)
     residual = run.allocation_residual[~np.isnan(run.allocation_residual)]
     if not known.any() and not len(residual):

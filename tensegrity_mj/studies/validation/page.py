@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from tensegrity_mj.report import Picture, Section, Table, write_sections
 from tensegrity_mj.studies.validation import figures
+from tensegrity_mj.studies.validation.findings import title
 from tensegrity_mj.studies.validation.sections import SECTIONS
 
 Data = Mapping[str, Any]
 
-TITLES = {
-    "mujoco": "MuJoCo",
-    "dae": "DAE",
-    "ode": "ODE",
-}
+MOST_NODES = 12  # that a cell holds
+MOST_LETTERS = 30  # of a label that stays in one line
 COLUMNS = {
     "outcome": "outcome",
     "end_time": "ended at [s]",
@@ -41,9 +40,9 @@ SHOWN: dict[str, tuple[str, ...]] = {
 NOTES = {
     "sampling": "Node error: largest distance of a node from the same run of the same engine with {reference}.",
     "gains": "All diagonal blocks X, Y or Z times a factor; combinations that are not positive definite fail.",
-    "mass": "Rods are uniform and thin: their inertia is m ℓ²/12 about the middle, and is off with the mass. The law keeps "
-    "the nominal masses.",
-    "stiffness": "The winches set L0 = L (1 - u/k) with the nominal k, so that a stiffer string pulls harder than asked.",
+    "mass": "Rods are uniform and thin: their inertia is m ℓ²/12 about the middle, and is off with the mass. The law "
+    "keeps the nominal masses.",
+    "stiffness": "The winches set L0 = L (1 - u/k) with the nominal k: a stiffer string pulls harder than asked.",
     "noise": "Independent normal errors of every moving node, drawn at each control sample; the force density is held.",
     "delay": "The command of an earlier control sample; the force density is held.",
     "breaks": "From that time on the string carries nothing, and no law is told.",
@@ -59,12 +58,13 @@ def write_validation_page(path: str | os.PathLike[str], data: Data) -> Path:
     """
     setup, law = data["setup"], data["law"]
     name = _law_name(law)
+    scene = data["scene"]
     introduction = (
-        f"Law {name} on scene {data['scene']['name']} ({data['scene']['source'] or 'no source given'}); {setup['runs']} runs "
-        f"of {setup['duration']:g} s in {', '.join(_title(engine) for engine in setup['engines'])}; RK4 at "
-        f"{1e3 * setup['timestep']:g} ms where the step is fixed; control period {1e3 * setup['control_period']:g} ms where "
-        f"the law is sampled; seed {setup['seed']}. A run has converged if it ends within {data['tolerance']:.2g} m of its "
-        "target."
+        f"Law {name} on scene {scene['name']} ({scene['source'] or 'no source given'}); {setup['runs']} runs of "
+        f"{setup['duration']:g} s in {', '.join(title(engine) for engine in setup['engines'])}; RK4 at "
+        f"{1e3 * setup['timestep']:g} ms where the step is fixed; control period {1e3 * setup['control_period']:g} ms "
+        f"where the law must be sampled; seed {setup['seed']}. A run has converged if it ends within "
+        f"{data['tolerance']:.2g} m of its target."
     )
     parts = [_summary(data), *_sections(data), _details(data)]
     return write_sections(path, f"Validation of {name} on {data['scene']['name']}", introduction, parts)
@@ -74,10 +74,6 @@ def _law_name(law: Data) -> str:
     return str((law["description"] or {}).get("law", law["from"]))
 
 
-def _title(engine: str) -> str:
-    return TITLES.get(engine, engine)
-
-
 def _summary(data: Data) -> Section:
     rows = [[number, sentence] for number, sentence in enumerate(data["summary"], 1)]
     return Section("In short", (), [Table("", ("", "finding"), rows)])
@@ -85,18 +81,18 @@ def _summary(data: Data) -> Section:
 
 def _sections(data: Data) -> Iterator[Section]:
     yield _nominal(data)
-    for section, title in SECTIONS.items():
+    for section, heading in SECTIONS.items():
         if section == "nominal" or section not in data:
             continue
         parts: list[Picture | Table] = list(figures.of_section(section, data))
         text = NOTES.get(section, "")
-        for engine, part in data[section].items():
+        for number, (engine, part) in enumerate(data[section].items()):
             text = text.replace("{reference}", _reference(part))
-            parts += list(_engine(section, engine, part))
+            parts += [replace(table, folded=number > 0) for table in _engine(section, engine, part)]
         if section == "starts" and data.get("starts_that_differ"):
             rows = [[one["label"], one["outcomes"]] for one in data["starts_that_differ"]]
             parts.append(Table("Starts that come out differently in two engines", ("start", "outcomes"), rows))
-        yield Section(title[0].upper() + title[1:], [text] if text else [], parts)
+        yield Section(heading[0].upper() + heading[1:], [text] if text else [], parts)
 
 
 def _reference(part: Data) -> str:
@@ -106,22 +102,23 @@ def _reference(part: Data) -> str:
 
 def _engine(section: str, engine: str, part: Data) -> Iterator[Table]:
     if section == "gains" and part["trends"]:
-        rows = [[one["statement"], one["shows"], [_short(value) for value in one["values"]]] for one in part["trends"]]
-        yield Table(f"What §5.6 says, {_title(engine)}", ("statement", "shows", "values, gain growing"), rows)
+        rows = [[one["statement"], one["shows"], _values(one)] for one in part["trends"]]
+        yield Table(f"What §5.6 says, {title(engine)}", ("statement", "shows", "factor on the gain: value"), rows)
     if section == "starts":
         head = "law" if "law" in part["fractions"][0] else "amplitude"
-        rows = [
-            [one[head], one["starts"], f"{one['converged']:.0%}", one["outcomes"]] for one in part["fractions"]
-        ]
-        yield Table(_title(engine), (head, "starts", "converge", "outcomes"), rows)
+        rows = [[one[head], one["starts"], f"{one['converged']:.0%}", one["outcomes"]] for one in part["fractions"]]
+        yield Table(title(engine), (head, "starts", "converge", "outcomes"), rows)
         return
     columns = SHOWN.get(section, USUAL)
-    rows = [[one["label"], *(one.get(column) for column in columns), _reason(one)] for one in part["rows"]]
+    rows = [
+        [_whole(one["label"]), _whole(one["outcome"]), *(one.get(column) for column in columns[1:]), _reason(one)]
+        for one in part["rows"]
+    ]
     if not any(row[-1] for row in rows):
         rows = [row[:-1] for row in rows]
-        yield Table(_title(engine), ("", *(COLUMNS[column] for column in columns)), rows)
+        yield Table(title(engine), ("", *(COLUMNS[column] for column in columns)), rows)
     else:
-        yield Table(_title(engine), ("", *(COLUMNS[column] for column in columns), "why"), rows)
+        yield Table(title(engine), ("", *(COLUMNS[column] for column in columns), "why"), rows)
 
 
 def _reason(one: Data) -> str:
@@ -129,24 +126,30 @@ def _reason(one: Data) -> str:
     return text if len(text) <= 160 else f"{text[:157]}..."
 
 
-def _short(value: float | None) -> str:
-    return "not settled" if value is None else f"{value:.4g}"
+def _values(one: Data) -> list[str]:
+    texts = ["not settled" if value is None else f"{value:.4g}" for value in one["values"]]
+    return [f"{factor:g}: {text}" for factor, text in zip(one["factors"], texts, strict=True)]
+
+
+def _whole(text: str) -> str:
+    """A short text that is not broken into lines."""
+    return text.replace(" ", "\u00a0") if len(text) <= MOST_LETTERS else text
 
 
 def _nominal(data: Data) -> Section:
     engines = data["nominal"]["engines"]
     runs = [one for one in engines.values() if "peaks" in one]
-    heads = ["", *(_title(engine) for engine, one in engines.items() if "peaks" in one)]
+    heads = ["", *(title(engine) for engine, one in engines.items() if "peaks" in one)]
     rows = [[label, *(_value(one, *keys) for one in runs)] for label, keys in _NOMINAL]
     parts: list[Picture | Table] = list(figures.of_section("nominal", data))
     if runs:
         parts.append(Table("", heads, rows))
-    failed = [[_title(engine), one["outcome"], one["message"]] for engine, one in engines.items() if one not in runs]
+    failed = [[title(engine), one["outcome"], one["message"]] for engine, one in engines.items() if one not in runs]
     if failed:
         parts.append(Table("Without a result", ("engine", "outcome", "why"), failed))
     if data["nominal"]["differences"]:
         rows = [
-            [" and ".join(_title(engine) for engine in one["engines"]), one["node_error"]]
+            [" and ".join(title(engine) for engine in one["engines"]), one["node_error"]]
             for one in data["nominal"]["differences"]
         ]
         parts.append(Table("Agreement", ("engines", "largest node difference [m]"), rows))
@@ -197,7 +200,9 @@ def _value(one: Data, *keys: str) -> Any:
         member = f"{value['of']}, " if "of" in value else ""
         return f"{value['value']:.4g} ({member}{value['time']:.4g} s)"
     if isinstance(value, Mapping) and keys[-1] == "nodes":
-        return {name: ", ".join(f"{x:.3g}" for x in place) for name, place in value.items()}
+        if len(value) > MOST_NODES:
+            return "see validation.json"
+        return {name: ", ".join(f"{x + 0.0:.4f}" for x in place) for name, place in value.items()}
     return value
 
 
@@ -207,10 +212,11 @@ def _strings(one: Data, engine: str) -> Iterator[Table]:
         return
     rates = one["switching"]["strings"]
     rows = [
-        [name, work["done"], work["recovered"], work["peak"], work["mean"], rates[name]] for name, work in strings.items()
+        [name, work["done"], work["recovered"], work["peak"], work["mean"], rates[name]]
+        for name, work in strings.items()
     ]
     heads = ("string", "work done [J]", "got back [J]", "peak power [W]", "mean |power| [W]", "switches [1/s]")
-    yield Table(f"Each winch, {_title(engine)}", heads, rows)
+    yield Table(f"Each winch, {title(engine)}", heads, rows)
 
 
 def _details(data: Data) -> Section:

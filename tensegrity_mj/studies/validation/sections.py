@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj import controllers
 from tensegrity_mj.actuation import Mode
+from tensegrity_mj.law import native_law
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.structure import Structure
 from tensegrity_mj.studies.validation import laws
@@ -39,8 +41,10 @@ NOISE = (1e-4, 1e-3, 1e-2)  # m of positions; ten times the number in m/s of vel
 DELAYS = tuple(range(1, 11))
 GRAVITY = (0.0981, 0.981, 9.81)  # m/s², downwards
 AMPLITUDES = (0.03, 0.1, 0.3, 0.6, 1.0)  # rad, and parts of the mean rod length
+TIGHT = {"rtol": 1e-12, "atol": 1e-13}  # of the error-controlled methods
 MANY_STRINGS = 24  # with more strings than that, so many of them break, evenly chosen
 
+UNDER_TEST = "under test"
 SIDE_BY_SIDE: dict[str, dict[str, Any]] = {
     "Lyapunov": {"kind": "built-in", "name": "lyapunov", "options": {}},
     "projection onto b⊥": {"kind": "built-in", "name": "projection", "options": {"onto": "current"}},
@@ -60,7 +64,7 @@ class Extent:
     delays: Sequence[int] = DELAYS
     broken: int = MANY_STRINGS
     gravity: Sequence[float] = GRAVITY
-    map_starts: int = 120
+    map_starts: int = 100
     amplitudes: Sequence[float] = AMPLITUDES
     starts: int = 12  # of each amplitude
 
@@ -166,13 +170,15 @@ def cases(setup: Setup, chosen: Sequence[str]) -> list[Case]:
 def _nominal(setup: Setup, engine: str) -> Iterator[Case]:
     point = setup.usual(engine)
     if setup.continuous and engine != "mujoco":
-        point = {"engine": engine}  # error-controlled
+        point = {"engine": engine, "engine_options": TIGHT}
     yield Case("nominal", "nominal", point | {"keep_nodes": True})
 
 
 def _sampling(setup: Setup, engine: str) -> Iterator[Case]:
     if setup.continuous:
-        yield Case("sampling", "continuous", setup.usual(engine) | {"keep_nodes": True}, {"mode": Mode.CONTINUOUS.value})
+        yield Case(
+            "sampling", "continuous", setup.usual(engine) | {"keep_nodes": True}, {"mode": Mode.CONTINUOUS.value}
+        )
     for mode in (Mode.HOLD_FORCE_DENSITY, Mode.HOLD_REST_LENGTH):
         for period in setup.extent.periods:
             point = setup.sampled(engine, mode, period) | {"keep_nodes": True}
@@ -221,7 +227,9 @@ def _off(
             for (member, value), factor in zip(members.items(), factors, strict=True)
         }
         facts = {"factors": factors.tolist()}
-        yield Case(section, f"each by up to ±{OFF:.0%}, draw {draw + 1}", setup.usual(engine) | {"settings": settings}, facts)
+        yield Case(
+            section, f"each by up to ±{OFF:.0%}, draw {draw + 1}", setup.usual(engine) | {"settings": settings}, facts
+        )
 
 
 def _noise(setup: Setup, engine: str) -> Iterator[Case]:
@@ -292,11 +300,7 @@ def _map(setup: Setup, engine: str) -> Iterator[Case]:
     """The pinned rod, at rest in random directions, under this law and the thesis' laws side by side."""
     directions = setup.generator(4).normal(size=(setup.extent.map_starts, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    compared: dict[str, Any] = {"under test": None}
-    control = setup.scene.control
-    for name, spec in SIDE_BY_SIDE.items():
-        alike = control is not None and control.law in laws.controllers.LAWS
-        compared[name] = spec if alike else spec | {"options": {**spec["options"], "decay_rate": _slow(setup)}}
+    compared = _side_by_side(setup)
     for name, spec in compared.items():
         for draw, b in enumerate(directions):
             nodes = turned(setup.scene, b)
@@ -305,9 +309,21 @@ def _map(setup: Setup, engine: str) -> Iterator[Case]:
             yield Case("starts", f"{name}, draw {draw + 1}", point, facts)
 
 
-def _slow(setup: Setup) -> float:
-    """A decay rate for laws of which the scene says nothing: e^-9 over the run, as in §5.4."""
-    return 9.0 / setup.duration
+def _side_by_side(setup: Setup) -> dict[str, Any]:
+    """The law under test and those of `SIDE_BY_SIDE`, by name; None stands for the law under test."""
+    control = setup.scene.control
+    under_test = native_law(setup.law, setup.scene.structure).description
+    found: dict[str, Any] = {UNDER_TEST: None}
+    for name, spec in SIDE_BY_SIDE.items():
+        if control is None or control.law not in controllers.LAWS:
+            # The scene says nothing of them: e^-9 of V(0) is left at the end, as in §5.4.
+            spec = spec | {"options": {**spec["options"], "decay_rate": 9.0 / setup.duration}}
+        law = laws.make(spec, setup.scene)
+        if native_law(law, setup.scene.structure).description == under_test:
+            found = {(f"{name} ({UNDER_TEST})" if key == UNDER_TEST else key): own for key, own in found.items()}
+        elif setup.continuous or not law.discontinuous:
+            found[name] = spec
+    return found
 
 
 def turned(scene: Scene, b: Array) -> Array:
@@ -325,10 +341,7 @@ def perturbed(scene: Scene, amplitude: float, generator: np.random.Generator) ->
     the mean rod length (of the spread of nodes where there are no rods) in a random direction, within its support."""
     structure = scene.structure
     nodes = scene.nodes0.copy()
-    if len(structure.rods):
-        size = float(structure.rod_lengths.mean())
-    else:
-        size = float(np.ptp(nodes, axis=0).max())
+    size = float(structure.rod_lengths.mean() if len(structure.rods) else np.ptp(nodes, axis=0).max())
     for a, rod in enumerate(structure.rods):
         i, j = structure.rod_nodes[a]
         sigma, length = rod.support.sigma, structure.rod_lengths[a]

@@ -163,8 +163,8 @@ def _workers(workers: Workers | None, spec: laws.Spec) -> Workers:
         return workers or Workers()
     if workers is not None and workers.backend is not Backend.THIS_PROCESS:
         raise OptionError(
-            f"law '{spec['name']}': it exists in this process only, and workers cannot make it again. Put it, or a function "
-            'scene -> law, at the top of a file of its own and give "path.py:name"; or leave workers out'
+            f"law '{spec['name']}': it exists in this process only, and workers cannot make it again. Put it, or a "
+            'function scene -> law, at the top of a file of its own and give "path.py:name"; or leave workers out'
         )
     return Workers(backend=Backend.THIS_PROCESS)
 

@@ -97,7 +97,7 @@ def scene_of(text: str) -> Scene:
 
 
 def recording_interval(scene: Scene, base: float, duration: float) -> float:
-    """The least multiple of `base` that divides `TICK` and keeps rows within `ROWS`; else `TICK`, or `base` if larger."""
+    """The least multiple of `base` that divides `TICK` and keeps rows within `ROWS`; else the larger of both."""
     width = 6 * len(scene.structure.nodes) + 3 * len(scene.structure.strings) + len(scene.structure.rods) + 8
     whole = round(TICK / base) if base < TICK else 1
     for factor in range(1, whole + 1):
