@@ -21,9 +21,8 @@ PERIOD = 0.01
 
 def main() -> None:
     """Measure and print."""
-    print(
-        f"{'planar_beam':14s} {'median':>9s} {'99 %':>9s} {'longest':>9s} {'daqp':>9s} {'residual':>9s} {'least u':>9s}"
-    )
+    titles = "".join(f"{word:>10s}" for word in ("median", "99 %", "longest", "daqp", "residual", "least u"))
+    print(f"{'planar_beam':14s}{titles}")
     for title, minimum in CASES.items():
         scene = planar_beam(minimum_sum=minimum)
         law = tmj.controllers.from_scene(scene)
@@ -49,9 +48,8 @@ def main() -> None:
                 library.append(time.perf_counter() - start)
         median, high, longest = (1e3 * float(np.quantile(taken[5:], q)) for q in (0.5, 0.99, 1.0))
         other = 1e3 * float(np.median(library))
-        print(
-            f"{title:14s} {median:6.2f} ms {high:6.2f} ms {longest:6.2f} ms {other:6.2f} ms {residual:9.1e} {least:9.1e}"
-        )
+        spent = "".join(f"{value:7.2f} ms" for value in (median, high, longest, other))
+        print(f"{title:14s}{spent}{residual:10.1e}{least:10.1e}")
 
 
 if __name__ == "__main__":

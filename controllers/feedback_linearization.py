@@ -350,8 +350,8 @@ class _Evaluation:
         )
         if rod >= 0:
             raise InfeasibleError(
-                f"rod '{self.structure.rods[rod].name}', or its target, points along z at t = {time:.6g} s: its angle "
-                "θ is singular there; keep φ away from 0 and π, or choose a law in non-minimal coordinates"
+                f"rod '{self.structure.rods[rod].name}', or its target, points along z: its angle θ is singular "
+                "there; keep φ away from 0 and π, or choose a law in non-minimal coordinates"
             )
         return A, d, e
 

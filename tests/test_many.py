@@ -144,7 +144,8 @@ def test_a_record_torn_anywhere_is_computed_again(tmp_path: Path) -> None:
     run_many(study_tasks.noted, POINTS, folder, workers=HERE)
     whole, expected = (folder / store.POINTS).read_bytes(), result(folder)
     last = whole.rstrip(b"\n").rfind(b"\n") + 1
-    for length in range(last, len(whole)):  # all that a write can leave of the last line
+    lengths = [*range(last, len(whole), 11), len(whole) - 3, len(whole) - 2, len(whole) - 1]
+    for length in lengths:  # what a write can leave of the last line
         (folder / store.POINTS).write_bytes(whole[:length])
         assert run_many(study_tasks.noted, POINTS, folder, workers=HERE).computed == 1
         assert (folder / store.POINTS).read_bytes() == whole
@@ -218,11 +219,15 @@ def check_troubles(study: Study) -> None:
 
 def test_troubles_are_data_and_the_result_is_the_same_on_a_cluster(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
-    for number in (1, 2, 3):
+    for number in (1, 3):
         study = run_many(study_tasks.troubled, TROUBLES, tmp_path / f"processes{number}", workers=Workers(number))
         check_troubles(study)
         assert study.computed == len(TROUBLES)
+    import dask
+
     with (
+        # Dask itself would give a point that kills its worker to three more of them first.
+        dask.config.set({"distributed.scheduler.allowed-failures": 0}),
         distributed.LocalCluster(n_workers=2, threads_per_worker=2, dashboard_address=None) as cluster,
         distributed.Client(cluster) as client,
     ):
@@ -250,7 +255,7 @@ def test_a_cluster_that_cannot_import_the_task_is_an_error(tmp_path: Path, monke
         monkeypatch.syspath_prepend(tmp_path)
         import only_here  # type: ignore[import-not-found]
 
-        with pytest.raises(OptionError, match="its module 'only_here' and tensegrity_mj must be installed"):
+        with pytest.raises(OptionError, match="the cluster cannot import 'only_here'"):
             run_many(only_here.task, [{"x": 1}], workers=Workers(backend=Backend.CLUSTER, client=client))
 
 
@@ -343,12 +348,12 @@ def test_nothing_is_shown_unless_asked(capfd: pytest.CaptureFixture[str]) -> Non
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"task": study_tasks.troubled}, "task is .*study_tasks.noted.* there"),
+        ({"task": study_tasks.troubled}, 'task is "study_tasks.noted" there and "study_tasks.troubled" here'),
         ({"points": [*POINTS[:5], {"x": 9}]}, r"points\[5\].x is 5 there and 9 here"),
         ({"points": POINTS[:5]}, "points has 6 entries there and 5 here"),
         ({"points": [{**point, "y": 1} for point in POINTS]}, r"points\[0\].y is given here only"),
         ({"identity": {"version": "2"}}, 'identity.version is "1" there and "2" here'),
-        ({"common": {"seconds": 0}}, "common.seconds is 0.0 there and 0 here|common.seconds"),
+        ({"common": {"seconds": 0}}, "common.seconds is 0.0 there and 0 here"),
     ],
     ids=["task", "point", "fewer", "more values", "version", "common"],
 )
@@ -374,7 +379,7 @@ def test_a_folder_that_is_no_study_is_left_alone(tmp_path: Path) -> None:
 
 def test_a_study_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
     (tmp_path / store.STUDY).write_text('{"format": 1, ')
-    with pytest.raises(FormatError, match="study.json: it cannot be read"):
+    with pytest.raises(FormatError, match=r"study\.json: it cannot be read"):
         run_many(study_tasks.noted, POINTS, tmp_path, workers=HERE)
 
 
@@ -504,9 +509,9 @@ def test_a_cluster_that_does_not_answer(monkeypatch: pytest.MonkeyPatch) -> None
     from tensegrity_mj.studies import cluster
 
     monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 0.2)
-    with pytest.raises(OptionError, match="no Dask scheduler answers at 'tcp://127.0.0.1:9'"):
+    with pytest.raises(OptionError, match=r"no Dask scheduler answers at .tcp://127\.0\.0\.1:9"):
         run_many(study_tasks.noted, POINTS, workers=Workers(backend=Backend.CLUSTER, address="tcp://127.0.0.1:9"))
-    with pytest.raises(OptionError, match="client = 1; it must be a dask.distributed.Client"):
+    with pytest.raises(OptionError, match=r"client = 1; it must be a dask\.distributed\.Client"):
         run_many(study_tasks.noted, POINTS, workers=Workers(backend=Backend.CLUSTER, client=1))
 
 

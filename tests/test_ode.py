@@ -16,7 +16,13 @@ from stedy import largest_frequency, scene_of
 import tensegrity_mj as tmj
 from tensegrity_mj import rods
 from tensegrity_mj.controllers import from_scene
-from tensegrity_mj.dynamics.minimal import MinimalModel, MinimalRecords, minimal_accelerations, place_minimal
+from tensegrity_mj.dynamics.minimal import (
+    MinimalModel,
+    MinimalRecords,
+    minimal_accelerations,
+    node_accelerations,
+    place_minimal,
+)
 from tensegrity_mj.scene import Break, Scene
 from tensegrity_mj.strings import StringLaw
 
@@ -102,6 +108,13 @@ def test_the_matrices_of_the_thesis_give_the_same_accelerations(seed: int, plana
     assert np.abs(velocities - scene.velocities0.ravel()).max() < 1e-13
     assert np.abs(model.phi @ rates - velocities).max() < 1e-13
     step = 1e-5  # h² ℓ / 6 and eps / h: 2e-11 both
+    # The nodes' accelerations are the rate of their velocities along q(t), whatever Ẇ β̇ the kernels reckon with.
+    ahead, behind = (placed(q + h * rates + 0.5 * h * h * expected, rates + h * expected)[1] for h in (step, -step))
+    accelerations = np.zeros_like(scene.nodes0)
+    node_accelerations(q, rates, expected, records.rods, records.points, accelerations)
+    scale = max(1.0, np.abs(accelerations).max())
+    # h² times third derivatives, which are 1e4 of the accelerations where θ̇ is 1e2: 1e-6.
+    assert np.abs((ahead - behind) / (2 * step) - accelerations.ravel()).max() < 1e-6 * scale
     columns = [(placed(q + step * e, rates)[0] - placed(q - step * e, rates)[0]) / (2 * step) for e in np.eye(len(q))]
     assert np.abs(model.phi - np.column_stack(columns)).max() < 1e-9
 

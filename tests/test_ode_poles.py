@@ -89,6 +89,11 @@ def test_a_rod_that_passes_a_pole_is_right_or_stopped(engine: str, below: bool, 
     assert run.energy_residual <= 6 * 1e-3
 
 
+def test_a_step_across_the_pole_is_called_so() -> None:
+    run = tmj.simulate(passing(0.0, 0.0), None, tmj.ODE(tmj.Method.RK4, timestep=1e-2))
+    assert "'mast' swings across the z axis within a step" in run.message
+
+
 def test_rk4_goes_on_where_its_step_resolves_the_pole() -> None:
     """Or "right or stopped" could be had by always stopping."""
     for distance, step in ((1e-2, 1e-4), (0.1, 1e-3)):

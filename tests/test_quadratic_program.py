@@ -14,7 +14,8 @@ import tensegrity_mj as tmj
 from tensegrity_mj.controllers import Allocation, Sum, WhenInfeasible
 from tensegrity_mj.controllers.allocation import least_norm
 from tensegrity_mj.controllers.optimal_allocation import Allocator, Equation
-from tensegrity_mj.controllers.quadratic_program import NO_POINT, SETTLED, columns_of, maximize_dual
+from tensegrity_mj.controllers.quadratic_program import NO_POINT, SETTLED, columns_of, factor, maximize_dual
+from tensegrity_mj.controllers.quadratic_program import solve as solve_factored
 from tensegrity_mj.errors import InfeasibleError, OptionError
 
 Array = NDArray[np.float64]
@@ -141,6 +142,26 @@ def test_where_the_search_starts_has_no_part_in_its_end() -> None:
             if status == SETTLED:
                 # Where u is degenerate it is exact to 1e-8 of the largest; elsewhere to round-off.
                 np.testing.assert_allclose(again, u, rtol=0, atol=3e-8 * (1 + np.abs(u).max()))
+
+
+def test_rows_that_depend_on_others_get_nothing() -> None:
+    rng = np.random.default_rng(19)
+    G = rng.normal(size=(5, 9))
+    G[3] = 2 * G[0] - G[2]
+    K, x = G @ G.T, G @ rng.normal(size=9)
+    b, first = x.copy(), np.zeros(5, np.int64)
+    whole = K.copy()
+    factor(K, first, 1e-13)
+    solve_factored(K, first, x)
+    assert x[3] == 0
+    np.testing.assert_allclose(whole @ x, b, rtol=0, atol=1e-10)  # condition 1e2, terms up to 1e2
+    # An envelope leaves out zeros and changes nothing.
+    band = np.tril(np.triu(rng.normal(size=(6, 6)), -2)) + 4 * np.eye(6)
+    K, x = band @ band.T, rng.normal(size=6)
+    expected = np.linalg.solve(K, x)
+    factor(K, np.maximum(np.arange(6) - 2, 0), 1e-13)
+    solve_factored(K, np.maximum(np.arange(6) - 2, 0), x)
+    np.testing.assert_allclose(x, expected, rtol=1e-12)
 
 
 def test_nothing_asked_for_gives_the_floor() -> None:

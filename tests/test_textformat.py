@@ -438,7 +438,7 @@ WRONG: list[tuple[str, str, type[TensegrityError], tuple[str, ...]]] = [
         "[scene.target.nodes]\nb = [0, 1, 0]",
         "[scene.target]",
         FormatError,
-        ("scene.target", "either 'nodes'", "'waypoints'"),
+        ("scene.target", "one of 'nodes'", "'waypoints'", "'shapes'"),
     ),
     (
         "[scene.target.nodes]\nb = [0, 1, 0]",

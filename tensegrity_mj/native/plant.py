@@ -481,5 +481,6 @@ class Plant:
         if self.law.reason:
             text += f": {self.law.reason[0]}"
         elif not np.isnan(margin):
-            text += f": feasibility margin max(v/α) = {margin:.3g} <= 0 (5.18)"
+            # Where the moment is located, the last margin is the smallest positive one.
+            text += f": its feasibility margin is {margin:.3g}" if margin <= 0 else ": its feasibility margin falls to 0"
         return text + "; change the target or decay rate, or choose OnInfeasible.PASSIVE"

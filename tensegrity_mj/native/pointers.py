@@ -4,8 +4,8 @@ A law is a C function
 
     int64 law(double time, int64 nodes, int64 velocities, int64 context, int64 command, int64 report)
 
-whose integers are addresses of float64 arrays: nodes and velocities (N, 3) in, command (M,) and report (2,)
-out; `context` is the address of whatever the law keeps. External forces f(t) are C functions
+whose integers are addresses of float64 arrays: nodes and velocities (N, 3) in, command (M,) and report (5,)
+(see `law.Report`) out; `context` is the address of whatever the law keeps. External forces f(t) are C functions
 `int64 forces(double time, int64 out)` that write (N, 3).
 """
 

@@ -31,10 +31,11 @@ def _planar(panel: Any, run: Trajectory, time: float, color: Any = "black", widt
 
 
 def _snapshots(
-    all_runs: AllRuns, name: str, times: tuple[float, ...], columns: int, size: tuple[float, float]
+    all_runs: AllRuns, name: str, times: tuple[float, ...], axes: tuple[float, float, float, float], height: float
 ) -> Figure:
-    """The first engine's structure, with the second engine's nodes as circles."""
-    figure, grid = drawing.panels(len(times) // columns, columns, height=size[1], width=size[0])
+    """The first engine's structure, with the second engine's nodes as circles; axes in x and in y [m], from and to."""
+    width = height * (axes[1] - axes[0]) / (axes[3] - axes[2])
+    figure, grid = drawing.panels(len(times) // 2, 2, height=height, width=width)
     for panel, time in zip(grid.ravel(), times, strict=True):
         for number, (_, run) in enumerate(drawing.versions_of(all_runs, name)):
             if number == 0:
@@ -42,7 +43,9 @@ def _snapshots(
             else:
                 nodes = measures.at(run, time, run.nodes)
                 panel.plot(nodes[:, 0], nodes[:, 2], ls="none", marker="o", ms=3.5, mfc="none", mec=RED, mew=0.6)
-        panel.set_aspect("equal", adjustable="datalim")
+        panel.set_xlim(*axes[:2])
+        panel.set_ylim(*axes[2:])
+        panel.set_aspect("equal")
         drawing.finish(panel, f"t = {time:.2f} s", "y [m]", time=False)
         panel.set_xlabel("x [m]", fontsize=8.5)
     drawing.engines_note(figure, all_runs)
@@ -50,7 +53,7 @@ def _snapshots(
 
 
 def _cross_configurations(all_runs: AllRuns) -> Figure:
-    return _snapshots(all_runs, "cross-1.2", (0.0, 10.0), 2, (3.6, 3.4))
+    return _snapshots(all_runs, "cross-1.2", (0.0, 10.0), (-0.1, 1.6, -0.1, 1.6), 3.4)
 
 
 def _references(run: Trajectory) -> measures.Array:
@@ -125,7 +128,7 @@ def _beam_parameters(all_runs: AllRuns) -> Figure:
 
 
 def _beam_snapshots(all_runs: AllRuns) -> Figure:
-    return _snapshots(all_runs, "beam-1960", (0.0, 20.0, 40.0, 60.0), 2, (5.2, 3.0))
+    return _snapshots(all_runs, "beam-1960", (0.0, 20.0, 40.0, 60.0), (-5.0, 15.0, -8.0, 2.0), 2.8)
 
 
 def _one_sum(all_runs: AllRuns) -> Figure:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.reproduction import drawing
@@ -55,7 +56,7 @@ def _parts(all_runs: AllRuns) -> Figure:
         for quantity, color, label in (
             ("lyapunov_error", RED, "orientation"), ("lyapunov_velocity", GREEN, "velocity"), ("lyapunov", BLUE, "sum"),
         ):  # fmt: skip
-            drawing.curves(panel, all_runs, name, lambda run, q=quantity: getattr(run, q), (color,), label=label)  # type: ignore[misc]
+            drawing.curves(panel, all_runs, name, operator.attrgetter(quantity), (color,), label=label)
         drawing.finish(panel, title, "[1]")
     drawing.engines_note(figure, all_runs)
     return figure

@@ -86,7 +86,9 @@ def _cell(statement: Statement, engine: EngineName, computed: Computed) -> Cell:
         if runs[name].status is not Status.COMPLETED:
             stopped = runs[name].time[-1]
             reason = f"{runs[name].status.value} at {stopped:g} s: {runs[name].message}"
-            return Cell(math.nan, Verdict.UNEXPLAINED, f"run '{name}' in {engine.value} ended {reason}")
+            # The ODE's angles cannot hold every motion: that is known, and no difference of the physics.
+            verdict = Verdict.DIFFERS if runs[name].status is Status.SINGULAR else Verdict.UNEXPLAINED
+            return Cell(math.nan, verdict, f"run '{name}' in {engine.value} ended {reason}")
     value = float(statement.measure(runs))
     return Cell(value, verdict_of(statement, value))
 

@@ -120,28 +120,44 @@ def top_speed(run: Trajectory) -> float:
     return float(np.linalg.norm(run.velocities, axis=-1).max())
 
 
+def largest_coordinate(run: Trajectory, axis: int) -> float:
+    """Largest coordinate of a node [m]."""
+    return float(run.nodes[..., axis].max())
+
+
+def smallest_coordinate(run: Trajectory, axis: int) -> float:
+    """Smallest coordinate of a node [m]."""
+    return float(run.nodes[..., axis].min())
+
+
 def unit_length_error(run: Trajectory) -> float:
+    """Largest | ‖b‖ - 1 | of a rod."""
     return float(np.abs(np.linalg.norm(directions(run), axis=-1) - 1.0).max())
 
 
 def final_coordinate_error(run: Trajectory) -> float:
+    """Largest distance of a component of b from its target at the end."""
     goal = directions(run, aims(run))
     return float(np.abs(directions(run)[-1] - goal[-1]).max())
 
 
 def lowest_coordinate(run: Trajectory) -> float:
+    """Smallest component of a b."""
     return float(directions(run).min())
 
 
 def final_multiplier(run: Trajectory) -> float:
+    """Largest |λ| at the end [1/s²]."""
     return float(np.abs(run.multipliers[-1]).max())
 
 
 def lowest_multiplier(run: Trajectory, start: float) -> float:
+    """Smallest λ from a time on [1/s²]."""
     return float(since(run, start, run.multipliers).min())
 
 
 def highest_multiplier(run: Trajectory) -> float:
+    """Largest λ [1/s²]."""
     return float(run.multipliers.max())
 
 

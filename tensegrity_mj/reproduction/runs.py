@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -15,6 +16,16 @@ from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.trajectory import Trajectory
 
 STAMP = "reproduction"  # the key of a run's provenance that tells what it is a run of
+# What simulates, besides the laws: plots, pages and commands may change without a run becoming another one.
+CODE = (
+    "engines/*.py",
+    "native/*.py",
+    "dynamics/*.py",
+    *(
+        f"{name}.py"
+        for name in ("actuation", "curve", "law", "mjcf", "rods", "scene", "simulation", "strings", "structure")
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -89,7 +100,7 @@ def compute(point: dict[str, Any]) -> dict[str, Any]:
 
 
 def stamp(name: str, engine: EngineName, mass_scale: float) -> dict[str, Any]:
-    """What a file must say of itself to be this run: settings, scene and versions."""
+    """What a file must say of itself to be this run: settings, scene, versions, and the code that simulates."""
     from tensegrity_mj.simulation import versions
     from tensegrity_mj.textformat import scene_to_toml
 
@@ -101,7 +112,23 @@ def stamp(name: str, engine: EngineName, mass_scale: float) -> dict[str, Any]:
         "mass_scale": mass_scale,
         "scene": hashlib.sha256(scene.encode()).hexdigest(),
         "versions": versions(),
+        "code": _code(),
     }
+
+
+@functools.cache
+def _code() -> str:
+    """A digest of the sources that decide what a run is: engines, laws, and what they stand on."""
+    import tensegrity_mj
+    import tensegrity_mj.controllers
+
+    package = Path(tensegrity_mj.__file__).parent
+    files = [path for name in CODE for path in sorted(package.glob(name))]
+    files += sorted(Path(tensegrity_mj.controllers.__file__).parent.glob("*.py"))
+    digest = hashlib.sha256()
+    for path in files:
+        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
 
 
 def _kept(folder: Path, name: str, engine: EngineName, mass_scale: float) -> Trajectory | None:

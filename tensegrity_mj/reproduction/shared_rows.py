@@ -56,6 +56,21 @@ def _first_multiplier(name: str) -> KnownDifference | None:
 # fmt: off
 
 
+def parameter_statements(
+    figure: str, section: str, page: int, name: str, mass: float, length: str
+) -> Iterator[Statement]:
+    """Mass and length of every rod."""
+    yield Statement(
+        f"{figure}-mass", figure, section, page, "mass of a rod", f"{mass:g} kg", ReadFrom.TEXT, near(mass, 1e-12),
+        "printed exactly", (name,), of(name, lambda run: float(run.scene.structure.rod_masses.max())), "kg",
+    )
+    yield Statement(
+        f"{figure}-length", figure, section, page, "length of a rod", f"{length} m", ReadFrom.TEXT,
+        near(math.sqrt(2.0) if length == "√2" else 1.0, 1e-12), "printed exactly", (name,),
+        of(name, lambda run: float(run.scene.structure.rod_lengths.max())), "m",
+    )
+
+
 def panel_statements(
     figure: str, panel: str, name: str, title: str, page: int, decay_rate: float
 ) -> Iterator[Statement]:
@@ -84,7 +99,8 @@ def panel_statements(
     yield Statement(
         f"{start}-u-first", figure, place, page, f"{title}: largest u of the whole run",
         "axis to 0.06 N/m, ticks of 0.01", ReadFrom.AXIS, fills(0.06, 0.01), FITS, (name,), of(name, measures.peak),
-        "N/m", KnownDifference(OUT_OF_PANEL, near(_FIRST_U[name], 0.01 * _FIRST_U[name])) if name in _FIRST_U else None,
+        "N/m",
+        _first_u(name),
     )
     yield Statement(
         f"{start}-lambda", figure, place, page, f"{title}: lowest λ after the first second",
@@ -95,8 +111,7 @@ def panel_statements(
     yield Statement(
         f"{start}-lambda-first", figure, place, page, f"{title}: lowest λ of the whole run",
         "axis to −0.3 1/s², ticks of 0.05", ReadFrom.AXIS, fills(-0.3, 0.05), FITS, (name,),
-        of(name, lambda run: measures.lowest_multiplier(run, 0.0)), "1/s²",
-        _first_multiplier(name),
+        of(name, lambda run: measures.lowest_multiplier(run, 0.0)), "1/s²", _first_multiplier(name),
     )
     yield Statement(
         f"{start}-lambda-top", figure, place, page, f"{title}: highest λ", "axis to 0, ticks of 0.05", ReadFrom.AXIS,
@@ -105,9 +120,8 @@ def panel_statements(
     yield Statement(
         f"{start}-decay", figure, place, page,
         f"{title}: largest deviation of V(t) from V(0) e^(−δt), δ = {decay_rate:.2f}", "0 (exponential convergence)",
-        ReadFrom.CAPTION, Interval(0.0, 0.01 if sampled else 1e-5),
-        SAMPLED if sampled else EXACT,
-        (name,), of(name, lambda run: measures.decay_error(run, decay_rate)),
+        ReadFrom.CAPTION, Interval(0.0, 0.01 if sampled else 1e-5), SAMPLED if sampled else EXACT, (name,),
+        of(name, lambda run: measures.decay_error(run, decay_rate)),
     )
 
 
@@ -115,16 +129,16 @@ def prism_statements(error_figure: str, path_figure: str, name: str, pages: tupl
     """The rows of figures 5.6 and 5.7, or 6.8 and 6.9."""
     paths, errors = f"Fig. {path_figure}", f"Fig. {error_figure}"
     for axis, letter, high in ((0, "x", 1.0), (1, "y", 1.0), (2, "z", 1.0)):
-        low = -0.4 if letter != "z" else -0.2
+        low, from_text = (-0.4, "−0.2") if letter != "z" else (-0.2, "0")
         yield Statement(
             f"{path_figure}-{letter}", path_figure, paths, pages[0], f"largest {letter} of the nodes",
-            f"axis from {low + 0.2:.1f} to 0.8 m, ticks of 0.2", ReadFrom.AXIS, Interval(0.4, high), FITS, (name,),
-            of(name, lambda run, axis=axis: float(run.nodes[..., axis].max())), "m",
+            f"axis from {from_text} to 0.8 m, ticks of 0.2", ReadFrom.AXIS, Interval(0.4, high), FITS, (name,),
+            of(name, measures.largest_coordinate, axis), "m",
         )
         yield Statement(
             f"{path_figure}-{letter}-low", path_figure, paths, pages[0], f"smallest {letter} of the nodes",
-            f"axis from {low + 0.2:.1f} to 0.8 m, ticks of 0.2", ReadFrom.AXIS, Interval(low, 0.0001), INSIDE, (name,),
-            of(name, lambda run, axis=axis: float(run.nodes[..., axis].min())), "m",
+            f"axis from {from_text} to 0.8 m, ticks of 0.2", ReadFrom.AXIS, Interval(low, 0.0001), INSIDE, (name,),
+            of(name, measures.smallest_coordinate, axis), "m",
         )
     yield Statement(
         f"{path_figure}-height", path_figure, f"§5.5, {paths}", 124, "height at 10 s", "0.6 m", ReadFrom.TEXT,
@@ -134,20 +148,18 @@ def prism_statements(error_figure: str, path_figure: str, name: str, pages: tupl
     yield Statement(
         f"{error_figure}-error", error_figure, errors, pages[1], "largest error, ‖e_b‖ or ‖e_r‖",
         "axis to 0.3 m, ticks of 0.05", ReadFrom.AXIS, fills(0.3, 0.05), FITS, (name,),
-        of(name, lambda run: float(measures.errors(run).max())),
-        "m",
+        of(name, lambda run: float(measures.errors(run).max())), "m",
     )
     yield Statement(
-        f"{error_figure}-first", error_figure, errors, pages[1], "‖e_b(0)‖ of the three rods, from the printed vectors",
-        "0.2828", ReadFrom.TEXT, near(math.hypot(0.2, 0.2), 5e-5),
-        "a quarter unit of the last printed digit in each component", (name,),
+        f"{error_figure}-first", error_figure, errors, pages[1],
+        "‖e_b(0)‖ of the three rods, from the printed vectors", "0.2828", ReadFrom.TEXT,
+        near(math.hypot(0.2, 0.2), 5e-5), "a quarter unit of the last printed digit in each component", (name,),
         of(name, lambda run: float(measures.rotation_errors(run)[0].mean())),
     )
     yield Statement(
         f"{error_figure}-final", error_figure, errors, pages[1], "largest error at 10 s", "0 m", ReadFrom.CURVES,
         Interval(0.0, LINE * 0.3), "the thickness of a line, 2 % of the panel", (name,),
-        of(name, lambda run: float(measures.errors(run)[-1].max())),
-        "m",
+        of(name, lambda run: float(measures.errors(run)[-1].max())), "m",
     )
     yield Statement(
         f"{error_figure}-u", error_figure, errors, pages[1], "largest u", "axis to 0.15 N/m, ticks of 0.05",
@@ -163,14 +175,13 @@ def prism_statements(error_figure: str, path_figure: str, name: str, pages: tupl
         ReadFrom.AXIS, inside(-0.1, 0.1), INSIDE, (name,), of(name, measures.highest_multiplier), "1/s²",
     )
     yield Statement(
-        f"{error_figure}-final-lambda", error_figure, errors, pages[1], "largest |λ| at 10 s: strings have gone slack",
-        "0", ReadFrom.CURVES, Interval(0.0, LINE * 0.5), "the thickness of a line, 2 % of the panel", (name,),
-        of(name, measures.final_multiplier), "1/s²",
+        f"{error_figure}-final-lambda", error_figure, errors, pages[1],
+        "largest |λ| at 10 s: strings have gone slack", "0", ReadFrom.CURVES, Interval(0.0, LINE * 0.5),
+        "the thickness of a line, 2 % of the panel", (name,), of(name, measures.final_multiplier), "1/s²",
     )
     yield Statement(
         f"{error_figure}-decay", error_figure, errors, pages[1], "largest deviation of V(t) from V(0) e^(−δt), δ = 1",
-        "0 (exponential convergence)", ReadFrom.TEXT, Interval(0.0, 1e-5),
-        EXACT, (name,),
+        "0 (exponential convergence)", ReadFrom.TEXT, Interval(0.0, 1e-5), EXACT, (name,),
         of(name, lambda run: measures.decay_error(run, 1.0)),
     )
     yield Statement(

@@ -6,6 +6,7 @@ import enum
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from tensegrity_mj.trajectory import Trajectory
 
@@ -110,6 +111,6 @@ def inside(low: float, high: float) -> Interval:
     return Interval(low, high)
 
 
-def of(name: str, measure: Callable[[Trajectory], float | bool]) -> Measure:
-    """The measure of one experiment's run."""
-    return lambda runs: measure(runs[name])
+def of(name: str, measure: Callable[..., float | bool], *arguments: Any) -> Measure:
+    """The measure of one experiment's run: measure(run, *arguments)."""
+    return lambda runs: measure(runs[name], *arguments)

@@ -9,13 +9,14 @@ import numpy as np
 
 from tensegrity_mj.reproduction import measures
 from tensegrity_mj.reproduction.experiments import BEAM_STRINGS
-from tensegrity_mj.reproduction.shared_rows import LINE
+from tensegrity_mj.reproduction.shared_rows import LINE, parameter_statements
 from tensegrity_mj.reproduction.statement import (
     FITS,
     HOLDS,
     INSIDE,
     Interval,
     KnownDifference,
+    Measure,
     ReadFrom,
     Runs,
     Statement,
@@ -79,14 +80,21 @@ def _ordered_sums(runs: Runs) -> bool:
     return bool(np.all(low <= middle + 1e-9) and np.all(middle <= high + 1e-9))
 
 
-def _within(values: measures.Array, low: float, high: float) -> bool:
+def _coordinate(run: Trajectory, sample: int, k: int) -> float:
+    return float(measures.cross_coordinates(run)[sample, k])
+
+
+def _within(run: Trajectory, k: int, low: float, high: float) -> bool:
+    values = measures.cross_coordinates(run)[:, k]
     return bool(np.all((values > low) & (values < high)))
 
 
-def _drawn_range(run: Trajectory, axis: int) -> tuple[float, float]:
-    """Smallest and largest coordinate of a node at the times of figure 4.8."""
-    values = np.array([measures.at(run, time, run.nodes[..., axis]) for time in SNAPSHOTS])
-    return float(values.min()), float(values.max())
+def _smallest_drawn(run: Trajectory, axis: int) -> float:
+    return float(min(measures.at(run, time, run.nodes[..., axis]).min() for time in SNAPSHOTS))
+
+
+def _largest_drawn(run: Trajectory, axis: int) -> float:
+    return float(max(measures.at(run, time, run.nodes[..., axis]).max() for time in SNAPSHOTS))
 
 
 def _shape_equation(run: Trajectory) -> float:
@@ -110,6 +118,14 @@ def _mean(run: Trajectory, group: str) -> float:
     return float(measures.beam_group(run, group).mean())
 
 
+def _altered(group: str) -> Measure:
+    return lambda runs: _mean(runs["beam-1960"], group) / _mean(runs["beam-980"], group)
+
+
+def _mean_over_all(run: Trajectory, group: str) -> float:
+    return _mean(run, group) / float(run.force_densities.mean())
+
+
 def _rims_lead(run: Trajectory) -> bool:
     rims = _mean(run, "rims")
     return all(rims > 2.0 * _mean(run, group) for group in ("verticals", "even", "odd"))
@@ -127,22 +143,21 @@ def _spread_of_cells(run: Trajectory) -> float:
 
 def _cross_motion() -> Iterator[Statement]:
     run = "cross-1.2"
+    yield from parameter_statements("4.2", "§4.6.1", 95, run, 5.0, "√2")
     for k, (name, unit) in enumerate(zip(COORDINATES, UNITS, strict=True)):
         yield Statement(
             f"4.2-start-{k + 1}", "4.2", "§4.6.1, Fig. 4.2", 95, f"{name} at 0 s", f"{START[k]:g} {unit}",
-            ReadFrom.TEXT, near(START[k], 1e-9), "printed exactly", (run,),
-            of(run, lambda r, k=k: float(measures.cross_coordinates(r)[0, k])), unit,
+            ReadFrom.TEXT, near(START[k], 1e-9), "printed exactly", (run,), of(run, _coordinate, 0, k), unit,
         )
         yield Statement(
             f"4.2-end-{k + 1}", "4.2", "§4.6.1, Fig. 4.2", 95, f"{name} at 10 s", f"{END[k]:g} {unit}", ReadFrom.TEXT,
-            near(END[k], 1e-6), "printed exactly; the integration's tolerance", (run,),
-            of(run, lambda r, k=k: float(measures.cross_coordinates(r)[-1, k])), unit,
+            near(END[k], 1e-6), "printed exactly; the integration's tolerance", (run,), of(run, _coordinate, -1, k),
+            unit,
         )
     for axis, letter in ((0, "x"), (2, "y")):
         yield Statement(
             f"4.2-{letter}", "4.2", "Fig. 4.2", 96, f"largest {letter} of the nodes", "axis to 1.5 m, ticks of 0.5",
-            ReadFrom.AXIS, fills(1.5, 0.5), FITS, (run,),
-            of(run, lambda r, axis=axis: float(r.nodes[..., axis].max())), "m",
+            ReadFrom.AXIS, fills(1.5, 0.5), FITS, (run,), of(run, measures.largest_coordinate, axis), "m",
         )
     yield Statement(
         "4.3-tracking", "4.3", "Fig. 4.3", 97, "tracking: largest distance of a node from its reference",
@@ -160,7 +175,7 @@ def _cross_motion() -> Iterator[Statement]:
             yield Statement(
                 f"4.3-{kind}-{k + 1}", "4.3", "Fig. 4.3", 97, f"{kind}: {name} stays within its axis",
                 f"axis from {low:g} to {high:g} {unit}", ReadFrom.AXIS, HOLDS, INSIDE, (which,),
-                of(which, lambda r, k=k, low=low, high=high: _within(measures.cross_coordinates(r)[:, k], low, high)),
+                of(which, _within, k, low, high),
             )
     yield Statement(
         "4.3-error", "4.3", "(4.7), (4.8)", 97,
@@ -231,6 +246,7 @@ def _cross_controls() -> Iterator[Statement]:
 
 def _beam_shape() -> Iterator[Statement]:
     run = "beam-1960"
+    yield from parameter_statements("4.7", "§4.6.2", 99, run, 1.0, "√2")
     yield Statement(
         "4.5-strings", "4.7", "§4.6.2", 98, "number of strings", "196", ReadFrom.TEXT, near(196.0, 0.0), "a count",
         (run,), of(run, lambda r: len(r.scene.structure.strings)),
@@ -288,19 +304,18 @@ def _beam_shape() -> Iterator[Statement]:
         yield Statement(
             f"4.7-constant-{cells}", "4.7", "§4.6.2", 100, f"crossing strings of {cells} cells: change of length",
             "0: constant", ReadFrom.TEXT, Interval(0.0, 1e-6), "the integration's tolerance", (run,),
-            of(run, lambda r, column=column: _change(r, column)), "m",
-            KnownDifference(ALMOST_CONSTANT, near(ours, 1e-4)),
+            of(run, _change, column), "m", KnownDifference(ALMOST_CONSTANT, near(ours, 1e-4)),
         )
     for axis, letter, low, high in ((0, "x", -5.0, 15.0), (2, "y", -8.0, 2.0)):
         yield Statement(
             f"4.8-{letter}-low", "4.8", "Fig. 4.8", 101, f"smallest {letter} of the nodes at 0, 20, 40 and 60 s",
             f"axis from {low:g} m", ReadFrom.AXIS, Interval(low, 0.5 * low), INSIDE, (run,),
-            of(run, lambda r, axis=axis: _drawn_range(r, axis)[0]), "m",
+            of(run, _smallest_drawn, axis), "m",
         )
         yield Statement(
             f"4.8-{letter}-high", "4.8", "Fig. 4.8", 101, f"largest {letter} of the nodes at 0, 20, 40 and 60 s",
             f"axis to {high:g} m", ReadFrom.AXIS, Interval(0.5 * high, high), INSIDE, (run,),
-            of(run, lambda r, axis=axis: _drawn_range(r, axis)[1]), "m",
+            of(run, _largest_drawn, axis), "m",
         )
     yield Statement(
         "4.8-straight", "4.8", "Fig. 4.8", 101,
@@ -370,14 +385,13 @@ def _one_sum() -> Iterator[Statement]:
         yield Statement(
             f"4.9-altered-{group}", "4.9", "§4.7", 105, f"{title}: mean u with 1960 N/m over that with 980 N/m",
             "altered substantially by the criterion", ReadFrom.TEXT, Interval(1.5), "by half or more",
-            ("beam-1960", "beam-980"), lambda runs,
-            group=group: _mean(runs["beam-1960"], group) / _mean(runs["beam-980"], group),
+            ("beam-1960", "beam-980"), _altered(group),
         )
     for group, title in (("odd", "crossing strings of odd cells"), ("verticals", "vertical strings")):
         yield Statement(
             f"4.9-low-{group}", "4.9", "§4.7", 105, f"1960 N/m: mean u of the {title}, over that of all strings",
             "close to zero", ReadFrom.TEXT, Interval(0.0, 0.1), "a tenth of the mean", ("beam-1960",),
-            of("beam-1960", lambda r, group=group: _mean(r, group) / float(r.force_densities.mean())),
+            of("beam-1960", _mean_over_all, group),
         )
     yield Statement(
         "4.9-rough", "4.9", "§4.7", 105, "1960 N/m: how often a string begins or ceases to pull",

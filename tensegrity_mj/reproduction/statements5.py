@@ -9,7 +9,7 @@ import numpy as np
 
 from tensegrity_mj.landscape import angles
 from tensegrity_mj.reproduction import measures
-from tensegrity_mj.reproduction.shared_rows import LINE, panel_statements, prism_statements
+from tensegrity_mj.reproduction.shared_rows import LINE, panel_statements, parameter_statements, prism_statements
 from tensegrity_mj.reproduction.statement import (
     HOLDS,
     Interval,
@@ -82,9 +82,10 @@ _PANELS = (("a", "pinned", "2", 0.15), ("b", "pinned-p1", "1", 0.15), ("c", "pin
 
 def _pinned_rod() -> Iterator[Statement]:
     run = "pinned"
+    yield from parameter_statements("5.3", "§5.4", 118, run, 1.0, "1")
     yield Statement(
-        "5.1-start", "5.1", "§5.4, Fig. 5.1", 119, "angle φ between the printed b(0) and b_d", "98.70°", ReadFrom.TEXT,
-        near(math.degrees(math.acos((math.sqrt(2.0) - 2.0) / math.sqrt(15.0))), 1e-6),
+        "5.1-start", "5.1", "§5.4, Fig. 5.1", 119, "angle φ between the printed b(0) and b_d", "98.70°",
+        ReadFrom.TEXT, near(math.degrees(math.acos((math.sqrt(2.0) - 2.0) / math.sqrt(15.0))), 1e-6),
         "b(0)ᵀb_d = (√2 − 2)/√15 exactly", (run,), of(run, _initial_angle), "°",
     )
     yield Statement(
@@ -194,12 +195,13 @@ def _off_printed(run: Trajectory, positions: measures.Array, printed: dict[tuple
     return max(abs(float(parts[key[0]][int(key[1]) - 1, axis]) - value) for (key, axis), value in printed.items())
 
 
-def unbalanced(run: Trajectory, positions: measures.Array) -> float:
+def _unbalanced(run: Trajectory, where: str) -> float:
     """Least unbalanced force [N] where all u >= 0 and sum to 1 N/m: zero where the shape can be prestressed."""
     from scipy.optimize import nnls
 
     from tensegrity_mj.prestress import equilibrium_matrix
 
+    positions = run.nodes[0] if where == "start" else measures.aims(run)[-1]
     matrix = equilibrium_matrix(run.scene.structure, positions)
     ones = np.ones((1, matrix.shape[1]))
     return float(nnls(np.vstack([matrix, ones]), np.append(np.zeros(len(matrix)), 1.0))[1])
@@ -207,11 +209,12 @@ def unbalanced(run: Trajectory, positions: measures.Array) -> float:
 
 
 def _prism() -> Iterator[Statement]:
+    yield from parameter_statements("5.6", "§5.5", 122, "prism", 1.0, "1")
     yield from prism_statements("5.7", "5.6", "prism", (125, 126))
     digits = "half a unit of the fourth printed digit, and 3e-5 by which the print is off (its |b| is not 1)"
     yield Statement(
-        "5.6-printed-start", "5.6", "§5.5", 124, "largest difference of the start from the 12 printed components", "0",
-        ReadFrom.TEXT, Interval(0.0, 8e-5), digits, ("prism",),
+        "5.6-printed-start", "5.6", "§5.5", 124, "largest difference of the start from the 12 printed components",
+        "0", ReadFrom.TEXT, Interval(0.0, 8e-5), digits, ("prism",),
         of("prism", lambda run: _off_printed(run, run.nodes[0], PRINTED_START)),
     )
     yield Statement(
@@ -223,13 +226,13 @@ def _prism() -> Iterator[Statement]:
         "5.6-height-start", "5.6", "§5.5", 124, "height at the start", "0.8 m", ReadFrom.TEXT, near(0.8, 1e-9),
         "printed exactly", ("prism",), of("prism", lambda run: measures.height(run, run.nodes[0])), "m",
     )
-    for where, positions in (("start", lambda run: run.nodes[0]), ("target", lambda run: measures.aims(run)[-1])):
+    for where in ("start", "target"):
         for figure, name, section in (("5.4", "pinned", "§5.2, §5.4"), ("5.6", "prism", "§5.5")):
             yield Statement(
                 f"{figure}-equilibrium-{where}", figure, section, 113 if name == "pinned" else 123,
                 f"{where}: least unbalanced force under strings that pull with 1 N/m in sum",
                 "0 (a prestressable equilibrium)", ReadFrom.TEXT, Interval(0.0, 1e-9), "rounding", (name,),
-                of(name, lambda run, positions=positions: unbalanced(run, positions(run))), "N",
+                of(name, _unbalanced, where), "N",
             )
 
 

@@ -47,6 +47,22 @@ def connected(address: str | None, client: Any) -> Iterator[Any]:
         yield own
 
 
+def check_import(client: Any, module: str) -> None:
+    """Find out before any point that the cluster's workers can import what they need: Dask would wait for ever.
+
+    Raises:
+        OptionError: naming the module.
+    """
+    for name in (__package__, module):
+        try:
+            client.run(exec, f"import {name}")  # a builtin, which needs nothing to be sent
+        except Exception as error:
+            raise OptionError(
+                f"workers: the cluster cannot import '{name}' ({type(error).__name__}: {error}); install it where its "
+                "workers run, in the version used here"
+            ) from error
+
+
 class _Lost:
     """What a job is answered with that Dask gave up."""
 

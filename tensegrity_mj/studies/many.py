@@ -127,9 +127,9 @@ def run_many(
         missing = {key: call for key, call in calls.items() if key not in outcomes}
         if missing:
             bar = stack.enter_context(_bar(label, len(calls), len(calls) - len(missing), progress))
-            compute = stack.enter_context(workers.ready())
+            compute = stack.enter_context(workers.ready(task))
             try:
-                with _stoppable(workers.backend), contextlib.closing(compute(task, missing)) as answers:  # type: ignore[type-var]
+                with _stoppable(workers.backend), contextlib.closing(compute(task, missing)) as answers:
                     for key, text, files in answers:
                         outcomes[key] = from_exact_json(text)
                         if kept is not None:

@@ -2,6 +2,8 @@
 
     scene.gravity, .duration                             also scene.gravity.x, .y, .z
     scene.initial_nodes[NODE], .initial_velocities[NODE] also with .x, .y, .z
+    scene.target[NODE]                                   of a target that is one set-point; also with .x, .y, .z
+    scene.breaks[STRING].time                            when a string breaks [s]
     scene.loads.force, .angular_frequency, .phase        of all loads, or loads[NODE]: of those on a node
     structure.rods.mass                                  of all rods; rods[rod1] or rods[rod1,rod2]: of some
     structure.strings.stiffness, .damping, ...           any number of a string, and so for point_masses
@@ -38,7 +40,7 @@ import numpy as np
 from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.checks import finite
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.scene import Break, Scene
 from tensegrity_mj.strings import StringLaw, elastic_tension, force_density
 from tensegrity_mj.structure import Vector
 
@@ -328,13 +330,19 @@ def _scene_change(scene: Scene, kind: str, rest: str, path: str) -> Change:
             return partial(_change_node, path, _node(scene, which, path), _axis(others, path))
         _no_more(which, others, path)
         return partial(_change_string_law, path)
-    known = ("gravity", "duration", "initial_nodes", "initial_velocities", "loads")
+    known = ("gravity", "duration", "initial_nodes", "initial_velocities", "target", "loads", "breaks")
     if name not in known:
         raise OptionError(f"{path}: {_unknown(name, known, 'part of a scene')}")
     if name == "loads":
         return _load_change(scene, which, others, path)
     if name in ("initial_nodes", "initial_velocities"):
         return partial(_change_state, path, name, _node(scene, which, path), _axis(others, path))
+    if name == "target":
+        if scene.target is None or len(scene.target.times) != 1 or scene.target.along is not None:
+            raise OptionError(f"{path}: scene '{scene.name}' has no target that is one set-point")
+        return partial(_change_target, path, _node(scene, which, path), _axis(others, path))
+    if name == "breaks":
+        return _break_change(scene, which, others, path)
     if name == "gravity":
         _no_more(which, [], path)
         return partial(_change_gravity, path, _axis(others, path))
@@ -386,9 +394,24 @@ def _now(structure: Any, member: Any, name: str, number: int) -> Any:
 
 
 def _change_node(path: str, node: str, axis: int | None, scene: Scene, value: Any) -> Scene:
-    structure = scene.structure
+    structure, target = scene.structure, scene.target
     row = _vector(path, value, axis, structure.nodes[node])
-    return scene.with_(structure=replace(structure, nodes={**structure.nodes, node: row}))
+    changes: dict[str, Any] = {"structure": replace(structure, nodes={**structure.nodes, node: row})}
+    if node in structure.fixed_nodes:
+        # Where a fixed node is, it is in the start and in the target too.
+        number = structure.node_index[node]
+        if scene.initial_nodes is not None:
+            changes["initial_nodes"] = _with_row(scene.initial_nodes, number, row)
+        if target is not None and target.along is None:
+            changes["target"] = replace(target, nodes=_with_row(target.nodes, number, row))
+    return scene.with_(**changes)
+
+
+def _with_row(nodes: Any, number: int, row: Vector) -> Any:
+    """Node positions (..., N, 3) with one node elsewhere."""
+    nodes = np.array(nodes)
+    nodes[..., number, :] = row
+    return nodes
 
 
 def _change_string_law(path: str, scene: Scene, value: Any) -> Scene:
@@ -396,10 +419,22 @@ def _change_string_law(path: str, scene: Scene, value: Any) -> Scene:
 
 
 def _change_state(path: str, name: str, node: str, axis: int | None, scene: Scene, value: Any) -> Scene:
-    rows = np.array(scene.nodes0 if name == "initial_nodes" else scene.velocities0)
-    row = scene.structure.node_index[node]
-    rows[row] = _vector(path, value, axis, rows[row].tolist())
-    return scene.with_(**{name: rows})
+    rows = scene.nodes0 if name == "initial_nodes" else scene.velocities0
+    number = scene.structure.node_index[node]
+    return scene.with_(**{name: _with_row(rows, number, _vector(path, value, axis, rows[number].tolist()))})
+
+
+def _change_target(path: str, node: str, axis: int | None, scene: Scene, value: Any) -> Scene:
+    target, number = scene.target, scene.structure.node_index[node]
+    assert target is not None
+    row = _vector(path, value, axis, target.nodes[0, number].tolist())
+    return scene.with_(target=replace(target, nodes=_with_row(target.nodes, number, row)))
+
+
+def _change_break(path: str, name: str, scene: Scene, value: Any) -> Scene:
+    times = {event.string: event.time for event in scene.breaks}
+    times[name] = _scaled(path, value, times.get(name)) if isinstance(value, Scaled) else _number(path, value)
+    return scene.with_(breaks=tuple(Break(string, time) for string, time in times.items()))
 
 
 def _change_gravity(path: str, axis: int | None, scene: Scene, value: Any) -> Scene:
@@ -409,6 +444,15 @@ def _change_gravity(path: str, axis: int | None, scene: Scene, value: Any) -> Sc
 def _change_duration(path: str, scene: Scene, value: Any) -> Scene:
     new = _scaled(path, value, scene.duration) if isinstance(value, Scaled) else _number(path, value)
     return scene.with_(duration=new)
+
+
+def _break_change(scene: Scene, which: str | None, others: list[str], path: str) -> Change:
+    strings = _named(scene.structure.strings)
+    if which is None or others != ["time"]:
+        raise OptionError(f"{path}: write breaks[STRING].time, with a string of {', '.join(strings)}")
+    if which not in strings:
+        raise OptionError(f"{path}: {_unknown(which, strings, 'string')}")
+    return partial(_change_break, path, which)
 
 
 def _load_change(scene: Scene, which: str | None, others: list[str], path: str) -> Change:

@@ -41,8 +41,8 @@ def _check(value: Any, what: str) -> None:
     else:
         raise OptionError(
             # No repr of it: that may hold an address, and results are to be the same each time.
-            f"{what} is of type {type(value).__name__}; it must be a plain value: a number, a text, a truth value, None, "
-            "or lists and dicts of them"
+            f"{what} is of type {type(value).__name__}; it must be a plain value: a number, a text, a truth value, "
+            "None, or lists and dicts of them"
         )
 
 

@@ -6,7 +6,7 @@ import contextlib
 import enum
 import os
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -64,12 +64,12 @@ class Workers:
             raise OptionError(f"workers: {given[0]} belongs to Backend.CLUSTER; leave it out")
 
     @contextlib.contextmanager
-    def ready(self) -> Iterator[Compute]:
-        """What computes points, for the length of a block.
+    def ready(self, task: Task) -> Iterator[Compute]:
+        """What computes points of a task, for the length of a block.
 
         Raises:
             MissingLibraryError: if Dask is wanted and missing.
-            OptionError: if no scheduler answers.
+            OptionError: if no scheduler answers, or the cluster cannot import the task.
         """
         if self.backend is Backend.THIS_PROCESS:
             yield _here
@@ -79,14 +79,15 @@ class Workers:
             from tensegrity_mj.studies import cluster
 
             with cluster.connected(self.address, self.client) as client:
+                cluster.check_import(client, task.__module__)
                 yield _Pool(self.count, partial(_cluster, client), cluster.death())
 
 
 # Answers of the points given by key, as they are ready; a generator, whose `close` stops the workers.
-Compute = Callable[[Task, Mapping[str, dict[str, Any]]], Iterator[Answer]]
+Compute = Callable[[Task, Mapping[str, dict[str, Any]]], Generator[Answer, None, None]]
 
 
-def _here(task: Task, points: Mapping[str, dict[str, Any]]) -> Iterator[Answer]:
+def _here(task: Task, points: Mapping[str, dict[str, Any]]) -> Generator[Answer, None, None]:
     for key, point in points.items():
         yield attempt(task, key, point)
 
@@ -97,14 +98,15 @@ class _Pool:
     def __init__(self, count: int | None, parallel: Callable[[int | None], Any], death: type[Exception]) -> None:
         self.count, self.parallel, self.death = count, parallel, death
 
-    def __call__(self, task: Task, points: Mapping[str, dict[str, Any]]) -> Iterator[Answer]:
+    def __call__(self, task: Task, points: Mapping[str, dict[str, Any]]) -> Generator[Answer, None, None]:
         missing = dict(points)
         while missing:
             begun: list[str] = []
             try:
-                for answer in self._run(task, missing, begun):
-                    del missing[answer[0]]
-                    yield answer
+                with contextlib.closing(self._run(task, missing, begun)) as answers:
+                    for answer in answers:
+                        del missing[answer[0]]
+                        yield answer
                 return
             except self.death:
                 pass
@@ -112,11 +114,12 @@ class _Pool:
             for key in [key for key in begun if key in missing]:
                 point = missing.pop(key)
                 try:
-                    yield from self._run(task, {key: point}, [])
+                    with contextlib.closing(self._run(task, {key: point}, [])) as answers:
+                        yield from answers
                 except self.death:
                     yield key, DIED, {}
 
-    def _run(self, task: Task, points: Mapping[str, dict[str, Any]], begun: list[str]) -> Iterator[Answer]:
+    def _run(self, task: Task, points: Mapping[str, dict[str, Any]], begun: list[str]) -> Generator[Answer, None, None]:
         from joblib import delayed
 
         def jobs() -> Iterator[Any]:
@@ -127,7 +130,9 @@ class _Pool:
         answers = None
         try:
             answers = self.parallel(self.count)(jobs())
-            yield from answers
+            # Not `yield from`: it would close the answers before the warnings are silenced.
+            for answer in answers:  # noqa: UP028
+                yield answer
         except (self.death, TensegrityError):
             raise
         except Exception as error:
