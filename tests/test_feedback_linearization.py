@@ -297,6 +297,11 @@ def test_holding_is_for_sampled_runs() -> None:
     first = int(np.argmax(missed))
     assert missed.any()
     np.testing.assert_allclose(run.force_densities[first], run.force_densities[first - 1], rtol=0, atol=1e-9)
+    # Another run, which has no solution from the first, has nothing to hold: not what the run before held either.
+    beside = scene.with_(initial_nodes=cross_nodes(1.0, -1.0, 1.0))
+    lost = tmj.simulate(beside, law, tmj.MuJoCo(1e-2), actuation=tmj.Actuation.hold_force_density(0.01), duration=1.0)
+    assert lost.status is tmj.Status.INFEASIBLE
+    assert "t = 0 s" in lost.message
 
 
 def test_the_linear_objective_runs_sampled() -> None:

@@ -407,7 +407,7 @@ def test_an_interrupt_stops_cleanly(number: signal.Signals, who: str, tmp_path: 
     code = f"""
     from tensegrity_mj.studies.workers import Backend
     try:
-        run_many(study_tasks.noted, [{{'x': x, 'seconds': 0.02}} for x in range(300)], folder, workers={who})
+        run_many(study_tasks.noted, [{{'x': x, 'seconds': 0.02}} for x in range(120)], folder, workers={who})
     except KeyboardInterrupt as interrupt:
         print(interrupt, file=__import__('sys').stderr)
         raise SystemExit(7)
@@ -419,11 +419,11 @@ def test_an_interrupt_stops_cleanly(number: signal.Signals, who: str, tmp_path: 
     finished = len(records(folder))
     assert process.returncode == 7, err
     assert err.splitlines() == [
-        f"{finished} of 300 points are finished and kept in {folder}; run the same again to go on from there"
+        f"{finished} of 120 points are finished and kept in {folder}; run the same again to go on from there"
     ]
     wait_for(lambda: not any(is_alive(pid) for _, pid in computed(log)))
-    points = [{"x": x, "seconds": 0.02} for x in range(300)]
-    assert run_many(study_tasks.noted, points, folder, workers=TWO).computed == 300 - finished
+    points = [{"x": x, "seconds": 0.02} for x in range(120)]
+    assert run_many(study_tasks.noted, points, folder, workers=TWO).computed == 120 - finished
     assert set(Counter(key for key, _ in records(folder)).values()) == {1}
 
 

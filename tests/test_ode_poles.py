@@ -145,6 +145,18 @@ def test_a_scene_that_starts_at_a_pole_stops_there(method: tmj.Method, tilt: flo
     assert run.multipliers[0] == pytest.approx(dae.multipliers[0], rel=1e-13)
 
 
+def test_the_ledger_of_a_controlled_scene_that_starts_at_a_pole_is_empty() -> None:
+    scene = tmj.load_scene("pinned_rod")
+    upright = np.array(scene.nodes0)
+    upright[1] = (0.0, 0.0, 1.0)
+    start = scene.with_(initial_nodes=upright)
+    for engine in (tmj.ODE(), tmj.ODE(tmj.Method.RK4, timestep=1e-2)):
+        run = tmj.simulate(start, lambda time, nodes, velocities: np.full(3, 0.1), engine)
+        assert run.status is tmj.Status.SINGULAR
+        assert run.string_energy[0] > 1e-3
+        assert run.winch_work.tolist() == [0.0]
+
+
 def test_rods_in_a_plane_have_no_pole() -> None:
     """A planar rod swings through the z axis as through any other."""
     structure = Structure(

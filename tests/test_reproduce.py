@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -362,7 +362,7 @@ def test_an_interrupt_says_what_is_kept(tmp_path: Path, monkeypatch: pytest.Monk
         raise KeyboardInterrupt
 
     monkeypatch.setattr(runs, "run_many", stopped)
-    with pytest.raises(KeyboardInterrupt, match="0 of 2 runs are kept in .*; run the same again"):
+    with pytest.raises(KeyboardInterrupt, match=r"0 of 2 runs are kept in .*; run the same again"):
         run_experiments(["prism"], BOTH, tmp_path)
 
 
@@ -435,12 +435,12 @@ def test_bad_options_are_refused(options: list[str], word: str, capsys: pytest.C
 
 
 @pytest.fixture
-def command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Iterator[Callable[..., tuple[int, dict]]]:
+def command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Callable[..., tuple[int, dict]]:
     def call(*arguments: str) -> tuple[int, dict]:
         code = main(["reproduce", *arguments, "--out", str(tmp_path / "out"), "--json"])
         return code, json.loads(capsys.readouterr().out)
 
-    yield call
+    return call
 
 
 def test_the_command_answers_in_json_and_writes_a_table(

@@ -217,12 +217,14 @@ def test_starts_of_other_structures_grow_apart() -> None:
 
 
 def test_fractions_and_differences_are_counted() -> None:
-    made = [{"amplitude": 0.1, "outcome": one} for one in ("converged", "infeasible", "converged", "diverged")]
+    outcomes = (("converged", 1e-9), ("infeasible", 1e-9), ("converged", 0.02), ("diverged", None))
+    made = [{"amplitude": 0.1, "outcome": one, "decay_error": error} for one, error in outcomes]
     assert findings._fractions(made) == [
         {
             "amplitude": 0.1,
             "starts": 4,
             "converged": 0.5,
+            "kept": 0.25,  # the second of those that converge left its promise
             "outcomes": {"converged": 2, "infeasible": 1, "diverged": 1},
         }
     ]
@@ -271,6 +273,13 @@ def test_the_summary_says_what_a_user_can_act_on(report: Any) -> None:
     assert say(findings._plant_sentences, "stiffness", "diverged") == (
         "Does not tolerate stiffnesses off by 20 %: x: diverged at 1.5 s."
     )
+    fractions = [
+        {"law": "mine", "starts": 4, "converged": 0.5, "kept": 0.25},
+        {"law": "other", "starts": 4, "converged": 1.0, "kept": None},
+    ]
+    assert findings._start_sentences(setup, "starts", {"fractions": fractions}) == [
+        "Of 4 random starts each, there converge: mine: 50% (25% with V as promised all the way); other: 100%."
+    ]
     stds = {"position_std": [1e-3, 1e-2], "velocity_std": [0.0, 0.0]}
     assert say(findings._noise_sentences, "noise", "converged", "off target", **stds) == (
         "Tolerates noise of positions of up to 0.001 m (off target with more)."

@@ -82,8 +82,11 @@ class Experiment:
 
             return MuJoCo(timestep=self.timestep if self.period is None else self.period)
         if name is EngineName.DAE:
-            from tensegrity_mj.engines.dae import DAE
+            from tensegrity_mj.engines.dae import DAE, Method
 
+            if self.period is not None:
+                # Smooth between samples: one step of order four is exact to 1e-12 m, and error control has no use.
+                return DAE(method=Method.RK4, timestep=self.period)
             return DAE(rtol=self.rtol, atol=self.atol)
         from tensegrity_mj.engines.ode import ODE
 
@@ -132,11 +135,11 @@ _CHAPTER_5 = (
     Experiment(
         "pinned-pinf", "pinned_rod", "§5.4: pinned rod, p = ∞, sampled", options={"norm": "inf"}, period=SAMPLED
     ),
-    Experiment("pinned-Z2", "pinned_rod", "§5.6: pinned rod with Z = 2 for 3/2", options=_gains(Z=2.0)),
+    Experiment("pinned-Z18", "pinned_rod", "§5.6: pinned rod with Z = 1.8 for 3/2", options=_gains(Z=1.8)),
     Experiment("pinned-Y08", "pinned_rod", "§5.6: pinned rod with Y = 0.8 for 1", options=_gains(Y=0.8)),
     Experiment("pinned-Y12", "pinned_rod", "§5.6: pinned rod with Y = 1.2 for 1", options=_gains(Y=1.2)),
     Experiment("prism", "prism", "§5.5: prism, p = 2, δ = 1"),
-    Experiment("prism-Z2", "prism", "§5.6: prism with Z = 2 for 3/2", options=_gains(Z=2.0)),
+    Experiment("prism-Z18", "prism", "§5.6: prism with Z = 1.8 for 3/2", options=_gains(Z=1.8)),
     Experiment("prism-Y08", "prism", "§5.6: prism with Y = 0.8 for 1", options=_gains(Y=0.8)),
     Experiment("prism-Y12", "prism", "§5.6: prism with Y = 1.2 for 1", options=_gains(Y=1.2)),
 )
@@ -175,13 +178,14 @@ def _cell_sums(minimum: float) -> dict[str, Any]:
     return {"sums": [[[f"s{k + 1}" for k in cell_strings(cell)], minimum] for cell in range(1, BEAM_CELLS + 1)]}
 
 
-_BEAM: dict[str, Any] = {"timestep": 1e-2, "interval": 0.1}
+_CROSS: dict[str, Any] = {"timestep": 1e-2}
+_BEAM: dict[str, Any] = {"timestep": 2e-2, "interval": 0.1}
 
 _CHAPTER_4 = (
-    Experiment("cross-1.2", "cross", "§4.6.1: cross, tracking, u_sum = 1.20 N/m", options=_one_sum(1.2)),
-    Experiment("cross-0.4", "cross", "§4.6.1: cross, tracking, u_sum = 0.40 N/m", options=_one_sum(0.4)),
-    Experiment("cross-0", "cross", "§4.6.1: cross, tracking, no sum", options=_one_sum(0.0)),
-    Experiment("cross-set-point", "cross", "§4.6.1: cross, set-point", options=_one_sum(1.2), set_point=True),
+    Experiment("cross-1.2", "cross", "§4.6.1: cross, tracking, u_sum = 1.20 N/m", options=_one_sum(1.2), **_CROSS),
+    Experiment("cross-0.4", "cross", "§4.6.1: cross, tracking, u_sum = 0.40 N/m", options=_one_sum(0.4), **_CROSS),
+    Experiment("cross-0", "cross", "§4.6.1: cross, tracking, no sum", options=_one_sum(0.0), **_CROSS),
+    Experiment("cross-set-point", "cross", "§4.6.1: cross, set-point", options=_one_sum(1.2), **_CROSS, set_point=True),
     Experiment("beam-1960", "planar_beam", "§4.6.2: beam, one sum of 1960 N/m", options=_one_sum(1960.0), **_BEAM),
     Experiment("beam-980", "planar_beam", "§4.6.2: beam, one sum of 980 N/m", options=_one_sum(980.0), **_BEAM),
     Experiment("beam-0", "planar_beam", "§4.6.2: beam, no sum", options=_one_sum(0.0), **_BEAM),

@@ -12,6 +12,7 @@ import numpy as np
 
 from tensegrity_mj.actuation import Mode
 from tensegrity_mj.dynamics.target import target_nodes
+from tensegrity_mj.engines.run import DECAY_WARNING
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.studies.attempt import DONE
 from tensegrity_mj.studies.validation.sections import SECTIONS, Case, Setup
@@ -99,13 +100,14 @@ _NUMBERS = (
     "switching_rate",
     "smallest_margin",
     "winch_done",
+    "decay_error",
 )
 
 
 def _numbers(values: Mapping[str, Any]) -> Data:
     if "peaks" not in values:  # diverged
         return dict.fromkeys(_NUMBERS)
-    error, peaks, margin = values["error"] or {}, values["peaks"], values["margin"] or {}
+    error, peaks, margin, V = (values[key] or {} for key in ("error", "peaks", "margin", "lyapunov"))
 
     def peak(name: str) -> float | None:
         return None if peaks[name] is None else peaks[name]["value"]
@@ -121,6 +123,7 @@ def _numbers(values: Mapping[str, Any]) -> Data:
         values["switching"]["rate"],
         margin.get("smallest"),
         values["winch"]["done"],
+        V.get("decay_error") if V.get("promised_rate") is not None else None,
     )
     return dict(zip(_NUMBERS, numbers, strict=True))
 
@@ -254,12 +257,23 @@ def _fractions(rows: Sequence[Data]) -> list[Data]:
     key = "law" if rows and "law" in rows[0] else "amplitude"
     found = []
     for group in dict.fromkeys(one[key] for one in rows):
-        own = [one["outcome"] for one in rows if one[key] == group]
-        counts = Counter(own)
+        own = [one for one in rows if one[key] == group]
+        counts = Counter(one["outcome"] for one in own)
         outcomes = {name: counts[name] for name in OUTCOMES if counts[name]}
         part = sum(counts[name] for name in GOOD) / len(own)
-        found.append({key: group, "starts": len(own), "converged": part, "outcomes": outcomes})
+        found.append({key: group, "starts": len(own), "converged": part, "kept": _kept(own), "outcomes": outcomes})
     return found
+
+
+def _kept(rows: Sequence[Data]) -> float | None:
+    """The part of the runs that converge and whose V follows its promise all the way; None where none is promised.
+
+    Steps of fixed length may pass a singularity that the law cannot: V leaves its promise there.
+    """
+    if all(one["decay_error"] is None for one in rows):
+        return None
+    kept = [one for one in rows if one["outcome"] in GOOD and (one["decay_error"] or 0.0) <= DECAY_WARNING]
+    return len(kept) / len(rows)
 
 
 def _differing(starts: Mapping[str, Any]) -> list[Data]:
@@ -448,11 +462,14 @@ def _g(one: Data) -> str:
 
 def _start_sentences(setup: Setup, section: str, part: Data) -> list[str]:
     key = "law" if "law" in part["fractions"][0] else "amplitude"
-    listed = [
-        f"{one[key] if key == 'law' else f'amplitude {one[key]:g}'}: {one['converged']:.0%}"
-        for one in part["fractions"]
-    ]
-    return [f"Of {part['fractions'][0]['starts']} random starts each, there converge: {'; '.join(listed)}."]
+    names = [one[key] if key == "law" else f"amplitude {one[key]:g}" for one in part["fractions"]]
+    parts = [f"{one['converged']:.0%}{_promise(one)}" for one in part["fractions"]]
+    listed = "; ".join(f"{name}: {text}" for name, text in zip(names, parts, strict=True))
+    return [f"Of {part['fractions'][0]['starts']} random starts each, there converge: {listed}."]
+
+
+def _promise(one: Data) -> str:
+    return "" if one["kept"] in (None, one["converged"]) else f" ({one['kept']:.0%} with V as promised all the way)"
 
 
 def _tolerated(own: Sequence[Data], key: str, what: str, unit: str) -> str:

@@ -106,8 +106,11 @@ def _engine(section: str, engine: str, part: Data) -> Iterator[Table]:
         yield Table(f"What §5.6 says, {title(engine)}", ("statement", "shows", "factor on the gain: value"), rows)
     if section == "starts":
         head = "law" if "law" in part["fractions"][0] else "amplitude"
-        rows = [[one[head], one["starts"], f"{one['converged']:.0%}", one["outcomes"]] for one in part["fractions"]]
-        yield Table(title(engine), (head, "starts", "converge", "outcomes"), rows)
+        rows = [
+            [one[head], one["starts"], _percent(one["converged"]), _percent(one["kept"]), one["outcomes"]]
+            for one in part["fractions"]
+        ]
+        yield Table(title(engine), (head, "starts", "converge", "with V as promised", "outcomes"), rows)
         return
     columns = SHOWN.get(section, USUAL)
     rows = [
@@ -119,6 +122,10 @@ def _engine(section: str, engine: str, part: Data) -> Iterator[Table]:
         yield Table(title(engine), ("", *(COLUMNS[column] for column in columns)), rows)
     else:
         yield Table(title(engine), ("", *(COLUMNS[column] for column in columns), "why"), rows)
+
+
+def _percent(part: float | None) -> str:
+    return "–" if part is None else f"{part:.0%}"
 
 
 def _reason(one: Data) -> str:
