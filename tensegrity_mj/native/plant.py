@@ -483,4 +483,4 @@ class Plant:
         elif not np.isnan(margin):
             # Where the moment is located, the last margin is the smallest positive one.
             text += f": its feasibility margin is {margin:.3g}" if margin <= 0 else ": its feasibility margin falls to 0"
-        return text + "; change the target or decay rate, or choose OnInfeasible.PASSIVE"
+        return text + "; change the target or the options of the law, or choose OnInfeasible.PASSIVE"
