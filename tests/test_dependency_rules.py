@@ -163,7 +163,11 @@ def reachable(start: str) -> set[str]:
 
 
 def test_dae_and_ode_never_reach_mujoco() -> None:
-    starts = engine_family("dae") | engine_family("ode") | {name for name in MODULES if within(name, "tensegrity_mj.dynamics")}
+    starts = (
+        engine_family("dae")
+        | engine_family("ode")
+        | {name for name in MODULES if within(name, "tensegrity_mj.dynamics")}
+    )
     for module in set().union(*(reachable(start) for start in starts)):
         assert not offenders({module}, "mujoco", "dm_control")
 

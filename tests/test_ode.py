@@ -204,7 +204,7 @@ def test_rk4_converges_with_order_four() -> None:
     assert abs(order - 4) < 0.2
 
 
-def test_breaking_strings_and_a_lost_law_mean_the_same_as_in_the_dae() -> None:
+def test_breaking_strings_mean_the_same_as_in_the_dae() -> None:
     scene = tmj.load_scene("prism")
     law = from_scene(scene)
     tightest = int(np.argmax(tmj.simulate(scene, law, tmj.DAE(), duration=0.5).tensions[-1]))

@@ -338,11 +338,13 @@ def installed(table: Any) -> Iterator[list[str]]:
     try:
         function, _keep = _callback()
         previous, previous_handler = mujoco.get_mjcb_control(), mujoco.get_mju_user_warning()
-        ACTIVE[0] = address_of(table)
-        mujoco.set_mjcb_control(function)
-        # Nothing that can raise: an exception in there ends the process.
-        mujoco.set_mju_user_warning(texts.append)
+        if previous is function:  # an interrupt came before a former run had taken it out
+            previous = None
         try:
+            ACTIVE[0] = address_of(table)
+            mujoco.set_mjcb_control(function)
+            # Nothing that can raise: an exception in there ends the process.
+            mujoco.set_mju_user_warning(texts.append)
             yield texts
         finally:
             mujoco.set_mju_user_warning(previous_handler)

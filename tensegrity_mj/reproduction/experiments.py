@@ -82,7 +82,8 @@ class Experiment:
 
             return MuJoCo(timestep=self.timestep if self.period is None else self.period)
         if name is EngineName.DAE:
-            from tensegrity_mj.engines.dae import DAE, Method
+            from tensegrity_mj.engines.dae import DAE
+            from tensegrity_mj.engines.integration import Method
 
             if self.period is not None:
                 # Smooth between samples: one step of order four is exact to 1e-12 m, and error control has no use.

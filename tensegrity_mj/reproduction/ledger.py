@@ -106,7 +106,7 @@ def value_text(statement: Statement, value: float) -> str:
     within = known.ours if known is not None and value in known.ours else statement.accepted
     if within.low == 0.0 and 0.0 <= value < (least := within.high / 10.0):
         return f"< {least:.0e}".replace("e-0", "e-") if least < 1e-3 else f"< {least:.2g}"  # what rounding leaves
-    if value.is_integer() and (within.low == within.high or not math.isfinite(within.high)):
+    if value.is_integer() and within.low == within.high:
         return str(int(value)).replace("-", "−")  # a count
     digits = max(0, -_last_digit(within, value))
     return f"{round(value, digits) + 0.0:.{digits}f}".replace("-", "−")
@@ -115,7 +115,8 @@ def value_text(statement: Statement, value: float) -> str:
 def _last_digit(within: Interval, value: float) -> int:
     """The power of ten of the last digit to show: a hundredth of the tolerance; six digits, or four if it is open."""
     width = within.high - within.low
-    leading = math.floor(math.log10(abs(value))) if value else 0
+    shown = float(f"{value:.3g}")  # 0.99999 leads where 1 does
+    leading = math.floor(math.log10(abs(shown))) if shown else 0
     if not math.isfinite(width) or width == 0.0:
         return leading - 3
     return max(math.floor(math.log10(width)) - 2, leading - 5)

@@ -109,7 +109,6 @@ def stamp(name: str, engine: EngineName, mass_scale: float) -> dict[str, Any]:
     return {
         "experiment": {**asdict(experiment), "options": dict(experiment.options)},
         "engine": repr(experiment.engine(engine)),
-        "mass_scale": mass_scale,
         "scene": hashlib.sha256(scene.encode()).hexdigest(),
         "versions": versions(),
         "code": _code(),

@@ -24,8 +24,9 @@ from tensegrity_mj.reproduction.statement import (
 TRANSIENT = 1.0  # s; the first instants, which a panel of 60 s does not resolve
 LINE = 0.02  # of a panel's height: what the thickness of a line hides
 OUT_OF_PANEL = (
-    "the law's value at rest, where a = M⁻ᵀYᵀe: it follows from the printed data alone and falls below the axis within "
-    "0.5 s, one line's width of the 60 s shown. All panels of figs. 5.4 and 6.4 have the same axes, set by hand"
+    "the law's value at rest, where a = M⁻ᵀYᵀe: it follows from the printed data alone, and lies beyond the axis for "
+    "at most half a second, one line's width of the 60 s shown. All panels of figs. 5.4 and 6.4 have the same axes, "
+    "set by hand"
 )
 
 # Largest u and lowest λ of the first instant: ours, with 1 % for the sampling and nothing for the physics.

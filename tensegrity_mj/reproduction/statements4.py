@@ -80,6 +80,11 @@ def _ordered_sums(runs: Runs) -> bool:
     return bool(np.all(low <= middle + 1e-9) and np.all(middle <= high + 1e-9))
 
 
+def _printed(value: float, unit: str) -> str:
+    """A printed value with its unit."""
+    return f"{value:g}{'' if unit == '°' else ' '}{unit}".replace("-", "−")
+
+
 def _coordinate(run: Trajectory, sample: int, k: int) -> float:
     return float(measures.cross_coordinates(run)[sample, k])
 
@@ -146,13 +151,13 @@ def _cross_motion() -> Iterator[Statement]:
     yield from parameter_statements("4.2", "§4.6.1", 95, run, 5.0, "√2")
     for k, (name, unit) in enumerate(zip(COORDINATES, UNITS, strict=True)):
         yield Statement(
-            f"4.2-start-{k + 1}", "4.2", "§4.6.1, Fig. 4.2", 95, f"{name} at 0 s", f"{START[k]:g} {unit}",
+            f"4.2-start-{k + 1}", "4.2", "§4.6.1, Fig. 4.2", 95, f"{name} at 0 s", _printed(START[k], unit),
             ReadFrom.TEXT, near(START[k], 1e-9), "printed exactly", (run,), of(run, _coordinate, 0, k), unit,
         )
         yield Statement(
-            f"4.2-end-{k + 1}", "4.2", "§4.6.1, Fig. 4.2", 95, f"{name} at 10 s", f"{END[k]:g} {unit}", ReadFrom.TEXT,
-            near(END[k], 1e-6), "printed exactly; the integration's tolerance", (run,), of(run, _coordinate, -1, k),
-            unit,
+            f"4.2-end-{k + 1}", "4.2", "§4.6.1, Fig. 4.2", 95, f"{name} at 10 s", _printed(END[k], unit),
+            ReadFrom.TEXT, near(END[k], 1e-6), "printed exactly; the integration's tolerance", (run,),
+            of(run, _coordinate, -1, k), unit,
         )
     for axis, letter in ((0, "x"), (2, "y")):
         yield Statement(
@@ -174,7 +179,7 @@ def _cross_motion() -> Iterator[Statement]:
         for kind, which in (("tracking", run), ("set-point", "cross-set-point")):
             yield Statement(
                 f"4.3-{kind}-{k + 1}", "4.3", "Fig. 4.3", 97, f"{kind}: {name} stays within its axis",
-                f"axis from {low:g} to {high:g} {unit}", ReadFrom.AXIS, HOLDS, INSIDE, (which,),
+                f"axis from {_printed(low, unit)} to {_printed(high, unit)}", ReadFrom.AXIS, HOLDS, INSIDE, (which,),
                 of(which, _within, k, low, high),
             )
     yield Statement(
@@ -309,7 +314,7 @@ def _beam_shape() -> Iterator[Statement]:
     for axis, letter, low, high in ((0, "x", -5.0, 15.0), (2, "y", -8.0, 2.0)):
         yield Statement(
             f"4.8-{letter}-low", "4.8", "Fig. 4.8", 101, f"smallest {letter} of the nodes at 0, 20, 40 and 60 s",
-            f"axis from {low:g} m", ReadFrom.AXIS, Interval(low, 0.5 * low), INSIDE, (run,),
+            f"axis from {_printed(low, 'm')}", ReadFrom.AXIS, Interval(low, 0.5 * low), INSIDE, (run,),
             of(run, _smallest_drawn, axis), "m",
         )
         yield Statement(
