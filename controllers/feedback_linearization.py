@@ -34,6 +34,9 @@ from tensegrity_mj.validation import check_target
 Array = NDArray[np.float64]
 njit = numba.njit(cache=True, error_model="numpy")
 
+# Of K_p times a coordinate: what its error cannot be told from zero by. Strings can only pull, so that at a target that
+# needs none of them, noise of the wrong sign would have no solution.
+ROUND_OFF = 8 * float(np.finfo(float).eps)
 POLE = 1e-6  # sin φ below which (θ, φ) do not tell where a rod points
 
 
@@ -133,14 +136,18 @@ def error_equation(
         turns = rod.nb - 1
         for p in range(rod.nz + turns):
             i = at + p
+            size = 0.0
             if p < rod.nz:
                 e[0, i], e[1, i], d[i] = 0.0, 0.0, 0.0
                 for k in range(3):
+                    size += abs(rod.E[k, p]) * (abs(r[k]) + abs(r_aim[0, k]))
                     e[0, i] += rod.E[k, p] * (r[k] - r_aim[0, k])
                     e[1, i] += rod.E[k, p] * (r_rate[k] - r_aim[1, k])
                     d[i] += rod.E[k, p] * (r_aim[2, k] - r_acc[k])
             else:
                 x = p - rod.nz
+                for k in range(3):
+                    size += abs(P[x, k]) + abs(aim_P[x, k])
                 e[0, i] = beta[x] - aim[x]
                 if x == 0:  # θ goes round
                     e[0, i] -= 2.0 * np.pi * np.round(e[0, i] / (2.0 * np.pi))
@@ -149,6 +156,8 @@ def error_equation(
                 for k in range(3):
                     d[i] += aim_P[x, k] * b_aim[2, k] - P[x, k] * b_acc[k]
             d[i] -= gains[0, i] * e[0, i] + gains[1, i] * e[1, i]
+            if abs(d[i]) <= ROUND_OFF * gains[0, i] * size:
+                d[i] = 0.0
         for end in range(2):
             lever = rod.length * (end - rod.sigma)
             for axis in range(3):
@@ -170,12 +179,16 @@ def error_equation(
         point_target(point, t, target, r_aim)
         for p in range(point.nz):
             i = at + p
+            size = 0.0
             e[0, i], e[1, i], d[i] = 0.0, 0.0, 0.0
             for k in range(3):
+                size += abs(point.E[k, p]) * (abs(nodes[point.node, k]) + abs(r_aim[0, k]))
                 e[0, i] += point.E[k, p] * (nodes[point.node, k] - r_aim[0, k])
                 e[1, i] += point.E[k, p] * (velocities[point.node, k] - r_aim[1, k])
                 d[i] += point.E[k, p] * (r_aim[2, k] - gravity[k])
             d[i] -= gains[0, i] * e[0, i] + gains[1, i] * e[1, i]
+            if abs(d[i]) <= ROUND_OFF * gains[0, i] * size:
+                d[i] = 0.0
         at += point.nz
     for m in range(len(string_nodes)):
         for side in range(2):

@@ -240,34 +240,41 @@ class Allocator:
         scale = np.where(norms > 0, norms, 1.0)
         rows = rows / scale[:, None]
         b = np.concatenate([d, self.sum_values]) / scale
-        above = np.concatenate([np.minimum(self.upper, 1e30), b[: len(d)], np.full(len(self.sum_values), 1e30)])
-        below = np.concatenate([self.lower, b])
+        # And a problem of size one: some of the library's tolerances are absolute.
+        size = self._size(b)
+        b, lower, upper = b / size, self.lower / size, np.minimum(self.upper / size, 1e30)
+        above = np.concatenate([upper, b[: len(d)], np.full(len(self.sum_values), 1e30)])
+        below = np.concatenate([lower, b])
         kinds = np.concatenate([np.zeros(M), np.full(len(d), 5), np.zeros(len(self.sum_values))]).astype(np.int32)
-        size = float(np.max(np.abs(b), initial=0.0)) or 1.0
         u, _, flag, _ = daqp.solve(
-            np.ascontiguousarray(H), np.zeros(M), rows, above, below, kinds, primal_tol=0.1 * ACCURACY * size
+            np.ascontiguousarray(H), np.zeros(M), rows, above, below, kinds, primal_tol=0.1 * ACCURACY
         )
         if flag <= 0:
             return None
-        u = np.clip(np.asarray(u, float), self.lower, self.upper)
+        u = np.clip(np.asarray(u, float), lower, upper)
         lacking = rows @ u - b
         lacking[len(d) :] = np.minimum(lacking[len(d) :], 0.0)
-        return u if np.all(np.abs(lacking) <= ACCURACY * (size + np.abs(rows) @ np.abs(u))) else None
+        return u * size if np.all(np.abs(lacking) <= ACCURACY * (1.0 + np.abs(rows) @ np.abs(u))) else None
+
+    def _size(self, b: Array) -> float:
+        """What to divide a problem by, so that its numbers are of the size of one."""
+        return max(float(np.max(np.abs(b), initial=0.0)), float(np.max(self.lower, initial=0.0))) or 1.0
 
     def _simplex(self, A: Array, d: Array) -> Array | None:
         """The least fᵀu, by HiGHS."""
         from scipy.optimize import linprog
 
+        size = self._size(np.concatenate([d, self.sum_values]))
         found = linprog(
             self.linear,
             A_ub=-self.sum_rows if len(self.sum_rows) else None,
-            b_ub=-self.sum_values if len(self.sum_rows) else None,
+            b_ub=-self.sum_values / size if len(self.sum_rows) else None,
             A_eq=A if len(d) else None,
-            b_eq=d if len(d) else None,
-            bounds=np.column_stack([self.lower, self.upper]),
+            b_eq=d / size if len(d) else None,
+            bounds=np.column_stack([self.lower, self.upper]) / size,
             method="highs-ds",
         )
-        return np.clip(np.asarray(found.x, float), self.lower, self.upper) if found.status == 0 else None
+        return np.clip(np.asarray(found.x, float) * size, self.lower, self.upper) if found.status == 0 else None
 
     def _least_violation(self, A: Array, d: Array) -> Array:
         """Of the u within their bounds that violate equations and sums least, the one of least cost.
@@ -292,22 +299,26 @@ class Allocator:
 
         n, L, M = len(d), len(self.sum_values), len(self.names)
         # Phase 1: the least sum of violations, with every bound kept.
+        size = self._size(np.concatenate([d, self.sum_values]))
         cost = np.concatenate([np.zeros(M), np.ones(2 * n + L)])
         found = linprog(
             cost,
             A_ub=np.hstack([-self.sum_rows, np.zeros((L, 2 * n)), -np.eye(L)]) if L else None,
-            b_ub=-self.sum_values if L else None,
+            b_ub=-self.sum_values / size if L else None,
             A_eq=np.hstack([A, np.eye(n), -np.eye(n), np.zeros((n, L))]) if n else None,
-            b_eq=d if n else None,
+            b_eq=d / size if n else None,
             bounds=np.column_stack(
-                [np.append(self.lower, np.zeros(2 * n + L)), np.append(self.upper, np.full(2 * n + L, np.inf))]
+                [
+                    np.append(self.lower / size, np.zeros(2 * n + L)),
+                    np.append(self.upper / size, np.full(2 * n + L, np.inf)),
+                ]
             ),
             method="highs-ds",
         )
         if found.status != 0:
             return f"no admissible force densities ({found.message})"
-        missed = found.x[M : M + n] - found.x[M + n : M + 2 * n]
-        short = found.x[M + 2 * n :]
+        missed = size * (found.x[M : M + n] - found.x[M + n : M + 2 * n])
+        short = size * found.x[M + 2 * n :]
         parts = [
             f"{self.equations[i].name} is missed by {abs(missed[i]):.3g} {self.equations[i].unit}"
             for i in np.argsort(-np.abs(missed))[:2]

@@ -357,3 +357,21 @@ def test_what_it_tells_of_itself() -> None:
     run = tmj.simulate(cross(), law, tmj.MuJoCo(1e-2), duration=0.1)
     assert run.provenance["controller"] == told
     assert np.all(np.isnan(run.feasibility_margin))
+
+
+def test_round_off_at_a_target_asks_nothing_of_the_strings() -> None:
+    """Where a structure rests at its target the errors are round-off, and their sign must not decide feasibility."""
+    rng = np.random.default_rng(3)
+    scene = tmj.load_scene("pinned_rod")
+    for trial in range(50):
+        nodes = scene.nodes0.copy()
+        rod = scene.structure.rods[0]
+        tip = scene.structure.node_index[rod.nodes[1]]
+        law = FeedbackLinearization(scene.structure, nodes.copy())
+        nodes[tip] *= 1 + 2e-16 * rng.integers(-2, 3, 3)
+        np.testing.assert_array_equal(law(0.0, nodes, np.zeros_like(nodes)), 0.0, err_msg=str(trial))
+    # A real error is not mistaken for round-off.
+    nodes = scene.nodes0.copy()
+    nodes[tip] += 1e-12 * np.cross(nodes[tip], [0.0, 0.0, 1.0])
+    _, d, _ = law.equation(0.0, nodes, np.zeros_like(nodes))
+    assert np.max(np.abs(d)) > 0

@@ -350,3 +350,24 @@ def test_options_that_are_refused(options: dict[str, Any], part: str) -> None:
     with pytest.raises(OptionError) as caught:
         Allocator(Allocation(**options), rod_with(2), equations(1))
     assert part in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["diagonal", "full", "linear"])
+def test_the_size_of_the_numbers_does_not_matter(kind: str) -> None:
+    """Newton's method, daqp and HiGHS: a problem times 1e-10 or 1e6 has the answer times that."""
+    structure = tmj.load_scene("cross").structure
+    rng = np.random.default_rng(5)
+    A = rng.normal(size=(2, 4))
+    wanted = np.array([0.0, 0.7, 0.2, 1.1])
+    mixed = rng.normal(size=(4, 4))
+    weight: Any = mixed @ mixed.T + np.eye(4) if kind == "full" else 1.0
+    linear = [1.0, 2.0, 3.0, 4.0] if kind == "linear" else None
+    names = [Equation("x", "m/s²")] * 2
+
+    def answer(size: float) -> Array:
+        allocation = Allocation(weight=weight, linear=linear, sums=(Sum(2.1 * size),))
+        return Allocator(allocation, structure, names).solve(A, size * (A @ wanted)).u
+
+    for size in (1e-10, 1e6):
+        # Each solver is within 1e-9 of the answer or better, for numbers of the size of one.
+        np.testing.assert_allclose(answer(size) / size, answer(1.0), rtol=0, atol=1e-8)
