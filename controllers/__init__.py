@@ -58,7 +58,7 @@ def from_scene(scene: Scene, law: str | None = None, **overrides: Any) -> Any:
     if law is None and scene.control is None:
         raise OptionError(f"{where} names no control law: add [scene.control], or choose one: {', '.join(LAWS)}")
     name = law if law is not None else scene.control.law  # type: ignore[union-attr]
-    if name not in LAWS:
+    if not isinstance(name, str) or name not in LAWS:
         raise OptionError(f"{where}: unknown law {name!r}; allowed: {', '.join(LAWS)}")
     entry = LAWS[name]
     given: dict[str, Any] = {}

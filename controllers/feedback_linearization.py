@@ -20,7 +20,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tensegrity_mj.checks import real_array
+from tensegrity_mj.checks import real_array, state_of
 from tensegrity_mj.controllers.optimal_allocation import Allocation, Allocator, Equation, Sum
 from tensegrity_mj.dynamics.kernels import rod_accelerations
 from tensegrity_mj.dynamics.records import StructureRecords
@@ -37,6 +37,7 @@ njit = numba.njit(cache=True, error_model="numpy")
 # Of K_p times a coordinate: what its error cannot be told from zero by. Strings can only pull, so that at a target that
 # needs none of them, noise of the wrong sign would have no solution.
 ROUND_OFF = 8 * float(np.finfo(float).eps)
+LARGEST = 1e9  # of ω_o [rad/s] and ζ: gains beyond would leave nothing of the rest of an equation
 POLE = 1e-6  # sin φ below which (θ, φ) do not tell where a rod points
 
 
@@ -246,10 +247,12 @@ class FeedbackLinearization:
         object.__setattr__(self, "gravity", tuple(float(x) for x in gravity))
         frequency = real_array("natural_frequency", self.natural_frequency, (len(self.coordinates),), "rad/s")
         damping = real_array("damping", self.damping, (len(self.coordinates),))
-        if not np.all(frequency > 0):
-            raise OptionError(f"natural_frequency = {self.natural_frequency!r}; every value must be > 0 rad/s")
-        if not np.all(damping >= 0):
-            raise OptionError(f"damping = {self.damping!r}; every value must be >= 0")
+        if not np.all((frequency > 0) & (frequency <= LARGEST)):
+            raise OptionError(
+                f"natural_frequency = {self.natural_frequency!r}; every value must be > 0 and <= {LARGEST:g} rad/s"
+            )
+        if not np.all((damping >= 0) & (damping <= LARGEST)):
+            raise OptionError(f"damping = {self.damping!r}; every value must be >= 0 and <= {LARGEST:g}")
         Allocator(self.allocation, self.structure, self.coordinates)
 
     @cached_property
@@ -291,6 +294,7 @@ class FeedbackLinearization:
             InfeasibleError: where no admissible u exists, with the constraint at fault; or where a rod's angles are
                 singular.
         """
+        time, nodes, velocities = state_of(time, nodes, velocities, len(self.structure.nodes))
         try:
             return self._own(time, nodes, velocities)
         except InfeasibleError as error:
@@ -307,7 +311,7 @@ class FeedbackLinearization:
         Raises:
             InfeasibleError: where a rod in space points along z, so that its θ is singular.
         """
-        return self._own.equation(time, nodes, velocities)
+        return self._own.equation(*state_of(time, nodes, velocities, len(self.structure.nodes)))
 
     @cached_property
     def _own(self) -> _Evaluation:

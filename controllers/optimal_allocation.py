@@ -18,8 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from tensegrity_mj.checks import finite, member, real_array
 from tensegrity_mj.controllers.limits import StringLimits
 from tensegrity_mj.controllers.quadratic_program import NO_POINT, SETTLED, columns_of, maximize_dual
-from tensegrity_mj.errors import InfeasibleError, OptionError
+from tensegrity_mj.errors import ControllerError, InfeasibleError, OptionError
 from tensegrity_mj.structure import Structure
+from tensegrity_mj.validation import sequence_of
 
 Array = NDArray[np.float64]
 
@@ -131,10 +132,14 @@ class Allocator:
     def __init__(self, allocation: Allocation, structure: Structure, equations: Sequence[Equation]) -> None:
         if not isinstance(allocation, Allocation):
             raise OptionError(f"allocation = {allocation!r}; use Allocation(...)")
+        if not isinstance(structure, Structure):
+            raise OptionError(f"structure = {structure!r}; use a Structure (scene.structure)")
+        if not isinstance(allocation.respect_limits, (bool, np.bool_)):
+            raise OptionError(f"respect_limits = {allocation.respect_limits!r}; allowed: True, False")
         member("on_infeasible", allocation.on_infeasible, WhenInfeasible)
         self.options = allocation
         self.names = [string.name for string in structure.strings]
-        self.equations = list(equations)
+        self.equations = list(sequence_of("equations", equations, OptionError))
         M = len(self.names)
         floor = allocation.minimum_force_density
         self.lower = np.array(real_array("minimum_force_density", floor, (M,), "N/m"))
@@ -163,11 +168,13 @@ class Allocator:
 
     def _sums(self) -> tuple[Array, Array]:
         rows, values = [], []
-        for number, one in enumerate(self.options.sums):
+        for number, one in enumerate(sequence_of("sums", self.options.sums, OptionError)):
             if not isinstance(one, Sum):
                 raise OptionError(f"sums[{number}] = {one!r}; use Sum(minimum, strings)")
             values.append(finite(f"sums[{number}]: minimum", one.minimum, " [N/m]"))
-            chosen = self.names if one.strings is None else list(one.strings)
+            chosen: Sequence[str] = self.names
+            if one.strings is not None:
+                chosen = sequence_of(f"sums[{number}]: strings", one.strings, OptionError)
             for name in chosen:
                 if name not in self.names:
                     raise OptionError(
@@ -184,7 +191,10 @@ class Allocator:
         Raises:
             InfeasibleError: with `WhenInfeasible.STOP` where there are none (or none was ever, with HOLD): it names the
                 constraint at fault.
+            OptionError: where A or d have other shapes than `equations` and strings ask for.
+            ControllerError: where they are not finite.
         """
+        A, d = self._checked(A, d)
         if nodes is not None and self._limits.of_state:
             self.upper = self._limits.ceilings(nodes)
             # A string too short for its rest length can only hang slack.
@@ -198,6 +208,26 @@ class Allocator:
             raise InfeasibleError(self.fault(A, d))
         self._last = u
         return Allotment(u, self.violation(A, d, u))
+
+    def _checked(self, A: Any, d: Any) -> tuple[Array, Array]:
+        shape = (len(self.equations), len(self.names))
+        try:
+            A, d = np.asarray(A, float), np.asarray(d, float)
+        except (TypeError, ValueError) as error:
+            raise OptionError(f"A and d must be arrays of real numbers ({error})") from None
+        if A.shape != shape or d.shape != shape[:1]:
+            raise OptionError(
+                f"A of shape {A.shape} and d of shape {d.shape}; they must be {shape} and {shape[:1]}, a row for each "
+                "equation and a column for each string"
+            )
+        finite_rows = np.isfinite(d) & np.isfinite(A).all(axis=1)
+        if not finite_rows.all():
+            row = int(np.argmin(finite_rows))
+            raise ControllerError(
+                f"the equation for {self.equations[row].name} has numbers that are not finite (d = {d[row]}); "
+                "check the state and the gains that it is made of"
+            )
+        return A, d
 
     def violation(self, A: Array, d: Array, u: Array) -> float:
         """By how much u violates equations and sums at most, in their units."""
@@ -319,13 +349,18 @@ class Allocator:
             return f"no admissible force densities ({found.message})"
         missed = size * (found.x[M : M + n] - found.x[M + n : M + 2 * n])
         short = size * found.x[M + 2 * n :]
+        # In other units a small miss is as good as none: the worst first, each relative to the terms of its row.
+        terms = np.abs(np.vstack([A, self.sum_rows])) @ (size * found.x[:M]) + np.abs(
+            np.concatenate([d, self.sum_values])
+        )
+        violations = np.concatenate([np.abs(missed), short])
+        relative = violations / np.where(terms > 0, terms, 1.0)
         parts = [
-            f"{self.equations[i].name} is missed by {abs(missed[i]):.3g} {self.equations[i].unit}"
-            for i in np.argsort(-np.abs(missed))[:2]
-            if abs(missed[i]) > 0
-        ]
-        parts += [
-            f"{self._sum_name(i)} falls short by {short[i]:.3g} N/m" for i in np.argsort(-short)[:2] if short[i] > 0
+            f"{self.equations[i].name} is missed by {violations[i]:.3g} {self.equations[i].unit}"
+            if i < n
+            else f"{self._sum_name(i - n)} falls short by {violations[i]:.3g} N/m"
+            for i in np.argsort(-relative, kind="stable")[:3]
+            if violations[i] > 0
         ]
         text = "no admissible force densities: at best " + (" and ".join(parts) or "all is met to round-off")
         prices = (("minimum", self.lower, found.lower.marginals), ("maximum", self.upper, -found.upper.marginals))
@@ -351,7 +386,8 @@ class Allocator:
 def _weight(weight: ArrayLike, M: int) -> Array:
     """H as its diagonal (M,), or full (M, M)."""
     try:
-        H = np.array(weight, float)
+        H = np.array(weight)
+        H = np.zeros((0, 0, 0)) if np.iscomplexobj(H) else H.astype(float)
     except (TypeError, ValueError):
         H = np.zeros((0, 0, 0))
     if H.shape == (M, M) and M > 1:

@@ -22,7 +22,7 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tensegrity_mj.checks import positive, real_array
+from tensegrity_mj.checks import positive, real_array, state_of
 from tensegrity_mj.controllers.allocation import feasibility_margin, least_norm
 from tensegrity_mj.controllers.gains import GAINS, Gains, gain_records
 from tensegrity_mj.controllers.limits import StringLimits, write_ceilings
@@ -353,10 +353,10 @@ class QuadraticForm:
     def evaluate(self, time: float, nodes: Array, velocities: Array) -> tuple[Array, Array]:
         """u (M,) [N/m] and the report (see `law.Report`) at one state."""
         law = self.compiled
-        nodes, velocities = np.ascontiguousarray(nodes, float), np.ascontiguousarray(velocities, float)
+        time, nodes, velocities = state_of(time, nodes, velocities, len(self.structure.nodes))
         u, report = np.zeros(len(self.structure.strings)), np.full(len(Report), np.nan)
         places = (address_of(nodes), address_of(velocities), law.context, address_of(u), address_of(report))
-        _law.ctypes(float(time), *places)
+        _law.ctypes(time, *places)
         return u, report
 
     def control(self, time: float, nodes: Array, velocities: Array) -> Array:
@@ -385,9 +385,7 @@ class QuadraticForm:
         records = StructureRecords.of(self.structure)
         f = np.empty(len(self.structure.strings))
         error, velocity, beta = quadratic_terms(
-            float(time),
-            np.ascontiguousarray(nodes, float),
-            np.ascontiguousarray(velocities, float),
+            *state_of(time, nodes, velocities, len(self.structure.nodes)),
             records.rods,
             records.points,
             self.gains,

@@ -58,6 +58,23 @@ def real_array(
     return array
 
 
+def state_of(
+    time: Any, nodes: Any, velocities: Any, count: int
+) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+    """A time [s] and fresh arrays of `count` node positions [m] and velocities [m/s], (N, 3).
+
+    Compiled code, which would read beyond arrays that are too short, may be given these.
+
+    Raises:
+        OptionError: naming which of them it is, and the shape it must have.
+    """
+    return (
+        finite("time", time, " [s]"),
+        np.array(real_array("nodes", nodes, (count, 3), "m", scalar=False)),
+        np.array(real_array("velocities", velocities, (count, 3), "m/s", scalar=False)),
+    )
+
+
 def member(what: str, value: Any, kind: type) -> None:
     """Raise OptionError unless the value is a member of an enum."""
     if not isinstance(value, kind):

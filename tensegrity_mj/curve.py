@@ -13,7 +13,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tensegrity_mj.errors import SceneError
+from tensegrity_mj.checks import finite, positive, real_array
+from tensegrity_mj.errors import OptionError, SceneError
 
 Array = NDArray[np.float64]
 
@@ -24,9 +25,13 @@ def quintic(span: float, start: ArrayLike, end: ArrayLike) -> Array:
     Args:
         span: t_b - t_a > 0 [s].
         start, end: (y, ẏ, ÿ) at t_a and at t_b.
+
+    Raises:
+        OptionError: for a span that is not > 0, or ends that are not three finite numbers.
     """
-    y, v, a = np.asarray(start, float)
-    end_y, end_v, end_a = np.asarray(end, float)
+    span = positive("quintic: span", span, "s")
+    y, v, a = real_array("quintic: start", start, (3,), scalar=False)
+    end_y, end_v, end_a = real_array("quintic: end", end, (3,), scalar=False)
     # With τ = (t - t_a)/span; what is left at the end after constant, rate and acceleration of the start.
     v, a = v * span, a * span**2
     rest = end_y - y - v - a / 2
@@ -35,15 +40,22 @@ def quintic(span: float, start: ArrayLike, end: ArrayLike) -> Array:
     third = 10 * rest - 4 * rest_v + rest_a / 2
     fourth = -15 * rest + 7 * rest_v - rest_a
     fifth = 6 * rest - 3 * rest_v + rest_a / 2
-    return np.asarray(np.array([y, v, a / 2, third, fourth, fifth]) / float(span) ** np.arange(6))
+    return np.asarray(np.array([y, v, a / 2, third, fourth, fifth]) / span ** np.arange(6))
 
 
 def chebyshev_points(first: float, last: float, count: int) -> Array:
-    """(count,) increasing parameters, both ends included, at which shapes determine a curve best."""
-    points = (first + last) / 2 - (last - first) / 2 * np.cos(np.pi * np.arange(count) / max(count - 1, 1))
-    points[0] = first
-    if count > 1:
-        points[-1] = last
+    """(count,) increasing parameters, both ends included, at which shapes determine a curve best.
+
+    Raises:
+        OptionError: unless count is an integer >= 2 and first < last.
+    """
+    first, last = finite("chebyshev_points: first", first), finite("chebyshev_points: last", last)
+    if isinstance(count, bool) or not isinstance(count, (int, np.integer)) or count < 2 or not first < last:
+        raise OptionError(
+            f"chebyshev_points({first:g}, {last:g}, {count!r}): first must be below last, count an integer >= 2"
+        )
+    points = (first + last) / 2 - (last - first) / 2 * np.cos(np.pi * np.arange(count) / (count - 1))
+    points[0], points[-1] = first, last
     return np.asarray(points)
 
 

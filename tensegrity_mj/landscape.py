@@ -81,7 +81,7 @@ class Landscape:
 
     def __call__(self, phi: ArrayLike, rate: ArrayLike) -> Array:
         """V_φ at angles [rad] and rates [rad/s], which broadcast."""
-        phi, rate = np.asarray(phi, float), np.asarray(rate, float)
+        phi, rate = _numbers("phi", phi), _numbers("rate", rate)
         # 2 sin²(φ/2) = 1 - cos φ, without its loss of digits near zero.
         away = 2.0 * np.sin(0.5 * phi) ** 2
         kinetic = 0.5 * self.gamma * rate**2
@@ -94,7 +94,7 @@ class Landscape:
 
     def turning(self, phi: ArrayLike, rate: ArrayLike) -> Array:
         """V_θ at angles φ [rad] and rates θ̇ [rad/s]."""
-        return 0.5 * self.gamma * (np.sin(np.asarray(phi, float)) * np.asarray(rate, float)) ** 2
+        return 0.5 * self.gamma * (np.sin(_numbers("phi", phi)) * _numbers("rate", rate)) ** 2
 
 
 class Angles(NamedTuple):
@@ -119,6 +119,8 @@ def angles(run: Trajectory, rod: str | None = None) -> Angles:
     """
     from tensegrity_mj.pictures.motion import target_positions
 
+    if not isinstance(run, Trajectory):
+        raise OptionError(f"run = {run!r}; use a Trajectory, as of simulate or Trajectory.load")
     structure = run.scene.structure
     number = _rod_number(structure, rod)
     aim = target_positions(structure, run.scene.target, run.time)
@@ -138,6 +140,13 @@ def angles(run: Trajectory, rod: str | None = None) -> Angles:
         np.where(apart, np.sum(along * rate, axis=1), np.linalg.norm(rate, axis=1)),
         np.where(apart, np.sum(normal * rate, axis=1) / np.where(apart, sine, 1.0), 0.0),
     )
+
+
+def _numbers(what: str, values: ArrayLike) -> Array:
+    try:
+        return np.asarray(values, float)
+    except (TypeError, ValueError):
+        raise OptionError(f"{what} = {values!r}; it must be a number or an array of numbers") from None
 
 
 def _directions(structure: Structure, nodes: Any, rod: int) -> Array:

@@ -49,7 +49,16 @@ from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.files import checked, replacing
 from tensegrity_mj.jsontext import to_json
 from tensegrity_mj.law import NO_SOLUTION, Command, Law, native_law
-from tensegrity_mj.native.plant import NODES, REST, STATUS, VELOCITIES, Plant, measure_strings, set_rest_lengths
+from tensegrity_mj.native.plant import (
+    NODES,
+    REST,
+    STATUS,
+    VELOCITIES,
+    Plant,
+    break_times,
+    measure_strings,
+    set_rest_lengths,
+)
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.strings import StringLaw
 from tensegrity_mj.structure import Structure, null_space_basis
@@ -313,13 +322,13 @@ def linearize(
     """The linear model of a scene about a state, from an engine's own equations.
 
     Args:
-        scene: structure, gravity and loads.
+        scene: structure, gravity, loads, and the strings that have broken by `time`.
         engine: `MuJoCo(...)` (default), `DAE(...)` or `ODE(...)`; only its equations count, not its steps.
         nodes, velocities: (N, 3) the state; the scene's start by default. Velocities may be nonzero: then the model is
             that of the motion's next moment.
         rest_lengths: (M,) [m]; the structure's by default, or what `law` sets at the state.
         law: closes the loop continuously: A is then A + B ∂v/∂x.
-        time: [s], at which loads and the law are evaluated.
+        time: [s], at which loads and the law are evaluated, and strings have broken or not yet.
         inputs: what B's columns change. With force densities u, A is that at constant u, too.
 
     Raises:
@@ -338,6 +347,7 @@ def linearize(
     member("inputs", inputs, Command)
     time = finite("time", time, " [s]")
     structure = scene.structure
+    broken = break_times(scene) <= time
     scene = scene.with_(
         initial_nodes=scene.nodes0 if nodes is None else nodes,
         initial_velocities=scene.velocities0 if velocities is None else velocities,
@@ -353,7 +363,7 @@ def linearize(
         rest = real_array("rest_lengths", rest_lengths, (len(structure.strings),), "m").copy()
     else:
         rest = np.array(structure.rest_lengths) if loop is None else loop(scene.nodes0, scene.velocities0)
-    strings = _Strings(structure, scene, rest, inputs, PAIRS * STEP * reach, reach)
+    strings = _Strings(structure, scene, rest, broken, inputs, PAIRS * STEP * reach, reach)
     request = Request(
         scene, native_law(None, structure), Actuation.continuous(), OnInfeasible.STOP, 1.0, None, progress=False
     )
@@ -386,7 +396,7 @@ def linearize(
         change = h * np.eye(M)[m]
         B[n:, m] = (motion(none, rate0, change)[1] - motion(none, rate0, -change)[1]) / (2 * h)
     residual = np.concatenate([rate0, motion(none, rate0, zero)[1]])
-    gain, remarks = None, strings.remarks() if loop is None else []
+    gain, remarks = None, strings.losses() + (strings.remarks() if loop is None else [])
     if loop is not None:
         gain, kinks = loop.derivative(chart, rate0, reach, strings, inputs)
         remarks += kinks
@@ -431,9 +441,16 @@ class _Strings:
     """
 
     def __init__(
-        self, structure: Structure, scene: Scene, rest: Array, inputs: Command, move: float, reach: float
+        self,
+        structure: Structure,
+        scene: Scene,
+        rest: Array,
+        broken: NDArray[np.bool_],
+        inputs: Command,
+        move: float,
+        reach: float,
     ) -> None:
-        self.structure, self.rest, self.inputs = structure, rest, inputs
+        self.structure, self.rest, self.broken, self.inputs = structure, rest, broken, inputs
         lengths = structure.string_lengths(scene.nodes0)
         if np.any(lengths == 0):
             name = structure.strings[int(np.argmin(lengths))].name
@@ -441,12 +458,12 @@ class _Strings:
         rates = structure.string_rates(scene.nodes0, scene.velocities0)
         stretch = lengths - rest
         edge = EDGE * np.maximum(lengths, np.abs(rest))
-        self.at_edge = np.abs(stretch) <= edge
+        self.at_edge = (np.abs(stretch) <= edge) & ~broken
         elastic = structure.stiffness * stretch
         dampers = structure.damping * rates
         clipped = structure.string_law is StringLaw.CLIPPED
         # A clipped string whose damper pushes more than it pulls carries nothing, and goes on so.
-        self.taut = (stretch >= -edge) & ~(clipped & ~self.at_edge & (elastic + dampers <= 0))
+        self.taut = (stretch >= -edge) & ~(clipped & ~self.at_edge & (elastic + dampers <= 0)) & ~broken
         self.u = structure.stiffness * stretch / lengths
         self.input_step = (
             np.full(len(rest), STEP * reach)
@@ -471,13 +488,21 @@ class _Strings:
 
     def remarks(self) -> list[str]:
         """What the caller should know of strings at the edge."""
-        names = [s.name for s, edge in zip(self.structure.strings, self.at_edge, strict=True) if edge]
+        names = self._named(self.at_edge)
         if not names:
             return []
         return [
-            f"strings {', '.join(names)} are at the edge of slackness (their length is their rest length): the model "
+            f"strings {names} are at the edge of slackness (their length is their rest length): the model "
             "is that of the taut side; it has a kink there"
         ]
+
+    def losses(self) -> list[str]:
+        """What the caller should know of broken strings."""
+        names = self._named(self.broken)
+        return [f"strings {names} have broken by this time: the model is that of the others"] if names else []
+
+    def _named(self, chosen: NDArray[np.bool_]) -> str:
+        return ", ".join(s.name for s, one in zip(self.structure.strings, chosen, strict=True) if one)
 
 
 class _RestLengths:

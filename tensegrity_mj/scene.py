@@ -74,7 +74,7 @@ class Target:
     @classmethod
     def path(cls, times: Sequence[float], nodes: ArrayLike) -> Target:
         """A path: times (W,), node positions (W, N, 3)."""
-        return cls(tuple(times), nodes)  # type: ignore[arg-type]
+        return cls(times, nodes)  # type: ignore[arg-type]
 
     @classmethod
     def curve(
@@ -91,8 +91,15 @@ class Target:
         Rates and accelerations are zero unless given. Between the times the parameter follows quintics, (4.2)-(4.5);
         the nodes follow the polynomial through all shapes (`curve.chebyshev_points` says where to take them).
         """
-        along = Curve(tuple(values), tuple(parameters), shapes, tuple(rates or ()), tuple(accelerations or ()))  # type: ignore[arg-type]
-        return cls(tuple(times), along.nodes(along.values), along)
+        none: Sequence[float] = ()
+        along = Curve(
+            values,  # type: ignore[arg-type]
+            parameters,  # type: ignore[arg-type]
+            shapes,  # type: ignore[arg-type]
+            none if rates is None else rates,  # type: ignore[arg-type]
+            none if accelerations is None else accelerations,  # type: ignore[arg-type]
+        )
+        return cls(times, along.nodes(along.values), along)  # type: ignore[arg-type]
 
     def __post_init__(self) -> None:
         if self.along is not None and not isinstance(self.along, Curve):

@@ -127,7 +127,11 @@ def test_parameters_that_are_refused() -> None:
         ({"height": -1.0}, "height"),
         ({"angle": (0.1, 0.1)}, "two different angles"),
         ({"angle": (0.0, 0.1)}, "angle"),
-        ({"cells": 3}, "two different angles"),  # too few to close
+        ({"cells": 3}, "3 cells close to no full circle"),
+        ({"angle": None}, "angle = None"),
+        ({"angle": (0.1,)}, "two angles"),
+        ({"shapes": 1}, "shapes"),
+        ({"shapes": 18.0}, "shapes"),
         ({"minimum_sum": np.nan}, "minimum_sum"),
     ):
         with pytest.raises(OptionError) as caught:

@@ -217,3 +217,17 @@ def test_the_prisms_law_meets_a_singularity_after_the_thesis_ten_seconds(prism):
     before = tmj.simulate(prism, law, tmj.MuJoCo(1e-3), duration=10.0)
     assert before.reports["warnings"] == []
     assert before.reports["decay_error"] < 1e-8
+
+
+def test_a_run_that_starts_at_its_target_is_not_blamed_for_round_off():
+    """V(0) is round-off, and the law is not continuous there: a step that falls away is not a margin that vanishes."""
+    scene = tmj.load_scene("cross")
+    law = from_scene(scene, "lyapunov")
+    with pytest.raises(tmj.DivergenceError, match="max_steps") as caught:
+        tmj.simulate(scene, law, tmj.ODE(max_steps=5000), duration=1.0)
+    run = caught.value.trajectory
+    assert run.lyapunov[0] < 1e-30
+    assert run.feasibility_margin[0] > 1e12
+    assert "tends to zero" not in str(caught.value)
+    assert run.reports["decay_error"] is None
+    assert not any("promises" in warning for warning in run.reports["warnings"])

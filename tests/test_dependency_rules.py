@@ -11,7 +11,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = {"tensegrity_mj": ROOT / "tensegrity_mj", "tensegrity_mj.controllers": ROOT / "controllers"}
-CORE = {f"tensegrity_mj.{name}" for name in ("structure", "scene", "curve", "strings", "errors", "validation")}
+CORE = {
+    f"tensegrity_mj.{name}" for name in ("structure", "scene", "curve", "checks", "strings", "errors", "validation")
+}
 
 # Who may import mujoco itself (or dm_control, which imports it), besides the MuJoCo engine: modules and packages.
 MAY_IMPORT_MUJOCO = {

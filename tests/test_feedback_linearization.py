@@ -375,3 +375,33 @@ def test_round_off_at_a_target_asks_nothing_of_the_strings() -> None:
     nodes[tip] += 1e-12 * np.cross(nodes[tip], [0.0, 0.0, 1.0])
     _, d, _ = law.equation(0.0, nodes, np.zeros_like(nodes))
     assert np.max(np.abs(d)) > 0
+
+
+def test_a_cross_of_other_forms_is_refused() -> None:
+    for options, words in (
+        ({"start": (1.0, 2.0)}, "start"),
+        ({"start": None}, "start"),
+        ({"end": ("a", 1.0, 1.0)}, "end"),
+        ({"minimum_sum": "much"}, "minimum_sum"),
+    ):
+        with pytest.raises(OptionError, match=words):
+            cross(**options)  # type: ignore[arg-type]
+
+
+def test_states_that_no_law_can_be_asked_about() -> None:
+    """Compiled code would read beyond arrays that are too short."""
+    scene = tmj.load_scene("cross")
+    nodes, velocities = scene.nodes0, scene.velocities0
+    for name in ("feedback_linearization", "lyapunov", "projection"):
+        law = tmj.controllers.from_scene(scene, name)
+        asks = [law, law.equation, law.error] if name == "feedback_linearization" else [law, law.evaluate, law.terms]
+        for ask in asks:
+            for state, words in (
+                ((0.0, nodes[:2], velocities), "nodes"),
+                ((0.0, nodes, velocities[:2]), "velocities"),
+                ((0.0, nodes * np.nan, velocities), "nodes"),
+                ((0.0, "here", velocities), "nodes"),
+                (("now", nodes, velocities), "time"),
+            ):
+                with pytest.raises(OptionError, match=words):
+                    ask(*state)

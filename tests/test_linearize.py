@@ -320,6 +320,25 @@ def test_the_chart_and_its_derivatives(seed: int) -> None:
     assert np.abs(chart.accelerations(a, b, second) - c).max() < 1e-8
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_broken_string_is_left_out_from_its_time_on(engine: str) -> None:
+    scene = tmj.load_scene("tbar")
+    name = scene.structure.strings[1].name
+    broken = scene.with_(breaks=(tmj.Break(name, 0.5),))
+    whole = tmj.linearize(scene, ENGINES[engine])
+    before, after = (tmj.linearize(broken, ENGINES[engine], time=t) for t in (0.49, 0.5))
+    # The same as a string that is long enough to be slack.
+    longer = np.where(np.arange(len(scene.structure.strings)) == 1, 100.0, scene.structure.rest_lengths)
+    slack = tmj.linearize(scene, ENGINES[engine], rest_lengths=longer)
+    for key in ("A", "B", "residual"):
+        np.testing.assert_array_equal(getattr(before, key), getattr(whole, key))
+        np.testing.assert_allclose(getattr(after, key), getattr(slack, key), rtol=0, atol=1e-9)
+    assert np.abs(after.A - whole.A).max() > 1.0
+    assert not after.B[:, 1].any()
+    assert not any("broken" in warning for warning in before.warnings)
+    assert f"strings {name} have broken" in after.warnings[0]
+
+
 def test_bad_requests_are_refused() -> None:
     scene = tmj.load_scene("prism")
     law = tmj.controllers.from_scene(scene)

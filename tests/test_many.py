@@ -7,6 +7,7 @@ import json
 import math
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -543,3 +544,28 @@ def test_differences_are_found_where_they_are() -> None:
     assert difference({"a": math.nan}, {"a": math.nan}) is None
     assert difference({}, {"a": 1}) == "a is given there only"
     assert len(difference({"a": "x" * 500}, {"a": 1}) or "") < 120
+    long = "x = 1\n" * 50
+    assert (
+        difference({"a": f"{long}y = 2\n"}, {"a": f"{long}y = 3\n"}) == 'a, lines[50] is "y = 3" there and "y = 2" here'
+    )
+    assert difference({"a": "x\n"}, {"a": "x"}) == "a has other line ends"
+
+
+def test_a_full_disk_is_told_with_the_file_and_nothing_finished_is_lost(tmp_path: Path) -> None:
+    points = [{"x": number} for number in range(60)]
+    script = (
+        "import resource, sys, study_tasks, tensegrity_mj as tmj\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000))\n"  # study.json has less than that, points.jsonl more
+        "points = [{'x': number} for number in range(60)]\n"
+        "here = tmj.Workers(backend=tmj.Backend.THIS_PROCESS)\n"
+        "tmj.run_many(study_tasks.noted, points, sys.argv[1], workers=here)\n"
+    )
+    command = [sys.executable, "-c", script, str(tmp_path / "study")]
+    told = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
+    assert "FormatError" in told.stderr.splitlines()[-1]
+    assert re.search(r"points\.jsonl: cannot be written \(File too large\); make room there", told.stderr)
+    whole = (tmp_path / "study" / store.POINTS).read_bytes().count(b"\n")
+    assert 10 < whole < 60
+    study = run_many(study_tasks.noted, points, tmp_path / "study", workers=HERE)
+    assert study.computed == 60 - whole
+    assert study.failed == []

@@ -303,6 +303,10 @@ def test_landscapes_refuse_what_they_cannot_show(pinned_rod, prism, runs):
         Landscape.of(from_scene(prism), "x")
     with pytest.raises(tmj.OptionError, match="beta²"):
         Landscape(beta=2.0)
+    with pytest.raises(tmj.OptionError, match="phi = 'wide'"):
+        Landscape()("wide", 0.0)  # type: ignore[arg-type]
+    with pytest.raises(tmj.OptionError, match="use a Trajectory"):
+        angles("run.nc")  # type: ignore[arg-type]
     with pytest.raises(tmj.OptionError, match="Lyapunov or a Projection"):
         tmj.plots.landscape(lambda t, n, v: n)
     path = tmj.Target.path([0.0, 1.0], [pinned_rod.nodes0, pinned_rod.target.nodes[0]])

@@ -371,3 +371,34 @@ def test_the_size_of_the_numbers_does_not_matter(kind: str) -> None:
     for size in (1e-10, 1e6):
         # Each solver is within 1e-9 of the answer or better, for numbers of the size of one.
         np.testing.assert_allclose(answer(size) / size, answer(1.0), rtol=0, atol=1e-8)
+
+
+def test_what_an_allocator_cannot_be_given() -> None:
+    structure = tmj.load_scene("cross").structure
+    rows = [Equation("lift", "N")]
+    for arguments, words in (
+        ((Allocation(sums=3), structure, rows), "sums = 3"),  # type: ignore[arg-type]
+        ((Allocation(sums=(Sum(1.0, "left"),)), structure, rows), "strings = 'left'"),  # type: ignore[arg-type]
+        ((Allocation(respect_limits="no"), structure, rows), "respect_limits"),  # type: ignore[arg-type]
+        ((Allocation(weight=1j * np.eye(4)), structure, rows), "weight"),
+        ((Allocation(), "cross", rows), "structure = 'cross'"),
+        ((Allocation(), structure, 1), "equations = 1"),
+    ):
+        with pytest.raises(OptionError, match=words):
+            Allocator(*arguments)  # type: ignore[arg-type]
+    allocator = Allocator(Allocation(), structure, rows)
+    A, d = np.ones((1, 4)), np.ones(1)
+    for bad_A, bad_d in ((A[:, :3], d), (A, np.ones(2)), (np.ones((3, 4)), np.ones(3)), ("rows", d)):
+        with pytest.raises(OptionError, match=r"A .*d "):
+            allocator.solve(bad_A, bad_d)  # type: ignore[arg-type]
+    for bad_A, bad_d in ((A * np.nan, d), (A, d * np.inf)):
+        with pytest.raises(tmj.ControllerError, match="lift"):
+            allocator.solve(bad_A, bad_d)
+
+
+def test_the_fault_that_weighs_most_is_named_first() -> None:
+    """At its start the cross needs no string; with u_max = 0.2 four of them give 0.8 at most, 1.2 is asked for."""
+    scene = tmj.load_scene("cross")
+    law = tmj.controllers.from_scene(scene, maximum_force_density=0.2)
+    with pytest.raises(InfeasibleError, match=r"at best sum 1 \(of all strings\) >= 1.2 falls short by 0.4"):
+        law(0.0, scene.nodes0, scene.velocities0)

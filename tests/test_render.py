@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from analytic_runs import RATE, TILT, cone_motion, cone_run, cone_scene, planar_scene, run_of, two_masses
 
+from tensegrity_mj.engines.dae import DAE
 from tensegrity_mj.errors import MissingLibraryError, OptionError
 from tensegrity_mj.pictures import opengl, palette
 from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera, corners_of, direction, fit
@@ -22,7 +23,8 @@ from tensegrity_mj.pictures.shrink import shrink
 from tensegrity_mj.pictures.stage import Stage, View
 from tensegrity_mj.pictures.traces import MAX_PIECES, Traces, simplify
 from tensegrity_mj.rendering import Layout, Quality, frame_times, frames, picture, render, render_frame
-from tensegrity_mj.scene import Scene, Target
+from tensegrity_mj.scene import Break, Scene, Target
+from tensegrity_mj.simulation import simulate
 from tensegrity_mj.structure import Structure
 from tensegrity_mj.trajectory import Status, Trajectory
 
@@ -344,6 +346,25 @@ def test_strings_show_their_tension_and_slack():
         assert np.abs(image[row, column].astype(int) - BACKGROUND).max() < 3
         lows = [pixel(stage, [1.0, 0, 1.0 - depth]) for depth in np.linspace(0.60, 0.72, 25)]
         assert min(distance_from(image, palette.SLACK)[r, c] for c, r in lows) < 60
+
+
+@needs_opengl
+def test_a_broken_string_is_drawn_no_more():
+    scene = Scene(Structure.from_arrays(
+        [[0, 0, 0], [2, 0, 0], [0, 0, 1], [2, 0, 1]], [[0, 2], [1, 3]], [[0, 1], [2, 3]],
+        rod_mass=1.0, stiffness=10.0, rest_length=1.0,
+    ), breaks=(Break("s2", 0.02),))  # fmt: skip
+    run = simulate(scene, None, DAE(), duration=0.03)
+    with stage_of(run, size=(640, 360), quality=Quality.FINE) as stage:
+        for time, there in ((0.01, True), (0.02, False), (0.03, False)):
+            image = stage.frame(time)
+            middle, lower = (
+                run.nodes[round(time / 0.01)][2:].mean(axis=0),
+                run.nodes[round(time / 0.01)][:2].mean(axis=0),
+            )
+            for place, drawn in ((middle, there), (lower, True)):
+                column, row = pixel(stage, place)
+                assert (np.abs(image[row, column].astype(int) - BACKGROUND).max() > 30) == drawn
 
 
 @needs_opengl

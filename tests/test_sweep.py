@@ -126,6 +126,25 @@ def test_together_they_apply_in_a_fixed_order() -> None:
         assert draft.make_actuation() == tmj.Actuation.hold_rest_length(0.01)
 
 
+def test_what_is_set_of_a_part_wins_over_what_is_set_of_the_whole() -> None:
+    prism = tmj.load_scene("prism")
+    settings = {"scene.gravity.z": -3.0, "scene.gravity": [1, 2, 0], "structure.strings[s1].stiffness": 7.0}
+    settings |= {"structure.strings[s1,s2].stiffness": 6.0, "structure.strings.stiffness": 5.0}
+    for order in (settings, dict(reversed(settings.items()))):
+        scene = draft_of(prism, **order).scene
+        assert scene.gravity == (1.0, 2.0, -3.0)
+        assert [string.stiffness for string in scene.structure.strings[:4]] == [7.0, 6.0, 5.0, 5.0]
+
+
+def test_equal_settings_give_equal_experiments_in_any_order() -> None:
+    # A scaled tension depends on the stiffness of a string that has a rest length; the point's key does not tell the
+    # order of its settings, so the result must not depend on it.
+    settings = {"structure.strings.tension": Scaled(1.5), "structure.strings.stiffness": Scaled(2.0)}
+    settings["structure.strings.rest_length"] = Scaled(0.9)
+    made = [draft_of(loaded(), **order).scene for order in (settings, dict(reversed(settings.items())))]
+    assert made[0] == made[1]
+
+
 def test_scaling_tension_rest_length_and_force_density_of_a_string() -> None:
     # s1 of the prism has u = 0.05 N/m and k = 2 N/m, so T = u L and L0 = L (1 - u/k).
     scene = tmj.load_scene("prism")

@@ -178,6 +178,12 @@ def test_it_stands_still_outside_and_starts_where_it_is_told() -> None:
     rod_target(records.rods[1], 3.0, packed.arrays, r, b)
     assert not r[1:].any()
     assert not b[1:].any()
+    # It starts with the rates that it is given, not a moment later.
+    here, later = np.empty((2, 3, 3)), np.empty((2, 3, 3))
+    rod_target(records.rods[1], 1.0, packed.arrays, *here)
+    rod_target(records.rods[1], 1.0 + 1e-9, packed.arrays, *later)
+    assert np.abs(here[:, 1:]).max() > 0.01
+    np.testing.assert_allclose(here, later, rtol=0, atol=1e-6)  # third derivatives of some 100/s³ over 1e-9 s
 
 
 def test_compiled_code_reads_the_packed_arrays() -> None:
@@ -234,6 +240,8 @@ REFUSED: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
     "rates of another number": ({"rates": [1.0]}, ("1 rates for 3 values",)),
     "a rate that is not finite": ({"rates": [0.0, np.nan, 0.0]}, ("rates", "finite")),
     "texts": ({"values": ["a", "b", "c"]}, ("arrays of numbers",)),
+    "no values": ({"values": None}, ("arrays of numbers",)),
+    "no times": ({"times": None}, ("times", "arrays of numbers")),
     "parameters that fall": ({"parameters": [1.0, 0.0], "shapes": shape([1.0, 0.0])}, ("parameters", "increase")),
     "one shape": ({"parameters": [1.0], "shapes": shape([1.0])}, ("two or more",)),
     "shapes of another number": ({"shapes": shape([0.0, 1.0])}, ("shapes of shape (2, 6, 3)", "24 parameters")),
@@ -253,6 +261,19 @@ REFUSED: dict[str, tuple[dict[str, Any], tuple[str, ...]]] = {
         ("5 shapes", "stretches rods", "rod 'free'", "more shapes"),
     ),
 }
+
+
+def test_arrays_are_taken_for_lists() -> None:
+    assert target(rates=np.array([0.2, -0.1, 0.0]), times=np.array([1.0, 2.5, 3.0])) == target()
+
+
+def test_quintics_and_points_that_are_none() -> None:
+    for span, start, words in ((0.0, (0, 0, 0), "span"), (1.0, (0, 0), "start"), (1.0, "abc", "start")):
+        with pytest.raises(tmj.OptionError, match=words):
+            quintic(span, start, (1, 0, 0))  # type: ignore[arg-type]
+    for first, last, count in ((0.0, 1.0, 1), (0.0, 1.0, 2.0), (1.0, 0.0, 3)):
+        with pytest.raises(tmj.OptionError, match="chebyshev_points"):
+            chebyshev_points(first, last, count)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("case", REFUSED)

@@ -17,7 +17,7 @@ from tensegrity_mj.cli import main
 from tensegrity_mj.commands import validate as command
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.studies.parameters import ENGINES
-from tensegrity_mj.studies.validation import findings, laws, sections, study, task
+from tensegrity_mj.studies.validation import figures, findings, laws, sections, study, task
 from tensegrity_mj.studies.validation.sections import SECTIONS, Extent
 from tensegrity_mj.textformat import scene_to_toml
 
@@ -278,12 +278,35 @@ def test_the_summary_says_what_a_user_can_act_on(report: Any) -> None:
         {"law": "other", "starts": 4, "converged": 1.0, "kept": None},
     ]
     assert findings._start_sentences(setup, "starts", {"fractions": fractions}) == [
-        "Of 4 random starts each, there converge: mine: 50% (25% with V as promised all the way); other: 100%."
+        "Of 4 random starts each, there converge: mine: 50% (25% with V as promised all the way); other: 100%.",
+        "Where V leaves its promise, fixed steps of 5 ms passed a singularity of the law, or were too long for it: do "
+        "not count on these starts.",
     ]
     stds = {"position_std": [1e-3, 1e-2], "velocity_std": [0.0, 0.0]}
     assert say(findings._noise_sentences, "noise", "converged", "off target", **stds) == (
         "Tolerates noise of positions of up to 0.001 m (off target with more)."
     )
+    stds = {"position_std": [1e-3, 0.0, 1e-3, 1e-2], "velocity_std": [0.0, 1e-2, 1e-2, 1e-1]}
+    rows = [{key: stds[key][i] for key in stds} | {"outcome": "converged", "end_time": 1.0} for i in range(3)]
+    rows.append({key: stds[key][3] for key in stds} | {"outcome": "infeasible", "end_time": 1.5})
+    assert findings._noise_sentences(setup, "noise", {"rows": rows}) == [
+        "Tolerates noise of positions of up to 0.001 m (more was not tried).",
+        "Tolerates noise of velocities of up to 0.01 m/s (more was not tried).",
+        "Tolerates noise of positions and velocities together of up to 0.001 m and 0.01 m/s (infeasible at 1.5 s with "
+        "more).",
+    ]
+
+
+def test_the_map_marks_starts_whose_V_left_its_promise() -> None:
+    row = {"law": "mine", "outcome": "converged", "direction": [1.0, 0.0, 0.0]}
+    rows = [row | {"decay_error": error} for error in (None, 1e-9, 0.1)]
+    (picture,) = figures.of_section("starts", {"starts": {"mujoco": {"rows": rows}}})
+    (legend,) = picture.figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["converged", "converged, V not as promised"]
+    kept, left = picture.figure.axes[0].collections
+    assert len(kept.get_offsets()) == 2
+    assert len(left.get_offsets()) == 1
+    assert len(left.get_facecolor()) == 0  # hollow
 
 
 # Laws of one's own ---------------------------------------------------------------------------------------------

@@ -127,7 +127,7 @@ def along_great_circle(start: Any, end: Any, s: float, rate: float, acc: float, 
 
 @njit
 def _along_curve(t: float, target: Any, node: int, out: Any) -> None:
-    """Position, velocity and acceleration (3, 3) of a node of a curve between its first and last time."""
+    """Position, velocity and acceleration (3, 3) of a node of a curve from its first to before its last time."""
     times, quintics, shapes = target.times, target.quintics, target.shapes
     k = int(np.searchsorted(times, t, side="right")) - 1
     tau = t - times[k]
@@ -161,7 +161,8 @@ def _along_curve(t: float, target: Any, node: int, out: Any) -> None:
 
 @njit
 def _moves_on_curve(t: float, target: Any) -> bool:
-    return len(target.shapes) > 0 and target.times[0] < t < target.times[-1]
+    # With its rates from the first time on: a sample there sees how the curve goes on.
+    return len(target.shapes) > 0 and target.times[0] <= t < target.times[-1]
 
 
 @njit

@@ -35,6 +35,7 @@ STRAIN_BOUND = 0.5
 ENERGY_WARNING = 0.01  # part of the energy exchanged beyond which a run says that its balance is off
 LIMIT_ROUND_OFF = 1e-6  # part of a limit: u = k (1 - L0/L) loses digits where k is much larger than u
 DECAY_WARNING = 0.01  # part of V
+V_ROUND_OFF = 1e-26  # V of errors of 1e-13 m and rad: one that starts below it starts at the target
 V_RESOLVED = 1e-20  # of V(0): below it, errors squared are not far from round-off squared
 BEYOND = 1e10  # m, m/s: mjMAXVAL, what MuJoCo takes for a divergence too; it zeroes all controls for one of them
 
@@ -336,8 +337,11 @@ def _limits(request: Request, run: Trajectory) -> dict[str, Any]:
 
 
 def _decay_error(request: Request, run: Trajectory) -> tuple[float | None, float]:
-    """Largest relative error of V against V(0) e^(-δt), and when it first exceeds what is warned of."""
-    if request.law.decay_rate is None or len(run.time) == 0 or not run.lyapunov[0] > 0:
+    """Largest relative error of V against V(0) e^(-δt), and when it first exceeds what is warned of.
+
+    None where the law promises no decay, or where the run starts at the target, so that V(0) is round-off.
+    """
+    if request.law.decay_rate is None or len(run.time) == 0 or not run.lyapunov[0] > V_ROUND_OFF:
         return None, 0.0
     promised = run.lyapunov[0] * np.exp(-request.law.decay_rate * run.time)
     resolved = promised > V_RESOLVED * run.lyapunov[0]

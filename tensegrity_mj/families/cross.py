@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj.checks import positive
+from tensegrity_mj.checks import finite, positive, real_array
 from tensegrity_mj.scene import ControlSpec, Scene, Target
 from tensegrity_mj.structure import Rod, String, Structure, Support
 
@@ -57,7 +57,11 @@ def cross(
     """
     for what, value, unit in (("rod_length", rod_length, "m"), ("duration", duration, "s")):
         positive(f"cross: {what}", value, unit)
-    first, last = cross_nodes(*start, rod_length), cross_nodes(*end, rod_length)
+    finite("cross: minimum_sum", minimum_sum, " [N/m]")
+    y1, theta1, theta2 = (float(x) for x in real_array("cross: start", start, (3,), "m, rad, rad", scalar=False))
+    first = cross_nodes(y1, theta1, theta2, rod_length)
+    y1, theta1, theta2 = (float(x) for x in real_array("cross: end", end, (3,), "m, rad, rad", scalar=False))
+    last = cross_nodes(y1, theta1, theta2, rod_length)
     names = ["n1", "n2", "n3", "n4"]
     structure = Structure(
         name=name,

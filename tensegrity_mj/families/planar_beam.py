@@ -19,6 +19,7 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.families.cross import HINGE, PLANE, SLIDER, THESIS
 from tensegrity_mj.scene import ControlSpec, Scene, Target
 from tensegrity_mj.structure import Rod, String, Structure, Support
+from tensegrity_mj.validation import sequence_of
 
 Array = NDArray[np.float64]
 
@@ -99,8 +100,18 @@ def planar_beam(
     positive("planar_beam: height", height, "m")
     if not positive("planar_beam: rod_length", rod_length, "m") > height:
         raise OptionError(f"planar_beam: rod_length = {rod_length!r} m; it must exceed the height of {height!r} m")
+    if isinstance(shapes, bool) or not isinstance(shapes, (int, np.integer)) or shapes < 2:
+        raise OptionError(f"planar_beam: shapes = {shapes!r}; it must be an integer >= 2")
+    pair = sequence_of("planar_beam: angle", angle, OptionError)
+    if len(pair) != 2:
+        raise OptionError(f"planar_beam: angle = {angle!r}; it must be two angles [rad], at the start and at the end")
     full = 6 * np.pi / (cells + 2)
-    first, last = (positive("planar_beam: angle", full if value is None else value, "rad") for value in angle)
+    if full >= np.pi and None in pair:
+        raise OptionError(
+            f"planar_beam: angle = {angle!r}: {cells} cells close to no full circle, which takes 5 or more; give both "
+            "angles within (0, π)"
+        )
+    first, last = (positive("planar_beam: angle", full if value is None else value, "rad") for value in pair)
     if first == last or max(first, last) >= np.pi:
         raise OptionError(
             f"planar_beam: angle = {angle!r}; it must be two different angles within (0, π), None for 6π / {cells + 2}"

@@ -18,11 +18,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """One instant: node positions (N, 3) [m], tensions (M,) [N], rest lengths (M,) [m]."""
+    """One instant: node positions (N, 3) [m]; of the strings (M,) tensions [N], rest lengths [m], and which broke."""
 
     nodes: Array
     tensions: Array
     rest_lengths: Array
+    broken: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +39,7 @@ class Motion:
         time: (T,) strictly increasing [s], T >= 1.
         nodes, velocities: (T, N, 3) [m], [m/s].
         tensions, rest_lengths: (T, M) [N], [m].
+        break_times: (M,) [s] when each string breaks, ∞ for never; it is not drawn from then on.
     """
 
     structure: Structure
@@ -52,6 +54,7 @@ class Motion:
     velocities: Array
     tensions: Array
     rest_lengths: Array
+    break_times: Array
 
     @classmethod
     def of(cls, source: Trajectory | Scene) -> Motion:
@@ -91,6 +94,7 @@ class Motion:
             tensions=np.nan_to_num(source.tensions[:count], posinf=0.0, neginf=0.0),
             # A rest length that is not known is drawn as taut.
             rest_lengths=np.nan_to_num(source.rest_lengths[:count], posinf=0.0, neginf=0.0),
+            break_times=_break_times(source.scene),
         )
 
     @classmethod
@@ -114,6 +118,7 @@ class Motion:
             velocities=scene.velocities0[None],
             tensions=pull[None],
             rest_lengths=rest[None],
+            break_times=_break_times(scene),
         )
 
     @property
@@ -144,12 +149,13 @@ class Motion:
         """The instant at `time` [s]; tensions and rest lengths are interpolated linearly."""
         nodes = self.positions(np.array(time))
         if len(self.time) == 1:
-            return Pose(nodes, self.tensions[0], self.rest_lengths[0])
+            return Pose(nodes, self.tensions[0], self.rest_lengths[0], self.break_times <= self.start)
         i, _, s = self._intervals(np.clip(np.array(time, float), self.start, self.end))
         return Pose(
             nodes,
             (1.0 - s) * self.tensions[i] + s * self.tensions[i + 1],
             (1.0 - s) * self.rest_lengths[i] + s * self.rest_lengths[i + 1],
+            self.break_times <= time,
         )
 
     def target_positions(self, times: Array) -> Array | None:
@@ -161,6 +167,12 @@ class Motion:
         i = np.clip(np.searchsorted(self.time, moments, side="right") - 1, 0, len(self.time) - 2)
         step = self.time[i + 1] - self.time[i]
         return i, step, (moments - self.time[i]) / step
+
+
+def _break_times(scene: Scene) -> Array:
+    from tensegrity_mj.native.plant import break_times  # compiled, and slow to load
+
+    return break_times(scene)
 
 
 def target_positions(structure: Structure, target: Target | None, times: Array) -> Array | None:

@@ -215,18 +215,18 @@ class Painter:
             self._strings(motion, pose, look.width * sizes.string, tension, look)
 
     def _strings(self, motion: Motion, pose: Pose, radius: float, tension: palette.TensionScale, look: Look) -> None:
-        """Taut strings straight, in the colour of their tension; slack ones as arcs of their own length."""
+        """Taut strings straight, in the colour of their tension; slack ones as arcs of their length; no broken ones."""
         pairs = motion.structure.string_nodes
         if len(pairs) == 0:
             return
         nodes = pose.nodes
-        slack = slack_strings(motion.structure, pose)
+        slack = slack_strings(motion.structure, pose) & ~pose.broken
         rgba = np.ones((len(pairs), 4), np.float32)
         rgba[:, :3] = tension.colors(pose.tensions)
         loose = _rgba(palette.SLACK, 1.0)
         if look is not Look.SOLID:
             rgba[:] = loose[:] = look.rgba
-        for row in np.flatnonzero(~slack):
+        for row in np.flatnonzero(~slack & ~pose.broken):
             i, j = pairs[row]
             self._capsule(nodes[i], nodes[j], radius, rgba[row], look, 0.1)
         for points in slack_curves(motion, pose, slack) if slack.any() else ():

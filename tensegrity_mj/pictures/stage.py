@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import enum
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import TracebackType
 
 import numpy as np
@@ -377,7 +377,7 @@ class Stage:
         if self.view.target:
             targets = motion.target_positions(np.array([time]))
             if targets is not None:
-                aim = Pose(targets[0], pose.tensions, pose.rest_lengths)
+                aim = replace(pose, nodes=targets[0])
                 painter.structure(motion, aim, sizes, self._scale, Look.TARGET)
 
     @staticmethod

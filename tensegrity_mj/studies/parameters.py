@@ -19,7 +19,7 @@
     on_infeasible, output_interval                       stop, passive; [s]
 
 A value is a number, a text, a truth value, a list (vectors), or `Scaled(factor)`: that many times what it was. Changes
-are made in the order structure, scene, plant, all else.
+are made in the order structure, scene, plant, all else; those of a whole before those of its parts.
 """
 
 from __future__ import annotations
@@ -98,15 +98,14 @@ class Draft:
     output_interval: float | None = None
 
     def apply(self, settings: Mapping[str, Any]) -> Draft:
-        """Change it by settings, path -> value, in the order of `ORDER`; returns itself.
+        """Change it by settings, path -> value, in the order of `ORDER`, wholes before their parts; returns itself.
 
         Raises:
             OptionError: for a path that names nothing, or a value of the wrong kind.
             StructureError, SceneError: for a value that the structure or the scene cannot have.
         """
-        # `engine` before `engine.rtol`, which belongs to it.
-        for path, value in sorted(settings.items(), key=lambda item: (ORDER.index(_root(item[0])), "." in item[0])):
-            _setter(self, path)(decoded(value))
+        for path in sorted(settings, key=_rank):
+            _setter(self, path)(decoded(settings[path]))
         return self
 
     def make_law(self) -> Any:
@@ -222,6 +221,16 @@ def _root(path: str) -> str:
     if root not in ORDER:
         raise OptionError(f"{path}: {_unknown(root, ORDER, 'kind of parameter')}")
     return root
+
+
+def _rank(path: str) -> tuple[Any, ...]:
+    """When a parameter is set: what holds for much before what holds for less, else it would be lost.
+
+    `engine` before `engine.rtol`, `rods.mass` before `rods[a,b].mass` before `rods[a].mass`, `gravity` before
+    `gravity.z`; the path at last, so that equal settings give equal experiments, in whatever order they are given.
+    """
+    parts = re.sub(r"\[[^\[\]]*\]", "", path).count(".")
+    return ORDER.index(_root(path)), parts, "[" in path, -path.count(","), path
 
 
 def _setter(draft: Draft, path: str) -> Callable[[Any], None]:

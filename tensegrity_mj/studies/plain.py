@@ -73,6 +73,8 @@ def difference(ours: Any, theirs: Any, where: str = "") -> str | None:
         return None if len(ours) == len(theirs) else f"{where} has {len(theirs)} entries there and {len(ours)} here"
     if canonical(ours) == canonical(theirs):
         return None
+    if isinstance(ours, str) and isinstance(theirs, str) and "\n" in ours + theirs:
+        return difference(ours.splitlines(), theirs.splitlines(), f"{where}, lines") or f"{where} has other line ends"
     return f"{where} is {_short(theirs)} there and {_short(ours)} here"
 
 

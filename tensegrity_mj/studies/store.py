@@ -13,8 +13,9 @@ import contextlib
 import json
 import os
 from collections.abc import Iterator, Mapping
+from io import FileIO
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.files import replacing
@@ -33,7 +34,7 @@ class Store:
         outcomes: of every point that is finished, by key.
     """
 
-    def __init__(self, folder: Path, file: IO[bytes], outcomes: dict[str, dict[str, Any]]) -> None:
+    def __init__(self, folder: Path, file: FileIO, outcomes: dict[str, dict[str, Any]]) -> None:
         self.folder, self.outcomes = folder, outcomes
         self._file = file
 
@@ -47,8 +48,9 @@ class Store:
             (self.folder / FILES).mkdir(exist_ok=True)
             write(self.folder / FILES / name, content)
         try:
-            self._file.write(line_of(key, outcome))
-            self._file.flush()
+            rest = memoryview(line_of(key, outcome))
+            while rest:
+                rest = rest[self._file.write(rest) :]
             os.fsync(self._file.fileno())
         except OSError as error:
             raise FormatError(
@@ -92,7 +94,7 @@ def opened(folder: Path, study: dict[str, Any]) -> Iterator[Store]:
                 raise OptionError(
                     f"{folder}: this folder is no study, and not empty (it holds {foreign[0]}); choose another"
                 )
-        lock = open(folder / LOCK, "a+b")  # noqa: SIM115
+        lock = open(folder / LOCK, "a+b", buffering=0)  # noqa: SIM115
     except OSError as error:
         raise OptionError(f"{folder}: no study can be kept there ({error.strerror}); choose another folder") from error
     with lock:
@@ -101,7 +103,8 @@ def opened(folder: Path, study: dict[str, Any]) -> Iterator[Store]:
             if _is_left(left):
                 left.unlink()
         _compare(folder, study)
-        with open(folder / POINTS, "a+b") as file:
+        # Unbuffered: closing after a failed write would try again, and hide the error that says what to do.
+        with open(folder / POINTS, "a+b", buffering=0) as file:
             yield Store(folder, file, _recovered(file))
 
 
@@ -118,7 +121,7 @@ def write(path: Path, content: bytes) -> None:
     _sync_folder(path.parent)
 
 
-def _hold(lock: IO[bytes], folder: Path) -> None:
+def _hold(lock: FileIO, folder: Path) -> None:
     import fcntl
 
     try:
@@ -129,9 +132,9 @@ def _hold(lock: IO[bytes], folder: Path) -> None:
         raise OptionError(
             f"{folder}: {who} works on this study; wait for it to end, or choose another folder"
         ) from None
-    lock.truncate(0)
-    lock.write(f"process {os.getpid()}\n".encode())
-    lock.flush()
+    with contextlib.suppress(OSError):  # a full disk; who holds it is only told to others
+        lock.truncate(0)
+        lock.write(f"process {os.getpid()}\n".encode())
 
 
 def _compare(folder: Path, study: dict[str, Any]) -> None:
@@ -151,7 +154,7 @@ def _compare(folder: Path, study: dict[str, Any]) -> None:
         )
 
 
-def _recovered(file: IO[bytes]) -> dict[str, dict[str, Any]]:
+def _recovered(file: FileIO) -> dict[str, dict[str, Any]]:
     """The outcomes in the file; a last line that a crash tore is cut off, and its point is computed again."""
     file.seek(0)
     content = file.read()

@@ -11,7 +11,7 @@ import numpy as np
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.plots import COLUMN, GREY, RUN_STYLES
 from tensegrity_mj.report import Picture
-from tensegrity_mj.studies.validation.findings import title
+from tensegrity_mj.studies.validation.findings import left_promise, title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -195,10 +195,17 @@ def _map(engine: str, rows: Any) -> Iterator[Picture]:
     for number, name in enumerate(names):
         panel = figure.add_subplot(lines, columns, number + 1, projection="mollweide")
         for outcome, color in OUTCOME_COLORS.items():
-            b = np.array([one["direction"] for one in rows if one["law"] == name and one["outcome"] == outcome])
-            if len(b):
+            for hollow in (False, True):
+                own = [
+                    one for one in rows if (one["law"], one["outcome"], left_promise(one)) == (name, outcome, hollow)
+                ]
+                if not own:
+                    continue
+                b = np.array([one["direction"] for one in own])
                 places = np.arctan2(b[:, 1], b[:, 0]), np.arcsin(np.clip(b[:, 2], -1, 1))
-                used[outcome] = panel.scatter(*places, s=16, color=color, label=outcome)
+                face = "none" if hollow else color
+                key = f"{outcome}, V not as promised" if hollow else outcome
+                used[key] = panel.scatter(*places, s=16, facecolors=face, edgecolors=color, lw=1.0, label=key)
         panel.set_title(name, fontsize=9)
         panel.grid(color=palette.GRID, lw=0.5)
         panel.set_xticklabels([])
