@@ -41,6 +41,7 @@ _HOME = {
     "Load": "scene",
     "Scene": "scene",
     "Target": "scene",
+    "reproduce": "reproduction.reproduce",
     "simulate": "simulation",
     "StringLaw": "strings",
     "PointMass": "structure",
@@ -107,6 +108,7 @@ if TYPE_CHECKING:  # the same names, for type checkers and editors
     from tensegrity_mj.rendering import picture as picture
     from tensegrity_mj.rendering import render as render
     from tensegrity_mj.rendering import render_frame as render_frame
+    from tensegrity_mj.reproduction.reproduce import reproduce as reproduce
     from tensegrity_mj.scene import Break as Break
     from tensegrity_mj.scene import ControlSpec as ControlSpec
     from tensegrity_mj.scene import Load as Load

@@ -85,9 +85,7 @@ def test_engines_agree_on_a_controlled_structure_that_loses_a_string(actuation: 
     assert tmj.compare(run, intact).max_node_error > 1e-4  # the break matters
     assert run.energy_residual < 1e-7
     assert reference.energy_residual < 1e-8
-    held = tmj.simulate(
-        scene, law, tmj.DAE(method=tmj.Method.RK4, timestep=1e-3), duration=1.0, actuation=actuation
-    )
+    held = tmj.simulate(scene, law, tmj.DAE(method=tmj.Method.RK4, timestep=1e-3), duration=1.0, actuation=actuation)
     assert tmj.compare(held, reference).max_node_error < 1e-7
 
 

@@ -1,4 +1,4 @@
-"""DAE, ODE and MuJoCo's RK4 in closed loop, for every scene and law of chapters 4 to 6: nodes within 1e-7 m of each other.
+"""DAE, ODE and MuJoCo's RK4 in closed loop, for every scene and law of chapters 4 to 6: nodes within 1e-7 m.
 
 The law acts continuously. It is the same object in each run, so that only the plants differ.
 """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import json
 import math
@@ -124,6 +125,15 @@ def test_together_they_apply_in_a_fixed_order() -> None:
         assert draft.plant.structure.rods[0].mass == 6
         assert draft.make_engine() == tmj.DAE(rtol=1e-8)
         assert draft.make_actuation() == tmj.Actuation.hold_rest_length(0.01)
+
+
+def test_names_of_members_may_hold_dots_commas_and_brackets() -> None:
+    prism = tmj.load_scene("prism").structure
+    first, second, *others = prism.strings
+    named = dataclasses.replace(first, name="s.1,a[x]"), dataclasses.replace(second, name="s 2")
+    scene = tmj.Scene(dataclasses.replace(prism, strings=(*named, *others)))
+    changed = draft_of(scene, **{"plant.strings[s.1,a[x]].stiffness": 7.0, "structure.strings[s 2, s3].stiffness": 6.0})
+    assert [string.stiffness for string in changed.plant.structure.strings[:4]] == [7.0, 6.0, 6.0, first.stiffness]
 
 
 def test_what_is_set_of_a_part_wins_over_what_is_set_of_the_whole() -> None:

@@ -482,5 +482,5 @@ class Plant:
             text += f": {self.law.reason[0]}"
         elif not np.isnan(margin):
             # Where the moment is located, the last margin is the smallest positive one.
-            text += f": its feasibility margin is {margin:.3g}" if margin <= 0 else ": its feasibility margin falls to 0"
+            text += f": its margin max(v/α) (5.18) is {margin:.3g}" if margin <= 0 else ": its margin falls to 0 (5.18)"
         return text + "; change the target or the options of the law, or choose OnInfeasible.PASSIVE"

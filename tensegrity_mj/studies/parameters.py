@@ -50,7 +50,8 @@ MEMBERS = {"rods": "rod", "strings": "string", "point_masses": "point mass"}
 REST = ("rest_length", "tension", "force_density")  # of a string, which has one of them at most
 # Changes of one point are made in this order, so that what belongs together does not depend on how they were given.
 ORDER = ("structure", "scene", "plant", "law", "engine", "actuation", "on_infeasible", "output_interval")
-_MEMBER = re.compile(r"(?P<name>\w+)(\[(?P<which>[^\[\]]+)\])?")
+_PART = re.compile(r"[^.\[\]]+(\[.*\])?")
+_MEMBER = re.compile(r"(?P<name>\w+)(\[(?P<which>.+)\])?")
 
 
 @dataclass(frozen=True)
@@ -229,7 +230,7 @@ def _rank(path: str) -> tuple[Any, ...]:
     `engine` before `engine.rtol`, `rods.mass` before `rods[a,b].mass` before `rods[a].mass`, `gravity` before
     `gravity.z`; the path at last, so that equal settings give equal experiments, in whatever order they are given.
     """
-    parts = re.sub(r"\[[^\[\]]*\]", "", path).count(".")
+    parts = re.sub(r"\[.*\]", "", path).count(".")
     return ORDER.index(_root(path)), parts, "[" in path, -path.count(","), path
 
 
@@ -362,7 +363,10 @@ def _scene_change(scene: Scene, kind: str, rest: str, path: str) -> Change:
 def _member_change(scene: Scene, kind: str, which: str | None, others: list[str], path: str) -> Change:
     members = getattr(scene.structure, kind)
     by_name = _named(members)
-    chosen = list(by_name) if which is None else [name.strip() for name in which.split(",")]
+    if which is None:
+        chosen = list(by_name)
+    else:  # a name may hold commas itself
+        chosen = [which] if which in by_name else [name.strip() for name in which.split(",")]
     for name in chosen:
         if name not in by_name:
             raise OptionError(f"{path}: {_unknown(name, by_name, MEMBERS[kind])}")
@@ -498,9 +502,17 @@ def _change_loads(path: str, which: str | None, name: str, axis: int | None, sce
 
 
 def _parts(rest: str, path: str) -> list[str]:
-    """The parts between dots; names in brackets may hold dots."""
-    parts = re.findall(r"(?:[^.\[\]]+(?:\[[^\[\]]*\])?)", rest)
-    if ".".join(parts) != rest or not parts:
+    """The parts between dots; names in brackets may hold dots, and brackets in pairs."""
+    parts, depth = [""], 0
+    for letter in rest:
+        depth += (letter == "[") - (letter == "]")
+        if letter == "." and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += letter
+        if depth < 0:
+            break
+    if depth or not all(_PART.fullmatch(part) for part in parts):
         raise OptionError(f"{path}: it is no parameter; write it like structure.rods[rod1].mass")
     return parts
 

@@ -25,6 +25,7 @@ SAME = 1e-9  # part of the structure's size: nodes that are not farther apart ar
 STANDING = 0.05  # part of the way to the target that the fastest node would go in another duration
 TREND = 0.01  # part by which a quantity must change to have a trend
 STOPPED = ("infeasible", "singular", "diverged")
+TOLERATED = ("mass", "stiffness", "noise", "delay", "breaks", "gravity")
 GOOD = ("converged", "completed")  # the latter where there is no target
 OUTCOMES = ("converged", "off target", "still moving", "mirrored", *STOPPED, "failed", "completed")
 
@@ -149,8 +150,8 @@ def judged(values: Mapping[str, Any], tolerance: float, duration: float) -> str:
 
 
 def _tolerance(setup: Setup, nominal: Iterable[Mapping[str, Any]]) -> float:
-    """Distance from the target [m] that counts as there: 5 % of the way; up to twice that where nominal runs, which must
-    come that near themselves, have more than half of it left."""
+    """Distance from the target [m] that counts as there: 5 % of the way, or twice what a nominal run has left, if that
+    has come so near itself."""
     near = CONVERGED * way(setup.scene, setup.duration)
     finals = [
         one["values"]["error"]["final"] for one in nominal if one["status"] == DONE and one["values"].get("error")
@@ -311,8 +312,12 @@ def summary(setup: Setup, found: Data) -> list[str]:
         "gravity": _gravity_sentences,
         "starts": _start_sentences,
     }
+    # What is off can only be blamed where the run converges without it.
+    outcome = found["nominal"]["engines"][engine]["outcome"]
+    unjudged = [] if outcome in GOOD else [section for section in TOLERATED if section in found]
+    sentences.append(_unjudged_sentence(unjudged, outcome))
     for section, maker in makers.items():
-        if section in found:
+        if section in found and section not in unjudged:
             mine = maker(setup, section, found[section][engine])
             others = [name for name in setup.engines[1:] if maker(setup, section, found[section][name]) != mine]
             sentences += mine
@@ -343,9 +348,17 @@ def _nominal_sentence(setup: Setup, found: Data, engine: str) -> str:
         if engine in one["engines"] and one["node_error"] is not None:
             other = next(name for name in one["engines"] if name != engine)
             text += f"; {title(other)} differs by {one['node_error']:.1e} m"
-    if values["outcome"] == "still moving":
-        text += ". It may need more time (--duration), and so may all that is judged below"
     return text + "."
+
+
+def _unjudged_sentence(unjudged: Sequence[str], outcome: str) -> str:
+    if not unjudged:
+        return ""
+    more = ", or with more time (--duration)" if outcome == "still moving" else ""
+    return (
+        f"What the law tolerates of {' and '.join(unjudged)} cannot be told where it does not converge without: see "
+        f"the tables, and test it where it does{more}."
+    )
 
 
 def _winch_sentences(found: Data, engine: str) -> list[str]:
@@ -382,10 +395,13 @@ def _winch_sentences(found: Data, engine: str) -> list[str]:
 
 def _sampling_sentences(setup: Setup, section: str, part: Data) -> list[str]:
     sentences = []
+    # What sampling costs is told of runs that end as the law at every stage does, well or not.
+    without = {one["outcome"] for one in part["rows"] if one["mode"] == Mode.CONTINUOUS.value}
+    fine = {*GOOD, *without} - {*STOPPED, "failed"}
     for mode in (Mode.HOLD_FORCE_DENSITY.value, Mode.HOLD_REST_LENGTH.value):
         own = [one for one in part["rows"] if one["mode"] == mode]
-        bad = [one for one in own if one["outcome"] not in GOOD]
-        good = [one for one in own if one["outcome"] in GOOD and one["node_error"] is not None]
+        bad = [one for one in own if one["outcome"] not in fine]
+        good = [one for one in own if one["outcome"] in fine and one["node_error"] is not None]
         near = min(good, key=lambda one: abs(math.log(one["period"] / setup.period)), default=None)
         if near is not None:
             against = "" if part["reference"] == "continuous" else " against the finest period"

@@ -197,7 +197,12 @@ def _duration(scene: Scene, duration: float | None) -> float:
 
 def _part_of_a_tick(what: str, value: float) -> float:
     value = positive(what, value, "s")
-    whole_ratio(TICK, value, f"10 ms over the {what}")
+    try:
+        whole_ratio(TICK, value, what)
+    except OptionError:
+        raise OptionError(
+            f"{what} = {value:g}: it must divide {TICK:g} s, as 0.005, 0.002, 0.001 and 0.0005 do"
+        ) from None
     return value
 
 
