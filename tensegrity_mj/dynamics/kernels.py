@@ -95,6 +95,32 @@ def _keep_in_plane(B: Any, v: Any) -> None:
 
 
 @njit
+def place_points(q: Any, rates: Any, points: Any, nodes: Any, velocities: Any) -> None:
+    """Positions and velocities of the point masses' nodes, for both formulations: they have z alone."""
+    for a in range(len(points)):
+        point = points[a]
+        for k in range(3):
+            r, r_rate = point.anchor[k], 0.0
+            for p in range(point.nz):
+                r += point.E[k, p] * q[point.q + p]
+                r_rate += point.E[k, p] * rates[point.q + p]
+            nodes[point.node, k] = r
+            velocities[point.node, k] = r_rate
+
+
+@njit
+def accelerate_points(forces: Any, points: Any, gravity: Any, out: Any) -> None:
+    """z̈ of the point masses for nodal forces (N, 3) [N]."""
+    for a in range(len(points)):
+        point = points[a]
+        for p in range(point.nz):
+            total = 0.0
+            for k in range(3):
+                total += point.E[k, p] * (forces[point.node, k] / point.mass + gravity[k])
+            out[point.q + p] = total
+
+
+@njit
 def place_nodes(q: Any, rates: Any, rods: Any, points: Any, nodes: Any, velocities: Any) -> None:
     """vec(N) = Φ q + y (2.53) and its rate, written into (N, 3) arrays; fixed nodes are left as they are."""
     for a in range(len(rods)):
@@ -113,15 +139,7 @@ def place_nodes(q: Any, rates: Any, rods: Any, points: Any, nodes: Any, velociti
             nodes[rod.j, k] = r + ahead * b
             velocities[rod.i, k] = r_rate - back * b_rate
             velocities[rod.j, k] = r_rate + ahead * b_rate
-    for a in range(len(points)):
-        point = points[a]
-        for k in range(3):
-            r, r_rate = point.anchor[k], 0.0
-            for p in range(point.nz):
-                r += point.E[k, p] * q[point.q + p]
-                r_rate += point.E[k, p] * rates[point.q + p]
-            nodes[point.node, k] = r
-            velocities[point.node, k] = r_rate
+    place_points(q, rates, points, nodes, velocities)
 
 
 @njit
@@ -173,13 +191,7 @@ def accelerations(
             out[iz + p] = rod.E[0, p] * r_acc[0] + rod.E[1, p] * r_acc[1] + rod.E[2, p] * r_acc[2]
         for p in range(rod.nb):
             out[ib + p] = rod.B[0, p] * b_acc[0] + rod.B[1, p] * b_acc[1] + rod.B[2, p] * b_acc[2]
-    for a in range(len(points)):
-        point = points[a]
-        for p in range(point.nz):
-            total = 0.0
-            for k in range(3):
-                total += point.E[k, p] * (forces[point.node, k] / point.mass + gravity[k])
-            out[point.q + p] = total
+    accelerate_points(forces, points, gravity, out)
 
 
 @njit

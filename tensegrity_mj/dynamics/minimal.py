@@ -22,7 +22,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj.dynamics.kernels import rod_forces, solve_spd
+from tensegrity_mj.dynamics.kernels import accelerate_points, place_points, rod_forces, solve_spd
 from tensegrity_mj.dynamics.records import Records, StructureRecords
 from tensegrity_mj.structure import Structure
 
@@ -177,15 +177,7 @@ def place_minimal(q: Any, rates: Any, rods: Any, points: Any, nodes: Any, veloci
             nodes[rod.j, k] = r + ahead * b[k]
             velocities[rod.i, k] = r_rate - back * b_rate[k]
             velocities[rod.j, k] = r_rate + ahead * b_rate[k]
-    for a in range(len(points)):
-        point = points[a]
-        for k in range(3):
-            r, r_rate = point.anchor[k], 0.0
-            for p in range(point.nz):
-                r += point.E[k, p] * q[point.q + p]
-                r_rate += point.E[k, p] * rates[point.q + p]
-            nodes[point.node, k] = r
-            velocities[point.node, k] = r_rate
+    place_points(q, rates, points, nodes, velocities)
 
 
 @njit
@@ -252,13 +244,7 @@ def minimal_accelerations(
             out[at + c] = total
         if rod.nb == 3:
             out[at] /= sine
-    for a in range(len(points)):
-        point = points[a]
-        for p in range(point.nz):
-            total = 0.0
-            for k in range(3):
-                total += point.E[k, p] * (forces[point.node, k] / point.mass + gravity[k])
-            out[point.q + p] = total
+    accelerate_points(forces, points, gravity, out)
 
 
 @njit
