@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from random_structures import random_scene, random_structure
 
 import tensegrity_mj as tmj
 from tensegrity_mj import rods
+from tensegrity_mj.families.random_structures import random_scene, random_structure
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.structure import Structure, Support, null_space_basis
 from tensegrity_mj.trajectory import Trajectory

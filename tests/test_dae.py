@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from random_structures import random_scene, random_structure
 
 import tensegrity_mj as tmj
 from tensegrity_mj import rods
 from tensegrity_mj.dynamics.kernels import accelerations, place_nodes
 from tensegrity_mj.dynamics.records import StructureRecords
+from tensegrity_mj.families.random_structures import random_scene, random_structure
 
 
 def saddle_point(records, q, rates, forces, gravity):

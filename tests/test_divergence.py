@@ -13,7 +13,6 @@ import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from random_structures import random_scene, random_structure, random_velocities
 
 import tensegrity_mj as tmj
 from tensegrity_mj import (
@@ -31,6 +30,7 @@ from tensegrity_mj import (
 )
 from tensegrity_mj.engines.mujoco import MuJoCo
 from tensegrity_mj.engines.run import check_energy
+from tensegrity_mj.families.random_structures import random_scene, random_structure, random_velocities
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.structure import PointMass, String, Structure
 from tensegrity_mj.trajectory import LAW_REPORTS, VARIABLES

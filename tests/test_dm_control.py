@@ -11,11 +11,11 @@ import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from random_structures import random_scene, random_structure
 
 import tensegrity_mj as tmj
 from tensegrity_mj import Actuation, Integrator, OptionError
 from tensegrity_mj.dm_control import physics, repair
+from tensegrity_mj.families.random_structures import random_scene, random_structure
 from tensegrity_mj.mjcf import initial_velocities, scene_to_mjcf
 from tensegrity_mj.scene import Scene
 

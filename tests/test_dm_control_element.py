@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from random_structures import random_rotation, random_scene, random_structure
 
 import tensegrity_mj as tmj
 from tensegrity_mj import Command, ControllerError, Integrator, OptionError, StructureError
 from tensegrity_mj.dm_control import TensegrityEntity, adopt_options, element, physics, repair
+from tensegrity_mj.families.random_structures import random_rotation, random_scene, random_structure
 from tensegrity_mj.mjcf import initial_velocities, quaternion
 from tensegrity_mj.scene import Break, Scene
 

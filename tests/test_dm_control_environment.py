@@ -11,11 +11,11 @@ import pytest
 from absl.testing import absltest
 from dm_env import StepType, test_utils
 from numpy.typing import NDArray
-from random_structures import random_scene, random_structure
 
 import tensegrity_mj as tmj
 from tensegrity_mj import Actuation, Command, ControllerError, DivergenceError, Integrator, OptionError, StringLaw
 from tensegrity_mj.dm_control import PhysicsDivergence, RandomStart, environment, physics
+from tensegrity_mj.families.random_structures import random_scene, random_structure
 from tensegrity_mj.scene import Break, Scene
 
 Array = NDArray[np.float64]

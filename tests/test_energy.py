@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from random_structures import random_scene, random_structure
 
 import tensegrity_mj as tmj
 from tensegrity_mj.controllers import from_scene
+from tensegrity_mj.families.random_structures import random_scene, random_structure
 
 ACTUATIONS = {
     "continuous": tmj.Actuation.continuous(),

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from engine_accelerations import dae_accelerations, mujoco_accelerations
 from numpy.typing import NDArray
-from random_structures import random_scene, random_structure
 
 import tensegrity_mj as tmj
 from tensegrity_mj import rods
+from tensegrity_mj.families.random_structures import random_scene, random_structure
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.strings import StringLaw
 

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from random_structures import random_configuration, random_structure, random_velocities
 
 import tensegrity_mj as tmj
 from tensegrity_mj.controllers import Allocation, FeedbackLinearization, Sum, WhenInfeasible
@@ -16,6 +15,7 @@ from tensegrity_mj.dynamics.kernels import accelerations, place_nodes
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.families.cross import cross, cross_nodes
+from tensegrity_mj.families.random_structures import random_configuration, random_structure, random_velocities
 
 Array = NDArray[np.float64]
 TIGHT = tmj.DAE(rtol=1e-12, atol=1e-13)

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import truth
 from numpy.typing import NDArray
-from random_structures import random_configuration, random_scene, random_structure
 
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
+from tensegrity_mj.families.random_structures import random_configuration, random_scene, random_structure
 from tensegrity_mj.linearization import Chart
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.strings import StringLaw

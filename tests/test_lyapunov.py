@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_structures import random_configuration, random_scene, random_structure
 
 import tensegrity_mj as tmj
 from tensegrity_mj import rods
@@ -15,6 +14,7 @@ from tensegrity_mj.controllers import Gains, Lyapunov, from_scene
 from tensegrity_mj.dynamics.kernels import accelerations, place_nodes
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import target_nodes
+from tensegrity_mj.families.random_structures import random_configuration, random_scene, random_structure
 
 
 def random_gains(rng, n):

@@ -9,11 +9,11 @@ import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from random_structures import random_scene, random_structure
 
 import tensegrity_mj as tmj
 from tensegrity_mj import rods
 from tensegrity_mj.errors import FormatError, OptionError, StructureError
+from tensegrity_mj.families.random_structures import random_scene, random_structure
 from tensegrity_mj.mjcf import initial_velocities, save_mjcf, scene_to_mjcf
 from tensegrity_mj.scene import Load, Scene
 from tensegrity_mj.structure import PointMass, Rod, String, Structure, Support

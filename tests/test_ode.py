@@ -10,7 +10,6 @@ import pytest
 import truth
 from engine_accelerations import dae_accelerations, ode_accelerations
 from numpy.typing import NDArray
-from random_structures import random_scene, random_structure
 from stedy import largest_frequency, scene_of
 
 import tensegrity_mj as tmj
@@ -23,6 +22,7 @@ from tensegrity_mj.dynamics.minimal import (
     node_accelerations,
     place_minimal,
 )
+from tensegrity_mj.families.random_structures import random_scene, random_structure
 from tensegrity_mj.scene import Break, Scene
 from tensegrity_mj.strings import StringLaw
 

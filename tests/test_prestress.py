@@ -11,10 +11,16 @@ import truth
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from random_structures import moved, random_configuration, random_rotation, random_structure, random_velocities
 
 from tensegrity_mj import strings as string_law
 from tensegrity_mj.errors import InfeasibleError, OptionError, StructureError
+from tensegrity_mj.families.random_structures import (
+    moved,
+    random_configuration,
+    random_rotation,
+    random_structure,
+    random_velocities,
+)
 from tensegrity_mj.prestress import (
     equilibrium_force_densities,
     equilibrium_matrix,

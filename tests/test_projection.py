@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_structures import random_configuration, random_scene, random_structure
 from test_lyapunov import random_law as random_lyapunov
 
 import tensegrity_mj as tmj
@@ -21,6 +20,7 @@ from tensegrity_mj.controllers.limits import StringLimits
 from tensegrity_mj.dynamics.kernels import accelerations, place_nodes
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import target_nodes
+from tensegrity_mj.families.random_structures import random_configuration, random_scene, random_structure
 from tensegrity_mj.landscape import Landscape, angles
 from tensegrity_mj.law import Report
 

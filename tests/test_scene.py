@@ -11,9 +11,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_structures import random_configuration, random_scene, random_structure, random_velocities
 
 from tensegrity_mj.errors import SceneError
+from tensegrity_mj.families.random_structures import (
+    random_configuration,
+    random_scene,
+    random_structure,
+    random_velocities,
+)
 from tensegrity_mj.scene import ControlSpec, Load, Scene, Target
 from tensegrity_mj.structure import PointMass, Rod, String, Structure, Support
 

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_structures import moved, random_rotation, random_structure
 
 from tensegrity_mj.errors import StructureError
+from tensegrity_mj.families.random_structures import moved, random_rotation, random_structure
 from tensegrity_mj.strings import StringLaw
 from tensegrity_mj.structure import PointMass, Rod, String, Structure, Support, null_space_basis
 

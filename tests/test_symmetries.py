@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from random_structures import moved, random_rotation, random_scene, random_structure
 
 import tensegrity_mj as tmj
+from tensegrity_mj.families.random_structures import moved, random_rotation, random_scene, random_structure
 from tensegrity_mj.scene import Load, Scene
 from tensegrity_mj.strings import StringLaw
 from tensegrity_mj.structure import PointMass, String, Structure

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_structures import random_scene, random_structure
 
 from tensegrity_mj import textformat
 from tensegrity_mj.errors import FormatError, SceneError, StructureError, TensegrityError
+from tensegrity_mj.families.random_structures import random_scene, random_structure
 from tensegrity_mj.prestress import SelfStress
 from tensegrity_mj.scene import ControlSpec, Load, Scene, Target
 from tensegrity_mj.strings import StringLaw

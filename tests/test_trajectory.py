@@ -12,10 +12,10 @@ import h5netcdf
 import numpy as np
 import pytest
 import xarray
-from random_structures import random_scene, random_structure
 
 import tensegrity_mj as tmj
 from tensegrity_mj.controllers import from_scene
+from tensegrity_mj.families.random_structures import random_scene, random_structure
 from tensegrity_mj.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.trajectory import VARIABLES
 

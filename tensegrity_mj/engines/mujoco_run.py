@@ -1,0 +1,222 @@
+"""One run of the MuJoCo engine: the model stepped with the law inside its control callback."""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.engines import mujoco_callback as callback
+from tensegrity_mj.engines.run import (
+    BEYOND,
+    Grid,
+    Progress,
+    Request,
+    Stopwatch,
+    allocate_rows,
+    blame_divergence,
+    check_energy,
+    chunks,
+    make_trajectory,
+)
+from tensegrity_mj.errors import DivergenceError, TensegrityError
+from tensegrity_mj.law import NO_SOLUTION, SOLVED
+from tensegrity_mj.mjcf import initial_velocities
+from tensegrity_mj.native.plant import STATUS, Plant, row_width
+from tensegrity_mj.native.pointers import address_of
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.trajectory import Status, Trajectory
+
+if TYPE_CHECKING:
+    from tensegrity_mj.engines.mujoco import MuJoCo
+
+Array = NDArray[np.float64]
+
+# What MuJoCo warns of where it has left the world of sense; it goes on all the same.
+_WARNINGS = {
+    "a bad position": mujoco.mjtWarning.mjWARN_BADQPOS,
+    "a bad velocity": mujoco.mjtWarning.mjWARN_BADQVEL,
+    "a bad acceleration": mujoco.mjtWarning.mjWARN_BADQACC,
+    "a bad control": mujoco.mjtWarning.mjWARN_BADCTRL,
+}
+
+
+def node_addresses(scene: Scene, model: mujoco.MjModel) -> tuple[Any, Any, Any]:
+    """Site, body and root of the kinematic tree of each node, (N,) int64 each."""
+    sites = np.array([model.site(name).id for name in scene.structure.nodes], np.int64)
+    bodies = model.site_bodyid[sites].astype(np.int64)
+    return sites, bodies, model.body_rootid[bodies].astype(np.int64)
+
+
+class MuJoCoRun:
+    """One run: model, data, plant, and what is made of the recorded rows."""
+
+    def __init__(self, options: MuJoCo, request: Request) -> None:
+        self.options, self.request = options, request
+        scene, structure = request.scene, request.scene.structure
+        self.grid = Grid.of(request, options.timestep)
+        self.model = options.model(scene)
+        self.data = mujoco.MjData(self.model)
+        self.data.qvel[:] = initial_velocities(scene)  # positions are the model's own
+        self.plant = Plant(scene, request.law, request.actuation, request.on_infeasible)
+        table = self.plant.table
+        self.times = self.grid.times
+        self.width = row_width(table)
+        # One row more than the grid has, for where a law stops the run.
+        self.rows = allocate_rows(len(self.times) + 1, self.width + 3 * len(structure.rods))
+        self.counters = np.array([0, 0, 0, -1, callback.RUNNING, 0], np.int64)
+        self.keep = {
+            callback.DESIGNED: np.array(structure.rest_lengths),
+            callback.SLIDES: self._slides(),
+            callback.COUNTERS: self.counters,
+            callback.WORK_INTEGRALS: np.zeros(3),
+            callback.ROWS: self.rows,
+            callback.STEP_SIZE: np.array([options.timestep]),
+        }
+        sites, bodies, roots = node_addresses(scene, self.model)
+        self.keep |= {callback.NODE_SITE: sites, callback.NODE_BODY: bodies, callback.NODE_ROOT: roots}
+        data = self.data
+        views = {
+            callback.SITE_XPOS: data.site_xpos,
+            callback.CVEL: data.cvel,
+            callback.SUBTREE_COM: data.subtree_com,
+            callback.XIPOS: data.xipos,
+            callback.XFRC: data.xfrc_applied,
+            callback.QACC: data.qacc,
+            callback.ACTUATOR_FORCE: data.actuator_force,
+            callback.CTRL: data.ctrl,
+            callback.FORCE_RANGE: self.model.actuator_forcerange,
+            callback.TEN_LENGTH: data.ten_length,
+            callback.TEN_VELOCITY: data.ten_velocity,
+        }
+        for slot, array in (self.keep | views).items():
+            table[slot] = address_of(array)
+        table[callback.BODY_COUNT] = self.model.nbody
+        table[callback.ROW_COUNT], table[callback.ROW_SIZE] = self.rows.shape
+        table[callback.DATA] = data._address
+        table[callback.STRIDE], table[callback.RATIO] = self.grid.stride, self.grid.ratio
+        table[callback.TOTAL] = self.grid.count
+        table[callback.STAGES] = options.stages
+        table[callback.ROD_COUNT] = len(structure.rods)
+
+    def _slides(self) -> Array:
+        """A row a rod: number of translational coordinates, their first dof, and E (3, 3) padded, by rows."""
+        rods = self.request.scene.structure.rods
+        slides = np.zeros((len(rods), 11))
+        for row, rod in zip(slides, rods, strict=True):
+            E = rod.support.translation_basis
+            basis = np.zeros((3, 3))
+            basis[:, : E.shape[1]] = E
+            body = self.model.site_bodyid[self.model.site(rod.nodes[0]).id]
+            row[0], row[1], row[2:] = E.shape[1], self.model.body_dofadr[body], basis.ravel()
+        return slides
+
+    def run(self) -> Trajectory:
+        grid, options = self.grid, self.options
+        counters = self.counters
+        label = f"MuJoCo {options.integrator.value}"
+        with Progress(self.request, label) as progress, callback.installed(self.plant.table) as texts:
+            self._warm_up()
+            clock = Stopwatch()
+            for first, count in chunks(grid.count):
+                mujoco.mj_step(self.model, self.data, count)
+                progress.reached(min(first + count, int(counters[callback.STEP])) * options.timestep)
+                if counters[callback.ENDED] != callback.RUNNING:
+                    break
+                self._check(first + count, clock.seconds)
+            else:
+                mujoco.mj_forward(self.model, self.data)  # the last row
+            seconds = clock.seconds
+            if counters[callback.ENDED] != callback.RUNNING:
+                callback.finish_row(self.plant.table)
+        ended, step = int(counters[callback.ENDED]), int(counters[callback.END_STEP])
+        if ended == callback.FINISHED:
+            self.plant.raise_if_failed(SOLVED, self.times[-1])  # a load, at the very end
+            run = self._finish(len(self.times), Status.COMPLETED, "", seconds)
+            check_energy(run, self._remedy(), self.options.is_explicit)
+            for text in texts:
+                warnings.warn(f"MuJoCo: {text}", RuntimeWarning, stacklevel=4)  # at the call of simulate
+            return run
+        time, kept = step * options.timestep, int(counters[callback.NEXT_ROW])
+        if counters[callback.STAGE] == 0 and not self.plant.table[STATUS]:
+            self.times = np.append(self.times[: kept - 1], time)  # the law stopped it at a step's start: a row more
+        if ended == callback.LOST:
+            self._diverged(f"positions or velocities are beyond {BEYOND:g} m or m/s", seconds, time)
+        if ended == callback.LOST_CONTROL:
+            self._diverged(f"rest lengths are beyond {BEYOND:g} m, where MuJoCo ignores them", seconds, time)
+        blame = (self.plant, time, self._remedy(), self.options.is_explicit)
+        try:
+            self.plant.raise_if_failed(ended, time)
+        except TensegrityError:
+            blame_divergence(self._partial(seconds), *blame)
+            raise
+        assert ended == NO_SOLUTION, ended
+        blame_divergence(self._partial(seconds), *blame)
+        return self._finish(kept, Status.INFEASIBLE, self.plant.infeasible_message(time), seconds)
+
+    def _warm_up(self) -> None:
+        """Compile the callback on data that is not this run's, so that no clock counts it."""
+        table = self.plant.table.copy()
+        callback.finish_row(table)
+        counters = self.counters.copy()
+        counters[callback.ENDED] = callback.FINISHED
+        table[callback.COUNTERS] = address_of(counters)
+        callback.control_stage(table)
+
+    def _check(self, steps: int, seconds: float) -> None:
+        """Raise if MuJoCo warned, stopped counting steps, or left the finite world."""
+        data = self.data
+        causes = [f"MuJoCo warned of {name}" for name in _WARNINGS if data.warning[_WARNINGS[name]].number]
+        if not (np.all(np.isfinite(data.qpos)) and np.all(np.isfinite(data.qvel))):
+            causes.append("the state is no longer finite")
+        if int(self.counters[callback.STEP]) != steps:
+            causes.append(f"{self.counters[callback.STEP]} steps were made, not {steps}")
+        if causes:
+            self._diverged(", ".join(causes), seconds, steps * self.options.timestep)
+
+    def _diverged(self, cause: str, seconds: float, time: float) -> NoReturn:
+        partial = self._partial(seconds)
+        check_energy(partial, self._remedy(), self.options.is_explicit)  # it may know better when and why
+        raise DivergenceError(f"diverged by t = {time:.6g} s: {cause}; {self._remedy()}", time, partial)
+
+    def _partial(self, seconds: float) -> Trajectory:
+        """What there is so far: the rows that have their accelerations."""
+        rows = int(self.counters[callback.NEXT_ROW]) - int(self.counters[callback.WAITING] >= 0)
+        if self.plant.table[STATUS]:  # a load that failed has no value at the last row
+            rows -= 1
+        return self._finish(max(1, min(rows, len(self.times))), Status.DIVERGED, "diverged", seconds)
+
+    def _remedy(self) -> str:
+        text = f"reduce the time step (h = {self.options.timestep:g} s)"
+        if self.options.integrator.value != "discrete":
+            text += ", or trade accuracy for stability with Integrator.DISCRETE"
+        return text
+
+    def _finish(self, count: int, status: Status, message: str, seconds: float) -> Trajectory:
+        R = len(self.request.scene.structure.rods)
+        steps = int(self.counters[callback.STEP])
+        rows = self.rows[:count]
+        return make_trajectory(
+            self.request,
+            self.times[:count],
+            rows[:, : self.width],
+            r_accelerations=rows[:, self.width :].reshape(count, R, 3),
+            engine=str(self.options),
+            status=status,
+            message=message,
+            cost={
+                "wall_time": seconds,
+                "steps": steps,
+                "evaluations": steps * int(self.plant.table[callback.STAGES]),
+            },
+            provenance={
+                "engine": {
+                    "name": "MuJoCo",
+                    "timestep": self.options.timestep,
+                    "integrator": self.options.integrator.value,
+                }
+            },
+        )
