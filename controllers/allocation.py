@@ -16,13 +16,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
-njit = numba.njit(cache=True, error_model="numpy")
+from tensegrity_mj.native.pointers import inlined, owning
 
 
-@njit
+@owning
 def feasibility_margin(v: Any, alpha: float, floor: Any, ceiling: Any) -> float:
     """The margin of the module's text for v, ū and c (M,) and α."""
     rest = alpha
@@ -31,7 +30,7 @@ def feasibility_margin(v: Any, alpha: float, floor: Any, ceiling: Any) -> float:
     return _margin(v, rest, floor, ceiling)
 
 
-@njit
+@owning
 def _margin(v: Any, rest: float, floor: Any, ceiling: Any) -> float:
     need, sign = (rest, 1.0) if rest > 0.0 else (-rest, -1.0)
     best, capacity = -np.inf, 0.0
@@ -50,7 +49,7 @@ def _margin(v: Any, rest: float, floor: Any, ceiling: Any) -> float:
     return margin
 
 
-@njit
+@owning
 def least_norm(v: Any, alpha: float, floor: Any, ceiling: Any, norm: float, u: Any) -> float:
     """Write the minimizer of ‖u‖_norm (norm 1, 2 or inf) into u and return the margin; u = ū where it is <= 0."""
     n = len(v)
@@ -71,7 +70,26 @@ def least_norm(v: Any, alpha: float, floor: Any, ceiling: Any, norm: float, u: A
     return margin
 
 
-@njit
+@inlined
+def least_squares(v: Any, alpha: float, u: Any) -> float:
+    """`least_norm` for norm 2 without thresholds and ceilings, part b) of the lemma: u = α v/Σv² over v of α's sign."""
+    need, sign = (alpha, 1.0) if alpha > 0.0 else (-alpha, -1.0)
+    best, square = -np.inf, 0.0
+    for i in range(len(v)):
+        w = sign * v[i]
+        best = max(best, w)
+        square += max(w, 0.0) * max(w, 0.0)
+    if need == 0.0 or not best > 0.0:
+        for i in range(len(v)):
+            u[i] = 0.0
+        return np.inf if need == 0.0 else best / need
+    mu = need / square
+    for i in range(len(v)):
+        u[i] = mu * max(sign * v[i], 0.0)
+    return best / need
+
+
+@owning
 def _least_sum(v: Any, rest: float, floor: Any, ceiling: Any, u: Any) -> None:
     # The most effective string first, each up to its ceiling. One pass a string that is filled; mostly that is one.
     sign = 1.0 if rest > 0.0 else -1.0
@@ -95,22 +113,18 @@ def _least_sum(v: Any, rest: float, floor: Any, ceiling: Any, u: Any) -> None:
         last = best
 
 
-@njit
+@owning
 def _least_squares(v: Any, alpha: float, rest: float, floor: Any, ceiling: Any, u: Any) -> None:
     # The optimality conditions give u_i = min(max(ū_i, μ w_i), c_i) with w = v sign(α') and μ > 0. The sum of w_i u_i
     # grows with μ piecewise linearly: string i leaves its threshold at ū_i / w_i and meets its ceiling at c_i / w_i.
     sign = 1.0 if rest > 0.0 else -1.0
     n = len(v)
-    if rest == alpha and not floor.any():
-        # Part b) of the lemma as printed: no threshold, and where no ceiling is reached, no breakpoint.
-        square, within = 0.0, True
+    if not floor.any():
+        # Where no ceiling is reached, no breakpoint.
+        least_squares(v, alpha, u)
+        within = True
         for i in range(n):
-            if sign * v[i] > 0.0:
-                square += v[i] * v[i]
-        for i in range(n):
-            if sign * v[i] > 0.0:
-                u[i] = alpha * v[i] / square
-                within = within and u[i] <= ceiling[i]
+            within = within and u[i] <= ceiling[i]
         if within:
             return
     breakpoints = np.full(2 * n, np.inf)
@@ -151,7 +165,7 @@ def _least_squares(v: Any, alpha: float, rest: float, floor: Any, ceiling: Any, 
         u[i] = min(max(floor[i], mu * sign * v[i]), ceiling[i])
 
 
-@njit
+@owning
 def _least_maximum(v: Any, rest: float, highest: float, floor: Any, ceiling: Any, u: Any) -> None:
     # Raise every helpful string to one common level y or its ceiling; below the highest threshold the level is not
     # unique, and the part of the way that suffices is taken.

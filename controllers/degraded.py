@@ -180,6 +180,7 @@ class Noisy:
             discontinuous=NOISY,
             period=self.period,
             decay_rate=None,
+            stateless=False,
         )
 
     def describe(self) -> dict[str, Any]:
@@ -259,6 +260,7 @@ class Delayed:
             discontinuous=DELAYED,
             period=self.period,
             decay_rate=None,
+            stateless=False,
         )
 
     def describe(self) -> dict[str, Any]:

@@ -27,6 +27,7 @@ from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import PackedTarget, point_target, rod_target
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.law import Command, NativeLaw, Report, native_law
+from tensegrity_mj.native.vectors import vector
 from tensegrity_mj.scene import Target
 from tensegrity_mj.structure import Structure
 from tensegrity_mj.validation import check_target
@@ -106,11 +107,11 @@ def error_equation(
     pull = np.zeros((count, 2, 5, 3))  # q̈ of each rod for a force on its first and on its second node
     owner = np.full((len(nodes), 2), -1)  # which rod (or point mass, from `count` on) a node is of, and which end
     start = np.empty(count + len(points), np.int64)
-    work = np.empty((24, 3))
-    scratch, r_aim, b_aim = work[:4], work[4:7], work[7:10]
-    b, b_rate, r, r_rate, t_r, t_b = work[10], work[11], work[12], work[13], work[14], work[15]
-    r_acc, b_acc, c, aim_c = work[16], work[17], work[18], work[19]
-    beta, beta_rate, aim, aim_rate = work[20], work[21], work[22], work[23]
+    work = np.empty((18, 3))
+    r_aim, b_aim = work[:3], work[3:6]
+    b, b_rate, r, r_rate, t_r, t_b = work[6], work[7], work[8], work[9], work[10], work[11]
+    c, aim_c = work[12], work[13]
+    beta, beta_rate, aim, aim_rate = work[14], work[15], work[16], work[17]
     P, aim_P = np.empty((2, 3)), np.empty((2, 3))
     at = 0
     for a in range(count):
@@ -133,7 +134,7 @@ def error_equation(
         if not angles(rod, b_aim[0], b_aim[1], aim, aim_rate, aim_P, aim_c):
             return a
         # q̈ without strings, M⁻¹ g, weight included.
-        rod_accelerations(rod, b, rate2 / square, t_r, t_b, r_acc, b_acc, scratch)
+        r_acc, b_acc = rod_accelerations(rod, vector(b), rate2 / square, vector(t_r), vector(t_b))
         turns = rod.nb - 1
         for p in range(rod.nz + turns):
             i = at + p
@@ -165,7 +166,7 @@ def error_equation(
                 for k in range(3):
                     t_r[k] = 1.0 if k == axis else 0.0
                     t_b[k] = lever * t_r[k]
-                rod_accelerations(rod, b, 0.0, t_r, t_b, r_acc, b_acc, scratch)
+                r_acc, b_acc = rod_accelerations(rod, vector(b), 0.0, vector(t_r), vector(t_b))
                 for p in range(rod.nz + turns):
                     for k in range(3):
                         if p < rod.nz:
@@ -285,7 +286,7 @@ class FeedbackLinearization:
                 f"the law was made for '{own.name}' with {len(own.nodes)} nodes and {len(own.strings)} strings; "
                 f"'{structure.name}' has other nodes or strings"
             )
-        return replace(native_law(_Evaluation(self), structure), gravity=self.gravity)
+        return replace(native_law(_Evaluation(self), structure), gravity=self.gravity, stateless=False)
 
     def __call__(self, time: float, nodes: Array, velocities: Array) -> Array:
         """u (M,) [N/m] at one state.

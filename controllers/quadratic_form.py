@@ -23,15 +23,43 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.checks import positive, real_array, state_of
-from tensegrity_mj.controllers.allocation import feasibility_margin, least_norm
+from tensegrity_mj.controllers.allocation import feasibility_margin, least_norm, least_squares
 from tensegrity_mj.controllers.gains import GAINS, Gains, gain_records
 from tensegrity_mj.controllers.limits import StringLimits, write_ceilings
 from tensegrity_mj.dynamics.kernels import rod_accelerations
 from tensegrity_mj.dynamics.records import POINT, ROD, StructureRecords
-from tensegrity_mj.dynamics.target import PackedTarget, point_target, read_target, rod_target
+from tensegrity_mj.dynamics.target import (
+    PackedTarget,
+    point_target,
+    read_target,
+    rod_target,
+    standing_at,
+    standing_targets,
+)
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED, NativeLaw, Report
-from tensegrity_mj.native.pointers import LAW_SIGNATURE, address_of, floats, integers, records_reader
+from tensegrity_mj.native.pointers import (
+    LAW_SIGNATURE,
+    STACK_LIMIT,
+    address_of,
+    borrowing,
+    floats,
+    inlined,
+    integers,
+    records_reader,
+    stack_doubles,
+)
+from tensegrity_mj.native.vectors import (
+    ZERO,
+    apply,
+    apply_transposed,
+    dot,
+    minus,
+    plus,
+    row_of,
+    times,
+    vector,
+)
 from tensegrity_mj.scene import Target
 from tensegrity_mj.structure import Structure
 from tensegrity_mj.validation import check_target
@@ -63,6 +91,8 @@ class Onto(enum.Enum):
 
 
 PLAIN, ONTO_CURRENT, ONTO_TARGET = 0, 1, 2  # the same in compiled code
+UNBOUNDED, FIXED, OF_STATE = 0, 1, 2  # thresholds and ceilings: none at all, constant, or ceilings of the state
+TABLE_SIZE = 15
 
 
 class Terms(NamedTuple):
@@ -81,40 +111,24 @@ class Terms(NamedTuple):
     f: Array
 
 
-@njit
-def _quadratic(X: Any, Y: Any, Z: Any, n: int, p: Any, p_rate: Any, rate: Any, c: Any) -> tuple[float, float, float]:
-    """½ pᵀXp, pᵀYė + ½ ėᵀZė, γ, and c = Yᵀ p + Z ė of one block of size n."""
-    error, velocity, gamma = 0.0, 0.0, 0.0
-    for i in range(n):
-        x, y, z, c[i] = 0.0, 0.0, 0.0, 0.0
-        for j in range(n):
-            x += X[i, j] * p[j]
-            y += Y[i, j] * rate[j]
-            z += Z[i, j] * rate[j]
-            c[i] += Z[j, i] * rate[j] + Y[j, i] * p[j]
-        error += 0.5 * p[i] * x
-        velocity += p[i] * y + 0.5 * rate[i] * z
-        gamma += p_rate[i] * (x + y)
-    return error, velocity, gamma
+@inlined
+def _quadratic(X: Any, Y: Any, Z: Any, p: Any, p_rate: Any, rate: Any) -> tuple[float, float, float, Any]:
+    """½ pᵀXp, pᵀYė + ½ ėᵀZė, γ, and c = Yᵀ p + Z ė of one block."""
+    Xp, Ye, Ze = apply(X, p), apply(Y, rate), apply(Z, rate)
+    error, velocity = 0.5 * dot(p, Xp), dot(p, Ye) + 0.5 * dot(rate, Ze)
+    return error, velocity, dot(p_rate, plus(Xp, Ye)), plus(apply_transposed(Y, p), Ze)
 
 
-@njit
-def _project(axis: Any, axis_rate: Any, e: Any, rate: Any, p: Any, p_rate: Any) -> None:
+@inlined
+def _project(a: Any, a_rate: Any, e: Any, rate: Any) -> tuple[Any, Any]:
     """p = P(a) e = e - a (aᵀe)/(aᵀa) of (2.10), and its rate, for any axis a ≠ 0 that moves."""
-    square, turning, along, along_rate = 0.0, 0.0, 0.0, 0.0
-    for k in range(3):
-        square += axis[k] * axis[k]
-        turning += axis[k] * axis_rate[k]
-        along += axis[k] * e[k]
-        along_rate += axis_rate[k] * e[k] + axis[k] * rate[k]
-    s = along / square
-    s_rate = (along_rate - 2.0 * s * turning) / square
-    for k in range(3):
-        p[k] = e[k] - s * axis[k]
-        p_rate[k] = rate[k] - s_rate * axis[k] - s * axis_rate[k]
+    square = dot(a, a)
+    s = dot(a, e) / square
+    s_rate = (dot(a_rate, e) + dot(a, rate) - 2.0 * s * dot(a, a_rate)) / square
+    return minus(e, times(s, a)), minus(minus(rate, times(s_rate, a)), times(s, a_rate))
 
 
-@njit
+@borrowing
 def quadratic_terms(
     t: float,
     nodes: Any,
@@ -125,107 +139,107 @@ def quadratic_terms(
     kind: int,
     string_nodes: Any,
     target: Any,
+    standing: Any,
     gravity: Any,
+    influence: Any,
     f: Any,
 ) -> tuple[float, float, float]:
-    """Both parts of V, β of (5.11) or (6.13), and f of (5.12) or (6.14) into (M,); weight counts as a known force."""
+    """Both parts of V, β of (5.11) or (6.13), and f of (5.12) or (6.14) into (M,); weight counts as a known force.
+
+    Args:
+        gains: in world components, see `QuadraticForm.compiled`.
+        target, standing: where it moves, and where it stands (`standing_targets`).
+        influence: (N, 3), written: Φ A c, how each node's force enters V̇.
+    """
     V_error, V_velocity, beta = 0.0, 0.0, 0.0
-    influence = np.zeros(nodes.shape)  # Φ A c: how each node's force enters V̇
-    work = np.empty((25, 3))  # one allocation: this is called at every stage
-    scratch, r_aim, b_aim = work[:4], work[4:7], work[7:10]
-    b, b_rate, r, r_rate, e, rate = work[10], work[11], work[12], work[13], work[14], work[15]
-    c, c_z, c_b, t_r, t_b, r_acc, b_acc = work[16], work[17], work[18], work[19], work[20], work[21], work[22]
-    p, p_rate = work[23], work[24]
+    g, still = vector(gravity), standing_at(t, target)
+    r_aim, b_aim = floats(stack_doubles(9), (3, 3)), floats(stack_doubles(9), (3, 3))
+    for n in range(len(nodes)):
+        for k in range(3):
+            influence[n, k] = 0.0
     for a in range(len(rods)):
         rod, gain = rods[a], gains[a]
-        square, rate2 = 0.0, 0.0
-        for k in range(3):
-            b[k] = (nodes[rod.j, k] - nodes[rod.i, k]) / rod.length
-            b_rate[k] = (velocities[rod.j, k] - velocities[rod.i, k]) / rod.length
-            r[k] = nodes[rod.i, k] + rod.sigma * rod.length * b[k]
-            r_rate[k] = velocities[rod.i, k] + rod.sigma * rod.length * b_rate[k]
-            square += b[k] * b[k]
-            rate2 += b_rate[k] * b_rate[k]
-        rod_target(rod, t, target, r_aim, b_aim)
-        # Accelerations without strings: M⁻¹ g, weight included.
-        for k in range(3):
-            t_r[k], t_b[k] = rod.mass * gravity[k], rod.f * gravity[k]
-        rod_accelerations(rod, b, rate2 / square, t_r, t_b, r_acc, b_acc, scratch)
-        for k in range(3):
-            e[k], rate[k] = b[k] - b_aim[0, k], b_rate[k] - b_aim[1, k]
+        first, first_rate = row_of(nodes, rod.i), row_of(velocities, rod.i)
+        b = times(rod.per_length, minus(row_of(nodes, rod.j), first))
+        b_rate = times(rod.per_length, minus(row_of(velocities, rod.j), first_rate))
+        back, ahead = rod.sigma * rod.length, (1.0 - rod.sigma) * rod.length
+        if still >= 0:
+            r_d, b_d = row_of(standing[still, a], 0), row_of(standing[still, a], 1)
+            r_d_rate = r_d_acc = b_d_rate = b_d_acc = ZERO
+        else:
+            rod_target(rod, t, target, r_aim, b_aim)
+            r_d, r_d_rate, r_d_acc = row_of(r_aim, 0), row_of(r_aim, 1), row_of(r_aim, 2)
+            b_d, b_d_rate, b_d_acc = row_of(b_aim, 0), row_of(b_aim, 1), row_of(b_aim, 2)
+        e, rate = minus(b, b_d), minus(b_rate, b_d_rate)
         if kind == PLAIN:
-            error, velocity, gamma = _quadratic(gain.Xb, gain.Yb, gain.Zb, 3, e, rate, rate, c_b)
+            error, velocity, gamma, c_b = _quadratic(gain.Xb, gain.Yb, gain.Zb, e, rate, rate)
         else:
             if kind == ONTO_CURRENT:
-                _project(b, b_rate, e, rate, p, p_rate)
+                p, p_rate = _project(b, b_rate, e, rate)
             else:
-                _project(b_aim[0], b_aim[1], e, rate, p, p_rate)
-            error, velocity, gamma = _quadratic(gain.Xb, gain.Yb, gain.Zb, 3, p, p_rate, rate, c_b)
-            for i in range(3):
-                for j in range(3):
-                    error += 0.5 * e[i] * gain.Kb[i, j] * e[j]
-                    gamma += e[i] * gain.Kb[i, j] * rate[j]
+                p, p_rate = _project(b_d, b_d_rate, e, rate)
+            error, velocity, gamma, c_b = _quadratic(gain.Xb, gain.Yb, gain.Zb, p, p_rate, rate)
+            Ke = apply(gain.Kb, e)
+            error += 0.5 * dot(e, Ke)
+            gamma += dot(Ke, rate)
         V_error += error
         V_velocity += velocity
-        beta += gamma
-        for k in range(3):
-            beta += c_b[k] * (b_acc[k] - b_aim[2, k])
-            c_z[k] = 0.0
-        for i in range(rod.nz):
-            e[i], rate[i] = 0.0, 0.0
-            for k in range(3):
-                e[i] += rod.E[k, i] * (r[k] - r_aim[0, k])
-                rate[i] += rod.E[k, i] * (r_rate[k] - r_aim[1, k])
+        beta += gamma - dot(c_b, b_d_acc)
+        c_z = ZERO
         if rod.nz > 0:
-            error, velocity, gamma = _quadratic(gain.Xz, gain.Yz, gain.Zz, rod.nz, e, rate, rate, c)
+            e = minus(plus(first, times(back, b)), r_d)
+            rate = minus(plus(first_rate, times(back, b_rate)), r_d_rate)
+            error, velocity, gamma, c_z = _quadratic(gain.Xz, gain.Yz, gain.Zz, e, rate, rate)
             V_error += error
             V_velocity += velocity
-            beta += gamma
-            for k in range(3):
-                for i in range(rod.nz):
-                    c_z[k] += rod.E[k, i] * c[i]
-                beta += c_z[k] * (r_acc[k] - r_aim[2, k])
-        # aᵀ H = (A c)ᵀ, A = M⁻¹ H being symmetric.
-        rod_accelerations(rod, b, 0.0, c_z, c_b, r_acc, b_acc, scratch)
+            beta += gamma - dot(c_z, r_d_acc)
+        # cᵀ of the accelerations without strings, where A = M⁻¹ H is symmetric: aᵀ H = (A c)ᵀ. They are A g, weight
+        # included, and what turning adds: -(‖ḃ‖/‖b‖)² b to b̈, and f times that to the forces on r.
+        r_c, b_c = rod_accelerations(rod, b, 0.0, c_z, c_b)
+        turning = dot(b_rate, b_rate) / dot(b, b)
+        beta += rod.mass * dot(r_c, g) + rod.f * dot(b_c, g) + turning * (rod.f * dot(r_c, b) - dot(c_b, b))
+        at_i, at_j = minus(r_c, times(back, b_c)), plus(r_c, times(ahead, b_c))
         for k in range(3):
-            influence[rod.i, k] = r_acc[k] - rod.sigma * rod.length * b_acc[k]
-            influence[rod.j, k] = r_acc[k] + (1.0 - rod.sigma) * rod.length * b_acc[k]
+            influence[rod.i, k], influence[rod.j, k] = at_i[k], at_j[k]
     for a in range(len(points)):
         point, gain = points[a], gains[len(rods) + a]
-        point_target(point, t, target, r_aim)
-        for i in range(point.nz):
-            e[i], rate[i] = 0.0, 0.0
-            for k in range(3):
-                e[i] += point.E[k, i] * (nodes[point.node, k] - r_aim[0, k])
-                rate[i] += point.E[k, i] * (velocities[point.node, k] - r_aim[1, k])
-        error, velocity, gamma = _quadratic(gain.Xz, gain.Yz, gain.Zz, point.nz, e, rate, rate, c)
+        if still >= 0:
+            r_d = row_of(standing[still, len(rods) + a], 0)
+            r_d_rate = r_d_acc = ZERO
+        else:
+            point_target(point, t, target, r_aim)
+            r_d, r_d_rate, r_d_acc = row_of(r_aim, 0), row_of(r_aim, 1), row_of(r_aim, 2)
+        e, rate = minus(row_of(nodes, point.node), r_d), minus(row_of(velocities, point.node), r_d_rate)
+        error, velocity, gamma, c_z = _quadratic(gain.Xz, gain.Yz, gain.Zz, e, rate, rate)
         V_error += error
         V_velocity += velocity
-        beta += gamma
-        for i in range(point.nz):
-            for k in range(3):
-                beta += c[i] * point.E[k, i] * (gravity[k] - r_aim[2, k])
-                influence[point.node, k] += point.E[k, i] * c[i] / point.mass
+        beta += gamma + dot(c_z, minus(g, r_d_acc))
+        at_i = times(1.0 / point.mass, c_z)
+        for k in range(3):
+            influence[point.node, k] = at_i[k]
     for m in range(len(string_nodes)):
         i, j = string_nodes[m, 0], string_nodes[m, 1]
-        f[m] = 0.0
-        for k in range(3):
-            f[m] += (influence[j, k] - influence[i, k]) * (nodes[j, k] - nodes[i, k])
+        s = minus(row_of(nodes, j), row_of(nodes, i))
+        f[m] = dot(minus(row_of(influence, j), row_of(influence, i)), s)
     return V_error, V_velocity, beta
 
 
-@numba.cfunc(LAW_SIGNATURE, cache=True, error_model="numpy")
-def _law(t, nodes_at, velocities_at, context, command_at, report_at):  # type: ignore[no-untyped-def]
-    table = integers(context, (16,))
-    count, size, kind, of_state = table[0], table[1], table[2], table[3]
+@borrowing
+def _evaluate(
+    t: float, nodes_at: int, velocities_at: int, table: Any, command_at: int, report_at: int, room: int
+) -> int:
+    """The law; `room` is the address of 3 N + 2 M numbers of scratch."""
+    count, size, kind, bounds = table[0], table[1], table[2], table[3]
     rods, points = _read_rods(table[4], table[5]), _read_points(table[6], table[7])
     gains = _read_gains(table[8], table[5] + table[7])
     string_nodes = integers(table[9], (size, 2))
+    target = read_target(table[10])
     settings = floats(table[11], (5,))  # decay rate, norm, gravity
     limits = floats(table[13], (3, size))
     u, report = floats(command_at, (size,)), floats(report_at, (4,))
     nodes = floats(nodes_at, (count, 3))
-    f = np.empty(size)
+    influence = floats(room, (count, 3))
+    f, ceiling = floats(room + 24 * count, (size,)), floats(room + 24 * count + 8 * size, (size,))
     V_error, V_velocity, beta = quadratic_terms(
         t,
         nodes,
@@ -235,18 +249,37 @@ def _law(t, nodes_at, velocities_at, context, command_at, report_at):  # type: i
         gains,
         kind,
         string_nodes,
-        read_target(table[10]),
-        settings[2:],
+        target,
+        floats(table[14], (len(target.times), len(rods) + len(points), 2, 3)),
+        floats(table[11] + 16, (3,)),
+        influence,
         f,
     )
     V = V_error + V_velocity
-    ceiling = limits[0]
-    if of_state:
-        ceiling = np.empty(size)
-        write_ceilings(nodes, string_nodes, limits, ceiling)
-    margin = least_norm(f, beta + settings[0] * V, floats(table[12], (size,)), ceiling, settings[1], u)
+    alpha = beta + settings[0] * V
+    if bounds == UNBOUNDED and settings[1] == 2.0:
+        margin = least_squares(f, alpha, u)
+    else:
+        if bounds == OF_STATE:
+            write_ceilings(nodes, string_nodes, limits, ceiling)
+        else:
+            for m in range(size):
+                ceiling[m] = limits[0, m]
+        margin = least_norm(f, alpha, floats(table[12], (size,)), ceiling, settings[1], u)
     report[MARGIN], report[V_ALL], report[V_ERROR], report[V_VELOCITY] = margin, V, V_error, V_velocity
     return SOLVED if margin > 0.0 else NO_SOLUTION
+
+
+@numba.cfunc(LAW_SIGNATURE, cache=True, error_model="numpy")
+def _law(t, nodes_at, velocities_at, context, command_at, report_at):  # type: ignore[no-untyped-def]
+    table = integers(context, (TABLE_SIZE,))
+    room = 3 * table[0] + 2 * table[1]
+    if room <= STACK_LIMIT:
+        return _evaluate(t, nodes_at, velocities_at, table, command_at, report_at, stack_doubles(room))
+    heap = np.empty(room)
+    status = _evaluate(t, nodes_at, velocities_at, table, command_at, report_at, heap.ctypes.data)
+    heap[0] = 0.0  # alive until here
+    return status
 
 
 class QuadraticForm:
@@ -316,24 +349,32 @@ class QuadraticForm:
         return PLAIN if self.onto is None else ONTO_CURRENT if self.onto is Onto.CURRENT else ONTO_TARGET
 
     @cached_property
+    def _packed(self) -> _Packed:
+        return _Packed(self)
+
+    @cached_property
     def compiled(self) -> NativeLaw:
         """The compiled law."""
-        own = self.structure
-        records, packed = StructureRecords.of(own), PackedTarget(self.target)
+        own, packed = self.structure, self._packed
         string_nodes = np.array(own.string_nodes)
         settings = np.array([self.decay_rate, self.norm, *self.gravity], float)
-        table = np.zeros(16, np.int64)
-        table[:4] = len(own.nodes), len(own.strings), self._kind, self.limits.of_state
-        table[4:8] = address_of(records.rods), len(records.rods), address_of(records.points), len(records.points)
-        table[8:11] = address_of(self.gains), address_of(string_nodes), packed.address
+        limited = bool(np.any(self.floor > 0)) or bool(np.any(np.isfinite(self.limits.max_force_density)))
+        kind = OF_STATE if self.limits.of_state else FIXED if limited else UNBOUNDED
+        rods, points = packed.records.rods, packed.records.points
+        table = np.zeros(TABLE_SIZE, np.int64)
+        table[:4] = len(own.nodes), len(own.strings), self._kind, kind
+        table[4:8] = address_of(rods), len(rods), address_of(points), len(points)
+        table[8:11] = address_of(packed.gains), address_of(string_nodes), packed.target.address
         table[11:14] = address_of(settings), address_of(self.floor), address_of(self.limits.packed)
+        table[14] = address_of(packed.standing)
         return NativeLaw(
             address=_law.address,
             context=address_of(table),
-            keep=(self, records, packed, string_nodes, settings, table),
+            keep=(self, packed, string_nodes, settings, table),
             discontinuous=self.discontinuous,
             gravity=self.gravity,
             decay_rate=self.decay_rate,
+            stateless=True,
         )
 
     def native(self, structure: Structure) -> NativeLaw:
@@ -382,17 +423,19 @@ class QuadraticForm:
 
     def terms(self, time: float, nodes: Array, velocities: Array) -> Terms:
         """The parts of V, and β and f of V̇ = β - fᵀu."""
-        records = StructureRecords.of(self.structure)
+        packed = self._packed
         f = np.empty(len(self.structure.strings))
         error, velocity, beta = quadratic_terms(
             *state_of(time, nodes, velocities, len(self.structure.nodes)),
-            records.rods,
-            records.points,
-            self.gains,
+            packed.records.rods,
+            packed.records.points,
+            packed.gains,
             self._kind,
             self.structure.string_nodes,
-            PackedTarget(self.target).arrays,
+            packed.target.arrays,
+            packed.standing,
             np.array(self.gravity),
+            np.empty((len(self.structure.nodes), 3)),
             f,
         )
         return Terms(error, velocity, beta, f)
@@ -415,3 +458,23 @@ class QuadraticForm:
             "keeps_min_rest_length": self.limits.of_state,
             "target_equilibrium": self.target_equilibrium(),
         }
+
+
+class _Packed:
+    """The arrays of a law that compiled code reads: records, target, gains.
+
+    Attributes:
+        gains: in world components, as if b and r were free: E X Eᵀ for z = Eᵀ r. V sees the symmetric parts of X and Z.
+    """
+
+    def __init__(self, form: QuadraticForm) -> None:
+        self.records, self.target = StructureRecords.of(form.structure), PackedTarget(form.target)
+        rods, points = self.records.rods, self.records.points
+        self.standing = standing_targets(rods, points, self.target.arrays)
+        self.gains = form.gains.copy()
+        for gain, member in zip(self.gains, [*rods, *points], strict=True):
+            E = member["E"]  # its columns beyond nz are zero
+            for name in ("Xz", "Yz", "Zz"):
+                gain[name] = E @ gain[name] @ E.T
+            for name in ("Xz", "Zz", "Xb", "Zb", "Kb"):
+                gain[name] = 0.5 * (gain[name] + gain[name].T)

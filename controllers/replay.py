@@ -152,6 +152,7 @@ class Replay:
             discontinuous=self.discontinuous,
             period=self.period,
             until=float(self.times[-1]),
+            stateless=True,
         )
 
     def __call__(self, time: float, nodes: Array, velocities: Array) -> Array:

@@ -13,12 +13,17 @@ _HOME = {
     "OnInfeasible": "actuation",
     "Comparison": "comparison",
     "compare": "comparison",
+    "Contact": "contact",
     "DAE": "engines.dae",
     "Drift": "engines.dae",
     "Method": "engines.integration",
     "Integrator": "engines.mujoco",
     "MuJoCo": "engines.mujoco",
     "ODE": "engines.ode",
+    "CompiledLaw": "compiled_law",
+    "Ensemble": "ensemble",
+    "law_in": "ensemble",
+    "simulate_many": "ensemble",
     "ControllerError": "errors",
     "DivergenceError": "errors",
     "FormatError": "errors",
@@ -26,6 +31,7 @@ _HOME = {
     "MissingLibraryError": "errors",
     "OptionError": "errors",
     "SceneError": "errors",
+    "StabilityWarning": "errors",
     "StructureError": "errors",
     "TensegrityError": "errors",
     "Command": "law",
@@ -41,8 +47,12 @@ _HOME = {
     "Load": "scene",
     "Scene": "scene",
     "Target": "scene",
+    "Requirements": "scene_requirements",
+    "requirements": "scene_requirements",
     "reproduce": "reproduction.reproduce",
     "simulate": "simulation",
+    "StableStep": "stability",
+    "stable_step": "stability",
     "StringLaw": "strings",
     "PointMass": "structure",
     "Rod": "structure",
@@ -62,6 +72,9 @@ _HOME = {
     "write_sweep_page": "studies.page",
     "Scaled": "studies.parameters",
     "Sweep": "studies.sweep",
+    "TradeoffOptions": "studies.tradeoff.options",
+    "Tradeoff": "studies.tradeoff.study",
+    "tradeoff": "studies.tradeoff.study",
     "Extent": "studies.validation.sections",
     "Validation": "studies.validation.study",
     "validate": "studies.validation.study",
@@ -85,12 +98,17 @@ if TYPE_CHECKING:  # the same names, for type checkers and editors
     from tensegrity_mj.actuation import OnInfeasible as OnInfeasible
     from tensegrity_mj.comparison import Comparison as Comparison
     from tensegrity_mj.comparison import compare as compare
+    from tensegrity_mj.compiled_law import CompiledLaw as CompiledLaw
+    from tensegrity_mj.contact import Contact as Contact
     from tensegrity_mj.engines.dae import DAE as DAE
     from tensegrity_mj.engines.dae import Drift as Drift
     from tensegrity_mj.engines.integration import Method as Method
     from tensegrity_mj.engines.mujoco import Integrator as Integrator
     from tensegrity_mj.engines.mujoco import MuJoCo as MuJoCo
     from tensegrity_mj.engines.ode import ODE as ODE
+    from tensegrity_mj.ensemble import Ensemble as Ensemble
+    from tensegrity_mj.ensemble import law_in as law_in
+    from tensegrity_mj.ensemble import simulate_many as simulate_many
     from tensegrity_mj.errors import ControllerError as ControllerError
     from tensegrity_mj.errors import DivergenceError as DivergenceError
     from tensegrity_mj.errors import FormatError as FormatError
@@ -98,6 +116,7 @@ if TYPE_CHECKING:  # the same names, for type checkers and editors
     from tensegrity_mj.errors import MissingLibraryError as MissingLibraryError
     from tensegrity_mj.errors import OptionError as OptionError
     from tensegrity_mj.errors import SceneError as SceneError
+    from tensegrity_mj.errors import StabilityWarning as StabilityWarning
     from tensegrity_mj.errors import StructureError as StructureError
     from tensegrity_mj.errors import TensegrityError as TensegrityError
     from tensegrity_mj.law import Command as Command
@@ -114,7 +133,11 @@ if TYPE_CHECKING:  # the same names, for type checkers and editors
     from tensegrity_mj.scene import Load as Load
     from tensegrity_mj.scene import Scene as Scene
     from tensegrity_mj.scene import Target as Target
+    from tensegrity_mj.scene_requirements import Requirements as Requirements
+    from tensegrity_mj.scene_requirements import requirements as requirements
     from tensegrity_mj.simulation import simulate as simulate
+    from tensegrity_mj.stability import StableStep as StableStep
+    from tensegrity_mj.stability import stable_step as stable_step
     from tensegrity_mj.strings import StringLaw as StringLaw
     from tensegrity_mj.structure import PointMass as PointMass
     from tensegrity_mj.structure import Rod as Rod
@@ -134,6 +157,9 @@ if TYPE_CHECKING:  # the same names, for type checkers and editors
     from tensegrity_mj.studies.page import write_sweep_page as write_sweep_page
     from tensegrity_mj.studies.parameters import Scaled as Scaled
     from tensegrity_mj.studies.sweep import Sweep as Sweep
+    from tensegrity_mj.studies.tradeoff.options import TradeoffOptions as TradeoffOptions
+    from tensegrity_mj.studies.tradeoff.study import Tradeoff as Tradeoff
+    from tensegrity_mj.studies.tradeoff.study import tradeoff as tradeoff
     from tensegrity_mj.studies.validation.sections import Extent as Extent
     from tensegrity_mj.studies.validation.study import Validation as Validation
     from tensegrity_mj.studies.validation.study import validate as validate

@@ -11,16 +11,22 @@ from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn
 
 from tensegrity_mj.commands import (
+    benchmark,
     compare,
     demo,
     doctor,
+    drift,
     export,
+    extremes,
     linearize,
+    promise,
     render,
     reproduce,
     run,
     scenes,
+    stability,
     sweep,
+    tradeoff,
     validate,
 )
 from tensegrity_mj.commands.common import EXIT_CODES, ExitCode, Outcome
@@ -35,9 +41,15 @@ COMMANDS = {
     "export": export,
     "linearize": linearize,
     "doctor": doctor,
+    "benchmark": benchmark,
     "sweep": sweep,
+    "tradeoff": tradeoff,
+    "promise": promise,
     "validate": validate,
+    "stability": stability,
     "reproduce": reproduce,
+    "extremes": extremes,
+    "drift": drift,
     "demo": demo,
 }
 

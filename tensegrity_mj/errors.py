@@ -50,3 +50,7 @@ class DivergenceError(TensegrityError, RuntimeError):
 
 class MissingLibraryError(TensegrityError, RuntimeError):
     """A system library or optional package that this machine lacks; the message says how to get it."""
+
+
+class StabilityWarning(UserWarning):
+    """A run whose step is beyond the largest stable one, told before it starts; no error: the run goes on."""

@@ -19,6 +19,7 @@ import enum
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from time import perf_counter
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -75,6 +76,8 @@ class NativeLaw:
         decay_rate: δ [1/s] of the V̇ = -δ V that it promises, or None if it promises none.
         failure: the exception of a Python law that failed with FAILED, in a list of at most one.
         reason: why a Python law had no solution when it was last asked, in a list of at most one text.
+        spent: of a Python law: how often it was called, and the seconds that it took, in a list of two.
+        stateless: its answer depends on its arguments alone, and threads may ask it at the same time.
     """
 
     address: int
@@ -89,6 +92,8 @@ class NativeLaw:
     until: float | None = None
     gravity: tuple[float, ...] | None = None
     decay_rate: float | None = None
+    spent: list[float] | None = None
+    stateless: bool = False
 
 
 def native_law(law: Law | Callable[..., ArrayLike] | None, structure: Structure) -> NativeLaw:
@@ -142,6 +147,7 @@ def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLa
         raise OptionError(f"{law!r}.discontinuous = {discontinuous!r}; it must be a text that says why, or absent")
     failure: list[BaseException] = []
     reason: list[str] = []
+    spent = [0.0, 0.0]
 
     def view(address: int, shape: tuple[int, ...]) -> Array:
         length = int(np.prod(shape))
@@ -149,6 +155,7 @@ def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLa
         return np.ctypeslib.as_array(buffer).reshape(shape)
 
     def call(time: float, nodes: int, velocities: int, context: int, out: int, report: int) -> int:
+        start = perf_counter()
         try:
             if interrupts.requested():
                 raise KeyboardInterrupt
@@ -169,6 +176,8 @@ def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLa
         finally:
             told = getattr(law, "report", None)
             view(report, (len(Report),))[:] = np.nan if told is None else told
+            spent[0] += 1.0
+            spent[1] += perf_counter() - start
         return SOLVED
 
     function = LAW_FUNCTION(call)
@@ -180,4 +189,6 @@ def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLa
         discontinuous=discontinuous,
         failure=failure,
         reason=reason,
+        spent=spent,
+        stateless=True,  # as docs/laws.md asks; Python takes one thread at a time
     )

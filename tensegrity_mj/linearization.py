@@ -43,6 +43,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.actuation import Actuation, OnInfeasible
 from tensegrity_mj.checks import finite, member, real_array
+from tensegrity_mj.contact import overlaps
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.engines.run import Accelerations, Request
 from tensegrity_mj.errors import InfeasibleError, OptionError
@@ -322,7 +323,8 @@ def linearize(
     """The linear model of a scene about a state, from an engine's own equations.
 
     Args:
-        scene: structure, gravity, loads, and the strings that have broken by `time`.
+        scene: structure, gravity, loads, and the strings that have broken by `time`. Nothing must touch at the state:
+            contact has no linear model, and the model is that of the scene without it.
         engine: `MuJoCo(...)` (default), `DAE(...)` or `ODE(...)`; only its equations count, not its steps.
         nodes, velocities: (N, 3) the state; the scene's start by default. Velocities may be nonzero: then the model is
             that of the motion's next moment.
@@ -332,7 +334,8 @@ def linearize(
         inputs: what B's columns change. With force densities u, A is that at constant u, too.
 
     Raises:
-        OptionError: for options out of range, and where the engine's coordinates cannot hold the state.
+        OptionError: for options out of range, where the engine's coordinates cannot hold the state, and where something
+            touches.
         SceneError: for a state that stretches a rod or breaks a support.
         InfeasibleError, ControllerError: what the law says at the state.
     """
@@ -346,13 +349,20 @@ def linearize(
         raise OptionError(f"engine = {engine!r}; use MuJoCo(...), DAE(...) or ODE(...)")
     member("inputs", inputs, Command)
     time = finite("time", time, " [s]")
-    structure = scene.structure
+    structure, contact = scene.structure, scene.contact
     broken = break_times(scene) <= time
     scene = scene.with_(
         initial_nodes=scene.nodes0 if nodes is None else nodes,
         initial_velocities=scene.velocities0 if velocities is None else velocities,
         breaks=(),
+        contact=None,
     )
+    touching = [] if contact is None else overlaps(structure, contact, scene.nodes0)
+    if touching:
+        raise OptionError(
+            f"linearize: {touching[0]}: contact has no linear model; choose a state where nothing touches, or leave "
+            "contact out (scene.with_(contact=None))"
+        )
     chart = Chart(structure, scene.nodes0)
     _, rate0 = chart.coordinates(scene.nodes0, scene.velocities0)
     reach = _reach(structure, scene.nodes0)

@@ -1,8 +1,8 @@
 """The MJCF of a scene: rods as capsules with a thin rod's inertia, strings as actuated spatial tendons.
 
 Numbers are printed with 17 digits, so the file reloads to the very model that is simulated. Nothing is in the model
-that the scene does not use: joints as few as the supports leave, no contact, no floor, no sensor; gravity only where
-the scene has it.
+that the scene does not use: joints as few as the supports leave, no sensor; contact, a floor and gravity only where
+the scene has them.
 
 An actuator's control is the change of its string's rest length from the one written here [m]: the tension is
 max(0, k (L - L0 - ctrl) + c dL/dt). A control of zero, which is what a viewer or a reset gives, is the structure as
@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.contact import Contact
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.strings import StringLaw
 from tensegrity_mj.structure import Rod
@@ -34,6 +35,12 @@ Array = NDArray[np.float64]
 # The axial moment of inertia as a part of the transverse one: strings attach on the axis, so 1e-4 to 1e-6 change no
 # motion, while below 1e-12 round-off spins the rod up and above 1e-2 it would no longer be a thin rod.
 AXIAL_INERTIA = 1e-5
+# Friction resists sliding this many times harder than a contact resists depth: what sticks hardly creeps.
+FRICTION_IMPEDANCE = 100.0
+SOLVER_TOLERANCE = 1e-15  # the solver then stops at round-off, after two or three more of Newton's iterations
+POINT_RADIUS = 1e-6  # of the structure's size: a point mass touches the floor with a ball of this radius
+FLOOR, MEMBER = 1, 2  # bits that tell what may touch
+LEAST_INERTIA = 1e-14  # kg m²: ten times MuJoCo's mjMINVAL
 UNLIMITED = 1e30  # "inf" does not survive every writer
 
 
@@ -73,13 +80,20 @@ def scene_to_mjcf(scene: Scene, timestep: float = 1e-3, integrator: str = "RK4")
         integrator=integrator,
         gravity=_numbers(scene.gravity),
     )
-    # Only flags that change what is computed: contacts and constraints are absent, and a reset behind one's back
-    # must never happen.
-    ET.SubElement(option, "flag", contact="disable", constraint="disable", autoreset="disable")
+    # Only flags that change what is computed: a reset behind one's back must never happen.
+    if scene.contact is None:
+        ET.SubElement(option, "flag", contact="disable", constraint="disable", autoreset="disable")
+    else:
+        option.set("cone", "elliptic")  # Coulomb's, where the other one favours some directions
+        option.set("impratio", _numbers([FRICTION_IMPEDANCE]))
+        option.set("tolerance", _numbers([SOLVER_TOLERANCE]))
+        # With the exact mass that each contact feels, its law is the one that docs/contact.md states.
+        ET.SubElement(option, "flag", autoreset="disable", diagexact="enable")
     _visual(root, scene)
 
     world = ET.SubElement(root, "worldbody")
     ET.SubElement(world, "light", pos="0 0 4", dir="0 0 -1", directional="true")
+    _floor(world, scene)
     thickness = 0.25 * min((rod.radius for rod in structure.rods), default=0.02 * _size(scene))
     site: dict[str, Any] = {"size": _numbers([2 * thickness]), "rgba": "0.2 0.2 0.2 1"}
     for name in structure.fixed_nodes:
@@ -175,13 +189,17 @@ def _rod_body(world: ET.Element, scene: Scene, number: int, names: _Names, site:
         else:
             ET.SubElement(body, "joint", name=turn, type="hinge", axis=_numbers(rotation.T @ _unit(plane)))
     transverse = rod.mass * length**2 / 12
+    # Where rods touch something they may roll on it: then it is a solid cylinder's.
+    axial = transverse * (AXIAL_INERTIA if scene.contact is None else 1.0)
+    # MuJoCo takes none below mjMINVAL; a part of up to 1e-2 changes no motion either.
+    axial = max(axial, min(1e-2 * transverse, LEAST_INERTIA))
     back, ahead = -sigma * length, (1 - sigma) * length
     ET.SubElement(
         body,
         "inertial",
         pos=_numbers([0, 0, (0.5 - sigma) * length]),
         mass=_numbers([rod.mass]),
-        diaginertia=_numbers([transverse, transverse, AXIAL_INERTIA * transverse]),
+        diaginertia=_numbers([transverse, transverse, axial]),
     )
     ET.SubElement(
         body,
@@ -190,8 +208,7 @@ def _rod_body(world: ET.Element, scene: Scene, number: int, names: _Names, site:
         type="capsule",
         fromto=_numbers([0, 0, back, 0, 0, ahead]),
         size=_numbers([rod.radius]),
-        contype="0",
-        conaffinity="0",
+        **_touching(scene, rods=True),
         rgba="0.25 0.35 0.55 1",
     )
     for name, height in zip(rod.nodes, (back, ahead), strict=True):
@@ -211,7 +228,45 @@ def _point_body(
     ET.SubElement(body, "inertial", pos="0 0 0", mass=_numbers([point.mass]), diaginertia=inertia)
     radius = _numbers([4 * thickness])
     ET.SubElement(body, "geom", type="sphere", size=radius, contype="0", conaffinity="0", rgba="0.4 0.4 0.45 1")
+    if scene.contact is not None and scene.contact.floor is not None:
+        ball = _numbers([POINT_RADIUS * _size(scene)])
+        ET.SubElement(body, "geom", type="sphere", size=ball, **_touching(scene, rods=False), rgba="0 0 0 0")
     ET.SubElement(body, "site", name=point.node, pos="0 0 0", **site)
+
+
+def _floor(world: ET.Element, scene: Scene) -> None:
+    contact = scene.contact
+    if contact is None or contact.floor is None:
+        return
+    # Endless: the size is for viewers, its last number a spacing of lines.
+    place: dict[str, Any] = {
+        "pos": _numbers(contact.floor * contact.up),
+        "quat": _numbers(quaternion(rotation_to(contact.up))),
+    }
+    name = _distinct(["floor"], taken={rod.name for rod in scene.structure.rods})[0]
+    bits: dict[str, Any] = {"contype": str(FLOOR), "conaffinity": "0"}
+    look: dict[str, Any] = {"size": _numbers([0, 0, 0.1 * _size(scene)]), "rgba": "0.8 0.82 0.84 1"}
+    ET.SubElement(world, "geom", name=name, type="plane", **place, **bits, **_hardness(contact), **look)
+
+
+def _touching(scene: Scene, rods: bool) -> dict[str, Any]:
+    """Attributes of a geom that touches the floor, if there is one, and `rods`, if they touch; nothing otherwise."""
+    contact = scene.contact
+    if contact is None:
+        return {"contype": "0", "conaffinity": "0"}
+    member = MEMBER if rods and contact.rods else 0
+    bits = {"contype": str(member), "conaffinity": str(member + (FLOOR if contact.floor is not None else 0))}
+    return bits | _hardness(contact)
+
+
+def _hardness(contact: Contact) -> dict[str, Any]:
+    """Friction, stiffness and damping, the same for all that touch: no mean of two materials is ever taken."""
+    return {
+        "condim": "3" if contact.friction > 0 else "1",
+        "friction": _numbers([contact.friction, 0, 0]),
+        "solref": _numbers([-contact.stiffness, -contact.damping]),
+        "solimp": _numbers(contact.impedance),
+    }
 
 
 def _strings(root: ET.Element, scene: Scene, thickness: float) -> None:

@@ -7,13 +7,14 @@ order of `Structure.node_names`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tensegrity_mj.contact import Contact
 from tensegrity_mj.curve import Curve
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.structure import Structure, Vector
@@ -153,6 +154,7 @@ class Scene:
         target: what a controller aims at.
         control: the law that the scene is run with unless another is given.
         duration: [s], what the scene is run for unless told otherwise.
+        contact: what may touch: rods and a floor, rods and rods; None, the default, for nothing.
 
     Raises:
         SceneError: on construction, if the motion stretches a rod, breaks a support, or does not fit.
@@ -169,6 +171,7 @@ class Scene:
     target: Target | None = None
     control: ControlSpec | None = None
     duration: float = 10.0
+    contact: Contact | None = None
 
     def __post_init__(self) -> None:
         from tensegrity_mj.validation import check_scene, sequence_of
@@ -192,15 +195,18 @@ class Scene:
         object.__setattr__(self, "gravity", (x, y, z))
         object.__setattr__(self, "duration", float(self.duration))
         object.__setattr__(self, "breaks", tuple(Break(str(e.string), float(e.time)) for e in self.breaks))
+        if self.contact is not None:
+            object.__setattr__(self, "contact", _plain_contact(self.contact))
         if not callable(self.loads):
             object.__setattr__(self, "loads", tuple(_plain_load(load) for load in self.loads))
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Scene):
             return False
-        plain = ("structure", "name", "source", "gravity", "loads", "breaks", "target", "control", "duration")
+        arrays = ("initial_nodes", "initial_velocities")
+        plain = [item.name for item in fields(self) if item.name not in arrays]
         return all(getattr(self, a) == getattr(other, a) for a in plain) and all(
-            _same_array(getattr(self, a), getattr(other, a)) for a in ("initial_nodes", "initial_velocities")
+            _same_array(getattr(self, a), getattr(other, a)) for a in arrays
         )
 
     __hash__ = None  # type: ignore[assignment]
@@ -233,6 +239,20 @@ class Scene:
 def _plain_load(load: Load) -> Load:
     x, y, z = (float(v) for v in load.force)
     return Load(str(load.node), (x, y, z), float(load.angular_frequency), float(load.phase))
+
+
+def _plain_contact(contact: Contact) -> Contact:
+    x, y, z = (float(v) for v in contact.normal)
+    d0, d1, width, midpoint, power = (float(v) for v in contact.impedance)
+    return Contact(
+        None if contact.floor is None else float(contact.floor),
+        (x, y, z),
+        contact.rods,
+        float(contact.friction),
+        float(contact.stiffness),
+        float(contact.damping),
+        (d0, d1, width, midpoint, power),
+    )
 
 
 def _plain_option(value: Any) -> Any:

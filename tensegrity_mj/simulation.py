@@ -9,11 +9,11 @@ from typing import Any, Protocol
 
 from numpy.typing import ArrayLike
 
-from tensegrity_mj import interrupts
+from tensegrity_mj import interrupts, stability
 from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.checks import member, positive
 from tensegrity_mj.engines.run import Request
-from tensegrity_mj.errors import OptionError
+from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.law import Law, native_law
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.trajectory import Trajectory
@@ -54,6 +54,10 @@ def simulate(
         The trajectory; its status is INFEASIBLE where the run stopped for lack of a solution, and SINGULAR where the
         engine's coordinates could not hold the motion any longer (the ODE at a pole).
 
+    Warns:
+        StabilityWarning: before the run, where its step is beyond the largest stable one at the start (see
+            `stability`); `run.reports["stability"]` holds what was found.
+
     Raises:
         OptionError: for options that are out of range or contradict each other.
         DivergenceError: with the time, the cause, the remedy and what was recorded before.
@@ -67,6 +71,40 @@ def simulate(
         engine = MuJoCo()
     if isinstance(engine, type) or not callable(getattr(engine, "run", None)):
         raise OptionError(f"engine = {engine!r}; use MuJoCo(...), DAE(...) or ODE(...)")
+    request = request_for(scene, controller, duration, actuation, on_infeasible, output_interval, progress)
+    law, actuation = request.law, request.actuation
+    checked = stability.warn_before_run(scene, engine, law, actuation)
+    if law.spent is not None:
+        law.spent[:] = [0.0, 0.0]  # of the run alone
+    try:
+        with interrupts.deferred():
+            run = engine.run(request)
+        run.cost.update(cost_of_law(request))
+    except DivergenceError as error:
+        if checked is not None and isinstance(error.trajectory, Trajectory):
+            error.trajectory.reports["stability"] = checked
+        raise
+    if checked is not None:
+        run.reports["stability"] = checked
+        stability.after_run(run, engine, law, actuation)
+    run.provenance.update(provenance_of(request))
+    return run
+
+
+def request_for(
+    scene: Scene,
+    controller: Law | Callable[..., ArrayLike] | None,
+    duration: float | None,
+    actuation: Actuation | None,
+    on_infeasible: OnInfeasible,
+    output_interval: float | None,
+    progress: bool,
+) -> Request:
+    """What an engine is asked for, checked; the arguments are those of `simulate`.
+
+    Raises:
+        OptionError: for options that are out of range or contradict each other.
+    """
     actuation = actuation or Actuation.continuous()
     if not isinstance(actuation, Actuation):
         raise OptionError(f"actuation = {actuation!r}; use Actuation.continuous() or one of the hold modes")
@@ -87,18 +125,25 @@ def simulate(
             f"control period = {actuation.period:g} s: the law (or its recording) has samples each {law.period:g} s; "
             "use that period"
         )
-    request = Request(scene, law, actuation, on_infeasible, total, output_interval, progress)
-    with interrupts.deferred():
-        run = engine.run(request)
-    run.provenance.update(
-        {
-            "controller": law.description,
-            "on_infeasible": on_infeasible.value,
-            "duration": total,
-            "versions": versions(),
-        }
-    )
-    return run
+    return Request(scene, law, actuation, on_infeasible, total, output_interval, progress)
+
+
+def cost_of_law(request: Request) -> dict[str, float]:
+    """How often a law in Python was called, and its part of the wall time [s]; nothing for a compiled one."""
+    if request.law.spent is None:
+        return {}
+    calls, seconds = request.law.spent
+    return {"law_calls": calls, "law_time": seconds}
+
+
+def provenance_of(request: Request) -> dict[str, Any]:
+    """What a run keeps of what it was asked for."""
+    return {
+        "controller": request.law.description,
+        "on_infeasible": request.on_infeasible.value,
+        "duration": request.duration,
+        "versions": versions(),
+    }
 
 
 def versions() -> dict[str, Any]:

@@ -19,6 +19,7 @@ import numpy as np
 import tomli_w
 from numpy.typing import NDArray
 
+from tensegrity_mj.contact import Contact
 from tensegrity_mj.errors import FormatError, SceneError, StructureError
 from tensegrity_mj.files import replacing
 from tensegrity_mj.scene import Break, ControlSpec, Load, Scene, Target
@@ -42,7 +43,18 @@ SUPPORT_KEYS = {
     "pinned": ("kind", "sigma", "plane"),
     "constrained": ("kind", "sigma", "plane", "D", "values"),
 }
-SCENE_KEYS = ("gravity", "duration", "loads", "breaks", "initial_nodes", "initial_velocities", "target", "control")
+SCENE_KEYS = (
+    "gravity",
+    "duration",
+    "loads",
+    "breaks",
+    "contact",
+    "initial_nodes",
+    "initial_velocities",
+    "target",
+    "control",
+)
+CONTACT_KEYS = ("floor", "normal", "rods", "friction", "stiffness", "damping", "impedance")
 BREAK_KEYS = ("string", "time")
 LOAD_KEYS = ("node", "force", "angular_frequency", "phase")
 TARGET_KEYS = ("nodes", "waypoints", "times", "values", "rates", "accelerations", "shapes")
@@ -333,12 +345,28 @@ def _read_scene(top: _Table, structure: Structure) -> Scene:
         target=_target(table, structure),
         control=_control(table),
         duration=table.number("duration", Scene.duration),
+        contact=_contact(table),
     )
 
 
 def _load(table: _Table) -> Load:
     frequency, phase = table.number("angular_frequency", 0.0), table.number("phase", 0.0)
     return Load(table.text("node"), table.vector("force"), frequency, phase)
+
+
+def _contact(scene: _Table) -> Contact | None:
+    table = scene.table("contact", CONTACT_KEYS)
+    if table is None:
+        return None
+    return Contact(
+        table.number("floor", None),
+        table.vector("normal", Contact.normal),
+        table.get("rods", "true or false", lambda x: isinstance(x, bool), Contact.rods),
+        table.number("friction", Contact.friction),
+        table.number("stiffness", Contact.stiffness),
+        table.number("damping", Contact.damping),
+        table.numbers("impedance", "five numbers [d0, d1, width, midpoint, power]", 5, Contact.impedance),
+    )
 
 
 def _target(scene: _Table, structure: Structure) -> Target | None:
@@ -516,6 +544,9 @@ def _scene_lines(scene: Scene) -> list[str]:
     assert not callable(scene.loads)
     lines += _array("loads", [vars(load) for load in scene.loads])
     lines += _array("breaks", [vars(event) for event in scene.breaks])
+    if scene.contact is not None:
+        given = {key: value for key, value in vars(scene.contact).items() if value != getattr(Contact, key)}
+        lines.append(_entry("contact", given))
     if scene.initial_nodes is not None:
         lines += _section("scene.initial_nodes", _node_lines(structure, scene.initial_nodes, structure.positions))
     if scene.initial_velocities is not None:

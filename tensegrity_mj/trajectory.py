@@ -44,7 +44,7 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "gravity_energy": (("time",), "J", "potential energy of gravity"),
     "string_energy": (("time",), "J", "elastic energy of the strings"),
     "winch_work": (("time",), "J", "-∫ T dL0, T the elastic tension: work of the winches on the strings"),
-    "external_work": (("time",), "J", "work of external nodal forces"),
+    "external_work": (("time",), "J", "work of external nodal forces and of contact"),
     "dissipation": (("time",), "J", "energy taken by the strings' dampers"),
     "feasibility_margin": (("time",), "m2 or as the law defines", "max(v/α) of (5.18); NaN without such a law"),
     "lyapunov": (("time",), "as the law defines", "V of (5.3); NaN without such a law"),
@@ -123,6 +123,14 @@ class Trajectory:
         """Smallest margin over time; NaN where no law reports one."""
         finite = self.feasibility_margin[~np.isnan(self.feasibility_margin)]
         return float(np.min(finite)) if finite.size else float("nan")
+
+    @property
+    def error_estimate(self) -> float:
+        """Largest node error over the run [m] of an engine with `accuracy`; NaN where none was asked for.
+
+        `reports["accuracy"]["settled"]` tells whether it can be relied on.
+        """
+        return float(self.reports.get("accuracy", {}).get("error_estimate", float("nan")))
 
     def target_error(self) -> Array:
         """(T,) [m]: largest distance of a node from its target at each time; NaN without a target."""

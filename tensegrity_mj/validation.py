@@ -180,6 +180,8 @@ def check_scene(scene: Scene) -> None:
             )
 
     _check_breaks(scene)
+    if scene.contact is not None:
+        _check_contact(scene)
     if scene.target is not None:
         if not isinstance(scene.target, Target):
             raise SceneError(f"target = {scene.target!r}: use Target.set_point(nodes), Target.path or Target.curve")
@@ -422,6 +424,51 @@ def _check_breaks(scene: Scene) -> None:
             raise SceneError(f"breaks[{number}]: string '{event.string}' breaks twice; give one time for each string")
 
 
+def _check_contact(scene: Scene) -> None:
+    from tensegrity_mj.contact import Contact, overlaps
+
+    contact = scene.contact
+    if not isinstance(contact, Contact):
+        raise SceneError(f"contact = {contact!r}: use Contact(floor=0.0), Contact(rods=True) or both, or None")
+
+    def number(name: str, value: Any, allowed: str, test: Any) -> None:
+        _check_number(f"contact: {name}", value, allowed, test, SceneError)
+
+    if contact.floor is not None:
+        number("floor", contact.floor, "a finite height [m], or None for no floor", lambda x: True)
+    if not isinstance(contact.rods, (bool, np.bool_)):
+        raise SceneError(f"contact: rods = {contact.rods!r}; it must be True or False")
+    if contact.floor is None and not contact.rods:
+        raise SceneError("contact: there is neither a floor nor contact between rods: give one, or leave contact out")
+    if contact.rods and len(scene.structure.rods) < 2:
+        raise SceneError("contact: rods = True, but there are no two rods that could touch: leave it out")
+    _check_normal("contact", contact.normal, SceneError)
+    number("friction", contact.friction, ">= 0", lambda x: x >= 0)
+    number("stiffness", contact.stiffness, "> 0 [1/s²]", lambda x: x > 0)
+    number("damping", contact.damping, ">= 0 [1/s]", lambda x: x >= 0)
+    names, values = ("d0", "d1", "width", "midpoint", "power"), sequence_of("impedance", contact.impedance, SceneError)
+    if len(values) != len(names):
+        raise SceneError(f"contact: impedance = {contact.impedance!r}; it must be five numbers ({', '.join(names)})")
+    allowed = (
+        ("within [0.0001, 0.9999]", lambda x: 1e-4 <= x <= 0.9999),
+        ("within [0.0001, 0.9999]", lambda x: 1e-4 <= x <= 0.9999),
+        ("> 0 m", lambda x: x > 0),
+        ("within (0, 1)", lambda x: 0 < x < 1),
+        (">= 1", lambda x: x >= 1),
+    )
+    for name, value, (text, test) in zip(names, values, allowed, strict=True):
+        number(f"impedance: {name}", value, text, test)
+    found = overlaps(scene.structure, contact, scene.nodes0)
+    if found:
+        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+        remedy = (
+            "start higher, lower the floor, or make rods thinner"
+            if "floor" in found[0]
+            else ("move them apart, make them thinner, or leave rods = False")
+        )
+        raise SceneError(f"contact: at the start {found[0]}{more}: {remedy}")
+
+
 def _check_initial_velocities(scene: Scene) -> None:
     structure, nodes, velocities = scene.structure, scene.nodes0, scene.velocities0
     speed = float(np.abs(velocities).max(initial=0.0))
@@ -541,10 +588,10 @@ def _shown(value: Any) -> Any:
     return type(value)(_shown(x) for x in value) if type(value) in (list, tuple) else value
 
 
-def _check_normal(what: str, plane: ArrayLike) -> Array:
-    _check_vector(f"{what}: plane normal", plane)
+def _check_normal(what: str, plane: ArrayLike, error: type[Exception] = StructureError) -> Array:
+    _check_vector(f"{what}: plane normal", plane, error)
     if not 0.0 < _distance(np.zeros(3), np.array(plane, float)) < np.inf:
-        raise StructureError(f"{what}: plane normal = {_shown(plane)!r}; its length must be neither zero nor infinite")
+        raise error(f"{what}: plane normal = {_shown(plane)!r}; its length must be neither zero nor infinite")
     return _unit_rows(np.array([plane], float))[0]
 
 

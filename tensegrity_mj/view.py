@@ -105,8 +105,17 @@ def _empty_model(run: Trajectory) -> Any:
         f'<mujoco><statistic center="{text}" extent="{size:.9g}"/>'
         '<visual><headlight ambient="0.5 0.5 0.5" diffuse="0.5 0.5 0.5"/></visual>'
         '<asset><texture type="skybox" builtin="gradient" rgb1="0.95 0.96 0.98" rgb2="0.72 0.77 0.83" '
-        'width="64" height="384"/></asset></mujoco>'
+        f'width="64" height="384"/></asset>{_floor(run)}</mujoco>'
     )
+
+
+def _floor(run: Trajectory) -> str:
+    """The scene's floor as MJCF, or nothing."""
+    contact = run.scene.contact
+    if contact is None or contact.floor is None:
+        return ""
+    place, up = (" ".join(f"{x:.9g}" for x in v) for v in (contact.floor * contact.up, contact.up))
+    return f'<worldbody><geom type="plane" pos="{place}" zaxis="{up}" size="0 0 1" rgba="0.8 0.82 0.84 1"/></worldbody>'
 
 
 def _point_camera(camera: Any, run: Trajectory) -> None:

@@ -171,10 +171,12 @@ def test_discontinuous_laws_agree_in_what_is_meaningful(prism, norm):
             for engine in (tmj.MuJoCo(1e-3), tmj.DAE(rtol=1e-10, atol=1e-12))
         ]
         print(f"p = {norm}, {period * 1e3:g} ms: MuJoCo {pair[0]}; DAE {pair[1]}")
-        # A chattering law's peaks and counts scatter by single samples: 5 % and 10 % leave them room; the sliding
-        # motion itself is the average of the chatter, and is compared to a hundredth of the distance still to go.
-        assert pair[0]["peak u"] == pytest.approx(pair[1]["peak u"], rel=0.05)
-        assert pair[0]["peak T"] == pytest.approx(pair[1]["peak T"], rel=0.05)
+        # A chattering law's peaks are single samples: a change of 1e-13 in δ alone spreads those of p = 1 over 13 %
+        # (ten runs), and moves those of p = ∞, which all strings share, by 1e-9. Counts of switches spread over 2 %.
+        # The sliding motion is the average of the chatter, compared to a hundredth of the distance still to go.
+        peaks = 0.2 if norm == 1 else 0.05
+        assert pair[0]["peak u"] == pytest.approx(pair[1]["peak u"], rel=peaks)
+        assert pair[0]["peak T"] == pytest.approx(pair[1]["peak T"], rel=peaks)
         assert pair[0]["switches a second"] == pytest.approx(pair[1]["switches a second"], rel=0.1)
         assert pair[0]["final error"] == pytest.approx(pair[1]["final error"], rel=0.01)
         finals[period] = pair[1]["final error"]

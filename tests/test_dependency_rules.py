@@ -12,16 +12,21 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = {"tensegrity_mj": ROOT / "tensegrity_mj", "tensegrity_mj.controllers": ROOT / "controllers"}
 CORE = {
-    f"tensegrity_mj.{name}" for name in ("structure", "scene", "curve", "checks", "strings", "errors", "validation")
+    f"tensegrity_mj.{name}"
+    for name in ("structure", "scene", "contact", "curve", "checks", "strings", "errors", "validation")
 }
 
 # Who may import mujoco itself (or dm_control, which imports it), besides the MuJoCo engine: modules and packages.
 MAY_IMPORT_MUJOCO = {
+    "tensegrity_mj.benchmark",
     "tensegrity_mj.mjcf",
     "tensegrity_mj.pictures",
     "tensegrity_mj.rendering",
+    "tensegrity_mj.scene_requirements",
+    "tensegrity_mj.step_timing",
     "tensegrity_mj.view",
     "tensegrity_mj.dm_control",
+    "tensegrity_mj.studies.extremes.naive",  # steps MuJoCo as a script of one's own would
 }
 
 

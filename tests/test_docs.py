@@ -10,7 +10,9 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/laws.md", "docs/engines.md", "docs/validate.md"])
+@pytest.mark.parametrize(
+    "page", ["README.md", "docs/contact.md", "docs/laws.md", "docs/engines.md", "docs/speed.md", "docs/validate.md"]
+)
 def test_python_blocks_run_as_printed(page, tmp_path, monkeypatch):
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL)
     assert blocks, f"{page} has no Python block"

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import math
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,10 +32,11 @@ examples:
   tensegrity-mj compare prism --timestep 5e-3 --duration 4 --json
   tensegrity-mj compare prism --actuation hold-force-density --control-period 1e-3 --out results/
   tensegrity-mj compare prism --engine ode --reference dae --rtol 1e-12
+  tensegrity-mj compare prism --accuracy 1e-6
   tensegrity-mj compare a.nc b.nc --tolerance 1e-8 --plot difference.png
 
 By default: MuJoCo with RK4 at --timestep against the DAE at its default tolerances, under the scene's law,
-evaluated continuously.
+evaluated continuously. With --accuracy both engines choose, and their errors are told beside the difference.
 """
 
 # unit of each number of a comparison, for people
@@ -85,6 +88,9 @@ def execute(options: argparse.Namespace) -> Outcome:
 
     from tensegrity_mj import Status
 
+    for run in (first, second):
+        if "accuracy" in run.reports and not run.reports["accuracy"]["met"]:
+            print(f"warning: {run.engine}: {run.reports['accuracy']['reason']}", file=sys.stderr)
     for path, run in zip(files.values(), (first, second), strict=False):
         run.save(path)
     if code and min(len(first.time), len(second.time)) < 2:
@@ -111,6 +117,8 @@ def execute(options: argparse.Namespace) -> Outcome:
         "first_status": first.status,
         "second_status": second.status,
         **numbers,
+        "first_error_estimate": first.error_estimate,
+        "second_error_estimate": second.error_estimate,
         "first_wall_time": first.cost.get("wall_time"),
         "second_wall_time": second.cost.get("wall_time"),
         "out": files,
@@ -126,6 +134,11 @@ def describe(data: dict[str, Any]) -> str:
         ("first", data["first"]),
         ("second", data["second"]),
         *((name.replace("_", " "), number(data[name], unit)) for name, unit in UNITS.items()),
+    ]
+    rows += [
+        (f"node error of the {name}, estimated", number(error, "m"))
+        for name in ("first", "second")
+        if not math.isnan(error := data[f"{name}_error_estimate"])
     ]
     rows += [
         (f"{name.replace('_', ' ')} exceeds {data['tolerance']:g} at", "never" if time is None else number(time, "s"))

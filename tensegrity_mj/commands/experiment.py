@@ -30,13 +30,20 @@ ENGINES = ("mujoco", "dae", "ode")
 MUJOCO_OPTIONS = ("integrator",)
 INTEGRATION_OPTIONS = ("method", "rtol", "atol")  # of the DAE and the ODE
 DAE_OPTIONS = ("drift",)
-ENGINE_OPTIONS = (*MUJOCO_OPTIONS, *INTEGRATION_OPTIONS, *DAE_OPTIONS)
+CHOSEN_BY_ACCURACY = ("timestep", "integrator", "method", "rtol", "atol")
+ENGINE_OPTIONS = ("accuracy", *MUJOCO_OPTIONS, *INTEGRATION_OPTIONS, *DAE_OPTIONS)
 LAW_OPTIONS = ("norm", "decay-rate", "law-option", "on-infeasible")
 ACTUATION_OPTIONS = ("actuation", "control-period")
 
 
 def add_engine_options(parser: argparse._ArgumentGroup) -> None:
     """The options of all engines."""
+    parser.add_argument(
+        "--accuracy",
+        type=positive,
+        metavar="M",
+        help="largest node error over the run [m], 1e-10 to 1e-2: chooses integrator and step, and verifies them",
+    )
     parser.add_argument("--timestep", type=positive, metavar="S", help="fixed step [s] of MuJoCo, or of --method rk4")
     parser.add_argument("--integrator", choices=INTEGRATORS, help="MuJoCo's integrator (rk4)")
     parser.add_argument("--method", choices=METHODS, help="the method of DAE and ODE (dop853)")
@@ -65,6 +72,16 @@ def add_control_options(parser: argparse._ArgumentGroup) -> None:
     parser.add_argument("--on-infeasible", choices=INFEASIBLE_CHOICES, help="without an admissible u: (stop)")
     parser.add_argument("--actuation", choices=ACTUATIONS, help="what is held between control samples (continuous)")
     parser.add_argument("--control-period", type=positive, metavar="S", help="time between control samples [s]")
+
+
+def check_accuracy(options: argparse.Namespace) -> None:
+    """Refuse what --accuracy chooses, beside it.
+
+    Raises:
+        OptionError: naming the option.
+    """
+    if options.accuracy is not None:
+        refuse(options, CHOSEN_BY_ACCURACY, "is chosen by --accuracy; give one or the other")
 
 
 def check_control(options: argparse.Namespace) -> None:
@@ -132,7 +149,8 @@ def mujoco_of(options: argparse.Namespace) -> MuJoCo:
     """The MuJoCo engine with the options given, defaults elsewhere."""
     from tensegrity_mj import Integrator, MuJoCo
 
-    chosen = _given(options, ("timestep",))
+    check_accuracy(options)
+    chosen = _given(options, ("timestep", "accuracy"))
     if options.integrator is not None:
         chosen["integrator"] = Integrator(options.integrator)
     return MuJoCo(**chosen)
@@ -181,7 +199,8 @@ def _integration_of(options: argparse.Namespace, with_timestep: bool) -> dict[st
     """What DAE and ODE have in common."""
     from tensegrity_mj import Method
 
-    chosen = _given(options, ("rtol", "atol", *(("timestep",) if with_timestep else ())))
+    check_accuracy(options)
+    chosen = _given(options, ("rtol", "atol", "accuracy", *(("timestep",) if with_timestep else ())))
     if options.method is not None:
         chosen["method"] = Method(options.method)
     if options.method == "rk4":

@@ -31,6 +31,7 @@ HELP = "simulate a scene in one engine"
 EXAMPLES = """\
 examples:
   tensegrity-mj run prism --engine mujoco --integrator rk4 --timestep 1e-3 --duration 10 --out p.nc --video p.mp4
+  tensegrity-mj run prism --accuracy 1e-6
   tensegrity-mj run prism --engine dae --method dop853 --rtol 1e-11 --json
   tensegrity-mj run prism --actuation hold-force-density --control-period 1e-3 --norm 1
   tensegrity-mj run prism --engine dae --replay p.nc --replay-quantity rest-length
@@ -131,6 +132,7 @@ def summary(run: Trajectory) -> dict[str, Any]:
         "max_force_density": run.max_force_density,
         "min_feasibility_margin": run.min_feasibility_margin,
         "energy_residual": run.energy_residual,
+        "error_estimate": run.error_estimate,
         "real_time_factor": duration / wall_time if wall_time else float("nan"),
         "wall_time": wall_time,
         "cost": run.cost,
@@ -148,10 +150,18 @@ def describe(data: dict[str, Any]) -> str:
         ("largest force density", number(data["max_force_density"], "N/m")),
         ("smallest feasibility margin", number(data["min_feasibility_margin"])),
         ("energy residual", number(data["energy_residual"], "J")),
+        *([("largest node error, estimated", _error(data))] if "accuracy" in data["reports"] else []),
         ("real-time factor", number(data["real_time_factor"])),
     ]
     rows += [(name, str(data[name])) for name in ("out", "video", "plot") if data[name]]
     return table(rows)
+
+
+def _error(data: dict[str, Any]) -> str:
+    """The estimate of an accuracy, with whether it can be relied on."""
+    told = data["reports"]["accuracy"]
+    doubt = "" if told["settled"] else ", not settled"
+    return f"{number(told['error_estimate'], 'm')}{doubt} ({told['requested']:g} m asked for)"
 
 
 def _check_replay(options: argparse.Namespace) -> None:

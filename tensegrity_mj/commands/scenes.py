@@ -1,4 +1,4 @@
-"""List the scenes that come with the package, or describe one scene or file."""
+"""List the scenes that come with the package, or describe one scene or file: what it is, and what it needs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from tensegrity_mj.commands.common import Outcome, number, table
 
 if TYPE_CHECKING:
     from tensegrity_mj.scene import Scene
-    from tensegrity_mj.structure import Rod, Structure
+    from tensegrity_mj.structure import Rod
 
 HELP = "list the shipped scenes, or describe one"
 EXAMPLES = """\
@@ -17,12 +17,14 @@ examples:
   tensegrity-mj scenes
   tensegrity-mj scenes prism
   tensegrity-mj scenes ./my_tower.toml --json
+  tensegrity-mj scenes planar_beam --no-timing
 """
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The options of `scenes`."""
     parser.add_argument("scene", nargs="?", metavar="SCENE", help="a shipped scene or a path to a .toml file")
+    parser.add_argument("--no-timing", action="store_true", help="do not measure what a step costs (a second or two)")
 
 
 def execute(options: argparse.Namespace) -> Outcome:
@@ -31,7 +33,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     from tensegrity_mj.textformat import scene_names
 
     if options.scene is not None:
-        details = describe(load_scene(options.scene))
+        details = describe(load_scene(options.scene), timing=not options.no_timing)
         return Outcome(details, _text(details))
     scenes = {name: load_scene(name) for name in scene_names()}
     rows = [
@@ -50,11 +52,13 @@ def execute(options: argparse.Namespace) -> Outcome:
     return Outcome({"status": "ok", "scenes": rows}, "\n".join(lines))
 
 
-def describe(scene: Scene) -> dict[str, Any]:
-    """What a scene consists of; that it could be loaded means that it is valid."""
-    from tensegrity_mj import MuJoCo
+def describe(scene: Scene, timing: bool = False) -> dict[str, Any]:
+    """What a scene consists of and needs; that it could be loaded means that it is valid. Times are under "timing"."""
+    from tensegrity_mj.scene_requirements import requirements
 
     structure = scene.structure
+    needs = requirements(scene, timing).to_dict()
+    measured = needs.pop("timing")
     return {
         "status": "ok",
         "name": scene.name,
@@ -84,10 +88,13 @@ def describe(scene: Scene) -> dict[str, Any]:
         ],
         "fixed_nodes": structure.fixed_nodes,
         "point_masses": {point.node: point.mass for point in structure.point_masses},
-        "degrees_of_freedom": degrees_of_freedom(structure),
-        "mujoco_velocities": int(MuJoCo().model(scene).nv),
+        "degrees_of_freedom": needs["degrees_of_freedom"],
+        "mujoco_velocities": needs["velocities"],
+        "needs": {key: value for key, value in needs.items() if key not in ("scene", "degrees_of_freedom")},
+        **({} if measured is None else {"timing": measured}),
         **statics(scene),
         "gravity": scene.gravity,
+        "contact": None if scene.contact is None else vars(scene.contact),
         "loads": "a function" if callable(scene.loads) else len(scene.loads),
         "target": None if scene.target is None else {"waypoints": len(scene.target.times), "times": scene.target.times},
         "control": None if scene.control is None else {"law": scene.control.law, **scene.control.options},
@@ -122,14 +129,6 @@ def statics(scene: Scene) -> dict[str, Any]:
     return found
 
 
-def degrees_of_freedom(structure: Structure) -> int:
-    """Number of independent velocities; the spin of a thin rod about its axis, which has no inertia, is none."""
-    rods = sum(
-        rod.support.translation_basis.shape[1] + rod.support.rotation_basis.shape[1] - 1 for rod in structure.rods
-    )
-    return int(rods + sum(point.translation_basis.shape[1] for point in structure.point_masses))
-
-
 def support_text(rod: Rod) -> str:
     """A support in words."""
     rows = len(rod.support.directions)
@@ -138,8 +137,48 @@ def support_text(rod: Rod) -> str:
     return f"{kind}{where}" + ("" if rod.support.plane is None else ", planar")
 
 
+def _needs(needs: dict[str, Any]) -> list[tuple[str, str]]:
+    """What MuJoCo's model holds, in words."""
+    joints = ", ".join(f"{count} {kind}" for kind, count in needs["joints"].items() if count)
+    pairs = needs["contact_pairs"]
+    touching = (
+        f", {pairs} pair{'s' if pairs > 1 else ''} may touch ({needs['rows_per_contact']} rows a contact)"
+        if pairs
+        else ""
+    )
+    members = ", ".join(f"{needs[what]} {what}" for what in ("tendons", "actuators", "sensors", "equalities"))
+    return [
+        ("MuJoCo's model", f"nq = {needs['positions']}, nv = {needs['velocities']}; joints: {joints}; {members}"),
+        ("constraint rows", f"{needs['constraint_rows']} at the start{touching}"),
+        ("flags", ", ".join(needs["flags"])),
+        *[("" if row else "more than the least", reason) for row, reason in enumerate(needs["reasons"])],
+    ]
+
+
+def _costs(timing: dict[str, Any] | None) -> list[tuple[str, str]]:
+    """What a step costs, in words."""
+    if timing is None:
+        return []
+    micro = 1e6
+    closed = timing["closed_loop"]
+    shares = [f"{share:.0%} {part}" for part, share in timing["shares"].items()]
+    extras = [
+        f"{extra['what']}: {'it is here, ' if extra['needed'] else ''}{extra['ratio']:.2f} x"
+        for extra in timing["extras"]
+    ]
+    return [
+        ("a step (RK4)", f"{micro * timing['step']:.3g} µs: {', '.join(shares)}"),
+        (
+            "in a run",
+            f"{micro * timing['passive_run']:.3g} µs with ledger and recording"
+            + ("" if closed is None else f", {micro * closed:.3g} µs with the law"),
+        ),
+        *[("" if row else "what else would cost", text) for row, text in enumerate(extras)],
+    ]
+
+
 def _text(data: dict[str, Any]) -> str:
-    control = data["control"]
+    control, contact = data["control"], data["contact"]
     head = [
         ("scene", data["name"]),
         ("source", data["source"] or "-"),
@@ -160,8 +199,11 @@ def _text(data: dict[str, Any]) -> str:
         ),
         *([("unbalanced force at rest", number(data["unbalanced_force"], "N"))] if control is None else []),
         *([("prestress", "possible" if data["can_be_prestressed"] else data["why_not"])] if control is None else []),
+        *_needs(data["needs"]),
+        *_costs(data.get("timing")),
         ("gravity", "none" if not any(data["gravity"]) else f"{data['gravity']} m/s²"),
         ("control", "none" if control is None else ", ".join(f"{key} = {value}" for key, value in control.items())),
+        ("contact", "none" if contact is None else ", ".join(f"{key} = {value}" for key, value in contact.items())),
         ("duration", number(data["duration"], "s")),
     ]
     rods = [

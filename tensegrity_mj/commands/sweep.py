@@ -29,7 +29,7 @@ examples:
 
 parameters, by their paths:
   scene.gravity scene.gravity.z scene.duration scene.initial_nodes[NODE] scene.initial_velocities[NODE].x
-  scene.target[NODE].x scene.loads.force.z scene.breaks[STRING].time
+  scene.target[NODE].x scene.loads.force.z scene.breaks[STRING].time scene.contact.friction
   structure.rods.mass structure.rods[rod1].mass structure.strings[s1,s2].stiffness structure.nodes[NODE].z
   plant. ...                   as structure and scene, for what is simulated only: the law knows the nominal one
   law law.decay_rate law.norm  a law by name, or none; the law's options

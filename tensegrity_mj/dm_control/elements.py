@@ -43,9 +43,14 @@ def element(scene: Scene, command: Command = Command.REST_LENGTH, name: str | No
         name: of the model, which becomes the prefix of all names; the scene's by default.
 
     Raises:
-        OptionError: for a command that is none, or a name that PyMJCF cannot hold.
+        OptionError: for a command that is none, a name that PyMJCF cannot hold, or a scene with contact.
         StructureError: for names with a slash, which PyMJCF keeps to itself, and for what MuJoCo cannot hold.
     """
+    if scene.contact is not None:
+        raise OptionError(
+            f"scene '{scene.name}' has contact, whose floor and solver options belong to a whole model: attach "
+            "scene.with_(contact=None) and give the arena what it is to touch, or use physics(scene) or an Environment"
+        )
     options = MuJoCo()
     options.model(scene)  # for its errors
     member("command", command, Command)

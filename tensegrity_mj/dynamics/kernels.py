@@ -11,6 +11,9 @@ from typing import Any
 import numba
 import numpy as np
 
+from tensegrity_mj.native.pointers import borrowing, inlined
+from tensegrity_mj.native.vectors import ZERO, apply, dot, minus, plus, row_of, times, vector
+
 njit = numba.njit(cache=True, error_model="numpy")
 
 
@@ -29,72 +32,42 @@ def solve_spd(n: int, A: Any, x: Any) -> None:
         x[k] /= A[k, k]
 
 
-@njit
-def rod_accelerations(rod: Any, b: Any, c: float, t_r: Any, t_b: Any, r_acc: Any, b_acc: Any, work: Any) -> None:
-    """r̈ and b̈ of one rod from its forces, (2.43) and (2.37).
+@inlined
+def rod_accelerations(rod: Any, b: Any, c: float, t_r: Any, t_b: Any) -> tuple[Any, Any]:
+    """r̈ and b̈ of one rod from its forces, (2.43) and (2.37); vectors are tuples of three.
 
     `c` is (‖ḃ‖/‖b‖)², plus what a stabilization adds. With c = 0 this applies A = M⁻¹ H of (2.45), which is
-    symmetric: the laws use it so. `work` is scratch, (4, 3).
+    symmetric: the laws use it so.
+
+    With P = B Bᵀ - b bᵀ/‖b‖², the two equations are b̈ = P (t_b - f r̈)/J - c b and
+    Eᵀ (m I - f²/J P) r̈ = Eᵀ v, v = t_r - f/J P t_b + f c b. The matrix is a constant plus κ b bᵀ, κ = f²/(J ‖b‖²),
+    and W the inverse of the constant (`ROD`), so that r̈ = W v - κ bᵀWv/(1 + κ bᵀWb) W b (Sherman and Morrison).
     """
-    square = b[0] * b[0] + b[1] * b[1] + b[2] * b[2]
-    nz, nb = rod.nz, rod.nb
-    m, f, J = rod.mass, rod.f, rod.J
-    # P t_b, with P = B Bᵀ - b bᵀ/‖b‖².
-    along = (b[0] * t_b[0] + b[1] * t_b[1] + b[2] * t_b[2]) / square
-    for i in range(3):
-        b_acc[i] = t_b[i] - along * b[i]
-        r_acc[i] = 0.0
-    if nb == 2:
-        _keep_in_plane(rod.B, b_acc)
-    if nz > 0:
-        if f == 0.0 and nz == 3:
-            for i in range(3):
-                r_acc[i] = t_r[i] / m
-        else:
-            E, B = rod.E, rod.B
-            A, x = work[:3], work[3]
-            for i in range(nz):
-                eb_i = E[0, i] * b[0] + E[1, i] * b[1] + E[2, i] * b[2]
-                x[i] = 0.0
-                for k in range(3):
-                    x[i] += E[k, i] * (t_r[k] - f / J * b_acc[k])
-                x[i] += f * c * eb_i
-                for j in range(i + 1):
-                    eb_j = E[0, j] * b[0] + E[1, j] * b[1] + E[2, j] * b[2]
-                    projected = -eb_i * eb_j / square
-                    for p in range(nb):
-                        be_i = B[0, p] * E[0, i] + B[1, p] * E[1, i] + B[2, p] * E[2, i]
-                        be_j = B[0, p] * E[0, j] + B[1, p] * E[1, j] + B[2, p] * E[2, j]
-                        projected += be_i * be_j
-                    A[i, j] = -f * f / J * projected
-                A[i, i] += m
-            solve_spd(nz, A, x)
-            for k in range(3):
-                for i in range(nz):
-                    r_acc[k] += E[k, i] * x[i]
-    if f != 0.0:
-        # P f r̈, subtracted from P t_b.
-        along = f * (b[0] * r_acc[0] + b[1] * r_acc[1] + b[2] * r_acc[2]) / square
-        pr = work[0]
-        for i in range(3):
-            pr[i] = f * r_acc[i] - along * b[i]
-        if nb == 2:
-            _keep_in_plane(rod.B, pr)
-        for i in range(3):
-            b_acc[i] -= pr[i]
-    for i in range(3):
-        b_acc[i] = b_acc[i] / J - c * b[i]
+    per_square, f, per_J = 1.0 / dot(b, b), rod.f, rod.per_J
+    pull = _across(rod, b, per_square, t_b)
+    r_acc = ZERO
+    if rod.nz > 0:
+        v = plus(minus(t_r, times(f * per_J, pull)), times(f * c, b))
+        r_acc, Wb = apply(rod.W, v), apply(rod.W, b)
+        kappa = f * f * per_J * per_square
+        r_acc = minus(r_acc, times(kappa * dot(b, r_acc) / (1.0 + kappa * dot(b, Wb)), Wb))
+        pull = minus(pull, _across(rod, b, per_square, times(f, r_acc)))
+    return r_acc, minus(times(per_J, pull), times(c, b))
 
 
-@njit
-def _keep_in_plane(B: Any, v: Any) -> None:
-    p = B[0, 0] * v[0] + B[1, 0] * v[1] + B[2, 0] * v[2]
-    q = B[0, 1] * v[0] + B[1, 1] * v[1] + B[2, 1] * v[2]
-    for i in range(3):
-        v[i] = B[i, 0] * p + B[i, 1] * q
+@inlined
+def _across(rod: Any, b: Any, per_square: float, v: Any) -> Any:
+    """P v = (B Bᵀ - b bᵀ/‖b‖²) v."""
+    inside = v
+    if rod.nb == 2:
+        B = rod.B
+        p = B[0, 0] * v[0] + B[1, 0] * v[1] + B[2, 0] * v[2]
+        q = B[0, 1] * v[0] + B[1, 1] * v[1] + B[2, 1] * v[2]
+        inside = (B[0, 0] * p + B[0, 1] * q, B[1, 0] * p + B[1, 1] * q, B[2, 0] * p + B[2, 1] * q)
+    return minus(inside, times(dot(b, v) * per_square, b))
 
 
-@njit
+@borrowing
 def place_points(q: Any, rates: Any, points: Any, nodes: Any, velocities: Any) -> None:
     """Positions and velocities of the point masses' nodes, for both formulations: they have z alone."""
     for a in range(len(points)):
@@ -108,7 +81,7 @@ def place_points(q: Any, rates: Any, points: Any, nodes: Any, velocities: Any) -
             velocities[point.node, k] = r_rate
 
 
-@njit
+@borrowing
 def accelerate_points(forces: Any, points: Any, gravity: Any, out: Any) -> None:
     """z̈ of the point masses for nodal forces (N, 3) [N]."""
     for a in range(len(points)):
@@ -120,7 +93,7 @@ def accelerate_points(forces: Any, points: Any, gravity: Any, out: Any) -> None:
             out[point.q + p] = total
 
 
-@njit
+@borrowing
 def place_nodes(q: Any, rates: Any, rods: Any, points: Any, nodes: Any, velocities: Any) -> None:
     """vec(N) = Φ q + y (2.53) and its rate, written into (N, 3) arrays; fixed nodes are left as they are."""
     for a in range(len(rods)):
@@ -142,16 +115,16 @@ def place_nodes(q: Any, rates: Any, rods: Any, points: Any, nodes: Any, velociti
     place_points(q, rates, points, nodes, velocities)
 
 
-@njit
-def rod_forces(rod: Any, forces: Any, gravity: Any, t_r: Any, t_b: Any) -> None:
+@inlined
+def rod_forces(rod: Any, forces: Any, gravity: Any) -> tuple[Any, Any]:
     """t_r and t_b of nodal forces (N, 3), Φᵀ f of (2.55), and of the rod's weight."""
-    for k in range(3):
-        fi, fj = forces[rod.i, k], forces[rod.j, k]
-        t_r[k] = fi + fj + rod.mass * gravity[k]
-        t_b[k] = rod.length * ((1.0 - rod.sigma) * fj - rod.sigma * fi) + rod.f * gravity[k]
+    fi, fj, g = row_of(forces, rod.i), row_of(forces, rod.j), vector(gravity)
+    t_r = plus(plus(fi, fj), times(rod.mass, g))
+    t_b = plus(times(rod.length, minus(times(1.0 - rod.sigma, fj), times(rod.sigma, fi))), times(rod.f, g))
+    return t_r, t_b
 
 
-@njit
+@borrowing
 def accelerations(
     q: Any,
     rates: Any,
@@ -165,28 +138,16 @@ def accelerations(
     multipliers: Any,
 ) -> None:
     """q̈ (nq,) and λ (R,) for nodal forces (N, 3) [N]; kp, kd are Baumgarte's gains of (3.25), zero for none."""
-    work = np.empty((10, 3))  # one allocation: this is called at every stage
-    b, b_rate, t_r, t_b, r_acc, b_acc = work[4], work[5], work[6], work[7], work[8], work[9]
     for a in range(len(rods)):
         rod = rods[a]
         iz, ib = rod.q, rod.q + rod.nz
-        square, rate2, dot = 0.0, 0.0, 0.0
-        for k in range(3):
-            b[k], b_rate[k] = 0.0, 0.0
-            for p in range(rod.nb):
-                b[k] += rod.B[k, p] * q[ib + p]
-                b_rate[k] += rod.B[k, p] * rates[ib + p]
-            square += b[k] * b[k]
-            rate2 += b_rate[k] * b_rate[k]
-            dot += b[k] * b_rate[k]
-        rod_forces(rod, forces, gravity, t_r, t_b)
+        b, b_rate = _in_world(rod, q, ib), _in_world(rod, rates, ib)
+        square = dot(b, b)
+        t_r, t_b = rod_forces(rod, forces, gravity)
         # bᵀb̈ + ‖ḃ‖² = -k_d bᵀḃ - k_p (bᵀb - 1)/2, (3.26).
-        c = (rate2 + kd * dot + 0.5 * kp * (square - 1.0)) / square
-        rod_accelerations(rod, b, c, t_r, t_b, r_acc, b_acc, work[:4])
-        along = 0.0
-        for k in range(3):
-            along += b[k] * (rod.f * r_acc[k] - t_b[k])
-        multipliers[a] = c - along / (rod.J * square)
+        c = (dot(b_rate, b_rate) + kd * dot(b, b_rate) + 0.5 * kp * (square - 1.0)) / square
+        r_acc, b_acc = rod_accelerations(rod, b, c, t_r, t_b)
+        multipliers[a] = c - dot(b, minus(times(rod.f, r_acc), t_b)) / (rod.J * square)
         for p in range(rod.nz):
             out[iz + p] = rod.E[0, p] * r_acc[0] + rod.E[1, p] * r_acc[1] + rod.E[2, p] * r_acc[2]
         for p in range(rod.nb):
@@ -194,7 +155,17 @@ def accelerations(
     accelerate_points(forces, points, gravity, out)
 
 
-@njit
+@inlined
+def _in_world(rod: Any, q: Any, at: int) -> Any:
+    """B β with β from place `at` of q on: b in world components."""
+    B = rod.B
+    if rod.nb == 3:
+        return q[at], q[at + 1], q[at + 2]
+    x, y = q[at], q[at + 1]
+    return B[0, 0] * x + B[0, 1] * y, B[1, 0] * x + B[1, 1] * y, B[2, 0] * x + B[2, 1] * y
+
+
+@borrowing
 def normalize(q: Any, rates: Any, rods: Any) -> None:
     """(3.23)-(3.24): b to unit length, ḃ orthogonal to it."""
     for a in range(len(rods)):

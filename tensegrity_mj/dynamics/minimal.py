@@ -188,24 +188,15 @@ def minimal_accelerations(
 
     At a pole of a rod, sin φ = 0, its θ̈ is not finite; all else is.
     """
-    work = np.zeros((13, 3))
-    b, b_rate, bend, t_r, t_b, r_acc, push, x = (
-        work[0],
-        work[1],
-        work[2],
-        work[3],
-        work[4],
-        work[5],
-        work[6],
-        work[7],
-    )
-    U, A = work[8:10], work[10:13]
+    work = np.zeros((11, 3))
+    b, b_rate, bend, r_acc, push, x = work[0], work[1], work[2], work[3], work[4], work[5]
+    U, A = work[6:8], work[8:11]
     for a in range(len(rods)):
         rod = rods[a]
         m, f, J, nz, turns = rod.mass, rod.f, rod.J, rod.nz, rod.nb - 1
         at = rod.q + nz
         sine = direction(rod, q[at : at + 2], rates[at : at + 2], b, b_rate, U, bend)
-        rod_forces(rod, forces, gravity, t_r, t_b)
+        t_r, t_b = rod_forces(rod, forces, gravity)
         # (m I - f²/J Eᵀ U Uᵀ E) z̈ = t_z + g_z - f Eᵀ U diag(1/s) (g_β + t_β) / J, where (g_β + t_β) / s is
         # Uᵀ (t_b - J Ẇβ̇).
         for i in range(nz):

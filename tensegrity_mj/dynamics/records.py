@@ -28,8 +28,11 @@ ROD = np.dtype(
         ("sigma", "f8"),
         ("f", "f8"),  # (2.30)
         ("J", "f8"),
+        ("per_length", "f8"),  # 1/ℓ and 1/J: to multiply is faster than to divide
+        ("per_J", "f8"),
         ("E", "f8", (3, 3)),  # columns 0..nz-1
         ("B", "f8", (3, 3)),  # columns 0..nb-1
+        ("W", "f8", (3, 3)),  # E (m I - f²/J Eᵀ B Bᵀ E)⁻¹ Eᵀ: how r̈ answers a force, but for what b adds
         ("anchor", "f8", (3,)),
     ],
     align=True,
@@ -78,8 +81,12 @@ class StructureRecords:
             record["nz"], record["nb"] = E.shape[1], B.shape[1]
             record["mass"], record["length"], record["sigma"] = rod.mass, length, support.sigma
             record["f"], record["J"] = inertia_terms(rod.mass, length, support.sigma)
+            record["per_length"], record["per_J"] = 1.0 / record["length"], 1.0 / record["J"]
             record["E"][:, : E.shape[1]] = E
             record["B"][:, : B.shape[1]] = B
+            # Positive definite: f² < m J wherever the rod is held.
+            share = record["f"] ** 2 / record["J"] * E.T @ B @ B.T @ E
+            record["W"] = E @ np.linalg.solve(rod.mass * np.eye(E.shape[1]) - share, E.T)
             record["anchor"] = r - E @ (E.T @ r)
             offset += E.shape[1] + B.shape[1]
         for number, point in enumerate(structure.point_masses):

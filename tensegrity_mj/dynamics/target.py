@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.dynamics.records import StructureRecords
-from tensegrity_mj.native.pointers import address_of, floats, integers
+from tensegrity_mj.native.pointers import address_of, borrowing, floats, inlined, integers, stack_doubles
 from tensegrity_mj.scene import Target
 from tensegrity_mj.structure import Structure
 
@@ -60,7 +60,7 @@ class PackedTarget:
         return address_of(self.table)
 
 
-@njit
+@inlined
 def read_target(address: int) -> Any:
     """The arrays of a `PackedTarget`."""
     table = integers(address, (8,))
@@ -73,7 +73,7 @@ def read_target(address: int) -> Any:
     )
 
 
-@njit
+@inlined
 def locate(t: float, times: Any) -> tuple[int, float, float, float]:
     """Segment, and the quintic s = 10 τ³ - 15 τ⁴ + 6 τ⁵ with its first two time derivatives; s = 0 when standing."""
     last = len(times) - 1
@@ -90,7 +90,7 @@ def locate(t: float, times: Any) -> tuple[int, float, float, float]:
     return k, s, rate, acc
 
 
-@njit
+@borrowing
 def along_line(start: Any, end: Any, s: float, rate: float, acc: float, out: Any) -> None:
     """Position, velocity and acceleration (3, 3) on the straight line from start to end."""
     for i in range(3):
@@ -100,11 +100,11 @@ def along_line(start: Any, end: Any, s: float, rate: float, acc: float, out: Any
         out[2, i] = acc * step
 
 
-@njit
+@borrowing
 def along_great_circle(start: Any, end: Any, s: float, rate: float, acc: float, out: Any) -> None:
     """The same for a unit vector turning from start to end (not opposite to it) on the great circle."""
     dot = start[0] * end[0] + start[1] * end[1] + start[2] * end[2]
-    side = np.empty(3)
+    side = floats(stack_doubles(3), (3,))
     square = 0.0
     for i in range(3):
         side[i] = end[i] - dot * start[i]
@@ -125,7 +125,7 @@ def along_great_circle(start: Any, end: Any, s: float, rate: float, acc: float, 
         out[2, i] = phi_acc * tangent - phi_rate * phi_rate * out[0, i]
 
 
-@njit
+@borrowing
 def _along_curve(t: float, target: Any, node: int, out: Any) -> None:
     """Position, velocity and acceleration (3, 3) of a node of a curve from its first to before its last time."""
     times, quintics, shapes = target.times, target.quintics, target.shapes
@@ -159,13 +159,13 @@ def _along_curve(t: float, target: Any, node: int, out: Any) -> None:
         )
 
 
-@njit
+@inlined
 def _moves_on_curve(t: float, target: Any) -> bool:
     # With its rates from the first time on: a sample there sees how the curve goes on.
     return len(target.shapes) > 0 and target.times[0] <= t < target.times[-1]
 
 
-@njit
+@borrowing
 def _unit_with_derivatives(v: Any, b: Any) -> None:
     """b = v/‖v‖ with two derivatives (3, 3), from v with two derivatives."""
     square, dot, more = 0.0, 0.0, 0.0
@@ -183,9 +183,9 @@ def _unit_with_derivatives(v: Any, b: Any) -> None:
         b[2, i] = (v[2, i] - more * b[0, i] - 2.0 * dot * b[1, i]) / length
 
 
-@njit
+@borrowing
 def _rod_on_curve(rod: Any, t: float, target: Any, r: Any, b: Any) -> None:
-    work = np.empty((3, 3, 3))
+    work = floats(stack_doubles(27), (3, 3, 3))
     first, second, along = work[0], work[1], work[2]
     _along_curve(t, target, rod.i, first)
     _along_curve(t, target, rod.j, second)
@@ -196,7 +196,7 @@ def _rod_on_curve(rod: Any, t: float, target: Any, r: Any, b: Any) -> None:
     _unit_with_derivatives(along, b)
 
 
-@njit
+@borrowing
 def rod_target(rod: Any, t: float, target: Any, r: Any, b: Any) -> None:
     """r and b of a rod's target (`TargetArrays`) with two derivatives each, (3, 3)."""
     if _moves_on_curve(t, target):
@@ -208,7 +208,7 @@ def rod_target(rod: Any, t: float, target: Any, r: Any, b: Any) -> None:
     if rate == 0.0 and s == 0.0:
         _standing_target(rod, nodes[k], r, b)
         return
-    ends = np.empty((2, 2, 3))
+    ends = floats(stack_doubles(12), (2, 2, 3))
     for w in range(2):
         row = k if w == 0 else m
         length = 0.0
@@ -223,7 +223,31 @@ def rod_target(rod: Any, t: float, target: Any, r: Any, b: Any) -> None:
     along_great_circle(ends[0, 1], ends[1, 1], s, rate, acc, b)
 
 
+@inlined
+def standing_at(t: float, target: Any) -> int:
+    """Number of the target's time at whose nodes it stands still at time t; -1 where it moves."""
+    if _moves_on_curve(t, target):
+        return -1
+    k, s, rate, _acc = locate(t, target.times)
+    return k if rate == 0.0 and s == 0.0 else -1
+
+
 @njit
+def standing_targets(rods: Any, points: Any, target: Any) -> Any:
+    """r and b of every rod, and r of every point mass, where the target stands: (W, R + P, 2, 3)."""
+    W, R = len(target.times), len(rods)
+    out = np.zeros((W, R + len(points), 2, 3))
+    work = np.empty((2, 3, 3))
+    for k in range(W):
+        for a in range(R):
+            _standing_target(rods[a], target.nodes[k], work[0], work[1])
+            out[k, a, 0], out[k, a, 1] = work[0, 0], work[1, 0]
+        for a in range(len(points)):
+            out[k, R + a, 0] = target.nodes[k, points[a].node]
+    return out
+
+
+@borrowing
 def _standing_target(rod: Any, nodes: Any, r: Any, b: Any) -> None:
     length = 0.0
     for i in range(3):
@@ -236,7 +260,7 @@ def _standing_target(rod: Any, nodes: Any, r: Any, b: Any) -> None:
         b[0, i] /= np.sqrt(length)
 
 
-@njit
+@borrowing
 def point_target(point: Any, t: float, target: Any, r: Any) -> None:
     """Position of a point mass' target with two derivatives, (3, 3)."""
     if _moves_on_curve(t, target):

@@ -7,7 +7,8 @@ no part.
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,8 @@ class DAE:
         drift: see `Drift`; the drift is reported whatever is chosen.
         baumgarte_frequency, baumgarte_damping: ω [rad/s] and ζ of k_p = ω², k_d = 2 ζ ω.
         max_steps: of the error-controlled methods, before the run is given up.
+        accuracy: [m] largest node error over the run, from 1e-10 to 1e-2, in place of method, tolerances and step,
+            which it chooses for each run (docs/accuracy.md).
     """
 
     method: Method = Method.DOP853
@@ -54,6 +57,7 @@ class DAE:
     baumgarte_frequency: float = 10.0
     baumgarte_damping: float = 1.0
     max_steps: int = 1_000_000
+    accuracy: float | None = None
 
     def __post_init__(self) -> None:
         check_options("DAE", self)
@@ -66,6 +70,11 @@ class DAE:
 
     def run(self, request: Request) -> Trajectory:
         """Simulate; called by `simulate`."""
+        if self.accuracy is not None:
+            from tensegrity_mj.engines.integration_accuracy import run_accurately
+
+            plain = partial(replace, self, accuracy=None)
+            return run_accurately(self.accuracy, request, plain, lambda options, made: options._prepared(made)[0])
         return self._prepared(request)[0].integrate()
 
     def accelerations(self, request: Request) -> Accelerations:

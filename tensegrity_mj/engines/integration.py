@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.checks import member, positive
 from tensegrity_mj.engines import integration_kernels as kernels
+from tensegrity_mj.engines.accuracy import check_accuracy
 from tensegrity_mj.engines.integration_kernels import SINGULAR
 from tensegrity_mj.engines.run import (
     Grid,
@@ -53,6 +54,8 @@ class Options(Protocol):
     def timestep(self) -> float | None: ...
     @property
     def max_steps(self) -> int: ...
+    @property
+    def accuracy(self) -> float | None: ...
 
 
 def check_options(engine: str, options: Any) -> None:
@@ -75,12 +78,22 @@ def check_options(engine: str, options: Any) -> None:
         raise OptionError(f"{engine}: rtol = {options.rtol:g}, atol = {options.atol:g}; both must be <= 1e-2")
     if options.rtol < 100 * np.finfo(float).eps:
         raise OptionError(f"{engine}: rtol = {options.rtol:g} is below what double precision can hold; use >= 2.3e-14")
+    if options.accuracy is not None:
+        chosen = {
+            "method": (options.method, Method.DOP853),
+            "timestep": (options.timestep, None),
+            "rtol": (options.rtol, 1e-10),
+            "atol": (options.atol, 1e-12),
+        }
+        object.__setattr__(options, "accuracy", check_accuracy(engine, options.accuracy, chosen))
     if not isinstance(options.max_steps, int) or isinstance(options.max_steps, bool) or options.max_steps < 1:
         raise OptionError(f"{engine}: max_steps = {options.max_steps!r}; it must be an integer >= 1")
 
 
 def describe_method(options: Options) -> str:
-    """The method with its step or tolerances, for people."""
+    """The method with its step or tolerances, for people; the accuracy that chooses them."""
+    if options.accuracy is not None:
+        return f"accuracy {options.accuracy:g} m"
     if options.method is Method.RK4:
         return f"RK4, h = {options.timestep:g} s"
     return f"{options.method.name}, rtol = {options.rtol:g}, atol = {options.atol:g}"
@@ -114,6 +127,11 @@ class IntegratedRun:
         explain_singular: Callable[[float], str] | None = None,
     ) -> None:
         self.name, self.options, self.request, self.plant, self.y = name, options, request, plant, y
+        if request.scene.contact is not None:
+            raise OptionError(
+                f"{name}: scene '{request.scene.name}' has contact, which MuJoCo alone has: "
+                "run it with MuJoCo, or without contact as scene.with_(contact=None)"
+            )
         self.table = table = plant.table
         self.projects = bool(project)
         self.multipliers, self.keep = multipliers, keep  # alive while the table holds their addresses

@@ -19,6 +19,7 @@ from tensegrity_mj.engines.integration_kernels import (
     break_due_strings,
     guard,
     observe,
+    place,
     project,
     rates,
     sample_law,
@@ -36,13 +37,19 @@ from tensegrity_mj.engines.run import (
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED, Report
 from tensegrity_mj.native.plant import (
+    BROKEN,
     CONTINUOUS,
+    HOLDS_FORCE_DENSITY,
+    LENGTH,
     MODE,
     PASSIVE,
     REPORT,
     REPORT_SIZE,
+    REST,
     STATUS,
+    STRING_COUNT,
     SUSPENDED,
+    VELOCITIES,
     ask_law,
     break_times,
     remember,
@@ -60,6 +67,7 @@ JACOBIAN_STEP = 1.5e-8  # √eps: round-off and curvature spoil the difference a
 CRAWL_STEPS = 5000
 SWITCH_TOLERANCE = 1e-10  # s, to which the time of a switch is located
 RETREAT = 0.2  # of a step, after a stage that the model's coordinates cannot hold: what SciPy takes at least, too
+LOOKS = 16  # times within a step at which a string that is slack at both ends of it is looked at
 VANISHING_MARGIN = (
     1e-2  # of the largest margin before: below it, an integrator that gives up gave up for the law's sake
 )
@@ -88,6 +96,7 @@ class ErrorControlled:
         self.mark_of_progress = -math.inf  # the first stretch has all the time it wants
         self.solver: Any = None
         self.first_step: float | None = None
+        self.longest_step, self.careful_until = math.inf, 0.0  # while a string is about to pull for a moment
         self.continuous = bool(self.table[MODE] == CONTINUOUS)
         self.switches = 0
         self.times = output_times(run.request)
@@ -196,8 +205,54 @@ class ErrorControlled:
         first = None if self.first_step is None else min(self.first_step, mark - self.t)
         implicit = {"jac": self._jacobian} if self.kind is Radau else {}
         return self.kind(
-            self._rhs, self.t, self.y, mark, rtol=options.rtol, atol=options.atol, first_step=first, **implicit
+            self._rhs,
+            self.t,
+            self.y,
+            mark,
+            rtol=options.rtol,
+            atol=options.atol,
+            first_step=None if first is None else min(first, self.longest_step),
+            max_step=self.longest_step,
+            **implicit,
         )
+
+    def _steps_over_a_pull(self, solver: Any) -> bool:
+        """Whether a string that is slack at both ends of a step is taut within it.
+
+        Slack strings leave a motion so smooth that steps grow long, and none of the stages may see a moment's pull.
+        Where rest lengths follow a law at every stage there is no such moment to look for.
+        """
+        step = float(solver.t - self.t)
+        if not self.table[STRING_COUNT] or self.continuous or self.table[HOLDS_FORCE_DENSITY]:
+            return False
+        plant = self.run.plant
+        gaps, speed = np.inf, 0.0
+        slack = plant[BROKEN] == 0
+        for y in (self.y, solver.y):
+            place(y, self.table)
+            gap = plant[REST] - plant[LENGTH]
+            gaps, slack = np.minimum(gaps, gap), slack & (gap > 0)
+            speed = max(speed, float(np.linalg.norm(plant[VELOCITIES], axis=1).max()))
+        # Both ends of a string may run at twice the speed of the step's ends, and have to come back again.
+        near = slack & (gaps < 2 * speed * step)
+        if not near.any() or step < 1e-9 * self.request.duration:
+            return False
+        dense = solver.dense_output()
+
+        def least(start: float, end: float) -> tuple[Array, Array]:
+            """The least gap of each string that may pull, at times between, and when it is."""
+            times = np.linspace(start, end, LOOKS + 1)
+            gaps = np.empty((len(times), int(near.sum())))
+            for row, t in zip(gaps, times, strict=True):
+                place(dense(t), self.table)
+                row[:] = (plant[REST] - plant[LENGTH])[near]
+            return gaps.min(axis=0), times[np.argmin(gaps, axis=0)]
+
+        gap, when = least(self.t, solver.t)
+        if np.any(gap < 0):
+            return True
+        beside = step / LOOKS
+        return any(np.any(least(max(t - beside, self.t), min(t + beside, solver.t))[0] < 0) for t in np.unique(when))
 
     def _try_step(self, mark: float) -> str | None:
         """A step of the solver, shortened until all its stages are states that the model can hold."""
@@ -231,6 +286,13 @@ class ErrorControlled:
             self.mark_of_progress = float(solver.t)
         if self.run.steps >= self.options.max_steps:
             self._give_up(f"max_steps = {self.options.max_steps} steps were not enough")
+        if self._steps_over_a_pull(solver):
+            # Again from where it began, in steps that cannot miss it.
+            self.longest_step, self.careful_until = (solver.t - self.t) / LOOKS, max(self.careful_until, solver.t)
+            self.solver = None
+            return
+        if solver.t >= self.careful_until and math.isfinite(self.longest_step):
+            self.longest_step = solver.max_step = math.inf
         self.first_step = solver.h_abs
         dense: Any = None
         end, switched = solver.t, False

@@ -36,7 +36,6 @@ from tensegrity_mj.native.plant import (
     row_width,
     set_rest_lengths,
     start_ledger,
-    string_power,
     take_sample,
     tighten_strings,
     write_row,
@@ -120,9 +119,7 @@ def pull_strings(t: float, dwork: Any, table: Any) -> int:
         return SOLVED
     measure_strings(table)
     status = set_rest_lengths(table, t)
-    tighten_strings(table)
-    stored, lost = string_power(table)
-    dwork[0], dwork[1] = stored, lost
+    dwork[0], dwork[1] = tighten_strings(table)
     add_string_forces(table)
     return status
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.checks import member, positive
 from tensegrity_mj.engines import mujoco_callback as callback
+from tensegrity_mj.engines.accuracy import check_accuracy
 from tensegrity_mj.engines.run import (
     Accelerations,
     Request,
@@ -49,16 +50,24 @@ class MuJoCo:
     Attributes:
         timestep: h [s].
         integrator: see `Integrator`.
+        accuracy: [m] largest node error over the run, from 1e-10 to 1e-2, in place of the other two, which it chooses
+            for each run (docs/accuracy.md).
     """
 
     timestep: float = 1e-3
     integrator: Integrator = Integrator.RK4
+    accuracy: float | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "timestep", positive("MuJoCo: timestep", self.timestep, "s"))
         member("MuJoCo: integrator", self.integrator, Integrator)
+        if self.accuracy is not None:
+            chosen = {"timestep": (self.timestep, 1e-3), "integrator": (self.integrator, Integrator.RK4)}
+            object.__setattr__(self, "accuracy", check_accuracy("MuJoCo", self.accuracy, chosen))
 
     def __str__(self) -> str:
+        if self.accuracy is not None:
+            return f"MuJoCo {mujoco.__version__}, accuracy {self.accuracy:g} m"
         return f"MuJoCo {mujoco.__version__} {self.word}, h = {self.timestep:g} s"
 
     def model(self, scene: Scene) -> mujoco.MjModel:
@@ -108,6 +117,10 @@ class MuJoCo:
         """Simulate; called by `simulate`."""
         from tensegrity_mj.engines.mujoco_run import MuJoCoRun
 
+        if self.accuracy is not None:
+            from tensegrity_mj.engines.mujoco_accuracy import run_accurately
+
+            return run_accurately(self.accuracy, request)
         return MuJoCoRun(self, request).run()
 
     def accelerations(self, request: Request) -> Accelerations:

@@ -4,14 +4,15 @@ MuJoCo calls it once a stage: four times a step with RK4, once with the other in
 step the state is that of the step's start: there the law is sampled and rows are written. Accelerations and
 actuator forces of that state are only known after the callback returns, so they are copied when it is next called.
 
-The callback is process-wide. It finds its run through `ACTIVE`, and does nothing for other MjData.
+The callback is process-wide. It finds its run through `ACTIVE`, and does nothing for other MjData. `mujoco_many` has
+the callbacks for many simulations at once and for a law without a run.
 """
 
 from __future__ import annotations
 
 import ctypes
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from typing import Any
@@ -20,6 +21,13 @@ import numba
 import numpy as np
 from numba import types
 
+from tensegrity_mj.engines.mujoco_contact import (
+    keep_stage,
+    last_stage_work,
+    spin_energy,
+    state_width,
+    write_state,
+)
 from tensegrity_mj.engines.run import BEYOND
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED
@@ -52,14 +60,12 @@ from tensegrity_mj.native.plant import (
     set_loads,
     set_rest_lengths,
     start_ledger,
-    string_power,
     take_sample,
     tighten_strings,
     write_row,
 )
-from tensegrity_mj.native.pointers import address_of, floats, integers
-
-njit = numba.njit(cache=True, error_model="numpy")
+from tensegrity_mj.native.pointers import address_of, borrowing, floats, inlined, integers
+from tensegrity_mj.native.vectors import minus, row_of
 
 # Addresses of MjData's arrays, and of ours.
 (
@@ -71,8 +77,6 @@ njit = numba.njit(cache=True, error_model="numpy")
     QACC,
     ACTUATOR_FORCE,
     CTRL,
-    TEN_LENGTH,
-    TEN_VELOCITY,
     DESIGNED,
     NODE_SITE,
     NODE_BODY,
@@ -92,6 +96,8 @@ njit = numba.njit(cache=True, error_model="numpy")
     STAGES,
     ROD_COUNT,
     FORCE_RANGE,
+    CONTACT,
+    CONTACT_SIZE,
 ) = range(ENGINE_SLOTS, ENGINE_SLOTS + 29)
 
 # Counters: calls within the step, steps begun, next row, row waiting for its accelerations, final status.
@@ -99,13 +105,17 @@ STAGE, STEP, NEXT_ROW, WAITING, ENDED, END_STEP = range(6)
 RUNNING, FINISHED, LOST, LOST_CONTROL = -1, -2, -3, -4
 
 ACTIVE = np.zeros(1, np.int64)  # address of the running plant's table, 0 for none
-_ACTIVE_ADDRESS = address_of(ACTIVE)
+ACTIVE_ADDRESS = address_of(ACTIVE)
+_OWN: list[Any] = []  # callbacks that were installed here
 _lock = threading.Lock()
 
 
-@njit
-def read_nodes(table: Any) -> None:
-    """Node positions from the sites, node velocities from the bodies' spatial velocities."""
+@borrowing
+def read_nodes(table: Any) -> bool:
+    """Node positions from the sites, node velocities from the bodies' spatial velocities.
+
+    False where a position or a velocity is beyond all reason, or no number.
+    """
     N = table[NODE_COUNT]
     nodes, velocities = floats(table[NODES], (N, 3)), floats(table[VELOCITIES], (N, 3))
     sites = integers(table[NODE_SITE], (N,))
@@ -113,28 +123,38 @@ def read_nodes(table: Any) -> None:
     bodies_total = table[BODY_COUNT]
     xpos = floats(table[SITE_XPOS], (N, 3))
     cvel, com = floats(table[CVEL], (bodies_total, 6)), floats(table[SUBTREE_COM], (bodies_total, 3))
+    sane = True
     for n in range(N):
-        s, body, root = sites[n], bodies[n], roots[n]
-        for k in range(3):
-            nodes[n, k] = xpos[s, k]
+        body = bodies[n]
+        place = row_of(xpos, sites[n])
+        nodes[n, 0], nodes[n, 1], nodes[n, 2] = place
+        sane &= _is_sane(place)
         if body == 0:
             continue
         # cvel is (ω, v) at the centre of mass of the kinematic tree.
-        x, y, z = xpos[s, 0] - com[root, 0], xpos[s, 1] - com[root, 1], xpos[s, 2] - com[root, 2]
-        wx, wy, wz = cvel[body, 0], cvel[body, 1], cvel[body, 2]
-        velocities[n, 0] = cvel[body, 3] + wy * z - wz * y
-        velocities[n, 1] = cvel[body, 4] + wz * x - wx * z
-        velocities[n, 2] = cvel[body, 5] + wx * y - wy * x
+        x, y, z = minus(place, row_of(com, roots[n]))
+        wx, wy, wz = row_of(cvel, body)
+        moves = (cvel[body, 3] + wy * z - wz * y, cvel[body, 4] + wz * x - wx * z, cvel[body, 5] + wx * y - wy * x)
+        velocities[n, 0], velocities[n, 1], velocities[n, 2] = moves
+        sane &= _is_sane(moves)
+    return sane
 
 
-@njit
+@inlined
+def _is_sane(v: Any) -> bool:
+    return (abs(v[0]) < BEYOND) & (abs(v[1]) < BEYOND) & (abs(v[2]) < BEYOND)
+
+
+@borrowing
 def apply_loads(table: Any) -> None:
     """External nodal forces as forces and torques at the bodies' centres of mass."""
     N, bodies_total = table[NODE_COUNT], table[BODY_COUNT]
     nodes, forces = floats(table[NODES], (N, 3)), floats(table[FORCES], (N, 3))
     bodies = integers(table[NODE_BODY], (N,))
     centers, xfrc = floats(table[XIPOS], (bodies_total, 3)), floats(table[XFRC], (bodies_total, 6))
-    xfrc[:] = 0.0
+    for body in range(bodies_total):
+        for k in range(6):
+            xfrc[body, k] = 0.0
     for n in range(N):
         body = bodies[n]
         if body == 0:
@@ -149,18 +169,7 @@ def apply_loads(table: Any) -> None:
         xfrc[body, 5] += x * fy - y * fx
 
 
-@njit
-def is_lost(table: Any) -> bool:
-    """Whether a position or a velocity is beyond all reason, or no number."""
-    N = table[NODE_COUNT]
-    nodes, velocities = floats(table[NODES], (3 * N,)), floats(table[VELOCITIES], (3 * N,))
-    lost = False
-    for x in range(3 * N):
-        lost |= not (abs(nodes[x]) < BEYOND and abs(velocities[x]) < BEYOND)
-    return lost
-
-
-@njit
+@borrowing
 def load_power(table: Any) -> float:
     """Power of the last external forces at the current velocities [W]."""
     N = table[NODE_COUNT]
@@ -171,7 +180,7 @@ def load_power(table: Any) -> float:
     return total
 
 
-@njit
+@borrowing
 def set_controls(table: Any) -> bool:
     """Controls from rest lengths, such that neither spring nor damper of a slack string acts; False for one beyond.
 
@@ -183,21 +192,21 @@ def set_controls(table: Any) -> bool:
     lengths, rates = floats(table[LENGTH], (M,)), floats(table[RATE], (M,))
     stiffness, damping = floats(table[STIFFNESS], (M,)), floats(table[DAMPING], (M,))
     ctrl, force_range = floats(table[CTRL], (M,)), floats(table[FORCE_RANGE], (M, 2))
-    broken = integers(table[BROKEN], (M,))
+    broken, damped, clipped = integers(table[BROKEN], (M,)), table[DAMPED], table[CLIPPED]
+    sane = True
     for m in range(M):
         L0 = max(rest[m], lengths[m]) if broken[m] else rest[m]
         slack = lengths[m] <= L0
-        if slack and (table[DAMPED] or broken[m]):
+        if slack and (damped or broken[m]):
             L0 += lengths[m] + max(0.0, damping[m] * rates[m] / stiffness[m])
-        if not table[CLIPPED]:
+        if not clipped:
             force_range[m, 1] = 0.0 if slack else UNLIMITED
         ctrl[m] = L0 - designed[m]
-        if not abs(ctrl[m]) < BEYOND:
-            return False
-    return True
+        sane &= abs(ctrl[m]) < BEYOND
+    return sane
 
 
-@njit
+@borrowing
 def finish_row(table: Any) -> None:
     """Complete the waiting row: MuJoCo's tensions, and the accelerations of the rods' points r along their slides."""
     counters = integers(table[COUNTERS], (6,))
@@ -222,29 +231,30 @@ def finish_row(table: Any) -> None:
             row[width + 3 * r + k] = total
 
 
-@njit
+@borrowing
 def control_stage(table: Any) -> None:
     """Everything that happens at one stage of MuJoCo's integrator."""
     counters = integers(table[COUNTERS], (6,))
-    finish_row(table)
+    if counters[WAITING] >= 0:
+        finish_row(table)
     if counters[ENDED] != RUNNING:
         return
     M = table[STRING_COUNT]
     work = floats(table[WORK_INTEGRALS], (3,))
     h = floats(table[STEP_SIZE], (1,))[0]
     stages, stage, step = table[STAGES], counters[STAGE], counters[STEP]
+    contact = integers(table[CONTACT], (table[CONTACT_SIZE],))
+    if table[CONTACT]:
+        before = h if stages == 1 else h / 6.0 if stage < 2 else h / 3.0  # of the stage whose forces are known now
+        work[2] += last_stage_work(contact, before, stages == 1)
     weight = h
     t = step * h
     if stages == 4:
         weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
         t = (step + (0.0 if stage == 0 else (1.0 if stage == 3 else 0.5))) * h
-    read_nodes(table)
-    if is_lost(table):
+    if not read_nodes(table):
         counters[ENDED], counters[END_STEP] = LOST, step
         return
-    if M > 0:
-        floats(table[LENGTH], (M,))[:] = floats(table[TEN_LENGTH], (M,))
-        floats(table[RATE], (M,))[:] = floats(table[TEN_VELOCITY], (M,))
     external = 0.0
     if table[LOADED]:
         if stages == 1 and step > 0:
@@ -257,10 +267,10 @@ def control_stage(table: Any) -> None:
         break_strings(table, t)
     if stage == 0 and table[RATIO] > 0 and step % table[RATIO] == 0:
         status = take_sample(table, t)
-    asked = SOLVED
+    asked, stored, lost = SOLVED, 0.0, 0.0
     if M > 0:
         asked = set_rest_lengths(table, t)
-        tighten_strings(table)
+        stored, lost = tighten_strings(table)
         if asked <= NO_SOLUTION and status <= NO_SOLUTION and not set_controls(table):
             counters[ENDED], counters[END_STEP] = LOST_CONTROL, step
             return
@@ -275,7 +285,12 @@ def control_stage(table: Any) -> None:
         last = step == table[TOTAL]
         if step % table[STRIDE] == 0 or last or stopped:
             rows = floats(table[ROWS], (table[ROW_COUNT], table[ROW_SIZE]))
-            write_row(table, work[0], work[1], work[2], rows[counters[NEXT_ROW]])
+            row, external_work = rows[counters[NEXT_ROW]], work[2]
+            if table[CONTACT]:
+                external_work -= spin_energy(contact)
+                end = table[ROWS] + 8 * table[ROW_SIZE] * (counters[NEXT_ROW] + 1)
+                write_state(contact, end - 8 * state_width(contact))
+            write_row(table, work[0], work[1], external_work, row)
             counters[WAITING] = counters[NEXT_ROW]
             counters[NEXT_ROW] += 1
         if stopped or last:
@@ -288,25 +303,35 @@ def control_stage(table: Any) -> None:
     if table[STATUS] != 0:
         counters[ENDED], counters[END_STEP] = table[STATUS], step
         return
-    stored, lost = string_power(table)
     work[0] += weight * stored
     work[1] += weight * lost
     work[2] += (weight if stages == 4 else 0.5 * weight) * external
+    if table[CONTACT]:
+        keep_stage(contact)
     counters[STAGE] += 1
     if counters[STAGE] == stages:
         counters[STAGE] = 0
         counters[STEP] += 1
 
 
+Callback = Callable[[], tuple[Any, Any]]  # gives a C function, and the compiled object that it points into
+
+
+def as_callback(compiled: Any) -> tuple[Any, Any]:
+    """A numba cfunc (model, data) as what `mujoco.set_mjcb_control` takes, with what must be kept alive."""
+    kind = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
+    return ctypes.cast(compiled.address, kind), compiled
+
+
 @cache
-def _callback() -> tuple[Any, Any]:
-    """The C function for `mujoco.set_mjcb_control`, and the compiled object that it points into.
+def single_run() -> tuple[Any, Any]:
+    """The callback of one run.
 
     It bakes in the address of `ACTIVE`, so this thin shell is compiled anew in each process (the rest is cached).
     """
-    active = _ACTIVE_ADDRESS
+    active = ACTIVE_ADDRESS
 
-    @numba.cfunc(types.void(types.int64, types.int64), error_model="numpy")
+    @numba.cfunc(types.void(types.int64, types.int64), error_model="numpy", _nrt=False)
     def control(model: Any, data: Any) -> None:
         address = integers(active, (1,))[0]
         if address != 0:
@@ -314,13 +339,12 @@ def _callback() -> tuple[Any, Any]:
             if table[DATA] == data:
                 control_stage(table)
 
-    kind = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
-    return ctypes.cast(control.address, kind), control
+    return as_callback(control)
 
 
 @contextmanager
-def installed(table: Any) -> Iterator[list[str]]:
-    """Install the callback for one run; the previous one is put back. Gives the texts that MuJoCo warns with.
+def installed(table: Any, callback: Callback = single_run) -> Iterator[list[str]]:
+    """Install a callback with its table; the previous one is put back. Gives the texts that MuJoCo warns with.
 
     They are kept from MuJoCo's own handler, which would write a log file into the current folder.
 
@@ -336,10 +360,12 @@ def installed(table: Any) -> Iterator[list[str]]:
         )
     texts: list[str] = []
     try:
-        function, _keep = _callback()
+        function, _keep = callback()
         previous, previous_handler = mujoco.get_mjcb_control(), mujoco.get_mju_user_warning()
-        if previous is function:  # an interrupt came before a former run had taken it out
-            previous = None
+        if previous is not None and any(previous is own for own in _OWN):
+            previous = None  # an interrupt came before a former run had taken it out
+        if not any(function is own for own in _OWN):
+            _OWN.append(function)
         try:
             ACTIVE[0] = address_of(table)
             mujoco.set_mjcb_control(function)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import mujoco
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.engines import mujoco_callback as callback
+from tensegrity_mj.engines.mujoco_contact import ContactTable
 from tensegrity_mj.engines.run import (
     BEYOND,
     Grid,
@@ -25,7 +27,7 @@ from tensegrity_mj.engines.run import (
 from tensegrity_mj.errors import DivergenceError, TensegrityError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.mjcf import initial_velocities
-from tensegrity_mj.native.plant import STATUS, Plant, row_width
+from tensegrity_mj.native.plant import LENGTH, RATE, STATUS, Plant, row_width
 from tensegrity_mj.native.pointers import address_of
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.trajectory import Status, Trajectory
@@ -37,11 +39,16 @@ Array = NDArray[np.float64]
 
 # What MuJoCo warns of where it has left the world of sense; it goes on all the same.
 _WARNINGS = {
-    "a bad position": mujoco.mjtWarning.mjWARN_BADQPOS,
-    "a bad velocity": mujoco.mjtWarning.mjWARN_BADQVEL,
-    "a bad acceleration": mujoco.mjtWarning.mjWARN_BADQACC,
-    "a bad control": mujoco.mjtWarning.mjWARN_BADCTRL,
+    "a bad position": int(mujoco.mjtWarning.mjWARN_BADQPOS),
+    "a bad velocity": int(mujoco.mjtWarning.mjWARN_BADQVEL),
+    "a bad acceleration": int(mujoco.mjtWarning.mjWARN_BADQACC),
+    "a bad control": int(mujoco.mjtWarning.mjWARN_BADCTRL),
 }
+
+
+def warned(counts: Sequence[int]) -> list[str]:
+    """What a run may have diverged of, by MuJoCo's counters of its warnings."""
+    return [f"MuJoCo warned of {name}" for name, number in _WARNINGS.items() if counts[number]]
 
 
 def node_addresses(scene: Scene, model: mujoco.MjModel) -> tuple[Any, Any, Any]:
@@ -52,21 +59,35 @@ def node_addresses(scene: Scene, model: mujoco.MjModel) -> tuple[Any, Any, Any]:
 
 
 class MuJoCoRun:
-    """One run: model, data, plant, and what is made of the recorded rows."""
+    """One run: model, data, plant, and what is made of the recorded rows.
 
-    def __init__(self, options: MuJoCo, request: Request) -> None:
+    A run that is one of many (`mujoco_many`) shares the model, and the data that it is set up with.
+    """
+
+    def __init__(
+        self,
+        options: MuJoCo,
+        request: Request,
+        model: mujoco.MjModel | None = None,
+        data: mujoco.MjData | None = None,
+    ) -> None:
         self.options, self.request = options, request
         scene, structure = request.scene, request.scene.structure
         self.grid = Grid.of(request, options.timestep)
-        self.model = options.model(scene)
-        self.data = mujoco.MjData(self.model)
-        self.data.qvel[:] = initial_velocities(scene)  # positions are the model's own
+        self.model = options.model(scene) if model is None else model
+        self.cause = ""  # of an end that the callback does not know of
+        if data is None:
+            data = mujoco.MjData(self.model)
+            data.qvel[:] = initial_velocities(scene)  # positions are the model's own
+        self.data = data
         self.plant = Plant(scene, request.law, request.actuation, request.on_infeasible)
         table = self.plant.table
         self.times = self.grid.times
         self.width = row_width(table)
+        self.contact = None if scene.contact is None else ContactTable(structure, self.model, self.data)
+        more = 3 * len(structure.rods) + (self.contact.width if self.contact else 0)
         # One row more than the grid has, for where a law stops the run.
-        self.rows = allocate_rows(len(self.times) + 1, self.width + 3 * len(structure.rods))
+        self.rows = allocate_rows(len(self.times) + 1, self.width + more)
         self.counters = np.array([0, 0, 0, -1, callback.RUNNING, 0], np.int64)
         self.keep = {
             callback.DESIGNED: np.array(structure.rest_lengths),
@@ -78,7 +99,6 @@ class MuJoCoRun:
         }
         sites, bodies, roots = node_addresses(scene, self.model)
         self.keep |= {callback.NODE_SITE: sites, callback.NODE_BODY: bodies, callback.NODE_ROOT: roots}
-        data = self.data
         views = {
             callback.SITE_XPOS: data.site_xpos,
             callback.CVEL: data.cvel,
@@ -89,8 +109,8 @@ class MuJoCoRun:
             callback.ACTUATOR_FORCE: data.actuator_force,
             callback.CTRL: data.ctrl,
             callback.FORCE_RANGE: self.model.actuator_forcerange,
-            callback.TEN_LENGTH: data.ten_length,
-            callback.TEN_VELOCITY: data.ten_velocity,
+            LENGTH: data.ten_length,
+            RATE: data.ten_velocity,
         }
         for slot, array in (self.keep | views).items():
             table[slot] = address_of(array)
@@ -101,6 +121,9 @@ class MuJoCoRun:
         table[callback.TOTAL] = self.grid.count
         table[callback.STAGES] = options.stages
         table[callback.ROD_COUNT] = len(structure.rods)
+        if self.contact is not None:
+            table[callback.CONTACT] = address_of(self.contact.table)
+            table[callback.CONTACT_SIZE] = len(self.contact.table)
 
     def _slides(self) -> Array:
         """A row a rod: number of translational coordinates, their first dof, and E (3, 3) padded, by rows."""
@@ -132,7 +155,23 @@ class MuJoCoRun:
             seconds = clock.seconds
             if counters[callback.ENDED] != callback.RUNNING:
                 callback.finish_row(self.plant.table)
+        return self.conclude(seconds, texts)
+
+    @property
+    def ended_early(self) -> float | None:
+        """The time [s] at which it ended before its time, or None."""
+        ended = int(self.counters[callback.ENDED])
+        if ended == callback.FINISHED:
+            return None
+        step = self.counters[callback.STEP if ended == callback.RUNNING else callback.END_STEP]
+        return float(step * self.options.timestep)
+
+    def conclude(self, seconds: float, texts: Sequence[str] = ()) -> Trajectory:
+        """What became of the run: its trajectory, or the error that it ended with."""
+        options, counters = self.options, self.counters
         ended, step = int(counters[callback.ENDED]), int(counters[callback.END_STEP])
+        if ended == callback.RUNNING:
+            self._diverged(self.cause, seconds, int(counters[callback.STEP]) * options.timestep)
         if ended == callback.FINISHED:
             self.plant.raise_if_failed(SOLVED, self.times[-1])  # a load, at the very end
             run = self._finish(len(self.times), Status.COMPLETED, "", seconds)
@@ -169,8 +208,8 @@ class MuJoCoRun:
     def _check(self, steps: int, seconds: float) -> None:
         """Raise if MuJoCo warned, stopped counting steps, or left the finite world."""
         data = self.data
-        causes = [f"MuJoCo warned of {name}" for name in _WARNINGS if data.warning[_WARNINGS[name]].number]
-        if not (np.all(np.isfinite(data.qpos)) and np.all(np.isfinite(data.qvel))):
+        causes = warned([entry.number for entry in data.warning])
+        if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
             causes.append("the state is no longer finite")
         if int(self.counters[callback.STEP]) != steps:
             causes.append(f"{self.counters[callback.STEP]} steps were made, not {steps}")
@@ -199,11 +238,15 @@ class MuJoCoRun:
         R = len(self.request.scene.structure.rods)
         steps = int(self.counters[callback.STEP])
         rows = self.rows[:count]
+        states = self.width + 3 * R
+        forces, contact = (None, None) if self.contact is None else self.contact.forces(rows[:, states:])
         return make_trajectory(
             self.request,
             self.times[:count],
             rows[:, : self.width],
-            r_accelerations=rows[:, self.width :].reshape(count, R, 3),
+            r_accelerations=rows[:, self.width : states].reshape(count, R, 3),
+            contact_forces=forces,
+            reports=None if contact is None else {"contact": contact},
             engine=str(self.options),
             status=status,
             message=message,

@@ -7,7 +7,8 @@ A run that comes to a pole stops there with `Status.SINGULAR`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,8 @@ class ODE:
         least_sine: sin φ at which a run stops. A rod that passes a pole at this distance has θ̇ = ω / sin φ, so that an
             error ε of φ becomes one of ε / sin φ of its velocity. With the round-off of φ near π, ε = π 2.2e-16, the
             default leaves 7e-13; with atol for ε, least_sine >= atol / rtol keeps rtol.
+        accuracy: [m] largest node error over the run, from 1e-10 to 1e-2, in place of method, tolerances and step,
+            which it chooses for each run (docs/accuracy.md).
     """
 
     method: Method = Method.DOP853
@@ -46,6 +49,7 @@ class ODE:
     timestep: float | None = None
     max_steps: int = 1_000_000
     least_sine: float = 1e-3
+    accuracy: float | None = None
 
     def __post_init__(self) -> None:
         check_options("ODE", self)
@@ -58,6 +62,11 @@ class ODE:
 
     def run(self, request: Request) -> Trajectory:
         """Simulate; called by `simulate`."""
+        if self.accuracy is not None:
+            from tensegrity_mj.engines.integration_accuracy import run_accurately
+
+            plain = partial(replace, self, accuracy=None)
+            return run_accurately(self.accuracy, request, plain, lambda options, made: options._prepared(made)[0])
         return self._prepared(request)[0].integrate()
 
     def accelerations(self, request: Request) -> Accelerations:

@@ -190,9 +190,13 @@ def make_trajectory(
     provenance: dict[str, Any],
     multipliers: Array | None = None,
     r_accelerations: Array | None = None,
+    contact_forces: Array | None = None,
     reports: dict[str, Any] | None = None,
 ) -> Trajectory:
-    """The trajectory of recorded rows (T, row_width); λ is given, or follows from the accelerations r̈ (T, R, 3)."""
+    """The trajectory of recorded rows (T, row_width); λ is given, or follows from the accelerations r̈ (T, R, 3).
+
+    Contact forces (T, N, 3) [N] are those on the nodes that contacts come to, where λ is to follow from all forces.
+    """
     scene, structure = request.scene, request.scene.structure
     T, N, M = len(time), len(structure.nodes), len(structure.strings)
     nodes = rows[:, : 3 * N].reshape(T, N, 3).copy()
@@ -207,6 +211,8 @@ def make_trajectory(
         assert r_accelerations is not None
         forces = rods.string_forces(structure, nodes, tensions)
         forces = forces + np.array([scene.nodal_forces(t) for t in time]).reshape(T, N, 3)
+        if contact_forces is not None:
+            forces = forces + contact_forces
         multipliers = rods.multipliers(structure, nodes, velocities, forces, np.array(scene.gravity), r_accelerations)
     trajectory = Trajectory(
         scene=scene,

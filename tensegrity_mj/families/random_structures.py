@@ -66,7 +66,8 @@ def random_structure(
         if near is None:
             half = (2 * rods + fixed_nodes + point_masses) ** (1 / basis.shape[1])
             return origin + basis @ (0.5 * size * half * rng.uniform(-1, 1, basis.shape[1]))
-        return near + size * rng.uniform(0.6, 1.4) * (basis @ _unit(rng.normal(size=basis.shape[1])))
+        distance = size * rng.uniform(0.6, 1.4)
+        return np.asarray(near + distance * (basis @ _unit(rng.normal(size=(basis.shape[1],)))))
 
     def is_clear(points: list[Array]) -> bool:
         return all(np.linalg.norm(p - q) > 0.2 * size for p in points for q in positions.values())
@@ -158,7 +159,7 @@ def random_scene(
         ),
         target=None
         if waypoints == 0
-        else Target.path(times, targets)
+        else Target.path(times.tolist(), targets)
         if waypoints > 1
         else Target.set_point(targets[0]),
         control=ControlSpec("lyapunov", {"decay_rate": float(rng.uniform(0.1, 1)), "norm": 2}) if control else None,

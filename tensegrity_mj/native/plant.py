@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,8 +18,10 @@ from tensegrity_mj.law import FAILED, NO_SOLUTION, NOT_FINITE, SOLVED, Command, 
 from tensegrity_mj.native.pointers import (
     LOAD_FUNCTION,
     address_of,
+    borrowing,
     call_law,
     call_load,
+    copy,
     floats,
     integers,
     records_reader,
@@ -30,7 +31,6 @@ from tensegrity_mj.strings import StringLaw
 from tensegrity_mj.structure import Structure
 
 Array = NDArray[np.float64]
-njit = numba.njit(cache=True, error_model="numpy")
 
 LOAD = np.dtype([("node", "i8"), ("force", "f8", (3,)), ("frequency", "f8"), ("phase", "f8")], align=True)
 _read_loads = records_reader(LOAD)
@@ -45,7 +45,8 @@ WINCH, SAMPLED_LENGTH = 30, 31
 SUSPENDED = 32  # in the continuous mode: the law has no solution, the last admissible rest lengths are held
 LIMITED, MAX_FORCE_DENSITY, MIN_REST_LENGTH, WINCH_REACH = range(33, 37)
 BREAKING, BREAK_TIMES, BROKEN = range(37, 40)  # how many strings are still to break, when each does, whether it has
-ENGINE_SLOTS = 40  # an engine's own slots start here
+COMPLIANCE = 40  # 1/k
+ENGINE_SLOTS = 41  # an engine's own slots start here
 TABLE_SIZE = 96
 
 REPORT_SIZE = len(Report)
@@ -58,7 +59,7 @@ _MODES = {
 }
 
 
-@njit
+@borrowing
 def measure_strings(table: Any) -> None:
     """Lengths and rates of the strings from the node positions and velocities."""
     N, M = table[NODE_COUNT], table[STRING_COUNT]
@@ -76,26 +77,32 @@ def measure_strings(table: Any) -> None:
         rates[m] = dot / lengths[m] if square > 0.0 else 0.0
 
 
-@njit
-def tighten_strings(table: Any) -> None:
-    """Tension and its elastic part from lengths, rates and rest lengths: the law of `strings`."""
-    M = table[STRING_COUNT]
+@borrowing
+def tighten_strings(table: Any) -> tuple[float, float]:
+    """Tension and its elastic part from lengths, rates and rest lengths: the law of `strings`.
+
+    Returns the powers Σ T_elastic dL/dt and Σ (T - T_elastic) dL/dt [W] of the elastic parts and of the dampers.
+    """
+    M, clipped = table[STRING_COUNT], table[CLIPPED]
     stiffness, damping = floats(table[STIFFNESS], (M,)), floats(table[DAMPING], (M,))
     lengths, rates = floats(table[LENGTH], (M,)), floats(table[RATE], (M,))
     rest, broken = floats(table[REST], (M,)), integers(table[BROKEN], (M,))
     tension, elastic = floats(table[TENSION], (M,)), floats(table[ELASTIC], (M,))
+    stored, lost = 0.0, 0.0
     for m in range(M):
-        stretch = lengths[m] - rest[m]
+        stretch, pull, total = lengths[m] - rest[m], 0.0, 0.0
         if stretch > 0.0 and not broken[m]:
-            elastic[m] = stiffness[m] * stretch
-            total = elastic[m] + damping[m] * rates[m]
-            tension[m] = max(0.0, total) if table[CLIPPED] else total
-        else:
-            elastic[m] = 0.0
-            tension[m] = 0.0
+            pull = stiffness[m] * stretch
+            total = pull + damping[m] * rates[m]
+            if clipped:
+                total = max(0.0, total)
+        elastic[m], tension[m] = pull, total
+        stored += pull * rates[m]
+        lost += (total - pull) * rates[m]
+    return stored, lost
 
 
-@njit
+@borrowing
 def string_energy(table: Any) -> float:
     """Elastic energy of all strings at the current lengths and rest lengths."""
     M = table[STRING_COUNT]
@@ -110,20 +117,7 @@ def string_energy(table: Any) -> float:
     return total
 
 
-@njit
-def string_power(table: Any) -> tuple[float, float]:
-    """Σ T_elastic dL/dt and the dampers' Σ (T - T_elastic) dL/dt [W]."""
-    M = table[STRING_COUNT]
-    rates = floats(table[RATE], (M,))
-    tension, elastic = floats(table[TENSION], (M,)), floats(table[ELASTIC], (M,))
-    stored, lost = 0.0, 0.0
-    for m in range(M):
-        stored += elastic[m] * rates[m]
-        lost += (tension[m] - elastic[m]) * rates[m]
-    return stored, lost
-
-
-@njit
+@borrowing
 def add_string_forces(table: Any) -> None:
     """Add the strings' pull to the nodal forces."""
     N, M = table[NODE_COUNT], table[STRING_COUNT]
@@ -140,12 +134,14 @@ def add_string_forces(table: Any) -> None:
                 forces[j, x] -= pull
 
 
-@njit
+@borrowing
 def set_loads(table: Any, t: float) -> float:
     """Set the nodal forces to the external ones at time t; returns their power [W]."""
     N = table[NODE_COUNT]
     forces, velocities = floats(table[FORCES], (N, 3)), floats(table[VELOCITIES], (N, 3))
-    forces[:] = 0.0
+    for n in range(N):
+        for x in range(3):
+            forces[n, x] = 0.0
     if not table[LOADED]:
         return 0.0
     if table[LOAD_FUNCTION_SLOT]:
@@ -165,7 +161,7 @@ def set_loads(table: Any, t: float) -> float:
     return power
 
 
-@njit
+@borrowing
 def _limit_command(table: Any) -> None:
     """Keep the command within the largest force densities and the smallest rest lengths of the strings."""
     M = table[STRING_COUNT]
@@ -179,16 +175,17 @@ def _limit_command(table: Any) -> None:
             command[m] = min(command[m], most[m], stiffness[m] * (1.0 - least[m] / lengths[m]))
 
 
-@njit
+@borrowing
 def ask_law(table: Any, t: float) -> int:
     """Evaluate the law at the current nodes into the command; SOLVED, NO_SOLUTION, FAILED or NOT_FINITE."""
     M = table[STRING_COUNT]
     status = call_law(table[LAW], t, table[NODES], table[VELOCITIES], table[LAW_CONTEXT], table[COMMAND], table[REPORT])
     if status == SOLVED:
-        command = floats(table[COMMAND], (M,))
+        command, finite = floats(table[COMMAND], (M,)), True
         for m in range(M):
-            if not np.isfinite(command[m]):
-                return NOT_FINITE
+            finite &= np.isfinite(command[m])
+        if not finite:
+            return NOT_FINITE
         if table[LIMITED]:
             _limit_command(table)
     elif status != NO_SOLUTION:
@@ -196,19 +193,20 @@ def ask_law(table: Any, t: float) -> int:
     return status
 
 
-@njit
-def _command_as_lengths(table: Any, out: Any) -> None:
+@borrowing
+def command_as_lengths(table: Any, out: Any) -> None:
+    """Write the rest lengths that the command asks for at the current lengths."""
     M = table[STRING_COUNT]
     command = floats(table[COMMAND], (M,))
     if table[RETURNS_LENGTHS]:
-        out[:] = command
+        copy(command, out)
     else:
-        stiffness, lengths = floats(table[STIFFNESS], (M,)), floats(table[LENGTH], (M,))
+        compliance, lengths = floats(table[COMPLIANCE], (M,)), floats(table[LENGTH], (M,))
         for m in range(M):
-            out[m] = lengths[m] * (1.0 - command[m] / stiffness[m])
+            out[m] = lengths[m] * (1.0 - command[m] * compliance[m])
 
 
-@njit
+@borrowing
 def set_rest_lengths(table: Any, t: float) -> int:
     """Rest lengths at this stage, from the law or from what is held; returns the law's status if it was asked."""
     M = table[STRING_COUNT]
@@ -216,38 +214,38 @@ def set_rest_lengths(table: Any, t: float) -> int:
     if table[MODE] == CONTINUOUS and not table[SUSPENDED]:
         status = ask_law(table, t)
         if status == SOLVED:
-            _command_as_lengths(table, rest)
+            command_as_lengths(table, rest)
         else:
-            rest[:] = floats(table[MEMORY], (M,))
+            copy(floats(table[MEMORY], (M,)), rest)
         return status
     if table[HOLDS_FORCE_DENSITY]:
         stiffness, lengths = floats(table[STIFFNESS], (M,)), floats(table[LENGTH], (M,))
         for m in range(M):
             rest[m] = lengths[m] * (1.0 - held[m] / stiffness[m])
     elif table[SUSPENDED]:
-        rest[:] = floats(table[MEMORY], (M,))
+        copy(floats(table[MEMORY], (M,)), rest)
     else:
-        rest[:] = held
+        copy(held, rest)
     return SOLVED
 
 
-@njit
+@borrowing
 def remember(table: Any) -> None:
     """Keep the current rest lengths as the last admissible ones."""
     M = table[STRING_COUNT]
-    floats(table[MEMORY], (M,))[:] = floats(table[REST], (M,))
+    copy(floats(table[REST], (M,)), floats(table[MEMORY], (M,)))
 
 
-@njit
+@borrowing
 def start_ledger(table: Any) -> None:
     """Count winch work from here on, at the current lengths and rest lengths."""
     winch = floats(table[WINCH], (3,))
     winch[0], winch[1], winch[2] = 0.0, string_energy(table), 0.0
     M = table[STRING_COUNT]
-    floats(table[SAMPLED_LENGTH], (M,))[:] = floats(table[LENGTH], (M,))
+    copy(floats(table[LENGTH], (M,)), floats(table[SAMPLED_LENGTH], (M,)))
 
 
-@njit
+@borrowing
 def winch_work(table: Any, stored: float) -> float:
     """-∫ T dL0 up to now [J], T the elastic tension; `stored` is ∫ Σ T dL, integrated beside the state.
 
@@ -273,7 +271,7 @@ def winch_work(table: Any, stored: float) -> float:
     return total
 
 
-@njit
+@borrowing
 def take_sample(table: Any, t: float) -> int:
     """Sample the law: renew what is held. Where it has no solution, the rest lengths of this moment are held."""
     M = table[STRING_COUNT]
@@ -282,7 +280,7 @@ def take_sample(table: Any, t: float) -> int:
     work, before = winch_work(table, 0.0), string_energy(table)
     status = ask_law(table, t)
     if status != SOLVED:
-        held[:] = rest
+        copy(rest, held)
         table[HOLDS_FORCE_DENSITY] = 0
     elif table[MODE] == HOLD_FORCE_DENSITY:
         command = floats(table[COMMAND], (M,))
@@ -291,18 +289,18 @@ def take_sample(table: Any, t: float) -> int:
             held[m] = stiffness[m] * (1.0 - command[m] / lengths[m]) if table[RETURNS_LENGTHS] else command[m]
         table[HOLDS_FORCE_DENSITY] = 1
     else:
-        _command_as_lengths(table, held)
+        command_as_lengths(table, held)
         if table[LIMITED]:
             reach = floats(table[WINCH_REACH], (M,))
             for m in range(M):
                 held[m] = min(max(held[m], rest[m] - reach[m]), rest[m] + reach[m])
     set_rest_lengths(table, t)
     floats(table[WINCH], (3,))[0] = work + string_energy(table) - before
-    floats(table[SAMPLED_LENGTH], (M,))[:] = floats(table[LENGTH], (M,))
+    copy(floats(table[LENGTH], (M,)), floats(table[SAMPLED_LENGTH], (M,)))
     return status
 
 
-@njit
+@borrowing
 def break_strings(table: Any, t: float) -> bool:
     """Break the strings whose time has come; to be called at the start of a step. Their energy is lost."""
     M = table[STRING_COUNT]
@@ -323,30 +321,30 @@ def break_strings(table: Any, t: float) -> bool:
     winch[2] += before - string_energy(table)
     if table[MODE] != CONTINUOUS:
         winch[0] = work
-        floats(table[SAMPLED_LENGTH], (M,))[:] = floats(table[LENGTH], (M,))
+        copy(floats(table[LENGTH], (M,)), floats(table[SAMPLED_LENGTH], (M,)))
     return True
 
 
-@njit
+@borrowing
 def row_width(table: Any) -> int:
     """Length of what `write_row` writes."""
     return 6 * table[NODE_COUNT] + 3 * table[STRING_COUNT] + 3 + REPORT_SIZE
 
 
-@njit
+@borrowing
 def write_row(table: Any, stored: float, lost: float, external: float, row: Any) -> None:
     """Nodes, velocities, L0, elastic tensions, tensions, winch work, dissipation, external work, the law's report."""
     N, M = table[NODE_COUNT], table[STRING_COUNT]
-    row[: 3 * N] = floats(table[NODES], (3 * N,))
-    row[3 * N : 6 * N] = floats(table[VELOCITIES], (3 * N,))
+    copy(floats(table[NODES], (3 * N,)), row)
+    copy(floats(table[VELOCITIES], (3 * N,)), row[3 * N :])
     at = 6 * N
-    row[at : at + M] = floats(table[REST], (M,))
-    row[at + M : at + 2 * M] = floats(table[ELASTIC], (M,))
-    row[at + 2 * M : at + 3 * M] = floats(table[TENSION], (M,))
+    copy(floats(table[REST], (M,)), row[at:])
+    copy(floats(table[ELASTIC], (M,)), row[at + M :])
+    copy(floats(table[TENSION], (M,)), row[at + 2 * M :])
     at += 3 * M
     row[at] = winch_work(table, stored)
     row[at + 1], row[at + 2] = lost + floats(table[WINCH], (3,))[2], external
-    row[at + 3 : at + 3 + REPORT_SIZE] = floats(table[REPORT], (REPORT_SIZE,))
+    copy(floats(table[REPORT], (REPORT_SIZE,)), row[at + 3 :])
 
 
 def break_times(scene: Scene) -> Array:
@@ -371,6 +369,7 @@ class Plant:
         self.arrays: dict[int, Any] = {
             STRING_NODES: np.array(structure.string_nodes),
             STIFFNESS: np.array(structure.stiffness),
+            COMPLIANCE: 1.0 / np.array(structure.stiffness),
             DAMPING: np.array(structure.damping),
             HELD: np.array(structure.rest_lengths),
             MEMORY: np.array(structure.rest_lengths),
@@ -464,7 +463,10 @@ class Plant:
             if cause is not None and not isinstance(cause, Exception):
                 raise cause  # KeyboardInterrupt within a Python law
             detail = f"{type(cause).__name__}: {cause}" if cause is not None else "no reason given"
-            raise ControllerError(f"the law failed near t = {time:.6g} s: {detail}") from cause
+            raise ControllerError(
+                f"the law failed near t = {time:.6g} s: {detail}; it must return {len(self.arrays[COMMAND])} finite "
+                "numbers at every state, or raise InfeasibleError"
+            ) from cause
         if status == NOT_FINITE:
             command = self.arrays[COMMAND]
             number = int(np.argmin(np.isfinite(command)))

@@ -18,7 +18,9 @@ import numba
 import numpy as np
 from llvmlite import ir
 from numba import types
+from numba.core import cgutils
 from numba.extending import intrinsic
+from numba.np import arrayobj
 
 LAW_SIGNATURE = types.int64(types.float64, types.int64, types.int64, types.int64, types.int64, types.int64)
 LAW_FUNCTION = ctypes.CFUNCTYPE(
@@ -33,15 +35,31 @@ LAW_FUNCTION = ctypes.CFUNCTYPE(
 LOAD_FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_double, ctypes.c_int64)
 
 
-@intrinsic
-def _as_pointer(typingctx: Any, address: Any) -> Any:
-    """An integer address as a void pointer, which numba.carray accepts."""
-    signature = types.voidptr(types.int64)
+def _viewer(dtype: types.Type) -> Any:
+    """A compiled function (address, shape or length) -> array of this dtype, which owns nothing."""
 
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return builder.inttoptr(args[0], context.get_value_type(types.voidptr))
+    @intrinsic
+    def view(typingctx: Any, address: Any, shape: Any) -> Any:
+        kinds = list(shape) if isinstance(shape, types.BaseTuple) else [shape]
+        array_type = types.Array(dtype, len(kinds), "C")
 
-    return signature, codegen
+        def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            array = context.make_array(array_type)(context, builder)
+            given = cgutils.unpack_tuple(builder, args[1]) if isinstance(shape, types.BaseTuple) else [args[1]]
+            extents = [context.cast(builder, x, kind, types.intp) for x, kind in zip(given, kinds, strict=True)]
+            strides = [context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(dtype)))]
+            for extent in reversed(extents[1:]):
+                strides.insert(0, builder.mul(strides[0], extent))
+            data = builder.inttoptr(args[0], array.data.type)
+            arrayobj.populate_array(array, data, extents, strides, strides[-1], None)
+            return array._getvalue()
+
+        return array_type(types.int64, shape), codegen
+
+    return view
+
+
+floats, integers = _viewer(types.float64), _viewer(types.int64)
 
 
 @intrinsic
@@ -72,34 +90,37 @@ def call_load(typingctx: Any, function: Any, time: Any, out: Any) -> Any:
     return signature, codegen
 
 
-@numba.njit(inline="always")
-def floats(address: int, shape: Any) -> Any:
-    """The float64 array of the given shape at an address."""
-    return numba.carray(_as_pointer(address), shape, np.float64)
+@intrinsic
+def stack_doubles(typingctx: Any, count: Any) -> Any:
+    """Address of `count` float64 on the stack of the calling function, gone when that returns."""
+    signature = types.int64(types.int64)
+
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.ptrtoint(builder.alloca(ir.DoubleType(), args[0]), ir.IntType(64))
+
+    return signature, codegen
 
 
-@numba.njit(inline="always")
-def integers(address: int, shape: Any) -> Any:
-    """The int64 array of the given shape at an address."""
-    return numba.carray(_as_pointer(address), shape, np.int64)
+STACK_LIMIT = 2**14  # numbers, 128 KiB: what a thread's stack has room for in any case
+
+# Compiled code that owns no memory, only looks at it: numba then counts no references to arrays, which takes as long as
+# the law of a few rods. `borrowing` functions must not create arrays, nor copy slices; what they call inherits that,
+# unless it is `owning`. `inlined` is for the small ones that are called everywhere.
+borrowing = numba.njit(cache=True, error_model="numpy", _nrt=False)
+inlined = numba.njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
+owning = numba.njit(cache=True, error_model="numpy", _nrt=True)
 
 
 def records_reader(dtype: np.dtype[Any]) -> Any:
-    """A compiled function (address, count) -> record array of this dtype."""
-    pointer = types.CPointer(numba.from_dtype(dtype))
+    """A compiled function (address, shape or length) -> record array of this dtype."""
+    return _viewer(numba.from_dtype(dtype))
 
-    @intrinsic
-    def typed(typingctx: Any, address: Any) -> Any:
-        def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            return builder.inttoptr(args[0], context.get_value_type(pointer))
 
-        return pointer(types.int64), codegen
-
-    @numba.njit(inline="always")
-    def read(address: int, count: int) -> Any:
-        return numba.carray(typed(address), (count,))
-
-    return read
+@inlined
+def copy(source: Any, target: Any) -> None:
+    """Copy a one-dimensional array into another of its length."""
+    for i in range(len(source)):
+        target[i] = source[i]
 
 
 def address_of(array: np.ndarray[Any, Any]) -> int:

@@ -40,6 +40,7 @@ class Motion:
         nodes, velocities: (T, N, 3) [m], [m/s].
         tensions, rest_lengths: (T, M) [N], [m].
         break_times: (M,) [s] when each string breaks, ∞ for never; it is not drawn from then on.
+        floor: what it may land on: a point of it [m] and its unit normal, (3,) each, or None.
     """
 
     structure: Structure
@@ -55,6 +56,7 @@ class Motion:
     tensions: Array
     rest_lengths: Array
     break_times: Array
+    floor: tuple[Array, Array] | None
 
     @classmethod
     def of(cls, source: Trajectory | Scene) -> Motion:
@@ -95,6 +97,7 @@ class Motion:
             # A rest length that is not known is drawn as taut.
             rest_lengths=np.nan_to_num(source.rest_lengths[:count], posinf=0.0, neginf=0.0),
             break_times=_break_times(source.scene),
+            floor=_floor(source.scene),
         )
 
     @classmethod
@@ -119,6 +122,7 @@ class Motion:
             tensions=pull[None],
             rest_lengths=rest[None],
             break_times=_break_times(scene),
+            floor=_floor(scene),
         )
 
     @property
@@ -192,6 +196,11 @@ def _finite_samples(run: Trajectory) -> int:
     good = np.isfinite(run.time) & np.all(np.isfinite(run.nodes), axis=(1, 2))
     good[1:] &= ~(np.diff(run.time) <= 0.0)
     return len(good) if good.all() else int(np.argmin(good))
+
+
+def _floor(scene: Scene) -> tuple[Array, Array] | None:
+    contact = scene.contact
+    return None if contact is None or contact.floor is None else (contact.floor * contact.up, contact.up)
 
 
 def _down(scene: Scene) -> Array:

@@ -183,6 +183,20 @@ class Painter:
                 start[a] = end[a] = x
                 self._line(start, end, 1.1, color)
 
+    def plate(self, low: Array, high: Array, frame: Array) -> None:
+        """A floor: a thin plate between two corners (3,) [m] of its upper face, whose axes are the columns of `frame`.
+
+        It lies a little below, so that lines on the floor show.
+        """
+        across = 0.5 * frame.T @ (high - low)
+        thickness = 1.5e-3 * float(np.max(np.abs(across)))
+        size = np.array([abs(across[0]), abs(across[1]), thickness])
+        middle = 0.5 * (low + high) - 2.0 * thickness * frame[:, 2]
+        kind = self._mujoco.mjtGeom.mjGEOM_BOX.value
+        geom = self._next()
+        self._mujoco.mjv_initGeom(geom, kind, size, middle, frame.ravel(), _rgba(palette.FLOOR, 1.0))
+        geom.emission, geom.specular = 0.12, 0.0
+
     def supports(self, structure: Structure, nodes: Array, sizes: Sizes) -> None:
         """Dark cubes at fixed nodes and pinned points of rods; light ones where a rod is guided in some directions."""
         for position, held in supported_points(structure, nodes):

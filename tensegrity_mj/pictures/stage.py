@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.mjcf import rotation_to
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera, corners_of, direction, fit
 from tensegrity_mj.pictures.labels import Labels, Legend, Name
@@ -33,6 +34,7 @@ Image = NDArray[np.uint8]
 
 MIN_SIZE = 16  # px
 SAMPLES = 200  # instants of a run that the camera is fitted to
+LEVEL = 0.9999  # cosine of the angle within which a floor is horizontal
 FAR = 4.0  # times a structure's own extent: a run that travels farther is followed by the camera
 BLOWN_UP = 2.5  # times its extent at the start: what a diverging structure grows to beyond that is not framed
 TRACE_TOLERANCE = 0.4  # px
@@ -241,22 +243,44 @@ class Stage:
 
     def _plan_grid(self, points: Array, extent: float, camera: Camera) -> None:
         """A horizontal grid that everything stands on, for scale and depth; none where it would be seen edge-on."""
-        self._has_grid = camera.elevation < -2.0
+        floor = next((m.floor for m in self.motions if m.floor is not None), None)
+        level = floor is None or floor[1][2] > LEVEL
+        self._has_grid = camera.elevation < -2.0 and level
         self._cell = palette.round_up(extent / 15.0, (1.0, 2.0, 5.0))
         low, high = points.min(axis=0), points.max(axis=0)
-        low[2] -= 1.05 * max(s.support for s in self._sizes)
+        low[2] = low[2] - 1.05 * max(s.support for s in self._sizes) if floor is None else floor[0][2]
         # Whole cells that hold everything; a line a cell is drawn, so that their number is bounded by the extent.
         self._grid_low = np.array([*np.floor(low[:2] / self._cell + 1e-6) * self._cell, low[2]])
         self._grid_high = np.array([*np.ceil(high[:2] / self._cell - 1e-6) * self._cell, low[2]])
         flat = self._grid_low[:2] == self._grid_high[:2]
         self._grid_low[:2] -= self._cell * flat
         self._grid_high[:2] += self._cell * flat
+        self._plan_floor(points, floor, camera)
+
+    def _plan_floor(self, points: Array, floor: tuple[Array, Array] | None, camera: Camera) -> None:
+        """Where the floor's plate lies: under all points, and under the grid; none where it is seen from below."""
+        self._plate: tuple[Array, Array, Array] | None = None
+        if floor is None or camera.axes[2] @ floor[1] > -0.03:
+            return
+        if self._has_grid:
+            self._plate = (self._grid_low, self._grid_high, np.eye(3))
+            return
+        frame = rotation_to(floor[1])
+        seen = (points - floor[0]) @ frame
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        low[:2], high[:2], low[2], high[2] = low[:2] - self._cell, high[:2] + self._cell, 0.0, 0.0
+        self._plate = (floor[0] + frame @ low, floor[0] + frame @ high, frame)
 
     def _grid_corners(self) -> Array:
-        if not self._has_grid:
+        if self._has_grid:
+            low, high, frame = self._grid_low, self._grid_high, np.eye(3)
+        elif self._plate is not None:
+            low, high, frame = self._plate
+        else:
             return np.zeros((0, 3))
-        low, high = self._grid_low, self._grid_high
-        return np.array([low, high, [low[0], high[1], low[2]], [high[0], low[1], low[2]]])
+        across = (high - low) @ frame
+        sides = [low + across[0] * frame[:, 0], low + across[1] * frame[:, 1]]
+        return np.array([low, high, *sides])
 
     def _plan_ports(self, column: int, columns: int, top: int, height: int) -> list[_Port]:
         """Only as large a part of each column as can show something is drawn: the rest stays as it is."""
@@ -361,11 +385,16 @@ class Stage:
 
     def _draw_fixed(self, painter: Painter, motion: Motion, camera: Camera) -> None:
         painter.background(camera, self._reach)
+        shift = np.zeros(3)
+        if self._follow:
+            moved = np.array(camera.look_at) - np.array(self._camera.look_at)
+            # A grid goes with what is seen, a floor stays at its height.
+            shift[:] = *np.round(moved[:2] / self._cell) * self._cell, moved[2] if self._plate is None else 0.0
+        if self._plate is not None:
+            low, high, frame = self._plate
+            shift = shift - (shift @ frame[:, 2]) * frame[:, 2]
+            painter.plate(low + shift, high + shift, frame)
         if self._has_grid:
-            shift = np.zeros(3)
-            if self._follow:
-                moved = np.array(camera.look_at) - np.array(self._camera.look_at)
-                shift[:] = *np.round(moved[:2] / self._cell) * self._cell, moved[2]
             painter.grid(self._grid_low + shift, self._grid_high + shift, self._cell)
 
     def _draw_moving(self, painter: Painter, index: int, pose: Pose, time: float) -> None:

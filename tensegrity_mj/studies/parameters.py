@@ -4,6 +4,7 @@
     scene.initial_nodes[NODE], .initial_velocities[NODE] also with .x, .y, .z
     scene.target[NODE]                                   of a target that is one set-point; also with .x, .y, .z
     scene.breaks[STRING].time                            when a string breaks [s]
+    scene.contact.friction, .stiffness, .damping, .floor  of a scene that has contact; .rods true or false
     scene.loads.force, .angular_frequency, .phase        of all loads, or loads[NODE]: of those on a node
     structure.rods.mass                                  of all rods; rods[rod1] or rods[rod1,rod2]: of some
     structure.strings.stiffness, .damping, ...           any number of a string, and so for point_masses
@@ -340,7 +341,7 @@ def _scene_change(scene: Scene, kind: str, rest: str, path: str) -> Change:
             return partial(_change_node, path, _node(scene, which, path), _axis(others, path))
         _no_more(which, others, path)
         return partial(_change_string_law, path)
-    known = ("gravity", "duration", "initial_nodes", "initial_velocities", "target", "loads", "breaks")
+    known = ("gravity", "duration", "initial_nodes", "initial_velocities", "target", "loads", "breaks", "contact")
     if name not in known:
         raise OptionError(f"{path}: {_unknown(name, known, 'part of a scene')}")
     if name == "loads":
@@ -351,6 +352,9 @@ def _scene_change(scene: Scene, kind: str, rest: str, path: str) -> Change:
         if scene.target is None or len(scene.target.times) != 1 or scene.target.along is not None:
             raise OptionError(f"{path}: scene '{scene.name}' has no target that is one set-point")
         return partial(_change_target, path, _node(scene, which, path), _axis(others, path))
+    if name == "contact":
+        _no_more(which, others[1:], path)
+        return _contact_change(scene, others, path)
     if name == "breaks":
         return _break_change(scene, which, others, path)
     if name == "gravity":
@@ -466,6 +470,25 @@ def _break_change(scene: Scene, which: str | None, others: list[str], path: str)
     if which not in strings:
         raise OptionError(f"{path}: {_unknown(which, strings, 'string')}")
     return partial(_change_break, path, which)
+
+
+def _contact_change(scene: Scene, others: list[str], path: str) -> Change:
+    known = ("friction", "stiffness", "damping", "floor", "rods")
+    name = others[0] if others else ""
+    if name not in known:
+        raise OptionError(f"{path}: {_unknown(name, known, 'part of contact')}")
+    if scene.contact is None:
+        raise OptionError(f"{path}: scene '{scene.name}' has no contact")
+    return partial(_change_contact, path, name)
+
+
+def _change_contact(path: str, name: str, scene: Scene, value: Any) -> Scene:
+    assert scene.contact is not None
+    new = value
+    if name != "rods":
+        now = getattr(scene.contact, name)
+        new = _scaled(path, value, now) if isinstance(value, Scaled) else _number(path, value)
+    return scene.with_(contact=replace(scene.contact, **{name: new}))
 
 
 def _load_change(scene: Scene, which: str | None, others: list[str], path: str) -> Change:

@@ -1,0 +1,111 @@
+"""The largest stable step of every engine with a fixed step: predicted, measured, and mapped."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from tensegrity_mj.commands.common import Outcome, output_file
+from tensegrity_mj.errors import OptionError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+HELP = "the largest stable step of each integrator: predicted and measured"
+EXAMPLES = """\
+examples:
+  tensegrity-mj stability prism
+  tensegrity-mj stability prism --maps stiffness damping rods --out stability --workers 2
+  tensegrity-mj stability prism --random 50 --seed 7 --json
+
+--out FOLDER gets stability.json, index.html and the figures, and keeps finished points: the same command goes on
+where it stopped.
+"""
+
+# As in studies.stability: written here so that --help need not import them (tested to agree).
+ENGINES = ("euler", "implicitfast", "implicit", "discrete", "rk4", "dae", "ode")
+SMALL_DPI = 65
+AXES = ("stiffness", "damping", "mass_ratio", "prestress", "slenderness", "rods")
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The options of `stability`."""
+    parser.add_argument("scene", metavar="SCENE", help="a shipped scene (see `scenes`) or a path to a .toml file")
+    parser.add_argument("--engines", nargs="+", choices=ENGINES, default=list(ENGINES), help="which ones (all)")
+    parser.add_argument("--open-loop", action="store_true", help="leave the scene's control law out")
+    parser.add_argument("--maps", nargs="*", choices=AXES, help="maps over these properties (all, if none is named)")
+    parser.add_argument("--random", type=_count, default=0, metavar="N", help="compare N random taut structures")
+    parser.add_argument("--seed", type=int, default=0, help="of the random structures (0)")
+    parser.add_argument("--quick", action="store_true", help="few values of each map, and few rods")
+    parser.add_argument("--workers", type=_count, metavar="N", help="processes that compute points (all cores)")
+    parser.add_argument("--out", metavar="FOLDER", help="write data, page and figures there")
+    parser.add_argument("--small", action="store_true", help="figures of less than 80 kB, as for the documentation")
+
+
+def execute(options: argparse.Namespace) -> Outcome:
+    """Predict, measure, and write what was asked for."""
+    from pathlib import Path
+
+    folder = None if options.out is None else Path(options.out)
+    if folder is not None:
+        if folder.exists() and not folder.is_dir():
+            raise OptionError(f"--out {folder}: it is a file; name a folder")
+        folder.mkdir(parents=True, exist_ok=True)
+        output_file(str(folder / "stability.json"), "--out", (".json",))
+    if options.seed < 0:
+        raise OptionError(f"--seed {options.seed}: it must be >= 0")
+
+    from tensegrity_mj import Workers, load_scene
+    from tensegrity_mj.studies.stability.report import describe, study_stability
+
+    scene = load_scene(options.scene)
+    maps = () if options.maps is None else tuple(options.maps) or AXES
+    data = study_stability(
+        scene,
+        law=_law_of(scene, options.open_loop),
+        engines=options.engines,
+        maps=maps,
+        quick=options.quick,
+        random=options.random,
+        seed=options.seed,
+        folder=folder,
+        workers=Workers(options.workers),
+        progress=True,
+    )
+    lines = describe(data)
+    if folder is not None:
+        lines.append(f"written  {_write(folder, data, options.small)}")
+    return Outcome({"status": "ok", **data, "out": folder}, "\n".join(lines))
+
+
+def _write(folder: Path, data: dict[str, Any], small: bool) -> Path:
+    from tensegrity_mj.files import replacing
+    from tensegrity_mj.jsontext import to_json
+    from tensegrity_mj.plots import save_figure
+    from tensegrity_mj.studies.stability import figures, page
+
+    with replacing(folder / "stability.json") as part:
+        part.write_text(to_json(data) + "\n", encoding="utf-8")
+    for name, picture in figures.pictures(data).items():
+        if small:
+            with replacing(folder / f"{name}.png") as part:
+                picture.figure.savefig(part, dpi=SMALL_DPI, format="png")
+        else:
+            save_figure(picture.figure, folder / f"{name}.png")
+    return page.write(folder / "index.html", data)
+
+
+def _law_of(scene: Any, open_loop: bool) -> Any:
+    """The scene's law where it can be evaluated at every stage."""
+    if open_loop or scene.control is None:
+        return None
+    from tensegrity_mj import controllers
+
+    law = controllers.from_scene(scene)
+    return None if getattr(law, "discontinuous", "") else law
+
+
+def _count(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or not 1 <= int(text) <= 10**6:
+        raise argparse.ArgumentTypeError(f"{text!r}: write a whole number from 1 to 1000000")
+    return int(text)

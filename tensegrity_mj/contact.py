@@ -1,0 +1,111 @@
+"""Contact as a scene asks for it: of rods with a floor and with each other, and how far apart they are.
+
+A rod's surface for contact is its capsule: the cylinder of the rod's radius from node to node, and a half ball of that
+radius beyond each node. A point mass touches the floor with its very point, and no rod. Strings touch nothing.
+
+The force is MuJoCo's soft contact. Where two surfaces are r < 0 apart, so that they overlap by -r, and close at the
+rate v = dr/dt, the contact's own acceleration is a mean of the one without the contact, a⁰, and a damped spring's,
+
+    a = (1 - d) a⁰ + d (-b v - k r),    b = damping / d₁,    k = stiffness d / d₁²,
+
+in so far as the force does not pull; d = d(r) is the impedance, from d₀ at touch to d₁ at the depth `width`. The force
+follows from the mass that the contact feels, so that heavy and light structures bounce alike. See docs/contact.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.structure import Structure, Vector
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Contact:
+    """What may touch in a scene, and how hard it is. MuJoCo alone has contact; other engines refuse the scene.
+
+    The defaults of `stiffness` and `damping` are critical damping with a time constant of 5 ms: a body that lands at
+    2 m/s sinks in by some 4 mm and does not bounce. MuJoCo's (timeconst τ, dampratio ζ) are the stiffness 1 / (τ ζ)²
+    and the damping 2 / τ. A time step above some τ / 5 does not resolve a landing; the energy balance then shows it.
+
+    Attributes:
+        floor: height of the floor along `normal` [m]: bodies stay where normal · x >= floor. None for no floor.
+        normal: of the floor, upwards; of any length but zero.
+        rods: whether rods touch each other.
+        friction: Coulomb's coefficient of sliding friction, >= 0; 0 for none.
+        stiffness: [1/s²], > 0: force by depth, on the mass that the contact feels.
+        damping: [1/s], >= 0: force by speed, likewise.
+        impedance: (d₀, d₁, width [m], midpoint, power) of d(r): it grows from d₀ at touch to d₁ at the depth `width`,
+            both within (0, 1), on an S of this power, half way at the midpoint. MuJoCo's solimp.
+    """
+
+    floor: float | None = None
+    normal: Vector = (0.0, 0.0, 1.0)
+    rods: bool = False
+    friction: float = 0.6
+    stiffness: float = 4e4
+    damping: float = 400.0
+    impedance: tuple[float, float, float, float, float] = (0.01, 0.95, 2e-3, 0.5, 2.0)
+
+    @property
+    def up(self) -> Array:
+        """The floor's unit normal (3,)."""
+        normal = np.array(self.normal, float)
+        return normal / float(np.linalg.norm(normal))
+
+
+def floor_gaps(structure: Structure, contact: Contact, nodes: Array) -> Array:
+    """(N,) [m]: how far each node's ball is above the floor, negative inside it; ∞ for fixed nodes, or without one."""
+    gaps = np.full(len(structure.nodes), np.inf)
+    if contact.floor is None:
+        return gaps
+    heights = nodes @ contact.up - contact.floor
+    for rod, pair in zip(structure.rods, structure.rod_nodes, strict=True):
+        gaps[pair] = heights[pair] - rod.radius
+    for point in structure.point_masses:
+        row = structure.node_index[point.node]
+        gaps[row] = heights[row]
+    return gaps
+
+
+def rod_gaps(structure: Structure, nodes: Array) -> tuple[NDArray[np.int64], Array]:
+    """Every pair of rods (P, 2), and how far apart their surfaces are (P,) [m], negative where they overlap."""
+    first, second = np.triu_indices(len(structure.rods), 1)
+    pairs = np.stack([first, second], axis=1).astype(np.int64)
+    start, end = nodes[structure.rod_nodes[:, 0]], nodes[structure.rod_nodes[:, 1]]
+    radii = np.array([rod.radius for rod in structure.rods], float)
+    apart = segment_distances(start[first], end[first], start[second], end[second])
+    return pairs, apart - radii[first] - radii[second]
+
+
+def segment_distances(a: Array, b: Array, c: Array, d: Array) -> Array:
+    """Distances (P,) between the segments from a to b and from c to d, (P, 3) each, of lengths above zero."""
+    u, v, w = b - a, d - c, a - c
+    uu, vv, uv = (np.sum(x * y, axis=-1) for x, y in ((u, u), (v, v), (u, v)))
+    uw, vw = np.sum(u * w, axis=-1), np.sum(v * w, axis=-1)
+    area = uu * vv - uv**2
+    # The nearest point on the first line, kept on its segment (any of parallel ones); the point of the second segment
+    # nearest to it; and the point of the first segment nearest to that.
+    s = np.where(area > 1e-12 * uu * vv, (uv * vw - vv * uw) / np.where(area > 0, area, 1.0), 0.0)
+    t = np.clip((np.clip(s, 0.0, 1.0) * uv + vw) / vv, 0.0, 1.0)
+    s = np.clip((t * uv - uw) / uu, 0.0, 1.0)
+    return np.asarray(np.linalg.norm(w + s[:, None] * u - t[:, None] * v, axis=-1))
+
+
+def overlaps(structure: Structure, contact: Contact, nodes: Array) -> list[str]:
+    """What touches or overlaps at these node positions, in words that say by how much; none: empty."""
+    found = []
+    owner = {name: f"rod '{rod.name}' at node '{name}'" for rod in structure.rods for name in rod.nodes}
+    owner |= {point.node: f"the point mass on node '{point.node}'" for point in structure.point_masses}
+    for name, gap in zip(structure.node_names, floor_gaps(structure, contact, nodes), strict=True):
+        if gap < 0:
+            found.append(f"{owner[name]} is {-gap:.3g} m inside the floor")
+    if contact.rods and len(structure.rods) > 1:
+        pairs, gaps = rod_gaps(structure, nodes)
+        for (i, j), gap in zip(pairs[gaps < 0], gaps[gaps < 0], strict=True):
+            found.append(f"rods '{structure.rods[i].name}' and '{structure.rods[j].name}' overlap by {-gap:.3g} m")
+    return found

@@ -1,0 +1,243 @@
+"""A run with an accuracy instead of a step: which integrator, which step or tolerance, and how wrong the result is.
+
+Several methods are tried side by side, each from coarse to fine (`accuracy_ladder`). The next run is always that which
+promises a verified result for the least work, counted in evaluations with fixed weights and never in measured time, so
+that the same request gives the same run on every machine. The finest run made is returned; its error is estimated from
+its difference to coarser runs of the same method over the whole time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.checks import positive
+from tensegrity_mj.convergence import ROUND_OFF
+from tensegrity_mj.engines.accuracy_ladder import STRIKES, Ladder, Rung
+from tensegrity_mj.engines.accuracy_steps import Steps
+from tensegrity_mj.engines.run import Request
+from tensegrity_mj.errors import ControllerError, DivergenceError, OptionError, TensegrityError
+from tensegrity_mj.trajectory import Status, Trajectory
+
+LEAST, MOST = 1e-10, 1e-2  # m, what may be asked for
+LEAST_STEP = 1e-9  # of the duration
+TRIAL = 2.0
+MOST_WORK = 4e7  # in units of the cost model: minutes, where a unit is an evaluation of some microseconds
+
+
+@dataclass(frozen=True)
+class Way:
+    """A method to compute the run with: its ladder, and how a run is made.
+
+    Attributes:
+        ladder: see there.
+        weight: work of one evaluation.
+        run: from a request and a setting to a run.
+        words: of a setting, for reports.
+    """
+
+    ladder: Ladder
+    weight: float
+    run: Callable[[float], Trajectory]
+    words: Callable[[float], dict[str, Any]]
+
+
+def fixed_step_way(
+    name: str,
+    order: int,
+    weight: float,
+    evaluations: int,
+    steps: Steps,
+    request: Request,
+    make: Callable[[float, Request], Trajectory],
+) -> Way:
+    """A method of fixed steps.
+
+    Args:
+        name, order: of the method.
+        weight: work of one evaluation.
+        evaluations: a step.
+        steps: that it may have.
+        request: of the run.
+        make: the run with a step [s].
+    """
+
+    def run(step: float) -> Trajectory:
+        k = steps.divisions(step)
+        return make(steps.step(k), replace(request, output_interval=steps.recorded_each(k)))
+
+    ladder = Ladder(
+        name=name,
+        order=order,
+        first=steps.unit,
+        growth=1.0,
+        first_work=lambda: weight * evaluations * steps.count(1),
+        fit=lambda step: steps.step(steps.divisions(step)),
+        floor=round_off(request),
+        least=LEAST_STEP * request.duration,
+    )
+    return Way(ladder, weight, run, lambda step: {"timestep": steps.step(steps.divisions(step))})
+
+
+def round_off(request: Request) -> float:
+    """[m], below which differences of runs are taken for round-off."""
+    return ROUND_OFF * float(np.max(np.abs(request.scene.nodes0), initial=1e-300))
+
+
+def check_accuracy(engine: str, value: Any, chosen: dict[str, tuple[Any, Any]]) -> float:
+    """The accuracy as a float.
+
+    Args:
+        engine: its name.
+        value: [m].
+        chosen: by name, what the options are that the accuracy chooses, and their defaults.
+
+    Raises:
+        OptionError: out of range, or where an option is given that the accuracy chooses.
+    """
+    accuracy = positive(f"{engine}: accuracy", value, "m")
+    if not LEAST <= accuracy <= MOST:
+        raise OptionError(f"{engine}: accuracy = {accuracy:g} m; it must be from {LEAST:g} to {MOST:g} m")
+    for name, (given, default) in chosen.items():
+        if given != default:
+            raise OptionError(
+                f"{engine}: {name} = {getattr(given, 'value', given)!r} with accuracy = {accuracy:g} m: the accuracy "
+                f"chooses it; leave out one of the two"
+            )
+    return accuracy
+
+
+def find(accuracy: float, ways: Sequence[Way], request: Request) -> Trajectory:
+    """The run that has the accuracy, or the best that could be made, with what it says about itself.
+
+    Raises:
+        TensegrityError: what every method's finest run raised, where none could be made.
+    """
+    tried: list[tuple[Way, Rung]] = []
+    spent, reason = 0.0, ""
+    found: Way | None = None
+    while found is None:
+        plans = [(way.ladder.next(accuracy), number) for number, way in enumerate(ways) if not way.ladder.dead]
+        plans.sort(key=lambda plan: (plan[0][1], plan[1]))
+        if not plans:
+            break
+        begun = [plan for plan in plans if ways[plan[1]].ladder.rungs]
+        if begun and not ways[plans[0][1]].ladder.rungs:
+            # What a method costs that was not tried yet is a guess: a trial must not cost much more than was spent, or
+            # than what would be spent instead.
+            trial, instead = plans[0], begun[0]
+            most = max(TRIAL * spent, ways[instead[1]].ladder.work(instead[0][0]))
+            if ways[trial[1]].ladder.work(trial[0][0]) > most:
+                plans = begun
+        (setting, finish), number = plans[0]
+        way = ways[number]
+        if way.ladder.rungs and setting >= way.ladder.rungs[-1].setting * (1 - 1e-12):
+            way.ladder.dead = f"{way.ladder.name} can go no finer"
+            continue
+        if spent + finish > MOST_WORK and any(rung.run for _, rung in tried):
+            reason = (
+                f"{accuracy:g} m would take about {finish:.2g} evaluations more, and {MOST_WORK:g} are allowed; "
+                "ask for less, or shorten the run"
+            )
+            break
+        rung = _climb(way, setting)
+        if way.ladder.strikes >= STRIKES:
+            # What does not settle for a good method does not for a worse one, which would take long to find out.
+            for other in ways:
+                if other.ladder.rank < way.ladder.rank:
+                    other.ladder.dead = other.ladder.dead or f"{way.ladder.name} did not settle"
+        tried.append((way, rung))
+        spent += rung.work
+        estimate = way.ladder.estimate
+        if rung.run is not None and estimate is not None and estimate.value <= accuracy:
+            # A run that stops for lack of a solution has no more to give, however fine.
+            if estimate.settled or rung.run.status is not Status.COMPLETED:
+                found = way
+        elif estimate is not None and way.ladder.differences and way.ladder.differences[-1] <= way.ladder.floor:
+            way.ladder.dead = f"{estimate.reason}, and finer steps would not lessen it"
+    if found is None:
+        made = [(way.ladder.estimate, way) for way in ways if way.ladder.good]
+        known = [(estimate.value, number) for number, (estimate, _) in enumerate(made) if estimate is not None]
+        if not made:
+            failures = [rung.failure for _, rung in tried if rung.failure is not None]
+            raise failures[-1] if failures else OptionError("accuracy: no method can make this run")
+        found = made[min(known)[1] if known else 0][1]
+    return _told(accuracy, found, tried, reason, request)
+
+
+def _climb(way: Way, setting: float) -> Rung:
+    """One run, kept by its ladder; what stops it is kept too."""
+    try:
+        run = way.run(setting)
+    except TensegrityError as error:
+        # A law that fails may do so because the step was too coarse; what is refused is refused at any step.
+        if not isinstance(error, (DivergenceError, ControllerError)):
+            way.ladder.dead = str(error)
+        partial = getattr(error, "trajectory", None)
+        rung = Rung(setting, None, way.weight * (partial.cost["evaluations"] if partial is not None else 0.0), error)
+    else:
+        rung = Rung(setting, run, way.weight * run.cost["evaluations"])
+    way.ladder.add(rung)
+    return rung
+
+
+def _told(accuracy: float, found: Way, tried: Sequence[tuple[Way, Rung]], reason: str, request: Request) -> Trajectory:
+    """The finest run of the way that was found, with the report on its accuracy and the cost of all runs."""
+    ladder = found.ladder
+    last = ladder.good[-1]
+    run, estimate = last.run, ladder.estimate
+    assert run is not None
+    value = math.nan if estimate is None else estimate.value
+    settled = estimate is not None and estimate.settled
+    met = settled and value <= accuracy
+    why = "only one run could be made" if estimate is None else estimate.reason
+    if not met:
+        why = "; ".join(dict.fromkeys(part for part in (why, reason or ladder.dead) if part))
+    total = {"runs": len(tried), "work": math.fsum(rung.work for _, rung in tried)}
+    for name in ("wall_time", "steps", "evaluations"):
+        total[name] = sum(_cost(rung).get(name, 0) for _, rung in tried)
+    run.reports["accuracy"] = {
+        "requested": accuracy,
+        "error_estimate": value,
+        "settled": settled,
+        "met": met,
+        "reason": why,
+        "chosen": {"method": ladder.name, **found.words(last.setting)},
+        "tried": [_row(way, rung) for way, rung in tried],
+        "total_cost": total,
+    }
+    if not settled:
+        run.reports["warnings"].append(
+            f"the error is not known: {why}; the best estimate is {value:.2g} m, {accuracy:g} m were asked for"
+        )
+    elif not met:
+        run.reports["warnings"].append(f"the error is {value:.2g} m, {accuracy:g} m were asked for: {why}")
+    cost = {name: total.get(name, number) for name, number in run.cost.items()}
+    provenance = run.provenance | {"engine": run.provenance["engine"] | {"accuracy": accuracy}}
+    return replace(run, cost=cost, provenance=provenance, engine=f"{run.engine}, chosen for {accuracy:g} m")
+
+
+def _row(way: Way, rung: Rung) -> dict[str, Any]:
+    """What is told of one run: its setting, its work, its difference to the coarser run before it [m]."""
+    good = way.ladder.good
+    number = next((index for index, one in enumerate(good) if one is rung), 0)
+    offset = len(good) - len(way.ladder.differences)
+    return {
+        "method": way.ladder.name,
+        **way.words(rung.setting),
+        "steps": _cost(rung).get("steps", 0),
+        "evaluations": _cost(rung).get("evaluations", 0),
+        "work": rung.work,
+        "difference": way.ladder.differences[number - offset] if number >= offset and len(good) > 1 else None,
+        "failure": "" if rung.failure is None else str(rung.failure),
+    }
+
+
+def _cost(rung: Rung) -> dict[str, float]:
+    """Of a run; of what there was of it before it failed."""
+    run = rung.run if rung.run is not None else getattr(rung.failure, "trajectory", None)
+    return {} if run is None else dict(run.cost)

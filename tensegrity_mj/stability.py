@@ -1,0 +1,448 @@
+"""The largest stable step of a fixed-step engine, predicted from the linear model, and the warning before a run.
+
+    found = stable_step(scene, tmj.MuJoCo(timestep=1e-3))
+    found.limit, found.string, found.rod        # [s], and who is to blame
+
+`vibration` holds the model and `amplification` what each integrator makes of it. A linear model tells of the state that
+it is about: give a run, and the smallest limit of its configurations is found. What it cannot tell is in `notes`.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible
+from tensegrity_mj.amplification import Scheme, is_stable, largest_frequency, limit_of, scheme_of
+from tensegrity_mj.checks import finite, real_array
+from tensegrity_mj.errors import OptionError, StabilityWarning, TensegrityError
+from tensegrity_mj.law import NO_SOLUTION, Command, Law, NativeLaw, native_law
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.trajectory import Trajectory
+from tensegrity_mj.vibration import DENSE, SLOTS, Bodies, LawDerivative, Vibration, stiffness_bounds, vibration
+
+Array = NDArray[np.float64]
+
+SAMPLES = 25  # configurations looked at along a run
+LAW_COORDINATES = 100  # of a structure up to which the check before a run asks the law for its derivative
+LAW_STEP = 1e-5  # of the structure's size: a central difference's error is its square
+HALF_DISC = 2.6  # |z| within which Runge-Kutta's R(z) <= 1 for all Re z <= 0 (its smallest radius there is 2.615)
+NEAR_POLE = 0.1  # sin φ below which the ODE's angles turn much faster than the rod
+
+
+@dataclass(frozen=True, eq=False)
+class StableStep:
+    """The largest stable step at one state.
+
+    Attributes:
+        limit: [s]; ∞ where no step is too large for the linear model, or the engine chooses its steps itself.
+        scheme: of the integrator, or None for an engine that chooses its steps itself.
+        omega: [1/s] of the stiffest motion, without dampers and law.
+        time: [s] of the state.
+        nodes: (N, 3) [m] the state.
+        motion: (N, 3) of the nodes in the motion that grows beyond the limit; its largest entry is 1.
+        rod: the body (a rod, or a point mass by its node) with most of that motion's kinetic energy, "" for none.
+        rod_share: its part.
+        string: the string with most of the energy that holds or damps it, "" for none.
+        string_share: its part.
+        closed_loop: whether the law's derivative is in it.
+        notes: what the number does not tell.
+    """
+
+    limit: float
+    scheme: Scheme | None
+    omega: float
+    time: float
+    nodes: Array = field(repr=False)
+    motion: Array = field(repr=False)
+    rod: str
+    rod_share: float
+    string: str
+    string_share: float
+    closed_loop: bool
+    notes: tuple[str, ...]
+
+    @property
+    def relative(self) -> float:
+        """The limit over 2/ω, the unit in which integrators are compared."""
+        return 0.5 * self.limit * self.omega
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, for reports and JSON; None for no limit."""
+        return {
+            "limit": self.limit if math.isfinite(self.limit) else None,
+            "relative": self.relative if math.isfinite(self.limit) and not self.closed_loop else None,
+            "scheme": None if self.scheme is None else self.scheme.value,
+            "omega": self.omega,
+            "time": self.time,
+            "rod": self.rod,
+            "rod_share": self.rod_share,
+            "string": self.string,
+            "string_share": self.string_share,
+            "closed_loop": self.closed_loop,
+            "notes": list(self.notes),
+        }
+
+
+def stable_step(
+    scene: Scene,
+    engine: Any,
+    *,
+    law: Law | Callable[..., ArrayLike] | NativeLaw | None = None,
+    actuation: Actuation | None = None,
+    nodes: ArrayLike | None = None,
+    velocities: ArrayLike | None = None,
+    rest_lengths: ArrayLike | None = None,
+    time: float = 0.0,
+    run: Trajectory | None = None,
+) -> StableStep:
+    """The largest stable step of an engine with a fixed step.
+
+    Args:
+        scene: what moves.
+        engine: `MuJoCo(...)`, `DAE(method=Method.RK4, ...)`, `ODE(...)`; its own step does not count.
+        law: closes the loop, continuously. Where `actuation` holds something, the law only says what is held.
+        actuation: continuous by default.
+        nodes, velocities: (N, 3) the state; the scene's start by default.
+        rest_lengths: (M,) [m]; the structure's by default, or what the law sets.
+        time: [s], at which loads and law are evaluated, and strings have broken or not yet.
+        run: a run of this structure instead of a state: the smallest limit of its configurations.
+
+    Raises:
+        OptionError: for arrays of another shape, a time below zero, or a run of another structure.
+        InfeasibleError, ControllerError: what the law says at the state.
+    """
+    if not isinstance(scene, Scene):
+        raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
+    scheme = scheme_of(engine)
+    structure = scene.structure
+    actuation = actuation or Actuation.continuous()
+    native = law if isinstance(law, NativeLaw) or law is None else native_law(law, structure)
+    asked = None if native is None or not native.address else _Law(scene, native)
+    held = actuation.mode if asked is not None else None
+    bodies = Bodies.of(structure)
+    if run is not None:
+        return _along(run, scene, engine, scheme, asked, held, bodies)
+    shape = (len(structure.nodes), 3)
+    x = scene.nodes0 if nodes is None else real_array("nodes", nodes, shape, "m", False)
+    v = scene.velocities0 if velocities is None else real_array("velocities", velocities, shape, "m/s", False)
+    L0 = None if rest_lengths is None else real_array("rest_lengths", rest_lengths, (len(structure.strings),), "m")
+    model = _model(scene, asked, held, x, v, L0, finite("time", time, " [s]"), bodies)
+    return _step_of(model, engine, scheme, time)
+
+
+def before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) -> tuple[dict[str, Any] | None, str]:
+    """What is known of the step before a run: for `run.reports["stability"]`, and the text of a warning or "".
+
+    A bound that costs next to nothing comes first, and the model only where the step is beyond it. It never asks a
+    law of Python's, or one that is not a function of the state alone. None where there is nothing to check.
+    """
+    scheme, structure = scheme_of(engine), scene.structure
+    step = getattr(engine, "timestep", None)
+    if scheme is None or step is None or not structure.strings:
+        return None, ""
+    try:
+        return _checked(scene, engine, scheme, float(step), law, actuation)
+    except (TensegrityError, np.linalg.LinAlgError, ValueError, ArithmeticError) as error:
+        # No check stands in the way of a run; what is wrong with the law or the loads the run itself tells better.
+        return {"step": step, "checked": False, "reason": f"{type(error).__name__}: {error}"}, ""
+
+
+def warn_before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) -> dict[str, Any] | None:
+    """`before_run`, with the warning given to whoever called `simulate`."""
+    report, text = before_run(scene, engine, law, actuation)
+    if text:
+        warnings.warn(text, StabilityWarning, stacklevel=3)
+    return report
+
+
+def after_run(run: Trajectory, engine: Any, law: NativeLaw, actuation: Actuation) -> None:
+    """Where a run with a continuous law is off and its step is to blame, say so in its reports.
+
+    Before a run, the states that the law will lead to are not known: this looks at those of the run.
+    """
+    scheme, step = scheme_of(engine), getattr(engine, "timestep", None)
+    if scheme is None or step is None or not law.address or law.failure is not None or law.discontinuous:
+        return
+    coordinates = SLOTS * (len(run.scene.structure.rods) + len(run.scene.structure.point_masses))
+    if actuation.mode is not Mode.CONTINUOUS or coordinates > LAW_COORDINATES or not run.reports.get("warnings"):
+        return
+    try:
+        found = stable_step(run.scene, engine, law=law, run=run)
+    except (TensegrityError, np.linalg.LinAlgError, ValueError, ArithmeticError):
+        return
+    if found.limit < step:
+        run.reports["stability"] = {"step": step, "checked": True, "exceeded": True, **found.to_dict()}
+        run.reports["warnings"].append(message(found, engine, float(step)))
+
+
+def _checked(
+    scene: Scene, engine: Any, scheme: Scheme, step: float, law: NativeLaw, actuation: Actuation
+) -> tuple[dict[str, Any], str]:
+    structure = scene.structure
+    bodies = Bodies.of(structure)
+    # A law of Python's has a list for its failure; one that is not a function of the state has a reason.
+    pure = bool(law.address) and law.failure is None and not law.discontinuous
+    continuous = actuation.mode is Mode.CONTINUOUS
+    by_density = bool(law.address) and (actuation.mode is Mode.HOLD_FORCE_DENSITY or continuous)
+    if by_density and not pure:
+        return {"step": step, "checked": False, "reason": "the law is Python's or not a function of the state"}, ""
+    small = SLOTS * len(bodies.mass) <= LAW_COORDINATES
+    if by_density and not small:
+        return {"step": step, "checked": False, "reason": "the loop through the law is too large to look at"}, ""
+    if not by_density:
+        bound = _bound(scheme, *stiffness_bounds(structure, bodies, scene.nodes0, structure.rest_lengths))
+        if step <= bound:
+            return {"step": step, "checked": True, "exceeded": False, "at_least": bound}, ""
+    asked = _Law(scene, law) if pure else None
+    held = actuation.mode if asked is not None else None
+    model = _model(scene, asked, held, scene.nodes0, scene.velocities0, None, 0.0, bodies)
+    if not is_stable(model, scheme, step, _constraint_modes(engine)):
+        found = _step_of(model, engine, scheme, 0.0)
+        return {"step": step, "checked": True, "exceeded": True, **found.to_dict()}, message(found, engine, step)
+    return {"step": step, "checked": True, "exceeded": False}, ""
+
+
+def message(found: StableStep, engine: Any, step: float) -> str:
+    """What a run is told whose step is beyond the limit."""
+    where = "at the start" if found.time == 0 else f"at t = {found.time:.4g} s"
+    kind = found.scheme.value if found.scheme is not None else ""
+    loop = "in the loop with the law" if found.closed_loop else f"stiffest motion ω = {found.omega:.4g} rad/s"
+    blame = f"'{found.rod}' ({found.rod_share:.0%} of the motion)" if found.rod else "the law alone"
+    if found.string:
+        blame += f" on string '{found.string}' ({found.string_share:.0%} of its energy)"
+    remedies = [f"use a step below {found.limit:.3g} s"]
+    if hasattr(engine, "integrator"):
+        if found.scheme is not Scheme.LINEARLY_IMPLICIT and not found.closed_loop:
+            remedies.append("Integrator.DISCRETE (stable, not accurate)")
+    elif not found.closed_loop:
+        remedies.append("Method.RADAU, which chooses its steps")
+    if hasattr(engine, "accuracy"):
+        remedies.append("accuracy=..., which chooses the step")
+    return (
+        f"the step of {step:g} s is beyond the largest stable one, {found.limit:.4g} s {where} ({kind}, {loop}): "
+        f"small motions of {blame} grow without bound; {', or '.join(remedies)}"
+    )
+
+
+def _bound(scheme: Scheme, material: float, geometric: float, damper: float) -> float:
+    """A step [s] that is stable for every structure with stiffnesses [1/s²] and dampers [1/s] up to these."""
+    whole = material + geometric
+    match scheme:
+        case Scheme.RUNGE_KUTTA:
+            fastest = 0.5 * (damper + math.sqrt(damper**2 + 4 * whole))  # of |λ|² <= d |λ| + k
+            return HALF_DISC / fastest if fastest > 0 else math.inf
+        case Scheme.SEMI_IMPLICIT:
+            largest = damper + math.sqrt(damper**2 + 4 * whole)  # h² k / 4 + h d / 2 = 1
+            return 4 / largest if largest > 0 else math.inf
+        case Scheme.VELOCITY_IMPLICIT:
+            return 2 / math.sqrt(whole) if whole > 0 else math.inf
+        case Scheme.LINEARLY_IMPLICIT:
+            return 2 / math.sqrt(geometric) if geometric > 0 else math.inf
+
+
+def _along(
+    run: Trajectory,
+    scene: Scene,
+    engine: Any,
+    scheme: Scheme | None,
+    asked: _Law | None,
+    held: Mode | None,
+    bodies: Bodies,
+) -> StableStep:
+    if run.scene.structure.node_names != scene.structure.node_names or len(run.time) == 0:
+        raise OptionError(f"run: it has no samples, or is of another structure than scene '{scene.name}'")
+    rows = np.unique(np.linspace(0, len(run.time) - 1, SAMPLES).round().astype(int))
+    found = None
+    for row in rows.tolist():
+        time = float(run.time[row])
+        rest = None if asked is not None and held is Mode.CONTINUOUS else run.rest_lengths[row]
+        model = _model(scene, asked, held, run.nodes[row], run.velocities[row], rest, time, bodies)
+        here = _step_of(model, engine, scheme, time)
+        if found is None or here.limit < found.limit:
+            found = here
+    assert found is not None
+    return found
+
+
+def _model(
+    scene: Scene,
+    asked: _Law | None,
+    held: Mode | None,
+    nodes: Array,
+    velocities: Array,
+    rest_lengths: Array | None,
+    time: float,
+    bodies: Bodies,
+) -> Vibration:
+    """The linear model about a state, with what the law sets there, and where it is continuous its derivative."""
+    from tensegrity_mj.validation import check_configuration
+
+    structure = scene.structure
+    check_configuration(structure, nodes, "stable_step: nodes")
+    events = {event.string: event.time for event in scene.breaks}
+    broken = np.array([events.get(string.name, math.inf) <= time for string in structure.strings], bool)
+    densities = None
+    rest = structure.rest_lengths if rest_lengths is None else rest_lengths
+    if asked is not None:
+        command = asked(time, nodes, velocities)
+        lengths = structure.string_lengths(nodes)
+        by_density = asked.native.command is Command.FORCE_DENSITY and held is Mode.CONTINUOUS
+        if rest_lengths is None:
+            rest = command
+            if asked.native.command is Command.FORCE_DENSITY:
+                rest = lengths * (1 - command / structure.stiffness)
+        if by_density or held is Mode.HOLD_FORCE_DENSITY:
+            densities = np.maximum(0.0, structure.stiffness * (1 - rest / lengths))
+    model = vibration(
+        scene, nodes, velocities, rest, force_densities=densities, broken=broken, time=time, bodies=bodies
+    )
+    if asked is None or held is not Mode.CONTINUOUS:
+        return model
+    if not model.is_dense:
+        raise OptionError(f"the loop through the law is looked at for up to {DENSE // SLOTS} rods and point masses")
+    return replace(model, law=asked.derivative(model, velocities, time))
+
+
+class _Law:
+    """A law's commands as a function of the state, and their derivative."""
+
+    def __init__(self, scene: Scene, native: NativeLaw) -> None:
+        from tensegrity_mj.native.plant import COMMAND, NODES, STATUS, VELOCITIES, Plant, ask_law, measure_strings
+
+        self.native = native
+        self._plant = plant = Plant(scene, native, Actuation.continuous(), OnInfeasible.STOP)
+        self._nodes, self._velocities, self._command = plant[NODES], plant[VELOCITIES], plant[COMMAND]
+        self._measure, self._ask, self._status = measure_strings, ask_law, STATUS
+
+    def __call__(self, time: float, nodes: Array, velocities: Array) -> Array:
+        """(M,) force densities [N/m] or rest lengths [m].
+
+        Raises:
+            InfeasibleError, ControllerError: what the law says there.
+        """
+        from tensegrity_mj.errors import InfeasibleError
+
+        table = self._plant.table
+        self._nodes[:], self._velocities[:] = nodes, velocities
+        self._measure(table)
+        status = int(self._ask(table, time))
+        self._plant.raise_if_failed(max(status, int(table[self._status])), time)
+        if status == NO_SOLUTION:
+            raise InfeasibleError(self._plant.infeasible_message(time))
+        return np.array(self._command)
+
+    def derivative(self, model: Vibration, velocities: Array, time: float) -> LawDerivative:
+        """Its part of K and D at the state of a model, by central differences."""
+        n, nodes = model.size, model.nodes
+        at, values = np.zeros((len(model.taut), n)), np.zeros((len(model.taut), n))
+        size = float(np.ptp(nodes, axis=0).max(initial=0.0)) or 1.0
+        units = np.zeros((n, *nodes.shape))
+        for k in range(n):
+            y = np.zeros(n)
+            y[k] = 1.0
+            units[k] = model.motion(y)
+        largest = np.abs(units).max(axis=(1, 2), initial=0.0)
+        for k in np.flatnonzero(largest > 0).tolist():
+            h = LAW_STEP * size / largest[k]
+            ahead, behind = (self(time, nodes + x * units[k], velocities) for x in (h, -h))
+            at[:, k] = (ahead - behind) / (2 * h)
+            ahead, behind = (self(time, nodes, velocities + x * units[k]) for x in (h, -h))
+            values[:, k] = (ahead - behind) / (2 * h)
+        i, j = model.scene.structure.string_nodes.T
+        # How lengths change with y: its transpose takes tensions to forces.
+        stretch = np.einsum("mx,nmx->mn", model.direction, units[:, j] - units[:, i])
+        if self.native.command is Command.FORCE_DENSITY:
+            weight = np.where(model.taut, model.length, 0.0)
+        else:
+            weight = -np.where(model.taut, model.scene.structure.stiffness, 0.0)
+        push = (stretch * weight[:, None]).T
+        return LawDerivative(push @ at, push @ values)
+
+
+def _constraint_modes(engine: Any) -> tuple[complex, ...]:
+    """Eigenvalues [1/s] of the DAE's constraints with Baumgarte's stabilization, s² + k_d s + k_p = 0."""
+    if getattr(getattr(engine, "drift", None), "value", "") != "baumgarte":
+        return ()
+    omega, zeta = engine.baumgarte_frequency, engine.baumgarte_damping
+    root = complex(zeta * zeta - 1) ** 0.5
+    return (omega * (-zeta + root), omega * (-zeta - root))
+
+
+def _step_of(model: Vibration, engine: Any, scheme: Scheme | None, time: float) -> StableStep:
+    n, structure = model.size, model.scene.structure
+    if scheme is None:
+        limit, y = math.inf, np.zeros(n)
+    else:
+        limit, y = limit_of(model, scheme, _constraint_modes(engine))
+    motion = model.motion(y)
+    largest = np.abs(motion).max(initial=0.0)
+    kinetic = np.sum(y.reshape(-1, SLOTS) ** 2, axis=1)
+    body, body_share = _leader(kinetic)
+    names = [rod.name for rod in structure.rods] + [point.node for point in structure.point_masses]
+    string, string_share = _leader(_string_energies(model, y, limit))
+    return StableStep(
+        limit=limit,
+        scheme=scheme,
+        omega=largest_frequency(model),
+        time=float(time),
+        nodes=np.array(model.nodes),
+        motion=motion / largest if largest > 0 else motion,
+        rod="" if body is None else names[body],
+        rod_share=body_share,
+        string="" if string is None else structure.strings[string].name,
+        string_share=string_share,
+        closed_loop=model.law is not None,
+        notes=_notes(model, engine),
+    )
+
+
+def _leader(values: Array) -> tuple[int | None, float]:
+    """The number of the largest of values >= 0, and its part of their sum."""
+    total = float(values.sum())
+    if not total > 0 or not math.isfinite(total):
+        return None, 0.0
+    return int(np.argmax(values)), float(values.max() / total)
+
+
+def _string_energies(model: Vibration, y: Array, limit: float) -> Array:
+    """(M,) how much each string has to do with a motion: its elastic, geometric and damping work in a step."""
+    moved = model.motion(y)
+    i, j = model.scene.structure.string_nodes.T
+    apart = moved[j] - moved[i]
+    along = np.sum(model.direction * apart, axis=1)
+    across = np.sum(apart * apart, axis=1) - along**2
+    density = model.tension / np.where(model.length > 0, model.length, 1.0)
+    damped = 2 * model.damping / limit if 0 < limit < math.inf else 0.0
+    return np.asarray((model.stiffness + damped) * along**2 + density * np.maximum(across, 0.0))
+
+
+def _notes(model: Vibration, engine: Any) -> tuple[str, ...]:
+    structure, notes = model.scene.structure, []
+    if model.at_edge.any():
+        first_one = structure.strings[int(np.argmax(model.at_edge))].name
+        notes.append(
+            f"{int(model.at_edge.sum())} strings ('{first_one}' is one) are at the edge of slackness: they pull during "
+            "half of a motion only, so that the limit may be larger than that of the taut side given here"
+        )
+    if not model.taut.all() and len(model.taut):
+        slack = len(model.taut) - int(model.taut.sum())
+        notes.append(f"{slack} of {len(model.taut)} strings are slack in this state and count once they are taut")
+    if hasattr(engine, "least_sine"):
+        first, second = structure.rod_nodes.T
+        b = (model.nodes[second] - model.nodes[first]) / structure.rod_lengths[:, None]
+        sines = np.hypot(b[:, 0], b[:, 1])
+        spatial = np.array([rod.support.plane is None for rod in structure.rods], bool)
+        near = np.flatnonzero(spatial & (sines < NEAR_POLE))
+        if len(near):
+            notes.append(
+                f"rod '{structure.rods[int(near[0])].name}' is near the pole of the ODE's angles: the limit is that of "
+                "motions that are small even there"
+            )
+    return tuple(notes)

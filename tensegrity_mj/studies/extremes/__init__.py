@@ -1,0 +1,1 @@
+"""Seeded random runs at the extremes, each judged: right, refused, stopped, warned of, or wrong without a word."""

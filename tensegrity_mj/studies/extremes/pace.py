@@ -1,0 +1,136 @@
+"""How fast a scene can move at its start, so that the study can choose steps and durations that mean something.
+
+Nodes answer forces by the mobility W: v̇ = W f, block by block of the rods; strings answer displacements by the
+stiffness K, material and geometric. The fastest vibration has ω² = λmax(W K), the fastest decay λmax(W C). This is a
+rougher thing than `stability`, and knows nothing of it, so that the study can also try what that warns of.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.structure import Structure
+
+Array = NDArray[np.float64]
+
+DENSE = 300  # coordinates up to which eigenvalues are computed whole
+ITERATIONS = 100  # of the power method beyond; it gives λmax to a few percent, which is enough to choose a step
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Rates at the start of a scene.
+
+    Attributes:
+        vibration: ω of the fastest vibration of all strings taut [1/s].
+        decay: rate of the fastest decay by their dampers [1/s].
+        spin: fastest turning of a rod [1/s].
+    """
+
+    vibration: float
+    decay: float
+    spin: float
+
+    @property
+    def fastest(self) -> float:
+        """The largest of the three [1/s]; 1 where nothing moves or pulls."""
+        return max(self.vibration, self.decay, self.spin) or 1.0
+
+
+def pace(scene: Scene, force_density: float = 0.0) -> Pace:
+    """The rates of a scene; `force_density` [N/m] is the largest that a law will ask of every string."""
+    structure = scene.structure
+    W = mobility(structure, scene.nodes0)
+    pairs = structure.string_nodes
+    spans = scene.nodes0[pairs[:, 1]] - scene.nodes0[pairs[:, 0]]
+    lengths = np.linalg.norm(spans, axis=1)
+    along = spans / lengths[:, None]
+    outer = along[:, :, None] * along[:, None, :]
+    tension = structure.stiffness * np.maximum(0.0, lengths - structure.rest_lengths)
+    across = np.maximum(tension / lengths, force_density)
+    material = np.maximum(structure.stiffness, force_density)
+    K = _assembled(structure, material[:, None, None] * outer + across[:, None, None] * (np.eye(3) - outer))
+    C = _assembled(structure, structure.damping[:, None, None] * outer)
+    first, second = (scene.velocities0[structure.rod_nodes[:, end]] for end in (0, 1))
+    spins = np.linalg.norm(second - first, axis=1) / structure.rod_lengths
+    return Pace(float(np.sqrt(_largest(W, K))), _largest(W, C), float(spins.max(initial=0.0)))
+
+
+def mobility(structure: Structure, nodes: Array) -> Any:
+    """W (3N, 3N) sparse: accelerations of the nodes [m/s²] for forces on them [N], from rest."""
+    from scipy import sparse
+
+    rows, columns, values = [], [], []
+
+    def add(which: list[int], block: Array) -> None:
+        index = np.concatenate([3 * n + np.arange(3) for n in which])
+        rows.append(np.repeat(index, len(index)))
+        columns.append(np.tile(index, len(index)))
+        values.append(block.ravel())
+
+    for rod, (i, j), mass in zip(structure.rods, structure.rod_nodes, structure.rod_masses, strict=True):
+        b, sigma = nodes[j] - nodes[i], rod.support.sigma
+        E = rod.support.translation_basis
+        swings = np.cross(_axes(rod.support.plane, b), b).T  # (3, 1 or 2): d b / d angle
+        J = np.vstack([np.hstack([E, -sigma * swings]), np.hstack([E, (1 - sigma) * swings])])
+        # A thin rod's kinetic energy in its ends' velocities: m/6 (v1·v1 + v1·v2 + v2·v2).
+        M = mass / 6 * np.kron(np.array([[2.0, 1.0], [1.0, 2.0]]), np.eye(3))
+        add([int(i), int(j)], J @ np.linalg.solve(J.T @ M @ J, J.T))
+    for point in structure.point_masses:
+        E = point.translation_basis
+        add([structure.node_index[point.node]], E @ E.T / point.mass)
+    size = 3 * len(structure.nodes)
+    if not values:
+        return sparse.csr_matrix((size, size))
+    parts = (np.concatenate(part) for part in (values, rows, columns))
+    data, row, column = parts
+    return sparse.csr_matrix((data, (row, column)), shape=(size, size))
+
+
+def _axes(plane: Any, b: Array) -> Array:
+    """Unit axes (1 or 2, 3) that a rod along b turns about."""
+    if plane is not None:
+        normal = np.array(plane, float)
+        return np.asarray(normal / np.linalg.norm(normal))[None]
+    _, _, vt = np.linalg.svd(b[None] / np.linalg.norm(b))
+    return np.asarray(vt[1:])
+
+
+def _assembled(structure: Structure, blocks: Array) -> Any:
+    """Σ over strings of (e_j - e_i) block (e_j - e_i)ᵀ, (3N, 3N) sparse, from blocks (M, 3, 3)."""
+    from scipy import sparse
+
+    size, axes = 3 * len(structure.nodes), np.arange(3)
+    rows, columns, values = [], [], []
+    for one, sign in ((0, -1.0), (1, 1.0)):
+        for other, other_sign in ((0, -1.0), (1, 1.0)):
+            a, b = structure.string_nodes[:, one], structure.string_nodes[:, other]
+            rows.append(np.broadcast_to(3 * a[:, None, None] + axes[:, None], blocks.shape).ravel())
+            columns.append(np.broadcast_to(3 * b[:, None, None] + axes, blocks.shape).ravel())
+            values.append((sign * other_sign * blocks).ravel())
+    return sparse.csr_matrix(
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(size, size)
+    )
+
+
+def _largest(W: Any, K: Any) -> float:
+    """λmax of W K, both symmetric and positive semidefinite."""
+    product = (W @ K).tocsr()
+    if product.nnz == 0:
+        return 0.0
+    if product.shape[0] <= DENSE:
+        return float(np.abs(np.linalg.eigvals(product.toarray())).max())
+    x = np.random.default_rng(0).normal(size=product.shape[0])
+    size = 0.0
+    for _ in range(ITERATIONS):
+        x = product @ x
+        size = float(np.linalg.norm(x))
+        if size == 0.0:
+            return 0.0
+        x /= size
+    return size

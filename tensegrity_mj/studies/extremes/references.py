@@ -1,0 +1,97 @@
+"""What a run is held against: another formulation of the experiment, at a tighter tolerance, with its own doubt."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from tensegrity_mj.convergence import node_difference
+from tensegrity_mj.engines.dae import DAE
+from tensegrity_mj.engines.integration import Method
+from tensegrity_mj.engines.ode import ODE
+from tensegrity_mj.studies.extremes.setups import GRAIN, Setup, attempt
+from tensegrity_mj.trajectory import Status, Trajectory
+
+TIGHT, LOOSE = 1e-11, 1e-9  # rtol; the second tells how far the first may be off
+STIFF_TIGHT, STIFF_LOOSE = 1e-9, 1e-8
+MOST_STEPS = 20_000  # of an error-controlled method
+FINE = 0.02  # h times the fastest rate, of fixed steps
+MOST_FINE_STEPS = 200_000
+MOST_TURNS = 3000.0  # [rad] of the fastest vibration: beyond, no method has an answer in that many steps
+MANY_RODS = 50  # beyond, some rod is near a pole, and fine steps are dear
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A run that others are held against.
+
+    Attributes:
+        run: the trajectory; it may have stopped where the law has no solution.
+        doubt: how far it may be off itself [m]: twice its distance from a coarser one.
+    """
+
+    run: Trajectory
+    doubt: float
+
+    @property
+    def completed(self) -> bool:
+        """Whether it came to the end."""
+        return self.run.status is Status.COMPLETED
+
+
+def reference_of(setup: Setup) -> Reference | None:
+    """The DAE for MuJoCo and the ODE; for the DAE the ODE, or at a pole MuJoCo; None if none will do."""
+    if not setup.engine.startswith("dae"):
+        return tight_dae(setup)
+    pairs = [*_fixed("mujoco", setup)]
+    if len(setup.experiment.scene.structure.rods) <= MANY_RODS:
+        pairs = [*_adaptive(ODE, setup), *_fixed("ode", setup), *pairs]
+    return _first(setup, pairs)
+
+
+def tight_dae(setup: Setup) -> Reference | None:
+    """The DAE, error-controlled, or with fine fixed steps where that gives up."""
+    return _first(setup, [*_adaptive(DAE, setup), *_fixed("dae", setup)])
+
+
+def _adaptive(engine: Any, setup: Setup) -> Iterator[tuple[Any, Any]]:
+    stiff = setup.pace.decay > 20 * max(setup.pace.vibration, setup.pace.spin)
+    methods = [(Method.RADAU, STIFF_TIGHT, STIFF_LOOSE)] if stiff else [(Method.DOP853, TIGHT, LOOSE)]
+    for method, tight, loose in methods:
+        yield (
+            engine(method=method, rtol=tight, atol=1e-2 * tight, max_steps=MOST_STEPS),
+            engine(method=method, rtol=loose, atol=1e-2 * loose, max_steps=MOST_STEPS),
+        )
+
+
+def _fixed(family: str, setup: Setup) -> Iterator[tuple[Any, Any]]:
+    rate = setup.rate + setup.pace.decay + setup.pace.vibration
+    fineness = FINE if len(setup.experiment.scene.structure.rods) <= MANY_RODS else 5 * FINE
+    steps = GRAIN * math.ceil(setup.duration * rate / fineness / GRAIN)
+    if steps > MOST_FINE_STEPS:
+        return
+    fine = setup.duration / steps
+    if family == "mujoco":
+        from tensegrity_mj.engines.mujoco import MuJoCo
+
+        yield MuJoCo(fine), MuJoCo(2 * fine)
+        return
+    make: Any = DAE if family == "dae" else ODE
+    yield make(method=Method.RK4, timestep=fine), make(method=Method.RK4, timestep=2 * fine)
+
+
+def _first(setup: Setup, pairs: list[tuple[Any, Any]]) -> Reference | None:
+    if setup.duration * setup.rate > MOST_TURNS:
+        return None
+    for tight, loose in pairs:
+        best = attempt(setup, tight)
+        if best.run is None or best.run.status is Status.SINGULAR:
+            continue
+        if best.run.status is Status.INFEASIBLE:  # fixed steps might step over the moment
+            return Reference(best.run, 0.0)
+        other = attempt(setup, loose)
+        doubt = 2 * node_difference(best.run, other.run) if other.run is not None else math.inf
+        return Reference(best.run, doubt)
+    return None

@@ -1,0 +1,186 @@
+"""The study of extremes: many runs, and what they come to as data, a page and sentences."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.files import replacing
+from tensegrity_mj.jsontext import to_json
+from tensegrity_mj.simulation import versions
+from tensegrity_mj.studies.attempt import DONE
+from tensegrity_mj.studies.extremes.kinds import Kind
+from tensegrity_mj.studies.extremes.task import run_extreme
+from tensegrity_mj.studies.extremes.verdicts import Verdict
+from tensegrity_mj.studies.many import run_many
+from tensegrity_mj.studies.workers import Workers
+
+FORMAT = 1
+DATA, PAGE, RUNS = "extremes.json", "extremes.html", "runs"  # what a folder holds
+EXPENSIVE = (Kind.LONG, Kind.LARGE)
+ONE_IN = 250  # of the expensive kinds
+# What must hold, as parts of all runs.
+LEAST_RIGHT, MOST_FALSE_REFUSALS = 0.6, 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class Extremes:
+    """A finished study.
+
+    Attributes:
+        data: everything, as plain values; docs/extremes.md explains the keys.
+        seconds: how long it took; not part of the data, which is the same each time.
+        folder: where it is, or None.
+    """
+
+    data: dict[str, Any]
+    seconds: float
+    folder: Path | None = None
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing is undetected, enough is right, and little is refused without need."""
+        return bool(self.data["passed"])
+
+    @property
+    def text(self) -> str:
+        """The table, for a terminal."""
+        return "\n".join([_lines(self.data["table"]), "", *self.data["summary"]])
+
+    def save_page(self, path: str | os.PathLike[str]) -> Path:
+        """Write the page (.html); returns its path."""
+        from tensegrity_mj.studies.extremes.page import write_extremes_page
+
+        return write_extremes_page(path, self.data)
+
+
+def mixture(runs: int, kinds: Sequence[Kind]) -> list[Kind]:
+    """The kind of each run: the expensive ones few and first, all others in turn."""
+    few = [kind for kind in kinds if kind in EXPENSIVE]
+    others = [kind for kind in kinds if kind not in EXPENSIVE]
+    if not others:
+        return [few[n % len(few)] for n in range(runs)]
+    first = [kind for kind in few for _ in range(runs // ONE_IN)]
+    return first + [others[n % len(others)] for n in range(runs - len(first))]
+
+
+def extremes(
+    runs: int = 1000,
+    seed: int = 0,
+    *,
+    kinds: Sequence[Kind] | None = None,
+    autoreset: bool = False,
+    folder: str | os.PathLike[str] | None = None,
+    workers: Workers | None = None,
+    progress: bool = False,
+) -> Extremes:
+    """Make extreme runs by chance and judge each.
+
+    Args:
+        runs: how many.
+        seed: of everything drawn; run `n` depends on the seed, on n and on its kind alone.
+        kinds: of `Kind`; all by default.
+        autoreset: the test of the test: MuJoCo is stepped as by a script of one's own, with its autoreset on.
+        folder: where extremes.json, extremes.html and finished runs are kept, so that the same call goes on.
+        workers: who computes; all cores by default.
+        progress: show a bar with the time left on stderr.
+
+    Raises:
+        OptionError: for options out of range.
+    """
+    for name, value, least in (("runs", runs, 1), ("seed", seed, 0)):
+        if not isinstance(value, int) or isinstance(value, bool) or value < least:
+            raise OptionError(f"{name} = {value!r}; it must be an integer >= {least}")
+    chosen = list(dict.fromkeys(Kind if kinds is None else kinds))
+    if not chosen:
+        raise OptionError(f"kinds: name at least one of {', '.join(kind.name.lower() for kind in Kind)}")
+    place = None if folder is None else Path(folder)
+    if place is not None:
+        try:
+            place.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OptionError(f"{place}: no folder can be made there ({error.strerror}); choose another") from error
+    started = time.perf_counter()
+    known = versions()
+    study = run_many(
+        run_extreme,
+        [{"kind": kind.name, "number": number} for number, kind in enumerate(mixture(runs, chosen))],
+        None if place is None else place / RUNS,
+        common={"seed": seed, "autoreset": autoreset},
+        identity={"versions": known},
+        workers=workers,
+        progress=progress,
+        label="extreme runs",
+    )
+    results = [
+        {"number": number, **_result(point["kind"], outcome)}
+        for number, (point, outcome) in enumerate(zip(study.points, study.outcomes, strict=True))
+    ]
+    data = {
+        "format": FORMAT,
+        "setup": {"runs": runs, "seed": seed, "autoreset": autoreset, "kinds": [kind.name.lower() for kind in chosen]},
+        "versions": known,
+        **conclusions(results, chosen),
+        "results": results,
+    }
+    report = Extremes(data, time.perf_counter() - started, place)
+    if place is not None:
+        with replacing(place / DATA) as part:
+            part.write_text(to_json(data, indent=1) + "\n", encoding="utf-8")
+        report.save_page(place / PAGE)
+    return report
+
+
+def _result(kind: str, outcome: dict[str, Any]) -> dict[str, Any]:
+    """The values of a run; a task that failed, or whose process died, is a failure that nobody detected."""
+    if outcome["status"] == DONE:
+        return dict(outcome["values"])
+    cause = f"the study's own task failed: {outcome['error']}: {outcome['reason']}"
+    return {"kind": kind, "engine": "none", "facts": {}, "verdict": Verdict.UNDETECTED.value, "cause": cause}
+
+
+def conclusions(results: Sequence[dict[str, Any]], kinds: Sequence[Kind]) -> dict[str, Any]:
+    """The table by kind, the sums, sentences, and whether what must hold does."""
+    table = [_row(kind.value, [one for one in results if one["kind"] == kind.name]) for kind in kinds]
+    engines = sorted({one["engine"] for one in results})
+    by_engine = [_row(engine, [one for one in results if one["engine"] == engine]) for engine in engines]
+    total = _row("all", results)
+    runs = len(results)
+    false, right = total["refused without need"], total["right"]
+    passed = total["undetected"] == 0 and right >= LEAST_RIGHT * runs and false <= MOST_FALSE_REFUSALS * runs
+    summary = [
+        f"{runs} runs: {right} right ({right / runs:.1%}; at least {LEAST_RIGHT:.0%} wanted), "
+        f"{total['undetected']} wrong without a word (0 wanted), {total['unjudged']} without a reference.",
+        f"{total['warned']} warned of, {total['stopped']} stopped, {total['refused']} refused; {false} "
+        f"({false / runs:.1%}; at most {MOST_FALSE_REFUSALS:.0%} wanted) of these although a tight DAE completes them.",
+        f"Without an estimate of the error {total['hidden']} runs would have been plainly wrong without a word.",
+    ]
+    return {"table": [*table, total], "by_engine": by_engine, "summary": summary, "passed": passed}
+
+
+def _row(name: str, results: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    counts = Counter(one["verdict"] for one in results)
+    return {
+        "name": name,
+        "runs": len(results),
+        **{verdict.value: counts[verdict.value] for verdict in Verdict},
+        "by the estimate alone": sum(bool(one.get("said by the estimate alone")) for one in results),
+        "refused without need": sum(bool(one.get("false refusal")) for one in results),
+        "hidden": sum(bool(one.get("hidden without the estimate")) for one in results),
+    }
+
+
+def _lines(table: Sequence[dict[str, Any]]) -> str:
+    heads = list(table[0])
+    rows = [heads, *([str(row[head]) for head in heads] for row in table)]
+    widths = [max(len(row[column]) for row in rows) for column in range(len(heads))]
+    return "\n".join(
+        "  ".join([row[0].ljust(widths[0]), *(cell.rjust(w) for cell, w in zip(row[1:], widths[1:], strict=True))])
+        for row in rows
+    )

@@ -1,0 +1,300 @@
+"""Long runs: how energy and constraints drift over a million steps, for each integrator and each treatment of drift.
+
+The scene is made conservative (no law, no dampers, no loads) and set in motion, so that its energy must stay what it
+was; every integrator takes the same steps. What is measured is the largest departure up to each power of ten of steps,
+and the power of time by which it grew over the last one: 0 for bounded, 1/2 for round-off's random walk, 1 for steady
+growth, 2 for growing growth.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj import rods
+from tensegrity_mj.checks import positive
+from tensegrity_mj.engines.run import energy_exchanged
+from tensegrity_mj.errors import DivergenceError, OptionError
+from tensegrity_mj.families.random_structures import random_velocities
+from tensegrity_mj.files import replacing
+from tensegrity_mj.jsontext import to_json
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.simulation import simulate, versions
+from tensegrity_mj.studies.extremes.pace import pace
+from tensegrity_mj.studies.many import run_many
+from tensegrity_mj.studies.workers import Workers
+from tensegrity_mj.textformat import load_scene, scene_from_toml, scene_to_toml
+from tensegrity_mj.trajectory import Status, Trajectory
+
+Array = NDArray[np.float64]
+
+FORMAT = 1
+DATA, PAGE, RUNS = "drift.json", "drift.html", "runs"  # what a folder holds
+# MuJoCo's integrators, and classical Runge-Kutta of the reference models with each treatment of drift.
+METHODS = (
+    "euler",
+    "implicitfast",
+    "implicit",
+    "discrete",
+    "rk4",
+    "dae monitor",
+    "dae normalize",
+    "dae baumgarte",
+    "ode",
+)
+COARSENESS = 0.1  # step times the fastest rate at the start: well within every integrator's limit
+ROWS = 1000  # recorded times
+LEAST_STEPS = 1000
+QUANTITIES = {
+    "energy": "largest change of the energy, of all that was exchanged",
+    "length": "largest change of bᵀb",
+    "rate": "largest bᵀḃ [1/s]",
+}
+RESOLVED = 1e-14  # a departure below it is none
+
+
+@dataclass(frozen=True, eq=False)
+class LongRuns:
+    """Finished long runs.
+
+    Attributes:
+        data: everything, as plain values.
+        seconds: how long it took; not part of the data.
+        folder: where it is, or None.
+    """
+
+    data: dict[str, Any]
+    seconds: float
+    folder: Path | None = None
+
+    @property
+    def text(self) -> str:
+        """The table, for a terminal."""
+        marks = [str(mark) for mark in self.data["setup"]["marks"]]
+        lines = []
+        for name, meaning in QUANTITIES.items():
+            lines.append(f"{meaning}, up to so many steps, and its growth over the last power of ten")
+            lines.append("".join([f"{'':14s}", *(f"{int(mark):>11d}" for mark in marks), "     growth"]))
+            for row in self.data["rows"]:
+                cells = [_cell(row[name].get(mark)) for mark in marks]
+                lines.append("".join([f"{row['method']:14s}", *(f"{cell:>11s}" for cell in cells), _growth(row, name)]))
+            lines.append("")
+        lines += [f"{row['method']}: {row['reason']}" for row in self.data["rows"] if row["reason"]]
+        return "\n".join(lines).rstrip()
+
+    def save_page(self, path: str | os.PathLike[str]) -> Path:
+        """Write the page (.html); returns its path."""
+        from tensegrity_mj.report import Picture, Section, Table, write_sections
+
+        marks = [str(mark) for mark in self.data["setup"]["marks"]]
+        sections = []
+        for name, meaning in QUANTITIES.items():
+            table = [
+                [row["method"], *(row[name].get(mark) for mark in marks), row["growth"][name], row["reason"]]
+                for row in self.data["rows"]
+            ]
+            heads = ["", *(f"{int(mark):,} steps" for mark in marks), "growth, power of time", ""]
+            parts: list[Picture | Table] = [Picture(_figure(self.data, name), meaning), Table("", heads, table)]
+            sections.append(Section(meaning, [], parts))
+        setup = self.data["setup"]
+        introduction = (
+            f"{setup['steps']:,} steps of {setup['timestep']:.4g} s of the scene {setup['scene']} without law, dampers "
+            f"and loads, in motion (seed {setup['seed']})."
+        )
+        return write_sections(path, f"Long runs of {setup['scene']}", introduction, sections)
+
+
+def long_runs(
+    scene: Scene | str | os.PathLike[str],
+    steps: int = 1_000_000,
+    *,
+    timestep: float | None = None,
+    methods: Sequence[str] | None = None,
+    seed: int = 0,
+    folder: str | os.PathLike[str] | None = None,
+    workers: Workers | None = None,
+    progress: bool = False,
+) -> LongRuns:
+    """Measure the drift of energy and constraints over long runs.
+
+    Args:
+        scene: a scene, or the name or path of one.
+        steps: how many; a multiple of 1000.
+        timestep: [s]; by default a tenth of the shortest time scale at the start.
+        methods: of `METHODS`; all by default.
+        seed: of the velocities of a scene that starts at rest.
+        folder: where drift.json, drift.html and finished runs are kept, so that the same call goes on.
+        workers: who computes; all cores by default.
+        progress: show a bar with the time left on stderr.
+
+    Raises:
+        OptionError: for options out of range.
+    """
+    if not isinstance(scene, Scene):
+        scene = load_scene(scene)
+    if not isinstance(steps, int) or isinstance(steps, bool) or steps < LEAST_STEPS or steps % ROWS:
+        raise OptionError(f"steps = {steps!r}; it must be a multiple of {ROWS}, at least {LEAST_STEPS}")
+    if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
+        raise OptionError(f"seed = {seed!r}; it must be an integer >= 0")
+    chosen = list(METHODS if methods is None else methods)
+    for name in chosen:
+        if name not in METHODS:
+            raise OptionError(f"methods: there is no {name!r}; allowed: {', '.join(METHODS)}")
+    free = conservative(scene, seed)
+    h = default_step(free) if timestep is None else positive("timestep", timestep, "s")
+    place = None if folder is None else Path(folder)
+    if place is not None:
+        try:
+            place.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise OptionError(f"{place}: no folder can be made there ({error.strerror}); choose another") from error
+    started, known = time.perf_counter(), versions()
+    study = run_many(
+        run_long,
+        [{"method": name} for name in chosen],
+        None if place is None else place / RUNS,
+        common={"scene": scene_to_toml(free), "steps": steps, "timestep": h},
+        identity={"versions": known},
+        workers=workers,
+        progress=progress,
+        label=f"long runs of {scene.name}",
+    )
+    rows = [
+        dict(outcome["values"])
+        if "values" in outcome
+        else {"method": name, "reason": outcome["reason"], "growth": {}, **{quantity: {} for quantity in QUANTITIES}}
+        for name, outcome in zip(chosen, study.outcomes, strict=True)
+    ]
+    setup = {"scene": scene.name, "steps": steps, "timestep": h, "seed": seed, "marks": marks_of(steps)}
+    result = LongRuns(
+        {"format": FORMAT, "setup": setup, "versions": known, "rows": rows}, time.perf_counter() - started, place
+    )
+    if place is not None:
+        with replacing(place / DATA) as part:
+            part.write_text(to_json(result.data, indent=1) + "\n", encoding="utf-8")
+        result.save_page(place / PAGE)
+    return result
+
+
+def conservative(scene: Scene, seed: int) -> Scene:
+    """The scene without law, dampers, loads and breaks, and in motion."""
+    structure = scene.structure.with_strings(damping=0.0) if scene.structure.strings else scene.structure
+    velocities = scene.velocities0
+    if not np.any(velocities):
+        extent = float(np.max(np.ptp(scene.nodes0, axis=0)))
+        velocities = random_velocities(np.random.default_rng(seed), structure, scene.nodes0, 0.1 * extent)
+    return scene.with_(
+        structure=structure, initial_velocities=velocities, loads=(), breaks=(), control=None, target=None
+    )
+
+
+def default_step(scene: Scene) -> float:
+    """`COARSENESS` over the fastest rate at the start [s], to two digits."""
+    step = COARSENESS / pace(scene).fastest
+    digit = 10.0 ** (math.floor(math.log10(step)) - 1)
+    return float(f"{round(step / digit) * digit:.6g}")
+
+
+def marks_of(steps: int) -> list[int]:
+    """Powers of ten from 1000, and the end."""
+    return sorted({10**power for power in range(3, 16) if 10**power < steps} | {steps})
+
+
+def run_long(point: dict[str, Any]) -> dict[str, Any]:
+    """The task: one long run, by `method`, of `scene` (TOML), so many `steps` of `timestep` [s]."""
+    scene, steps, h = scene_from_toml(point["scene"]), point["steps"], point["timestep"]
+    reason = ""
+    try:
+        run = simulate(scene, None, _engine(point["method"], h), duration=steps * h, output_interval=steps // ROWS * h)
+        if run.status is not Status.COMPLETED:
+            reason = run.message
+    except DivergenceError as error:
+        if not isinstance(error.trajectory, Trajectory):
+            raise
+        run, reason = error.trajectory, str(error)
+    return {"method": point["method"], "reason": reason, **measured(run, h, steps)}
+
+
+def _engine(method: str, h: float) -> Any:
+    from tensegrity_mj.engines.dae import DAE, Drift
+    from tensegrity_mj.engines.integration import Method
+    from tensegrity_mj.engines.ode import ODE
+
+    if method == "ode":
+        return ODE(method=Method.RK4, timestep=h)
+    if method.startswith("dae "):
+        return DAE(method=Method.RK4, timestep=h, drift=Drift(method.removeprefix("dae ")))
+    from tensegrity_mj.engines.mujoco import Integrator, MuJoCo
+
+    return MuJoCo(h, Integrator(method))
+
+
+def measured(run: Trajectory, h: float, steps: int) -> dict[str, Any]:
+    """For each quantity: the largest up to each mark that the run reached, its growth, and its course."""
+    scale = float(energy_exchanged(run)[-1]) if len(run.time) else 0.0
+    energy = run.kinetic_energy + run.gravity_energy + run.string_energy
+    b, b_rate = (
+        (second - first) / run.scene.structure.rod_lengths[:, None]
+        for first, second in (rods.ends(run.scene.structure, run.nodes), rods.ends(run.scene.structure, run.velocities))
+    )
+    courses = {
+        "energy": np.abs(energy - energy[:1]) / (scale or 1.0),
+        "length": np.abs(np.sum(b * b, axis=-1) - 1).max(axis=1, initial=0.0),
+        "rate": np.abs(np.sum(b * b_rate, axis=-1)).max(axis=1, initial=0.0),
+    }
+    found: dict[str, Any] = {"growth": {}}
+    for name, course in courses.items():
+        largest = np.maximum.accumulate(course)
+        reached = [mark for mark in marks_of(steps) if len(run.time) and run.time[-1] >= mark * h * (1 - 1e-9)]
+        found[name] = {str(mark): _up_to(run.time, largest, mark * h) for mark in reached}
+        found["growth"][name] = growth([found[name][str(mark)] for mark in reached], reached)
+    keep = np.unique(np.geomspace(1, max(2, len(run.time) - 1), 60).astype(int))
+    keep = keep[keep < len(run.time)]
+    found["course"] = {"steps": (run.time[keep] / h).round().tolist()} | {
+        name: np.maximum.accumulate(course)[keep].tolist() for name, course in courses.items()
+    }
+    return found
+
+
+def _up_to(times: Array, largest: Array, time: float) -> float:
+    return float(largest[np.searchsorted(times, time * (1 + 1e-9), side="right") - 1])
+
+
+def growth(values: Sequence[float], steps: Sequence[int]) -> float | None:
+    """The power of time by which a quantity grew between the last two marks; None where it is below round-off."""
+    if len(values) < 2 or values[-1] < RESOLVED:
+        return None
+    return math.log(values[-1] / max(values[-2], RESOLVED)) / math.log(steps[-1] / steps[-2])
+
+
+def _cell(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2g}"
+
+
+def _growth(row: dict[str, Any], name: str) -> str:
+    power = row["growth"].get(name)
+    return f"{'-' if power is None else f't^{max(0.0, power):.2f}':>11s}"
+
+
+def _figure(data: dict[str, Any], name: str) -> Any:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 4.5), layout="constrained")
+    axes = figure.add_subplot()
+    for row in data["rows"]:
+        course = row.get("course", {})
+        if any(value > 0 for value in course.get(name, [])):
+            axes.loglog(course["steps"], np.maximum(course[name], 1e-17), label=row["method"])
+    axes.set_xlabel("steps")
+    axes.set_ylabel(QUANTITIES[name])
+    axes.grid(True, alpha=0.3)
+    axes.legend(fontsize="small", ncols=2)
+    return figure

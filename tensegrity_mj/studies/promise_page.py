@@ -1,0 +1,100 @@
+"""The data and the page of the promise's study."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tensegrity_mj.files import replacing
+from tensegrity_mj.jsontext import to_json
+from tensegrity_mj.report import Picture, Section, Table, write_sections
+from tensegrity_mj.studies.promise import DATA, PAGE, Promise
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLUMNS = {
+    "number": "",
+    "experiment": "experiment",
+    "engine": "engine",
+    "requested": "asked for [m]",
+    "estimate": "estimate [m]",
+    "error": "true error [m]",
+    "settled": "settled",
+    "cost_ratio": "cost of the cheapest",
+    "outcome": "outcome",
+}
+
+
+def write_promise(folder: str | os.PathLike[str], found: Promise) -> Path:
+    """Write promise.json and promise.html; returns the page's path."""
+    place = Path(folder)
+    with replacing(place / DATA) as part:
+        Path(part).write_text(to_json(found.to_dict(), indent=1) + "\n", encoding="utf-8")
+    rows = [[row.get(name) for name in COLUMNS] for row in found.rows]
+    heads = list(COLUMNS.values())
+    shown = ("number", "broken", "experiment", "engine")
+    failures = [[*(row.get(name, "") for name in shown), *_why(row)] for row in found.failures]
+    silent = [[row["number"], row["outcome"], row.get("cause", "")] for row in found.rows if row.get("cause")]
+    return write_sections(
+        place / PAGE,
+        "What an accuracy promises, measured",
+        f"{len(found.rows)} experiments drawn with seed {found.seed}.",
+        [
+            Section("The promise", parts=[Table("", ["", ""], [list(line) for line in found.summary])]),
+            Section(
+                "True errors and costs",
+                parts=[
+                    Picture(_errors(found), "True error and estimate against what was asked for."),
+                    Picture(_costs(found), "Work of all runs made, over that of the cheapest adequate setting."),
+                ],
+            ),
+            Section(
+                "Promises broken",
+                parts=[Table("", ["", "which", "experiment", "engine", "asked, true [m]", "cost", "why"], failures)],
+            ),
+            Section("Not measured", parts=[Table("", ["", "outcome", "cause"], silent)]),
+            Section("All experiments", parts=[Table("", heads, rows, folded=True)]),
+        ],
+    )
+
+
+def _why(row: dict[str, Any]) -> list[Any]:
+    if "error" not in row:
+        return ["", "", row.get("cause", "")]
+    return [f"{row['requested']:.1e}, {row['error']:.1e}", row.get("cost_ratio"), row["reason"]]
+
+
+def _errors(found: Promise) -> Figure:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.5, 4.5), layout="constrained")
+    axes = figure.add_subplot()
+    for settled, colour, label in ((True, "tab:blue", "settled"), (False, "tab:red", "not settled")):
+        rows = [row for row in found.rows if row["outcome"] == "measured" and row["settled"] is settled]
+        asked = [row["requested"] for row in rows]
+        axes.loglog(asked, [row["error"] or 1e-17 for row in rows], "o", color=colour, ms=4, label=f"true, {label}")
+        axes.loglog(asked, [row["estimate"] for row in rows], "_", color=colour, ms=7, label=f"estimate, {label}")
+    ends = [1e-10, 1e-2]
+    axes.loglog(ends, ends, "k-", lw=0.8, label="asked for")
+    axes.loglog(ends, [3 * end for end in ends], "k:", lw=0.8, label="three times that")
+    axes.set(xlabel="asked for [m]", ylabel="largest node error [m]")
+    axes.legend(fontsize="small")
+    axes.grid(True, alpha=0.3)
+    return figure
+
+
+def _costs(found: Promise) -> Figure:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.5, 4.0), layout="constrained")
+    axes = figure.add_subplot()
+    for engine in sorted({row["engine"] for row in found.rows if "engine" in row}):
+        rows = [row for row in found.rows if row.get("engine") == engine and "cost_ratio" in row and row["met"]]
+        axes.loglog([row["requested"] for row in rows], [row["cost_ratio"] for row in rows], "o", ms=4, label=engine)
+    axes.axhline(5.0, color="k", lw=0.8)
+    axes.set(xlabel="asked for [m]", ylabel="cost over the cheapest")
+    axes.legend(fontsize="small")
+    axes.grid(True, alpha=0.3)
+    return figure

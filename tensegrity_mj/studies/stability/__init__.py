@@ -1,0 +1,1 @@
+"""The study of stability: predicted limits of the step against measured ones."""

@@ -1,0 +1,190 @@
+"""The structures that the study looks at: random taut ones, and a base structure with one property varied."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.errors import OptionError, TensegrityError
+from tensegrity_mj.families.random_taut import random_taut_structure
+from tensegrity_mj.prestress import prestress
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.structure import Structure
+from tensegrity_mj.textformat import structure_from_toml, structure_to_toml
+
+# Of the base: a string's stiffness [N/m], and the elongation u/k of the string that is pulled most.
+STIFFNESS = 1000.0
+PRESTRAIN = 0.02
+TENSION = 10.0  # [N/m] the largest u while stiffness is varied
+LOOSE = -0.05  # u/k of a slack string
+SUBSTITUTE_SEED = 1
+
+# Axis: (label, values of the study, values of a quick one).
+AXES: dict[str, tuple[str, tuple[float, ...], tuple[float, ...]]] = {
+    "stiffness": ("string stiffness k [N/m]", tuple(10.0**x for x in range(2, 10)), (1e2, 1e5, 1e9)),
+    "damping": ("damping ratio ζ", (0.0, 0.01, 0.03, 0.1, 0.3, 1.0, 3.0, 10.0), (0.0, 0.3, 10.0)),
+    "mass_ratio": ("mass of the first rod over the others'", tuple(10.0**x for x in range(-4, 5)), (1e-4, 1.0, 1e4)),
+    "prestress": ("prestress, largest u/k", (0.0, 1e-6, 1e-4, 1e-3, 1e-2, 0.1, 0.5, 0.9), (0.0, 1e-4, 0.5)),
+    "slenderness": ("height over its own", (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0), (0.2, 1.0, 5.0)),
+    "rods": ("rods", (1, 2, 5, 10, 20, 50, 100, 200, 500), (1, 5, 20)),
+}
+
+
+def base_structure(scene: Scene) -> tuple[Structure, str]:
+    """The scene's structure prestressed at its reference nodes, without dampers, and what was done to it.
+
+    Strings that carry nothing there are left slack. Where nothing can stress it stably, a random taut structure stands
+    in for it.
+    """
+    structure = scene.structure
+    plain = structure.with_strings(stiffness=STIFFNESS, damping=0.0)
+    loose = structure.string_lengths(structure.positions) <= structure.rest_lengths * (1 + 1e-9)
+    names = [s.name for s, one in zip(structure.strings, loose, strict=True) if one]
+    reason = "its equilibrium is not stable"
+    for slack in ([], names):
+        try:
+            u = prestress(plain, level=1.0, slack=slack)
+        except TensegrityError as error:
+            reason = str(error)
+            continue
+        tight = _at_prestrain(_with_densities(plain, np.where(u > 0, u, LOOSE * STIFFNESS)), PRESTRAIN)
+        if is_firm(tight):
+            left = f" (strings {', '.join(slack)} slack)" if slack else ""
+            return tight, f"{structure.name}, its own self-stress{left}"
+        reason = "its equilibrium is not stable"
+    rng = np.random.default_rng(SUBSTITUTE_SEED)
+    planar = all(rod.support.plane is not None for rod in structure.rods)
+    count = max(1, min(6, len(structure.rods)))
+    found = random_taut_structure(rng, rods=count, planar=planar, prestrain=(PRESTRAIN, PRESTRAIN))
+    # One stiffness for all: u then differs from string to string.
+    even = _with_densities(found.with_strings(stiffness=STIFFNESS), _densities(found))
+    return _at_prestrain(even, PRESTRAIN), (
+        f"a random taut structure of {count} rods (seed {SUBSTITUTE_SEED}) in place of {structure.name}, which cannot "
+        f"be prestressed as it is: {reason}"
+    )
+
+
+def is_firm(structure: Structure) -> bool:
+    """Whether every motion but one of the whole is held: no stiffness below zero, to 1e-9 of the largest."""
+    from tensegrity_mj.vibration import vibration
+
+    still = np.zeros_like(structure.positions)
+    model = vibration(Scene(structure), structure.positions, still, structure.rest_lengths)
+    matrix = model.material + model.geometric
+    matrix = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
+    values = np.linalg.eigvalsh(matrix)
+    return bool(values[0] > -1e-9 * values[-1])
+
+
+def varied(base: Structure, axis: str, value: float) -> Structure:
+    """The base with one property set; the number of rods is none of a base.
+
+    Raises:
+        OptionError: for an unknown axis.
+    """
+    u, k = _densities(base), base.stiffness
+    match axis:
+        case "stiffness":
+            # The tensions stay, with u = 10 N/m at most.
+            tension = u * (TENSION / u.max())
+            return _with_densities(base.with_strings(stiffness=value), np.where(u > 0, tension, LOOSE * value))
+        case "damping":
+            mass = 0.25 * float(base.rod_masses.mean())
+            return base.with_strings(damping=2 * value * np.sqrt(k * mass))
+        case "mass_ratio":
+            first, *others = base.rods
+            mass = value * (others[0].mass if others else first.mass)
+            return replace(base, rods=(replace(first, mass=mass), *others))
+        case "prestress":
+            return _at_prestrain(base, value)
+        case "slenderness":
+            return _stretched(base, value)
+    raise OptionError(f"axis = {axis!r}; allowed: {', '.join(AXES)}")
+
+
+def structure_of(point: Mapping[str, Any]) -> Structure:
+    """The structure of a point of the study."""
+    if point["kind"] == "random":
+        return random_taut_structure(
+            np.random.default_rng(point["seed"]),
+            rods=point["rods"],
+            planar=point["planar"],
+            mass_ratio=point["mass_ratio"],
+            stiffness=point["stiffness"],
+            prestrain=tuple(point["prestrain"]),
+            damping_ratio=(0.0, point["damping_ratio"]),
+        )
+    if point["axis"] == "rods":
+        count = int(point["value"])
+        return random_taut_structure(np.random.default_rng(count), rods=count, stiffness=STIFFNESS)
+    return varied(structure_from_toml(point["base"]), point["axis"], point["value"])
+
+
+def random_points(count: int, seed: int, most_rods: int = 30) -> list[dict[str, Any]]:
+    """Points of random taut structures: sizes, masses, stiffness, prestress and damping drawn over decades."""
+    points = []
+    for number in range(count):
+        rng = np.random.default_rng([seed, number])
+        points.append(
+            {
+                "kind": "random",
+                "seed": int(rng.integers(2**31)),
+                "rods": int(np.floor(np.exp(rng.uniform(0.0, np.log(most_rods + 1))))),
+                "planar": bool(rng.uniform() < 0.5),
+                "mass_ratio": float(np.exp(rng.uniform(0.0, np.log(1e4)))),
+                "stiffness": float(np.exp(rng.uniform(np.log(1e2), np.log(1e7)))),
+                "prestrain": [1e-4, float(np.exp(rng.uniform(np.log(1e-3), np.log(0.5))))],
+                "damping_ratio": float(rng.choice([0.0, np.exp(rng.uniform(np.log(1e-2), np.log(10.0)))])),
+            }
+        )
+    return points
+
+
+def map_points(base: Structure, axes: tuple[str, ...], quick: bool, most_rods: int) -> list[dict[str, Any]]:
+    """Points of the maps."""
+    text = structure_to_toml(base)
+    points = []
+    for axis in axes:
+        _, all_values, few = AXES[axis]
+        for value in few if quick else all_values:
+            if axis != "rods" or value <= most_rods:
+                points.append(
+                    {"kind": "map", "axis": axis, "value": float(value), "base": "" if axis == "rods" else text}
+                )
+    return points
+
+
+def _densities(structure: Structure) -> Any:
+    """u (M,) at the reference nodes."""
+    return structure.stiffness * (1 - structure.rest_lengths / structure.string_lengths(structure.positions))
+
+
+def _with_densities(structure: Structure, u: Any) -> Structure:
+    """With these u (M,) [N/m] at the reference nodes; negative ones are slack."""
+    lengths = structure.string_lengths(structure.positions)
+    return structure.with_strings(rest_length=lengths * (1 - u / structure.stiffness))
+
+
+def _at_prestrain(structure: Structure, level: float) -> Structure:
+    """With the tensions scaled, so that the largest u/k is the level; slack strings stay as they are."""
+    u = _densities(structure)
+    worst = float(np.max(u / structure.stiffness))
+    return _with_densities(structure, np.where(u > 0, u * (level / worst), u))
+
+
+def _stretched(structure: Structure, factor: float) -> Structure:
+    """Stretched along z, or along the longer axis of its plane; u stays: an affine map keeps every self-stress."""
+    nodes = np.array(structure.positions)
+    planar = all(rod.support.plane is not None for rod in structure.rods)
+    axis = int(np.argmax(np.ptp(nodes, axis=0))) if planar else 2
+    nodes[:, axis] *= factor
+    x, y, z = nodes.T.tolist()
+    rods = tuple(replace(rod, support=replace(rod.support, values=None)) for rod in structure.rods)
+    strings = tuple(replace(s, rest_length=None, tension=None, force_density=None) for s in structure.strings)
+    moved = replace(
+        structure, nodes=dict(zip(structure.nodes, zip(x, y, z, strict=True), strict=True)), strings=strings, rods=rods
+    )
+    return _with_densities(moved, _densities(structure))

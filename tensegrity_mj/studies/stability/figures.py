@@ -1,0 +1,176 @@
+"""Figures of the study, from its data."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from tensegrity_mj.pictures import palette
+from tensegrity_mj.plots import COLUMN
+from tensegrity_mj.studies.stability.cases import AXES
+from tensegrity_mj.studies.stability.engines import NAMES, TITLES
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Data = Mapping[str, Any]
+
+
+class Drawn(NamedTuple):
+    """A figure and its caption."""
+
+    figure: Figure
+    caption: str
+
+
+COLORS = dict(zip(NAMES, palette.CYCLE, strict=True))
+MARKERS = dict(zip(NAMES, "osD^vPX", strict=True))
+WITH_ZERO = ("damping", "prestress")
+
+
+def pictures(data: Data) -> dict[str, Drawn]:
+    """All figures that the data has, by name."""
+    found = {}
+    if data.get("maps") and _mapped(data):
+        found["maps"] = Drawn(
+            maps(data), "Lines: predicted. Marks: measured. The largest stable step over 2/ω of each structure."
+        )
+        found["heat"] = Drawn(heat(data), "The predicted limit over 2/ω of every engine and map, as a colour.")
+    if data.get("random") and any(row["values"] for row in data["random"]["rows"]):
+        found["random"] = Drawn(
+            scatter(data), "Random taut structures: predicted against measured limits, and their differences."
+        )
+    return found
+
+
+def maps(data: Data) -> Figure:
+    """A panel an axis: predicted lines and measured marks over the property varied."""
+    from matplotlib.figure import Figure
+
+    axes = _mapped(data)
+    columns = min(3, len(axes))
+    lines = -(-len(axes) // columns)
+    figure = Figure(figsize=(columns * 1.15 * COLUMN, lines * 0.95 * COLUMN + 0.4), layout="constrained")
+    panels = np.atleast_1d(figure.subplots(lines, columns)).ravel()
+    for panel in panels[len(axes) :]:
+        panel.set_visible(False)
+    for panel, axis in zip(panels, axes, strict=False):
+        rows = [row for row in data["maps"] if row["axis"] == axis and row["values"] is not None]
+        for order, name in enumerate(_engines(data)):
+            # The first ones broader: limits that coincide stay visible.
+            _line(panel, axis, rows, name, 4.0 - 0.9 * min(order, 3))
+        _finish(panel, AXES[axis][0], "limit / (2/ω)")
+    used: dict[str, Any] = {}
+    for panel in panels[: len(axes)]:
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+            used.setdefault(label, handle)
+    figure.legend(used.values(), used.keys(), loc="outside lower center", ncols=len(used), fontsize=8, frameon=False)
+    return figure
+
+
+def _mapped(data: Data) -> list[str]:
+    """The axes that have points with values."""
+    return [axis for axis in AXES if any(row["axis"] == axis and row["values"] is not None for row in data["maps"])]
+
+
+def _engines(data: Data) -> list[str]:
+    """Those that some point of the maps has."""
+    return [name for name in NAMES if any(row["values"] and name in row["values"]["engines"] for row in data["maps"])]
+
+
+def _line(panel: Axes, axis: str, rows: Any, name: str, width: float) -> None:
+    x, predicted, measured = [], [], []
+    for row in rows:
+        one = row["values"]["engines"].get(name)
+        if one is None:
+            continue
+        unit = 2 / one["omega"]
+        x.append(row["value"])
+        predicted.append(np.nan if one["predicted"] is None else one["predicted"] / unit)
+        measured.append(np.nan if one["measured"] is None else one["measured"] / unit)
+    color = COLORS[name]
+    panel.plot(x, predicted, color=color, lw=width, alpha=0.75, label=TITLES[name])
+    panel.plot(x, measured, MARKERS[name], color=color, ms=3 + width, mfc="none", mew=1.2)
+    positive = [value for value in x if value > 0]
+    if axis in WITH_ZERO and positive:
+        panel.set_xscale("symlog", linthresh=min(positive))
+    else:
+        panel.set_xscale("log")
+    panel.set_yscale("log")
+
+
+def heat(data: Data) -> Figure:
+    """A panel an axis: engines down, values across, the predicted limit over 2/ω as a colour."""
+    from matplotlib.colors import LogNorm
+    from matplotlib.figure import Figure
+
+    axes, names = _mapped(data), _engines(data)
+    columns = min(3, len(axes))
+    lines = -(-len(axes) // columns)
+    figure = Figure(figsize=(columns * 1.15 * COLUMN, lines * 0.62 * COLUMN + 0.3), layout="constrained")
+    panels = np.atleast_1d(figure.subplots(lines, columns)).ravel()
+    image = None
+    for panel, axis in zip(panels, axes, strict=False):
+        rows = [row for row in data["maps"] if row["axis"] == axis and row["values"] is not None]
+        table = np.full((len(names), len(rows)), np.nan)
+        for column, row in enumerate(rows):
+            for line, name in enumerate(names):
+                one = row["values"]["engines"].get(name)
+                if one is not None:
+                    table[line, column] = np.inf if one["predicted"] is None else one["predicted"] * one["omega"] / 2
+        shown = np.where(np.isinf(table), 300.0, table)
+        image = panel.imshow(shown, aspect="auto", norm=LogNorm(0.01, 300.0), cmap="cividis")
+        panel.set_yticks(range(len(names)), [TITLES[name] for name in names], fontsize=7)
+        every = max(1, len(rows) // 5)
+        ticks = list(range(0, len(rows), every))
+        panel.set_xticks(ticks, [f"{rows[k]['value']:.3g}" for k in ticks], fontsize=7)
+        panel.set_xlabel(AXES[axis][0], fontsize=8)
+    for panel in panels[len(axes) :]:
+        panel.set_visible(False)
+    if image is not None:
+        bar = figure.colorbar(image, ax=panels.tolist(), shrink=0.8)
+        bar.set_label("limit / (2/ω), 300 and none alike", fontsize=8)
+    return figure
+
+
+def scatter(data: Data) -> Figure:
+    """Predicted against measured, and the distribution of their differences."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(2.4 * COLUMN, 1.05 * COLUMN), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    allowed = data["random"]["summary"]["allowed"]
+    for name in data["engines"]:
+        x, y, parts = [], [], []
+        for row in data["random"]["rows"]:
+            one = row["values"]["engines"].get(name) if row["values"] else None
+            if one is None or one["predicted"] is None or one["measured"] is None:
+                continue
+            x.append(one["measured"] * one["omega"] / 2)
+            y.append(one["predicted"] * one["omega"] / 2)
+            parts.append(abs(one["ratio"] - 1))
+        left.loglog(x, y, MARKERS[name], color=COLORS[name], ms=4, mfc="none", label=TITLES[name])
+        parts.sort()
+        if parts:
+            share = (np.arange(len(parts)) + 1) / len(parts)
+            right.step(np.maximum(parts, 1e-5), share, where="post", color=COLORS[name], lw=1.3, label=TITLES[name])
+    span = left.get_xlim()
+    left.plot(span, span, color=palette.GUIDE, lw=0.8, zorder=0)
+    right.axvline(allowed, color=palette.WARNING, lw=0.9, ls="--")
+    right.set_xscale("log")
+    _finish(left, "measured limit / (2/ω)", "predicted limit / (2/ω)")
+    _finish(right, "|predicted / measured - 1|", "part of the structures")
+    left.legend(fontsize=7, frameon=False)
+    return figure
+
+
+def _finish(panel: Axes, x: str, y: str) -> None:
+    panel.set_xlabel(x)
+    panel.set_ylabel(y)
+    panel.grid(color=palette.GRID, lw=0.6)
+    panel.set_axisbelow(True)
+    for side in ("top", "right"):
+        panel.spines[side].set_visible(False)

@@ -1,0 +1,174 @@
+"""The largest stable step of an engine, measured: small perturbations, and whether they grow.
+
+A run of `STEPS` steps starts with random velocities that move nothing by more than 1e-11 of the structure's size in a
+step. It is stable where the largest distance of a node from the unperturbed motion, in the last quarter of the run, is
+at most `GROWTH` times that in the first, never more than 100 times what the velocities alone would make of it, and
+where no string's tension changes by half, in its spring or its damper: beyond, slack strings would stop the growth. A
+run that ends in a DivergenceError is not stable. That resolves the limit to 0.1 %: beyond it by ε, semi-implicit Euler
+multiplies by 1 + √(8 ε) a step and Runge-Kutta by 1 + 7 ε; right at the limit and for motions that nothing holds,
+distances grow with time and no faster: by 4 from the first quarter to the last.
+
+Steps are doubled until one is not stable, the bracket is halved by bisection, and steps at 0.6 and 0.85 of the result
+are looked at again: were one of them not stable, the search would go on below it.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tensegrity_mj.actuation import Actuation, OnInfeasible
+from tensegrity_mj.engines.run import Request
+from tensegrity_mj.errors import DivergenceError, TensegrityError
+from tensegrity_mj.families.random_structures import random_velocities
+from tensegrity_mj.law import Law, native_law
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.trajectory import Status, Trajectory
+
+Array = NDArray[np.float64]
+
+STEPS = 1000
+GROWTH = 10.0
+AMPLITUDE = 1e-11  # of the structure's size, moved in a step; less where strings are stretched by little
+STRETCH_PART = 1e-4  # of the smallest stretch that is at least moved in a step
+FAR = 100.0  # times what the random velocities make in all the steps: no linear motion goes there
+LEAST = 1e-13  # of its size: the smallest motion a step
+FLOOR = 3e-10  # of its size: distances of round-off, and of the solver of `discrete`
+SAMPLES = 200  # of a run
+FIRST = 0.02  # of 2/ω: where the search begins
+PRECISION = 0.005  # of the limit
+LOOK_AGAIN = (0.6, 0.85)
+
+
+@dataclass(frozen=True)
+class MeasuredLimit:
+    """What was measured.
+
+    Attributes:
+        limit: [s] the largest step that was stable; 0 where none was; ∞ where all were up to `largest`.
+        largest: [s] the largest step that was tried.
+        runs: how many.
+        reason: how the first step beyond the limit failed, or why nothing could be measured.
+    """
+
+    limit: float
+    largest: float
+    runs: int
+    reason: str
+
+
+def measured_limit(
+    scene: Scene,
+    engine_of: Callable[[float], Any],
+    omega: float,
+    *,
+    law: Law | Callable[..., ArrayLike] | None = None,
+    equilibrium: bool = True,
+    steps: int = STEPS,
+    most: float = 100.0,
+    seed: int = 0,
+) -> MeasuredLimit:
+    """The largest stable step, by doubling and bisection.
+
+    Args:
+        scene: its start is what is perturbed.
+        engine_of: an engine for a step [s].
+        omega: [1/s] sets where the search begins (0.02 of 2/ω) and ends; no more than an order of magnitude.
+        law: in the loop.
+        equilibrium: whether the unperturbed motion is rest; else it is simulated too.
+        steps: of each run.
+        most: of 2/ω: the largest step that is tried.
+        seed: of the perturbation.
+    """
+    unit = 2 / omega
+    runs = 0
+    reason = ""
+
+    def stable(step: float) -> bool:
+        nonlocal runs, reason
+        runs += 1
+        found = _why_unstable(scene, engine_of(step), law, equilibrium, step, steps, seed)
+        if found:
+            reason = found
+        return not found
+
+    low, high = 0.0, FIRST * unit
+    while stable(high):
+        low = high
+        if high >= most * unit:
+            return MeasuredLimit(math.inf, high, runs, "")
+        high = min(2 * high, most * unit)
+    largest = high
+    while True:
+        while high - low > PRECISION * high:
+            middle = 0.5 * (low + high) if low > 0 else 0.5 * high
+            low, high = (middle, high) if stable(middle) else (low, middle)
+            if low == 0.0 and high < 1e-3 * FIRST * unit:
+                return MeasuredLimit(0.0, largest, runs, reason)
+        worse = [part * low for part in LOOK_AGAIN if not stable(part * low)]
+        if not worse:
+            return MeasuredLimit(low, largest, runs, reason)
+        low, high = 0.0, worse[0]
+
+
+def _why_unstable(scene: Scene, engine: Any, law: Any, equilibrium: bool, step: float, steps: int, seed: int) -> str:
+    """How a perturbation grows at this step, or "" where it does not."""
+    size = float(np.ptp(scene.nodes0, axis=0).max(initial=0.0)) or 1.0
+    rng = np.random.default_rng(seed)
+    structure = scene.structure
+    lengths = structure.string_lengths(scene.nodes0)
+    stretch = lengths - structure.rest_lengths
+    tight = stretch > 1e-11 * lengths  # below, the perturbation itself would make it slack
+    amplitude = AMPLITUDE
+    if law is None and tight.any():
+        amplitude = float(np.clip(STRETCH_PART * stretch[tight].min() / size, LEAST, AMPLITUDE))
+    push = random_velocities(rng, structure, scene.nodes0, amplitude * size / step)
+    try:
+        run = _run(scene.with_(initial_velocities=scene.velocities0 + push), engine, law, step, steps)
+        calm = None if equilibrium else _run(scene, engine, law, step, steps)
+    except DivergenceError as error:
+        return f"diverged by {error.time / step:.0f} steps"
+    except TensegrityError as error:
+        return f"{type(error).__name__}: {error}"
+    if run.status is not Status.COMPLETED or (calm is not None and calm.status is not Status.COMPLETED):
+        return f"the run ended as {run.status.value}: {run.message}"
+    origin = scene.nodes0 if calm is None else calm.nodes
+    distance = np.linalg.norm(run.nodes - origin, axis=2).max(axis=1)
+    quarter = max(1, len(distance) // 4)
+    first, last = float(distance[: quarter + 1].max()), float(distance[-quarter:].max())
+    largest = float(distance.max())
+    if largest > FAR * amplitude * steps * size:
+        return f"grew to {largest:.3g} m within {steps} steps"
+    if law is None and equilibrium:
+        spring = structure.stiffness * np.abs(structure.string_lengths(run.nodes) - lengths)
+        damper = structure.damping * np.abs(structure.string_rates(run.nodes, run.velocities))
+        pull = 0.5 * structure.stiffness * stretch
+        if np.any(np.maximum(spring, damper).max(axis=0)[tight] > pull[tight]):
+            return f"grew until strings slackened within {steps} steps"
+    if last <= GROWTH * max(first, FLOOR * size):
+        return ""
+    if equilibrium:
+        # Slow growth may be that of the round-off in the equilibrium's own forces: the unperturbed run shows it.
+        return _why_unstable(scene, engine, law, False, step, steps, seed)
+    return f"grew {last / max(first, FLOOR * size):.3g} times from the first quarter of {steps} steps to the last"
+
+
+def _run(scene: Scene, engine: Any, law: Any, step: float, steps: int) -> Trajectory:
+    request = Request(
+        scene,
+        native_law(law, scene.structure),
+        Actuation.continuous(),
+        OnInfeasible.STOP,
+        steps * step,
+        max(1, steps // SAMPLES) * step,
+        False,
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # what MuJoCo says of runs that are meant to go wrong
+        return engine.run(request)

@@ -1,0 +1,105 @@
+"""The page of the study."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from tensegrity_mj.report import Picture, Section, Table, write_sections
+from tensegrity_mj.studies.stability import figures
+from tensegrity_mj.studies.stability.cases import AXES
+from tensegrity_mj.studies.stability.engines import TITLES
+
+Data = Mapping[str, Any]
+
+HEADS = ("", "predicted [s]", "measured [s]", "predicted / measured", "over 2/ω", "rod or mass", "string", "remark")
+
+
+def write(path: str | os.PathLike[str], data: Data) -> Path:
+    """Write the page; returns its path."""
+    return write_sections(path, f"The largest stable step: {data['scene']}", INTRODUCTION, sections(data))
+
+
+INTRODUCTION = (
+    "Predicted from the linear model of each structure, measured by runs with tiny perturbations that either stay "
+    "small or grow. ω is the stiffest motion's angular frequency without dampers; 2/ω is semi-implicit Euler's limit. "
+    "A dash is no limit up to the largest step that was tried."
+)
+
+
+def sections(data: Data) -> Iterator[Section]:
+    """The sections that the data has."""
+    shown = {name: Picture(*drawn) for name, drawn in figures.pictures(data).items()}
+    heads = ("", "at the start [s]", "worst on the way [s]", "at t [s]", "rod or mass", "string", "remarks")
+    yield Section("As it starts and moves", (data["start"]["text"],), [Table("", heads, list(_starts(data["start"])))])
+    yield Section(
+        "At rest", (f"The base of the maps: {data['base']['text']}.",), [Table("", HEADS, list(_rows(data["base"])))]
+    )
+    if data.get("maps"):
+        rows = [
+            [
+                AXES[row["axis"]][0],
+                row["value"],
+                TITLES[name],
+                one["predicted"],
+                one["measured"],
+                one["ratio"],
+                one["cause"],
+            ]
+            for row in data["maps"]
+            if row["values"] is not None
+            for name, one in row["values"]["engines"].items()
+        ]
+        heads = ("property", "value", "engine", "predicted [s]", "measured [s]", "ratio", "cause of the difference")
+        yield Section(
+            "Maps",
+            (),
+            [
+                *(shown[name] for name in ("maps", "heat") if name in shown),
+                Table("Every point", heads, rows, folded=True),
+            ],
+        )
+    if data.get("random"):
+        part = data["random"]
+        total = part["summary"]
+        text = (
+            f"{total['agree']} of {total['comparisons']} comparisons agree within {total['allowed']:.0%}, and "
+            f"{total['structures_agree']} of {total['structures']} structures in every engine; seed {part['seed']}."
+        )
+        engines = [
+            [TITLES[name], one["agree"], one["count"], one["largest_difference"]]
+            for name, one in total["engines"].items()
+        ]
+        parts: list[Any] = [
+            *([shown["random"]] if "random" in shown else []),
+            Table("", ("", "agree", "of", "largest difference"), engines),
+        ]
+        if total["causes"]:
+            parts.append(Table("Why the others differ", ("cause", "comparisons"), list(total["causes"].items())))
+        yield Section("Random taut structures", (text,), parts)
+
+
+def _starts(part: Data) -> Iterator[list[Any]]:
+    for name, one in part["engines"].items():
+        if "error" in one:
+            yield [TITLES[name], None, None, None, "", "", one["error"]]
+            continue
+        first, worst = one["start"], one["worst"]
+        remarks = "; ".join(worst["notes"])
+        yield [TITLES[name], first["limit"], worst["limit"], worst["time"], worst["rod"], worst["string"], remarks]
+
+
+def _rows(part: Data) -> Iterator[list[Any]]:
+    for name, one in part["engines"].items():
+        yield [
+            TITLES[name],
+            one["predicted"],
+            one["measured"],
+            one["ratio"],
+            None if one["predicted"] is None else one["predicted"] * one["omega"] / 2,
+            f"{one['rod']} ({one['rod_share']:.0%})" if one["rod"] else "",
+            f"{one['string']} ({one['string_share']:.0%})" if one["string"] else "",
+            one["cause"],
+        ]

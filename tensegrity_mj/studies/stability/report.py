@@ -1,0 +1,189 @@
+"""`study_stability`: everything that `tensegrity-mj stability` finds out about a scene, as plain data."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from tensegrity_mj.checks import member
+from tensegrity_mj.errors import OptionError, TensegrityError
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.stability import stable_step
+from tensegrity_mj.studies.many import run_many
+from tensegrity_mj.studies.stability.cases import AXES, base_structure, map_points, random_points
+from tensegrity_mj.studies.stability.engines import NAMES, TITLES, engine_of
+from tensegrity_mj.studies.stability.study import compared, limits_at, summary
+from tensegrity_mj.studies.workers import Backend, Workers
+
+MOST_RODS = 500
+QUICK_RODS = 20
+RANDOM_RODS, QUICK_RANDOM_RODS = 30, 4
+MAPPED = ("euler", "implicit", "discrete", "rk4")  # engines of the maps: the others have the limits of one of these
+
+
+def study_stability(
+    scene: Scene,
+    *,
+    law: Any = None,
+    engines: Sequence[str] = NAMES,
+    maps: Sequence[str] = (),
+    quick: bool = False,
+    random: int = 0,
+    seed: int = 0,
+    folder: str | os.PathLike[str] | None = None,
+    workers: Workers | None = None,
+    progress: bool = False,
+) -> dict[str, Any]:
+    """Predicted and measured limits of a scene's structure, of its variations, and of random structures.
+
+    Args:
+        scene: its start and, with a law, a run are looked at; its structure, prestressed and at rest, is measured.
+        law: closes the loop in the part about the scene's own motion.
+        engines: names from `engines.NAMES`.
+        maps: axes of `cases.AXES`.
+        quick: few values of each axis, maps of at most 20 rods, and random structures of at most 4.
+        random: how many random taut structures.
+        seed: of them.
+        folder: where finished points are kept, so that an interrupted study goes on; None keeps them in memory.
+        workers: who computes points; all cores by default. Results do not depend on it.
+        progress: show bars on stderr.
+
+    Raises:
+        OptionError: for unknown names.
+    """
+    unknown = [name for name in engines if name not in NAMES] + [axis for axis in maps if axis not in AXES]
+    if unknown or not engines:
+        raise OptionError(f"stability: '{unknown[0] if unknown else ''}' is none of {', '.join((*NAMES, *AXES))}")
+    if workers is not None:
+        member("workers.backend", workers.backend, Backend)
+    base, text = base_structure(scene)
+    place = None if folder is None else Path(folder)
+    data: dict[str, Any] = {
+        "scene": scene.name,
+        "engines": list(engines),
+        "start": _start(scene, law, engines),
+        "base": {"text": text, "engines": {name: compared(Scene(base), name) for name in engines}},
+    }
+    if maps:
+        most = QUICK_RODS if quick else MOST_RODS
+        points = map_points(base, tuple(maps), quick, most)
+        mapped = [name for name in engines if name in MAPPED] or list(engines)
+        found = run_many(
+            limits_at,
+            [point | {"engines": mapped} for point in points],
+            None if place is None else place / "maps",
+            workers=workers,
+            progress=progress,
+            label="maps",
+        )
+        data["maps"] = [
+            {
+                "axis": point["axis"],
+                "value": point["value"],
+                "values": outcome.get("values"),
+                "reason": outcome.get("reason"),
+            }
+            for point, outcome in zip(points, found.outcomes, strict=True)
+        ]
+    if random:
+        points = random_points(random, seed, QUICK_RANDOM_RODS if quick else RANDOM_RODS)
+        found = run_many(
+            limits_at,
+            [point | {"engines": list(engines)} for point in points],
+            None if place is None else place / "random",
+            workers=workers,
+            progress=progress,
+            label="random structures",
+        )
+        rows = [
+            {"point": point, "values": outcome.get("values"), "reason": outcome.get("reason")}
+            for point, outcome in zip(points, found.outcomes, strict=True)
+        ]
+        kept = [row["values"] for row in rows if row["values"] is not None]
+        data["random"] = {"seed": seed, "rows": rows, "failed": len(rows) - len(kept), "summary": summary(kept)}
+    return data
+
+
+def _start(scene: Scene, law: Any, engines: Sequence[str]) -> dict[str, Any]:
+    """Predicted limits at the start, and the smallest along a run of the DAE in tight tolerances."""
+    from tensegrity_mj.engines.dae import DAE
+    from tensegrity_mj.simulation import simulate
+
+    run, reason = None, ""
+    try:
+        run = simulate(scene, law, DAE())
+    except TensegrityError as error:
+        reason = f"; no run to look along: {error}"
+    found: dict[str, Any] = {}
+    for name in engines:
+        try:
+            here = stable_step(scene, engine_of(name, 1.0), law=law)
+            worst = here if run is None else stable_step(scene, engine_of(name, 1.0), law=law, run=run)
+        except TensegrityError as error:
+            found[name] = {"error": str(error)}
+            continue
+        found[name] = {"start": here.to_dict(), "worst": worst.to_dict()}
+    loop = "in the loop with its law" if law is not None else "without a law"
+    return {
+        "text": f"Predicted {loop}, at the start and at the worst of 25 configurations along a run{reason}. A moving "
+        "state has no limit of its own to measure.",
+        "closed_loop": law is not None,
+        "engines": found,
+    }
+
+
+def describe(data: dict[str, Any]) -> list[str]:
+    """The study for people: lines of text."""
+    lines = [f"scene {data['scene']}: {data['start']['text']}", _row("", "at the start", "worst on the way", "at", "")]
+    for name, one in data["start"]["engines"].items():
+        if "error" in one:
+            lines.append(_row(TITLES[name], one["error"], "", "", ""))
+            continue
+        first, worst = one["start"], one["worst"]
+        blame = f"{worst['rod']} on {worst['string']}" if worst["string"] else worst["rod"]
+        lines.append(
+            _row(TITLES[name], _seconds(first["limit"]), _seconds(worst["limit"]), f"{worst['time']:.4g} s", blame)
+        )
+    lines += ["", f"at rest: {data['base']['text']}", _row("", "predicted", "measured", "ratio", "over 2/ω")]
+    for name, one in data["base"]["engines"].items():
+        ratio = "-" if one["ratio"] is None else f"{one['ratio']:.4f}"
+        over = "-" if one["predicted"] is None else f"{one['predicted'] * one['omega'] / 2:.4g}"
+        lines.append(
+            _row(TITLES[name], _seconds(one["predicted"]), _seconds(one["measured"]), ratio, f"{over}  {one['cause']}")
+        )
+    if "maps" in data:
+        rows = [one for row in data["maps"] if row["values"] for one in row["values"]["engines"].values()]
+        lines += ["", f"maps: {sum(one['agrees'] for one in rows)} of {len(rows)} points agree within 10 %"]
+        lines += [f"  {axis}: {count} differ: {cause}" for axis, cause, count in _differences(data["maps"])]
+    if "random" in data:
+        total = data["random"]["summary"]
+        lines += [
+            "",
+            f"random taut structures (seed {data['random']['seed']}): {total['agree']} of {total['comparisons']} "
+            f"comparisons and {total['structures_agree']} of {total['structures']} structures agree within "
+            f"{total['allowed']:.0%}; median difference {total['median_difference']:.2g}",
+        ]
+        lines += [f"  {count} differ: {cause}" for cause, count in total["causes"].items()]
+        if data["random"]["failed"]:
+            lines.append(f"  {data['random']['failed']} structures could not be computed (see the data)")
+    return lines
+
+
+def _differences(rows: Sequence[Any]) -> list[tuple[str, str, int]]:
+    counts: dict[tuple[str, str], int] = {}
+    for row in rows:
+        for one in row["values"]["engines"].values() if row["values"] else ():
+            if not one["agrees"]:
+                key = (row["axis"], one["cause"])
+                counts[key] = counts.get(key, 0) + 1
+    return [(axis, cause, count) for (axis, cause), count in sorted(counts.items())]
+
+
+def _row(name: str, *cells: str) -> str:
+    return f"  {name:<20} " + " ".join(f"{cell:<18}" for cell in cells).rstrip()
+
+
+def _seconds(value: float | None) -> str:
+    return "none" if value is None else f"{value:.5g} s"

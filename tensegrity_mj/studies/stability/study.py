@@ -1,0 +1,126 @@
+"""The study: points (structures) and for each the predicted and the measured limit of every engine."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.stability import StableStep, stable_step
+from tensegrity_mj.studies.stability.cases import structure_of
+from tensegrity_mj.studies.stability.engines import NAMES, engine_of
+from tensegrity_mj.studies.stability.measure import STEPS, measured_limit
+
+MOST = {"discrete": 300.0}  # of 2/ω: the largest step tried
+USUAL_MOST = 100.0
+AGREEMENT = 0.1  # of the measured limit
+LONG_RUN = 30  # rods above which runs have fewer steps
+FEWER_STEPS = 300
+SEED = 0  # of the perturbations
+
+
+def limits_at(point: Mapping[str, Any]) -> dict[str, Any]:
+    """What `run_many` computes: a structure's limits, {engine: {...}} (see `compared`)."""
+    structure = structure_of(point)
+    scene = Scene(structure)
+    steps = STEPS if len(structure.rods) <= LONG_RUN else FEWER_STEPS
+    strings = len(structure.strings)
+    found = {name: compared(scene, name, steps=steps) for name in point["engines"]}
+    omega = next(iter(found.values()))["omega"]
+    return {"rods": len(structure.rods), "strings": strings, "omega": omega, "engines": found}
+
+
+def compared(
+    scene: Scene, name: str, *, law: Any = None, equilibrium: bool = True, steps: int = STEPS
+) -> dict[str, Any]:
+    """Predicted and measured limit of one engine; null is no limit up to `largest`."""
+    found = stable_step(scene, engine_of(name, 1.0), law=law)
+    most = MOST.get(name, USUAL_MOST)
+    omega = found.omega or 1.0
+    measured = measured_limit(
+        scene,
+        lambda step: engine_of(name, step),
+        omega,
+        law=law,
+        equilibrium=equilibrium,
+        steps=steps,
+        most=most,
+        seed=SEED,
+    )
+    ratio = _ratio(found.limit, measured.limit, measured.largest)
+    return {
+        "predicted": _finite(found.limit),
+        "measured": _finite(measured.limit),
+        "largest": measured.largest,
+        "ratio": ratio,
+        "agrees": ratio is not None and abs(ratio - 1) <= AGREEMENT,
+        "cause": "" if ratio is not None and abs(ratio - 1) <= AGREEMENT else why(found, measured.reason),
+        "runs": measured.runs,
+        "failure": measured.reason,
+        "omega": found.omega,
+        "rod": found.rod,
+        "rod_share": found.rod_share,
+        "string": found.string,
+        "string_share": found.string_share,
+    }
+
+
+def why(found: StableStep, reason: str) -> str:
+    """Why the two differ."""
+    for note in found.notes:
+        if "edge of slackness" in note:
+            return "strings at the edge of slackness: no linear model"
+        if "pole" in note:
+            return "a rod near the pole of the ODE's angles"
+    if "singular" in reason:
+        return "the ODE's angles end at a pole"
+    if "slack" in " ".join(found.notes):
+        return "strings that are slack at rest become taut"
+    return f"not explained ({reason or 'nothing grew'})"
+
+
+def summary(outcomes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Of all points and engines: how many agree, and the causes of the others."""
+    rows = [one for values in outcomes for one in values["engines"].values()]
+    ratios = np.array([one["ratio"] for one in rows if one["ratio"] is not None])
+    causes: dict[str, int] = {}
+    for one in rows:
+        if not one["agrees"]:
+            causes[one["cause"]] = causes.get(one["cause"], 0) + 1
+    structures = [all(one["agrees"] for one in values["engines"].values()) for values in outcomes]
+    by_engine = {}
+    for name in NAMES:
+        own = [values["engines"][name] for values in outcomes if name in values["engines"]]
+        known = [abs(one["ratio"] - 1) for one in own if one["ratio"] is not None]
+        if own:
+            by_engine[name] = {
+                "count": len(own),
+                "agree": sum(one["agrees"] for one in own),
+                "largest_difference": max(known, default=None),
+            }
+    return {
+        "comparisons": len(rows),
+        "agree": sum(one["agrees"] for one in rows),
+        "structures": len(structures),
+        "structures_agree": sum(structures),
+        "median_difference": float(np.median(np.abs(ratios - 1))) if len(ratios) else None,
+        "engines": by_engine,
+        "causes": dict(sorted(causes.items())),
+        "allowed": AGREEMENT,
+    }
+
+
+def _ratio(predicted: float, measured: float, largest: float) -> float | None:
+    """Predicted over measured; 1 where both are beyond what was tried, null where one of them is nothing."""
+    if math.isinf(measured):
+        return 1.0 if predicted >= 0.9 * largest else predicted / largest
+    if measured == 0 or math.isinf(predicted):
+        return None
+    return predicted / measured
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

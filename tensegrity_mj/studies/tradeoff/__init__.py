@@ -1,0 +1,1 @@
+"""Speed against accuracy: the work-precision diagram of a scene."""

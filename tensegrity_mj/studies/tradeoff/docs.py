@@ -1,0 +1,108 @@
+"""The study in the documentation: a picture a scene, and sentences and a table between two marks of a Markdown file."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from tensegrity_mj.errors import FormatError, OptionError
+from tensegrity_mj.files import checked, replacing
+from tensegrity_mj.studies.tradeoff import sentence
+from tensegrity_mj.studies.tradeoff.figure import Cost, diagram, has_diagram
+
+Data = Mapping[str, Any]
+
+TEXT, PICTURES = "tradeoff.md", "tradeoff"
+BEGIN, END = "<!-- scene {name}: made by tensegrity-mj tradeoff {name} --docs -->", "<!-- end of scene {name} -->"
+DPI = 90
+COLORS = 128  # of a picture in the documentation, to keep it small
+
+
+def write_docs(folder: str | os.PathLike[str], studies: Sequence[Data]) -> list[Path]:
+    """Write the pictures and the parts of tradeoff.md of some scenes; what stands there of others stays.
+
+    Raises:
+        OptionError: a folder without a tradeoff.md, or that cannot be written.
+        FormatError: a file whose marks are damaged.
+    """
+    place = Path(folder)
+    text_path = checked(place / TEXT, (".md",), "docs")
+    if not text_path.is_file():
+        raise OptionError(f"--docs {folder}: there is no {TEXT} in it; name the folder of the documentation")
+    (place / PICTURES).mkdir(exist_ok=True)
+    text = text_path.read_text(encoding="utf-8")
+    written = []
+    for data in studies:
+        name = data["scene"]["name"]
+        picture = None
+        if has_diagram(data):
+            picture = place / PICTURES / f"{name}.png"
+            _write_picture(picture, data)
+            written.append(picture)
+        text = replaced(text, name, part(data, picture is not None), str(text_path))
+    with replacing(text_path) as new:
+        new.write_text(text, encoding="utf-8")
+    return [*written, text_path]
+
+
+def replaced(text: str, name: str, own: str, where: str) -> str:
+    """A text with a scene's part in place of what stood between its marks, or at the end where there was none.
+
+    Raises:
+        FormatError: where one of the two marks is missing.
+    """
+    begin, end = BEGIN.format(name=name), END.format(name=name)
+    block = f"{begin}\n{own}\n{end}"
+    if text.count(begin) == 0 and text.count(end) == 0:
+        return f"{text.rstrip()}\n\n{block}\n"
+    head, found, rest = text.partition(begin)
+    _, also, tail = rest.partition(end)
+    if not found or not also or begin in rest:
+        raise FormatError(f"{where}: the marks of scene '{name}' are damaged; delete both and run the command again")
+    return head + block + tail
+
+
+def part(data: Data, has_picture: bool) -> str:
+    """A scene's heading, picture, sentences and table."""
+    name = data["scene"]["name"]
+    lines = [f"## {name}", ""]
+    if has_picture:
+        lines += [f"![Error against wall time of scene {name}]({PICTURES}/{name}.png)", ""]
+    held, references = [], []
+    for experiment in data["experiments"]:
+        timing = data["timing"]["experiments"][experiment["key"]]
+        title = experiment["title"]
+        references.append(f"- {title} ({experiment['duration']:g} s): {sentence.reference_sentence(experiment)}.")
+        if experiment["note"]:
+            references[-1] += f" {experiment['note']}"
+        if timing["floor"] is not None:
+            held.append(f"- {timing['floor']}.")
+            continue
+        if not timing["advice"]:
+            continue
+        lines += [f"{title[:1].upper()}{title[1:]}:", "", *_table(experiment, timing), ""]
+    if held:
+        lines += ["What is held between control samples:", "", *held, ""]
+    return "\n".join([*lines, "References:", "", *references])
+
+
+def _table(experiment: Data, timing: Data) -> list[str]:
+    lines = ["| error at most | fastest here | fewest right-hand sides |", "|---|---|---|"]
+    for one, other in zip(timing["advice"], experiment["by_right_hand_sides"]["advice"], strict=True):
+        cells = [sentence.metres(one["tolerance"]), sentence.advice_alone(one), sentence.advice_alone(other)]
+        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return lines
+
+
+def _write_picture(path: Path, data: Data) -> None:
+    from PIL import Image
+
+    buffer = io.BytesIO()
+    diagram(data, Cost.WALL_TIME).savefig(buffer, format="png", dpi=DPI)
+    with Image.open(buffer) as image:
+        small = image.convert("RGB").quantize(COLORS, dither=Image.Dither.NONE)
+    with replacing(path) as new:
+        small.save(new, format="PNG", optimize=True)

@@ -1,0 +1,120 @@
+"""The experiments of a study: open loop, closed loop, and what is held between control samples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.actuation import Actuation, Mode
+from tensegrity_mj.law import NativeLaw
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
+from tensegrity_mj.studies.tradeoff.settings import recording_interval, time_text
+
+STILL = 1e-6  # of the structure's extent: a motion below it is none
+WORDS = {Mode.HOLD_FORCE_DENSITY: "force density held", Mode.HOLD_REST_LENGTH: "rest length held"}
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One motion that settings are compared on.
+
+    Attributes:
+        scene: what is simulated.
+        law: the law, or None.
+        native: the same as a C function, for what it costs.
+        actuation: between evaluations of the law.
+        duration: [s].
+        note: what a reader must know about it.
+    """
+
+    scene: Scene
+    law: Any
+    native: NativeLaw | None
+    actuation: Actuation
+    duration: float
+    note: str = ""
+
+    @property
+    def loop(self) -> Loop:
+        """With the law or without."""
+        return Loop.OPEN if self.law is None else Loop.CLOSED
+
+    @property
+    def key(self) -> str:
+        """A short name without spaces."""
+        if self.law is None:
+            return "open"
+        mode = self.actuation.mode.value.replace(" ", "-")
+        return mode if self.actuation.period is None else f"{mode}-{self.actuation.period:g}"
+
+    @property
+    def title(self) -> str:
+        """For people."""
+        if self.law is None:
+            return "open loop"
+        if self.actuation.period is None:
+            return "closed loop, law at every stage"
+        return f"closed loop, {WORDS[self.actuation.mode]} for {time_text(self.actuation.period)}"
+
+    @property
+    def interval(self) -> float:
+        """Between recorded samples [s]."""
+        return recording_interval(self.duration)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return {
+            "key": self.key,
+            "title": self.title,
+            "loop": self.loop.value,
+            "actuation": self.actuation.mode.value,
+            "period": self.actuation.period,
+            "duration": self.duration,
+            "interval": self.interval,
+            "note": self.note,
+        }
+
+
+def closed_loops(scene: Scene, law: Any, native: NativeLaw, options: TradeoffOptions) -> list[Experiment]:
+    """The closed-loop experiments that are asked for, the continuous one first."""
+    total = scene.duration if options.duration is None else options.duration
+    actuations = []
+    for mode in options.actuations:
+        if mode is Mode.CONTINUOUS:
+            actuations.append(Actuation.continuous())
+        else:
+            actuations += [Actuation(mode, period) for period in options.periods]
+    return [Experiment(scene, law, native, actuation, total) for actuation in actuations]
+
+
+def open_loop(scene: Scene, options: TradeoffOptions, start: Mapping[str, Any] | None) -> Experiment:
+    """The experiment without a law: from the scene's start, or from nodes and velocities that a run had at a time."""
+    total = scene.duration if options.duration is None else options.duration
+    if start is None:
+        return Experiment(scene, None, None, Actuation.continuous(), total)
+    note = (
+        "Without a law nothing moves from the scene's own start. This run begins where the closed loop has the most "
+        f"kinetic energy, at {start['time']:g} s, and from there on rest lengths are the structure's own."
+    )
+    moved = scene.with_(initial_nodes=start["nodes"], initial_velocities=start["velocities"])
+    return Experiment(moved, None, None, Actuation.continuous(), total, note)
+
+
+def extent_of(nodes: Any) -> float:
+    """Size of what the nodes (..., N, 3) take up [m]: the diagonal of their box at the first time."""
+    first = np.asarray(nodes).reshape(-1, *np.shape(nodes)[-2:])[0]
+    return float(np.linalg.norm(np.ptp(first, axis=0)))
+
+
+def motion_of(nodes: Any) -> float:
+    """Largest distance of a node from where it began [m], of nodes (T, N, 3)."""
+    return float(np.max(np.linalg.norm(nodes - nodes[:1], axis=-1), initial=0.0))
+
+
+def stays(nodes: Any) -> bool:
+    """Whether nothing moves that could be measured."""
+    return not motion_of(nodes) > STILL * extent_of(nodes)

@@ -1,0 +1,147 @@
+"""The study as one self-contained HTML page, made of its data alone."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from tensegrity_mj.report import Picture, Section, Table, write_sections
+from tensegrity_mj.studies.tradeoff import sentence
+from tensegrity_mj.studies.tradeoff.figure import Cost, diagram, has_diagram
+
+Data = Mapping[str, Any]
+
+HEADS = (
+    "engine",
+    "step or tolerance",
+    "largest error [m]",
+    "error at the end [m]",
+    "wall time [s]",
+    "x real time",
+    "steps",
+    "right-hand sides",
+    "memory [MB]",
+    "remark",
+)
+MOST_LETTERS = 160  # of a reason
+
+
+def write_tradeoff_page(path: str | os.PathLike[str], data: Data) -> Path:
+    """Write the page; returns its path.
+
+    Raises:
+        OptionError: for a path that cannot be written.
+    """
+    scene = data["scene"]
+    introduction = (
+        f"{scene['name']}: {scene['rods']} rods, {scene['strings']} strings. Errors are the largest distance of a node "
+        "from where the reference has it, at the recorded times: of the same experiment, solved tightly. What holding "
+        "a control does to the motion is the modelling floor, the distance of a held experiment's reference from the "
+        "continuous law's. Wall times are the smallest of several runs on one machine, without compiling and loading."
+    )
+    return write_sections(path, f"Speed against accuracy: {scene['name']}", introduction, list(_sections(data)))
+
+
+def _sections(data: Data) -> Iterator[Section]:
+    yield Section("What to use", (), list(_advice(data)))
+    if has_diagram(data):
+        pictures = [
+            Picture(diagram(data, Cost.WALL_TIME), "Error against wall time"),
+            Picture(diagram(data, Cost.RIGHT_HAND_SIDES), "Error against right-hand sides: the same on any machine"),
+        ]
+        yield Section("Work and precision", (), pictures)
+    for experiment in data["experiments"]:
+        timing = data["timing"]["experiments"][experiment["key"]]
+        run = f"{experiment['duration']:g} s, recorded each {experiment['interval']:g} s."
+        parts = [Table("Reference", ("", ""), _reference(experiment))]
+        if experiment["reference"]["engine"] is not None:
+            title = f"All {len(experiment['points'])} settings"
+            parts.append(Table(title, HEADS, rows(experiment, timing), folded=True))
+        text = [f"{run} {experiment['note']}".strip()]
+        yield Section(experiment["title"][:1].upper() + experiment["title"][1:], text, parts)
+    versions = [[name, value] for name, value in data["versions"].items()]
+    options = [[name.replace("_", " "), value] for name, value in data["options"].items()]
+    yield Section("How it was run", (), [Table("Options", ("", ""), options), Table("Versions", ("", ""), versions)])
+
+
+def _advice(data: Data) -> Iterator[Table]:
+    floors = []
+    for experiment in data["experiments"]:
+        timing = data["timing"]["experiments"][experiment["key"]]
+        if timing["floor"] is not None:
+            floors.append((experiment["title"], timing["floor"].partition(": ")[2]))
+        else:
+            pairs = zip(timing["advice"], experiment["by_right_hand_sides"]["advice"], strict=True)
+            told = [
+                (sentence.metres(one["tolerance"]), sentence.advice_alone(one), sentence.advice_alone(other))
+                for one, other in pairs
+            ]
+            title = experiment["title"][:1].upper() + experiment["title"][1:]
+            heads = ("error at most", "fastest here", "fewest right-hand sides")
+            yield Table(title, heads, told, "" if told else sentence.reference_sentence(experiment))
+    if floors:
+        yield Table("Held controls", ("", "what no smaller step cures, and what is fine enough"), floors)
+
+
+def _reference(experiment: Data) -> list[tuple[str, object]]:
+    reference, floor = experiment["reference"], experiment["modelling_floor"]
+    told: list[tuple[str, object]] = [("reference", reference["engine"] or f"none: {reference['reason']}")]
+    if reference["engine"] is not None:
+        looser, second = reference["looser"], reference["second_formulation"]
+        told += [
+            ("largest motion of a node [m]", reference["motion"]),
+            ("its own error, at most about [m]", reference["own_error"]),
+            (f"difference from {looser['engine']} [m]", looser["difference"]),
+        ]
+        if second is None:
+            told.append(("second formulation", "none that can do this"))
+        else:
+            told.append((f"difference from {second['engine']} [m]", second["difference"]))
+    if floor is not None:
+        distance = floor["reason"] if floor["distance"] is None else floor["distance"]
+        told.append(("modelling floor: distance from the continuous law's motion [m]", distance))
+        told.append(("the same at the end [m]", floor["final_distance"]))
+    return told
+
+
+def rows(experiment: Data, timing: Data) -> list[Sequence[object]]:
+    """The table of all settings; a family that fails for one reason throughout is one row."""
+    found: list[Sequence[object]] = []
+    said: set[tuple[str, str]] = set()
+    for one, clocked in zip(experiment["points"], timing["points"], strict=True):
+        if one["status"] == "refused":
+            if (one["family"], one["reason"]) not in said:
+                said.add((one["family"], one["reason"]))
+                found.append((one["family"], "", *[None] * 7, f"refused: {_short(one['reason'])}"))
+            continue
+        found.append(
+            (
+                one["family"],
+                one["knob"],
+                one["error"],
+                one["final_error"],
+                clocked["wall_time"] if one["error"] is not None else None,
+                clocked["real_time_factor"],
+                one["steps"],
+                one["evaluations"],
+                None if one["memory"] is None else one["memory"] / 1e6,
+                remark(one),
+            )
+        )
+    return found
+
+
+def remark(point: Data) -> str:
+    """What a point's numbers alone do not tell."""
+    if point["error"] is None:
+        return f"{point['status']}: {_short(point['reason'])}"
+    notes = ["at the reference's floor"] if point["at_reference_floor"] else []
+    if not point["repeatable"]:
+        notes.append("not the same at each run")
+    return ", ".join(notes)
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= MOST_LETTERS else f"{text[: MOST_LETTERS - 3]}..."

@@ -1,0 +1,164 @@
+"""The reference of an experiment, and how wrong it may be itself.
+
+The reference is the DAE at the tightest tolerance that the budget has. Its own error is the larger of two differences:
+from the DAE at ten times that tolerance, and from a second formulation (the ODE; where that has a pole, MuJoCo RK4 at a
+fine step). Where error control needs too many steps, the DAE's RK4 at two fine steps takes its place; where the DAE
+refuses the scene, as with contact, MuJoCo's RK4 at two fine steps, and then there is no second formulation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tensegrity_mj.studies.tradeoff.experiments import Experiment, motion_of
+from tensegrity_mj.studies.tradeoff.measurement import Attempt, Ended, Motion, attempt
+from tensegrity_mj.studies.tradeoff.settings import (
+    DOP853_STAGES,
+    grid_of_steps,
+    most_evaluations,
+)
+
+if TYPE_CHECKING:
+    from tensegrity_mj.studies.tradeoff.settings import AnyEngine
+
+GENEROUS = 5  # times the budget of a run of the sweep
+HELD = 13  # times as much again where the law is sampled, which then costs nothing at most right-hand sides
+RTOL, TIGHTER, LOOSER = 1e-12, 1e-13, (1e-11, 1e-10, 1e-9)
+ATOL_OF_RTOL = 0.1  # positions are of the order of metres: below, round-off decides
+FLOOR_FACTOR = 3.0  # errors within so many times the reference's own cannot be told from it
+
+Run = Callable[[Any], Attempt]
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """What an experiment is measured against.
+
+    Attributes:
+        motion: of the nodes; None where there is no reference.
+        told: plain values: engines, differences, own_error [m], the way to it, and the state with most kinetic energy.
+    """
+
+    motion: Motion | None
+    told: dict[str, Any]
+
+    @property
+    def own_error(self) -> float:
+        """How wrong it may be itself [m]; infinite where there is none."""
+        value = self.told["own_error"]
+        return float("inf") if value is None else float(value)
+
+
+def find_reference(experiment: Experiment, budget: float, run: Run | None = None) -> Reference:
+    """Compute the reference of an experiment within `GENEROUS` budgets.
+
+    Args:
+        run: makes an attempt of an engine, in place of `attempt` on the experiment.
+    """
+    tried: list[dict[str, str]] = []
+
+    def noted(engine: AnyEngine) -> Attempt:
+        made = attempt(experiment, engine) if run is None else run(engine)
+        tried.append({"engine": str(engine), "status": made.ended.value, "reason": made.reason})
+        return made
+
+    most = GENEROUS * most_evaluations(experiment.scene, experiment.native, budget)
+    period = experiment.actuation.period
+    if period is not None and experiment.duration / period > most:
+        reason = f"{experiment.duration / period:.0f} samples of the law are beyond the budget of {most:.0f}"
+        return Reference(None, _told(None, None, None, reason, tried))
+    stages = most * (HELD if period is not None else 1)
+    for pair, second in _candidates(experiment, stages):
+        found = _two(pair, noted)
+        if len(found) == 2:
+            (tight, made), (loose, other) = found
+            assert made.motion is not None
+            assert other.motion is not None
+            differences = {"looser": {"engine": str(loose), "difference": _largest(made.motion, other.motion)}}
+            for engine in second(tight):
+                also = noted(engine)
+                if also.motion is not None:
+                    difference = _largest(made.motion, also.motion)
+                    differences["second_formulation"] = {"engine": str(engine), "difference": difference}
+                    break
+            return Reference(made.motion, _told(str(tight), made, differences, "", tried))
+    reasons = dict.fromkeys(one["reason"] for one in tried)
+    return Reference(None, _told(None, None, None, "; ".join(reasons) or "no engine can be a reference", tried))
+
+
+def _candidates(experiment: Experiment, most: float) -> Iterator[tuple[list[AnyEngine], Any]]:
+    """Engines of which two that complete make a reference, in order, and what makes its second formulation."""
+    from tensegrity_mj.engines.dae import DAE
+    from tensegrity_mj.engines.integration import Method
+    from tensegrity_mj.engines.mujoco import MuJoCo
+    from tensegrity_mj.engines.ode import ODE
+
+    steps = max(1, int(most / DOP853_STAGES))
+    period, total = experiment.actuation.period, experiment.duration
+    grid = grid_of_steps(experiment.interval, period, most / 4, total)[::-1]
+    coarser = grid_of_steps(experiment.interval, period, most / GENEROUS / 4, total)[-1:]
+
+    def formulations(tight: Any) -> list[AnyEngine]:
+        same = {"rtol": tight.rtol, "atol": tight.atol, "max_steps": steps}
+        return [ODE(**same), *(MuJoCo(step) for step in coarser)]
+
+    def tolerance(rtol: float) -> AnyEngine:
+        return DAE(rtol=rtol, atol=ATOL_OF_RTOL * rtol, max_steps=steps)
+
+    yield [tolerance(rtol) for rtol in (RTOL, TIGHTER, *LOOSER)], formulations
+    yield (
+        [DAE(method=Method.RK4, timestep=step) for step in grid[:2]],
+        lambda tight: [MuJoCo(tight.timestep)],
+    )
+    yield [MuJoCo(step) for step in grid[:2]], lambda tight: []
+
+
+def _two(engines: list[AnyEngine], run: Run) -> list[tuple[AnyEngine, Attempt]]:
+    """The tightest two engines that complete, the tighter first; fewer where there are no two."""
+    done: list[tuple[AnyEngine, Attempt]] = []
+    for engine in engines:
+        if len(done) == 2:
+            break
+        if getattr(engine, "rtol", None) == TIGHTER and not done:
+            continue
+        made = run(engine)
+        if made.motion is not None:
+            done.append((engine, made))
+        elif made.ended not in (Ended.BUDGET, Ended.DIVERGED):
+            break
+    tightness = [getattr(one, "timestep", None) or getattr(one, "rtol", None) or math.nan for one, _ in done]
+    order = np.argsort(tightness, kind="stable")
+    return [done[number] for number in order]
+
+
+def _largest(a: Motion, b: Motion) -> float:
+    return float(a.distance(b).max())
+
+
+def _told(
+    engine: str | None,
+    made: Attempt | None,
+    differences: dict[str, Any] | None,
+    reason: str,
+    tried: list[dict[str, str]],
+) -> dict[str, Any]:
+    run = None if made is None else made.run
+    fastest = None
+    if run is not None:
+        at = int(np.argmax(run.kinetic_energy))
+        fastest = {"time": float(run.time[at]), "nodes": run.nodes[at], "velocities": run.velocities[at]}
+    return {
+        "engine": engine,
+        "own_error": None if differences is None else max(one["difference"] for one in differences.values()),
+        "looser": None if differences is None else differences["looser"],
+        "second_formulation": None if differences is None else differences.get("second_formulation"),
+        "motion": None if run is None else motion_of(run.nodes),
+        "reason": reason,
+        "tried": tried,
+        "fastest": fastest,
+    }

@@ -1,0 +1,244 @@
+"""What is swept: engines with their integrators, steps and tolerances, for one scene.
+
+Fixed steps lie on a grid that divides the interval between recorded samples and, where a law is sampled, its period:
+the interval over 1, 2, 5, 10, 20, 50, ... The finest step is the last whose run stays within a budget of right-hand
+sides, weighed by the number of strings, so that what is run does not depend on how fast the machine is.
+"""
+
+from __future__ import annotations
+
+import enum
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from tensegrity_mj.actuation import whole_ratio
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.law import NativeLaw
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.studies.parameters import engine_settings
+
+if TYPE_CHECKING:
+    from tensegrity_mj.engines.dae import DAE
+    from tensegrity_mj.engines.mujoco import MuJoCo
+    from tensegrity_mj.engines.ode import ODE
+
+    AnyEngine = MuJoCo | DAE | ODE
+
+BUDGET = 1e6  # of right-hand sides, each weighed as in `weight`: seconds a run, for whatever structure
+PYTHON_LAW = 50  # strings that cost as much as a call back into Python
+LEAST_STEPS = 2  # of the grid, even where the budget has none
+TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11)  # rtol
+ATOL_OF_RTOL = 1e-2  # the ratio of the engines' defaults
+MOST_INTERVAL, LEAST_ROWS = 0.1, 50  # s; of the recorded samples
+DOP853_STAGES, RADAU_STAGES = 12, 10  # right-hand sides a step, at least
+FLOPS = 100  # of linear algebra that cost as much as a string in a right-hand side
+LEAST_RADAU = 50  # steps; where the budget has fewer, Radau is left out
+RESTART = 13  # right-hand sides that DOP853 needs for a stretch between two control samples
+HELD = 2  # times the budget where the law is sampled, which then costs nothing at most right-hand sides
+
+
+class Kind(enum.Enum):
+    """The three engines."""
+
+    MUJOCO = "mujoco"
+    DAE = "dae"
+    ODE = "ode"
+
+
+class Extent(enum.Enum):
+    """How much of an engine is swept."""
+
+    FULL = "full"  # all integrators, methods, tolerances and drift treatments
+    LEAN = "lean"  # for sampled laws: no Radau, no drift treatments, half of the tolerances
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One engine with all its options.
+
+    Attributes:
+        engine: the options.
+        family: what it shares with its neighbours on a curve: engine, integrator or method, drift treatment.
+        knob: what moves along the curve: the step or the tolerance.
+    """
+
+    engine: AnyEngine
+    family: str
+    knob: str
+
+    @property
+    def label(self) -> str:
+        """Both, for people."""
+        return f"{self.family}, {self.knob}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values: the engine's name and its options."""
+        name, options = engine_settings(self.engine)
+        return {"family": self.family, "knob": self.knob, "engine": name, "options": options}
+
+
+def recording_interval(duration: float) -> float:
+    """Between recorded samples [s]: the largest of 0.1, 0.05, 0.02, 0.01, ... that divides the run into 50 or more.
+
+    Where none down to a thousandth of the run divides it, its hundredth part.
+    """
+    for exponent in range(1, 13):
+        for digit in (1.0, 0.5, 0.2):
+            interval = float(f"{digit * 10.0**-exponent:.1e}")
+            if interval * LEAST_ROWS > duration * (1 + 1e-9):
+                continue
+            if duration / interval > 1000 and interval < MOST_INTERVAL:
+                return duration / 100
+            try:
+                whole_ratio(duration, interval, "duration over the interval")
+            except OptionError:
+                continue
+            return interval
+    return duration / 100
+
+
+def grid_of_steps(interval: float, period: float | None, most_steps: float, duration: float) -> list[float]:
+    """Steps [s] of the grid, the coarsest first: they divide the interval and the period.
+
+    At most so many a run, but `LEAST_STEPS` different ones if they exist among the first hundred parts.
+    """
+    steps: list[float] = []
+    for parts in _parts():
+        step = interval / parts
+        beyond = duration / step > most_steps * (1 + 1e-9)
+        if beyond and (len(steps) >= LEAST_STEPS or parts > 100):
+            return steps
+        if period is None or _divides(period, step):
+            steps.append(step)
+    raise AssertionError("the parts never end")
+
+
+def weight(scene: Scene, law: NativeLaw | None = None) -> float:
+    """What a right-hand side costs, in strings of the equations of motion."""
+    strings = float(max(1, len(scene.structure.strings)))
+    return strings + (PYTHON_LAW if law is not None and law.failure is not None else 0)
+
+
+def most_evaluations(scene: Scene, law: NativeLaw | None = None, budget: float = BUDGET) -> float:
+    """Right-hand sides that a run may have within a budget."""
+    return budget / weight(scene, law)
+
+
+def radau_steps(scene: Scene, law: NativeLaw | None = None, budget: float = BUDGET) -> int:
+    """Steps of Radau within a budget: each factors matrices of the size of the state."""
+    structure = scene.structure
+    size = 12 * len(structure.rods) + 6 * len(structure.point_masses) + 3
+    return int(budget / (RADAU_STAGES * weight(scene, law) + size**3 / FLOPS))
+
+
+def sweep_settings(
+    scene: Scene,
+    kind: Kind,
+    *,
+    duration: float | None = None,
+    period: float | None = None,
+    steps: Sequence[float] | None = None,
+    tolerances: Sequence[float] | None = None,
+    law: NativeLaw | None = None,
+    budget: float = BUDGET,
+    extent: Extent | None = None,
+) -> list[Setting]:
+    """The settings of one engine for a scene, family by family, the coarsest first in each.
+
+    Args:
+        duration: of each run [s]; the scene's by default.
+        period: between control samples [s]; None where the law is not sampled.
+        steps: fixed steps [s] in place of the grid's.
+        tolerances: rtol in place of `TOLERANCES`; atol is a hundredth of it.
+        law: whose cost is reckoned with; None: none.
+        budget: of right-hand sides of a run, weighed by strings; see `most_evaluations`.
+        extent: see `Extent`; by default LEAN where the law is sampled.
+
+    Raises:
+        OptionError: for steps or tolerances that an engine cannot have.
+    """
+    from tensegrity_mj.engines.dae import DAE, Drift
+    from tensegrity_mj.engines.integration import Method
+    from tensegrity_mj.engines.mujoco import Integrator, MuJoCo
+    from tensegrity_mj.engines.ode import ODE
+
+    total = scene.duration if duration is None else duration
+    interval = recording_interval(total)
+    most = most_evaluations(scene, law, budget)
+    lean = (extent or (Extent.FULL if period is None else Extent.LEAN)) is Extent.LEAN
+
+    def fixed(stages: int) -> list[float]:
+        if steps is not None:
+            return sorted(steps, reverse=True)
+        return grid_of_steps(interval, period, most / stages, total)
+
+    rtols = sorted(TOLERANCES[::2] if lean else TOLERANCES, reverse=True)
+    if tolerances is not None:
+        rtols = sorted(tolerances, reverse=True)
+
+    if kind is Kind.MUJOCO:
+        return [
+            Setting(MuJoCo(step, integrator), f"MuJoCo {MuJoCo(step, integrator).word}", time_text(step))
+            for integrator in Integrator
+            for step in fixed(MuJoCo(1.0, integrator).stages)
+        ]
+    engine: type[DAE] | type[ODE] = DAE if kind is Kind.DAE else ODE
+    treatments = list(Drift) if kind is Kind.DAE and not lean else [None]
+    found: list[Setting] = []
+    for method, drift in itertools.product(Method, treatments):
+        if method is Method.RADAU and (lean or drift not in (None, Drift.MONITOR)):
+            continue
+        own: dict[str, Any] = {} if drift is None else {"drift": drift}
+        name = f"{kind.name} {'Radau' if method is Method.RADAU else method.name}"
+        if drift not in (None, Drift.MONITOR):
+            name += f", {'Baumgarte' if drift is Drift.BAUMGARTE else drift.value}"
+        if method is Method.RK4:
+            found += [Setting(engine(method=method, timestep=step, **own), name, time_text(step)) for step in fixed(4)]
+            continue
+        radau = method is Method.RADAU
+        limit = radau_steps(scene, law, budget) if radau else int(most / DOP853_STAGES)
+        if limit < (LEAST_RADAU if radau else 1) or (period is not None and total / period * RESTART > HELD * most):
+            continue
+        found += [
+            Setting(
+                engine(method=method, rtol=rtol, atol=ATOL_OF_RTOL * rtol, max_steps=_held(period) * limit, **own),
+                name,
+                f"rtol {power_text(rtol)}",
+            )
+            for rtol in (rtols if drift in (None, Drift.MONITOR) else rtols[::2])
+        ]
+    return found
+
+
+def time_text(seconds: float) -> str:
+    """A time for people: 10 ms, 0.1 s, 20 µs."""
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
+        if seconds >= size * (0.1 if unit == "s" else 1.0) * (1 - 1e-9):
+            return f"{seconds / size:.4g} {unit}"
+    return f"{seconds:.4g} s"
+
+
+def power_text(value: float) -> str:
+    """A tolerance for people: 1e-9."""
+    digits, exponent = f"{value:.2e}".split("e")
+    return f"{float(digits):g}e{int(exponent)}"
+
+
+def _parts() -> Iterator[int]:
+    for power in itertools.count():
+        for digit in (1, 2, 5):
+            yield digit * 10**power
+
+
+def _held(period: float | None) -> int:
+    return 1 if period is None else HELD
+
+
+def _divides(period: float, step: float) -> bool:
+    try:
+        whole_ratio(period, step, "period over the step")
+    except OptionError:
+        return False
+    return True

@@ -1,0 +1,377 @@
+"""`tradeoff`: what accuracy costs on a scene, in every engine, with and without its law."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from tensegrity_mj.actuation import Mode
+from tensegrity_mj.errors import OptionError, SceneError
+from tensegrity_mj.files import replacing
+from tensegrity_mj.jsontext import to_json
+from tensegrity_mj.law import native_law
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.simulation import versions
+from tensegrity_mj.studies.plain import plain
+from tensegrity_mj.studies.tradeoff import bench, sentence
+from tensegrity_mj.studies.tradeoff.experiments import Experiment, closed_loops, open_loop, stays
+from tensegrity_mj.studies.tradeoff.front import pareto
+from tensegrity_mj.studies.tradeoff.measurement import Ended, Motion, attempt, record
+from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
+from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, Reference, find_reference
+from tensegrity_mj.studies.tradeoff.settings import Setting, sweep_settings, weight
+from tensegrity_mj.studies.validation import laws
+from tensegrity_mj.textformat import load_scene, scene_to_toml
+
+DATA, PAGE, PICTURE, RUNS = "tradeoff.json", "tradeoff.html", "tradeoff.png", "runs"
+FORMAT = 1
+HEAVY = 0.25  # of the budget: points that cost more are timed at most `HEAVY_REPEATS` times
+HEAVY_REPEATS = 2
+SHORTER = (1.0, 0.1, 0.01)  # of the duration: an open loop that is too stiff for a reference is shortened
+
+Data = dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Tradeoff:
+    """A finished study.
+
+    Attributes:
+        data: what tradeoff.json holds; everything but data["timing"] is the same each time.
+        folder: where it is kept, or None.
+    """
+
+    data: Data
+    folder: Path | None
+
+    @property
+    def sentences(self) -> list[str]:
+        """What to use for which accuracy, by the wall times measured here."""
+        return sentences(self.data)
+
+    def save_page(self, path: str | os.PathLike[str]) -> Path:
+        """Write the HTML page; returns its path."""
+        from tensegrity_mj.studies.tradeoff.page import write_tradeoff_page
+
+        return write_tradeoff_page(path, self.data)
+
+    def save_figure(self, path: str | os.PathLike[str]) -> Path:
+        """Write the diagram, error against wall time, as .png, .svg or .pdf; returns its path."""
+        from tensegrity_mj.plots import save_figure
+        from tensegrity_mj.studies.tradeoff.figure import Cost, diagram
+
+        return save_figure(diagram(self.data, Cost.WALL_TIME), Path(path))
+
+
+def sentences(data: Data) -> list[str]:
+    """The sentences of all experiments of a study's data, by wall time, each headed by its experiment."""
+    found = []
+    for experiment in data["experiments"]:
+        own = data["timing"]["experiments"][experiment["key"]]
+        if own["floor"] is not None:
+            found.append(own["floor"])
+        else:
+            found += [f"{experiment['title']}: {one['text']}" for one in own["advice"]]
+    return found
+
+
+def tradeoff(
+    scene: Scene | str | os.PathLike[str],
+    law: Any = None,
+    *,
+    folder: str | os.PathLike[str] | None = None,
+    options: TradeoffOptions | None = None,
+    progress: bool = False,
+) -> Tradeoff:
+    """Measure error and cost of every engine, integrator, step and tolerance on a scene.
+
+    Args:
+        scene: a scene, or the name or the path of one. Its loads must not be a Python function.
+        law: of the closed loop: the scene's by default; the name of a built-in one, "module:name", "path.py:name", a
+            law or a function.
+        folder: made where it is absent; tradeoff.json and tradeoff.html are written there, and the same call goes on
+            after an interruption. None keeps nothing.
+        options: what is swept; see `TradeoffOptions`.
+        progress: show bars on stderr.
+
+    Returns:
+        The study. Runs that diverge, are refused or have no solution are results in it.
+
+    Raises:
+        OptionError: for options out of range, a closed loop alone without a law, a folder of another study.
+        SceneError: for loads that are a Python function.
+        KeyboardInterrupt: what is finished is kept in the folder.
+    """
+    if not isinstance(scene, Scene):
+        scene = load_scene(scene)
+    chosen = options or TradeoffOptions()
+    has_law = law is not None or scene.control is not None
+    if not has_law and Loop.OPEN not in chosen.loops:
+        raise OptionError(
+            f"scene '{scene.name}' names no control law, and only the closed loop is asked for: give a law"
+        )
+    spec = laws.spec_of(law, scene) if has_law else None
+    made = laws.make(spec, scene) if spec is not None else None
+    told = None if spec is None else plain(laws.describe(spec, made, scene), "what the law says of itself")
+    study = {
+        "task": "tradeoff",
+        "scene": scene_to_toml(scene),
+        "law": spec,
+        "law_description": told,
+        "options": chosen.to_dict(),
+        "versions": versions(),
+    }
+    with _place(folder) as place, bench.opened(place / RUNS, study, progress) as kept:
+        found = _measure(scene, made, chosen, kept)
+    data: Data = {
+        "format": FORMAT,
+        "scene": {
+            "name": scene.name,
+            "source": scene.source,
+            "rods": len(scene.structure.rods),
+            "strings": len(scene.structure.strings),
+        },
+        "law": told,
+        "options": chosen.to_dict(),
+        "versions": versions(),
+        **found,
+    }
+    result = Tradeoff(data, None if folder is None else Path(folder))
+    if result.folder is not None:
+        with replacing(result.folder / DATA) as part:
+            part.write_text(to_json(data, indent=1) + "\n", encoding="utf-8")
+        result.save_page(result.folder / PAGE)
+    return result
+
+
+@contextlib.contextmanager
+def _place(folder: str | os.PathLike[str] | None) -> Iterator[Path]:
+    if folder is None:
+        with tempfile.TemporaryDirectory() as temporary:
+            yield Path(temporary)
+        return
+    place = Path(folder)
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OptionError(f"{place}: no folder can be made there ({error.strerror}); choose another") from error
+    yield place
+
+
+# ---------------------------------------------------------------------------------------------------- references
+
+
+def _measure(scene: Scene, law: Any, options: TradeoffOptions, kept: bench.Bench) -> Data:
+    """The experiments with their references, then every setting of each, pass by pass."""
+    native = None if law is None else native_law(law, scene.structure)
+    closed = [] if law is None or native is None else closed_loops(scene, law, native, options)
+    wanted = closed if Loop.CLOSED in options.loops else []
+    todo: list[tuple[Experiment, Reference]] = []
+    with kept.bar(f"{scene.name}: references", len(closed) + (Loop.OPEN in options.loops)) as bar:
+        references: dict[str, Reference] = {}
+        for experiment in closed:
+            # The open loop alone may need the state of one closed loop to start from.
+            if wanted or not any(one.motion for one in references.values()):
+                references[experiment.key] = _reference(experiment, options, kept)
+            bar.update()
+        if Loop.OPEN in options.loops:
+            todo.append(_open(scene, options, list(references.values()), kept))
+            bar.update()
+    todo += [(experiment, references[experiment.key]) for experiment in wanted]
+    settings = {experiment.key: _settings(experiment, options) for experiment, _ in todo}
+    records = _passes(scene.name, todo, settings, options, kept)
+    continuous = references.get(Mode.CONTINUOUS.value)
+    results = [
+        _result(experiment, reference, continuous, settings[experiment.key], records[experiment.key])
+        for experiment, reference in todo
+    ]
+    return {
+        "floor_factor": FLOOR_FACTOR,
+        "experiments": [experiment for experiment, _ in results],
+        "timing": {"experiments": {experiment["key"]: timing for experiment, timing in results}},
+    }
+
+
+def _reference(experiment: Experiment, options: TradeoffOptions, kept: bench.Bench) -> Reference:
+    name = f"{experiment.key}-{experiment.duration:g}"
+    point = {"kind": "reference", "experiment": experiment.to_dict()}
+
+    def compute() -> Data:
+        found = find_reference(experiment, options.budget)
+        if found.motion is not None:
+            kept.save_array(f"{name}-time", found.motion.time)
+            kept.save_array(f"{name}-nodes", found.motion.nodes)
+        return found.told
+
+    told = kept.once(point, compute)
+    if told["engine"] is None:
+        return Reference(None, told)
+    return Reference(Motion(kept.load_array(f"{name}-time"), kept.load_array(f"{name}-nodes")), told)
+
+
+def _open(
+    scene: Scene, options: TradeoffOptions, closed: Sequence[Reference], kept: bench.Bench
+) -> tuple[Experiment, Reference]:
+    """The open loop and its reference: from the scene's start or, if nothing moves there, from a state of the law's."""
+    experiment, reference = _shortened(open_loop(scene, options, None), options, kept)
+    starts = [one.told["fastest"] for one in closed if one.motion is not None]
+    if reference.motion is None or not stays(reference.motion.nodes):
+        return experiment, reference
+    if starts:
+        with contextlib.suppress(SceneError):  # a state that has drifted is no start
+            return _shortened(open_loop(scene, options, starts[0]), options, kept)
+    reason = "without a law nothing moves, so that there is no error to measure"
+    return experiment, Reference(None, reference.told | {"engine": None, "own_error": None, "reason": reason})
+
+
+def _shortened(experiment: Experiment, options: TradeoffOptions, kept: bench.Bench) -> tuple[Experiment, Reference]:
+    """The experiment, shortened until there is a reference within the budget."""
+    first: tuple[Experiment, Reference] | None = None
+    for part in SHORTER:
+        tried = experiment
+        if part < 1:
+            note = f"Shortened from {experiment.duration:g} s: a reference of the whole is beyond the budget."
+            shorter = float(f"{part * experiment.duration:.12g}")
+            tried = replace(experiment, duration=shorter, note=f"{experiment.note} {note}".strip())
+        reference = _reference(tried, options, kept)
+        if reference.motion is not None and math.isfinite(reference.own_error):
+            return tried, reference
+        first = first or (tried, reference)
+    assert first is not None
+    return first
+
+
+# -------------------------------------------------------------------------------------------------------- settings
+
+
+def _settings(experiment: Experiment, options: TradeoffOptions) -> list[Setting]:
+    return [
+        setting
+        for kind in options.engines
+        for setting in sweep_settings(
+            experiment.scene,
+            kind,
+            duration=experiment.duration,
+            period=experiment.actuation.period,
+            steps=options.steps,
+            tolerances=options.tolerances,
+            law=experiment.native,
+            budget=options.budget,
+        )
+        if options.wants(setting.family)
+    ]
+
+
+def _passes(
+    name: str,
+    todo: Sequence[tuple[Experiment, Reference]],
+    settings: Mapping[str, Sequence[Setting]],
+    options: TradeoffOptions,
+    kept: bench.Bench,
+) -> dict[str, list[list[Data]]]:
+    """The records of every setting, one a pass: each pass runs all of them once, so that load hits all alike."""
+    runs: dict[str, list[list[Data]]] = {key: [[] for _ in own] for key, own in settings.items()}
+    warm: set[tuple[str, str]] = set()
+    for number in range(options.repeats):
+        points = [
+            (experiment, reference, place, setting)
+            for experiment, reference in todo
+            if reference.motion is not None
+            for place, setting in enumerate(settings[experiment.key])
+            if number == 0 or _again(experiment, runs[experiment.key][place][0], number, options)
+        ]
+        with kept.bar(f"{name}: pass {number + 1} of {options.repeats}", len(points)) as bar:
+            for experiment, reference, place, setting in points:
+                point = {"kind": "run", "pass": number, "experiment": experiment.key, "setting": setting.to_dict()}
+                if not kept.knows(point) and (experiment.key, setting.family) not in warm:
+                    attempt(experiment, setting.engine, experiment.interval)  # compiles and loads
+                    warm.add((experiment.key, setting.family))
+
+                def compute(of: Experiment = experiment, to: Reference = reference, by: Setting = setting) -> Data:
+                    return record(attempt(of, by.engine), by.engine, to.motion)
+
+                runs[experiment.key][place].append(kept.once(point, compute))
+                bar.update()
+    return runs
+
+
+def _again(experiment: Experiment, first: Data, number: int, options: TradeoffOptions) -> bool:
+    """Whether a point is timed once more; by what it computed, never by how long that took."""
+    if first["status"] != Ended.COMPLETED.value:
+        return False
+    heavy = first["evaluations"] * weight(experiment.scene, experiment.native) > HEAVY * options.budget
+    return number < (min(options.repeats, HEAVY_REPEATS) if heavy else options.repeats)
+
+
+# ---------------------------------------------------------------------------------------------------------- results
+
+
+def _result(
+    experiment: Experiment,
+    reference: Reference,
+    continuous: Reference | None,
+    settings: Sequence[Setting],
+    records: Sequence[Sequence[Data]],
+) -> tuple[Data, Data]:
+    """What is the same each time, and what was measured with a clock."""
+    points, clocked = [], []
+    own = reference.own_error
+    for setting, runs in zip(settings, records, strict=True):
+        first: Data = runs[0] if runs else {"status": Ended.REFUSED.value, "reason": "no reference", "error": None}
+        values = {key: value for key, value in first.items() if key != "timing"}
+        known = first["error"] is not None
+        # A second run of the same setting must be the same run: what it computed is compared bit by bit.
+        repeatable = all({**one, "timing": None} == {**first, "timing": None} for one in runs)
+        at_floor = bool(known and first["error"] <= FLOOR_FACTOR * own)
+        points.append({**setting.to_dict(), **values, "at_reference_floor": at_floor, "repeatable": repeatable})
+        walls = [one["timing"]["wall_time"] for one in runs if one["timing"]["wall_time"] is not None]
+        wall = min(walls, default=None)
+        factor = experiment.duration / wall if wall and known else None
+        clocked.append({"wall_time": wall, "repeats": len(walls), "real_time_factor": factor})
+    told = {
+        **experiment.to_dict(),
+        "reference": {key: value for key, value in reference.told.items() if key != "fastest"},
+        "modelling_floor": _modelling_floor(experiment, reference, continuous),
+        "points": points,
+    }
+    errors = [one["error"] for one in points]
+    floor = own if math.isfinite(own) else 0.0
+    right_hand_sides = [one.get("evaluations") for one in points]
+    told["by_right_hand_sides"] = {
+        "front": pareto(right_hand_sides, errors, floor),
+        "advice": sentence.advice(told, right_hand_sides),
+        "floor": sentence.floor_sentence(told, right_hand_sides),
+    }
+    walls = [one["wall_time"] for one in clocked]
+    timing = {
+        "points": clocked,
+        "front": pareto(walls, errors, floor),
+        "advice": sentence.advice(told, walls, clocked),
+        "floor": sentence.floor_sentence(told, walls, clocked),
+    }
+    return told, timing
+
+
+def _modelling_floor(experiment: Experiment, reference: Reference, continuous: Reference | None) -> Data | None:
+    """How far the held experiment's own motion is from the continuous law's; None where nothing is held."""
+    if experiment.actuation.mode is Mode.CONTINUOUS:
+        return None
+    unknown = {"distance": None, "final_distance": None, "resolved": None}
+    if continuous is None:
+        return {**unknown, "reason": "the continuous law was not asked for"}
+    if reference.motion is None or continuous.motion is None:
+        missing = reference if reference.motion is None else continuous
+        return {**unknown, "reason": str(missing.told["reason"])}
+    distance = reference.motion.distance(continuous.motion)
+    return {
+        "distance": float(distance.max()),
+        "final_distance": float(distance[-1]),
+        "resolved": reference.own_error + continuous.own_error,
+        "reason": "",
+    }

@@ -1,0 +1,130 @@
+"""Long runs: what is measured on synthetic courses, and what the treatments of drift are known to do."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tensegrity_mj as tmj
+from tensegrity_mj.cli import main
+from tensegrity_mj.commands.drift import METHODS as COMMAND_METHODS
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.studies.extremes.pace import pace
+from tensegrity_mj.studies.long_runs import (
+    COARSENESS,
+    METHODS,
+    conservative,
+    default_step,
+    growth,
+    long_runs,
+    marks_of,
+    measured,
+)
+from tensegrity_mj.studies.workers import Backend, Workers
+
+HERE = Workers(backend=Backend.THIS_PROCESS)
+
+
+@pytest.mark.parametrize("power", [0.0, 0.5, 1.0, 2.0])
+def test_the_growth_of_a_power_of_time(power: float) -> None:
+    steps = [1000, 10_000, 100_000]
+    assert growth([1e-9 * n**power for n in steps], steps) == pytest.approx(power, abs=1e-12)
+
+
+def test_no_growth_of_what_is_below_round_off() -> None:
+    assert growth([1e-16, 5e-16], [1000, 10_000]) is None
+    assert growth([1e-3], [1000]) is None
+
+
+def test_marks() -> None:
+    assert marks_of(1_000_000) == [1000, 10_000, 100_000, 1_000_000]
+    assert marks_of(5000) == [1000, 5000]
+    assert marks_of(1000) == [1000]
+
+
+def test_departures_are_measured_from_the_start_and_of_what_was_exchanged() -> None:
+    # 1000 rows of a pinned rod whose nodes and velocities are doctored: b grows by 1 % at the end, ḃ leans along b.
+    scene = conservative(tmj.load_scene("pinned_rod"), 0)
+    run = tmj.simulate(scene, None, tmj.DAE(), duration=1.0, output_interval=1e-3)
+    clean = measured(run, 1e-3, 1000)
+    assert max(clean[name]["1000"] for name in ("energy", "length", "rate")) < 1e-8
+    i, j = scene.structure.rod_nodes[0]
+    length = scene.structure.rod_lengths[0]
+    nodes, velocities, kinetic = run.nodes.copy(), run.velocities.copy(), run.kinetic_energy.copy()
+    nodes[-1, j] = nodes[-1, i] + 1.01 * (nodes[-1, j] - nodes[-1, i])
+    b = (nodes[500, j] - nodes[500, i]) / length
+    velocities[500, j] = velocities[500, j] + 0.3 * length * b
+    kinetic[200] += 0.5 * kinetic.max()
+    found = measured(replace(run, nodes=nodes, velocities=velocities, kinetic_energy=kinetic), 1e-3, 1000)
+    assert found["length"]["1000"] == pytest.approx(1.01**2 - 1, rel=1e-6)
+    assert found["rate"]["1000"] == pytest.approx(0.3, rel=1e-6)
+    assert found["energy"]["1000"] > 0.1
+    assert found["course"]["steps"][-1] == 1000
+
+
+def test_the_scene_is_conservative_and_moves() -> None:
+    scene = tmj.load_scene("prism")
+    structure = scene.structure.with_strings(damping=0.3)
+    busy = scene.with_(structure=structure, loads=(tmj.Load("n1", (1.0, 0, 0)),), breaks=(tmj.Break("s1", 0.1),))
+    free = conservative(busy, 0)
+    assert not free.loads
+    assert not free.breaks
+    assert free.control is None
+    assert not np.any(free.structure.damping)
+    assert np.any(free.velocities0)
+    np.testing.assert_array_equal(free.velocities0, conservative(busy, 0).velocities0)
+    assert np.any(free.velocities0 != conservative(busy, 1).velocities0)
+    np.testing.assert_array_equal(conservative(free, 5).velocities0, free.velocities0)  # what moves, moves as it does
+    # Two digits of the step: within 5 %.
+    assert default_step(free) * pace(free).fastest == pytest.approx(COARSENESS, rel=0.05)
+
+
+def test_drift_of_the_prism(tmp_path: Path) -> None:
+    result = long_runs("prism", 10_000, methods=["euler", "rk4", *METHODS[5:]], folder=tmp_path / "a", workers=HERE)
+    rows = {row["method"]: row for row in result.data["rows"]}
+    assert not any(row["reason"] for row in rows.values())
+    end = {name: {key: row[key]["10000"] for key in ("energy", "length", "rate")} for name, row in rows.items()}
+    # MuJoCo's quaternions and the ODE's angles cannot stretch a rod; normalization leaves round-off: (1 + ε)² - 1 of a
+    # few operations.
+    for name in ("euler", "rk4", "dae normalize", "ode"):
+        assert end[name]["length"] < 1e-13
+    # Where drift is only watched it grows with time; Baumgarte's treatment bounds it, normalization removes it.
+    assert end["dae monitor"]["length"] > 100 * end["dae baumgarte"]["length"] > 1e-10
+    assert rows["dae monitor"]["growth"]["length"] > 0.9
+    assert rows["dae baumgarte"]["growth"]["length"] < 0.5
+    assert end["dae normalize"]["rate"] < 1e-13 < end["dae monitor"]["rate"]
+    # Semi-implicit Euler keeps the energy within a band of the order of the step; RK4 loses it steadily and slowly.
+    assert rows["euler"]["growth"]["energy"] < 0.6
+    assert 0.6 < rows["rk4"]["growth"]["energy"] < 1.5
+    assert end["rk4"]["energy"] < 0.1 * end["euler"]["energy"]
+    # The same again, bit by bit, from what is kept and anew; the page and the table hold every method.
+    text = (tmp_path / "a" / "drift.json").read_bytes()
+    long_runs("prism", 10_000, methods=["euler", "rk4", *METHODS[5:]], folder=tmp_path / "a", workers=HERE)
+    assert (tmp_path / "a" / "drift.json").read_bytes() == text
+    page = (tmp_path / "a" / "drift.html").read_text()
+    assert all(name in page and name in result.text for name in rows)
+
+
+def test_a_run_that_diverges_is_a_row() -> None:
+    step = 3.0 / pace(conservative(tmj.load_scene("prism"), 0)).fastest
+    result = long_runs("prism", 1000, timestep=step, methods=["euler"], workers=HERE)
+    assert "diverged by t = " in result.data["rows"][0]["reason"]
+    assert "diverged by t = " in result.text
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert COMMAND_METHODS == METHODS
+    arguments = ["drift", "pinned_rod", "--steps", "1000", "--methods", "dae normalize", "--workers", "1", "--json"]
+    assert main(arguments) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["rows"][0]["method"] == "dae normalize"
+    assert set(told["setup"]) == {"scene", "steps", "timestep", "seed", "marks"}
+    assert main(["drift", "pinned_rod", "--steps", "1500"]) == 2
+    assert main(["drift", "pinned_rod", "--workers", "0"]) == 2
+    for bad in ({"steps": 10}, {"seed": -1}, {"methods": ["heun"]}):
+        with pytest.raises(OptionError):
+            long_runs("pinned_rod", **{"steps": 1000, **bad})  # type: ignore[arg-type]

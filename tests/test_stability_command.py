@@ -1,0 +1,61 @@
+"""`tensegrity-mj stability`: what it writes, that it is the same each time, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tensegrity_mj.cli import main
+from tensegrity_mj.commands import stability
+from tensegrity_mj.studies.stability import figures
+from tensegrity_mj.studies.stability.cases import AXES
+from tensegrity_mj.studies.stability.engines import NAMES, TITLES
+from tensegrity_mj.studies.stability.report import describe
+
+SMALL = ["pinned_rod", "--engines", "euler", "rk4", "--maps", "damping", "--quick", "--random", "2", "--workers", "1"]
+
+
+def test_the_words_of_the_command_are_those_of_the_study() -> None:
+    assert stability.ENGINES == NAMES
+    assert tuple(AXES) == stability.AXES
+    assert set(TITLES) == set(NAMES)
+
+
+def test_a_small_study(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["stability", *SMALL, "--out", str(tmp_path / "a"), "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["status"] == "ok"
+    for name in ("euler", "rk4"):
+        assert data["base"]["engines"][name]["ratio"] == pytest.approx(1, abs=0.02)
+        assert data["start"]["engines"][name]["start"]["limit"] is None or data["start"]["closed_loop"]
+    assert [row["value"] for row in data["maps"]] == [0.0, 0.3, 10.0]
+    assert data["random"]["summary"]["comparisons"] == 4
+    assert data["random"]["summary"]["agree"] == 4
+    page = (tmp_path / "a" / "index.html").read_text(encoding="utf-8")
+    assert "Random taut structures" in page
+    assert page.count("<img") == 3
+    for name in ("maps", "heat", "random"):
+        assert (tmp_path / "a" / f"{name}.png").stat().st_size > 5000
+    text = "\n".join(describe(data))
+    assert "4 of 4" in text
+    assert "seed 0" in text
+    # The same again, from scratch and in memory: bit-identical.
+    assert main(["stability", *SMALL, "--json"]) == 0
+    again = json.loads(capsys.readouterr().out)
+    assert {**again, "out": None} == {**data, "out": None}
+    assert sorted(figures.pictures(data)) == ["heat", "maps", "random"]
+
+
+@pytest.mark.parametrize(
+    "wrong", [["nowhere"], ["prism", "--random", "0"], ["prism", "--seed", "-1"], ["prism", "--maps", "colour"]]
+)
+def test_bad_usage_is_refused(wrong: list[str]) -> None:
+    assert main(["stability", *wrong]) == 2
+
+
+def test_a_file_is_no_folder(tmp_path: Path) -> None:
+    file = tmp_path / "file"
+    file.write_text("")
+    assert main(["stability", "prism", "--out", str(file)]) == 2
