@@ -159,6 +159,8 @@ def _largest(matrix: Any) -> tuple[float, Array]:
     if isinstance(matrix, np.ndarray):
         values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
         return float(values[-1]), vectors[:, -1]
+    if not _scale(matrix) > 0:  # Lanczos iterations break down on a matrix of zeros
+        return 0.0, np.zeros(n)
     from scipy.sparse.linalg import eigsh
 
     # A start that no symmetry of the structure makes orthogonal to a mode, and the same each time.

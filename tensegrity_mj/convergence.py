@@ -146,9 +146,12 @@ def judge(
     if observed >= order + 1:
         # Faster than the method can: the coarsest run was beyond what orders describe, and tells nothing of the others.
         return Estimate(d / (ratio - 1) * (SAFETY if order == 1 else 1.0), True, f"{told}; an order of 1 is assumed")
-    # Two runs may agree by chance: the last difference cannot be less than what the one before becomes at full order.
-    expected = before * (ratio**order - 1) / (ratio_before**order - 1) * ratio**-order
-    used = min(observed, float(order if highest is None else highest))
+    allowed = order if highest is None else highest
+    # Two runs may agree by chance, most easily about a kink: the last difference cannot be less than what the one
+    # before becomes at full order, or at one order more than the motion allows.
+    full = min(order, allowed + 1)
+    expected = before * (ratio**full - 1) / (ratio_before**full - 1) * ratio**-full
+    used = min(observed, float(allowed))
     value = SAFETY * max(d, expected) / (ratio**used - 1)
     return Estimate(value, True, f"{told}: an order of {observed:.2g}")
 

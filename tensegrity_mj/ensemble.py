@@ -88,7 +88,9 @@ class Ensemble(Sequence[Trajectory]):
         out = np.empty((len(self), T, N, 3))
         for number, member_ in enumerate(self._run.members):
             out[number] = member_.rows[:T, 3 * N * part : 3 * N * (part + 1)].reshape(T, N, 3)
-            ended = member_.ended_early
+            ended, outcome = member_.ended_early, self._outcome(number)
+            if isinstance(outcome, DivergenceError):  # the energy balance may know it earlier than the engine
+                ended = outcome.time
             if ended is not None:
                 out[number, self.time > ended] = np.nan
         return out
@@ -190,6 +192,11 @@ def _checked(scenes: Any) -> list[Scene]:
     for number, scene in enumerate(scenes):
         if not isinstance(scene, Scene):
             raise OptionError(f"scenes[{number}] = {scene!r}; use a Scene, or load_scene(name or path)")
+        if scene.contact is not None:
+            raise OptionError(
+                f"scenes[{number}] ('{scene.name}') has contacts, whose work is counted run by run: use simulate, or "
+                "run_many"
+            )
         for what in ("structure", "gravity"):
             if getattr(scene, what) is not getattr(first, what) and getattr(scene, what) != getattr(first, what):
                 raise OptionError(
@@ -215,7 +222,9 @@ def law_in(
 
     `mj_step`, `mujoco.rollout` and `mujoco.batch.Batch` alike, on as many threads as they use, with the model or copies
     of it. The law is evaluated at every stage, at MjData.time, and sets MjData.ctrl; external loads of the scene act.
-    Other models are left alone. Nothing is recorded: `simulate` and `simulate_many` do that.
+    Masses, gravity and the like of the model may be changed, its strings may not: their stiffness and rest lengths are
+    what turns the law's answer into controls. Other models are left alone. Nothing is recorded: `simulate` and
+    `simulate_many` do that. An interrupt (Ctrl-C) within a law in Python is raised at the end.
 
     Args:
         scene: whose model is made.
@@ -226,11 +235,13 @@ def law_in(
 
     Raises:
         OptionError: for laws that must be sampled, or keep something between calls; for scenes with strings that
-            break or contacts; while another run is under way in this process.
+            break or contacts; while another run is under way in this process. At the end, if a model of the same shape
+            with other strings was stepped: it was left alone.
         ControllerError, InfeasibleError: at the end, if the law failed, or had no solution, at some state.
     """
     from tensegrity_mj.engines.mujoco import MuJoCo
     from tensegrity_mj.engines.mujoco_ensemble import law_in as installed
+    from tensegrity_mj.engines.mujoco_many import OTHER_STRINGS
     from tensegrity_mj.native.plant import Plant
 
     engine = MuJoCo() if engine is None else engine
@@ -250,6 +261,11 @@ def law_in(
     plant = Plant(scene, request.law, request.actuation, on_infeasible)
     with installed(model, plant) as answers:
         yield model
+    if answers[OTHER_STRINGS]:
+        raise OptionError(
+            f"a model was stepped that is built as that of scene '{scene.name}' but has other strings (stiffness, damping, "
+            "rest lengths, nodes or order); the law was not applied to it: use a law_in of its own scene"
+        )
     if answers[FAILED]:
         cause = next(iter([*(request.law.failure or []), *plant.load_failure]), None)
         if cause is not None and not isinstance(cause, Exception):

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import enum
 import json
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from time import perf_counter
@@ -148,6 +149,7 @@ def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLa
     failure: list[BaseException] = []
     reason: list[str] = []
     spent = [0.0, 0.0]
+    here = threading.local()  # whether this thread is within the law
 
     def view(address: int, shape: tuple[int, ...]) -> Array:
         length = int(np.prod(shape))
@@ -155,30 +157,39 @@ def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLa
         return np.ctypeslib.as_array(buffer).reshape(shape)
 
     def call(time: float, nodes: int, velocities: int, context: int, out: int, report: int) -> int:
+        if getattr(here, "inside", False) or (failure and not isinstance(failure[0], Exception)):
+            # Asked within itself, by a simulation that it steps; or after an interrupt, which shall come to be heard.
+            if not failure:
+                failure.append(RuntimeError("it was called within itself: it steps a simulation that it controls"))
+            return FAILED
         start = perf_counter()
         try:
+            here.inside = True
             if interrupts.requested():
                 raise KeyboardInterrupt
-            value = np.asarray(law(time, view(nodes, (count, 3)).copy(), view(velocities, (count, 3)).copy()))
-            if np.iscomplexobj(value):
-                raise ValueError("it returned complex numbers; it must return real ones")
-            value = value.astype(float)
-            if value.shape != (size,):
-                raise ValueError(f"it returned shape {value.shape}; it must return ({size},), a value a string")
-            view(out, (size,))[:] = value
-        except InfeasibleError as error:
-            reason[:] = [str(error)]
-            return NO_SOLUTION
+            status = SOLVED
+            try:
+                value = np.asarray(law(time, view(nodes, (count, 3)).copy(), view(velocities, (count, 3)).copy()))
+                if np.iscomplexobj(value):
+                    raise ValueError("it returned complex numbers; it must return real ones")
+                value = value.astype(float)
+                if value.shape != (size,):
+                    raise ValueError(f"it returned shape {value.shape}; it must return ({size},), a value a string")
+                view(out, (size,))[:] = value
+            except InfeasibleError as error:
+                reason[:], status = [str(error)], NO_SOLUTION
+            told = getattr(law, "report", None)
+            view(report, (len(Report),))[:] = np.nan if told is None else told
+            return status
         except BaseException as error:
             if not failure:
                 failure.append(error)
+            view(report, (len(Report),))[:] = np.nan
             return FAILED
         finally:
-            told = getattr(law, "report", None)
-            view(report, (len(Report),))[:] = np.nan if told is None else told
+            here.inside = False
             spent[0] += 1.0
             spent[1] += perf_counter() - start
-        return SOLVED
 
     function = LAW_FUNCTION(call)
     return NativeLaw(

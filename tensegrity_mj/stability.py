@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.amplification import Scheme, is_stable, largest_frequency, limit_of, scheme_of
 from tensegrity_mj.checks import finite, real_array
-from tensegrity_mj.errors import OptionError, StabilityWarning, TensegrityError
+from tensegrity_mj.errors import OptionError, StabilityWarning
 from tensegrity_mj.law import NO_SOLUTION, Command, Law, NativeLaw, native_law
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.trajectory import Trajectory
@@ -115,14 +115,23 @@ def stable_step(
         run: a run of this structure instead of a state: the smallest limit of its configurations.
 
     Raises:
-        OptionError: for arrays of another shape, a time below zero, or a run of another structure.
+        OptionError: for arrays of another shape, a time below zero, a run of another structure, and for what is no
+            scene, engine, actuation or run.
         InfeasibleError, ControllerError: what the law says at the state.
     """
     if not isinstance(scene, Scene):
         raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
+    if isinstance(engine, type) or not callable(getattr(engine, "run", None)):
+        raise OptionError(f"engine = {engine!r}; use MuJoCo(...), DAE(...) or ODE(...)")
+    if run is not None and not isinstance(run, Trajectory):
+        raise OptionError(f"run = {run!r}; use a trajectory, as simulate(...) returns it")
+    actuation = actuation or Actuation.continuous()
+    if not isinstance(actuation, Actuation):
+        raise OptionError(f"actuation = {actuation!r}; use Actuation.continuous() or one of the hold modes")
+    if finite("time", time, " [s]") < 0:
+        raise OptionError(f"time = {time!r}; it must be >= 0 s, as in a run")
     scheme = scheme_of(engine)
     structure = scene.structure
-    actuation = actuation or Actuation.continuous()
     native = law if isinstance(law, NativeLaw) or law is None else native_law(law, structure)
     asked = None if native is None or not native.address else _Law(scene, native)
     held = actuation.mode if asked is not None else None
@@ -133,7 +142,7 @@ def stable_step(
     x = scene.nodes0 if nodes is None else real_array("nodes", nodes, shape, "m", False)
     v = scene.velocities0 if velocities is None else real_array("velocities", velocities, shape, "m/s", False)
     L0 = None if rest_lengths is None else real_array("rest_lengths", rest_lengths, (len(structure.strings),), "m")
-    model = _model(scene, asked, held, x, v, L0, finite("time", time, " [s]"), bodies)
+    model = _model(scene, asked, held, x, v, L0, float(time), bodies)
     return _step_of(model, engine, scheme, time)
 
 
@@ -149,8 +158,9 @@ def before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) 
         return None, ""
     try:
         return _checked(scene, engine, scheme, float(step), law, actuation)
-    except (TensegrityError, np.linalg.LinAlgError, ValueError, ArithmeticError) as error:
-        # No check stands in the way of a run; what is wrong with the law or the loads the run itself tells better.
+    except Exception as error:
+        # Loads are a user's code, and solvers of eigenvalues may give up: no check stands in the way of a run, which
+        # itself tells better what is wrong.
         return {"step": step, "checked": False, "reason": f"{type(error).__name__}: {error}"}, ""
 
 
@@ -175,7 +185,7 @@ def after_run(run: Trajectory, engine: Any, law: NativeLaw, actuation: Actuation
         return
     try:
         found = stable_step(run.scene, engine, law=law, run=run)
-    except (TensegrityError, np.linalg.LinAlgError, ValueError, ArithmeticError):
+    except Exception:  # as in `before_run`
         return
     if found.limit < step:
         run.reports["stability"] = {"step": step, "checked": True, "exceeded": True, **found.to_dict()}
@@ -424,7 +434,7 @@ def _string_energies(model: Vibration, y: Array, limit: float) -> Array:
 
 
 def _notes(model: Vibration, engine: Any) -> tuple[str, ...]:
-    structure, notes = model.scene.structure, []
+    scene, structure, notes = model.scene, model.scene.structure, []
     if model.at_edge.any():
         first_one = structure.strings[int(np.argmax(model.at_edge))].name
         notes.append(
@@ -434,6 +444,13 @@ def _notes(model: Vibration, engine: Any) -> tuple[str, ...]:
     if not model.taut.all() and len(model.taut):
         slack = len(model.taut) - int(model.taut.sum())
         notes.append(f"{slack} of {len(model.taut)} strings are slack in this state and count once they are taut")
+    if scene.contact is not None:
+        notes.append("contact is not in the model: where something touches, the limit may be another")
+    if scheme_of(engine) is Scheme.VELOCITY_IMPLICIT and abs(model.damper - model.body_damper).max() > 0:
+        notes.append(
+            "dampers between bodies that move: this integrator does not keep angular momentum, and a structure that "
+            "spins may spin up without bound at any step (docs/stability.md); at rest the limit holds"
+        )
     if hasattr(engine, "least_sine"):
         first, second = structure.rod_nodes.T
         b = (model.nodes[second] - model.nodes[first]) / structure.rod_lengths[:, None]

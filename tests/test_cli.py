@@ -7,6 +7,7 @@ import contextlib
 import json
 import math
 import os
+import shlex
 import signal
 import stat
 import subprocess
@@ -72,7 +73,9 @@ def test_every_command_explains_itself(command: str, capsys: pytest.CaptureFixtu
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_example_parses(command: str) -> None:
-    lines = [line.split() for line in COMMANDS[command].EXAMPLES.splitlines() if "tensegrity-mj " in line]
+    lines = [
+        shlex.split(line, comments=True) for line in COMMANDS[command].EXAMPLES.splitlines() if "tensegrity-mj " in line
+    ]
     assert lines
     for words in lines:
         assert build_parser().parse_args(words[1:]).command == command

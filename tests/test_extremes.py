@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,15 +14,16 @@ import pytest
 from engine_accelerations import dae_accelerations
 
 import tensegrity_mj as tmj
+from tensegrity_mj.actuation import Mode
 from tensegrity_mj.cli import main
 from tensegrity_mj.commands.extremes import KINDS
-from tensegrity_mj.convergence import Estimate, node_difference
+from tensegrity_mj.convergence import Estimate
 from tensegrity_mj.errors import ControllerError, DivergenceError, OptionError, StructureError
 from tensegrity_mj.families.random_structures import random_structure
 from tensegrity_mj.studies.extremes import laws, naive, task
 from tensegrity_mj.studies.extremes.kinds import Experiment, Kind, draw
 from tensegrity_mj.studies.extremes.pace import mobility, pace
-from tensegrity_mj.studies.extremes.references import tight_dae
+from tensegrity_mj.studies.extremes.references import reference_of, tight_dae
 from tensegrity_mj.studies.extremes.setups import ENGINES, Attempt, Setup, attempt, caught, draw_setup
 from tensegrity_mj.studies.extremes.study import conclusions, extremes, mixture
 from tensegrity_mj.studies.extremes.verdicts import (
@@ -31,6 +33,7 @@ from tensegrity_mj.studies.extremes.verdicts import (
     judge_end,
     judge_error,
     lacks,
+    way_of,
 )
 from tensegrity_mj.studies.long_runs import conservative
 from tensegrity_mj.studies.workers import Backend, Workers
@@ -235,7 +238,10 @@ def test_verdicts_on_errors(run: tmj.Trajectory) -> None:
     assert verdict(small, 4e-3 * way, 2.5e-3 * way) is Verdict.UNJUDGED
     assert verdict(small, math.nan, math.nan) is Verdict.UNJUDGED
     assert verdict(small, math.inf) is Verdict.UNDETECTED  # the reference ended otherwise
+    # A warning counts where a run would be wrong; one that is right stays right.
     assert verdict(small, 1.1e-3 * way, 0.0, "the energy balance is off") is Verdict.WARNED
+    assert verdict(small, math.nan, math.nan, "the energy balance is off") is Verdict.WARNED
+    assert verdict(small, 0.9e-3 * way, 0.0, "the step is beyond the limit") is Verdict.RIGHT
     assert verdict(Estimate(1e-9, False, "differences do not fall"), 1.0) is Verdict.WARNED
     assert verdict(Estimate(0.06 * way, True, ""), 0.01 * way) is Verdict.WARNED  # more than 5 % of the way
     # Without the estimate nobody would have said anything.
@@ -309,12 +315,37 @@ def test_a_run_repeats_bit_by_bit_on_its_own(study: Any) -> None:
         assert json.dumps(again, sort_keys=True, default=str) == json.dumps(one, sort_keys=True, default=str)
 
 
-def test_with_autoreset_by_hand_failures_show() -> None:
+def by_engine_and_by_hand(kind: Kind, wanted: Callable[[Setup], bool], count: int) -> tuple[Any, Any]:
+    """The first runs of a kind that are wanted, in MuJoCo, as rows of a study without and with --autoreset."""
+    numbers = []
+    for number in range(100):
+        setup = draw_setup(np.random.default_rng([0, number]), kind)
+        if naive.applies(setup) and wanted(setup):
+            numbers.append(number)
+        if len(numbers) == count:
+            break
+    points = [{"kind": kind.name, "number": number, "seed": 0} for number in numbers]
+    return tuple([task.run_extreme(point | {"autoreset": by_hand}) for point in points] for by_hand in (False, True))
+
+
+def test_with_autoreset_silent_resets_are_counted() -> None:
     # The test of the test: the same runs, once by the engine and once as by a script of one's own.
-    ours = extremes(10, 0, kinds=[Kind.BAD_LAW], workers=HERE)
-    by_hand = extremes(10, 0, kinds=[Kind.BAD_LAW], autoreset=True, workers=HERE)
-    assert ours.data["table"][-1]["undetected"] == 0
-    assert by_hand.data["table"][-1]["undetected"] > 0
+    ours, by_hand = by_engine_and_by_hand(Kind.PAST_LIMIT, lambda setup: (setup.experiment.excess or 0) > 5, 6)
+    assert {one["verdict"] for one in ours} <= {"stopped", "warned"}
+    silent = [one for one in by_hand if "its times do not go to the end" in one["cause"]]
+    assert len(silent) >= 3
+    assert conclusions(ours, [Kind.PAST_LIMIT])["table"][-1]["undetected"] == 0
+    assert conclusions(by_hand, [Kind.PAST_LIMIT])["table"][-1]["undetected"] >= len(silent)
+    assert not conclusions(by_hand, [Kind.PAST_LIMIT])["passed"]
+
+
+@pytest.mark.parametrize(("mistake", "cause"), [("NaN for all", "off by inf m"), ("a text", "a traceback: ")])
+def test_with_autoreset_nonsense_of_a_law_is_counted(mistake: str, cause: str) -> None:
+    # MuJoCo takes NaN for zero, without a word; a text ends in numpy's words.
+    ours, by_hand = by_engine_and_by_hand(Kind.BAD_LAW, lambda one: one.experiment.facts["mistake"] == mistake, 1)
+    assert [one["verdict"] for one in ours] == ["stopped"]
+    assert [one["verdict"] for one in by_hand] == ["undetected"]
+    assert cause in by_hand[0]["cause"]
 
 
 def test_a_reset_behind_ones_back_shows() -> None:
@@ -322,20 +353,103 @@ def test_a_reset_behind_ones_back_shows() -> None:
     scene = conservative(tmj.load_scene("prism"), 0)
     here = pace(scene)
     step = 3 * 2.0 / here.vibration
-    experiment = Experiment(scene, excess=3.0)
-    setup = Setup(Kind.PAST_LIMIT, experiment, "euler", step, 1e-6, 320 * step, here, here.fastest)
+    setup = Setup(Kind.PAST_LIMIT, Experiment(scene, excess=3.0), "euler", step, 1e-6, 320 * step, here, here.fastest)
     engine = setup.engine_at(step)
     by_hand, ours = naive.attempt(setup, engine), attempt(setup, engine)
     assert by_hand.run is not None
+    assert by_hand.run.time[-1] < setup.duration
+    np.testing.assert_array_equal(by_hand.run.nodes[0], ours.error.trajectory.nodes[0])  # type: ignore[union-attr]
+    silent, stopped = judge_end(by_hand, setup.duration), judge_end(ours, setup.duration)
+    assert silent is not None
+    assert silent.verdict is Verdict.UNDETECTED
+    assert stopped is not None
+    assert stopped.verdict is Verdict.STOPPED
+
+
+def test_a_stable_loop_by_hand_is_as_good_as_the_engine() -> None:
+    # What the test of the test counts is the loop's silence, not its own mistakes.
+    scene = conservative(tmj.load_scene("prism"), 0)
+    here = pace(scene)
+    step = 0.1 / here.vibration
+    setup = Setup(Kind.PAST_LIMIT, Experiment(scene), "euler", step, 1e-6, 320 * step, here, here.fastest)
+    by_hand, ours = naive.attempt(setup, setup.engine_at(step)), attempt(setup, setup.engine_at(step))
+    assert by_hand.run is not None
+    assert ours.run is not None
     assert judge_end(by_hand, setup.duration) is None
-    assert not by_hand.warned
-    judgement = judge_end(ours, setup.duration)
-    assert judgement is not None
-    assert judgement.verdict is Verdict.STOPPED
+    np.testing.assert_array_equal(by_hand.run.nodes, ours.run.nodes)
+
+
+def test_nobody_may_complete_where_the_law_returns_nonsense() -> None:
+    drawn_setups = (draw_setup(np.random.default_rng([1, number]), Kind.BAD_LAW) for number in range(20))
+    setup = next(one for one in drawn_setups if one.experiment.facts["mistake"] == "NaN for all")
     reference = tight_dae(setup)
     assert reference is not None
-    error = node_difference(by_hand.run, reference.run)
-    assert judge_error(by_hand, naive.claim(by_hand.run), error, reference.doubt).verdict is Verdict.UNDETECTED
+    assert not reference.completed
+    good = replace(setup, experiment=replace(setup.experiment, law=None, mode=Mode.CONTINUOUS))
+    assert task._distance(attempt(good, tmj.DAE()), reference) == (math.inf, 0.0)
+
+
+def setups_of(engine: str, kind: Kind = Kind.SLACK) -> Iterator[tuple[dict[str, Any], Setup]]:
+    """Runs of a kind without a law by an engine whose name begins so: each as a point of a study, and in full."""
+    for number in range(200):
+        setup = draw_setup(np.random.default_rng([9, number]), kind)
+        if setup.engine.startswith(engine) and setup.experiment.law is None:
+            yield {"kind": kind.name, "number": number, "seed": 9, "autoreset": False}, setup
+
+
+@pytest.mark.parametrize(
+    ("engine", "other"), [("dae rk4", "ODE"), ("dae dop853", "ODE"), ("rk4", "DAE"), ("euler", "DAE"), ("ode", "DAE")]
+)
+def test_a_reference_is_of_another_formulation_and_tells_its_doubt(engine: str, other: str) -> None:
+    _, setup = next(setups_of(engine, Kind.SPIN))
+    reference = reference_of(setup)
+    assert reference is not None
+    assert reference.run is not None
+    assert reference.run.engine.startswith(other)
+    assert 0 < reference.doubt < 1e-4 * way_of(reference.run)
+
+
+@pytest.mark.parametrize("engine", ["dae rk4", "rk4", "ode dop853"])
+def test_a_formulation_that_is_wrong_at_every_step_shows(engine: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    # An engine that takes strings for twice as stiff converges smoothly, and only another formulation can tell.
+    point, setup = next(one for one in setups_of(engine, Kind.STIFF) if task.run_extreme(one[0])["verdict"] == "right")
+    true = setup.experiment.scene
+    stiffer = true.with_(structure=true.structure.with_strings(stiffness=2 * true.structure.stiffness))
+
+    def wrong(one: Setup, level: Any) -> Attempt:
+        return attempt(replace(one, experiment=replace(one.experiment, scene=stiffer)), level)
+
+    monkeypatch.setattr(task, "attempt", wrong)
+    assert task.run_extreme(point)["verdict"] == "undetected"
+
+
+def test_the_estimate_of_a_run_with_kinks_claims_no_high_order(
+    run: tmj.Trajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Runs that differ by 1e-5 m and then by 1e-6 m: an order of log2(10), by which the last is wrong by a ninth of the
+    # last difference, times 1.25. With kinks it is by twice the geometric mean of both, 2 √(1e-5 · 1e-6) = 6.3e-6 m.
+    _, setup = next(setups_of("rk4"))
+
+    def estimate(one: Setup, own: tmj.Trajectory, *gaps: float) -> Estimate:
+        coarser = [replace(own, nodes=own.nodes + np.array([0, 0, sum(gaps[k:])])) for k in range(2)]
+        runs = iter(coarser)
+        monkeypatch.setattr(task, "attempt", lambda *_: ended(next(runs)))
+        return task._estimate(one, ended(own))
+
+    smooth = replace(run, force_densities=np.ones_like(run.force_densities))
+    kinks = np.ones_like(run.force_densities)
+    kinks[3, 0] = 0.0
+    assert estimate(setup, smooth, 1e-5, 1e-6).value == pytest.approx(1.25e-6 / 9, rel=1e-2)
+    kinked = estimate(setup, replace(run, force_densities=kinks), 1e-5, 1e-6)
+    assert kinked.value == pytest.approx(2 * math.sqrt(1e-11), rel=1e-6)
+    # Tolerances that make the very same steps: no less than the tolerance is claimed.
+    _, adaptive = next(setups_of("dae dop853"))
+    extent = float(np.abs(smooth.nodes).max())
+    assert estimate(adaptive, smooth, 0.0, 0.0).value >= adaptive.tolerance * extent
+    # Differences that do not fall settle nothing, and a run that fails with twice the step neither.
+    assert not estimate(setup, smooth, 1e-5, 1e-5).settled
+    monkeypatch.setattr(task, "attempt", lambda *_: ended(None, DivergenceError("t = 0 s", 0.0)))
+    assert not task._estimate(setup, ended(smooth)).settled
 
 
 def test_a_failed_task_is_counted_as_undetected() -> None:

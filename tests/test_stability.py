@@ -29,10 +29,11 @@ from tensegrity_mj.law import native_law
 from tensegrity_mj.prestress import equilibrium_residual
 from tensegrity_mj.stability import HALF_DISC, _bound, before_run
 from tensegrity_mj.structure import PointMass, Rod, String, Support
+from tensegrity_mj.studies.stability import measure
 from tensegrity_mj.studies.stability.cases import AXES, base_structure, random_points, structure_of, varied
 from tensegrity_mj.studies.stability.engines import NAMES, engine_of
 from tensegrity_mj.studies.stability.measure import measured_limit
-from tensegrity_mj.studies.stability.study import AGREEMENT, compared
+from tensegrity_mj.studies.stability.study import AGREEMENT, compared, steps_for
 from tensegrity_mj.vibration import Bodies, Vibration, stiffness_bounds, vibration
 
 Array = NDArray[np.float64]
@@ -317,7 +318,7 @@ def test_the_check_never_calls_a_law_of_pythons_and_never_raises() -> None:
 
     def broken(time: float) -> Array:
         if calls:
-            raise ValueError("no load")
+            raise KeyError("no load")
         return np.zeros((3, 3))
 
     loaded = scene.with_(loads=broken)
@@ -372,6 +373,73 @@ def test_baumgartes_frequency_limits_the_dae() -> None:
     assert stable_step(Scene(structure), engine).limit == pytest.approx(2.785294 / 50.0, rel=1e-5)
 
 
+def test_many_strings_without_tension_have_no_geometric_stiffness_to_iterate_on() -> None:
+    # 200 coordinates: sparse, and a matrix of zeros, on which Lanczos iterations break down.
+    found = stable_step(tmj.load_scene("planar_beam"), tmj.MuJoCo(integrator=Integrator.DISCRETE))
+    assert found.limit == math.inf
+    assert not found.motion.any()
+
+
+def test_contact_is_named_as_what_the_model_leaves_out() -> None:
+    found = stable_step(tmj.load_scene("prism_drop"), tmj.MuJoCo())
+    assert any("contact is not in the model" in note for note in found.notes)
+
+
+def spun(rate: float, damping: float, engine: Any) -> float:
+    """Angular momentum of a prestressed prism in free flight after 1 s, over that at the start."""
+    structure = tmj.load_scene("prism_drop").structure
+    structure = structure.with_strings(damping=damping * structure.damping)
+    nodes = structure.positions
+    axis = np.array([1.0, 0.2, 0.1]) / math.hypot(1.0, 0.2, 0.1)
+    scene = Scene(structure, initial_velocities=np.cross(rate * axis, nodes - nodes.mean(axis=0)), gravity=(0, 0, 0))
+    run = tmj.simulate(scene, None, engine, duration=1.0, output_interval=0.1)
+
+    def momentum(row: int) -> float:
+        x, v = run.nodes[row] - run.nodes[row].mean(axis=0), run.velocities[row] - run.velocities[row].mean(axis=0)
+        # Equal rods: Σ over rods of (m/12)(b × ḃ) and m r × ṙ is m/6 (2 a×ȧ + 2 b×ḃ + a×ḃ + b×ȧ) of their ends a, b.
+        a, b = structure.rod_nodes.T
+        total = 2 * np.cross(x[a], v[a]) + 2 * np.cross(x[b], v[b]) + np.cross(x[a], v[b]) + np.cross(x[b], v[a])
+        return float(np.linalg.norm(total.sum(axis=0)))
+
+    return momentum(-1) / momentum(0)
+
+
+@pytest.mark.parametrize("integrator", [Integrator.IMPLICIT, Integrator.IMPLICITFAST])
+def test_dampers_between_bodies_spin_a_structure_up_or_down_where_velocities_are_implicit(
+    integrator: Integrator,
+) -> None:
+    # (1 + h Db)(v' - v) = h f with blocks Db of single bodies: strings' forces have no moment in sum, but what they do
+    # to the velocities has one. It changes sign with the spin, and vanishes with c; the limit at rest is six times h.
+    engine = tmj.MuJoCo(1e-3, integrator)
+    assert spun(10.0, 1.0, engine) > 1.01
+    assert spun(-10.0, 1.0, engine) < 0.99
+    assert spun(10.0, 0.0, engine) == pytest.approx(1.0, abs=5e-3)
+    found = stable_step(tmj.load_scene("prism_drop"), engine)
+    assert found.limit > 5e-3
+    assert any("does not keep angular momentum" in note for note in found.notes)
+    for other in (Integrator.EULER, Integrator.DISCRETE, Integrator.RK4):
+        # First order in h ω of the spin for the one-stage ones: 1e-3 at h Ω = 0.01 over the first jerk of the strings.
+        assert spun(10.0, 1.0, tmj.MuJoCo(1e-3, other)) == pytest.approx(1.0, abs=1e-3)
+        notes = stable_step(tmj.load_scene("prism_drop"), tmj.MuJoCo(1e-3, other)).notes
+        assert not any("angular momentum" in note for note in notes)
+
+
+@pytest.mark.parametrize(
+    ("bad", "engine"),
+    [
+        ({"time": -1.0}, tmj.MuJoCo()),
+        ({"run": "run.nc"}, tmj.MuJoCo()),
+        ({"actuation": "continuous"}, tmj.MuJoCo()),
+        ({}, None),
+        ({}, tmj.MuJoCo),
+        ({}, Method.RK4),
+    ],
+)
+def test_what_is_no_state_engine_or_run_is_refused(bad: dict[str, Any], engine: Any) -> None:
+    with pytest.raises(OptionError, match=next(iter(bad), "engine")):
+        stable_step(tmj.load_scene("prism"), engine, **bad)
+
+
 @pytest.mark.parametrize("bad", [{"nodes": np.zeros((2, 3))}, {"rest_lengths": [1.0]}, {"time": math.nan}])
 def test_bad_input_is_named(bad: dict[str, Any]) -> None:
     with pytest.raises(OptionError, match=next(iter(bad))):
@@ -403,6 +471,35 @@ def test_the_measurement_finds_known_limits() -> None:
     measured = measured_limit(scene, lambda h: tmj.MuJoCo(h), 10.0)
     assert measured.limit == pytest.approx(math.sqrt(8) / 10, rel=0.006)
     assert measured_limit(scene, lambda h: tmj.MuJoCo(h, Integrator.DISCRETE), 10.0, most=0.9).limit == math.inf
+
+
+def test_fewer_steps_of_large_structures_still_find_the_limit() -> None:
+    assert [steps_for(rods) for rods in (1, 30, 31, 100, 101, 500)] == [1000, 1000, 300, 300, 100, 100]
+    scene = Scene(oscillator(10.0))
+    measured = measured_limit(scene, lambda h: tmj.MuJoCo(h), 10.0, steps=100)
+    # 0.5 % of the bisection, and growth seen from 0.8 % on: from 1e-11 of the size past ten times the floor of 3e-10
+    # takes a factor of 300, and exp(100 · 7 · 0.008) = 270.
+    assert measured.limit == pytest.approx(math.sqrt(8) / 10, rel=0.014)
+
+
+def test_a_motion_that_is_large_from_the_first_sample_on_is_not_taken_for_a_stable_one(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # Growth that slack strings have stopped within the first quarter of the run: the quarters are alike.
+    scene = Scene(oscillator(10.0))
+    amplitude = measure.AMPLITUDE * 2.0  # m a step: the structure is 2 m long
+
+    def run(reach: float) -> Any:
+        nodes = np.repeat(scene.nodes0[None], 9, axis=0)
+        nodes[1:, 2, 1] = reach  # across the strings, whose lengths then hardly change
+        return lambda *_: tmj.simulate(scene, None, tmj.MuJoCo(1e-3), duration=8e-3, output_interval=1e-3).__class__(
+            **{**vars(tmj.simulate(scene, None, tmj.MuJoCo(1e-3), duration=8e-3, output_interval=1e-3)), "nodes": nodes}
+        )
+
+    monkeypatch.setattr(measure, "_run", run(1.01 * measure.FAR * amplitude * 100))
+    assert "grew to" in measure._why_unstable(scene, tmj.MuJoCo(1e-3), None, True, 1e-3, 100, 0)
+    monkeypatch.setattr(measure, "_run", run(0.99 * measure.FAR * amplitude * 100))
+    assert measure._why_unstable(scene, tmj.MuJoCo(1e-3), None, True, 1e-3, 100, 0) == ""
 
 
 # The structures ----------------------------------------------------------------------------------------------
@@ -447,6 +544,15 @@ def test_the_maps_vary_one_property_of_an_equilibrium(axis: str) -> None:
         # Rest lengths have 16 digits: of u that leaves 1e-16 k.
         residual = np.abs(equilibrium_residual(structure, None, pull)).max()
         assert residual < 1e-12 * scale + 1e-15 * structure.stiffness.max()
+        tallness = np.ptp(structure.positions, axis=0) / np.ptp(base.positions, axis=0)
+        np.testing.assert_allclose(tallness, [1, 1, value if axis == "slenderness" else 1], rtol=1e-12)
+        mass = float(structure.rod_masses[0] / structure.rod_masses[1])
+        assert mass == pytest.approx(value if axis == "mass_ratio" else 1.0)
+        assert structure.stiffness.max() == pytest.approx(value if axis == "stiffness" else 1000.0)
+        if axis == "prestress":
+            assert np.max(pull / structure.stiffness) == pytest.approx(value, abs=1e-15)
+        zeta = structure.damping / (2 * np.sqrt(structure.stiffness * 0.25 * structure.rod_masses.mean()))
+        np.testing.assert_allclose(zeta, value if axis == "damping" else 0.0)
 
 
 def test_points_of_random_structures_are_the_same_each_time_and_no_two_alike() -> None:

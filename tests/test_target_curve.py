@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numba
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -187,8 +188,14 @@ def test_it_stands_still_outside_and_starts_where_it_is_told() -> None:
 
 
 def test_compiled_code_reads_the_packed_arrays() -> None:
+    @numba.njit
+    def copies(address: int) -> Any:
+        """Views of foreign memory never leave compiled code: nothing would own them."""
+        times, waypoints, pieces, shapes = read_target(address)
+        return times.copy(), waypoints.copy(), pieces.copy(), shapes.copy()
+
     packed = PackedTarget(target())
-    for own, read in zip(packed.arrays, read_target(packed.address), strict=True):
+    for own, read in zip(packed.arrays, copies(packed.address), strict=True):
         np.testing.assert_array_equal(own, read)
 
 

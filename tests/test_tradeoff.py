@@ -154,6 +154,8 @@ def test_options_that_make_no_sense_are_refused() -> None:
         TradeoffOptions(periods=[-1.0])
     with pytest.raises(OptionError, match="repeats"):
         TradeoffOptions(repeats=0)
+    with pytest.raises(OptionError, match="nonsense: no setting has one of these words; there are MuJoCo Euler"):
+        small_study(None, families=["nonsense"])
     with pytest.raises(OptionError, match="no control law"):
         tradeoff("tbar", options=TradeoffOptions(loops=[Loop.CLOSED]))
 
@@ -427,6 +429,20 @@ def test_it_goes_on_where_it_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyP
         small_study(tmp_path / "a", repeats=1)
 
 
+def test_a_finished_study_computes_nothing_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = small_study(tmp_path / "a")
+    from tensegrity_mj.studies.tradeoff import study as module
+
+    def never(*_: object, **__: object) -> None:
+        raise AssertionError("something was computed again")
+
+    for name in ("attempt", "find_reference", "record"):
+        monkeypatch.setattr(module, name, never)
+    again = small_study(tmp_path / "a")
+    assert again.data["timing"] == json.loads(json.dumps(first.data["timing"]))  # even the clock's readings are kept
+    assert without_timing(json.loads(json.dumps(again.data))) == without_timing(json.loads(json.dumps(first.data)))
+
+
 def test_what_stands_still_starts_from_where_its_law_moves_it() -> None:
     options = TradeoffOptions(
         engines=[Kind.MUJOCO], families=["RK4"], steps=[0.01], repeats=1, duration=1.0, periods=[]
@@ -494,6 +510,106 @@ def test_a_sentence_names_the_cheapest_setting_and_how_fast_it_is() -> None:
     counts = [one["evaluations"] for one in experiment["points"]]
     told = {one["tolerance"]: one["text"] for one in sentence.advice(experiment, counts)}
     assert told[1e-4] == "for 1e-4 m use MuJoCo RK4, 10 ms: 400 right-hand sides"
+
+
+@settings(derandomize=True, deadline=None)
+@given(
+    st.lists(st.tuples(st.one_of(st.none(), st.floats(1e-12, 1.0)), st.integers(1, 1000)), min_size=1, max_size=12),
+    st.floats(1e-12, 1e-1),
+)
+def test_what_is_recommended_completed_and_is_good_enough_even_if_the_reference_is_off(
+    drawn: list[tuple[float | None, int]], own: float
+) -> None:
+    families = ("MuJoCo Euler", "DAE RK4", "ODE DOP853")
+    experiment = experiment_of(
+        [(families[n % 3], f"{n} ms", error, count) for n, (error, count) in enumerate(drawn)], own
+    )
+    counts = [count for _, count in drawn]
+    for told in sentence.advice(experiment, counts):
+        if told["point"] is None:
+            assert not any(error is not None and error + own <= told["tolerance"] for error, _ in drawn)
+            continue
+        error, count = drawn[told["point"]]
+        assert error is not None
+        assert error + own <= told["tolerance"]
+        assert count == min(c for e, c in drawn if e is not None and e + own <= told["tolerance"])
+        # The alternative in MuJoCo, where one is named, is as good.
+        if "; in MuJoCo" in told["text"]:
+            named = told["text"].partition("; in MuJoCo Euler, ")[2].partition(" ms")[0]
+            other = drawn[int(named)][0]
+            assert other is not None
+            assert other + own <= told["tolerance"]
+
+
+def test_below_the_references_own_error_the_front_has_one_point_the_cheapest() -> None:
+    from tensegrity_mj.studies.tradeoff.study import _result
+
+    chosen = sweep_settings(spring_scene(), Kind.MUJOCO, steps=[0.02, 0.01, 0.005])[:3]
+    costs_and_errors = [(1.0, 1e-3), (2.0, 5e-7), (4.0, 1e-7)]
+    records = [
+        [
+            {"status": "completed", "reason": "", "error": error, "final_error": error, "steps": 1, "memory": 1}
+            | {"evaluations": int(cost), "simulated": DURATION, "timing": {"wall_time": cost}}
+        ]
+        for cost, error in costs_and_errors
+    ]
+    told = {"engine": "one", "own_error": 1e-6, "looser": None, "second_formulation": None, "motion": 0.2, "reason": ""}
+    experiment = spring_experiment()
+    motion = Motion(np.zeros(1), experiment.scene.nodes0[None])
+    values, timing = _result(experiment, reference.Reference(motion, told), None, chosen, records)
+    assert values["by_right_hand_sides"]["front"] == [0, 1]
+    assert timing["front"] == [0, 1]
+    assert [one["at_reference_floor"] for one in values["points"]] == [False, True, True]
+    told["own_error"] = 1e-9
+    values, timing = _result(experiment, reference.Reference(motion, told), None, chosen, records)
+    assert values["by_right_hand_sides"]["front"] == timing["front"] == [0, 1, 2]
+
+
+def test_long_runs_are_timed_less_often() -> None:
+    from tensegrity_mj.studies.tradeoff.study import _again
+
+    experiment, chosen = spring_experiment(), TradeoffOptions(budget=1000.0, repeats=5)
+
+    def times(evaluations: int, status: str = "completed") -> int:
+        first = {"status": status, "evaluations": evaluations}
+        return 1 + sum(_again(experiment, first, number, chosen) for number in range(1, 5))
+
+    # Two strings: a right-hand side weighs 2, so that 125 and 500 are a quarter of the budget and all of it.
+    assert [times(count) for count in (1, 125, 126, 500, 501)] == [5, 5, 2, 2, 1]
+    assert times(1, "diverged") == 1
+
+
+@pytest.mark.parametrize(
+    ("own", "taken"),
+    [((1e-3, 0, 0), 2.0), ((3e-3, 1e-9, 0), 0.2), ((math.inf, 1.0, 1e-3), 0.02), ((math.inf, 1.0, 0.5), 0.02)],
+)
+def test_an_open_loop_is_shortened_until_its_reference_means_something(
+    own: tuple[float, ...], taken: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from tensegrity_mj.studies.tradeoff import study as module
+
+    errors = iter(own)
+    moving = Motion(np.array([0.0, 1.0]), np.stack([np.zeros((1, 3)), np.full((1, 3), START)]))
+
+    def told(experiment: Experiment, *_: Any) -> reference.Reference:
+        error = next(errors)
+        motion = moving if math.isfinite(error) else None
+        return reference.Reference(motion, {"own_error": error if motion else None, "motion": START})
+
+    monkeypatch.setattr(module, "_reference", told)
+    experiment, _ = module._shortened(spring_experiment(), TradeoffOptions(), None)  # type: ignore[arg-type]
+    assert experiment.duration == taken
+    assert ("Shortened from 2 s" in experiment.note) == (taken < 2)
+
+
+def test_without_a_reference_or_a_run_the_sentence_has_the_reason() -> None:
+    experiment = experiment_of([("MuJoCo RK4", "30 ms", None, 1)])
+    experiment["points"][0]["reason"] = "30 ms does not divide 1 s"
+    (told,) = sentence.advice(experiment, [1])
+    assert told["text"] == "for 1e-2 m: no setting completed (30 ms does not divide 1 s)"
+    long = tradeoff(spring_scene(), options=TradeoffOptions(loops=[Loop.OPEN], duration=1e9, repeats=1))
+    (text,) = long.sentences
+    assert text.startswith("open loop: no reference: the run would record")
 
 
 def test_the_reference_is_part_of_every_bound() -> None:

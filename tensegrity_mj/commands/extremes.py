@@ -13,7 +13,7 @@ EXAMPLES = """\
 examples:
   tensegrity-mj extremes --runs 1000 --seed 0 --out extremes
   tensegrity-mj extremes --runs 50 --kinds stiff slack past_limit
-  tensegrity-mj extremes --runs 100 --autoreset      # the test of the test: failures must show
+  tensegrity-mj extremes --runs 60 --kinds past_limit bad_law --autoreset   # the test of the test: failures must show
 """
 
 # As in studies.extremes.kinds.Kind: written here so that --help need not import it (tested to agree).

@@ -138,7 +138,8 @@ def _with_userdata(scene: Scene, options: MuJoCo) -> mujoco.MjModel:
 
 @contextmanager
 def law_in(model: mujoco.MjModel, plant: Plant) -> Iterator[NDArray[np.int64]]:
-    """Install the law of a plant for every MjData of a model; gives the array whose place [status] is set to 1.
+    """Install the law of a plant for every MjData of a model; gives the array whose place [status] is set to 1
+    (`OTHER_STRINGS`: a model with other strings was stepped).
 
     The plant's mode is continuous: nothing is kept from stage to stage.
     """
@@ -146,7 +147,7 @@ def law_in(model: mujoco.MjModel, plant: Plant) -> Iterator[NDArray[np.int64]]:
     guide = many.Guide(scene, model)
     designed = np.array(scene.structure.rest_lengths)
     sites, bodies, roots = node_addresses(scene, model)
-    answers = np.zeros(4, np.int64)
+    answers = np.zeros(many.ANSWER_COUNT, np.int64)
     table = plant.table.copy()
     places = {
         callback.DESIGNED: designed,

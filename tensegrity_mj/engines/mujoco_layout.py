@@ -71,7 +71,7 @@ def offset(structure: str, field: str) -> int:
 
 
 def check_layout(model: mujoco.MjModel, data: mujoco.MjData, fields: tuple[str, ...]) -> None:
-    """See that these arrays of mjData, its time, and the sizes of mjModel are where the offsets say.
+    """See that these arrays of mjData, its time, and the sizes and strings of mjModel are where the offsets say.
 
     Raises:
         MissingLibraryError: where one is not.
@@ -91,6 +91,11 @@ def check_layout(model: mujoco.MjModel, data: mujoco.MjData, fields: tuple[str, 
         data.time = kept
     for field in ("nu", "nsite", "nbody", "ntendon", "nuserdata"):
         if ctypes.c_int64.from_address(model_at + offset("mjModel", field)).value != getattr(model, field):
+            raise _wrong("mjModel", field)
+    for field in ("actuator_gainprm", "actuator_biasprm", "wrap_objid"):
+        view = getattr(model, field)
+        found = ctypes.c_void_p.from_address(model_at + offset("mjModel", field)).value or 0
+        if np.size(view) and found != address_of(view):
             raise _wrong("mjModel", field)
     if ctypes.c_uint64.from_address(model_at + offset("mjModel", "signature")).value != model.signature:
         raise _wrong("mjModel", "signature")

@@ -7,7 +7,8 @@ many runs      each simulation has a table of its own, as a single run has, and 
                table is told where this MjData has its arrays before each stage.
 a law alone    nothing is kept from stage to stage: a copy of one table, with scratch of its own, lies on the stack.
 
-Both leave any other model alone, by the signature and the sizes of mjModel.
+Both leave any other model alone, by the signature and the sizes of mjModel. These tell what a model is built of, not its
+numbers; so a law alone also compares the strings, by whose stiffness and rest lengths it turns answers into controls.
 """
 
 from __future__ import annotations
@@ -103,8 +104,15 @@ USERDATA_SIZE = 2  # of a model whose simulations have runs: a token, and the nu
     RUN_COUNT,
     LAW_TABLE,
     ANSWERS,
-) = range(19)
-GUIDE_SIZE = 19
+    SPRINGS,
+    GAINS_AT,
+    BIASES_AT,
+    ENDS,
+    ENDS_AT,
+) = range(24)
+GUIDE_SIZE = 24
+PARAMETERS = 10  # numbers that mjModel has for the gain and for the bias of each actuator
+OTHER_STRINGS, ANSWER_COUNT = 4, 5  # places of the answers, after those of a law's status
 
 
 @inlined
@@ -123,6 +131,22 @@ def _is_ours(guide: Any, model: int) -> bool:
         and _at(model, guide[BODIES_AT]) == guide[BODIES]
         and _at(model, guide[USERDATA_SIZE_AT]) == guide[USERDATA]
     )
+
+
+@borrowing
+def _has_our_strings(guide: Any, model: int) -> bool:
+    """Whether the strings of a model tie the same sites in the same order, with the same springs and dampers."""
+    M = guide[STRINGS]
+    springs, ends = floats(guide[SPRINGS], (M, 4)), integers(guide[ENDS], (M,))
+    gains = floats(_at(model, guide[GAINS_AT]), (M, PARAMETERS))
+    biases = floats(_at(model, guide[BIASES_AT]), (M, PARAMETERS))
+    found = integers(_at(model, guide[ENDS_AT]), (M,))
+    same = True
+    for m in range(M):
+        same &= gains[m, 0] == springs[m, 0] and ends[m] == found[m]
+        for k in range(3):
+            same &= biases[m, k] == springs[m, 1 + k]
+    return same
 
 
 @inlined
@@ -191,6 +215,9 @@ def stage_of_a_law(guide: Any, model: int, data: int) -> None:
     """A stage under a law alone. Where the law has no answer the controls stay, and the answer is marked."""
     if not _is_ours(guide, model):
         return
+    if not _has_our_strings(guide, model):
+        integers(guide[ANSWERS], (ANSWER_COUNT,))[OTHER_STRINGS] = 1
+        return
     own = integers(guide[LAW_TABLE], (TABLE_SIZE,))
     size = law_room(own[NODE_COUNT], own[STRING_COUNT])
     if size <= STACK_LIMIT:
@@ -200,7 +227,7 @@ def stage_of_a_law(guide: Any, model: int, data: int) -> None:
         status = _command(guide, data, heap.ctypes.data)
         heap[0] = 0.0  # alive until here
     if status != SOLVED:
-        integers(guide[ANSWERS], (4,))[status] = 1  # threads only ever write the same
+        integers(guide[ANSWERS], (ANSWER_COUNT,))[status] = 1  # threads only ever write the same
 
 
 @cache
@@ -263,4 +290,10 @@ class Guide:
         for slot, name in sizes.items():
             table[slot], table[slot + 1] = getattr(model, name), offset("mjModel", name)
         table[FIELDS], table[FIELD_COUNT] = address_of(self._fields), len(self._fields)
+        # Two sites a tendon, two 32-bit numbers: one of 64 bits.
+        self._ends = np.array(model.wrap_objid, np.int32).view(np.int64)
+        self._springs = np.column_stack([model.actuator_gainprm[:, :1], model.actuator_biasprm[:, :3]])
+        table[SPRINGS], table[ENDS] = address_of(self._springs), address_of(self._ends)
+        table[GAINS_AT], table[BIASES_AT] = offset("mjModel", "actuator_gainprm"), offset("mjModel", "actuator_biasprm")
+        table[ENDS_AT] = offset("mjModel", "wrap_objid")
         table[TIME_AT], table[USERDATA_AT] = offset("mjData", "time"), offset("mjData", "userdata")

@@ -51,8 +51,9 @@ def _run(setup: Setup, engine: MuJoCo) -> Trajectory:
     times, nodes = [], []
     mujoco.mj_forward(model, data)
     for step in range(steps + 1):
+        mujoco.mj_kinematics(model, data)  # a step leaves the sites where they were before it
         if step % stride == 0:
-            times.append(step * engine.timestep)
+            times.append(data.time)  # which a reset puts back to zero
             nodes.append(data.site_xpos[sites].copy())
         if law is not None:
             u = np.asarray(law(data.time, data.site_xpos[sites], np.zeros((len(sites), 3))))
@@ -60,7 +61,7 @@ def _run(setup: Setup, engine: MuJoCo) -> Trajectory:
             data.ctrl[:] = lengths * (1 - u / structure.stiffness) - structure.rest_lengths
         if scene.loads:
             data.qfrc_applied[:] = 0
-            for site, force in zip(sites, scene.nodal_forces(step * engine.timestep), strict=True):
+            for site, force in zip(sites, scene.nodal_forces(data.time), strict=True):
                 if force.any():
                     at, body = data.site_xpos[site], model.site_bodyid[site]
                     mujoco.mj_applyFT(model, data, force, np.zeros(3), at, body, data.qfrc_applied)

@@ -11,6 +11,7 @@ from tensegrity_mj.convergence import node_difference
 from tensegrity_mj.engines.dae import DAE
 from tensegrity_mj.engines.integration import Method
 from tensegrity_mj.engines.ode import ODE
+from tensegrity_mj.errors import ControllerError
 from tensegrity_mj.studies.extremes.setups import GRAIN, Setup, attempt
 from tensegrity_mj.trajectory import Status, Trajectory
 
@@ -18,7 +19,7 @@ TIGHT, LOOSE = 1e-11, 1e-9  # rtol; the second tells how far the first may be of
 STIFF_TIGHT, STIFF_LOOSE = 1e-9, 1e-8
 MOST_STEPS = 20_000  # of an error-controlled method
 FINE = 0.02  # h times the fastest rate, of fixed steps
-MOST_FINE_STEPS = 200_000
+MOST_FINE_STEPS = 400_000
 MOST_TURNS = 3000.0  # [rad] of the fastest vibration: beyond, no method has an answer in that many steps
 MANY_RODS = 50  # beyond, some rod is near a pole, and fine steps are dear
 
@@ -28,17 +29,18 @@ class Reference:
     """A run that others are held against.
 
     Attributes:
-        run: the trajectory; it may have stopped where the law has no solution.
+        run: the trajectory; it may have stopped where the law has no solution. None where the law returned nonsense,
+            which no run may complete.
         doubt: how far it may be off itself [m]: twice its distance from a coarser one.
     """
 
-    run: Trajectory
+    run: Trajectory | None
     doubt: float
 
     @property
     def completed(self) -> bool:
         """Whether it came to the end."""
-        return self.run.status is Status.COMPLETED
+        return self.run is not None and self.run.status is Status.COMPLETED
 
 
 def reference_of(setup: Setup) -> Reference | None:
@@ -87,6 +89,8 @@ def _first(setup: Setup, pairs: list[tuple[Any, Any]]) -> Reference | None:
         return None
     for tight, loose in pairs:
         best = attempt(setup, tight)
+        if isinstance(best.error, ControllerError):
+            return Reference(None, 0.0)
         if best.run is None or best.run.status is Status.SINGULAR:
             continue
         if best.run.status is Status.INFEASIBLE:  # fixed steps might step over the moment

@@ -44,10 +44,9 @@ def run_extreme(point: dict[str, Any]) -> dict[str, Any]:
     values: dict[str, Any] = {"kind": kind.name, "engine": "none", "facts": {}}
     try:
         setup = draw_setup(rng, kind)
-    except TensegrityError as error:  # before there is an engine
-        missing = lacks(str(error), on_the_way=False)
-        judgement = Judgement(Verdict.UNDETECTED if missing else Verdict.REFUSED, str(error))
-        return values | _told(judgement)
+    except TensegrityError as problem:  # before there is an engine
+        missing = lacks(str(problem), on_the_way=False)
+        return values | _told(Judgement(Verdict.UNDETECTED if missing else Verdict.REFUSED, str(problem)))
     values |= {
         "engine": setup.engine,
         "step": setup.step if setup.fixed else None,
@@ -110,6 +109,8 @@ def _distance(own: Attempt, reference: Reference | None) -> tuple[float, float]:
     """How far a run is from the reference, and how far that may be off [m]; NaN where there is none."""
     if reference is None or own.run is None:
         return math.nan, math.nan
+    if reference.run is None:
+        return math.inf, 0.0
     return node_difference(own.run, reference.run), reference.doubt
 
 

@@ -126,6 +126,7 @@ def _out_of_reach(experiment: Data, tolerance: float) -> str:
         return f"nobody can say here, the reference itself is known to {metres(own)}"
     known = [(bound, number) for number, bound in enumerate(bounds(experiment)) if bound is not None]
     if not known:
-        return "no setting completed"
+        reasons = list(dict.fromkeys(one["reason"] for one in experiment["points"] if one.get("reason")))
+        return f"no setting completed ({reasons[0]})" if reasons else "no setting completed"
     bound, number = min(known)
     return f"no setting of this sweep; the best is {label(experiment['points'][number])} with {metres(bound)}"

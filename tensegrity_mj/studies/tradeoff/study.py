@@ -31,9 +31,10 @@ from tensegrity_mj.textformat import load_scene, scene_to_toml
 
 DATA, PAGE, PICTURE, RUNS = "tradeoff.json", "tradeoff.html", "tradeoff.png", "runs"
 FORMAT = 1
-HEAVY = 0.25  # of the budget: points that cost more are timed at most `HEAVY_REPEATS` times
-HEAVY_REPEATS = 2
-SHORTER = (1.0, 0.1, 0.01)  # of the duration: an open loop that is too stiff for a reference is shortened
+# Points that cost more than a part of the budget are timed so many times at most: long runs vary less.
+REPEATS_BEYOND = ((1.0, 1), (0.25, 2))
+SHORTER = (1.0, 0.1, 0.01)  # of the duration: an open loop that is too stiff or too wild for a reference is shortened
+GOOD = 1e-2  # of the motion: a reference known no better is none to measure against, where a shorter run has one
 
 Data = dict[str, Any]
 
@@ -76,6 +77,8 @@ def sentences(data: Data) -> list[str]:
         own = data["timing"]["experiments"][experiment["key"]]
         if own["floor"] is not None:
             found.append(own["floor"])
+        elif not own["advice"]:
+            found.append(f"{experiment['title']}: {sentence.reference_sentence(experiment)}")
         else:
             found += [f"{experiment['title']}: {one['text']}" for one in own["advice"]]
     return found
@@ -104,7 +107,8 @@ def tradeoff(
         The study. Runs that diverge, are refused or have no solution are results in it.
 
     Raises:
-        OptionError: for options out of range, a closed loop alone without a law, a folder of another study.
+        OptionError: for options out of range, families that do not exist, a closed loop alone without a law, a folder
+            of another study.
         SceneError: for loads that are a Python function.
         KeyboardInterrupt: what is finished is kept in the folder.
     """
@@ -172,6 +176,7 @@ def _measure(scene: Scene, law: Any, options: TradeoffOptions, kept: bench.Bench
     native = None if law is None else native_law(law, scene.structure)
     closed = [] if law is None or native is None else closed_loops(scene, law, native, options)
     wanted = closed if Loop.CLOSED in options.loops else []
+    _check_families([*wanted, *([open_loop(scene, options, None)] if Loop.OPEN in options.loops else [])], options)
     todo: list[tuple[Experiment, Reference]] = []
     with kept.bar(f"{scene.name}: references", len(closed) + (Loop.OPEN in options.loops)) as bar:
         references: dict[str, Reference] = {}
@@ -231,20 +236,32 @@ def _open(
 
 
 def _shortened(experiment: Experiment, options: TradeoffOptions, kept: bench.Bench) -> tuple[Experiment, Reference]:
-    """The experiment, shortened until there is a reference within the budget."""
-    first: tuple[Experiment, Reference] | None = None
+    """The experiment, shortened until a reference within the budget is known to `GOOD` of its motion."""
+    found: list[tuple[Experiment, Reference]] = []
     for part in SHORTER:
         tried = experiment
         if part < 1:
-            note = f"Shortened from {experiment.duration:g} s: a reference of the whole is beyond the budget."
+            note = (
+                f"Shortened from {experiment.duration:g} s: of the whole, no reference within the budget is known to "
+                f"{GOOD:.0%} of the motion."
+            )
             shorter = float(f"{part * experiment.duration:.12g}")
             tried = replace(experiment, duration=shorter, note=f"{experiment.note} {note}".strip())
         reference = _reference(tried, options, kept)
-        if reference.motion is not None and math.isfinite(reference.own_error):
+        found.append((tried, reference))
+        if reference.own_error <= GOOD * (reference.told["motion"] or 0.0) or _at_rest(reference):
             return tried, reference
-        first = first or (tried, reference)
-    assert first is not None
-    return first
+    # None is good: the one that is known best, the longer of equals.
+    return min(found, key=lambda one: _uncertainty(one[1]))
+
+
+def _at_rest(reference: Reference) -> bool:
+    return reference.motion is not None and stays(reference.motion.nodes)
+
+
+def _uncertainty(reference: Reference) -> float:
+    motion = reference.told["motion"]
+    return reference.own_error / motion if motion else math.inf
 
 
 # -------------------------------------------------------------------------------------------------------- settings
@@ -266,6 +283,18 @@ def _settings(experiment: Experiment, options: TradeoffOptions) -> list[Setting]
         )
         if options.wants(setting.family)
     ]
+
+
+def _check_families(experiments: Sequence[Experiment], options: TradeoffOptions) -> None:
+    if any(_settings(experiment, options) for experiment in experiments):
+        return
+    names = dict.fromkeys(
+        one.family for experiment in experiments for one in _settings(experiment, replace(options, families=()))
+    )
+    raise OptionError(
+        f"tradeoff: families = {', '.join(options.families) or 'all'}: no setting has one of these words; there are "
+        f"{'; '.join(names) or 'none, with these periods and this budget'}"
+    )
 
 
 def _passes(
@@ -305,8 +334,9 @@ def _again(experiment: Experiment, first: Data, number: int, options: TradeoffOp
     """Whether a point is timed once more; by what it computed, never by how long that took."""
     if first["status"] != Ended.COMPLETED.value:
         return False
-    heavy = first["evaluations"] * weight(experiment.scene, experiment.native) > HEAVY * options.budget
-    return number < (min(options.repeats, HEAVY_REPEATS) if heavy else options.repeats)
+    part = first["evaluations"] * weight(experiment.scene, experiment.native) / options.budget
+    most = next((count for above, count in REPEATS_BEYOND if part > above), options.repeats)
+    return number < min(options.repeats, most)
 
 
 # ---------------------------------------------------------------------------------------------------------- results
@@ -363,10 +393,10 @@ def _modelling_floor(experiment: Experiment, reference: Reference, continuous: R
     if experiment.actuation.mode is Mode.CONTINUOUS:
         return None
     unknown = {"distance": None, "final_distance": None, "resolved": None}
-    if continuous is None:
+    if continuous is None and reference.motion is not None:
         return {**unknown, "reason": "the continuous law was not asked for"}
-    if reference.motion is None or continuous.motion is None:
-        missing = reference if reference.motion is None else continuous
+    if continuous is None or reference.motion is None or continuous.motion is None:
+        missing = continuous if reference.motion is not None and continuous is not None else reference
         return {**unknown, "reason": str(missing.told["reason"])}
     distance = reference.motion.distance(continuous.motion)
     return {
