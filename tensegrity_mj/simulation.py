@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Callable
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Protocol
 
@@ -148,7 +149,13 @@ def provenance_of(request: Request) -> dict[str, Any]:
 
 def versions() -> dict[str, Any]:
     """Versions that decide the numbers."""
-    found: dict[str, Any] = {"python": platform.python_version()}
+    return {"python": platform.python_version(), **_installed()}
+
+
+@cache
+def _installed() -> dict[str, str | None]:
+    """Versions of packages; to look them up takes as long as a short run."""
+    found: dict[str, str | None] = {}
     for name in ("tensegrity-mj", "mujoco", "numpy", "scipy", "numba"):
         try:
             found[name] = version(name)

@@ -68,6 +68,25 @@ def test_every_engine_runs_it_as_the_python_law(prism, law, engine) -> None:
     assert run.provenance["controller"] == {"law": "damp", "compiled": True, "parameters": list(PARAMETERS)}
 
 
+def test_a_command_left_unwritten_is_no_answer(prism) -> None:
+    def idle(time, nodes, velocities, string_nodes, parameters, command):  # type: ignore[no-untyped-def]
+        return True
+
+    with pytest.raises(tmj.ControllerError, match="nan"):
+        tmj.simulate(prism, tmj.CompiledLaw(idle, prism.structure), tmj.MuJoCo(), duration=0.1)
+
+
+def test_a_report_that_is_none_is_an_error(prism) -> None:
+    class Wrong:
+        report = "good"
+
+        def __call__(self, time: float, nodes: Any, velocities: Any) -> Any:
+            return np.full(12, 0.1)
+
+    with pytest.raises(tmj.ControllerError, match="good"):
+        tmj.simulate(prism, Wrong(), tmj.MuJoCo(), duration=0.1)
+
+
 def test_false_is_no_solution(prism, law) -> None:
     run = tmj.simulate(prism, law, tmj.MuJoCo(), duration=0.5)
     assert run.status is tmj.Status.INFEASIBLE

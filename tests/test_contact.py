@@ -403,3 +403,24 @@ def test_overlaps_are_told_in_words() -> None:
     found = overlaps(_crossed(), Contact(floor=0.0, rods=True), np.array(list(_crossed().nodes.values()), float))
     assert found[0] == "rod 'rod1' at node 'a' is 0.01 m inside the floor"
     assert found[-1] == "rods 'rod1' and 'rod2' overlap by 0.01 m"
+
+
+def test_the_floor_is_where_the_scene_has_it() -> None:
+    """A plane of the MJCF through floor · n with the normal n, and forces along n: a sphere of a point mass tells."""
+    normal = np.array([1.0, -2.0, 4.0]) / np.sqrt(21.0)
+    contact = Contact(floor=-0.7, normal=(1.0, -2.0, 4.0))
+    structure = tmj.Structure(
+        "pair", nodes={"p": (0, 0, 0), "q": (0, 0, 9.0)}, rods=(), fixed_nodes=("q",),
+        strings=(tmj.String("s", ("p", "q"), 1.0, rest_length=20.0),), point_masses=(tmj.PointMass("p", 0.5),),
+    )  # fmt: skip
+    scene = tmj.Scene(structure, gravity=tuple(-G * normal), contact=contact)
+    model = mujoco.MjModel.from_xml_string(scene_to_mjcf(scene))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    place, axes = data.geom("floor").xpos, data.geom("floor").xmat.reshape(3, 3)
+    np.testing.assert_allclose(axes[:, 2], normal, rtol=0, atol=1e-15)
+    assert place @ normal == pytest.approx(-0.7, abs=1e-15)
+    run = tmj.simulate(scene, None, tmj.MuJoCo(1e-3), duration=1.5)
+    # It falls 0.7 m along the normal, and rests with the weight on it, at a depth of parts of a millimetre.
+    assert run.nodes[-1, 0] @ normal == pytest.approx(-0.7, abs=1e-3)
+    np.testing.assert_allclose(run.reports["contact"]["final_forces"]["p"], 0.5 * G * normal, rtol=0, atol=1e-6)

@@ -262,6 +262,56 @@ def test_other_models_are_left_alone_while_a_law_is_in(prism, law) -> None:
     assert mujoco.get_mjcb_control() is None
 
 
+def test_a_model_of_the_same_shape_with_other_strings_is_told_apart(prism, law) -> None:
+    """Its signature is the same; the law's rest lengths would be another spring's."""
+    structure = prism.structure
+    stiff = replace(structure, strings=[replace(s, stiffness=2 * s.stiffness) for s in structure.strings])
+    damped = replace(structure, strings=[replace(s, damping=1.0) for s in structure.strings])
+    turned = replace(structure, strings=structure.strings[::-1])
+    longer = replace(structure, strings=[*structure.strings[:-1], replace(structure.strings[-1], rest_length=9.0)])
+    for other in (stiff, damped, turned, longer):
+        model = RK4.model(prism.with_(structure=other, control=None))
+        data = mujoco.MjData(model)
+        with pytest.raises(tmj.OptionError, match="other strings"), tmj.law_in(prism, law, RK4) as own:
+            assert own.signature == model.signature
+            mujoco.mj_step(model, data, 3)
+        assert not data.ctrl.any()
+    with tmj.law_in(prism, law, RK4) as model:
+        model.body_mass *= 1.1
+        data = mujoco.MjData(model)
+        mujoco.mj_step(model, data, 3)
+    assert data.ctrl.any()
+
+
+def test_contact_of_any_member_is_refused() -> None:
+    drop = tmj.load_scene("prism_drop")
+    with pytest.raises(tmj.OptionError, match=r"scenes\[1\].*contacts"):
+        tmj.simulate_many([drop.with_(contact=None), drop], None, RK4, duration=0.1)
+
+
+def test_positions_are_nan_from_where_the_energy_balance_knows_of_a_divergence() -> None:
+    scene = tmj.load_scene("prism_drop").with_(contact=None)
+    with pytest.warns(StabilityWarning):
+        runs = tmj.simulate_many([scene], None, tmj.MuJoCo(1e-2, tmj.Integrator.EULER), duration=2.0)
+    with pytest.raises(tmj.DivergenceError, match="energy") as caught:
+        _ = runs[0]
+    gone = np.isnan(runs.nodes[0]).any(axis=(1, 2))
+    assert np.array_equal(gone, runs.time > caught.value.time)
+    assert 0 < gone.sum() < len(gone)
+
+
+def test_a_law_that_steps_what_it_controls_is_stopped(prism) -> None:
+    found: list[Any] = []
+
+    def predicting(time: float, nodes: Any, velocities: Any) -> Any:
+        mujoco.mj_step(found[0], mujoco.MjData(found[0]))
+        return np.full(12, 0.1)
+
+    with pytest.raises(tmj.ControllerError, match="within itself"), tmj.law_in(prism, predicting, RK4) as model:
+        found.append(model)
+        mujoco.mj_step(model, mujoco.MjData(model))
+
+
 def test_userdata_that_is_not_ours_is_no_address(prism, law) -> None:
     """With the callback of many runs in, data of the same model without our token are left alone."""
     from tensegrity_mj.engines.mujoco_ensemble import MuJoCoEnsemble

@@ -251,12 +251,13 @@ def test_verdicts_on_errors(run: tmj.Trajectory) -> None:
     assert not is_hidden(ended(run, None, "a warning"), 0.06 * way, 0.0)
 
 
-def test_a_string_that_goes_slack_is_a_kink(run: tmj.Trajectory) -> None:
-    u = np.ones_like(run.force_densities)
-    assert not has_kinks(replace(run, force_densities=u))
-    assert not has_kinks(replace(run, force_densities=0 * u))
-    u[2, 0] = 0
-    assert has_kinks(replace(run, force_densities=u))
+def test_a_string_that_lets_go_is_a_kink(run: tmj.Trajectory) -> None:
+    tensions = np.ones_like(run.tensions)
+    assert not has_kinks(replace(run, tensions=tensions))
+    assert not has_kinks(replace(run, tensions=0 * tensions))
+    tensions[2, 0] = 0
+    # Where a damper would push a string has no tension, whatever the law asks of it.
+    assert has_kinks(replace(run, tensions=tensions, force_densities=np.ones_like(run.force_densities)))
 
 
 def test_what_a_run_raises_and_says_is_kept() -> None:
@@ -436,12 +437,15 @@ def test_the_estimate_of_a_run_with_kinks_claims_no_high_order(
         monkeypatch.setattr(task, "attempt", lambda *_: ended(next(runs)))
         return task._estimate(one, ended(own))
 
-    smooth = replace(run, force_densities=np.ones_like(run.force_densities))
-    kinks = np.ones_like(run.force_densities)
+    smooth = replace(run, tensions=np.ones_like(run.tensions))
+    kinks = np.ones_like(run.tensions)
     kinks[3, 0] = 0.0
     assert estimate(setup, smooth, 1e-5, 1e-6).value == pytest.approx(1.25e-6 / 9, rel=1e-2)
-    kinked = estimate(setup, replace(run, force_densities=kinks), 1e-5, 1e-6)
+    kinked = estimate(setup, replace(run, tensions=kinks), 1e-5, 1e-6)
     assert kinked.value == pytest.approx(2 * math.sqrt(1e-11), rel=1e-6)
+    # Nor where the coarsest run is off by more than a thousandth of the way.
+    far = 2e-3 * way_of(smooth)
+    assert estimate(setup, smooth, far, far / 16).value == pytest.approx(2 * far / 4, rel=1e-6)
     # Tolerances that make the very same steps: no less than the tolerance is claimed.
     _, adaptive = next(setups_of("dae dop853"))
     extent = float(np.abs(smooth.nodes).max())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -177,6 +178,19 @@ def test_timing_says_what_it_must() -> None:
         assert {extra.what for extra in timing.extras} == set(variants(scene))
         assert [extra.what for extra in timing.extras if extra.needed] == ([CONTACT] if scene.contact else [])
     assert mujoco.get_mjcb_time() is None
+
+
+def test_a_scene_that_no_run_of_the_usual_step_survives_is_measured_all_the_same(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    prism, drop = tmj.load_scene("prism"), tmj.load_scene("prism_drop").with_(contact=None)
+    assert prism.control is not None
+    strings = [replace(string, stiffness=1e5 * string.stiffness) for string in drop.structure.strings]
+    stiff = drop.with_(structure=replace(drop.structure, strings=strings))
+    assert measure(stiff, rounds=2).passive_run
+    for changes, closes in (({"norm": 1}, True), ({"maximum_force_density": 1e-9}, False)):
+        scene = prism.with_(control=replace(prism.control, options={**prism.control.options, **changes}))
+        assert (measure(scene, rounds=2).closed_loop is not None) is closes
+    assert not list(tmp_path.iterdir())  # MuJoCo writes its warnings into the current folder
 
 
 def test_the_command_prints_it(capsys: pytest.CaptureFixture[str]) -> None:

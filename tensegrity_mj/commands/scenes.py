@@ -160,7 +160,7 @@ def _costs(timing: dict[str, Any] | None) -> list[tuple[str, str]]:
     if timing is None:
         return []
     micro = 1e6
-    closed = timing["closed_loop"]
+    passive, closed = timing["passive_run"], timing["closed_loop"]
     shares = [f"{share:.0%} {part}" for part, share in timing["shares"].items()]
     extras = [
         f"{extra['what']}: {'it is here, ' if extra['needed'] else ''}{extra['ratio']:.2f} x"
@@ -170,7 +170,7 @@ def _costs(timing: dict[str, Any] | None) -> list[tuple[str, str]]:
         ("a step (RK4)", f"{micro * timing['step']:.3g} µs: {', '.join(shares)}"),
         (
             "in a run",
-            f"{micro * timing['passive_run']:.3g} µs with ledger and recording"
+            ("no run succeeds" if passive is None else f"{micro * passive:.3g} µs with ledger and recording")
             + ("" if closed is None else f", {micro * closed:.3g} µs with the law"),
         ),
         *[("" if row else "what else would cost", text) for row, text in enumerate(extras)],

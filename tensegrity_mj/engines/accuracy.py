@@ -26,6 +26,9 @@ from tensegrity_mj.trajectory import Status, Trajectory
 LEAST, MOST = 1e-10, 1e-2  # m, what may be asked for
 LEAST_STEP = 1e-9  # of the duration
 TRIAL = 2.0
+# An error-controlled method that was not tried yet is counted with this times its predicted work: that is a guess, and
+# a trial that does not win is lost.
+UNTRIED = 1.5
 MOST_WORK = 4e7  # in units of the cost model: minutes, where a unit is an evaluation of some microseconds
 
 
@@ -122,7 +125,7 @@ def find(accuracy: float, ways: Sequence[Way], request: Request) -> Trajectory:
     found: Way | None = None
     while found is None:
         plans = [(way.ladder.next(accuracy), number) for number, way in enumerate(ways) if not way.ladder.dead]
-        plans.sort(key=lambda plan: (plan[0][1], plan[1]))
+        plans.sort(key=lambda plan: (plan[0][1] * _doubt(ways[plan[1]].ladder), plan[1]))
         if not plans:
             break
         begun = [plan for plan in plans if ways[plan[1]].ladder.rungs]
@@ -167,6 +170,11 @@ def find(accuracy: float, ways: Sequence[Way], request: Request) -> Trajectory:
             raise failures[-1] if failures else OptionError("accuracy: no method can make this run")
         found = made[min(known)[1] if known else 0][1]
     return _told(accuracy, found, tried, reason, request)
+
+
+def _doubt(ladder: Ladder) -> float:
+    """What to multiply the predicted work of a ladder by, to compare it with others."""
+    return 1.0 if ladder.order or ladder.rungs else UNTRIED
 
 
 def _climb(way: Way, setting: float) -> Rung:

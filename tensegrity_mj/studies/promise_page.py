@@ -22,7 +22,8 @@ COLUMNS = {
     "estimate": "estimate [m]",
     "error": "true error [m]",
     "settled": "settled",
-    "cost_ratio": "cost of the cheapest",
+    "cost_ratio": "cost over the cheapest adequate",
+    "lucky_ratio": "be it by luck",
     "outcome": "outcome",
 }
 

@@ -16,7 +16,6 @@ from tensegrity_mj.studies.extremes.kinds import Kind
 from tensegrity_mj.studies.extremes.references import Reference, reference_of, tight_dae
 from tensegrity_mj.studies.extremes.setups import COARSER, Attempt, Setup, attempt, draw_setup
 from tensegrity_mj.studies.extremes.verdicts import (
-    USEFUL,
     Judgement,
     Verdict,
     extent_of,
@@ -30,6 +29,7 @@ from tensegrity_mj.studies.extremes.verdicts import (
 from tensegrity_mj.trajectory import Status
 
 CLEARLY_WITHIN = 0.9  # of the stability limit at the start: a step beyond it may be stopped
+CLOSE = 1e-3  # of the way: where the coarsest run is off by more, two differences may show any order by chance
 FINER = 64  # a run that completes with so many times smaller a step was stopped for its step, and rightly so
 
 
@@ -93,7 +93,7 @@ def _estimate(setup: Setup, own: Attempt) -> Estimate:
     known = [(one.run, factor) for one, factor in zip(coarser, COARSER, strict=False) if one.run is not None]
     series, factors = [*(run for run, _ in known), own.run], [*(factor for _, factor in known), COARSER[-1]]
     gaps = [node_difference(one, other) for one, other in itertools.pairwise(series)]
-    regular = setup.fixed and not has_kinks(own.run) and gaps[0] <= USEFUL * way_of(own.run)
+    regular = setup.fixed and not has_kinks(own.run) and gaps[0] <= CLOSE * way_of(own.run)
     if regular:
         return estimate_error(series, factors, setup.order)
     # Where strings go slack or taut, where tolerances steer, and where the coarsest run is far off, differences fall

@@ -114,8 +114,11 @@ def is_hidden(attempt: Attempt, error: float, doubt: float) -> bool:
 
 
 def has_kinks(run: Trajectory) -> bool:
-    """Whether some string was slack at one recorded time and taut at another, or just between."""
-    taut = run.force_densities > 0
+    """Whether some string pulled at one recorded time and not at another.
+
+    Tensions tell, not force densities: where a damper would push, a string lets go of what a law asks of it.
+    """
+    taut = run.tensions > 0
     return bool(np.any(taut.any(axis=0) & ~taut.all(axis=0)))
 
 
