@@ -67,7 +67,10 @@ from tensegrity_mj.validation import check_target
 Array = NDArray[np.float64]
 njit = numba.njit(cache=True, error_model="numpy")
 
-_read_rods, _read_points, _read_gains = records_reader(ROD), records_reader(POINT), records_reader(GAINS)
+SCALARS = [("scalars_z", "f8", (3,)), ("scalars_b", "f8", (3,))]
+# Gains in world components, and where a block's three matrices are multiples of one, the scalars x, y, z > 0 (else 0).
+WORLD_GAINS = np.dtype([*((name, GAINS[name]) for name in GAINS.names or ()), *SCALARS], align=True)
+_read_rods, _read_points, _read_gains = records_reader(ROD), records_reader(POINT), records_reader(WORLD_GAINS)
 
 # The report's places, as plain numbers for compiled code.
 MARGIN, V_ALL, V_ERROR, V_VELOCITY = (
@@ -112,11 +115,14 @@ class Terms(NamedTuple):
 
 
 @inlined
-def _quadratic(X: Any, Y: Any, Z: Any, p: Any, p_rate: Any, rate: Any) -> tuple[float, float, float, Any]:
-    """½ pᵀXp, pᵀYė + ½ ėᵀZė, γ, and c = Yᵀ p + Z ė of one block."""
-    Xp, Ye, Ze = apply(X, p), apply(Y, rate), apply(Z, rate)
+def _quadratic(scalars: Any, X: Any, Y: Any, Z: Any, p: Any, p_rate: Any, rate: Any) -> tuple[float, float, float, Any]:
+    """½ pᵀXp, pᵀYė + ½ ėᵀZė, γ, and c = Yᵀ p + Z ė of one block; `scalars` are X, Y, Z where Z's is not 0."""
+    if scalars[2] != 0.0:
+        Xp, Ye, Ze, Yp = times(scalars[0], p), times(scalars[1], rate), times(scalars[2], rate), times(scalars[1], p)
+    else:
+        Xp, Ye, Ze, Yp = apply(X, p), apply(Y, rate), apply(Z, rate), apply_transposed(Y, p)
     error, velocity = 0.5 * dot(p, Xp), dot(p, Ye) + 0.5 * dot(rate, Ze)
-    return error, velocity, dot(p_rate, plus(Xp, Ye)), plus(apply_transposed(Y, p), Ze)
+    return error, velocity, dot(p_rate, plus(Xp, Ye)), plus(Yp, Ze)
 
 
 @inlined
@@ -172,13 +178,13 @@ def quadratic_terms(
             b_d, b_d_rate, b_d_acc = row_of(b_aim, 0), row_of(b_aim, 1), row_of(b_aim, 2)
         e, rate = minus(b, b_d), minus(b_rate, b_d_rate)
         if kind == PLAIN:
-            error, velocity, gamma, c_b = _quadratic(gain.Xb, gain.Yb, gain.Zb, e, rate, rate)
+            error, velocity, gamma, c_b = _quadratic(gain.scalars_b, gain.Xb, gain.Yb, gain.Zb, e, rate, rate)
         else:
             if kind == ONTO_CURRENT:
                 p, p_rate = _project(b, b_rate, e, rate)
             else:
                 p, p_rate = _project(b_d, b_d_rate, e, rate)
-            error, velocity, gamma, c_b = _quadratic(gain.Xb, gain.Yb, gain.Zb, p, p_rate, rate)
+            error, velocity, gamma, c_b = _quadratic(gain.scalars_b, gain.Xb, gain.Yb, gain.Zb, p, p_rate, rate)
             Ke = apply(gain.Kb, e)
             error += 0.5 * dot(e, Ke)
             gamma += dot(Ke, rate)
@@ -189,7 +195,7 @@ def quadratic_terms(
         if rod.nz > 0:
             e = minus(plus(first, times(back, b)), r_d)
             rate = minus(plus(first_rate, times(back, b_rate)), r_d_rate)
-            error, velocity, gamma, c_z = _quadratic(gain.Xz, gain.Yz, gain.Zz, e, rate, rate)
+            error, velocity, gamma, c_z = _quadratic(gain.scalars_z, gain.Xz, gain.Yz, gain.Zz, e, rate, rate)
             V_error += error
             V_velocity += velocity
             beta += gamma - dot(c_z, r_d_acc)
@@ -210,7 +216,7 @@ def quadratic_terms(
             point_target(point, t, target, r_aim)
             r_d, r_d_rate, r_d_acc = row_of(r_aim, 0), row_of(r_aim, 1), row_of(r_aim, 2)
         e, rate = minus(row_of(nodes, point.node), r_d), minus(row_of(velocities, point.node), r_d_rate)
-        error, velocity, gamma, c_z = _quadratic(gain.Xz, gain.Yz, gain.Zz, e, rate, rate)
+        error, velocity, gamma, c_z = _quadratic(gain.scalars_z, gain.Xz, gain.Yz, gain.Zz, e, rate, rate)
         V_error += error
         V_velocity += velocity
         beta += gamma + dot(c_z, minus(g, r_d_acc))
@@ -471,10 +477,21 @@ class _Packed:
         self.records, self.target = StructureRecords.of(form.structure), PackedTarget(form.target)
         rods, points = self.records.rods, self.records.points
         self.standing = standing_targets(rods, points, self.target.arrays)
-        self.gains = form.gains.copy()
+        self.gains = np.zeros(len(form.gains), WORLD_GAINS)
+        for name in GAINS.names or ():
+            self.gains[name] = form.gains[name]
         for gain, member in zip(self.gains, [*rods, *points], strict=True):
+            gain["scalars_z"] = _scalars([gain[name] for name in ("Xz", "Yz", "Zz")], int(member["nz"]))
+            gain["scalars_b"] = _scalars([gain[name] for name in ("Xb", "Yb", "Zb")], 3)
             E = member["E"]  # its columns beyond nz are zero
             for name in ("Xz", "Yz", "Zz"):
                 gain[name] = E @ gain[name] @ E.T
             for name in ("Xz", "Zz", "Xb", "Zb", "Kb"):
                 gain[name] = 0.5 * (gain[name] + gain[name].T)
+
+
+def _scalars(matrices: list[Array], n: int) -> Array:
+    """x, y, z of X = x 1, Y = y 1, Z = z 1 in their leading n coordinates; zeros where they are no such multiples."""
+    found = np.array([matrix[0, 0] for matrix in matrices])
+    same = all(np.array_equal(A[:n, :n], x * np.eye(n)) for A, x in zip(matrices, found, strict=True))
+    return found if same else np.zeros(3)

@@ -119,7 +119,7 @@ def judge(
     """`estimate_error` from the differences [m] of neighbouring runs, of which the last two count.
 
     Args:
-        differences: one fewer than steps; where the motion has kinks, the last three count.
+        differences: one fewer than steps.
         steps: falling [s].
         order: of the method on smooth motion.
         floor: differences below it are taken for round-off [m].
@@ -136,11 +136,6 @@ def judge(
         return Estimate(value, True, f"two runs differ by {d:.2g} m; an order of 1 is assumed")
     before, ratio_before = differences[-2], steps[-3] / steps[-2]
     observed = observed_order(before / d, ratio_before, ratio, order)
-    allowed = order if highest is None else highest
-    if allowed < order and len(differences) > 2 and math.isfinite(differences[-3]):
-        # About a kink each difference is a matter of chance, and so is the order of two: a longer way tells more.
-        longer = observed_order(differences[-3] / d, steps[-4] / steps[-3], ratio, order, steps[-3] / steps[-1])
-        observed = longer if observed < order + 1 else observed
     if observed < LEAST_ORDER:
         return Estimate(
             SAFETY * max(d, before),
@@ -151,6 +146,7 @@ def judge(
     if observed >= order + 1:
         # Faster than the method can: the coarsest run was beyond what orders describe, and tells nothing of the others.
         return Estimate(d / (ratio - 1) * (SAFETY if order == 1 else 1.0), True, f"{told}; an order of 1 is assumed")
+    allowed = order if highest is None else highest
     # Two runs may agree by chance, most easily about a kink: the last difference cannot be less than what the one
     # before becomes at full order, or at one order more than the motion allows.
     full = min(order, allowed + 1)
@@ -181,19 +177,11 @@ def judge_tolerances(differences: Sequence[float], floor: float) -> Estimate:
     return Estimate(d, True, f"two runs of different tolerance differ by {d:.2g} m, the error of the coarser")
 
 
-def observed_order(fall: float, ratio_before: float, ratio: float, order: int, between: float | None = None) -> float:
-    """The p at which C h^p makes one difference `fall` times a later one, by bisection; at most order + 1.
-
-    Args:
-        fall: the earlier difference over the later.
-        ratio_before, ratio: of the steps of the earlier two runs, and of the later two.
-        order: of the method.
-        between: the finer step of the earlier two over that of the later two; `ratio` for neighbours, the default.
-    """
-    finer = ratio if between is None else between
+def observed_order(fall: float, ratio_before: float, ratio: float, order: int) -> float:
+    """The p at which C h^p makes one difference `fall` times the next, by bisection; at most order + 1."""
 
     def predicted(p: float) -> float:
-        return (ratio_before**p - 1) / (ratio**p - 1) * finer**p
+        return (ratio_before**p - 1) / (ratio**p - 1) * ratio**p
 
     low, high = 1e-6, order + 1.0
     if fall <= predicted(low):

@@ -263,8 +263,8 @@ def law_in(
         yield model
     if answers[OTHER_STRINGS]:
         raise OptionError(
-            f"a model was stepped that is built as that of scene '{scene.name}' but has other strings (stiffness, damping, "
-            "rest lengths, nodes or order); the law was not applied to it: use a law_in of its own scene"
+            f"a model was stepped that is built as that of scene '{scene.name}' but has other strings (stiffness, "
+            "damping, rest lengths, nodes or order); the law was not applied to it: use a law_in of its own scene"
         )
     if answers[FAILED]:
         cause = next(iter([*(request.law.failure or []), *plant.load_failure]), None)

@@ -235,6 +235,7 @@ def test_verdicts_on_errors(run: tmj.Trajectory) -> None:
     assert verdict(small, 0.9e-3 * way) is Verdict.RIGHT
     assert verdict(small, 1.1e-3 * way) is Verdict.UNDETECTED
     assert verdict(small, 1.1e-3 * way, 0.2e-3 * way) is Verdict.RIGHT  # the reference may be that far off
+    assert verdict(small, 4e-3 * way, 1.5e-3 * way) is Verdict.UNDETECTED  # more than both together
     assert verdict(small, 4e-3 * way, 2.5e-3 * way) is Verdict.UNJUDGED
     assert verdict(small, math.nan, math.nan) is Verdict.UNJUDGED
     assert verdict(small, math.inf) is Verdict.UNDETECTED  # the reference ended otherwise
@@ -437,11 +438,11 @@ def test_the_estimate_of_a_run_with_kinks_claims_no_high_order(
         monkeypatch.setattr(task, "attempt", lambda *_: ended(next(runs)))
         return task._estimate(one, ended(own))
 
-    smooth = replace(run, tensions=np.ones_like(run.tensions))
+    smooth = replace(run, tensions=np.ones_like(run.tensions), force_densities=np.ones_like(run.force_densities))
     kinks = np.ones_like(run.tensions)
     kinks[3, 0] = 0.0
     assert estimate(setup, smooth, 1e-5, 1e-6).value == pytest.approx(1.25e-6 / 9, rel=1e-2)
-    kinked = estimate(setup, replace(run, tensions=kinks), 1e-5, 1e-6)
+    kinked = estimate(setup, replace(smooth, tensions=kinks), 1e-5, 1e-6)
     assert kinked.value == pytest.approx(2 * math.sqrt(1e-11), rel=1e-6)
     # Nor where the coarsest run is off by more than a thousandth of the way.
     far = 2e-3 * way_of(smooth)

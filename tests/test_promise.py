@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
+from tensegrity_mj.studies import promise_truth
 from tensegrity_mj.studies.promise import BEYOND, Promise, measure
 from tensegrity_mj.studies.promise_experiments import draw
 from tensegrity_mj.studies.promise_page import write_promise
@@ -29,6 +31,7 @@ def row(number: int, **changes: Any) -> dict[str, Any]:
         "met": True,
         "smooth": True,
         "cost_ratio": 3.0,
+        "lucky_ratio": 6.0,
         "reason": "",
         "outcome": "measured",
     }
@@ -56,6 +59,9 @@ def test_how_promises_are_counted() -> None:
     assert found["silently_beyond"] == [2]
     # Of those that say they met it: 3, 3, 3 and 7.
     assert (found["cost"]["count"], found["cost"]["of"], found["cost"]["largest"]) == (3, 4, 7.0)
+    assert (found["cost_smooth"]["count"], found["cost_smooth"]["of"]) == (3, 3)
+    assert found["cost_of"] == {"DAE": found["cost"]}
+    assert (found["cost_by_luck"]["count"], found["cost_by_luck"]["median"]) == (0, 6.0)
     assert (found["unsettled_smooth"]["count"], found["unsettled_smooth"]["of"]) == (1, 4)
     assert found["unmet"]["count"] == 2
 
@@ -85,6 +91,32 @@ def test_a_number_draws_the_same_experiment_again() -> None:
     # Kinds, engines and decades go round, so that 72 experiments hold every combination.
     drawn = [draw(5, number).engine for number in (0, 3, 6, 9)]
     assert drawn == ["MuJoCo", "DAE", "ODE", "MuJoCo"]
+
+
+def test_a_setting_is_adequate_only_with_all_finer_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Errors by work of two methods, against a request of 1: 0.5 at work 2 is luck, since 3 is wrong again."""
+    methods = (
+        {1.0: 9.0, 2.0: 0.5, 3.0: 2.0, 4.0: 0.9, 6.0: 0.8, 8.0: 0.3, 99.0: 5.0},
+        {1.5: 7.0, 5.0: 0.9, 7.0: 0.1},  # dearer, though adequate
+    )
+
+    def run(_: Any, errors: Any, work: float) -> Any:
+        return SimpleNamespace(
+            status=tmj.Status.COMPLETED, error=errors[work], cost={"evaluations": work, "wall_time": 1}
+        )
+
+    settings = [[promise_truth.Setting(errors, 1.0, work, work) for work in errors] for errors in methods]
+    monkeypatch.setattr(promise_truth, "_sweeps", lambda *_: settings)
+    monkeypatch.setattr(promise_truth, "_simulate", run)
+    monkeypatch.setattr(promise_truth, "node_difference", lambda made, _: made.error)
+    experiment: Any = SimpleNamespace(accuracy=1.0)
+    truth: Any = SimpleNamespace(run=SimpleNamespace(time=[0.0, 0.1]))
+    # What costs more than the whole run, 20, is not run.
+    adequate, lucky = promise_truth.cheapest_of(experiment, truth, truth, 20.0)
+    assert adequate is not None
+    assert lucky is not None
+    assert (adequate.work, lucky.work) == (4.0, 2.0)
+    assert promise_truth.cheapest_of(experiment, truth, truth, 1.2) == (None, None)
 
 
 def test_a_measured_experiment_is_true_and_reproducible() -> None:

@@ -30,7 +30,6 @@ AIM = 0.9  # of the accuracy asked for: what the search aims at, lest it misses 
 # Times finer than the last run, at most, in one go, by the order that was seen: a low one is that of runs that are too
 # coarse to show any, or of kinks, and says little of finer ones.
 FURTHEST = ((2.5, 8.0), (1.5, 4.0), (0.0, 2.0))
-FURTHEST_KINKED = ((1.0, 4.0), (0.0, 2.0))  # the same where strings go slack: an order of 2 at most is what to expect
 LAST = 2.4  # times finer than the last run: the finest run is verified by one that is no coarser than this
 LEAST_REFINEMENT = 1.4  # runs whose steps are nearer say nothing of an order
 PAIR = 2.0  # the refinement of two runs that are to be compared
@@ -127,7 +126,7 @@ class Ladder:
         good = self.good
         if self.order:
             steps = [rung.setting for rung in good]
-            recent = self.differences[-3:]
+            recent = self.differences[-2:]
             found = judge(recent, steps[-1 - len(recent) :], self.order, self.floor, self.highest)
         else:
             found = judge_tolerances(self.differences[-2:], self.floor)
@@ -170,8 +169,7 @@ class Ladder:
             finer = self._fit(last / max(needed, PAIR if self.highest < self.order else LEAST_REFINEMENT))
             return finer, self.work(finer)
         final = last / needed
-        table = FURTHEST_KINKED if self.highest < self.order else FURTHEST
-        furthest = next(most for order, most in table if self._seen_order >= min(order, self.order))
+        furthest = next(most for order, most in FURTHEST if self.observed_order >= min(order, self.order))
         coarse = self._fit(max(final * PAIR, last / furthest))
         return coarse, self.work(coarse) + self.work(final)
 
@@ -198,17 +196,12 @@ class Ladder:
 
     @property
     def observed_order(self) -> float:
-        """What the last three runs show, between 1/2 and what the motion allows; the method's before there are three."""
-        seen = self._seen_order
-        return min(seen, float(self.highest)) if len(self.differences) > 1 else seen
-
-    @property
-    def _seen_order(self) -> float:
-        """The same, be it more than the motion allows."""
+        """What the last three runs show, between 1/2 and the method's."""
         if len(self.differences) < 2 or not self.differences[-1] > 0 or not math.isfinite(self.differences[-2]):
             return float(self.order)
         a, b, c = (rung.setting for rung in self.good[-3:])
-        return max(observed_order(self.differences[-2] / self.differences[-1], a / b, b / c, self.order), LEAST_ORDER)
+        seen = observed_order(self.differences[-2] / self.differences[-1], a / b, b / c, self.order)
+        return min(max(seen, LEAST_ORDER), float(self.highest))
 
     def steps_for(self, error: float, duration: float) -> float:
         """How many steps it took to come within an error [m] of a coarser run; those of the finest, if none has."""

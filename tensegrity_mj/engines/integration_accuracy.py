@@ -21,6 +21,7 @@ from tensegrity_mj.trajectory import Trajectory
 PLAIN, STRING, LAW_FACTOR, PYTHON_LAW = 0.13, 0.04, 3.0, 40.0
 OVERHEAD = {Method.DOP853: 5.5, Method.RADAU: 18.0}
 GROWTH = {Method.DOP853: 1 / 8, Method.RADAU: 1 / 5}  # of the work, in powers of 1 / tolerance
+RK4_ORDER = 4
 COARSE_ERROR = 0.02  # of the structure's extent, at which the steps of RK4 tell how fast the motion is
 # Evaluations by DOP853 with rtol = 1e-5 for each step that RK4 needs for COARSE_ERROR: 4 to 30, most where strings go
 # slack often.
@@ -52,7 +53,7 @@ def run_accurately(
     def fixed(step: float, adapted: Request) -> Trajectory:
         return prepared(with_method(method=Method.RK4, timestep=step), adapted).integrate()
 
-    rk4 = fixed_step_way(Method.RK4.value, 4, 1.0, 4, steps, request, fixed)
+    rk4 = fixed_step_way(Method.RK4.value, RK4_ORDER, 1.0, 4, steps, request, fixed)
 
     def controlled(method: Method) -> Way:
         weight = evaluation_weight(method, request)

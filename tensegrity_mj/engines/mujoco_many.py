@@ -7,8 +7,8 @@ many runs      each simulation has a table of its own, as a single run has, and 
                table is told where this MjData has its arrays before each stage.
 a law alone    nothing is kept from stage to stage: a copy of one table, with scratch of its own, lies on the stack.
 
-Both leave any other model alone, by the signature and the sizes of mjModel. These tell what a model is built of, not its
-numbers; so a law alone also compares the strings, by whose stiffness and rest lengths it turns answers into controls.
+Both leave any other model alone, by the signature and the sizes of mjModel. These tell what a model is built of, not
+its numbers; so a law alone also compares the strings, whose stiffness and rest lengths turn its answers into controls.
 """
 
 from __future__ import annotations

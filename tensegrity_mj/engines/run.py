@@ -173,7 +173,10 @@ def chunks(count: int) -> Iterator[tuple[int, int]]:
         interrupts.raise_if_requested()
         first += piece
         seconds = time.perf_counter() - start
-        size = 2 * size if seconds < 0.1 else max(1, size // 2) if seconds > 0.4 else size
+        if seconds < 0.1:
+            size *= 8 if seconds < 0.01 else 2
+        elif seconds > 0.4:
+            size = max(1, size // 2)
 
 
 # Of a run that diverged too, where numbers overflow: what they mean is for `check_energy` to say.

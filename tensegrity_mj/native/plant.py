@@ -181,9 +181,7 @@ def ask_law(table: Any, t: float) -> int:
     M = table[STRING_COUNT]
     asked = floats(table[COMMAND], (M,))
     for m in range(M):
-        asked[m] = (
-            np.nan
-        )  # what a law leaves unwritten (an interrupt may come before a law in Python begins) is no answer
+        asked[m] = np.nan  # what is left unwritten, as where an interrupt kills a law in Python, is no answer
     status = call_law(table[LAW], t, table[NODES], table[VELOCITIES], table[LAW_CONTEXT], table[COMMAND], table[REPORT])
     if status == SOLVED:
         command, finite = floats(table[COMMAND], (M,)), True

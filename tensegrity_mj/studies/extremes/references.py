@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,7 +46,7 @@ def reference_of(setup: Setup) -> Reference | None:
     """The DAE for MuJoCo and the ODE; for the DAE the ODE, or at a pole MuJoCo; None if none will do."""
     if not setup.engine.startswith("dae"):
         return tight_dae(setup)
-    pairs = [*_fixed("mujoco", setup)]
+    pairs = _fixed("mujoco", setup)
     if len(setup.experiment.scene.structure.rods) <= MANY_RODS:
         pairs = [*_adaptive(ODE, setup), *_fixed("ode", setup), *pairs]
     return _first(setup, pairs)
@@ -58,30 +57,26 @@ def tight_dae(setup: Setup) -> Reference | None:
     return _first(setup, [*_adaptive(DAE, setup), *_fixed("dae", setup)])
 
 
-def _adaptive(engine: Any, setup: Setup) -> Iterator[tuple[Any, Any]]:
+def _adaptive(engine: Any, setup: Setup) -> list[tuple[Any, Any]]:
     stiff = setup.pace.decay > 20 * max(setup.pace.vibration, setup.pace.spin)
-    methods = [(Method.RADAU, STIFF_TIGHT, STIFF_LOOSE)] if stiff else [(Method.DOP853, TIGHT, LOOSE)]
-    for method, tight, loose in methods:
-        yield (
-            engine(method=method, rtol=tight, atol=1e-2 * tight, max_steps=MOST_STEPS),
-            engine(method=method, rtol=loose, atol=1e-2 * loose, max_steps=MOST_STEPS),
-        )
+    method, *tolerances = (Method.RADAU, STIFF_TIGHT, STIFF_LOOSE) if stiff else (Method.DOP853, TIGHT, LOOSE)
+    tight, loose = (engine(method=method, rtol=r, atol=1e-2 * r, max_steps=MOST_STEPS) for r in tolerances)
+    return [(tight, loose)]
 
 
-def _fixed(family: str, setup: Setup) -> Iterator[tuple[Any, Any]]:
+def _fixed(family: str, setup: Setup) -> list[tuple[Any, Any]]:
     rate = setup.rate + setup.pace.decay + setup.pace.vibration
     fineness = FINE if len(setup.experiment.scene.structure.rods) <= MANY_RODS else 5 * FINE
     steps = GRAIN * math.ceil(setup.duration * rate / fineness / GRAIN)
     if steps > MOST_FINE_STEPS:
-        return
+        return []
     fine = setup.duration / steps
     if family == "mujoco":
         from tensegrity_mj.engines.mujoco import MuJoCo
 
-        yield MuJoCo(fine), MuJoCo(2 * fine)
-        return
+        return [(MuJoCo(fine), MuJoCo(2 * fine))]
     make: Any = DAE if family == "dae" else ODE
-    yield make(method=Method.RK4, timestep=fine), make(method=Method.RK4, timestep=2 * fine)
+    return [(make(method=Method.RK4, timestep=fine), make(method=Method.RK4, timestep=2 * fine))]
 
 
 def _first(setup: Setup, pairs: list[tuple[Any, Any]]) -> Reference | None:

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.actuation import Actuation, Mode
-from tensegrity_mj.errors import TensegrityError
 from tensegrity_mj.simulation import simulate
 from tensegrity_mj.studies.extremes.kinds import FIXED_STEP, Experiment, Kind, draw, log_uniform
 from tensegrity_mj.studies.extremes.pace import Pace, pace
@@ -159,8 +158,3 @@ def caught(run: Callable[[], Trajectory]) -> Attempt:
     if found is not None:
         words += found.reports.get("warnings", [])
     return Attempt(found, error, tuple(words))
-
-
-def is_ours(error: BaseException | None) -> bool:
-    """Whether it is an error that this package raises on purpose."""
-    return isinstance(error, TensegrityError)

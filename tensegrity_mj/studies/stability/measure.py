@@ -3,10 +3,11 @@
 A run of `STEPS` steps starts with random velocities that move nothing by more than 1e-11 of the structure's size in a
 step. It is stable where the largest distance of a node from the unperturbed motion, in the last quarter of the run, is
 at most `GROWTH` times that in the first, never more than 100 times what the velocities alone would make of it, and
-where no string's tension changes by half, in its spring or its damper: beyond, slack strings would stop the growth. A
-run that ends in a DivergenceError is not stable. That resolves the limit to 0.1 %: beyond it by ε, semi-implicit Euler
-multiplies by 1 + √(8 ε) a step and Runge-Kutta by 1 + 7 ε; right at the limit and for motions that nothing holds,
-distances grow with time and no faster: by 4 from the first quarter to the last.
+where no string's tension changes by half in its spring or by a tenth in its damper: beyond, slack strings would stop
+the growth, and in Runge-Kutta's stages dampers pull four times harder than between steps. A run that ends in a
+DivergenceError is not stable. That resolves the limit to 0.1 %: beyond it by ε, semi-implicit Euler multiplies by
+1 + √(8 ε) a step and Runge-Kutta by 1 + 7 ε; right at the limit and for motions that nothing holds, distances grow with
+time and no faster: by 4 from the first quarter to the last.
 
 Steps are doubled until one is not stable, the bracket is halved by bisection, and steps at 0.6 and 0.85 of the result
 are looked at again: were one of them not stable, the search would go on below it.
@@ -37,6 +38,11 @@ STEPS = 1000
 GROWTH = 10.0
 AMPLITUDE = 1e-11  # of the structure's size, moved in a step; less where strings are stretched by little
 STRETCH_PART = 1e-4  # of the smallest stretch that is at least moved in a step
+DAMPER_PART = 1e-2  # of its tension that a string's damper pulls with at first, at most
+SPRING_SLACK, DAMPER_SLACK = (
+    0.5,
+    0.1,
+)  # of its tension: changes of a string's spring and damper that are no longer small
 FAR = 100.0  # times what the random velocities make in all the steps: no linear motion goes there
 LEAST = 1e-13  # of its size: the smallest motion a step
 FLOOR = 3e-10  # of its size: distances of round-off, and of the solver of `discrete`
@@ -127,7 +133,11 @@ def _why_unstable(scene: Scene, engine: Any, law: Any, equilibrium: bool, step: 
     tight = stretch > 1e-11 * lengths  # below, the perturbation itself would make it slack
     amplitude = AMPLITUDE
     if law is None and tight.any():
-        amplitude = float(np.clip(STRETCH_PART * stretch[tight].min() / size, LEAST, AMPLITUDE))
+        elastic = structure.stiffness[tight] * stretch[tight]
+        with np.errstate(divide="ignore"):
+            moved = DAMPER_PART * elastic / (2 * structure.damping[tight]) * step  # both ends move; ∞ without a damper
+        small = min(STRETCH_PART * stretch[tight].min(), moved.min()) / size
+        amplitude = float(np.clip(small, LEAST, AMPLITUDE))
     push = random_velocities(rng, structure, scene.nodes0, amplitude * size / step)
     try:
         run = _run(scene.with_(initial_velocities=scene.velocities0 + push), engine, law, step, steps)
@@ -148,8 +158,8 @@ def _why_unstable(scene: Scene, engine: Any, law: Any, equilibrium: bool, step: 
     if law is None and equilibrium:
         spring = structure.stiffness * np.abs(structure.string_lengths(run.nodes) - lengths)
         damper = structure.damping * np.abs(structure.string_rates(run.nodes, run.velocities))
-        pull = 0.5 * structure.stiffness * stretch
-        if np.any(np.maximum(spring, damper).max(axis=0)[tight] > pull[tight]):
+        change = np.maximum(spring / SPRING_SLACK, damper / DAMPER_SLACK).max(axis=0)
+        if np.any((change > structure.stiffness * stretch)[tight]):
             return f"grew until strings slackened within {steps} steps"
     if last <= GROWTH * max(first, FLOOR * size):
         return ""
