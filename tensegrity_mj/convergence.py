@@ -102,15 +102,21 @@ def highest_order(run: Trajectory, order: int) -> int:
     """
     if not has_kinks(run):
         return order
-    pulls = run.force_densities > 0
-    changing = pulls.any(axis=0) & ~pulls.all(axis=0)
-    return min(order, 1 if np.any(run.scene.structure.damping[changing] > 0) else 2)
+    jumps = _at_times(run.force_densities > 0) & (run.scene.structure.damping > 0)
+    return min(order, 1 if jumps.any() else 2)
 
 
 def has_kinks(run: Trajectory) -> bool:
-    """Whether a string that pulls at some recorded time does not at another."""
-    pulls = run.force_densities > 0
-    return bool(np.any(pulls.any(axis=0) & ~pulls.all(axis=0)))
+    """Whether a string that pulls at some recorded time does not at another.
+
+    By tensions: where a damper would push, a string has none although its u > 0.
+    """
+    return bool(_at_times(run.tensions != 0).any())
+
+
+def _at_times(true: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Columns that are true at some times, and not at others."""
+    return true.any(axis=0) & ~true.all(axis=0)
 
 
 def judge(
