@@ -116,7 +116,7 @@ def has_kinks(run: Trajectory) -> bool:
 
 def _at_times(true: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Columns that are true at some times, and not at others."""
-    return true.any(axis=0) & ~true.all(axis=0)
+    return np.asarray(true.any(axis=0) & ~true.all(axis=0))
 
 
 def judge(
