@@ -26,7 +26,7 @@ from tensegrity_mj.dynamics.kernels import rod_accelerations
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import PackedTarget, point_target, rod_target
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.law import Command, NativeLaw, Report, native_law
+from tensegrity_mj.law import Command, NativeLaw, Report, check_made_for, native_law
 from tensegrity_mj.native.vectors import vector
 from tensegrity_mj.scene import Target
 from tensegrity_mj.structure import Structure
@@ -280,12 +280,7 @@ class FeedbackLinearization:
 
     def native(self, structure: Structure) -> NativeLaw:
         """The law as engines call it, fresh for each run: no run begins where another ended."""
-        own = self.structure
-        if (len(own.nodes), own.string_nodes.tolist()) != (len(structure.nodes), structure.string_nodes.tolist()):
-            raise OptionError(
-                f"the law was made for '{own.name}' with {len(own.nodes)} nodes and {len(own.strings)} strings; "
-                f"'{structure.name}' has other nodes or strings"
-            )
+        check_made_for(self.structure, structure)
         return replace(native_law(_Evaluation(self), structure), gravity=self.gravity, stateless=False)
 
     def __call__(self, time: float, nodes: Array, velocities: Array) -> Array:

@@ -37,7 +37,7 @@ from tensegrity_mj.dynamics.target import (
     standing_targets,
 )
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.law import NO_SOLUTION, SOLVED, NativeLaw, Report
+from tensegrity_mj.law import NO_SOLUTION, SOLVED, NativeLaw, Report, check_made_for
 from tensegrity_mj.native.pointers import (
     LAW_SIGNATURE,
     STACK_LIMIT,
@@ -389,12 +389,7 @@ class QuadraticForm:
         Raises:
             OptionError: for any other.
         """
-        own = self.structure
-        if (len(own.nodes), own.string_nodes.tolist()) != (len(structure.nodes), structure.string_nodes.tolist()):
-            raise OptionError(
-                f"the law was made for '{own.name}' with {len(own.nodes)} nodes and {len(own.strings)} strings; "
-                f"'{structure.name}' has other nodes or strings"
-            )
+        check_made_for(self.structure, structure)
         return self.compiled
 
     def evaluate(self, time: float, nodes: Array, velocities: Array) -> tuple[Array, Array]:

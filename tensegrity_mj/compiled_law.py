@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.checks import member, state_of
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.law import NO_SOLUTION, SOLVED, Command, NativeLaw
+from tensegrity_mj.law import NO_SOLUTION, SOLVED, Command, NativeLaw, check_made_for
 from tensegrity_mj.structure import Structure
 
 Array = NDArray[np.float64]
@@ -101,11 +101,7 @@ class CompiledLaw:
             OptionError: for any other.
         """
         own = self.structure
-        if (len(own.nodes), own.string_nodes.tolist()) != (len(structure.nodes), structure.string_nodes.tolist()):
-            raise OptionError(
-                f"the law was made for '{own.name}' with {len(own.nodes)} nodes and {len(own.strings)} strings; "
-                f"'{structure.name}' has other nodes or strings"
-            )
+        check_made_for(own, structure)
         from tensegrity_mj.native.pointers import address_of
 
         compiled, _ = self._compiled

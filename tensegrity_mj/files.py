@@ -45,6 +45,20 @@ def checked(path: str | os.PathLike[str], suffixes: Sequence[str], what: str) ->
     return destination
 
 
+def made_folder(path: str | os.PathLike[str]) -> Path:
+    """The folder, made with those above it where it is not there yet.
+
+    Raises:
+        OptionError: where none can be made.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OptionError(f"{folder}: no folder can be made there ({_reason(error)}); choose another") from error
+    return folder
+
+
 @contextlib.contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """A temporary file beside the destination (with its suffix), which takes its place if the block succeeds.

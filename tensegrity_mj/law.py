@@ -97,6 +97,15 @@ class NativeLaw:
     stateless: bool = False
 
 
+def check_made_for(own: Structure, structure: Structure) -> None:
+    """Raise OptionError unless a law's own structure has the nodes and strings of the plant's, in the same order."""
+    if (len(own.nodes), own.string_nodes.tolist()) != (len(structure.nodes), structure.string_nodes.tolist()):
+        raise OptionError(
+            f"the law was made for '{own.name}' with {len(own.nodes)} nodes and {len(own.strings)} strings; "
+            f"'{structure.name}' has other nodes or strings"
+        )
+
+
 def native_law(law: Law | Callable[..., ArrayLike] | None, structure: Structure) -> NativeLaw:
     """The law as a C function: its own where it has one, else a call back into Python.
 

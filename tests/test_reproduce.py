@@ -429,7 +429,7 @@ def test_unknown_figures_are_refused_before_anything_runs(
 
 @pytest.mark.parametrize(
     ("options", "word"),
-    [(["--workers", "0"], "--workers 0"), (["--table", "doc.txt"], ".md"), (["--out", "/dev/null/x"], "--out")],
+    [(["--workers", "0"], "count = 0"), (["--table", "doc.txt"], ".md"), (["--out", "/dev/null/x"], "/dev/null/x")],
 )
 def test_bad_options_are_refused(options: list[str], word: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["reproduce", "5.7", "--no-figures", *options]) == ExitCode.BAD_INPUT

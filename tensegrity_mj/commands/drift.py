@@ -6,7 +6,6 @@ import argparse
 import sys
 
 from tensegrity_mj.commands.common import Outcome, positive
-from tensegrity_mj.errors import OptionError
 
 HELP = "drift of energy and constraints over a million steps, for each integrator"
 EXAMPLES = """\
@@ -44,8 +43,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Make the runs."""
-    if options.workers is not None and options.workers < 1:
-        raise OptionError(f"--workers {options.workers}: it must be an integer >= 1")
     from tensegrity_mj.studies.long_runs import PAGE, long_runs
     from tensegrity_mj.studies.workers import Workers
 

@@ -6,7 +6,6 @@ import argparse
 import sys
 
 from tensegrity_mj.commands.common import ExitCode, Outcome
-from tensegrity_mj.errors import OptionError
 
 HELP = "a thousand random extreme runs: is any of them wrong without a word?"
 EXAMPLES = """\
@@ -55,8 +54,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run the study; exit code 1 where its demands are not met."""
-    if options.workers is not None and options.workers < 1:
-        raise OptionError(f"--workers {options.workers}: it must be an integer >= 1")
     from tensegrity_mj.studies.extremes.kinds import Kind
     from tensegrity_mj.studies.extremes.study import PAGE, extremes
     from tensegrity_mj.studies.workers import Workers

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 
 from tensegrity_mj.commands.common import ExitCode, Outcome, output_file, positive
-from tensegrity_mj.errors import OptionError
 
 HELP = "the thesis' figures again, and a ledger of what it states"
 EXAMPLES = """\
@@ -54,8 +53,6 @@ def execute(options: argparse.Namespace) -> Outcome:
     from tensegrity_mj.studies.workers import Workers
 
     engines = [EngineName(name) for name in dict.fromkeys(options.engine)]
-    if options.workers is not None and options.workers < 1:
-        raise OptionError(f"--workers {options.workers}: it must be at least 1")
     found = reproduce(
         options.figures,
         options.out,

@@ -56,8 +56,6 @@ def execute(options: argparse.Namespace) -> Outcome:
     """Run the report."""
     if options.seed < 0:
         raise OptionError(f"--seed {options.seed}: it must be an integer >= 0")
-    if options.workers is not None and options.workers < 1:
-        raise OptionError(f"--workers {options.workers}: it must be an integer >= 1")
     from tensegrity_mj.studies.validation.study import DATA, PAGE, validate
     from tensegrity_mj.studies.workers import Workers
 

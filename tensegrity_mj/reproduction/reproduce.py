@@ -11,6 +11,7 @@ import numpy as np
 
 from tensegrity_mj.comparison import compare
 from tensegrity_mj.errors import OptionError, TensegrityError
+from tensegrity_mj.files import made_folder
 from tensegrity_mj.jsontext import to_json
 from tensegrity_mj.plots import save_figure
 from tensegrity_mj.reproduction import page
@@ -73,17 +74,17 @@ def reproduce(
     chosen, statements = selected(figures)
     if not engines:
         raise OptionError("engines: none was given; choose of dae, mujoco, ode")
-    folder = _folder(Path(out))
+    folder = made_folder(out)
     drawn_needs = [name for figure in chosen for name in figure.needs] if draw else []
     names = list(dict.fromkeys([*drawn_needs, *(name for one in statements for name in one.needs)]))
     computed = run_experiments(
-        names, engines, _folder(folder / RUNS), mass_scale=mass_scale, workers=workers, progress=progress
+        names, engines, made_folder(folder / RUNS), mass_scale=mass_scale, workers=workers, progress=progress
     )
     rows = judge(statements, computed)
     files: dict[str, Path] = {}
     pictures: list[tuple[ThesisFigure, bytes]] = []
     if draw:
-        place = _folder(folder / FIGURES)
+        place = made_folder(folder / FIGURES)
         for figure in chosen:
             if any(name not in computed.runs[engines[0]] for name in figure.needs):
                 continue  # its rows say why
@@ -130,14 +131,6 @@ def _run_lines(names: Sequence[str], engines: Sequence[EngineName], computed: Co
                 }
             )
     return lines
-
-
-def _folder(path: Path) -> Path:
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OptionError(f"--out {path}: no folder can be made there ({error.strerror}); choose another") from error
-    return path
 
 
 def _png(canvas: Any, path: Path) -> bytes:

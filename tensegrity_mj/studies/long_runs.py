@@ -24,7 +24,7 @@ from tensegrity_mj.checks import positive
 from tensegrity_mj.engines.run import energy_exchanged
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.families.random_structures import random_velocities
-from tensegrity_mj.files import replacing
+from tensegrity_mj.files import made_folder, replacing
 from tensegrity_mj.jsontext import to_json
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.simulation import simulate, versions
@@ -150,12 +150,7 @@ def long_runs(
             raise OptionError(f"methods: there is no {name!r}; allowed: {', '.join(METHODS)}")
     free = conservative(scene, seed)
     h = default_step(free) if timestep is None else positive("timestep", timestep, "s")
-    place = None if folder is None else Path(folder)
-    if place is not None:
-        try:
-            place.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OptionError(f"{place}: no folder can be made there ({error.strerror}); choose another") from error
+    place = None if folder is None else made_folder(folder)
     started, known = time.perf_counter(), versions()
     study = run_many(
         run_long,

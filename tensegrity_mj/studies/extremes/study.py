@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.files import replacing
+from tensegrity_mj.files import made_folder, replacing
 from tensegrity_mj.jsontext import to_json
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.attempt import DONE
@@ -100,12 +100,7 @@ def extremes(
     chosen = list(dict.fromkeys(Kind if kinds is None else kinds))
     if not chosen:
         raise OptionError(f"kinds: name at least one of {', '.join(kind.name.lower() for kind in Kind)}")
-    place = None if folder is None else Path(folder)
-    if place is not None:
-        try:
-            place.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise OptionError(f"{place}: no folder can be made there ({error.strerror}); choose another") from error
+    place = None if folder is None else made_folder(folder)
     started = time.perf_counter()
     known = versions()
     study = run_many(

@@ -13,7 +13,7 @@ from typing import Any
 
 from tensegrity_mj.actuation import Mode
 from tensegrity_mj.errors import OptionError, SceneError
-from tensegrity_mj.files import replacing
+from tensegrity_mj.files import made_folder, replacing
 from tensegrity_mj.jsontext import to_json
 from tensegrity_mj.law import native_law
 from tensegrity_mj.scene import Scene
@@ -160,12 +160,7 @@ def _place(folder: str | os.PathLike[str] | None) -> Iterator[Path]:
         with tempfile.TemporaryDirectory() as temporary:
             yield Path(temporary)
         return
-    place = Path(folder)
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OptionError(f"{place}: no folder can be made there ({error.strerror}); choose another") from error
-    yield place
+    yield made_folder(folder)
 
 
 # ---------------------------------------------------------------------------------------------------- references

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.actuation import whole_ratio
 from tensegrity_mj.checks import positive
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.files import replacing
+from tensegrity_mj.files import made_folder, replacing
 from tensegrity_mj.jsontext import to_json
 from tensegrity_mj.law import Law
 from tensegrity_mj.scene import Scene
@@ -122,7 +122,7 @@ def validate(
         "duration": setup.duration,
         "timestep": setup.timestep,
     }
-    place = _folder(folder)
+    place = None if folder is None else made_folder(folder)
     known = versions()
     study = run_many(
         run_point,
@@ -167,17 +167,6 @@ def _workers(workers: Workers | None, spec: laws.Spec) -> Workers:
             'function scene -> law, at the top of a file of its own and give "path.py:name"; or leave workers out'
         )
     return Workers(backend=Backend.THIS_PROCESS)
-
-
-def _folder(folder: str | os.PathLike[str] | None) -> Path | None:
-    if folder is None:
-        return None
-    place = Path(folder)
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OptionError(f"{place}: no folder can be made there ({error.strerror}); choose another") from error
-    return place
 
 
 def _names(what: str, given: Sequence[str] | None, known: Sequence[str]) -> list[str]:
