@@ -42,10 +42,10 @@ from tensegrity_mj.native.pointers import (
     LAW_SIGNATURE,
     STACK_LIMIT,
     address_of,
-    borrowing,
     floats,
     inlined,
     integers,
+    owning,
     records_reader,
     stack_doubles,
 )
@@ -134,7 +134,7 @@ def _project(a: Any, a_rate: Any, e: Any, rate: Any) -> tuple[Any, Any]:
     return minus(e, times(s, a)), minus(minus(rate, times(s_rate, a)), times(s, a_rate))
 
 
-@borrowing
+@inlined
 def quadratic_terms(
     t: float,
     nodes: Any,
@@ -230,7 +230,7 @@ def quadratic_terms(
     return V_error, V_velocity, beta
 
 
-@borrowing
+@inlined
 def _evaluate(
     t: float, nodes_at: int, velocities_at: int, table: Any, command_at: int, report_at: int, room: int
 ) -> int:
@@ -276,16 +276,21 @@ def _evaluate(
     return SOLVED if margin > 0.0 else NO_SOLUTION
 
 
+@owning
+def _evaluate_on_heap(t: float, nodes_at: int, velocities_at: int, table: Any, command_at: int, report_at: int) -> int:
+    heap = np.empty(3 * table[0] + 2 * table[1])
+    status = _evaluate(t, nodes_at, velocities_at, table, command_at, report_at, heap.ctypes.data)
+    heap[0] = 0.0  # alive until here
+    return status
+
+
 @numba.cfunc(LAW_SIGNATURE, cache=True, error_model="numpy")
 def _law(t, nodes_at, velocities_at, context, command_at, report_at):  # type: ignore[no-untyped-def]
     table = integers(context, (TABLE_SIZE,))
     room = 3 * table[0] + 2 * table[1]
-    if room <= STACK_LIMIT:
-        return _evaluate(t, nodes_at, velocities_at, table, command_at, report_at, stack_doubles(room))
-    heap = np.empty(room)
-    status = _evaluate(t, nodes_at, velocities_at, table, command_at, report_at, heap.ctypes.data)
-    heap[0] = 0.0  # alive until here
-    return status
+    if room > STACK_LIMIT:
+        return _evaluate_on_heap(t, nodes_at, velocities_at, table, command_at, report_at)
+    return _evaluate(t, nodes_at, velocities_at, table, command_at, report_at, stack_doubles(room))
 
 
 class QuadraticForm:

@@ -21,6 +21,7 @@ import numba
 import numpy as np
 from numba import types
 
+from tensegrity_mj.engines.mujoco_clock import profiler_off
 from tensegrity_mj.engines.mujoco_contact import (
     keep_stage,
     last_stage_work,
@@ -346,6 +347,7 @@ def single_run() -> tuple[Any, Any]:
 def installed(table: Any, callback: Callback = single_run) -> Iterator[list[str]]:
     """Install a callback with its table; the previous one is put back. Gives the texts that MuJoCo warns with.
 
+    Meanwhile MuJoCo's profiler is off.
     They are kept from MuJoCo's own handler, which would write a log file into the current folder.
 
     Raises:
@@ -371,7 +373,8 @@ def installed(table: Any, callback: Callback = single_run) -> Iterator[list[str]
             mujoco.set_mjcb_control(function)
             # Nothing that can raise: an exception in there ends the process.
             mujoco.set_mju_user_warning(texts.append)
-            yield texts
+            with profiler_off():
+                yield texts
         finally:
             mujoco.set_mju_user_warning(previous_handler)
             mujoco.set_mjcb_control(previous)
