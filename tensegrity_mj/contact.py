@@ -36,11 +36,15 @@ class Contact:
         floor: height of the floor along `normal` [m]: bodies stay where normal · x >= floor. None for no floor.
         normal: of the floor, upwards; of any length but zero.
         rods: whether rods touch each other.
-        friction: Coulomb's coefficient of sliding friction, >= 0; 0 for none.
-        stiffness: [1/s²], > 0: force by depth, on the mass that the contact feels.
-        damping: [1/s], >= 0: force by speed, likewise.
-        impedance: (d₀, d₁, width [m], midpoint, power) of d(r): it grows from d₀ at touch to d₁ at the depth `width`,
-            both within (0, 1), on an S of this power, half way at the midpoint. MuJoCo's solimp.
+        friction: Coulomb's coefficient of sliding friction, within [1e-5, 1e5]; 0 for none.
+        stiffness: [1/s²], > 0 and at most 1e12: force by depth, on the mass that the contact feels.
+        damping: [1/s], within [0, 1e7]: force by speed, likewise.
+        impedance: (d₀, d₁, width [m], midpoint, power) of d(r): it grows from d₀ at touch to d₁ >= d₀ at the depth
+            `width`, on an S of this power, half way at the midpoint. MuJoCo's solimp. d₀, d₁ and midpoint are within
+            [0.0001, 0.9999], the width is at least 1e-9 m, the power within [1, 50].
+
+    A scene raises SceneError for a contact beyond these ranges: MuJoCo would take other values without a word, or
+    accelerations of more than 1e10 m/s², which it takes for a divergence.
     """
 
     floor: float | None = None

@@ -249,6 +249,25 @@ def test_multipliers_know_the_forces_of_contact(integrator: tmj.Integrator) -> N
     np.testing.assert_allclose(run.multipliers[inner, 0], expected[inner], rtol=0, atol=0.02 * scale)
 
 
+def test_the_report_is_of_the_recorded_states() -> None:
+    """Touches, depth and force follow from each row's own gap and rate, by the law: one contact, of all the mass.
+
+    MuJoCo's solver stops at 1e-15 of its cost, of forces of 100 N at most.
+    """
+    scene, contact = falling_rod(0.0), SMOOTH
+    run = tmj.simulate(scene, None, tmj.MuJoCo(1e-3), duration=0.25)
+    gaps, rates = run.nodes[:, 0, 2] - 0.02, run.velocities[:, 0, 2]
+    forces = [0.7 * (acceleration(contact, gap, rate, -G) + G) for gap, rate in zip(gaps, rates, strict=True)]
+    told = run.reports["contact"]
+    assert told["touching"] == (gaps < 0).astype(int).tolist()
+    assert told["deepest"] == pytest.approx(-gaps.min(), rel=1e-12)
+    assert told["largest_normal_force"] == pytest.approx(max(forces), rel=1e-9)
+    assert 10 < max(forces) < 500
+    assert forces[-1] == 0 or told["final_forces"]["a"][2] == pytest.approx(forces[-1], rel=1e-9)
+    free = tmj.simulate(scene, None, tmj.MuJoCo(1e-3), duration=0.1).reports["contact"]
+    assert (free["deepest"], free["largest_normal_force"], free["final_forces"]) == (0, 0, {})
+
+
 def test_touches_only_what_the_scene_asks_for() -> None:
     scene = tmj.load_scene("prism_drop")
     model = mujoco.MjModel.from_xml_string(scene_to_mjcf(scene))
@@ -331,11 +350,53 @@ def _crossed() -> tmj.Structure:
         (Contact(floor=0.0, impedance=(0.9, 0.95)), "five numbers"),  # type: ignore[arg-type]
         (Contact(floor=0.0, impedance=(0.9, 1.0, 1e-3, 0.5, 2)), "d1 = 1.0"),
         (Contact(floor=0.0, impedance=(0.9, 0.95, 0.0, 0.5, 2)), "width = 0.0"),
+        (Contact(floor=0.0, friction=1e-6), r"friction = 1e-06; it must be 0, or within \[1e-5, 1e5\]"),
+        (Contact(floor=0.0, friction=1e300), r"friction = 1e\+300"),
+        (Contact(floor=0.0, stiffness=1e300), r"stiffness = 1e\+300; it must be > 0 and at most 1e12 \[1/s²\]"),
+        (Contact(floor=0.0, damping=1e300), r"damping = 1e\+300; it must be within \[0, 1e7\]"),
+        (Contact(floor=0.0, impedance=(0.95, 0.9, 2e-3, 0.5, 2)), "d1 = 0.9 at .* is below d0 = 0.95 .*at least d0"),
+        (Contact(floor=0.0, impedance=(0.9, 0.95, 1e-12, 0.5, 2)), "width = 1e-12; it must be at least 1e-9 m"),
+        (Contact(floor=0.0, impedance=(0.9, 0.95, 1e-3, 1e-5, 2)), "midpoint = 1e-05"),
+        (Contact(floor=0.0, impedance=(0.9, 0.95, 1e-3, 0.5, 1e3)), r"power = 1000.0; it must be within \[1, 50\]"),
     ],
 )
 def test_what_is_no_contact_is_refused(contact: Any, message: str) -> None:
     with pytest.raises(tmj.SceneError, match=message):
         tmj.load_scene("prism_drop").with_(contact=contact)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        (1e-4, 0.9999, 1e-9, 1e-4, 50.0),
+        (0.9999, 0.9999, 1e3, 0.9999, 50.0),
+        (1e-4, 1e-4, 2e-3, 0.5, 1.0),
+        (0.01, 0.95, 2e-3, 1e-4, 2.0),
+        (0.01, 0.95, 2e-3, 0.9999, 2.0),
+    ],
+)
+def test_mujoco_takes_all_that_is_allowed_as_it_is(values: tuple[float, float, float, float, float]) -> None:
+    """d, K and B of MuJoCo's constraint row at the ends of the ranges are those of the documented law.
+
+    Powers of up to 50 of x near 1 multiply its round-off by 50.
+    """
+    contact = Contact(floor=0.0, friction=1e5, stiffness=1e12, damping=1e7, impedance=values)
+    scene = falling_rod(0.0).with_(contact=contact)
+    model = mujoco.MjModel.from_xml_string(scene_to_mjcf(scene))
+    data = mujoco.MjData(model)
+    for part in (0.3, 0.7, 1.5):
+        depth = min(part * values[2], 0.05)
+        data.qpos[1] = -0.1 - depth  # the second joint slides upwards
+        mujoco.mj_forward(model, data)
+        assert data.ncon == 1
+        gap = data.contact[0].dist
+        d, d1 = impedance(contact, -gap), values[1]
+        k, b, found = data.efc_KBIP[data.contact[0].efc_address][:3]
+        assert found == pytest.approx(d, rel=1e-12)
+        assert k == pytest.approx(contact.stiffness / d1**2, rel=1e-12)
+        assert b == pytest.approx(contact.damping / d1, rel=1e-12)
+        assert data.contact[0].friction[0] == 1e5
+        assert np.all(np.isfinite(data.qacc))
 
 
 def test_files_hold_contact_without_loss() -> None:

@@ -13,10 +13,12 @@ import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.commands.drift import METHODS as COMMAND_METHODS
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.studies import long_runs as module
 from tensegrity_mj.studies.extremes.pace import pace
 from tensegrity_mj.studies.long_runs import (
     COARSENESS,
     METHODS,
+    PAGE,
     conservative,
     default_step,
     growth,
@@ -109,6 +111,19 @@ def test_drift_of_the_prism(tmp_path: Path) -> None:
     assert all(name in page and name in result.text for name in rows)
 
 
+def test_a_page_of_runs_that_have_no_numbers_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As where a worker dies, or an engine refuses the scene."""
+
+    def refuse(scene: tmj.Scene, *_: object, **__: object) -> None:
+        raise OptionError("it cannot")
+
+    monkeypatch.setattr(module, "simulate", refuse)
+    result = long_runs("prism", 1000, methods=["ode"], folder=tmp_path, workers=HERE)
+    assert result.data["rows"][0]["reason"] == "it cannot"
+    assert "ode: it cannot" in result.text
+    assert "it cannot" in (tmp_path / PAGE).read_text(encoding="utf-8")
+
+
 def test_a_run_that_diverges_is_a_row() -> None:
     step = 3.0 / pace(conservative(tmj.load_scene("prism"), 0)).fastest
     with pytest.warns(tmj.StabilityWarning):
@@ -129,3 +144,43 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     for bad in ({"steps": 10}, {"seed": -1}, {"methods": ["heun"]}):
         with pytest.raises(OptionError):
             long_runs("pinned_rod", **{"steps": 1000, **bad})  # type: ignore[arg-type]
+
+
+def spinning_rod() -> tmj.Scene:
+    """A free rod of 1 m that turns at 2 rad/s."""
+    nodes = {"a": (0.0, -0.5, 0.0), "b": (0.0, 0.5, 0.0)}
+    structure = tmj.Structure("rod", nodes=nodes, rods=(tmj.Rod("rod", ("a", "b"), 1.0),), strings=())
+    return tmj.Scene(structure, initial_velocities=[[1.0, 0, 0], [-1.0, 0, 0]])
+
+
+@pytest.mark.parametrize(("steps", "told"), [(1000, False), (1300, True)])
+def test_a_run_whose_rods_drift_off_their_lengths_says_so_before_the_energy_does(steps: int, told: bool) -> None:
+    """RK4 shrinks an oscillation at ω by (hω)⁶/144 a step: bᵀb by 2 n 0.2⁶/144, 8.9e-4 and 1.16e-3; so the energy."""
+    engine = tmj.DAE(method=tmj.Method.RK4, timestep=0.1, drift=tmj.Drift.MONITOR)
+    run = tmj.simulate(spinning_rod(), None, engine, duration=steps * 0.1)
+    assert run.reports["drift"] == pytest.approx(2 * steps * 0.2**6 / 144, rel=0.03)
+    warnings = run.reports["warnings"]
+    assert len(warnings) == told
+    if told:
+        first = 0.1 * 1e-3 * 144 / (2 * 0.2**6)  # s, at which bᵀb is off by 1e-3: 112.5
+        assert f"{run.reports['drift'] / 2:.2g} of it" in warnings[0]
+        assert float(warnings[0].split("t = ")[1].split(" s")[0]) == pytest.approx(first, rel=0.03)
+        assert "Drift.NORMALIZE" in warnings[0]
+    kept = tmj.simulate(spinning_rod(), None, replace(engine, drift=tmj.Drift.NORMALIZE), duration=steps * 0.1)
+    assert kept.reports["drift"] < 1e-14
+    assert kept.reports["warnings"] == []
+
+
+def test_a_million_steps_that_only_watch_their_drift_say_that_they_are_not_to_be_trusted() -> None:
+    scene = conservative(tmj.load_scene("prism"), 0)
+    h = default_step(scene)
+    run = tmj.simulate(
+        scene,
+        None,
+        tmj.DAE(method=tmj.Method.RK4, timestep=h, drift=tmj.Drift.MONITOR),
+        duration=1e6 * h,
+        output_interval=1000 * h,
+    )
+    assert run.reports["drift"] > 0.1
+    for what in ("energy balance", "drifts off its length"):
+        assert any(what in text for text in run.reports["warnings"])

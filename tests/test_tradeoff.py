@@ -612,6 +612,48 @@ def test_without_a_reference_or_a_run_the_sentence_has_the_reason() -> None:
     assert text.startswith("open loop: no reference: the run would record")
 
 
+def short_study(scene: Any, duration: float, **changes: Any) -> Any:
+    options = {"engines": [Kind.MUJOCO], "families": ["RK4"], "periods": [], "repeats": 1, "budget": 1e4} | changes
+    return tradeoff(scene, options=TradeoffOptions(duration=duration, **options))
+
+
+def test_advice_of_a_short_run_says_that_it_is_short_and_that_nothing_touched() -> None:
+    """prism_drop falls 0.3 m, for 0.25 s, before its first foot touches."""
+    free = short_study("prism_drop", 0.02)
+    assert free.data["experiments"][0]["reference"]["touches"] == 0
+    assert free.sentences[0].startswith("open loop: for 1e-3 m use MuJoCo RK4")
+    assert free.sentences[-2] == "Runs are 0.02 s long, the scene's 3 s: what is advised holds for the short ones."
+    assert free.sentences[-1].startswith("Nothing touches anything within 0.02 s: this is advice for free flight")
+    scene = tmj.load_scene("prism_drop")
+    low = scene.with_(initial_nodes=scene.nodes0 - [0, 0, 0.2999], duration=0.02)  # lands at once, at its full length
+    landed = short_study(low, 0.02)
+    assert landed.data["experiments"][0]["reference"]["touches"] > 0
+    assert not any("touches" in text or "long" in text for text in landed.sentences)
+    law = short_study("tbar", 0.1)
+    assert law.data["experiments"][0]["reference"]["touches"] is None
+    # One sentence for both loops.
+    assert [text for text in law.sentences if "touches" in text or "Runs are" in text] == law.sentences[-1:]
+
+
+def test_a_run_in_which_nothing_moves_yet_says_so() -> None:
+    # g t²/2 in 1e-7 s: 5e-14 m, a part of 1e-13 of its size; closed loops move even less.
+    (text,) = short_study("prism_drop", 1e-7).sentences
+    assert text.startswith("open loop: no reference: without a law nothing moves by more than ")
+    assert text.endswith(
+        " m in 1e-07 s, so that there is no error to measure: run longer, or start where something moves"
+    )
+    study = short_study("pinned_rod", 1e-9, loops=[Loop.CLOSED])
+    assert study.sentences[0].startswith("closed loop, law at every stage: no node moves by more than ")
+    assert study.sentences[0].endswith(
+        "no accuracy to choose a setting for: run longer, or start where something moves"
+    )
+
+
+def test_steps_that_no_run_can_have_are_refused() -> None:
+    with pytest.raises(OptionError, match=r"steps = 0.001: runs of 0.02 s are recorded each 0.0002 s.*or run longer"):
+        short_study("prism_drop", 0.02, steps=[1e-3])
+
+
 def test_the_reference_is_part_of_every_bound() -> None:
     experiment = experiment_of([("MuJoCo RK4", "1 ms", 6e-4, 10)], own=5e-4)
     told = {one["tolerance"]: one["point"] for one in sentence.advice(experiment, [10])}

@@ -163,6 +163,11 @@ def _simulate(options: argparse.Namespace, names: tuple[str, str]) -> tuple[Traj
 
     experiment.check_control(options)
     scene = load_scene(options.inputs[0])
+    if scene.contact is not None:
+        raise OptionError(
+            f"scene '{scene.name}' has contact, which MuJoCo alone has: there is no second engine to compare with. "
+            "Compare two runs of MuJoCo, at two steps for instance: run --out a.nc, run --out b.nc, compare a.nc b.nc"
+        )
     # The step is MuJoCo's; DAE and ODE take it only where their method has a fixed step.
     alone = "mujoco" not in names
     engines = [experiment.engine_of(name, options, with_timestep=alone or options.method == "rk4") for name in names]

@@ -44,7 +44,9 @@ def element(scene: Scene, command: Command = Command.REST_LENGTH, name: str | No
 
     Raises:
         OptionError: for a command that is none, a name that PyMJCF cannot hold, or a scene with contact.
-        StructureError: for names with a slash, which PyMJCF keeps to itself, and for what MuJoCo cannot hold.
+        StructureError: for names with a slash, which PyMJCF keeps to itself, for rods that share nodes, and for what
+            MuJoCo cannot hold.
+        SceneError: for supports that move.
     """
     if scene.contact is not None:
         raise OptionError(

@@ -32,6 +32,8 @@ Termination = Callable[[Scene, Array, Array, Array], float | None]
 class RandomStart:
     """Episodes that start near the scene's start, drawn evenly and in all ways that rods and supports allow.
 
+    Of a scene with contact starts at which something overlaps are drawn anew.
+
     Attributes:
         displacement: largest shift and turn of each degree of freedom [m, rad], >= 0.
         speed: largest change of its velocity [m/s, rad/s], >= 0.
@@ -94,6 +96,7 @@ def environment(
             without a target where no reward is given.
         StructureError: for masses or sizes that MuJoCo cannot hold.
         ControllerError: on `step`, for an action that is not finite, not of the shape or not within the bounds.
+        OptionError: on `reset`, where next to all random starts overlap what they may touch.
         PhysicsDivergence: on `step`; both a `DivergenceError` and dm_control's `PhysicsError`. `reset` begins anew.
     """
     if not isinstance(scene, Scene):

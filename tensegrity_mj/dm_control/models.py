@@ -13,6 +13,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from typing import TYPE_CHECKING
 
+from tensegrity_mj.capabilities import require_class_1, require_no_resistance, require_still_supports
 from tensegrity_mj.checks import member
 from tensegrity_mj.engines.mujoco import Integrator, MuJoCo
 from tensegrity_mj.law import Command
@@ -41,7 +42,8 @@ def physics(
 
     Raises:
         OptionError: for a time step, an integrator or a command that is none.
-        StructureError: for masses or sizes that MuJoCo cannot hold.
+        StructureError: for rods that share nodes, and for masses or sizes that MuJoCo cannot hold.
+        SceneError: for supports that move, and where something resists motion.
     """
     options = MuJoCo(timestep, integrator)
     member("command", command, Command)
@@ -55,7 +57,15 @@ def physics(
 
 
 def model(scene: Scene, command: Command, options: MuJoCo) -> ET.Element:
-    """The MJCF of a scene for the given command, loads included; actuators of strings come first."""
+    """The MJCF of a scene for the given command, loads included; actuators of strings come first.
+
+    Raises:
+        StructureError: where rods share nodes.
+        SceneError: where supports move or something resists motion, which takes a control callback.
+    """
+    require_class_1(scene.structure, "dm_control models are")
+    require_still_supports(scene, "dm_control models are")
+    require_no_resistance(scene, "dm_control models are")
     root = ET.fromstring(scene_to_mjcf(scene, options.timestep, options.word))
     if command is Command.FORCE_DENSITY:
         for actuator, string in zip(root.iterfind("actuator/general"), scene.structure.strings, strict=True):

@@ -10,6 +10,7 @@ from dm_control.rl import control
 from dm_env import specs
 from numpy.typing import NDArray
 
+from tensegrity_mj.contact import overlaps
 from tensegrity_mj.dm_control.environments import RandomStart, Reward, Termination
 from tensegrity_mj.dm_control.stepping import ScenePhysics, checked_command
 from tensegrity_mj.dynamics.target import target_nodes
@@ -21,6 +22,7 @@ Array = NDArray[np.float64]
 
 # How far outside its bounds an action may be, relative to their size: single precision, rounded.
 ROUNDING = 1e-6
+MOST_DRAWS = 100  # of a random start, before it is given up
 
 
 class TensegrityTask(control.Task):  # type: ignore[misc]
@@ -46,13 +48,27 @@ class TensegrityTask(control.Task):  # type: ignore[misc]
         self._moving = [row for name, row in index.items() if name not in scene.structure.fixed_nodes]
 
     def initialize_episode(self, physics: ScenePhysics) -> None:
-        """The scene's start (the reset went there), or one near it."""
+        """The scene's start (the reset went there), or one near it, at which nothing overlaps that may touch.
+
+        Raises:
+            OptionError: where so many draws overlap that hardly any would not.
+        """
         if self.start is None or self._generator is None:
             return
-        still = physics.turning_axially()
-        drawn = self._generator.uniform(-1, 1, (2, len(still)))
-        drawn[:, still] = 0.0  # no axial spin: it would only be round-off's
-        physics.displace(self.start.displacement * drawn[0], self.start.speed * drawn[1])
+        still, inside = physics.turning_axially(), []
+        for _ in range(MOST_DRAWS):
+            drawn = self._generator.uniform(-1, 1, (2, len(still)))
+            drawn[:, still] = 0.0  # no axial spin: it would only be round-off's
+            physics.displace(self.start.displacement * drawn[0], self.start.speed * drawn[1])
+            contact = self.scene.contact
+            inside = [] if contact is None else overlaps(self.scene.structure, contact, physics.nodes())
+            if not inside:
+                return
+            physics.reset()
+        raise OptionError(
+            f"{self.start}: {MOST_DRAWS} starts in a row overlap what they may touch; in the last {inside[0]}: draw "
+            "smaller displacements, or begin farther away"
+        )
 
     def action_spec(self, physics: ScenePhysics) -> specs.BoundedArray:
         """(M,), a number a string; its name lists the strings, with tabs between, as dm_control does."""

@@ -92,24 +92,9 @@ class LongRuns:
 
     def save_page(self, path: str | os.PathLike[str]) -> Path:
         """Write the page (.html); returns its path."""
-        from tensegrity_mj.report import Picture, Section, Table, write_sections
+        from tensegrity_mj.studies.long_runs_page import write_long_runs_page
 
-        marks = [str(mark) for mark in self.data["setup"]["marks"]]
-        sections = []
-        for name, meaning in QUANTITIES.items():
-            table = [
-                [row["method"], *(row[name].get(mark) for mark in marks), row["growth"][name], row["reason"]]
-                for row in self.data["rows"]
-            ]
-            heads = ["", *(f"{int(mark):,} steps" for mark in marks), "growth, power of time", ""]
-            parts: list[Picture | Table] = [Picture(_figure(self.data, name), meaning), Table("", heads, table)]
-            sections.append(Section(meaning, [], parts))
-        setup = self.data["setup"]
-        introduction = (
-            f"{setup['steps']:,} steps of {setup['timestep']:.4g} s of the scene {setup['scene']} without law, dampers "
-            f"and loads, in motion (seed {setup['seed']})."
-        )
-        return write_sections(path, f"Long runs of {setup['scene']}", introduction, sections)
+        return write_long_runs_page(path, self.data)
 
 
 def long_runs(
@@ -180,14 +165,20 @@ def long_runs(
 
 
 def conservative(scene: Scene, seed: int) -> Scene:
-    """The scene without law, dampers, loads and breaks, and in motion."""
+    """The scene without law, dampers, loads, resistance and breaks, and in motion."""
     structure = scene.structure.with_strings(damping=0.0) if scene.structure.strings else scene.structure
     velocities = scene.velocities0
     if not np.any(velocities):
         extent = float(np.max(np.ptp(scene.nodes0, axis=0)))
         velocities = random_velocities(np.random.default_rng(seed), structure, scene.nodes0, 0.1 * extent)
     return scene.with_(
-        structure=structure, initial_velocities=velocities, loads=(), breaks=(), control=None, target=None
+        structure=structure,
+        initial_velocities=velocities,
+        loads=(),
+        breaks=(),
+        resistance=None,
+        control=None,
+        target=None,
     )
 
 
@@ -277,19 +268,3 @@ def _cell(value: float | None) -> str:
 def _growth(row: dict[str, Any], name: str) -> str:
     power = row["growth"].get(name)
     return f"{'-' if power is None else f't^{max(0.0, power):.2f}':>11s}"
-
-
-def _figure(data: dict[str, Any], name: str) -> Any:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(9, 4.5), layout="constrained")
-    axes = figure.add_subplot()
-    for row in data["rows"]:
-        course = row.get("course", {})
-        if any(value > 0 for value in course.get(name, [])):
-            axes.loglog(course["steps"], np.maximum(course[name], 1e-17), label=row["method"])
-    axes.set_xlabel("steps")
-    axes.set_ylabel(QUANTITIES[name])
-    axes.grid(True, alpha=0.3)
-    axes.legend(fontsize="small", ncols=2)
-    return figure

@@ -38,11 +38,11 @@ def memory_of(run: Trajectory, engine: AnyEngine) -> int:
 
 
 def _state_size(run: Trajectory, engine: DAE | ODE) -> int:
+    from tensegrity_mj.dynamics.linked import LinkedRecords
     from tensegrity_mj.dynamics.minimal import MinimalRecords
-    from tensegrity_mj.dynamics.records import StructureRecords
     from tensegrity_mj.engines.dae import DAE
 
-    records = StructureRecords if isinstance(engine, DAE) else MinimalRecords
+    records = LinkedRecords if isinstance(engine, DAE) else MinimalRecords
     return 2 * records.of(run.scene.structure).nq + WORK
 
 

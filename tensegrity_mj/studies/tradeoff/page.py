@@ -59,7 +59,7 @@ def _sections(data: Data) -> Iterator[Section]:
         if experiment["reference"]["engine"] is not None:
             title = f"All {len(experiment['points'])} settings"
             parts.append(Table(title, HEADS, rows(experiment, timing), folded=True))
-        text = [f"{run} {experiment['note']}".strip()]
+        text = [run, *sentence.remarks(experiment, data["scene"].get("duration", experiment["duration"]))]
         yield Section(experiment["title"][:1].upper() + experiment["title"][1:], text, parts)
     versions = [[name, value] for name, value in data["versions"].items()]
     options = [[name.replace("_", " "), value] for name, value in data["options"].items()]
@@ -80,9 +80,16 @@ def _advice(data: Data) -> Iterator[Table]:
             ]
             title = experiment["title"][:1].upper() + experiment["title"][1:]
             heads = ("error at most", "fastest here", "fewest right-hand sides")
-            yield Table(title, heads, told, "" if told else sentence.reference_sentence(experiment))
+            yield Table(title, heads, told, "" if told else _nothing(experiment))
     if floors:
         yield Table("Held controls", ("", "what no smaller step cures, and what is fine enough"), floors)
+
+
+def _nothing(experiment: Data) -> str:
+    """Why there is no advice."""
+    if experiment["reference"]["engine"] is None:
+        return sentence.reference_sentence(experiment)
+    return sentence.stillness(experiment)
 
 
 def _reference(experiment: Data) -> list[tuple[str, object]]:

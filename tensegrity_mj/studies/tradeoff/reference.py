@@ -25,6 +25,7 @@ from tensegrity_mj.studies.tradeoff.settings import (
 
 if TYPE_CHECKING:
     from tensegrity_mj.studies.tradeoff.settings import AnyEngine
+    from tensegrity_mj.trajectory import Trajectory
 
 GENEROUS = 5  # times the budget of a run of the sweep
 HELD = 13  # times as much again where the law is sampled, which then costs nothing at most right-hand sides
@@ -140,6 +141,10 @@ def _largest(a: Motion, b: Motion) -> float:
     return float(a.distance(b).max())
 
 
+def _touches(run: Trajectory) -> int:
+    return sum(count > 0 for count in run.reports["contact"]["touching"])
+
+
 def _told(
     engine: str | None,
     made: Attempt | None,
@@ -158,6 +163,8 @@ def _told(
         "looser": None if differences is None else differences["looser"],
         "second_formulation": None if differences is None else differences.get("second_formulation"),
         "motion": None if run is None else motion_of(run.nodes),
+        # At how many of the recorded times; None for a scene without contact.
+        "touches": None if run is None or "contact" not in run.reports else _touches(run),
         "reason": reason,
         "tried": tried,
         "fastest": fastest,

@@ -65,6 +65,31 @@ def floor_sentence(experiment: Data, costs: Sequence[float | None], timing: Sequ
     return f"{head}; fine enough for it is {text}"
 
 
+def remarks(experiment: Data, whole: float) -> list[str]:
+    """What must be known of an experiment to take its advice, `whole` [s] being the scene's own duration."""
+    found, duration = [], experiment["duration"]
+    if experiment["note"]:
+        found.append(experiment["note"])
+    if duration < whole * (1 - 1e-9):
+        found.append(
+            f"Runs are {duration:g} s long, the scene's {whole:g} s: what is advised holds for the short ones."
+        )
+    if experiment["reference"].get("touches") == 0:
+        found.append(
+            f"Nothing touches anything within {duration:g} s: this is advice for free flight and not for contact, "
+            "which needs a longer run, or a start nearer to it."
+        )
+    return found
+
+
+def stillness(experiment: Data) -> str:
+    """Why there is no advice where there is a reference: the motion is too small for any accuracy to be chosen."""
+    return (
+        f"no node moves by more than {metres(experiment['reference']['motion'])} in {experiment['duration']:g} s, so "
+        "that there is no accuracy to choose a setting for: run longer, or start where something moves"
+    )
+
+
 def reference_sentence(experiment: Data) -> str:
     """What the errors are against, and how far that may be off."""
     reference = experiment["reference"]

@@ -110,7 +110,7 @@ def grid_of_steps(interval: float, period: float | None, most_steps: float, dura
         beyond = duration / step > most_steps * (1 + 1e-9)
         if beyond and (len(steps) >= LEAST_STEPS or parts > 100):
             return steps
-        if period is None or _divides(period, step):
+        if period is None or divides(period, step):
             steps.append(step)
     raise AssertionError("the parts never end")
 
@@ -185,7 +185,7 @@ def sweep_settings(
             for step in fixed(MuJoCo(1.0, integrator).stages)
         ]
     engine: type[DAE] | type[ODE] = DAE if kind is Kind.DAE else ODE
-    treatments = list(Drift) if kind is Kind.DAE and not lean else [None]
+    treatments: list[Drift | None] = [None] if kind is not Kind.DAE else [Drift.MONITOR] if lean else list(Drift)
     found: list[Setting] = []
     for method, drift in itertools.product(Method, treatments):
         if method is Method.RADAU and (lean or drift not in (None, Drift.MONITOR)):
@@ -236,7 +236,8 @@ def _held(period: float | None) -> int:
     return 1 if period is None else HELD
 
 
-def _divides(period: float, step: float) -> bool:
+def divides(period: float, step: float) -> bool:
+    """Whether a time is a whole number of steps."""
     try:
         whole_ratio(period, step, "period over the step")
     except OptionError:

@@ -25,7 +25,7 @@ from tensegrity_mj.studies.tradeoff.front import pareto
 from tensegrity_mj.studies.tradeoff.measurement import Ended, Motion, attempt, record
 from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
 from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, Reference, find_reference
-from tensegrity_mj.studies.tradeoff.settings import Setting, sweep_settings, weight
+from tensegrity_mj.studies.tradeoff.settings import Setting, divides, sweep_settings, weight
 from tensegrity_mj.studies.validation import laws
 from tensegrity_mj.textformat import load_scene, scene_to_toml
 
@@ -71,16 +71,28 @@ class Tradeoff:
 
 
 def sentences(data: Data) -> list[str]:
-    """The sentences of all experiments of a study's data, by wall time, each headed by its experiment."""
+    """The sentences of all experiments of a study's data, by wall time, each headed by its experiment.
+
+    After them what must be known to take their advice, headed so where it does not concern all experiments.
+    """
     found = []
+    noted: dict[str, list[str]] = {}
     for experiment in data["experiments"]:
         own = data["timing"]["experiments"][experiment["key"]]
         if own["floor"] is not None:
             found.append(own["floor"])
-        elif not own["advice"]:
+        elif experiment["reference"]["engine"] is None:
             found.append(f"{experiment['title']}: {sentence.reference_sentence(experiment)}")
+            continue
+        elif not own["advice"]:
+            found.append(f"{experiment['title']}: {sentence.stillness(experiment)}")
+            continue
         else:
             found += [f"{experiment['title']}: {one['text']}" for one in own["advice"]]
+        for text in sentence.remarks(experiment, data["scene"].get("duration", experiment["duration"])):
+            noted.setdefault(text, []).append(experiment["title"])
+    for text, titles in noted.items():
+        found.append(text if len(titles) == len(data["experiments"]) else f"{'; '.join(titles)}: {text}")
     return found
 
 
@@ -140,6 +152,7 @@ def tradeoff(
             "source": scene.source,
             "rods": len(scene.structure.rods),
             "strings": len(scene.structure.strings),
+            "duration": scene.duration,
         },
         "law": told,
         "options": chosen.to_dict(),
@@ -171,7 +184,9 @@ def _measure(scene: Scene, law: Any, options: TradeoffOptions, kept: bench.Bench
     native = None if law is None else native_law(law, scene.structure)
     closed = [] if law is None or native is None else closed_loops(scene, law, native, options)
     wanted = closed if Loop.CLOSED in options.loops else []
-    _check_families([*wanted, *([open_loop(scene, options, None)] if Loop.OPEN in options.loops else [])], options)
+    asked = [*wanted, *([open_loop(scene, options, None)] if Loop.OPEN in options.loops else [])]
+    _check_families(asked, options)
+    _check_steps(asked, options)
     todo: list[tuple[Experiment, Reference]] = []
     with kept.bar(f"{scene.name}: references", len(closed) + (Loop.OPEN in options.loops)) as bar:
         references: dict[str, Reference] = {}
@@ -226,7 +241,11 @@ def _open(
     if starts:
         with contextlib.suppress(SceneError):  # a state that has drifted is no start
             return _shortened(open_loop(scene, options, starts[0]), options, kept)
-    reason = "without a law nothing moves, so that there is no error to measure"
+    motion = reference.told["motion"]
+    most = f" by more than {sentence.metres(motion)} in {experiment.duration:g} s" if motion else ""
+    reason = f"without a law nothing moves{most}, so that there is no error to measure"
+    if motion:
+        reason += ": run longer, or start where something moves"
     return experiment, Reference(None, reference.told | {"engine": None, "own_error": None, "reason": reason})
 
 
@@ -290,6 +309,18 @@ def _check_families(experiments: Sequence[Experiment], options: TradeoffOptions)
         f"tradeoff: families = {', '.join(options.families) or 'all'}: no setting has one of these words; there are "
         f"{'; '.join(names) or 'none, with these periods and this budget'}"
     )
+
+
+def _check_steps(experiments: Sequence[Experiment], options: TradeoffOptions) -> None:
+    if options.steps is None:
+        return
+    for one in experiments:
+        if not any(divides(one.interval, step) for step in options.steps):
+            raise OptionError(
+                f"tradeoff: steps = {', '.join(f'{step:g}' for step in options.steps)}: runs of {one.duration:g} s are "
+                f"recorded each {one.interval:g} s, and a step must divide that: use {one.interval:g} s over a whole "
+                "number, or run longer"
+            )
 
 
 def _passes(

@@ -324,6 +324,8 @@ def summary(setup: Setup, found: Data) -> list[str]:
             if others and section not in ("sampling", "starts"):
                 listed = " and ".join(title(name) for name in others)
                 sentences.append(f"{section.capitalize()} in {listed}: not quite the same, see the tables.")
+    if setup.scene.contact is not None:
+        sentences.append("MuJoCo alone has contact: no other engine confirms what is said here.")
     if found.get("starts_that_differ"):
         count = len(found["starts_that_differ"])
         sentences.append(f"{count} of the starts {'comes' if count == 1 else 'come'} out differently in other engines.")

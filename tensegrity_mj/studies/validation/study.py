@@ -80,7 +80,7 @@ def validate(
             object or function. What no other process can import is run in this one.
         folder: where the report is written (validation.json, validation.html) and finished runs are kept, so that the
             same call goes on after an interruption; None keeps nothing.
-        engines: "mujoco", "dae", ...; all by default. Sentences are of the first.
+        engines: "mujoco", "dae", ...; all that can simulate the scene by default. Sentences are of the first.
         sections: of `SECTIONS`; all by default. `nominal` is always run.
         duration: of each run [s]; the scene's by default; rounded to hundredths.
         timestep: of RK4 in every engine [s]; it must divide 10 ms.
@@ -106,7 +106,7 @@ def validate(
     setup = Setup(
         scene,
         made,
-        _names("engines", engines, tuple(ENGINES)),
+        _engines(scene, engines),
         _duration(scene, duration),
         _part_of_a_tick("timestep", timestep),
         _part_of_a_tick("control_period", control_period),
@@ -177,6 +177,19 @@ def _names(what: str, given: Sequence[str] | None, known: Sequence[str]) -> list
     if not names:
         raise OptionError(f"{what}: name at least one of {', '.join(known)}")
     return list(dict.fromkeys(names))
+
+
+def _engines(scene: Scene, given: Sequence[str] | None) -> list[str]:
+    if scene.contact is None:
+        return _names("engines", given, tuple(ENGINES))
+    names = _names("engines", ["mujoco"] if given is None else given, tuple(ENGINES))
+    others = [name for name in names if name != "mujoco"]
+    if others:
+        raise OptionError(
+            f"engines: {', '.join(others)}: scene '{scene.name}' has contact, which MuJoCo alone has: leave them "
+            "out, or validate the scene without contact"
+        )
+    return names
 
 
 def _duration(scene: Scene, duration: float | None) -> float:

@@ -1,0 +1,53 @@
+"""The page of long runs: a table and a course of each quantity that should have stayed what it was."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from tensegrity_mj.report import Picture, Section, Table, write_sections
+from tensegrity_mj.studies.long_runs import QUANTITIES
+
+Data = Mapping[str, Any]
+LEAST = 1e-17  # of a course that is drawn on a logarithmic axis
+
+
+def write_long_runs_page(path: str | os.PathLike[str], data: Data) -> Path:
+    """Write the page (.html) of the data of a study; returns its path."""
+    setup = data["setup"]
+    marks = [str(mark) for mark in setup["marks"]]
+    heads = ["", *(f"{int(mark):,} steps" for mark in marks), "growth, power of time", ""]
+    sections = []
+    for name, meaning in QUANTITIES.items():
+        table = [
+            [row["method"], *(row[name].get(mark) for mark in marks), row["growth"].get(name), row["reason"]]
+            for row in data["rows"]
+        ]
+        parts: list[Picture | Table] = [Picture(course_figure(data, name), meaning), Table("", heads, table)]
+        sections.append(Section(meaning, [], parts))
+    introduction = (
+        f"{setup['steps']:,} steps of {setup['timestep']:.4g} s of the scene {setup['scene']} without law, dampers "
+        f"and loads, in motion (seed {setup['seed']})."
+    )
+    return write_sections(path, f"Long runs of {setup['scene']}", introduction, sections)
+
+
+def course_figure(data: Data, name: str) -> Figure:
+    """How a quantity grew over the steps, for each method that let it grow at all."""
+    figure = Figure(figsize=(9, 4.5), layout="constrained")
+    axes = figure.add_subplot()
+    for row in data["rows"]:
+        course = row.get("course", {})
+        if any(value > 0 for value in course.get(name, [])):
+            axes.loglog(course["steps"], np.maximum(course[name], LEAST), label=row["method"])
+    axes.set_xlabel("steps")
+    axes.set_ylabel(QUANTITIES[name])
+    axes.grid(True, alpha=0.3)
+    if axes.lines:
+        axes.legend(fontsize="small", ncols=2)
+    return figure
