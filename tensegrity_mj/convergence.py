@@ -114,6 +114,12 @@ def has_kinks(run: Trajectory) -> bool:
     return bool(_at_times(run.tensions != 0).any())
 
 
+def count_kinks(run: Trajectory) -> int:
+    """Between how many pairs of recorded times strings begin or cease to pull."""
+    pulls = run.tensions != 0
+    return int(np.count_nonzero((pulls[1:] != pulls[:-1]).any(axis=1)))
+
+
 def _at_times(true: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Columns that are true at some times, and not at others."""
     return np.asarray(true.any(axis=0) & ~true.all(axis=0))

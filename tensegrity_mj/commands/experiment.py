@@ -30,8 +30,8 @@ ENGINES = ("mujoco", "dae", "ode")
 MUJOCO_OPTIONS = ("integrator",)
 INTEGRATION_OPTIONS = ("method", "rtol", "atol")  # of the DAE and the ODE
 DAE_OPTIONS = ("drift",)
-CHOSEN_BY_ACCURACY = ("timestep", "integrator", "method", "rtol", "atol")
-ENGINE_OPTIONS = ("accuracy", *MUJOCO_OPTIONS, *INTEGRATION_OPTIONS, *DAE_OPTIONS)
+CHOSEN_BY_ACCURACY = ("timestep", "integrator", "method", "rtol", "atol", "locate-slack")
+ENGINE_OPTIONS = ("accuracy", "locate-slack", *MUJOCO_OPTIONS, *INTEGRATION_OPTIONS, *DAE_OPTIONS)
 LAW_OPTIONS = ("norm", "decay-rate", "law-option", "on-infeasible")
 ACTUATION_OPTIONS = ("actuation", "control-period")
 
@@ -49,6 +49,12 @@ def add_engine_options(parser: argparse._ArgumentGroup) -> None:
     parser.add_argument("--method", choices=METHODS, help="the method of DAE and ODE (dop853)")
     parser.add_argument("--rtol", type=positive, help="relative tolerance of dop853 and radau")
     parser.add_argument("--atol", type=positive, help="absolute tolerance of dop853 and radau")
+    parser.add_argument(
+        "--locate-slack",
+        action="store_const",
+        const=True,
+        help="split the steps of rk4 where strings go slack or taut, so that it keeps its order there",
+    )
     parser.add_argument(
         "--drift", choices=DRIFTS, help="what the DAE does about the drift of its constraints (monitor)"
     )
@@ -150,7 +156,7 @@ def mujoco_of(options: argparse.Namespace) -> MuJoCo:
     from tensegrity_mj import Integrator, MuJoCo
 
     check_accuracy(options)
-    chosen = _given(options, ("timestep", "accuracy"))
+    chosen = _given(options, ("timestep", "accuracy", "locate_slack"))
     if options.integrator is not None:
         chosen["integrator"] = Integrator(options.integrator)
     return MuJoCo(**chosen)
@@ -174,7 +180,7 @@ def ode_of(options: argparse.Namespace, *, with_timestep: bool = True) -> ODE:
 
 
 def engine_of(name: str, options: argparse.Namespace, *, with_timestep: bool = True) -> MuJoCo | DAE | ODE:
-    """The engine of this name with the options given; `with_timestep` says whether DAE and ODE take --timestep."""
+    """The engine of this name with the options given; `with_timestep`: DAE and ODE take those of fixed steps."""
     if name == "mujoco":
         return mujoco_of(options)
     return (dae_of if name == "dae" else ode_of)(options, with_timestep=with_timestep)
@@ -200,7 +206,8 @@ def _integration_of(options: argparse.Namespace, with_timestep: bool) -> dict[st
     from tensegrity_mj import Method
 
     check_accuracy(options)
-    chosen = _given(options, ("rtol", "atol", "accuracy", *(("timestep",) if with_timestep else ())))
+    fixed = ("timestep", "locate_slack") if with_timestep else ()
+    chosen = _given(options, ("rtol", "atol", "accuracy", *fixed))
     if options.method is not None:
         chosen["method"] = Method(options.method)
     if options.method == "rk4":

@@ -21,6 +21,8 @@ from tensegrity_mj.engines.accuracy_ladder import STRIKES, Ladder, Rung
 from tensegrity_mj.engines.accuracy_steps import Steps
 from tensegrity_mj.engines.run import Request
 from tensegrity_mj.errors import ControllerError, DivergenceError, OptionError, TensegrityError
+from tensegrity_mj.strings import StringLaw
+from tensegrity_mj.structure import Structure
 from tensegrity_mj.trajectory import Status, Trajectory
 
 LEAST, MOST = 1e-10, 1e-2  # m, what may be asked for
@@ -57,6 +59,7 @@ def fixed_step_way(
     steps: Steps,
     request: Request,
     make: Callable[[float, Request], Trajectory],
+    located: bool = False,
 ) -> Way:
     """A method of fixed steps.
 
@@ -67,6 +70,7 @@ def fixed_step_way(
         steps: that it may have.
         request: of the run.
         make: the run with a step [s].
+        located: whether steps are split where strings go slack or taut.
     """
 
     def run(step: float) -> Trajectory:
@@ -82,8 +86,18 @@ def fixed_step_way(
         fit=lambda step: steps.step(steps.divisions(step)),
         floor=round_off(request),
         least=LEAST_STEP * request.duration,
+        located=located,
     )
-    return Way(ladder, weight, run, lambda step: {"timestep": steps.step(steps.divisions(step))})
+    split = {"locate_slack": True} if located else {}
+    return Way(ladder, weight, run, lambda step: {"timestep": steps.step(steps.divisions(step)), **split})
+
+
+def can_locate(structure: Structure) -> bool:
+    """Whether `locate_slack` leaves RK4 its order wherever strings go slack or taut.
+
+    A damper that may push stops at once where its string goes slack, and no stage of a step may look beyond.
+    """
+    return structure.string_law is StringLaw.CLIPPED or not bool(np.any(structure.damping > 0))
 
 
 def round_off(request: Request) -> float:

@@ -69,6 +69,7 @@ class Ladder:
         fit: the nearest setting that can be run, not coarser than a given one.
         floor: [m], below which differences are round-off.
         least: the finest setting that can be run.
+        located: whether its steps end where strings go slack or taut, so that these do not lower its order.
         dead: why it is given up, or "".
     """
 
@@ -80,6 +81,7 @@ class Ladder:
     fit: Callable[[float], float]
     floor: float
     least: float
+    located: bool = False
     rungs: list[Rung] = field(default_factory=list)
     differences: list[float] = field(default_factory=list)
     dead: str = ""
@@ -107,14 +109,14 @@ class Ladder:
             if len(self.rungs) >= FAILURES and not any(one.run for one in self.rungs[-FAILURES:]):
                 self.dead = f"{FAILURES} runs in a row failed, the last: {rung.failure}"
             return
-        self.highest = highest_order(rung.run, self.order)
+        self.highest = self.order if self.located else highest_order(rung.run, self.order)
         if last is not None:
             self.differences.append(difference(last, rung.run))
-            estimate = self.estimate
-            assert estimate is not None
-            self.strikes = 0 if estimate.settled else self.strikes + 1
+            # That runs stop early says nothing against their differences: finer ones may go further.
+            judged = self._judged()
+            self.strikes = 0 if judged.settled else self.strikes + 1
             if self.strikes >= STRIKES:
-                self.dead = estimate.reason
+                self.dead = judged.reason
         if rung.setting <= self.least * (1 + 1e-12):
             self.dead = self.dead or f"{self.name} can go no finer"
 
@@ -123,28 +125,35 @@ class Ladder:
         """What the runs say of the last of them; None before there are two."""
         if not self.differences:
             return None
-        good = self.good
-        if self.order:
-            steps = [rung.setting for rung in good]
-            recent = self.differences[-2:]
-            found = judge(recent, steps[-1 - len(recent) :], self.order, self.floor, self.highest)
-        else:
-            found = judge_tolerances(self.differences[-2:], self.floor)
-        last = good[-1].run
+        found, last = self._judged(), self.good[-1].run
         assert last is not None
         if last.status is not Status.COMPLETED:
             reason = f"the run stops at t = {last.time[-1]:.6g} s ({last.message})"
             return Estimate(found.value, False, f"{reason}; before, {found.reason}")
         return found
 
+    def _judged(self) -> Estimate:
+        """What the differences say of the last run, until it stopped."""
+        recent = self.differences[-2:]
+        if not self.order:
+            return judge_tolerances(recent, self.floor)
+        steps = [rung.setting for rung in self.good][-1 - len(recent) :]
+        return judge(recent, steps, self.order, self.floor, self.highest)
+
     def work(self, setting: float) -> float:
         """What a run with this setting may cost."""
         if not self.rungs:
-            return self.first_work() * (self.first / setting) ** self.growth
+            return self._plain_work(setting)
         done = [rung for rung in self.rungs if rung.run is not None] or self.rungs
         last = done[-1]
-        known = last.work if last.run is not None else self.first_work() * (self.first / last.setting) ** self.growth
+        known = last.work if last.run is not None else self._plain_work(last.setting)
+        if self.located:
+            # What it takes to find where strings go slack is much the same for any step.
+            return self._plain_work(setting) + max(0.0, known - self._plain_work(last.setting))
         return known * float((last.setting / setting) ** self.growth)
+
+    def _plain_work(self, setting: float) -> float:
+        return self.first_work() * (self.first / setting) ** self.growth
 
     def next(self, accuracy: float) -> tuple[float, float]:
         """The next setting, and the work from here to a verified result as far as can be seen."""

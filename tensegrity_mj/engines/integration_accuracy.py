@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.engines.accuracy import Way, find, fixed_step_way, round_off
+from tensegrity_mj.convergence import count_kinks
+from tensegrity_mj.engines.accuracy import Way, can_locate, find, fixed_step_way, round_off
 from tensegrity_mj.engines.accuracy_ladder import LEAST_TOLERANCE, Ladder
 from tensegrity_mj.engines.accuracy_steps import Steps, known_rate
 from tensegrity_mj.engines.integration import IntegratedRun, Method
@@ -26,6 +28,7 @@ COARSE_ERROR = 0.02  # of the structure's extent, at which the steps of RK4 tell
 # Evaluations by DOP853 with rtol = 1e-5 for each step that RK4 needs for COARSE_ERROR: 4 to 30, most where strings go
 # slack often.
 EVALUATIONS, AT_TOLERANCE, FEWEST = 12.0, 1e-5, 100
+KINK_EVALUATIONS = 25.0  # more for each decade of the tolerance where a string goes slack or taut: 22 to 50
 STIFF = 2e5  # steps of an explicit method, above which an implicit one is tried
 ATOL = 1e-2  # of rtol
 
@@ -49,11 +52,13 @@ def run_accurately(
     """
     rate = known_rate(request)
     steps = Steps.of(request, rate)
+    located = can_locate(request.scene.structure)
 
     def fixed(step: float, adapted: Request) -> Trajectory:
-        return prepared(with_method(method=Method.RK4, timestep=step), adapted).integrate()
+        options = with_method(method=Method.RK4, timestep=step, locate_slack=located)
+        return prepared(options, adapted).integrate()
 
-    rk4 = fixed_step_way(Method.RK4.value, RK4_ORDER, 1.0, 4, steps, request, fixed)
+    rk4 = fixed_step_way(Method.RK4.value, RK4_ORDER, 1.0, 4, steps, request, fixed, located)
 
     def controlled(method: Method) -> Way:
         weight = evaluation_weight(method, request)
@@ -65,6 +70,9 @@ def run_accurately(
             extent = float(np.max(np.abs(request.scene.nodes0)))
             known = rk4.ladder.steps_for(COARSE_ERROR * extent, request.duration)
             evaluations = EVALUATIONS * known * (AT_TOLERANCE / first) ** GROWTH[method]
+            seen = rk4.ladder.good[-1].run if rk4.ladder.good else None
+            if seen is not None:
+                evaluations += KINK_EVALUATIONS * math.log10(1 / first) * count_kinks(seen)
             return weight * max(FEWEST, evaluations)
 
         def run(rtol: float) -> Trajectory:

@@ -15,32 +15,27 @@ from __future__ import annotations
 from typing import Any
 
 import numba
-import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from tensegrity_mj.law import NO_SOLUTION, SOLVED
+from tensegrity_mj.law import SOLVED
 from tensegrity_mj.native.plant import (
     BREAKING,
-    CONTINUOUS,
     ENGINE_SLOTS,
-    MODE,
-    PASSIVE,
-    STATUS,
+    RESISTANCE,
     STRING_COUNT,
     add_string_forces,
     break_strings,
     measure_strings,
-    remember,
     row_width,
     set_rest_lengths,
-    start_ledger,
     take_sample,
     tighten_strings,
     write_row,
 )
 from tensegrity_mj.native.pointers import floats
+from tensegrity_mj.native.resistance import dissipated
 
 njit = numba.njit(cache=True, error_model="numpy")
 
@@ -112,14 +107,18 @@ def guard(y: Any, table: Any) -> int:
 def pull_strings(t: float, dwork: Any, table: Any) -> int:
     """What strings do at the nodes' current places, for the rates of a model: their pull is added to the nodal forces.
 
-    Writes the powers of elastic tensions and of dampers into dwork (2,), and returns the law's answer.
+    Writes the powers of elastic tensions and of dampers into dwork (2,), what resists motion among these, and returns
+    the law's answer.
     """
     dwork[0], dwork[1] = 0.0, 0.0
+    if table[RESISTANCE]:
+        dwork[1] = dissipated(table[RESISTANCE])
     if table[STRING_COUNT] == 0:
         return SOLVED
     measure_strings(table)
     status = set_rest_lengths(table, t)
-    dwork[0], dwork[1] = tighten_strings(table)
+    dwork[0], damped = tighten_strings(table)
+    dwork[1] += damped
     add_string_forces(table)
     return status
 
@@ -147,72 +146,3 @@ def break_due_strings(t: float, y: Any, table: Any) -> bool:
         return False
     place(y, table)
     return break_strings(table, t)
-
-
-@njit
-def rk4_steps(
-    table: Any, y: Any, h: float, first: int, count: int, total: int, stride: int, ratio: int, rows: Any
-) -> tuple[int, int]:
-    """`count` classical Runge-Kutta steps from number `first`; returns (step reached, status).
-
-    y is always a state that the model can hold: that of the step returned.
-    """
-    size = len(y)
-    k1, k2, k3, k4, x = np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size)
-    row = (first + stride - 1) // stride
-    for n in range(first, first + count):
-        t = n * h
-        status = SOLVED
-        break_due_strings(t, y, table)
-        if ratio > 0 and n % ratio == 0:
-            status = sample_law(t, y, table)
-            if n == 0:
-                start_ledger(table)
-        asked = rates(t, y, k1, table)
-        if asked > NO_SOLUTION:
-            status = asked
-        if n == 0 and ratio == 0:
-            start_ledger(table)
-        if ratio == 0:
-            status = asked
-            if status == SOLVED and table[MODE] == CONTINUOUS:
-                remember(table)
-        if status > NO_SOLUTION or table[STATUS] != 0 or (status == NO_SOLUTION and not table[PASSIVE]):
-            observe(y, table, rows[row])
-            return n, max(status, table[STATUS])
-        if n % stride == 0:
-            observe(y, table, rows[row])
-            row += 1
-        for i in range(size):
-            x[i] = y[i] + 0.5 * h * k1[i]
-        worst = rates(t + 0.5 * h, x, k2, table)
-        if worst <= NO_SOLUTION:
-            for i in range(size):
-                x[i] = y[i] + 0.5 * h * k2[i]
-            worst = rates(t + 0.5 * h, x, k3, table)
-        if worst <= NO_SOLUTION:
-            for i in range(size):
-                x[i] = y[i] + h * k3[i]
-            worst = rates(t + h, x, k4, table)
-        if worst <= NO_SOLUTION:
-            for i in range(size):
-                x[i] = y[i] + h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])
-            project(x, table)
-            worst = guard(x, table)
-        if worst > NO_SOLUTION:
-            return n, worst
-        y[:] = x
-    n = first + count
-    if n == total:
-        t = n * h
-        status = SOLVED
-        break_due_strings(t, y, table)
-        if ratio > 0 and n % ratio == 0:
-            status = sample_law(t, y, table)
-        asked = rates(t, y, k1, table)
-        if ratio == 0:
-            status = asked
-        observe(y, table, rows[len(rows) - 1])
-        if status > NO_SOLUTION or (status == NO_SOLUTION and not table[PASSIVE]):
-            return n, status
-    return n, SOLVED

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from tensegrity_mj.engines.accuracy import Way, find, fixed_step_way
+from tensegrity_mj.engines.accuracy import Way, can_locate, find, fixed_step_way
 from tensegrity_mj.engines.accuracy_steps import Steps, fastest_rate, known_rate
 from tensegrity_mj.engines.mujoco import Integrator, MuJoCo
-from tensegrity_mj.engines.mujoco_run import MuJoCoRun
 from tensegrity_mj.engines.run import Request
 from tensegrity_mj.trajectory import Trajectory
 
@@ -36,8 +35,13 @@ def run_accurately(accuracy: float, request: Request) -> Trajectory:
 
 
 def _way(integrator: Integrator, steps: Steps, request: Request) -> Way:
+    scene = request.scene
+    located = integrator is Integrator.RK4 and scene.contact is None and can_locate(scene.structure)
+
     def make(step: float, adapted: Request) -> Trajectory:
-        return MuJoCoRun(MuJoCo(step, integrator), adapted).run()
+        return MuJoCo(step, integrator, locate_slack=located).run(adapted)
 
     stages = MuJoCo(integrator=integrator).stages
-    return fixed_step_way(integrator.value, ORDER[integrator], WEIGHT[integrator], stages, steps, request, make)
+    return fixed_step_way(
+        integrator.value, ORDER[integrator], WEIGHT[integrator], stages, steps, request, make, located
+    )

@@ -138,9 +138,12 @@ def _sweeps(experiment: Experiment, request: Request, sampled_each: float) -> It
         for integrator in Integrator:
             stages = MuJoCo(integrator=integrator).stages
             yield fixed(partial(MuJoCo, integrator=integrator), MUJOCO_WEIGHT[integrator], stages)
+        rk4 = Integrator.RK4
+        yield fixed(partial(MuJoCo, locate_slack=True), MUJOCO_WEIGHT[rk4], MuJoCo(integrator=rk4).stages)
         return
     kind = DAE if experiment.engine == "DAE" else ODE
     yield fixed(lambda step: kind(method=Method.RK4, timestep=step), 1.0, 4)
+    yield fixed(lambda step: kind(method=Method.RK4, timestep=step, locate_slack=True), 1.0, 4)
     for method in (Method.DOP853, Method.RADAU):
         weight = evaluation_weight(method, request)
         yield (Setting(kind(method=method, rtol=tol, atol=1e-2 * tol), weight, 0.0, sampled_each) for tol in TOLERANCES)
