@@ -91,10 +91,10 @@ def limit_of(model: Vibration, scheme: Scheme, extra: tuple[complex, ...] = ()) 
         return limit, y
     K, D = model.material + model.geometric, model.damper
     if scheme is Scheme.SEMI_IMPLICIT:
-        return _first_root(K, D)
+        return _first_root(model, K, D)
     if scheme is Scheme.VELOCITY_IMPLICIT:
-        return _first_root(K, D - 2 * model.body_damper)
-    return _first_root(K - 2 * model.seen, -D)
+        return _first_root(model, K, D - 2 * model.body_damper)
+    return _first_root(model, K - 2 * model.seen, D - 2 * model.string_damper)
 
 
 def is_stable(model: Vibration, scheme: Scheme, step: float, extra: tuple[complex, ...] = ()) -> bool:
@@ -107,7 +107,7 @@ def is_stable(model: Vibration, scheme: Scheme, step: float, extra: tuple[comple
 def amplification_matrix(model: Vibration, scheme: Scheme, step: float) -> Array:
     """(2n, 2n): what a step makes of (y, ẏ). Dense, for models of moderate size."""
     K, D = _dense(model.material + model.geometric), _dense(model.damper)
-    seen, known = _dense(model.seen), D
+    seen, known = _dense(model.seen), _dense(model.string_damper)
     if model.law is not None:
         K, D = K + model.law.stiffness, D + model.law.damping
     n, h = model.size, step
@@ -139,7 +139,7 @@ def system_matrix(model: Vibration) -> Array:
 
 def largest_frequency(model: Vibration) -> float:
     """ω [1/s] of the stiffest motion, without dampers and law."""
-    return math.sqrt(max(0.0, _largest(model.material + model.geometric)[0]))
+    return math.sqrt(max(0.0, _largest(model, model.material + model.geometric)[0]))
 
 
 def polynomial(z: Any) -> Any:
@@ -151,8 +151,8 @@ def _dense(matrix: Any) -> Array:
     return matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
 
 
-def _largest(matrix: Any) -> tuple[float, Array]:
-    """The largest eigenvalue of a symmetric matrix, and its vector."""
+def _largest(model: Vibration, matrix: Any) -> tuple[float, Array]:
+    """The largest eigenvalue of a symmetric matrix of a model, among motions that joints allow, and its vector."""
     n = matrix.shape[0]
     if n == 0:
         return 0.0, np.zeros(0)
@@ -165,8 +165,19 @@ def _largest(matrix: Any) -> tuple[float, Array]:
 
     # A start that no symmetry of the structure makes orthogonal to a mode, and the same each time.
     start = np.cos(np.arange(n) ** 1.5) + 0.1
-    values, vectors = eigsh(0.5 * (matrix + matrix.T), k=1, which="LA", v0=start, tol=1e-9)
+    even = 0.5 * (matrix + matrix.T)
+    values, vectors = eigsh(_projected(model, even), k=1, which="LA", v0=model.project(start), tol=1e-9)
     return float(values[0]), vectors[:, 0]
+
+
+def _projected(model: Vibration, matrix: Any) -> Any:
+    """P A P of a sparse A, as something that can be multiplied with."""
+    if model.joints is None:
+        return matrix
+    from scipy.sparse.linalg import LinearOperator
+
+    project = model.joints.project
+    return LinearOperator(matrix.shape, matvec=lambda y: project(matrix @ project(np.ravel(y))), dtype=float)
 
 
 def _scale(matrix: Any) -> float:
@@ -174,15 +185,15 @@ def _scale(matrix: Any) -> float:
     return float(abs(matrix).sum(axis=0).max()) if matrix.shape[0] else 0.0
 
 
-def _first_root(P: Any, B: Any) -> tuple[float, Array]:
+def _first_root(model: Vibration, P: Any, B: Any) -> tuple[float, Array]:
     """The smallest h > 0 at which h² P / 4 + h B / 2 has the largest eigenvalue 1, and its vector; B is >= 0 or <= 0.
 
     For one vector x that is a scalar quadratic, whose root is not below the one sought; the vector that is largest at
     one h gives the next, from above and with quadratic convergence (Rayleigh's quotient).
     """
-    largest, x = _largest(P)
+    largest, x = _largest(model, P)
     if not largest > FLAT * _scale(P):
-        largest, x = _largest(B)
+        largest, x = _largest(model, B)
         if not largest > FLAT * _scale(B):
             return math.inf, x
     h = math.inf
@@ -195,7 +206,7 @@ def _first_root(P: Any, B: Any) -> tuple[float, Array]:
         if not found < h * (1 - 1e-12):
             break
         h = found
-        _, x = _largest(0.25 * h * h * P + 0.5 * h * B)
+        _, x = _largest(model, 0.25 * h * h * P + 0.5 * h * B)
     return h, x
 
 
@@ -221,14 +232,14 @@ def _radii(values: Any) -> Array:
 def _runge_kutta_limit(model: Vibration) -> tuple[float, Array]:
     K, D = model.material + model.geometric, model.damper
     if _scale(D) <= 0:
-        largest, y = _largest(K)
+        largest, y = _largest(model, K)
         if not largest > FLAT * _scale(K):
             return math.inf, y
         return math.sqrt(8 / largest), y
     if model.is_dense:
         values, vectors = np.linalg.eig(system_matrix(model))
     else:
-        values, vectors = _largest_modes(K, D)
+        values, vectors = _largest_modes(model, K, D)
     return _of_modes(values, vectors[: model.size])
 
 
@@ -250,7 +261,7 @@ def _real_shape(shape: Any) -> Array:
     return np.asarray(turned.real / norm) if norm > 0 else np.zeros(len(shape))
 
 
-def _largest_modes(K: Any, D: Any) -> tuple[Any, Any]:
+def _largest_modes(model: Vibration, K: Any, D: Any) -> tuple[Any, Any]:
     """Eigenvalues of A that are not far from the largest, and their vectors: no other can be the first to grow.
 
     R's region of stability reaches from |z| = 2.6 to 3.0 in Re z <= 0.
@@ -258,7 +269,13 @@ def _largest_modes(K: Any, D: Any) -> tuple[Any, Any]:
     from scipy.sparse.linalg import LinearOperator, eigs
 
     n = K.shape[0]
-    A: Any = LinearOperator((2 * n, 2 * n), matvec=lambda x: np.concatenate([x[n:], -(K @ x[:n]) - D @ x[n:]]))
+    project = model.project
+
+    def rates(x: Array) -> Array:
+        moved, moving = project(np.ravel(x)[:n]), project(np.ravel(x)[n:])
+        return np.concatenate([moving, -project(K @ moved + D @ moving)])
+
+    A: Any = LinearOperator((2 * n, 2 * n), matvec=rates, dtype=float)
     start, count = np.cos(np.arange(2 * n) ** 1.5) + 0.1, 8
     while True:
         values, vectors = eigs(A, k=count, which="LM", v0=start, tol=1e-8)

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.amplification import Scheme, is_stable, largest_frequency, limit_of, scheme_of
+from tensegrity_mj.capabilities import require_class_1
 from tensegrity_mj.checks import finite, real_array
 from tensegrity_mj.errors import OptionError, StabilityWarning
 from tensegrity_mj.law import NO_SOLUTION, Command, Law, NativeLaw, native_law
@@ -31,6 +32,7 @@ Array = NDArray[np.float64]
 
 SAMPLES = 25  # configurations looked at along a run
 LAW_COORDINATES = 100  # of a structure up to which the check before a run asks the law for its derivative
+RUN_COORDINATES = 1000  # of a structure up to which the states of a run without a law are looked at
 LAW_STEP = 1e-5  # of the structure's size: a central difference's error is its square
 HALF_DISC = 2.6  # |z| within which Runge-Kutta's R(z) <= 1 for all Re z <= 0 (its smallest radius there is 2.615)
 NEAR_POLE = 0.1  # sin φ below which the ODE's angles turn much faster than the rod
@@ -111,14 +113,18 @@ def stable_step(
         actuation: continuous by default.
         nodes, velocities: (N, 3) the state; the scene's start by default.
         rest_lengths: (M,) [m]; the structure's by default, or what the law sets.
-        time: [s], at which loads and law are evaluated, and strings have broken or not yet.
+        time: [s], at which loads and law are evaluated, supports have moved, and strings have broken or not yet.
         run: a run of this structure instead of a state: the smallest limit of its configurations.
 
     Raises:
         OptionError: for arrays of another shape, a time below zero, a run of another structure, and for what is no
             scene, engine, actuation or run.
+        StructureError: for the ODE, where rods share nodes.
+        SceneError: for nodes that stretch a rod, or are not where supports have them at that time.
         InfeasibleError, ControllerError: what the law says at the state.
     """
+    from tensegrity_mj.validation import check_configuration
+
     if not isinstance(scene, Scene):
         raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
     if isinstance(engine, type) or not callable(getattr(engine, "run", None)):
@@ -132,6 +138,8 @@ def stable_step(
         raise OptionError(f"time = {time!r}; it must be >= 0 s, as in a run")
     scheme = scheme_of(engine)
     structure = scene.structure
+    if hasattr(engine, "least_sine"):
+        require_class_1(structure, "the ODE is")
     native = law if isinstance(law, NativeLaw) or law is None else native_law(law, structure)
     asked = None if native is None or not native.address else _Law(scene, native)
     held = actuation.mode if asked is not None else None
@@ -142,6 +150,8 @@ def stable_step(
     x = scene.nodes0 if nodes is None else real_array("nodes", nodes, shape, "m", False)
     v = scene.velocities0 if velocities is None else real_array("velocities", velocities, shape, "m/s", False)
     L0 = None if rest_lengths is None else real_array("rest_lengths", rest_lengths, (len(structure.strings),), "m")
+    moved = {motion.support: motion.at(float(time))[0] for motion in scene.motions}
+    check_configuration(structure, x, "stable_step: nodes", moved)
     model = _model(scene, asked, held, x, v, L0, float(time), bodies)
     return _step_of(model, engine, scheme, time)
 
@@ -152,9 +162,8 @@ def before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) 
     A bound that costs next to nothing comes first, and the model only where the step is beyond it. It never asks a
     law of Python's, or one that is not a function of the state alone. None where there is nothing to check.
     """
-    scheme, structure = scheme_of(engine), scene.structure
-    step = getattr(engine, "timestep", None)
-    if scheme is None or step is None or not structure.strings:
+    scheme, step = scheme_of(engine), getattr(engine, "timestep", None)
+    if scheme is None or step is None:
         return None, ""
     try:
         return _checked(scene, engine, scheme, float(step), law, actuation)
@@ -173,21 +182,25 @@ def warn_before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuat
 
 
 def after_run(run: Trajectory, engine: Any, law: NativeLaw, actuation: Actuation) -> None:
-    """Where a run with a continuous law is off and its step is to blame, say so in its reports.
+    """Where a run is off and its step is to blame, say so in its reports.
 
-    Before a run, the states that the law will lead to are not known: this looks at those of the run.
+    Before a run, the states that it will go through are not known: this looks at those that it has seen. Laws must be
+    continuous; without one, the rest lengths stay.
     """
     scheme, step = scheme_of(engine), getattr(engine, "timestep", None)
-    if scheme is None or step is None or not law.address or law.failure is not None or law.discontinuous:
+    if scheme is None or step is None or law.failure is not None or law.discontinuous:
         return
+    # A law of Python's that has no address is none at all.
+    asked = law if law.address else None
     coordinates = SLOTS * (len(run.scene.structure.rods) + len(run.scene.structure.point_masses))
-    if actuation.mode is not Mode.CONTINUOUS or coordinates > LAW_COORDINATES or not run.reports.get("warnings"):
+    most = LAW_COORDINATES if asked is not None else RUN_COORDINATES
+    if actuation.mode is not Mode.CONTINUOUS or coordinates > most or not run.reports.get("warnings"):
         return
     try:
-        found = stable_step(run.scene, engine, law=law, run=run)
+        found = stable_step(run.scene, engine, law=asked, run=run)
     except Exception:  # as in `before_run`
         return
-    if found.limit < step:
+    if found.limit < step and not run.reports.get("stability", {}).get("exceeded"):
         run.reports["stability"] = {"step": step, "checked": True, "exceeded": True, **found.to_dict()}
         run.reports["warnings"].append(message(found, engine, float(step)))
 
@@ -207,7 +220,9 @@ def _checked(
     if by_density and not small:
         return {"step": step, "checked": False, "reason": "the loop through the law is too large to look at"}, ""
     if not by_density:
-        bound = _bound(scheme, *stiffness_bounds(structure, bodies, scene.nodes0, structure.rest_lengths))
+        bound = _bound(
+            scheme, *stiffness_bounds(scene, bodies, scene.nodes0, scene.velocities0, structure.rest_lengths)
+        )
         if step <= bound:
             return {"step": step, "checked": True, "exceeded": False, "at_least": bound}, ""
     asked = _Law(scene, law) if pure else None
@@ -229,7 +244,8 @@ def message(found: StableStep, engine: Any, step: float) -> str:
         blame += f" on string '{found.string}' ({found.string_share:.0%} of its energy)"
     remedies = [f"use a step below {found.limit:.3g} s"]
     if hasattr(engine, "integrator"):
-        if found.scheme is not Scheme.LINEARLY_IMPLICIT and not found.closed_loop:
+        # It knows the stiffness of strings, and nothing of what weight and joints hold.
+        if found.scheme is not Scheme.LINEARLY_IMPLICIT and not found.closed_loop and found.string:
             remedies.append("Integrator.DISCRETE (stable, not accurate)")
     elif not found.closed_loop:
         remedies.append("Method.RADAU, which chooses its steps")
@@ -241,20 +257,31 @@ def message(found: StableStep, engine: Any, step: float) -> str:
     )
 
 
-def _bound(scheme: Scheme, material: float, geometric: float, damper: float) -> float:
-    """A step [s] that is stable for every structure with stiffnesses [1/s²] and dampers [1/s] up to these."""
-    whole = material + geometric
+def _bound(scheme: Scheme, material: float, rest: float, damper: float, other: float) -> float:
+    """A step [s] that is stable for every structure with up to these stiffnesses and dampers.
+
+    Args:
+        scheme: of the integrator.
+        material, damper: [1/s²], [1/s] of strings, as the implicit integrators know them.
+        rest, other: the same of all else, which none of them knows.
+    """
+    whole, all_dampers = material + rest, damper + other
     match scheme:
         case Scheme.RUNGE_KUTTA:
-            fastest = 0.5 * (damper + math.sqrt(damper**2 + 4 * whole))  # of |λ|² <= d |λ| + k
+            fastest = 0.5 * (all_dampers + math.sqrt(all_dampers**2 + 4 * whole))  # of |λ|² <= d |λ| + k
             return HALF_DISC / fastest if fastest > 0 else math.inf
         case Scheme.SEMI_IMPLICIT:
-            largest = damper + math.sqrt(damper**2 + 4 * whole)  # h² k / 4 + h d / 2 = 1
-            return 4 / largest if largest > 0 else math.inf
+            return _explicit_bound(whole, all_dampers)
         case Scheme.VELOCITY_IMPLICIT:
-            return 2 / math.sqrt(whole) if whole > 0 else math.inf
+            return _explicit_bound(whole, other)
         case Scheme.LINEARLY_IMPLICIT:
-            return 2 / math.sqrt(geometric) if geometric > 0 else math.inf
+            return _explicit_bound(rest, other)
+
+
+def _explicit_bound(stiffness: float, damper: float) -> float:
+    """h with h² k / 4 + h d / 2 = 1."""
+    largest = damper + math.sqrt(damper**2 + 4 * stiffness)
+    return 4 / largest if largest > 0 else math.inf
 
 
 def _along(
@@ -292,10 +319,7 @@ def _model(
     bodies: Bodies,
 ) -> Vibration:
     """The linear model about a state, with what the law sets there, and where it is continuous its derivative."""
-    from tensegrity_mj.validation import check_configuration
-
     structure = scene.structure
-    check_configuration(structure, nodes, "stable_step: nodes")
     events = {event.string: event.time for event in scene.breaks}
     broken = np.array([events.get(string.name, math.inf) <= time for string in structure.strings], bool)
     densities = None
@@ -355,9 +379,7 @@ class _Law:
         size = float(np.ptp(nodes, axis=0).max(initial=0.0)) or 1.0
         units = np.zeros((n, *nodes.shape))
         for k in range(n):
-            y = np.zeros(n)
-            y[k] = 1.0
-            units[k] = model.motion(y)
+            units[k] = model.motion(model.project(np.eye(n)[k]))
         largest = np.abs(units).max(axis=(1, 2), initial=0.0)
         for k in np.flatnonzero(largest > 0).tolist():
             h = LAW_STEP * size / largest[k]
@@ -444,9 +466,17 @@ def _notes(model: Vibration, engine: Any) -> tuple[str, ...]:
     if not model.taut.all() and len(model.taut):
         slack = len(model.taut) - int(model.taut.sum())
         notes.append(f"{slack} of {len(model.taut)} strings are slack in this state and count once they are taut")
+    if scene.resistance is not None and scene.resistance.drag is not None:
+        notes.append("the damping of drag is not in the model: it matters where a fluid is fast")
     if scene.contact is not None:
         notes.append("contact is not in the model: where something touches, the limit may be another")
-    if scheme_of(engine) is Scheme.VELOCITY_IMPLICIT and abs(model.damper - model.body_damper).max() > 0:
+    implicit = scheme_of(engine) is Scheme.VELOCITY_IMPLICIT and abs(model.string_damper - model.body_damper).max() > 0
+    if implicit and model.joints is not None:
+        notes.append(
+            "damped strings between rods that share nodes: what this integrator knows of a damper depends on how the "
+            "rods hang on each other; the limit is that without dampers, and may be another"
+        )
+    elif implicit:
         notes.append(
             "dampers between bodies that move: this integrator does not keep angular momentum, and a structure that "
             "spins may spin up without bound at any step (docs/stability.md); at rest the limit holds"

@@ -15,6 +15,11 @@ X being the difference of a string's two nodes, t_b the generalized force on b (
 last term negative. It is the linear model of `linearization`, from closed forms, without what the velocities of the
 state do to it (centrifugal and gyroscopic terms), and away from an equilibrium without one term, of the accelerations
 of rods that are held at a point of σ ≠ 1/2 with translations left, that is not symmetric.
+
+Where rods share nodes, `vibration_joints` takes out what the joints forbid, and the forces of the joints are part of
+t_b: a hanging cable is held by the weight that its rods carry, a swinging one by more. There velocities do count: the
+forces are those that turn the rods on their ways, and what is left of -J |ḃ|² on a rod's own turns is added. That is
+all of the tangential stiffness of the motion but a part that is not above zero. Supports that move push with -d̈.
 """
 
 from __future__ import annotations
@@ -25,16 +30,20 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.joints import spanning_forest
 from tensegrity_mj.rods import inertia_terms
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.strings import StringLaw
 from tensegrity_mj.structure import Structure
+from tensegrity_mj.vibration_joints import Joints
+from tensegrity_mj.vibration_resistance import Blocks, bending_blocks, bending_pulls, fluid_forces, viscous_blocks
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 SLOTS = 5  # coordinates a body
 DENSE = 150  # coordinates up to which matrices are dense
+ROUND_OFF = 1e-14  # of the forces on a rod's ends
 EDGE = 1e-12  # of its length: within round-off of its rest length, a string counts as taut
 
 
@@ -43,8 +52,10 @@ class Bodies:
     """What of a structure does not depend on its state; B bodies, N nodes.
 
     Attributes:
-        body: (N,) of each node; B for a fixed one.
-        lever: (N,) [m] from the point at σ to the node, along b.
+        body: (N,) of each node, the first in the forest of those that share it; B for a fixed one.
+        lever: (N,) [m] from the point at σ of that body to the node, along b.
+        ends: (R, 2) [m] from the point at σ of a rod to its ends, along b.
+        joints: (J, 3) node, its body, and another body that ends there.
         mass, f, J: (B,) of (2.30); f = 0 and J = 1 for a point mass.
         length, sigma: (R,) of the rods.
         E: (B, 3, 3) translations, padded with zero columns.
@@ -54,6 +65,8 @@ class Bodies:
     structure: Structure
     body: IntArray
     lever: Array
+    ends: Array
+    joints: IntArray
     mass: Array
     f: Array
     J: Array
@@ -74,9 +87,11 @@ class Bodies:
         f, J = np.zeros(R + P), np.ones(R + P)
         f[:R], J[:R] = inertia_terms(structure.rod_masses, length, sigma)
         mass = np.concatenate([structure.rod_masses, [point.mass for point in structure.point_masses]])
-        first, second = structure.rod_nodes.T
-        body[first], body[second] = np.arange(R), np.arange(R)
-        lever[first], lever[second] = -sigma * length, (1 - sigma) * length
+        ends = np.stack([-sigma * length, (1 - sigma) * length], axis=1)
+        forest = spanning_forest(structure)
+        for rod in forest.order[::-1]:  # so that the first one stays
+            body[structure.rod_nodes[rod]], lever[structure.rod_nodes[rod]] = rod, ends[rod]
+        joints = np.array(forest.joints, np.int64).reshape(-1, 3)
         for number, rod in enumerate(structure.rods):
             basis = rod.support.translation_basis
             E[number, :, : basis.shape[1]] = basis
@@ -86,7 +101,7 @@ class Bodies:
             body[structure.node_index[point.node]] = R + number
             basis = point.translation_basis
             E[R + number, :, : basis.shape[1]] = basis
-        return cls(structure, body, lever, mass, f, J, length, sigma, E, planes)
+        return cls(structure, body, lever, ends, joints, mass, f, J, length, sigma, E, planes)
 
     @property
     def mobilities(self) -> Array:
@@ -120,9 +135,13 @@ class Vibration:
         damping: (M,) [N s/m].
         turned: (N, 3, 5) X of each node, in the coordinates of its body.
         material, geometric, damper: the matrices K and D above, (n, n) [1/s²], [1/s²], [1/s].
-        body_damper: (n, n) [1/s] the blocks of D on single bodies.
+        string_damper: (n, n) [1/s] the part of D that strings have: what MuJoCo's `discrete` integrator reckons with.
+        body_damper: (n, n) [1/s] the blocks of that on single bodies: what the implicit ones reckon with.
         seen: (n, n) [1/s²] the material stiffness that MuJoCo's `discrete` integrator reckons with: of k, always.
+        acceleration: (n,) [√kg m/s²] ÿ of the state: zero at rest in an equilibrium.
         law: what a law in the loop adds, or None.
+        joints: what of y they forbid, or None where no rods share a node. Dense matrices have that taken out already;
+            of sparse ones, it is for `project` to do.
     """
 
     scene: Scene
@@ -139,9 +158,12 @@ class Vibration:
     material: Any = field(repr=False)
     geometric: Any = field(repr=False)
     damper: Any = field(repr=False)
+    string_damper: Any = field(repr=False)
     body_damper: Any = field(repr=False)
     seen: Any = field(repr=False)
+    acceleration: Array = field(repr=False)
     law: LawDerivative | None = None
+    joints: Joints | None = None
 
     @property
     def size(self) -> int:
@@ -153,8 +175,12 @@ class Vibration:
         """Whether the matrices are arrays."""
         return self.size <= DENSE
 
+    def project(self, y: Array) -> Array:
+        """What joints allow of y (n,)."""
+        return y if self.joints is None else self.joints.project(y)
+
     def motion(self, y: Array) -> Array:
-        """(N, 3) displacements of the nodes of coordinates y (n,)."""
+        """(N, 3) displacements of the nodes of coordinates y (n,), of what joints allow."""
         parts = np.vstack([y.reshape(-1, SLOTS), np.zeros((1, SLOTS))])
         return np.asarray(np.einsum("nxs,ns->nx", self.turned, parts[self.bodies.body]))
 
@@ -208,12 +234,25 @@ def vibration(
     damping = np.where(taut, structure.damping, 0.0)
 
     motion = _motion(bodies, nodes)
+    joints = _joints_of(bodies, motion)
     weights = s[:, :, None] * s[:, None, :]
     across = np.eye(3) - weights
     over_length = tension / np.where(length > 0, length, 1.0)
-    assemble = _Assembly(structure, bodies, motion.turned)
-    rods = _rods_geometric(scene, bodies, nodes, s * tension[:, None], time, motion)
-    material = assemble(stiffness[:, None, None] * weights)
+    assemble = _Assembly(structure, bodies, motion.turned, joints)
+    pulls = s * tension[:, None]
+    rods, acceleration = _rods_geometric(scene, bodies, nodes, velocities, pulls, time, motion, joints)
+    seen = material = assemble(stiffness[:, None, None] * weights)
+    if force_densities is not None:
+        seen = assemble(np.where(taut, k, 0.0)[:, None, None] * weights)
+    strings = damper = assemble(damping[:, None, None] * weights)
+    bent, viscous = _resistance_of(scene, bodies, motion)
+    if bent is not None and scene.resistance is not None and scene.resistance.bending is not None:
+        material = material + assemble.sum(bent.times(scene.resistance.bending.stiffness))
+        damper = damper + assemble.sum(bent.times(scene.resistance.bending.damping))
+    if viscous is not None:
+        damper = damper + assemble.sum(viscous)
+    # In a tree of MuJoCo's bodies, which dampers an implicit integrator knows depends on the tree: see `stability`.
+    known = 0.5 * strings if joints is not None else assemble(damping[:, None, None] * weights, between=False)
     return Vibration(
         scene=scene,
         bodies=bodies,
@@ -228,27 +267,35 @@ def vibration(
         turned=motion.turned,
         material=material,
         geometric=assemble(over_length[:, None, None] * across, rods),
-        damper=assemble(damping[:, None, None] * weights),
-        body_damper=assemble(damping[:, None, None] * weights, between=False),
-        seen=material if force_densities is None else assemble(np.where(taut, k, 0.0)[:, None, None] * weights),
+        damper=damper,
+        string_damper=strings,
+        body_damper=known,
+        seen=seen,
+        acceleration=acceleration,
         law=law,
+        joints=joints,
     )
 
 
 def stiffness_bounds(
-    structure: Structure, bodies: Bodies, nodes: Array, rest_lengths: Array
-) -> tuple[float, float, float]:
-    """Bounds that cost next to nothing: of the material and geometric parts of K, both [1/s²], and of D [1/s].
+    scene: Scene, bodies: Bodies, nodes: Array, velocities: Array, rest_lengths: Array
+) -> tuple[float, float, float, float]:
+    """Bounds that cost little: of the strings' material part of K and of the rest, both [1/s²], and of both parts of D.
+
+    D [1/s] is that of the strings, and that of what else resists; at t = 0.
 
     (a - b)² <= 2 a² + 2 b² makes a sum over bodies of the quadratic form of a string; the largest eigenvalue of a body
-    is at most the sum of those of its strings. A string that is fixed at one end has b = 0.
+    is at most the sum of those of its strings. A string that is fixed at one end has b = 0. Joints only lower them.
     """
+    structure = scene.structure
     i, j = structure.string_nodes.T
-    length = structure.string_lengths(nodes)
+    s, length, rate = _strings_at(structure, nodes, velocities)
     B = len(bodies.mass)
     ends_free = (bodies.body[i] < B).astype(float) + (bodies.body[j] < B)
     mobility = bodies.mobilities
-    density = structure.stiffness * np.abs(length - rest_lengths) / np.where(length > 0, length, np.inf)
+    stretch = length - rest_lengths
+    pull = np.where(stretch >= 0, np.abs(structure.stiffness * stretch + structure.damping * rate), 0.0)
+    density = pull / np.where(length > 0, length, np.inf)
 
     def largest(weight: Array) -> float:
         each = ends_free * weight
@@ -256,19 +303,37 @@ def stiffness_bounds(
         values = np.concatenate([each * mobility[i], each * mobility[j]])
         return float(np.bincount(bodies_of, values, minlength=B + 1)[:B].max(initial=0.0))
 
-    # Two directions across; a rod's own part is at most Σ T |lever| / (J - f²/m).
-    moment = np.append(bodies.J - bodies.f**2 / bodies.mass, np.inf)
-    pull = density * length
-    turning = np.bincount(
-        np.concatenate([bodies.body[i], bodies.body[j]]),
-        np.concatenate([pull * np.abs(bodies.lever[n]) / moment[bodies.body[n]] for n in (i, j)]),
-        minlength=B + 1,
-    )[:B]
-    return (
-        largest(structure.stiffness),
-        largest(2 * density) + float(turning.max(initial=0.0)),
-        largest(structure.damping),
-    )
+    # Two directions across, and each rod's own part.
+    motion = _motion(bodies, nodes)
+    joints = _joints_of(bodies, motion)
+    blocks, _ = _rods_geometric(scene, bodies, nodes, velocities, s * pull[:, None], 0.0, motion, joints)
+    turning = np.abs(blocks).sum(axis=2).max(initial=0.0)
+    rest, other = largest(2 * density) + float(turning), 0.0
+    bent, viscous = _resistance_of(scene, bodies, motion)
+    if bent is not None and scene.resistance is not None and scene.resistance.bending is not None:
+        rest += scene.resistance.bending.stiffness * _row_sums(bent, B)
+        other += scene.resistance.bending.damping * _row_sums(bent, B)
+    if viscous is not None:
+        other += _row_sums(viscous, B)
+    return largest(structure.stiffness), rest, largest(structure.damping), other
+
+
+def _row_sums(blocks: Blocks, bodies: int) -> float:
+    """The largest sum of absolute values along a row: a bound on eigenvalues."""
+    sums = np.zeros((bodies, SLOTS))
+    np.add.at(sums, blocks.rows, np.abs(blocks.values).sum(axis=2))
+    return float(sums.max(initial=0.0))
+
+
+def _resistance_of(scene: Scene, bodies: Bodies, motion: _Motion) -> tuple[Blocks | None, Blocks | None]:
+    """Blocks of what resists bending, and of a viscous fluid."""
+    if scene.resistance is None:
+        return None, None
+    R = len(bodies.length)
+    turns = motion.T[:R] @ motion.inverse[:R, 3:]
+    slides = bodies.E[:R] @ motion.inverse[:R, :3]
+    ends = [slides + bodies.ends[:, end, None, None] * turns for end in range(2)]
+    return bending_blocks(scene, turns), viscous_blocks(scene, np.array(ends))
 
 
 def _strings_at(structure: Structure, nodes: Array, velocities: Array) -> tuple[Array, Array, Array]:
@@ -323,40 +388,124 @@ def _cross(a: Array, b: Array) -> Array:
     return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
 
 
-def _rods_geometric(scene: Scene, bodies: Bodies, nodes: Array, pulls: Array, time: float, motion: _Motion) -> Array:
-    """(B, 5, 5): (t_b - f r̈)·b of every rod on its turns, with pulls (M, 3) [N] of the strings on their first nodes."""
+def _joints_of(bodies: Bodies, motion: _Motion) -> Joints | None:
+    if not len(bodies.joints):
+        return None
+    pairs = bodies.joints[:, 1:]
+    maps = []
+    for rods in pairs.T:
+        at_second = bodies.structure.rod_nodes[rods, 1] == bodies.joints[:, 0]
+        lever = bodies.ends[rods, at_second.astype(int)]
+        plain = np.concatenate([bodies.E[rods], lever[:, None, None] * motion.T[rods]], axis=2)
+        maps.append(plain @ motion.inverse[rods])
+    return Joints(pairs, np.array(maps), len(bodies.mass), SLOTS * len(bodies.mass) <= DENSE)
+
+
+def _rods_geometric(
+    scene: Scene,
+    bodies: Bodies,
+    nodes: Array,
+    velocities: Array,
+    pulls: Array,
+    time: float,
+    motion: _Motion,
+    joints: Joints | None,
+) -> tuple[Array, Array]:
+    """(B, 5, 5): (t_b - f r̈)·b of every rod on its turns; and ÿ (n,).
+
+    Args: those of `vibration`, pulls (M, 3) [N] of the strings on their first nodes, and what follows from the nodes.
+    """
     structure = scene.structure
     i, j = structure.string_nodes.T
     R, B = len(bodies.length), len(bodies.mass)
     forces = np.array(scene.nodal_forces(time)) if scene.loads else np.zeros_like(nodes)
+    forces += fluid_forces(scene, nodes, velocities)
     np.add.at(forces, i, pulls)
     np.subtract.at(forces, j, pulls)
-    gravity = np.array(scene.gravity)
     first, second = structure.rod_nodes.T
-    t_b = bodies.lever[first][:, None] * forces[first] + bodies.lever[second][:, None] * forces[second]
-    t_b = t_b + bodies.f[:R, None] * gravity
+    driven = _driven(scene, bodies, time)
+    weight = np.array(scene.gravity) - driven  # (B, 3) felt by what moves with its support
+
+    # Forces on the ends of each rod: those on a node go to the first body there.
+    at_ends = np.zeros((R, 2, 3))
+    for end, rows in enumerate((first, second)):
+        own = bodies.body[rows] == np.arange(R)
+        at_ends[own, end] = forces[rows[own]]
+    b_rate = np.zeros((R, 3))
+    if joints is not None:
+        b_rate = (velocities[second] - velocities[first]) / bodies.length[:, None]
+        b_rate = b_rate - motion.b * np.sum(motion.b * b_rate, axis=1)[:, None]
+    turning = np.sum(b_rate * b_rate, axis=1)
 
     pushed = np.zeros((B + 1, SLOTS))
     np.add.at(pushed, bodies.body, np.einsum("nxs,nx->ns", motion.turned, forces))
-    weight = np.concatenate([bodies.mass[:, None] * (gravity @ bodies.E), bodies.f[:, None] * (gravity @ motion.T)], 1)
-    acceleration = np.einsum("bij,bj->bi", motion.inverse, pushed[:B] + np.einsum("bij,bi->bj", motion.inverse, weight))
-    r_acceleration = np.einsum("rxi,ri->rx", bodies.E[:R], acceleration[:R, :3])
+    slides = np.einsum("bx,bxz->bz", bodies.mass[:, None] * weight, bodies.E)
+    slides[:R] += (bodies.f[:R] * turning)[:, None] * np.einsum("rx,rxz->rz", motion.b, bodies.E[:R])
+    turns = bodies.f[:, None] * np.einsum("bx,bxt->bt", weight, motion.T)
+    bends = bending_pulls(scene, motion.b)
+    turns[:R] += np.einsum("rx,rxt->rt", bends, motion.T[:R])
+    acceleration = pushed[:B] + np.einsum("bij,bi->bj", motion.inverse, np.concatenate([slides, turns], axis=1))
+    if joints is not None:
+        carried = _carried(bodies, motion, joints, acceleration, driven, turning)
+        for side, sign in ((0, 1.0), (1, -1.0)):
+            rods = joints.pairs[:, side]
+            end = (structure.rod_nodes[rods, 1] == bodies.joints[:, 0]).astype(int)
+            np.add.at(at_ends, (rods, end), sign * carried)
+            np.add.at(acceleration, rods, np.einsum("jxs,jx->js", joints.maps[side], sign * carried))
+    free = np.einsum("bij,bj->bi", motion.inverse, acceleration)
+    r_acceleration = np.einsum("rxi,ri->rx", bodies.E[:R], free[:R, :3])
+    t_b = np.sum(bodies.ends[:, :, None] * at_ends, axis=1) + bodies.f[:R, None] * weight[:R] + bends
     along = np.sum(motion.b * (t_b - bodies.f[:R, None] * r_acceleration), axis=1)
+    # Forces that cancel leave round-off, which is no stiffness.
+    largest = np.sum(np.abs(bodies.ends) * np.linalg.norm(at_ends, axis=2), axis=1) + np.linalg.norm(bends, axis=1)
+    along = np.where(np.abs(along) > ROUND_OFF * largest, along, 0.0)
 
-    blocks = np.zeros((B, SLOTS, SLOTS))
     # A planar rod has one turn alone.
-    allowed = np.any(motion.T[:R] != 0, axis=1)
-    turns = motion.inverse[:R, 3:, :]
-    blocks[:R] = np.einsum("bti,bt,btj->bij", turns, allowed * along[:, None], turns)
-    return blocks
+    held = np.any(motion.T[:R] != 0, axis=1) * (along + bodies.J[:R] * turning)[:, None]
+    inner = held[:, :, None] * np.eye(2)
+    if joints is not None:
+        # What a rod alone would have of |II(δ, ḃ)|², II the second fundamental form of where it can be: of a rod that
+        # turns about a pin, all in the plane of its turning.
+        pull = np.einsum("rx,rxz->rz", motion.b, bodies.E[:R]) * bodies.f[:R, None]
+        bent = bodies.J[:R] - np.sum(np.einsum("rij,ri->rj", motion.inverse[:R, :3], pull) ** 2, axis=1)
+        way = np.einsum("rx,rxt->rt", b_rate, motion.T[:R])
+        inner = inner - bent[:, None, None] * way[:, :, None] * way[:, None, :]
+    blocks = np.zeros((B, SLOTS, SLOTS))
+    levers = motion.inverse[:R, 3:, :]
+    blocks[:R] = np.swapaxes(levers, 1, 2) @ inner @ levers
+    return blocks, acceleration.ravel()
+
+
+def _driven(scene: Scene, bodies: Bodies, time: float) -> Array:
+    """(B, 3) [m/s²]: d̈ of the support of each body."""
+    driven = np.zeros((len(bodies.mass), 3))
+    rows = {rod.name: number for number, rod in enumerate(scene.structure.rods)}
+    for motion in scene.motions:
+        if motion.support in rows:
+            driven[rows[motion.support]] = motion.at(time)[2]
+    return driven
+
+
+def _carried(bodies: Bodies, motion: _Motion, joints: Joints, pushes: Array, driven: Array, turning: Array) -> Array:
+    """(J, 3) [N] that joints exert on the first of their two rods, which the other one gives back."""
+    bias = np.zeros((len(joints.pairs), 3))
+    for side, sign in ((0, 1.0), (1, -1.0)):
+        rods = joints.pairs[:, side]
+        end = (bodies.structure.rod_nodes[rods, 1] == bodies.joints[:, 0]).astype(int)
+        bias += sign * (driven[rods] - (bodies.ends[rods, end] * turning[rods])[:, None] * motion.b[rods])
+    return joints.forces(pushes.ravel(), bias)
 
 
 class _Assembly:
     """Matrices (n, n) of sums over strings of Xᵀ W X, with W (M, 3, 3)."""
 
-    def __init__(self, structure: Structure, bodies: Bodies, turned: Array) -> None:
+    def __init__(self, structure: Structure, bodies: Bodies, turned: Array, joints: Joints | None) -> None:
         self.i, self.j = structure.string_nodes.T
-        self.body, self.turned, self.B = bodies.body, turned, len(bodies.mass)
+        self.body, self.turned, self.B, self.joints = bodies.body, turned, len(bodies.mass), joints
+
+    def sum(self, blocks: Blocks) -> Any:
+        """The matrix of blocks of bodies."""
+        return self._matrix(blocks.values, blocks.rows, blocks.columns)
 
     def __call__(self, weights: Array, blocks: Array | None = None, between: bool = True) -> Any:
         """The matrix, with blocks (B, 5, 5) of the bodies added; `between` bodies there is nothing without that."""
@@ -372,12 +521,15 @@ class _Assembly:
             parts.append(blocks)
             rows.append(np.arange(self.B))
             columns.append(np.arange(self.B))
-        values, row, column = np.concatenate(parts), np.concatenate(rows), np.concatenate(columns)
+        return self._matrix(np.concatenate(parts), np.concatenate(rows), np.concatenate(columns))
+
+    def _matrix(self, values: Array, row: IntArray, column: IntArray) -> Any:
         if SLOTS * self.B <= DENSE:
             matrix = np.zeros((self.B + 1, self.B + 1, SLOTS, SLOTS))
             np.add.at(matrix, (row, column), values)
             kept = matrix[: self.B, : self.B]
-            return np.ascontiguousarray(kept.transpose(0, 2, 1, 3)).reshape(SLOTS * self.B, SLOTS * self.B)
+            full = np.ascontiguousarray(kept.transpose(0, 2, 1, 3)).reshape(SLOTS * self.B, SLOTS * self.B)
+            return full if self.joints is None else self.joints.projection @ full @ self.joints.projection
         from scipy.sparse import coo_array
 
         inside = (row < self.B) & (column < self.B)

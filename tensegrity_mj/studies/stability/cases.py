@@ -11,7 +11,9 @@ import numpy as np
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.families.random_taut import random_taut_structure
 from tensegrity_mj.prestress import prestress
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.resistance import resisting_forces
+from tensegrity_mj.rods import lumped_masses, string_forces
+from tensegrity_mj.scene import Load, Scene
 from tensegrity_mj.structure import Structure
 from tensegrity_mj.textformat import structure_from_toml, structure_to_toml
 
@@ -21,6 +23,7 @@ PRESTRAIN = 0.02
 TENSION = 10.0  # [N/m] the largest u while stiffness is varied
 LOOSE = -0.05  # u/k of a slack string
 SUBSTITUTE_SEED = 1
+AT_REST = 1e-9  # of gravity, or of what strings do: an acceleration of an equilibrium
 
 # Axis: (label, values of the study, values of a quick one).
 AXES: dict[str, tuple[str, tuple[float, ...], tuple[float, ...]]] = {
@@ -31,6 +34,49 @@ AXES: dict[str, tuple[str, tuple[float, ...], tuple[float, ...]]] = {
     "slenderness": ("height over its own", (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0), (0.2, 1.0, 5.0)),
     "rods": ("rods", (1, 2, 5, 10, 20, 50, 100, 200, 500), (1, 5, 20)),
 }
+
+
+def scene_at_rest(scene: Scene) -> tuple[Scene, str]:
+    """A scene that stands still, for limits to be measured at, and what was done for that.
+
+    Rods that share nodes, or have no strings, stay as they are with their gravity: where they are not in equilibrium
+    when their supports are still, dead loads on the nodes hold them. Of other scenes it is `base_structure`.
+    """
+    if scene.structure.class_number < 2 and scene.structure.strings:
+        base, text = base_structure(scene)
+        return Scene(base), text
+    structure = scene.structure
+    lengths = structure.string_lengths(structure.positions)
+    edge = np.abs(lengths - structure.rest_lengths) <= 1e-9 * lengths
+    text = f"{structure.name} as it is, its supports still"
+    if edge.any():
+        structure = structure.with_strings(
+            rest_length=np.where(edge, (1 - PRESTRAIN) * lengths, structure.rest_lengths)
+        )
+        text += f", {int(edge.sum())} strings without tension stretched by {PRESTRAIN:.0%}"
+    resistance = None if scene.resistance is None else replace(scene.resistance, wind=(0.0, 0.0, 0.0))
+    still = Scene(structure, name=scene.name, gravity=scene.gravity, resistance=resistance)
+    if is_at_rest(still):
+        return still, text
+    tensions = np.maximum(0.0, structure.stiffness * (lengths - structure.rest_lengths))
+    pushes = string_forces(structure, structure.positions, tensions)
+    pushes = pushes + lumped_masses(structure)[:, None] * np.array(scene.gravity)
+    pushes = pushes + resisting_forces(still, structure.positions, np.zeros_like(structure.positions))
+    loads = tuple(Load(name, tuple(-row)) for name, row in zip(structure.nodes, pushes, strict=True) if row.any())
+    return still.with_(loads=loads), text + ", dead loads in balance with its weight and its strings"
+
+
+def is_at_rest(scene: Scene) -> bool:
+    """Whether a scene without velocities stays where it is."""
+    from tensegrity_mj.vibration import vibration
+
+    still = np.zeros_like(scene.nodes0)
+    model = vibration(scene, scene.nodes0, still, scene.structure.rest_lengths)
+    moved = model.motion(model.acceleration)
+    # What the weight alone and the strings alone would do, each on a free node.
+    pulls = np.abs(model.tension).max(initial=0.0) * model.bodies.mobilities.max(initial=0.0)
+    scale = float(np.linalg.norm(scene.gravity)) + float(pulls)
+    return bool(np.abs(moved).max(initial=0.0) <= AT_REST * scale)
 
 
 def base_structure(scene: Scene) -> tuple[Structure, str]:

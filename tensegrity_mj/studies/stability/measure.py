@@ -29,6 +29,7 @@ from tensegrity_mj.engines.run import Request
 from tensegrity_mj.errors import DivergenceError, TensegrityError
 from tensegrity_mj.families.random_structures import random_velocities
 from tensegrity_mj.law import Law, native_law
+from tensegrity_mj.moved_supports import velocities_with_supports
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.trajectory import Status, Trajectory
 
@@ -139,6 +140,8 @@ def _why_unstable(scene: Scene, engine: Any, law: Any, equilibrium: bool, step: 
         small = min(STRETCH_PART * stretch[tight].min(), moved.min()) / size
         amplitude = float(np.clip(small, LEAST, AMPLITUDE))
     push = random_velocities(rng, structure, scene.nodes0, amplitude * size / step)
+    if structure.class_number > 1:
+        push = velocities_with_supports(structure, scene.nodes0, (), push)
     try:
         run = _run(scene.with_(initial_velocities=scene.velocities0 + push), engine, law, step, steps)
         calm = None if equilibrium else _run(scene, engine, law, step, steps)

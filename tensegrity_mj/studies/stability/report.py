@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,14 +13,16 @@ from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.stability import stable_step
 from tensegrity_mj.studies.many import run_many
-from tensegrity_mj.studies.stability.cases import AXES, base_structure, map_points, random_points
+from tensegrity_mj.studies.stability.cases import AXES, map_points, random_points, scene_at_rest
 from tensegrity_mj.studies.stability.engines import NAMES, TITLES, engine_of
-from tensegrity_mj.studies.stability.study import compared, limits_at, summary
+from tensegrity_mj.studies.stability.study import at_rest, limits_at, summary
 from tensegrity_mj.studies.workers import Backend, Workers
 
 MOST_RODS = 500
 QUICK_RODS = 20
+FINE = 0.1  # of the stable step and of contact's time: the step of the run that a scene with contact is looked along
 RANDOM_RODS, QUICK_RANDOM_RODS = 30, 4
+CLASS_1 = ("ode",)  # engines of structures whose rods share no nodes
 MAPPED = ("euler", "implicit", "discrete", "rk4")  # engines of the maps: the others have the limits of one of these
 
 
@@ -51,24 +54,31 @@ def study_stability(
         progress: show bars on stderr.
 
     Raises:
-        OptionError: for unknown names.
+        OptionError: for unknown names, and maps of a structure whose rods share nodes, or without strings.
     """
     unknown = [name for name in engines if name not in NAMES] + [axis for axis in maps if axis not in AXES]
     if unknown or not engines:
         raise OptionError(f"stability: '{unknown[0] if unknown else ''}' is none of {', '.join((*NAMES, *AXES))}")
     if workers is not None:
         member("workers.backend", workers.backend, Backend)
-    base, text = base_structure(scene)
+    linked = scene.structure.class_number > 1
+    if maps and (linked or not scene.structure.strings):
+        raise OptionError(
+            f"stability: maps vary the strings of structures of class 1; scene '{scene.name}' has "
+            f"{'rods that share nodes' if linked else 'no strings'}: leave the maps out"
+        )
+    measured = [name for name in engines if not (linked and name in CLASS_1)]
+    base, text = scene_at_rest(scene)
     place = None if folder is None else Path(folder)
     data: dict[str, Any] = {
         "scene": scene.name,
         "engines": list(engines),
         "start": _start(scene, law, engines),
-        "base": {"text": text, "engines": {name: compared(Scene(base), name) for name in engines}},
+        "base": {"text": text, "engines": {name: at_rest(base, name) for name in measured}},
     }
     if maps:
         most = QUICK_RODS if quick else MOST_RODS
-        points = map_points(base, tuple(maps), quick, most)
+        points = map_points(base.structure, tuple(maps), quick, most)
         mapped = [name for name in engines if name in MAPPED] or list(engines)
         found = run_many(
             limits_at,
@@ -107,13 +117,14 @@ def study_stability(
 
 
 def _start(scene: Scene, law: Any, engines: Sequence[str]) -> dict[str, Any]:
-    """Predicted limits at the start, and the smallest along a run of the DAE in tight tolerances."""
-    from tensegrity_mj.engines.dae import DAE
+    """Predicted limits at the start, and the smallest along a run: of the DAE in tight tolerances, where it can."""
     from tensegrity_mj.simulation import simulate
 
     run, reason = None, ""
     try:
-        run = simulate(scene, law, DAE())
+        run = simulate(scene, law, _engine_of_run(scene, law))
+        if scene.contact is not None:
+            reason = f" of {run.engine}, with contact (whose own limit is not among these)"
     except TensegrityError as error:
         reason = f"; no run to look along: {error}"
     found: dict[str, Any] = {}
@@ -132,6 +143,20 @@ def _start(scene: Scene, law: Any, engines: Sequence[str]) -> dict[str, Any]:
         "closed_loop": law is not None,
         "engines": found,
     }
+
+
+def _engine_of_run(scene: Scene, law: Any) -> Any:
+    """The DAE; of a scene with contact, which MuJoCo alone has, its RK4 with steps that resolve both it and contact."""
+    from tensegrity_mj.engines.dae import DAE
+    from tensegrity_mj.engines.mujoco import MuJoCo
+
+    if scene.contact is None:
+        return DAE()
+    limit = stable_step(scene, MuJoCo(1.0), law=law).limit
+    # Of contact: 1/√k of its spring and 2/b of its damper.
+    contact = min(1 / math.sqrt(scene.contact.stiffness), 2 / max(scene.contact.damping, 1e-12))
+    step = FINE * min(limit, contact)
+    return MuJoCo(scene.duration / math.ceil(scene.duration / step))
 
 
 def describe(data: dict[str, Any]) -> list[str]:

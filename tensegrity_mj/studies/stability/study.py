@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.joints import spanning_forest
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.stability import StableStep, stable_step
 from tensegrity_mj.studies.stability.cases import structure_of
@@ -32,6 +33,15 @@ def limits_at(point: Mapping[str, Any]) -> dict[str, Any]:
     found = {name: compared(scene, name, steps=steps) for name in point["engines"]}
     omega = next(iter(found.values()))["omega"]
     return {"rods": len(structure.rods), "strings": strings, "omega": omega, "engines": found}
+
+
+def at_rest(scene: Scene, name: str) -> dict[str, Any]:
+    """`compared` of a scene that stands still.
+
+    With rods that close loops the motion without a perturbation is simulated, too: MuJoCo's constraints settle first.
+    """
+    closed = bool(spanning_forest(scene.structure).closures)
+    return compared(scene, name, equilibrium=not closed, steps=steps_for(len(scene.structure.rods)))
 
 
 def steps_for(rods: int) -> int:
