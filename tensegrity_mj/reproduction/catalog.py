@@ -5,12 +5,26 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.reproduction import figures4, figures5, figures6, statements4, statements5, statements6
+from tensegrity_mj.reproduction import (
+    figures3,
+    figures4,
+    figures5,
+    figures6,
+    statements3,
+    statements4,
+    statements5,
+    statements6,
+)
 from tensegrity_mj.reproduction.drawing import ThesisFigure
 from tensegrity_mj.reproduction.statement import Statement
 
-FIGURES: tuple[ThesisFigure, ...] = (*figures4.FIGURES, *figures5.FIGURES, *figures6.FIGURES)
-STATEMENTS: tuple[Statement, ...] = (*statements4.STATEMENTS, *statements5.STATEMENTS, *statements6.STATEMENTS)
+FIGURES: tuple[ThesisFigure, ...] = (*figures3.FIGURES, *figures4.FIGURES, *figures5.FIGURES, *figures6.FIGURES)
+STATEMENTS: tuple[Statement, ...] = (
+    *statements3.STATEMENTS,
+    *statements4.STATEMENTS,
+    *statements5.STATEMENTS,
+    *statements6.STATEMENTS,
+)
 
 
 def selected(chosen: Sequence[str]) -> tuple[list[ThesisFigure], list[Statement]]:

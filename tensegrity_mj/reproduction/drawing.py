@@ -37,7 +37,7 @@ class ThesisFigure:
         number: as in the thesis.
         page: of the thesis.
         title: what it shows, in our words.
-        needs: the experiments that are drawn.
+        needs: the experiments, or series, that are drawn.
         draw: from the runs of the engines, in order; the first engine has all that are needed.
     """
 

@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from tensegrity_mj.reproduction.experiments import EngineName
+from tensegrity_mj.reproduction.experiments import TITLES, EngineName
 from tensegrity_mj.reproduction.runs import Computed
 from tensegrity_mj.reproduction.statement import HOLDS, Interval, Statement
 from tensegrity_mj.trajectory import Status
@@ -16,6 +16,7 @@ from tensegrity_mj.trajectory import Status
 class Verdict(enum.Enum):
     """What became of a statement."""
 
+    UNJUDGED = "cannot be judged"
     REPRODUCED = "reproduced"
     DIFFERS = "differs"  # and the cause is known
     UNEXPLAINED = "differs, cause unknown"
@@ -45,15 +46,18 @@ class Row:
 
     @property
     def verdict(self) -> Verdict:
-        """The worst of the engines'."""
+        """The worst of the engines'; UNJUDGED where none of them judges it."""
         order = list(Verdict)
         return max((cell.verdict for cell in self.cells.values()), key=order.index)
 
     @property
     def cause(self) -> str:
-        """Why ours differs; "" where it does not."""
+        """Why ours differs, or cannot be judged; "" where it is reproduced."""
         if self.verdict is Verdict.REPRODUCED:
             return ""
+        if self.verdict is Verdict.UNJUDGED:
+            names = " and ".join(TITLES[engine] for engine in self.statement.engines)
+            return self.statement.unjudged or f"it is about another engine: {names}"
         notes = dict.fromkeys(cell.note for cell in self.cells.values() if cell.note)
         if notes:
             return "; ".join(notes)
@@ -78,6 +82,8 @@ def verdict_of(statement: Statement, value: float) -> Verdict:
 
 
 def _cell(statement: Statement, engine: EngineName, computed: Computed) -> Cell:
+    if statement.unjudged or (statement.engines and engine not in statement.engines):
+        return Cell(math.nan, Verdict.UNJUDGED)
     runs = computed.runs[engine]
     for name in statement.needs:
         if name not in runs:

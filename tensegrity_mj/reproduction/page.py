@@ -14,7 +14,20 @@ from tensegrity_mj.reproduction.experiments import TITLES, EngineName
 from tensegrity_mj.reproduction.ledger import Row, Verdict, value_text
 
 THESIS = "A. S. Wroldsen, Modelling and Control of Tensegrity Structures, NTNU 2007:190"
-SIGNS = {Verdict.REPRODUCED: "reproduced", Verdict.DIFFERS: "differs", Verdict.UNEXPLAINED: "differs, cause unknown"}
+SIGNS = {
+    Verdict.UNJUDGED: "cannot be judged",
+    Verdict.REPRODUCED: "reproduced",
+    Verdict.DIFFERS: "differs",
+    Verdict.UNEXPLAINED: "differs, cause unknown",
+}
+
+# Classes of the page's rows.
+KINDS = {
+    Verdict.UNJUDGED: "open",
+    Verdict.REPRODUCED: "good",
+    Verdict.DIFFERS: "known",
+    Verdict.UNEXPLAINED: "bad",
+}
 
 
 def counts(rows: Sequence[Row]) -> dict[str, int]:
@@ -25,10 +38,12 @@ def counts(rows: Sequence[Row]) -> dict[str, int]:
 def summary(rows: Sequence[Row]) -> str:
     """One line about all rows."""
     found = counts(rows)
-    return (
+    text = (
         f"{len(rows)} statements: {found[Verdict.REPRODUCED.value]} reproduced, {found[Verdict.DIFFERS.value]} differ "
         f"with a known cause, {found[Verdict.UNEXPLAINED.value]} differ without"
     )
+    unjudged = found[Verdict.UNJUDGED.value]
+    return f"{text}. {unjudged} of them cannot be judged" if unjudged else text
 
 
 def row_data(row: Row) -> dict[str, Any]:
@@ -61,7 +76,7 @@ _INTRODUCTION = """\
 
 Made by `tensegrity-mj reproduce --table docs/reproduction.md`; a test checks that it is what the code gives.
 
-A row is a quantity that the thesis states in chapters 4 to 6, in text, caption, curves or axis, beside its value in
+A row is a quantity that the thesis states in chapters 3 to 6, in text, caption, curves or axis, beside its value in
 each engine, with as many digits as the tolerance asks for. The verdict is computed from a tolerance that is stored with
 the row; its reason is in `tensegrity-mj reproduce --json`. An axis ends below the next tick after its last, so a curve
 fits where it stays below that, and it was meant to where it fills more than half of the axis.
@@ -77,7 +92,7 @@ def markdown(rows: Sequence[Row], engines: Sequence[EngineName]) -> str:
         lines += [markdown_row(row) for row in own]
         causes = dict.fromkeys((row.cause, row.verdict) for row in own if row.cause)
         if causes:
-            lines += ["", "Why rows differ:", ""]
+            lines += ["", "Why rows differ, or cannot be judged:", ""]
         for cause, _ in causes:
             names = ", ".join(f"`{row.statement.id}`" for row in own if row.cause == cause)
             lines.append(f"- {names}: {cause}.")
@@ -142,7 +157,7 @@ def _ledger(rows: Sequence[Row], engines: Sequence[EngineName]) -> str:
     lines = ["<thead><tr>", *(f"<th>{escape(head)}</th>" for head in heads), "</tr></thead>"]
     for row in rows:
         statement = row.statement
-        kind = {Verdict.REPRODUCED: "good", Verdict.DIFFERS: "known", Verdict.UNEXPLAINED: "bad"}[row.verdict]
+        kind = KINDS[row.verdict]
         place = escape(f"{statement.place}, p. {statement.page}")
         if statement.figure:
             place = f'<a href="#f{statement.figure}">{place}</a>'
@@ -189,6 +204,7 @@ th, td { text-align: left; vertical-align: top; padding: .25rem .6rem; border-bo
 td.n { font-variant-numeric: tabular-nums; white-space: nowrap; }
 tr.good td:last-child { background: #e3f4e6; color: #14532d; }
 tr.known td:last-child { background: #fdeaea; color: #7f1d1d; }
+tr.open td:last-child { background: #eef0f3; color: #3d4450; }
 tr.bad td:last-child { background: #b91c1c; color: #fff; }
 .cause { font-size: .85em; max-width: 28rem; }
 .note { border-left: 4px solid #b91c1c; padding-left: .6rem; }

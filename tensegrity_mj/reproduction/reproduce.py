@@ -20,6 +20,7 @@ from tensegrity_mj.reproduction.drawing import ThesisFigure
 from tensegrity_mj.reproduction.experiments import EngineName, experiment_of
 from tensegrity_mj.reproduction.ledger import Row, Verdict, judge
 from tensegrity_mj.reproduction.runs import Computed, run_experiments
+from tensegrity_mj.reproduction.series import SERIES, run_series
 from tensegrity_mj.studies.workers import Workers
 
 RUNS, FIGURES = "runs", "figures"
@@ -77,22 +78,32 @@ def reproduce(
     folder = made_folder(out)
     drawn_needs = [name for figure in chosen for name in figure.needs] if draw else []
     names = list(dict.fromkeys([*drawn_needs, *(name for one in statements for name in one.needs)]))
-    computed = run_experiments(
-        names, engines, made_folder(folder / RUNS), mass_scale=mass_scale, workers=workers, progress=progress
-    )
+    experiments = [name for name in names if name not in SERIES]
+    series = [name for name in names if name in SERIES]
+    place = made_folder(folder / RUNS)
+    computed = run_experiments(experiments, engines, place, mass_scale=mass_scale, workers=workers, progress=progress)
+    if series:
+        found, failures = run_series(series, engines, place, workers=workers, progress=progress)
+        computed = Computed(
+            {engine: {**computed.runs[engine], **found[engine]} for engine in engines},
+            {**computed.failures, **failures},
+        )
     rows = judge(statements, computed)
     files: dict[str, Path] = {}
     pictures: list[tuple[ThesisFigure, bytes]] = []
     if draw:
         place = made_folder(folder / FIGURES)
         for figure in chosen:
-            if any(name not in computed.runs[engines[0]] for name in figure.needs):
+            # The first engine that is drawn has all that is needed: chapter 3 asks some series of the DAE alone.
+            able = [one for one in engines if all(name in computed.runs[one] for name in figure.needs)]
+            if not able or (able[0] is not engines[0] and not set(figure.needs) <= set(SERIES)):
                 continue  # its rows say why
-            canvas = figure.draw(computed.runs)
+            order = [able[0], *(one for one in engines if one is not able[0])]
+            canvas = figure.draw({one: computed.runs[one] for one in order})
             path = save_figure(canvas, place / f"figure-{figure.number}.{picture_format}")
             files[figure.number] = path
             pictures.append((figure, _png(canvas, path)))
-    runs = _run_lines(names, engines, computed)
+    runs = _run_lines(experiments, engines, computed) + _series_lines(series, engines, computed)
     note = "" if mass_scale == 1.0 else f"The plant's masses are {mass_scale:g} times those that the laws believe."
     page.write(folder / PAGE, page.html(rows, engines, pictures, runs, note))
     data = {
@@ -128,6 +139,28 @@ def _run_lines(names: Sequence[str], engines: Sequence[EngineName], computed: Co
                     "status": run.status.value if run is not None else computed.failures.get((engine, name), "not run"),
                     "wall time [s]": run.cost.get("wall_time") if run is not None else None,
                     "from the first engine [m]": None if apart is None or np.isnan(apart) else apart,
+                }
+            )
+    return lines
+
+
+def _series_lines(names: Sequence[str], engines: Sequence[EngineName], computed: Computed) -> list[dict[str, Any]]:
+    """A line for each series of chapter 3, with how far its amplitudes are from those of the first engine."""
+    lines = []
+    for name in names:
+        for engine in (one for one in engines if one in SERIES[name].engines):
+            run, first = computed.runs[engine].get(name), computed.runs[engines[0]].get(name)
+            apart: float | None = None
+            if run is not None and first is not None and run is not first and run.results is not None:
+                apart = float(np.nanmax(np.abs(run.cases.amplitudes - first.cases.amplitudes)))
+            lines.append(
+                {
+                    "experiment": name,
+                    "about": SERIES[name].about,
+                    "engine": engine.value,
+                    "status": "completed" if run is not None else computed.failures.get((engine, name), "not run"),
+                    "wall time [s]": run.cost.get("wall_time") if run is not None else None,
+                    "from the first engine [m]": apart,
                 }
             )
     return lines

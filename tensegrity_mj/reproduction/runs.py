@@ -21,18 +21,33 @@ CODE = (
     "engines/*.py",
     "native/*.py",
     "dynamics/*.py",
+    "families/*.py",
+    "studies/cable/*.py",
     *(
         f"{name}.py"
-        for name in ("actuation", "curve", "law", "mjcf", "rods", "scene", "simulation", "strings", "structure")
+        for name in (
+            "actuation",
+            "curve",
+            "joints",
+            "law",
+            "mjcf",
+            "motion",
+            "moved_supports",
+            "rods",
+            "scene",
+            "simulation",
+            "strings",
+            "structure",
+        )
     ),
 )
 
 
 @dataclass(frozen=True)
 class Computed:
-    """Runs by engine and experiment; where there is none, the reason why."""
+    """Runs by engine and experiment (or series: `SeriesRun`s); where there is none, the reason why."""
 
-    runs: Mapping[EngineName, Mapping[str, Trajectory]]
+    runs: Mapping[EngineName, Mapping[str, Any]]
     failures: Mapping[tuple[EngineName, str], str] = field(default_factory=dict)
 
 
@@ -111,12 +126,12 @@ def stamp(name: str, engine: EngineName, mass_scale: float) -> dict[str, Any]:
         "engine": repr(experiment.engine(engine)),
         "scene": hashlib.sha256(scene.encode()).hexdigest(),
         "versions": versions(),
-        "code": _code(),
+        "code": code_digest(),
     }
 
 
 @functools.cache
-def _code() -> str:
+def code_digest() -> str:
     """A digest of the sources that decide what a run is: engines, laws, and what they stand on."""
     import tensegrity_mj
     import tensegrity_mj.controllers

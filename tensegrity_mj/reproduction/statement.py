@@ -8,10 +8,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from tensegrity_mj.trajectory import Trajectory
+from tensegrity_mj.reproduction.experiments import EngineName
 
-# Trajectories of one engine by the name of their experiment.
-Runs = Mapping[str, Trajectory]
+# What one engine computed: a Trajectory by the name of its experiment, a SeriesRun by that of its series (chapter 3).
+Runs = Mapping[str, Any]
 Measure = Callable[[Runs], float | bool]
 
 
@@ -70,6 +70,8 @@ class Statement:
         needs: names of the experiments that `measure` reads.
         measure: our value, in `unit`.
         known: the difference that is known and explained, or None.
+        engines: that it can be judged in; () for all.
+        unjudged: why it cannot be judged at all, or "".
     """
 
     id: str
@@ -85,10 +87,12 @@ class Statement:
     measure: Measure
     unit: str = ""
     known: KnownDifference | None = None
+    engines: tuple[EngineName, ...] = ()
+    unjudged: str = ""
 
     @property
     def chapter(self) -> int:
-        """4, 5 or 6."""
+        """3, 4, 5 or 6."""
         return int(self.id[0])
 
 

@@ -141,11 +141,12 @@ class Draft:
         """The engine."""
         kind = engine_class(self.engine)
         known = {item.name: item for item in dataclasses.fields(kind)}
+        usual = kind()  # where an option's default hangs on others, it still tells what kind it is of
         chosen = {}
         for name, value in self.engine_options.items():
             if name not in known:
                 raise OptionError(f"engine.{name}: {_unknown(name, known, f'option of engine {self.engine}')}")
-            default = known[name].default
+            default = getattr(usual, name)
             if isinstance(value, Scaled):
                 value = _scaled(f"engine.{name}", value, default)
             elif isinstance(default, enum.Enum):

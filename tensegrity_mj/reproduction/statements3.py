@@ -1,0 +1,578 @@
+"""What chapter 3 of the thesis states of the rigid bar cable: frequencies, amplitudes, whirling, drift, elements."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.families.cable import (
+    FASTENING_LENGTH,
+    FASTENING_MASS,
+    LOAD_LENGTH,
+    LOAD_MASS,
+    ROPE_LENGTH,
+    Excitation,
+    RopeMass,
+    arc_lengths,
+    cable,
+    marker_weights,
+    suggest_elements,
+)
+from tensegrity_mj.reproduction.figures3 import element_frequencies
+from tensegrity_mj.reproduction.series import ALLOWED_DRIFT, ELEMENTS, SERIES, SeriesRun
+from tensegrity_mj.reproduction.statement import (
+    FITS,
+    HOLDS,
+    INSIDE,
+    Interval,
+    KnownDifference,
+    Measure,
+    ReadFrom,
+    Runs,
+    Statement,
+    fills,
+    inside,
+    near,
+    of,
+)
+
+Array = NDArray[np.float64]
+
+# Hz: between the first two eigenfrequencies, and where the second one is felt, by amplitude or whirling.
+BETWEEN, SECOND = 0.6, (0.775, 1.075)
+BESIDE = 0.035  # Hz from a frequency, within which a peak is its own: one and a half bins of 45 s
+GRID = 0.05  # Hz
+ABOUT = "'about': two steps of the input frequencies, 0.05 Hz each; which peaks are picked hangs on thresholds"
+PLOT = "the thickness of a line, 2 % of the panel"
+EXCITED = "the excitation"
+
+OPEN_START = (
+    "the start decides, and the thesis does not give it: in the lab frame the cable's own oscillations are weaker than "
+    "in the moving frame, but never absent without damping"
+)
+STABILITY = (
+    "explicit Runge-Kutta at 0.01 s is unstable for refined cables (h ω = 3.14 at 49 elements, 8.09 at 121; the limit "
+    "is 2.83 for RK4, and 1.0 for Dormand and Prince's): such runs are refused here, and figures 3.12 and 3.13 cannot "
+    "come from the method that is named"
+)
+SHARP = (
+    "about the first eigenfrequency the undamped cable's amplitude hangs on what is not given: 15 at 0.30 Hz and 40 at "
+    "0.33 Hz; at 0.35 Hz 27 from the lab frame, 32 from the moving frame, 18 if the circle grows within 20 s; in the "
+    "experiments the carriage had transients, and the air drag"
+)
+
+
+def _second_peak(run: SeriesRun, marker: int) -> float:
+    """Input frequency of the largest in-plane amplitude above `BETWEEN`."""
+    f = run.cases.frequencies
+    return float(f[np.argmax(np.where(f > BETWEEN, run.marker(marker), 0.0))])
+
+
+def _first_peak(run: SeriesRun, marker: int) -> float:
+    f = run.cases.frequencies
+    return float(f[np.argmax(np.where(f < BETWEEN, run.marker(marker), 0.0))])
+
+
+def _about(run: SeriesRun, second: bool) -> NDArray[np.bool_]:
+    """The input frequencies about the second eigenfrequency, or about the first."""
+    f = run.cases.frequencies
+    return (f > SECOND[0]) & (f < SECOND[1]) if second else (f > 0.225) & (f < 0.425)
+
+
+def _largest(run: SeriesRun, marker: int, axis: int, second: bool | None = None) -> float:
+    values = run.marker(marker, axis)
+    return float(values.max() if second is None else values[_about(run, second)].max())
+
+
+def _ratio(run: SeriesRun, marker: int, axis: int = 0) -> float:
+    """The largest amplitude about the first eigenfrequency over that about the second."""
+    return _largest(run, marker, axis, False) / _largest(run, marker, axis, True)
+
+
+def _out_over_in(run: SeriesRun, marker: int, second: bool) -> float:
+    """Largest out-of-plane over largest in-plane amplitude about an eigenfrequency."""
+    return _largest(run, marker, 1, second) / _largest(run, marker, 0, second)
+
+
+def _has(peaks: tuple[float, ...], low: float, high: float) -> bool:
+    return any(low - BESIDE <= peak <= high + BESIDE for peak in peaks)
+
+
+def _input_part(run: SeriesRun, marker: int) -> float:
+    """At how many of the input frequencies a main peak is at the input."""
+    rows = zip(run.cases.frequencies, run.peaks(marker), strict=True)
+    return float(np.mean([_has(peaks, f, f) for f, peaks in rows]))
+
+
+def _present_from(run: SeriesRun, marker: int, low: float, high: float) -> float:
+    """The lowest input frequency with a main peak in a range that is not the input's own."""
+    for f, peaks in zip(run.cases.frequencies, run.peaks(marker), strict=True):
+        if any(low <= peak <= high and abs(peak - f) > BESIDE for peak in peaks):
+            return float(f)
+    return math.nan
+
+
+def _first_part(run: SeriesRun, marker: int, low: float, high: float) -> float:
+    """At how many of the input frequencies in a range the first eigenfrequency has a main peak."""
+    rows = zip(run.cases.frequencies, run.peaks(marker), strict=True)
+    return float(np.mean([_has(peaks, 0.324, 0.324) for f, peaks in rows if low - 1e-9 <= f <= high + 1e-9]))
+
+
+def _out_of_plane_peaks(run: SeriesRun, marker: int) -> float:
+    """Lowest frequency of the largest out-of-plane peak of a run, among runs with whirling about the second one."""
+    whirling = _about(run, True) & (run.marker(marker, 1) > 1.0)
+    return min(peaks[0] for peaks, yes in zip(run.peaks(marker, 1), whirling, strict=True) if yes)
+
+
+def _drift_trend(run: SeriesRun) -> float:
+    """Spearman's correlation of the drift and the input frequency."""
+    order = np.argsort(np.argsort(run.cases.drift))
+    return float(np.corrcoef(order, np.arange(len(order)))[0, 1])
+
+
+def _drift_near_second(run: SeriesRun) -> float:
+    """Largest drift about the second eigenfrequency over that beyond it."""
+    f, drift = run.cases.frequencies, run.cases.drift
+    return float(drift[_about(run, True)].max() / drift[f > SECOND[1]].max())
+
+
+def _refined_apart(runs: Runs) -> float:
+    """Largest difference of relative amplitudes between 13 and up to 61 elements, away from the second one."""
+    amplitudes = np.array([runs[name].marker(10) for name in _REFINED])
+    f = runs["in-line"].cases.frequencies
+    away = (f < 0.775) | (f > SECOND[1])
+    return float(np.ptp(amplitudes[:, away], axis=0).max())
+
+
+def _refined_apart_near(runs: Runs) -> float:
+    """Largest difference of relative amplitudes between 49 and 61 elements about the second one."""
+    near_it = _about(runs["in-line"], True)
+    fine, finer = runs["in-line-49"].marker(10), runs["in-line-61"].marker(10)
+    return float(np.abs(fine - finer)[near_it].max())
+
+
+def _violence(run: SeriesRun) -> float:
+    """Amplitude of marker 10 at 1.20 Hz over the mean of those at 1.10 and 1.15 Hz."""
+    values = dict(zip(np.round(run.cases.frequencies, 2), run.marker(10), strict=True))
+    return float(values[1.2] / (0.5 * (values[1.1] + values[1.15])))
+
+
+def _stable(run: SeriesRun) -> float:
+    """How many of the ten models ran to the end."""
+    return float(len(run.cases.cases) - len(run.cases.failed))
+
+
+def _drift_falls(run: SeriesRun) -> bool:
+    """Whether the drift of the models that ran falls with the number of elements."""
+    drift = run.cases.drift[~np.isnan(run.cases.drift)]
+    return len(drift) > 1 and bool(drift[-1] < drift[0])
+
+
+def _step_grows(run: SeriesRun) -> bool:
+    """Whether the step with the allowed drift grows from 49 elements on."""
+    steps = [one.step for one in run.steps if one.elements >= 49]
+    return bool(steps[-1] > steps[0])
+
+
+_REFINED = ("in-line", *(f"in-line-{K}" for K in ELEMENTS[1:5]))
+
+
+def _row(
+    id_: str, place: str, page: int, says: str, stated: str, read_from: ReadFrom, accepted: Interval, tolerance: str,
+    needs: tuple[str, ...], measure: Measure, unit: str = "", known: KnownDifference | None = None,
+) -> Statement:  # fmt: skip
+    """A row whose figure is that of its id, judged in the engines that compute all its series."""
+    engines = set.intersection(*(set(SERIES[name].engines) for name in needs)) if needs else set()
+    every = set().union(*(set(one.engines) for one in SERIES.values()))
+    own = () if not needs or engines == every else tuple(one for one in SERIES["starts"].engines if one in engines)
+    head = id_.partition("-")[0]
+    return Statement(
+        id_, head if head in _DRAWN else "", place, page, says, stated, read_from, accepted, tolerance, needs, measure,
+        unit, known, own,
+    )  # fmt: skip
+
+
+def _unjudged(id_: str, place: str, page: int, says: str, stated: str, why: str) -> Statement:
+    head = id_.partition("-")[0]
+    return Statement(
+        id_, head if head in _DRAWN else "", place, page, says, stated, ReadFrom.TEXT, Interval(), "none", (),
+        lambda runs: math.nan, unjudged=why,
+    )  # fmt: skip
+
+
+_DRAWN = ("3.3", "3.4", "3.5", "3.6", "3.7", "3.8", "3.9", "3.11", "3.12", "3.13", "3.14", "3.15")
+
+
+def _constant(value: Callable[[], float]) -> Measure:
+    """A quantity of the model that no run is needed for; the series only says in which engines it is a column."""
+    return lambda runs: value()
+
+
+def _scene_value(measure: Callable[[Array, Array], float]) -> Measure:
+    def value(runs: Runs) -> float:
+        structure = cable(13, excitation=Excitation.NONE).structure
+        return measure(structure.rod_lengths, structure.rod_masses)
+
+    return value
+
+
+# Rows read better with several arguments on a line.
+# fmt: off
+TEXT, AXIS, CURVES, TITLE = ReadFrom.TEXT, ReadFrom.AXIS, ReadFrom.CURVES, ReadFrom.TITLE
+
+
+def _model() -> Iterator[Statement]:
+    ran = ("starts",)
+    yield _row(
+        "3.3.3-length", "Table 3.1, §3.3.3", 68, "length of fastening, rope and load", "0.13 + 2.75 + 0.05 m", TEXT,
+        near(FASTENING_LENGTH + ROPE_LENGTH + LOAD_LENGTH, 1e-12), "printed exactly", ran,
+        _scene_value(lambda lengths, masses: float(lengths.sum())), "m",
+    )
+    yield _row(
+        "3.3.3-mass", "§3.3.3", 69, "mass of fastening and load", "0.0506 + 0.0513 kg", TEXT,
+        near(FASTENING_MASS + LOAD_MASS, 1e-12), "printed exactly", ran,
+        _scene_value(lambda lengths, masses: float(masses[0] + masses[-1])), "kg",
+    )
+    yield _row(
+        "3.3.3-rope", "Table 3.1, §3.3.3", 68, "mass of the rope's eleven elements", "0.165 kg", TEXT,
+        near(0.165, 5e-4), "half of the last printed digit", ran,
+        _scene_value(lambda lengths, masses: float(masses[1:-1].sum())), "kg",
+        KnownDifference(
+            "§3.3.3 gives each of the eleven elements 0.0129 kg, 0.1419 kg in all; Table 3.1 says 0.165 kg "
+            f"(`RopeMass.{RopeMass.TABLE.name}`)", near(0.1419, 1e-9),
+        ),
+    )
+    yield _row(
+        "3.3.3-markers", "Table 3.2", 68, "largest distance of a marker from a node of the model", "0 m", TEXT,
+        Interval(0.0, 1e-9), "printed exactly", ran,
+        _constant(lambda: float(np.abs(
+            marker_weights(13) @ arc_lengths(13) - FASTENING_LENGTH - 0.25 * np.arange(2, 12)
+        ).max())), "m",
+    )
+
+
+def _frequencies() -> Iterator[Statement]:
+    ran = ("cable",)
+
+    def eigenfrequency(number: int) -> Measure:
+        return of("cable", lambda run: float(run.frequencies[13][number - 1]))
+
+    yield _row(
+        "3.4.1-f1", "§3.4.1", 71, "first eigenfrequency, from the engine's linearized equations", "0.30–0.35 Hz", TEXT,
+        Interval(0.30, 0.35), "as printed", ran, eigenfrequency(1), "Hz",
+    )
+    yield _row(
+        "3.4.1-f2", "§3.4.1", 71, "second eigenfrequency, likewise", "0.80–0.95 Hz", TEXT, Interval(0.80, 0.95),
+        "as printed", ran, eigenfrequency(2), "Hz",
+    )
+    yield _row(
+        "3.4.1-f3", "§3.4.1", 71, "third eigenfrequency, likewise", "none below 1.20 Hz", TEXT, Interval(1.20),
+        "as printed", ran, eigenfrequency(3), "Hz",
+    )
+    yield _row(
+        "3.4.1-linear-1", "§3.4.1", 71, "first eigenfrequency of Johansen's linearized cable", "about 0.33 Hz", TEXT,
+        near(0.33, 0.01), "the last printed digit", ran, eigenfrequency(1), "Hz",
+    )
+    cause = (
+        "the thesis quotes another linear model here, and says itself that neither experiments nor simulations agree "
+        "with its second and third frequency"
+    )
+    yield _row(
+        "3.4.1-linear-2", "§3.4.1", 71, "second eigenfrequency of that model", "about 0.73 Hz", TEXT, near(0.73, 0.01),
+        "the last printed digit", ran, eigenfrequency(2), "Hz", KnownDifference(cause, near(0.9329, 1e-3)),
+    )
+    yield _row(
+        "3.4.1-linear-3", "§3.4.1", 71, "third eigenfrequency of that model", "about 1.14 Hz", TEXT, near(1.14, 0.01),
+        "the last printed digit", ran, eigenfrequency(3), "Hz", KnownDifference(cause, near(1.6874, 1e-3)),
+    )
+    yield _row(
+        "3.5.1-converged", "§3.5.6", 83, "first eigenfrequency of 121 elements over that of 13",
+        "all models have good accuracy", TEXT, near(1.0, 0.01), "1 %", ran,
+        of("cable", lambda run: float(run.frequencies[121][0] / run.frequencies[13][0])),
+    )
+
+
+def _axis(name: str, figure: str, page: int, marker: int, axis: int, last: float, tick: float, what: str,
+          known: KnownDifference | None = None) -> Statement:
+    return _row(
+        f"{figure}-axis", f"Fig. {figure}(a)", page, f"marker {marker}, {what}: largest relative amplitude",
+        f"axis to {last:g}, ticks of {tick:g}", AXIS, fills(last, tick), FITS, (name,),
+        of(name, _largest, marker, axis), "", known,
+    )
+
+
+def _in_line() -> Iterator[Statement]:
+    name, ran = "in-line", ("in-line",)
+    yield _row(
+        "3.3-input", "Fig. 3.3", 70, "marker 10 at 0.70 Hz: the dominating frequency", "about 0.70 Hz", CURVES,
+        near(0.70, BESIDE), "one and a half bins of 45 s", ran,
+        of(name, lambda run: run.peaks(10)[int(np.argmin(np.abs(run.cases.frequencies - 0.7)))][0]), "Hz",
+    )
+    yield _row(
+        "3.3-others", "Fig. 3.3", 70, "marker 10 at 0.70 Hz: main peaks besides it, near 0.30 and 0.90 Hz", "2",
+        CURVES, near(2.0, 0.0), "a count", ran,
+        of(name, lambda run: float(len(run.peaks(10)[int(np.argmin(np.abs(run.cases.frequencies - 0.7)))]) - 1)),
+    )
+    yield _row(
+        "3.4-start-moving", "Fig. 3.4(a)", 73, "marker 10 at 0.70 Hz, at rest in the moving frame: relative amplitude",
+        "the start is not given", CURVES, near(4.30, 0.005), "the last digit of modal superposition's 4.30",
+        ("starts",), of("starts", lambda run: float(run.marker(10)[0])),
+    )
+    yield _row(
+        "3.4-start-lab", "Fig. 3.4(a)", 73, "marker 10 at 0.70 Hz, at rest in the lab frame: relative amplitude",
+        "the start is not given", CURVES, near(2.00, 0.01), "the last digit of modal superposition's 1.99",
+        ("starts",), of("starts", lambda run: float(run.marker(10)[1])),
+    )
+    yield _axis(name, "3.4", 73, 10, 0, 18, 2, "in-plane")
+    yield _row(
+        "3.4-first", "§3.4.1", 71, "marker 10: input frequency of the largest in-plane amplitude", "0.30–0.35 Hz", TEXT,
+        Interval(0.30, 0.35), "as printed", ran, of(name, _first_peak, 10), "Hz",
+    )
+    yield _row(
+        "3.4-second", "§3.4.1", 71, f"marker 10: that of the largest above {BETWEEN:g} Hz", "0.80–0.95 Hz", TEXT,
+        Interval(0.80, 0.95), "as printed", ran, of(name, _second_peak, 10), "Hz",
+    )
+    yield _row(
+        "3.4-ratio", "§3.4.1, Fig. 3.4(a)", 71, "marker 10, in-plane: amplitude at the first over that at the second",
+        "significantly larger", TEXT, Interval(1.5), "by half", ran, of(name, _ratio, 10),
+    )
+    yield _row(
+        "3.4-input", "§3.4.1, Fig. 3.4(b)", 71, "marker 10, in-plane: part of the runs with a main peak at the input",
+        "the response consists of it", TEXT, near(1.0, 0.0), "all", ran, of(name, _input_part, 10), "",
+        KnownDifference("near the second eigenfrequency whirling splits the peak at the input", near(0.917, 0.05)),
+    )
+    yield _row(
+        "3.4-f1-from", "§3.4.1, Fig. 3.4(b)", 71, "marker 10, in-plane: 0.30 Hz is a main peak from an input of",
+        "about 0.20 Hz", TEXT, near(0.20, 2 * GRID + 1e-9), ABOUT, ran, of(name, _present_from, 10, 0.27, 0.36), "Hz",
+    )
+    yield _row(
+        "3.4-f2-from", "§3.4.1, Fig. 3.4(b)", 71, "marker 10, in-plane: 0.90 Hz is a main peak from an input of",
+        "about 0.65 Hz", TEXT, near(0.65, 2 * GRID + 1e-9), ABOUT, ran, of(name, _present_from, 10, 0.80, 1.0), "Hz",
+    )
+    yield _row(
+        "3.4-violent", "§3.4.1, §3.5.5", 71, "marker 10: amplitude at 1.20 Hz over that at 1.10 and 1.15 Hz",
+        "violent motion of the lower elements", TEXT, Interval(2.0), "twice", ran, of(name, _violence), "",
+        KnownDifference(
+            "at 1.20 Hz nothing happens, from either start and with any number of elements. An element by itself "
+            "swings at 1.22 Hz, but as a part of a chain under tension it does not, and no eigenfrequency is near",
+            near(0.8, 0.05),
+        ),
+    )
+    yield _axis(name, "3.5", 74, 10, 1, 9, 1, "out-of-plane")
+    yield _row(
+        "3.5-first", "§3.4.1, Fig. 3.5(a)", 72, "marker 10: out-of-plane over in-plane amplitude about the first",
+        "relatively small", TEXT, Interval(0.0, 0.2), "a fifth", ran, of(name, _out_over_in, 10, False),
+    )
+    yield _row(
+        "3.5-second", "§3.4.1, Fig. 3.5(a)", 72, "marker 10: out-of-plane over in-plane amplitude about the second",
+        "match the values of the in-plane MRAs", TEXT, near(1.0, 0.2), "a fifth", ran, of(name, _out_over_in, 10, True),
+    )
+    yield _row(
+        "3.5-larger", "§3.4.1, Fig. 3.5(a)", 72, "marker 10, out-of-plane: amplitude at the first over the second",
+        "significantly smaller", TEXT, Interval(0.0, 0.5), "half", ran, of(name, _ratio, 10, 1),
+    )
+    yield _row(
+        "3.5-peaks", "§3.4.1, Fig. 3.5(b)", 72,
+        "marker 10: lowest frequency of the largest out-of-plane peak among runs that whirl about the second",
+        "about the second eigenfrequency", TEXT, Interval(*SECOND), "about the second", ran,
+        of(name, _out_of_plane_peaks, 10), "Hz",
+    )
+    yield _axis(name, "3.6", 75, 5, 0, 10, 1, "in-plane")
+    yield _row(
+        "3.6-ratio", "§3.4.1, Fig. 3.6(a)", 72, "marker 5, in-plane: amplitude at the first over that at the second",
+        "similar", TEXT, near(1.0, 0.2), "a fifth", ran, of(name, _ratio, 5),
+    )
+    yield _row(
+        "3.6-f2-from", "§3.4.1, Fig. 3.6(b)", 72, "marker 5, in-plane: 0.90 Hz is a main peak from an input of",
+        "about 0.55 Hz", TEXT, near(0.55, 2 * GRID + 1e-9), ABOUT, ran, of(name, _present_from, 5, 0.80, 1.0), "Hz",
+    )
+    absent = "marker 5, in-plane: part of the inputs of 0.75–1.00 Hz with a main peak at 0.30 Hz"
+    yield _row(
+        "3.6-absent", "§3.4.1, Fig. 3.6(b)", 72, absent, "absent", TEXT, near(0.0, 0.0), "none", ran,
+        of(name, _first_part, 5, 0.75, 1.0), "",
+        KnownDifference(
+            "at one of the six inputs, 0.85 Hz, whirling breaks the spectrum into many peaks", near(1 / 6, 0.01)
+        ),
+    )
+    yield _row(
+        "3.6-absent-moving", "§3.4.1, Fig. 3.6(b)", 72, f"from the moving frame: {absent}", "absent", TEXT,
+        near(0.0, 0.0), "none", ("in-line-moving",), of("in-line-moving", _first_part, 5, 0.75, 1.0), "",
+        KnownDifference(
+            "from rest in the moving frame the first mode is always excited, and never decays. So the thesis' cable "
+            "began at rest in the lab frame, as the rope did", Interval(0.5, 1.0),
+        ),
+    )
+    yield _axis(name, "3.7", 76, 5, 1, 9, 1, "out-of-plane")
+    yield _row(
+        "3.7-ratio", "§3.4.1, Fig. 3.7(a)", 72, "marker 5, out-of-plane: amplitude at the second over the first",
+        "much larger", TEXT, Interval(3.0), "three times", ran, of(name, lambda run: 1.0 / _ratio(run, 5, 1)),
+    )
+    yield _row(
+        "3.7-peaks", "§3.4.1, Fig. 3.7(b)", 72,
+        "marker 5: lowest frequency of the largest out-of-plane peak among runs that whirl about the second",
+        "about the second eigenfrequency", TEXT, Interval(*SECOND), "about the second", ran,
+        of(name, _out_of_plane_peaks, 5), "Hz",
+    )
+    lacking = "the experiments' and ABAQUS' data are not in the thesis"
+    yield _unjudged(
+        "3.4-experiments", "§3.4.1", 71, "the model over-predicts the experiments' amplitudes", "slightly", lacking
+    )
+    yield _unjudged(
+        "3.4-vanish", "§3.4.2", 77, "in experiments the first mode vanishes at inputs above 0.70 Hz", "vanishes",
+        lacking,
+    )
+    yield _unjudged("3.4-abaqus", "§3.4.1", 71, "ABAQUS and the model match for most runs", "match", lacking)
+    yield _unjudged(
+        "3.6-whirl", "§3.6", 89, "whirling builds up slower than in experiments", "slightly slower",
+        f"{lacking}, and its disturbances are not given",
+    )
+
+
+def _circular() -> Iterator[Statement]:
+    name, ran = "circular", ("circular",)
+    yield _axis(name, "3.8", 78, 10, 0, 18, 2, "in-plane, circular", KnownDifference(SHARP, near(27.2, 0.3)))
+    yield _row(
+        "3.8-first", "§3.4.2", 77, "marker 10, circular: input frequency of the largest in-plane amplitude",
+        "0.30–0.35 Hz", TEXT, Interval(0.30, 0.35), "as printed", ran, of(name, _first_peak, 10), "Hz",
+    )
+    yield _row(
+        "3.8-second", "§3.4.2", 77, f"marker 10, circular: that of the largest above {BETWEEN:g} Hz", "0.95–1.05 Hz",
+        TEXT, Interval(0.95, 1.05), "as printed", ran, of(name, _second_peak, 10), "Hz",
+    )
+    yield _row(
+        "3.8-ratio", "§3.4.2, Fig. 3.8(a)", 77, "marker 10, circular: amplitude at the first over that at the second",
+        "almost the same, the first slightly larger", TEXT, Interval(1.0, 1.3), "a third", ran, of(name, _ratio, 10),
+        "", KnownDifference(SHARP, near(3.3, 0.15)),
+    )
+    yield _row(
+        "3.8-input", "§3.4.2, Fig. 3.8(b)", 77, "marker 10, circular: part of the runs with a main peak at the input",
+        "the response consists of it", TEXT, Interval(0.95), "all but one", ran, of(name, _input_part, 10),
+    )
+    yield _row(
+        "3.8-f1-from", "§3.4.2, Fig. 3.8(b)", 77, "marker 10, circular: 0.30 Hz is a main peak from an input of",
+        "about 0.20 Hz", TEXT, near(0.20, 2 * GRID + 1e-9), ABOUT, ran, of(name, _present_from, 10, 0.27, 0.36), "Hz",
+    )
+    yield _row(
+        "3.8-f2-from", "§3.4.2, Fig. 3.8(b)", 77, "marker 10, circular: 0.90 Hz is a main peak from an input of",
+        "about 0.70 Hz", TEXT, near(0.70, 2 * GRID + 1e-9), ABOUT, ran, of(name, _present_from, 10, 0.80, 1.02), "Hz",
+    )
+    yield _row(
+        "3.8-kept", "§3.4.2, Fig. 3.8(b)", 77, "part of the inputs of 0.80–1.10 Hz with a main peak at 0.30 Hz",
+        "the model does not capture that it disappears", TEXT, Interval(0.1), "at some", ran,
+        of(name, _first_part, 10, 0.8, 1.1),
+    )
+    yield _axis(name, "3.9", 79, 5, 0, 12, 2, "in-plane, circular")
+    yield _row(
+        "3.9-ratio", "§3.4.2, Fig. 3.9(a)", 77, "marker 5, circular: amplitude at the second over that at the first",
+        "larger", TEXT, Interval(1.0), "larger", ran, of(name, lambda run: 1.0 / _ratio(run, 5)), "",
+        KnownDifference(SHARP, near(0.96, 0.02)),
+    )
+    yield _row(
+        "3.9-f2-from", "§3.4.2, Fig. 3.9(b)", 77, "marker 5, circular: 0.90 Hz is a main peak from an input of",
+        "already 0.50 Hz", TEXT, near(0.50, 2 * GRID + 1e-9), ABOUT, ran, of(name, _present_from, 5, 0.80, 1.02), "Hz",
+    )
+
+
+def _elements() -> Iterator[Statement]:
+    ran = ("starts",)
+    yield _row(
+        "3.11-cable", "§3.5.1, §3.6", 88, "(3.28) for a cable element of 0.25 m", "1.22 Hz", TEXT, near(1.22, 0.005),
+        "half of the last printed digit", ran, _constant(lambda: element_frequencies(13)[1]), "Hz",
+    )
+    yield _row(
+        "3.11-load", "§3.5.1, §3.6", 88, "(3.28) for the bottom load of 0.05 m", "2.74 Hz", TEXT, near(2.74, 0.005),
+        "half of the last printed digit", ran, _constant(lambda: element_frequencies(13)[2]), "Hz",
+        KnownDifference("√(3 g / 2 ℓ) / 2π with g = 9.81 m/s² is 2.730 Hz: a misprint", near(2.730, 0.001)),
+    )
+    yield _row(
+        "3.11-axis", "Fig. 3.11", 81, "highest frequency of an element", "axis to 5.5 Hz, ticks of 0.5", AXIS,
+        fills(5.5, 0.5), FITS, ran, _constant(lambda: max(max(element_frequencies(K)) for K in ELEMENTS)), "Hz",
+    )
+    yield _row(
+        "3.11-low", "Fig. 3.11", 81, "lowest frequency of an element", "axis from 1 Hz, ticks of 0.5", AXIS,
+        inside(0.5, 1.5), INSIDE, ran, _constant(lambda: min(min(element_frequencies(K)) for K in ELEMENTS)), "Hz",
+    )
+    yield _row(
+        "3.6-procedure", "§3.6", 88,
+        "the procedure for 0.60 Hz: elements of 2.93 m whose own frequency is twice that (1.20 Hz)",
+        "elements of 0.25 m swing at 1.22 Hz: 12 of them", TEXT, near(12.0, 0.0), "a count", ran,
+        _constant(lambda: float(suggest_elements(0.60, 2.93).elements)),
+    )
+    yield _row(
+        "3.12-stable", "§3.5.3, Fig. 3.12", 82, "models of 13 to 121 elements that a step of 0.01 s can run",
+        "10 of 10", TEXT, near(10.0, 0.0), "a count", ("fixed-step",), of("fixed-step", _stable), "",
+        KnownDifference(STABILITY, near(3.0, 0.0)),
+    )
+    yield _row(
+        "3.12-axis", "Fig. 3.12(b)", 84, "log₁₀ of the drift of 13 elements at 0.8 Hz, h = 0.01 s", "axis from −4 to 0",
+        AXIS, Interval(-4.0, 0.0), "the axis", ("fixed-step",),
+        of("fixed-step", lambda run: math.log10(run.cases.drift[0])),
+    )
+    yield _row(
+        "3.12-falls", "§3.5.3, Fig. 3.12(b)", 82, "the drift falls with the number of elements", "true", TEXT, HOLDS,
+        "true or not", ("fixed-step",), of("fixed-step", _drift_falls), "", KnownDifference(STABILITY, near(0.0, 0.0)),
+    )
+    yield _row(
+        "3.13-axis", "Fig. 3.13(b)", 85, "largest step of a model with a drift within 2 %",
+        "axis to 0.025 s, ticks of 0.005", AXIS, fills(0.025, 0.005), FITS, ("fixed-drift",),
+        of("fixed-drift", lambda run: max(one.step for one in run.steps)), "s",
+        KnownDifference(
+            "classical Runge-Kutta keeps the lengths of 13 elements to 2 % up to 0.034 s; the thesis' method, a fixed "
+            "step of ode45, is not stated further", near(0.0337, 0.0005),
+        ),
+    )
+    yield _row(
+        "3.13-grows", "§3.5.4, Fig. 3.13(b)", 82, "the step with a drift of 2 % grows from 49 elements on", "true",
+        TEXT, HOLDS, "true or not", ("fixed-drift",), of("fixed-drift", _step_grows), "",
+        KnownDifference(STABILITY, near(0.0, 0.0)),
+    )
+    yield _row(
+        "3.13-drift", "§3.5.4", 82, "largest drift of the models at these steps", "2 %", TEXT,
+        Interval(0.0, ALLOWED_DRIFT), "the limit", ("fixed-drift",),
+        of("fixed-drift", lambda run: max(one.drift for one in run.steps)),
+    )
+    yield _row(
+        "3.14-axis", "Fig. 3.14(b)", 86, "largest drift over the frequencies, h = 0.005 s", "axis to 10⁰, decades",
+        AXIS, Interval(0.1, 10.0), FITS, ("drift",), of("drift", lambda run: float(run.cases.drift.max())),
+    )
+    yield _row(
+        "3.14-trend", "§3.5.5, Fig. 3.14(b)", 83, "rank correlation of drift and frequency", "increases", TEXT,
+        Interval(0.6), "clearly positive", ("drift",), of("drift", _drift_trend),
+    )
+    yield _row(
+        "3.14-second", "§3.5.5, Fig. 3.14(b)", 83, "largest drift about the second eigenfrequency over that beyond it",
+        "affected by the second eigenfrequency", TEXT, Interval(2.0), "twice", ("drift",),
+        of("drift", _drift_near_second),
+    )
+    yield _row(
+        "3.15-axis", "Fig. 3.15", 87, "largest relative amplitude of marker 10, 13 to 61 elements",
+        "axis to 18, ticks of 2", AXIS, fills(18, 2), FITS, _REFINED,
+        lambda runs: max(float(runs[name].marker(10).max()) for name in _REFINED),
+    )
+    yield _row(
+        "3.15-agree", "§3.5.6, Fig. 3.15", 83,
+        "largest difference of relative amplitudes between the models, away from the second eigenfrequency",
+        "good accuracy for the entire range", TEXT, Interval(0.0, 0.36), f"{PLOT} of 18", _REFINED, _refined_apart,
+    )
+    yield _row(
+        "3.15-second", "§3.5.6, Fig. 3.15", 83, "largest difference between 49 and 61 elements about the second",
+        "deviations that do not seem to decrease", TEXT, Interval(0.1), "visible in the figure",
+        ("in-line", "in-line-49", "in-line-61"), _refined_apart_near,
+    )
+    yield _row(
+        "3.15-violent", "§3.5.6", 83, "61 elements: amplitude at 1.20 Hz over that at 1.10 and 1.15 Hz",
+        "the unnatural behaviour of 13 elements is not present", TEXT, Interval(0.5, 2.0), "twice", ("in-line-61",),
+        of("in-line-61", _violence),
+    )
+    machine = "times on a laptop of 2006 (Pentium M, MATLAB); the figure shows those of this machine"
+    yield _unjudged(
+        "3.12-time", "§3.5.3, Fig. 3.12(a)", 82, "wall time over the number of elements", "axis to 140 s", machine
+    )
+    yield _unjudged("3.13-time", "§3.5.4, Fig. 3.13(a)", 82, "wall time at a drift of 2 %", "axis to 150 s", machine)
+    yield _unjudged("3.14-time", "§3.5.5, Fig. 3.14(a)", 83, "wall time over the frequency", "axis to 60 s", machine)
+
+
+STATEMENTS: tuple[Statement, ...] = (*_model(), *_frequencies(), *_in_line(), *_circular(), *_elements())

@@ -1,0 +1,386 @@
+"""One excited chain: the scene of a case, its run, and what is measured of it; many of them by `run_many`."""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.amplification import Scheme, scheme_of
+from tensegrity_mj.checks import finite, member, positive
+from tensegrity_mj.errors import DivergenceError, OptionError
+from tensegrity_mj.families.cable import Excitation, Start
+from tensegrity_mj.motion import Motion
+from tensegrity_mj.moved_supports import velocities_with_supports
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.simulation import simulate, versions
+from tensegrity_mj.studies.cable.amplitude import response_amplitude
+from tensegrity_mj.studies.cable.chain import Chain
+from tensegrity_mj.studies.cable.modal import HangingChain
+from tensegrity_mj.studies.cable.spectrum import spectrum
+from tensegrity_mj.studies.cable.whirling import whirl
+from tensegrity_mj.studies.many import Study, run_many
+from tensegrity_mj.studies.parameters import Draft, engine_settings
+from tensegrity_mj.studies.workers import Workers
+from tensegrity_mj.textformat import scene_from_toml, scene_to_toml
+from tensegrity_mj.trajectory import Status, Trajectory
+
+Array = NDArray[np.float64]
+
+DIRECTION = (0.0, 1.0, 0.0)  # of the thesis' in-line excitation
+DURATION, INTERVAL = 45.0, 0.02  # s
+SPECTRUM = 2.0  # Hz, up to which spectra are kept
+AXES = ("in-plane", "out-of-plane", "vertical")
+# h ω of the largest stable step of each scheme, for undamped oscillations; MuJoCo's discrete has none of this kind.
+STABLE = {Scheme.RUNGE_KUTTA: math.sqrt(8.0), Scheme.SEMI_IMPLICIT: 2.0, Scheme.VELOCITY_IMPLICIT: 2.0}
+COARSENESS = 0.35  # h ω of the default step: a twentieth of the fastest period, an eighth of the limit
+
+
+@dataclass(frozen=True)
+class Case:
+    """A hanging chain, how its top moves, and the engine that computes it.
+
+    Attributes:
+        scene: a chain that hangs at rest; its own motions are replaced.
+        frequency: of the excitation [Hz].
+        excitation: along `direction`, or a circle in the horizontal plane.
+        amplitude: [m], half the peak-to-peak, or the circle's radius.
+        start: in which frame the chain is at rest at t = 0.
+        seed: [rad] by which the chain leans out of the plane at the start.
+        engine: DAE's RK4 by default, with lengths kept, at the step of `default_step`.
+        direction: horizontal, of any length.
+    """
+
+    scene: Scene
+    frequency: float
+    excitation: Excitation = Excitation.IN_LINE
+    amplitude: float = 0.05
+    start: Start = Start.MOVING_FRAME
+    seed: float = 0.0
+    engine: Any = None
+    direction: tuple[float, float, float] = DIRECTION
+
+    def __post_init__(self) -> None:
+        member("case: excitation", self.excitation, Excitation)
+        member("case: start", self.start, Start)
+        if self.excitation is Excitation.NONE:
+            raise OptionError("case: excitation = none; use Excitation.IN_LINE or Excitation.CIRCULAR")
+        positive("case: frequency", self.frequency, "Hz")
+        positive("case: amplitude", self.amplitude, "m")
+        finite("case: seed", self.seed, " [rad]")
+        _axes(self.scene, self.direction)
+        chain = Chain.of(self.scene.structure)
+        if self.engine is None:
+            from tensegrity_mj.engines.dae import DAE, Drift
+            from tensegrity_mj.engines.integration import Method
+
+            engine = DAE(method=Method.RK4, timestep=default_step(self.scene), drift=Drift.NORMALIZE)
+            object.__setattr__(self, "engine", engine)
+        engine_settings(self.engine)
+        assert len(chain.rods)
+
+    @property
+    def coarseness(self) -> float:
+        """h ω of the engine's step, ω the fastest of the hanging chain; NaN where the engine chooses its steps."""
+        step = getattr(self.engine, "timestep", None)
+        if step is None or scheme_of(self.engine) is None:
+            return math.nan
+        return float(step) * linear_model(self.scene).fastest
+
+    @property
+    def exceeded(self) -> str:
+        """Why the engine's step is beyond its limit, or "": the linear model tells before anything runs."""
+        scheme = scheme_of(self.engine)
+        if scheme is None or scheme not in STABLE or not self.coarseness > STABLE[scheme]:
+            return ""
+        bound = STABLE[scheme]
+        step = float(self.engine.timestep)
+        return (
+            f"unstable step: {step:g} s is beyond the limit {step * bound / self.coarseness:.3g} s of {scheme.value} "
+            f"(h ω = {self.coarseness:.3g} > {bound:.3g}) for a chain of {len(self.scene.structure.rods)} elements"
+        )
+
+    def excited(self) -> Scene:
+        """The scene of the case."""
+        structure, (axis, _, up) = self.scene.structure, _axes(self.scene, self.direction)
+        chain = Chain.of(structure)
+        top = structure.rods[int(chain.rods[0])].name
+        if self.excitation is Excitation.IN_LINE:
+            motion = Motion.in_line(top, self.amplitude, self.frequency, axis)
+        else:
+            motion = Motion.circular(top, self.amplitude, self.frequency, up)
+        nodes = np.array(self.scene.nodes0)
+        first = nodes[chain.nodes[0]].copy()
+        if self.seed:
+            # Turned about the direction of the excitation, through its top.
+            arm = nodes - first
+            c, s = math.cos(self.seed), math.sin(self.seed)
+            along = np.outer(arm @ axis, axis)
+            nodes = first + along + c * (arm - along) - s * np.cross(axis, arm)
+        nodes = nodes + motion.at(0.0)[0]
+        scene = self.scene.with_(motions=(motion,), initial_nodes=nodes, initial_velocities=None)
+        if self.start is Start.LAB_FRAME:
+            still = np.zeros_like(nodes)
+            still[chain.nodes[0]] = motion.at(0.0)[1]
+            scene = scene.with_(initial_velocities=velocities_with_supports(structure, nodes, (motion,), still))
+        return scene
+
+
+def linear_model(scene: Scene) -> HangingChain:
+    """The linear model of a chain that hangs in a scene's gravity."""
+    return HangingChain.of(Chain.of(scene.structure), float(np.linalg.norm(scene.gravity)))
+
+
+def default_step(scene: Scene, coarseness: float = COARSENESS, interval: float = INTERVAL) -> float:
+    """The largest step [s] that divides the interval of output with h ω within `coarseness`, at most 0.01 s."""
+    most = min(0.01, positive("coarseness", coarseness) / linear_model(scene).fastest)
+    return interval / math.ceil(interval / most * (1 - 1e-9))
+
+
+@dataclass(frozen=True, eq=False)
+class CaseResults:
+    """What came out of several cases.
+
+    Attributes:
+        cases: in order.
+        markers: (P,) [m] arc lengths from the top.
+        study: of `run_many`.
+    """
+
+    cases: tuple[Case, ...]
+    markers: Array
+    study: Study
+
+    @property
+    def failed(self) -> list[int]:
+        """The numbers of the cases without measures: diverged, refused, or failed."""
+        return [k for k, status in enumerate(self.statuses) if status != Status.COMPLETED.value]
+
+    @property
+    def statuses(self) -> list[str]:
+        """A run's status, "unstable step" where it was refused, or "failed"."""
+        return [outcome.get("values", {}).get("status", "failed") for outcome in self.study.outcomes]
+
+    @property
+    def messages(self) -> list[str]:
+        """Why a case has no measures, or ""."""
+        return [
+            outcome["values"]["message"] if "values" in outcome else outcome["reason"]
+            for outcome in self.study.outcomes
+        ]
+
+    @property
+    def frequencies(self) -> Array:
+        """(C,) of the excitations [Hz]."""
+        return np.array([case.frequency for case in self.cases])
+
+    @property
+    def amplitudes(self) -> Array:
+        """(C, P, 3) maximum response amplitudes [m] of the markers along `AXES`; NaN for a case without."""
+        return self._array("amplitudes", (len(self.markers), 3))
+
+    @property
+    def relative(self) -> Array:
+        """(C, P, 3) maximum response amplitudes over the peak-to-peak of the excitation, as in the thesis' figures."""
+        return self.amplitudes / np.array([2.0 * case.amplitude for case in self.cases])[:, None, None]
+
+    @property
+    def drift(self) -> Array:
+        """(C,) largest | ‖b_i‖ - 1 | over rods and recorded times, as in §3.5.2."""
+        return self._array("drift", ())
+
+    @property
+    def turning(self) -> Array:
+        """(C, P) of `Whirl`: 0 along a line, ±1 around a circle."""
+        return self._array("whirl", (len(self.markers), 3))[..., 2]
+
+    @property
+    def growth(self) -> Array:
+        """(C, P) of `Whirl` [1/s]; NaN where nothing grows out of the plane while it is small."""
+        return self._array("whirl", (len(self.markers), 3))[..., 0]
+
+    @property
+    def spectral_frequencies(self) -> Array:
+        """(F,) [Hz] of `densities`."""
+        for outcome in self.study.outcomes:
+            if "values" in outcome and outcome["values"]["status"] == Status.COMPLETED.value:
+                return np.array(outcome["values"]["frequencies"])
+        return np.zeros(0)
+
+    @property
+    def densities(self) -> Array:
+        """(C, P, 3, F) power spectral densities [m²/Hz]."""
+        return self._array("densities", (len(self.markers), 3, len(self.spectral_frequencies)))
+
+    def _array(self, name: str, shape: tuple[int, ...]) -> Array:
+        none = np.full(shape, np.nan)
+        values = [outcome.get("values", {}).get(name) for outcome in self.study.outcomes]
+        return np.array([none if one is None else np.array(one, float).reshape(shape) for one in values])
+
+
+def run_cases(
+    cases: Sequence[Case],
+    markers: Sequence[float],
+    folder: str | os.PathLike[str] | None = None,
+    *,
+    duration: float = DURATION,
+    interval: float = INTERVAL,
+    identity: Mapping[str, Any] | None = None,
+    workers: Workers | None = None,
+    progress: bool = False,
+    label: str = "cables",
+) -> CaseResults:
+    """Run many cases and measure markers on each; in a folder, go on where an earlier call stopped.
+
+    A case whose step is beyond the stable one is not run: its status says so.
+
+    Args:
+        cases: of any chains.
+        markers: arc lengths [m] from the top.
+        folder: see `run_many`.
+        duration, interval: of the runs and their samples [s].
+        identity, workers, progress, label: see `run_many`.
+
+    Raises:
+        OptionError: for markers that some chain does not have, and as `run_many`.
+    """
+    positive("duration", duration, "s")
+    positive("interval", interval, "s")
+    known: dict[int, str] = {}  # texts of scenes by identity: cases share them
+    texts: dict[str, str] = {}
+    points = []
+    for case in cases:
+        if id(case.scene) not in known:
+            Chain.of(case.scene.structure).weights(markers)
+            known[id(case.scene)] = scene_to_toml(case.scene)
+        name = texts.setdefault(known[id(case.scene)], f"scene{len(texts)}")
+        engine, options = engine_settings(case.engine)
+        points.append(
+            {
+                "scene": name,
+                "frequency": case.frequency,
+                "excitation": case.excitation.value,
+                "amplitude": case.amplitude,
+                "start": case.start.value,
+                "seed": case.seed,
+                "engine": {"name": engine, "options": options},
+                "direction": list(case.direction),
+            }
+        )
+    common = {
+        "scenes": {name: text for text, name in texts.items()},
+        "markers": list(markers),
+        "duration": duration,
+        "interval": interval,
+    }
+    study = run_many(
+        measure_case,
+        points,
+        None if folder is None else Path(folder),
+        common=common,
+        identity={"versions": versions(), **(identity or {})},
+        workers=workers,
+        progress=progress,
+        label=label,
+    )
+    return CaseResults(tuple(cases), np.array(markers, float), study)
+
+
+def measure_case(point: dict[str, Any]) -> dict[str, Any]:
+    """The task of `run_cases`: one case."""
+    case = case_of(point)
+    if refusal := case.exceeded:
+        return {"status": "unstable step", "message": refusal}
+    run = simulated(case, point["duration"], point["interval"])
+    if run.status is not Status.COMPLETED:
+        return {"status": run.status.value, "message": run.message, "drift": drift_of(run)}
+    return {"status": run.status.value, "message": "", **measures_of(case, run, point["markers"])}
+
+
+def case_of(point: Mapping[str, Any]) -> Case:
+    """The case of a point of `run_cases`."""
+    scene = _scene(point["scenes"][point["scene"]])
+    engine = Draft(scene, engine=point["engine"]["name"], engine_options=dict(point["engine"]["options"])).make_engine()
+    x, y, z = point["direction"]
+    return Case(
+        scene,
+        point["frequency"],
+        Excitation(point["excitation"]),
+        point["amplitude"],
+        Start(point["start"]),
+        point["seed"],
+        engine,
+        (x, y, z),
+    )
+
+
+def simulated(case: Case, duration: float = DURATION, interval: float = INTERVAL) -> Trajectory:
+    """The run of a case; one that diverges, as far as it came."""
+    try:
+        return simulate(case.excited(), None, case.engine, duration=duration, output_interval=interval)
+    except DivergenceError as error:
+        if not isinstance(error.trajectory, Trajectory):
+            raise
+        return replace(error.trajectory, status=Status.DIVERGED, message=str(error))
+
+
+def measures_of(case: Case, run: Trajectory, markers: Sequence[float]) -> dict[str, Any]:
+    """What is kept of a run: amplitudes (P, 3), spectra (P, 3, F), whirling (P, 3), drift."""
+    chain = Chain.of(case.scene.structure)
+    W = chain.weights(markers)
+    axes = np.stack(_axes(case.scene, case.direction), axis=1)
+    position = W @ run.nodes[:, chain.nodes] @ axes  # (T, P, 3)
+    velocity = W @ run.velocities[:, chain.nodes] @ axes
+    columns = range(len(W))
+    found = [[spectrum(run.time, position[:, p, a]).until(SPECTRUM) for a in range(3)] for p in columns]
+    whirls = [
+        whirl(
+            run.time, position[:, p, 0], position[:, p, 1], 1.0 / case.frequency,
+            (velocity[:, p, 0], velocity[:, p, 1]),
+        )
+        for p in columns
+    ]  # fmt: skip
+    return {
+        "amplitudes": [
+            [response_amplitude(run.time, position[:, p, a], velocity[:, p, a]) for a in range(3)] for p in columns
+        ],
+        "frequencies": found[0][0].frequency.tolist() if found else [],
+        "densities": [[one.density.tolist() for one in row] for row in found],
+        "whirl": [[one.growth, one.gain, one.turning] for one in whirls],
+        "drift": drift_of(run),
+        "energy_residual": run.energy_residual,
+    }
+
+
+def drift_of(run: Trajectory) -> float:
+    """Largest | ‖b_i‖ - 1 | over rods and recorded times."""
+    pairs = run.scene.structure.rod_nodes
+    b = (run.nodes[:, pairs[:, 1]] - run.nodes[:, pairs[:, 0]]) / run.scene.structure.rod_lengths[:, None]
+    return float(np.abs(np.linalg.norm(b, axis=-1) - 1.0).max(initial=0.0))
+
+
+def _axes(scene: Scene, direction: Sequence[float]) -> tuple[Array, Array, Array]:
+    """Unit vectors along the excitation, out of its plane, and up."""
+    g = np.array(scene.gravity, float)
+    along = np.asarray(direction, float)
+    if not np.linalg.norm(g) > 0:
+        raise OptionError(f"scene '{scene.name}' has no gravity; a hanging chain needs it")
+    if along.shape != (3,) or not np.all(np.isfinite(along)) or not np.linalg.norm(along) > 0:
+        raise OptionError(f"case: direction = {direction!r}; it must be a vector that is not zero")
+    up = -g / np.linalg.norm(g)
+    along = along / np.linalg.norm(along)
+    if abs(float(along @ up)) > 1e-9:
+        raise OptionError(f"case: direction = {direction!r}; it must be horizontal")
+    return along, np.cross(along, up), up
+
+
+@functools.lru_cache(maxsize=16)
+def _scene(text: str) -> Scene:
+    return scene_from_toml(text, where="the scene of a cable study")

@@ -1,0 +1,140 @@
+"""The linear model of a hanging chain, and its motion by modal superposition: what small amplitudes must give.
+
+For small rotations about the vertical, the transverse components β (K,) of the rods' directions obey
+
+    M β̈ + G β = -c d̈,   M_ii = m_i ℓ_i²/3 + ℓ_i² Σ_{k>i} m_k,   M_ij = ℓ_i m_j ℓ_j/2 + ℓ_i ℓ_j Σ_{k>j} m_k for i < j,
+    G_ii = g ℓ_i (m_i/2 + Σ_{k>i} m_k),   c_i = m_i ℓ_i/2 + ℓ_i Σ_{k>i} m_k,
+
+with M of (3.13), G from (3.8) and c the input column of (3.15), where f_i = m_i ℓ_i/2 and J_i = m_i ℓ_i²/3, and lengths
+that the print lacks are restored. d is the displacement of the top. numpy alone; no engine takes part.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tensegrity_mj.checks import positive
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.families.cable import Start
+from tensegrity_mj.studies.cable.chain import Chain
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class HangingChain:
+    """Rods from the top down.
+
+    Attributes:
+        lengths: (K,) [m].
+        masses: (K,) [kg].
+        gravity: [m/s²].
+
+    Raises:
+        OptionError: for lengths or masses that are not > 0, or not as many.
+    """
+
+    lengths: Array
+    masses: Array
+    gravity: float = 9.81
+
+    def __post_init__(self) -> None:
+        ell, m = np.array(self.lengths, float), np.array(self.masses, float)
+        if ell.ndim != 1 or ell.shape != m.shape or not len(ell) or not (np.all(ell > 0) and np.all(m > 0)):
+            raise OptionError(
+                f"hanging chain: lengths {ell.shape} and masses {m.shape} must be as many numbers > 0, one a rod"
+            )
+        object.__setattr__(self, "lengths", ell)
+        object.__setattr__(self, "masses", m)
+        object.__setattr__(self, "gravity", positive("hanging chain: gravity", self.gravity, "m/s²"))
+
+    @classmethod
+    def of(cls, chain: Chain, gravity: float = 9.81) -> HangingChain:
+        """That of a chain of a structure."""
+        return cls(chain.lengths, chain.masses, gravity)
+
+    @cached_property
+    def below(self) -> Array:
+        """(K,) mass [kg] that hangs on each rod's lower end."""
+        return np.concatenate([np.cumsum(self.masses[::-1])[::-1][1:], [0.0]])
+
+    @cached_property
+    def mass_matrix(self) -> Array:
+        """M (K, K) [kg m²] of (3.13)."""
+        ell, m = self.lengths, self.masses
+        # For i < j the column j has one factor: ℓ_i (m_j ℓ_j/2 + ℓ_j Σ m_k) = ℓ_i c_j.
+        upper = np.triu(np.outer(ell, self.input), 1)
+        return upper + upper.T + np.diag(m * ell**2 / 3.0 + ell**2 * self.below)
+
+    @cached_property
+    def stiffness(self) -> Array:
+        """Diagonal of G (K,) [N m]."""
+        return self.gravity * self.lengths * (0.5 * self.masses + self.below)
+
+    @cached_property
+    def input(self) -> Array:
+        """c (K,) [kg m] of (3.15)."""
+        return self.lengths * (0.5 * self.masses + self.below)
+
+    @cached_property
+    def _modes(self) -> tuple[Array, Array]:
+        """ω (K,) [rad/s] ascending, and modes (K, K) with XᵀMX = 1."""
+        # M = L Lᵀ; G^½ M⁻¹ G^½ would do as well, but this one keeps the low frequencies to round-off of their own.
+        root = np.sqrt(self.stiffness)
+        inverse, shapes = np.linalg.eigh(self.mass_matrix / np.outer(root, root))
+        omega = 1.0 / np.sqrt(inverse[::-1])
+        # (M/√G√G) y = y/ω², x = y/√G; yᵀy = 1 makes xᵀMx = 1/ω².
+        return omega, (shapes[:, ::-1] / root[:, None]) * omega
+
+    @property
+    def frequencies(self) -> Array:
+        """(K,) [Hz], ascending."""
+        return self._modes[0] / (2.0 * np.pi)
+
+    @property
+    def fastest(self) -> float:
+        """Largest angular frequency [rad/s]: what decides the largest stable step."""
+        return float(self._modes[0][-1])
+
+    @property
+    def shapes(self) -> Array:
+        """(K + 1, K): transverse displacement of the nodes in each mode, the largest 1 and the lowest node's > 0."""
+        moved = np.vstack([np.zeros(len(self.lengths)), np.cumsum(self.lengths[:, None] * self._modes[1], axis=0)])
+        return moved / np.abs(moved).max(axis=0) * np.sign(moved[-1])
+
+    def response(
+        self, times: ArrayLike, amplitude: float, frequency: float, start: Start = Start.MOVING_FRAME
+    ) -> tuple[Array, Array]:
+        """Displacements (T, K + 1) [m] and velocities [m/s] of the nodes, the top moved by amplitude · sin(2π f t).
+
+        Exact in time, at resonance too. In the lab frame, the first rod alone turns at t = 0, so that all nodes but the
+        top are at rest.
+
+        Args:
+            times: (T,) [s] from 0.
+            amplitude: [m].
+            frequency: f [Hz].
+            start: in which frame the chain is at rest at t = 0.
+        """
+        t = np.asarray(times, float)[:, None]
+        A, drive = positive("amplitude", amplitude, "m"), 2.0 * np.pi * positive("frequency", frequency, "Hz")
+        omega, X = self._modes
+        force = (X.T @ self.input) * A * drive**2
+        first = np.zeros(len(omega))
+        if start is Start.LAB_FRAME:
+            first[0] = -A * drive / self.lengths[0]
+        rate = X.T @ (self.mass_matrix @ first)  # of the modal coordinates at t = 0
+        # η = force (ω sin Ωt - Ω sin ωt) / (ω (ω² - Ω²)) + rate sin ωt / ω, without the division by ω - Ω.
+        half, mean = 0.5 * (omega - drive), 0.5 * (omega + drive)
+        sine, cosine = np.sin(omega * t), np.cos(omega * t)
+        slow = np.sinc(half * t / np.pi)  # sin(half t) / (half t)
+        eta = force / omega * (sine - omega * t * np.cos(mean * t) * slow) / (omega + drive) + rate * sine / omega
+        # η' = force Ω (cos Ωt - cos ωt) / (ω² - Ω²) + rate cos ωt, likewise.
+        eta_rate = force * drive * t * np.sin(mean * t) * slow / (omega + drive) + rate * cosine
+        modes = np.vstack([np.zeros(len(omega)), np.cumsum(self.lengths[:, None] * X, axis=0)])
+        top = A * np.sin(drive * t), A * drive * np.cos(drive * t)
+        return top[0] + eta @ modes.T, top[1] + eta_rate @ modes.T

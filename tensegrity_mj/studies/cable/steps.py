@@ -1,0 +1,157 @@
+"""The largest step at which lengths drift no more than allowed (§3.5.4)."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from tensegrity_mj.amplification import Scheme
+from tensegrity_mj.checks import positive
+from tensegrity_mj.engines.dae import DAE, Drift
+from tensegrity_mj.engines.integration import Method
+from tensegrity_mj.simulation import versions
+from tensegrity_mj.studies.cable.cases import (
+    DURATION,
+    INTERVAL,
+    STABLE,
+    Case,
+    case_of,
+    drift_of,
+    linear_model,
+    simulated,
+)
+from tensegrity_mj.studies.many import run_many
+from tensegrity_mj.studies.parameters import engine_settings
+from tensegrity_mj.studies.workers import Workers
+from tensegrity_mj.textformat import scene_to_toml
+from tensegrity_mj.trajectory import Status
+
+LARGEST = 0.1  # s, the largest step tried
+RESOLUTION = 0.01  # of a step: where the search ends
+SMALLEST = 1 / 32  # of the largest stable step: below it the search is given up
+
+
+@dataclass(frozen=True)
+class FoundStep:
+    """The largest step within a drift.
+
+    Attributes:
+        elements: K.
+        step: [s]; NaN where none was found down to a 32nd of the limit.
+        drift: largest | ‖b_i‖ - 1 | at that step.
+        limit: [s], the largest stable step of the hanging chain in RK4.
+        beyond: the drift at the next larger step that was tried; NaN where that run diverged.
+        runs: how many were made.
+    """
+
+    elements: int
+    step: float
+    drift: float
+    limit: float
+    beyond: float
+    runs: int
+
+
+def steps_within(
+    cases: Sequence[Case],
+    drift: float = 0.02,
+    folder: str | os.PathLike[str] | None = None,
+    *,
+    duration: float = DURATION,
+    identity: Mapping[str, Any] | None = None,
+    workers: Workers | None = None,
+    progress: bool = False,
+) -> list[FoundStep]:
+    """The largest step of each case with which the DAE's RK4, without any treatment of drift, keeps within a drift.
+
+    Steps are whole parts of the duration; the search narrows them down to 1 %.
+
+    Args:
+        cases: their engines do not count.
+        drift: allowed, of a rod's length.
+        folder, workers, progress: see `run_many`.
+        duration: of a run [s].
+        identity: see `run_many`.
+
+    Raises:
+        OptionError: as `run_many`.
+    """
+    positive("drift", drift)
+    points = []
+    for case in cases:
+        name, options = engine_settings(DAE(method=Method.RK4, timestep=0.01))
+        points.append(
+            {
+                "scenes": {"scene": scene_to_toml(case.scene)},
+                "scene": "scene",
+                "frequency": case.frequency,
+                "excitation": case.excitation.value,
+                "amplitude": case.amplitude,
+                "start": case.start.value,
+                "seed": case.seed,
+                "engine": {"name": name, "options": options},
+                "direction": list(case.direction),
+            }
+        )
+    study = run_many(
+        find_step,
+        points,
+        None if folder is None else Path(folder),
+        common={"drift": drift, "duration": duration},
+        identity={"versions": versions(), **(identity or {})},
+        workers=workers,
+        progress=progress,
+        label="steps",
+    )
+    lost = {"step": math.nan, "drift": math.nan, "limit": math.nan, "beyond": math.nan, "runs": 0}
+    return [
+        FoundStep(**outcome.get("values", {"elements": len(case.scene.structure.rods), **lost}))
+        for case, outcome in zip(cases, study.outcomes, strict=True)
+    ]
+
+
+def find_step(point: dict[str, Any]) -> dict[str, Any]:
+    """The task of `steps_within`: bisection between a step that keeps within the drift and one that does not."""
+    case, duration, allowed = case_of(point), point["duration"], point["drift"]
+    limit = STABLE[Scheme.RUNGE_KUTTA] / linear_model(case.scene).fastest
+    tried: dict[int, float] = {}
+
+    def drift(count: int) -> float:
+        if count not in tried:
+            step = duration / count
+            engine = DAE(method=Method.RK4, timestep=step, drift=Drift.MONITOR)
+            interval = step * max(1, round(INTERVAL / step))
+            run = simulated(replace(case, engine=engine), duration, interval)
+            tried[count] = drift_of(run) if run.status is Status.COMPLETED else math.inf
+        return tried[count]
+
+    # Beyond the limit nothing holds; so the fewest steps that can do are those of the limit, or of the largest step.
+    few = max(1, math.ceil(duration / min(limit, LARGEST)))
+    beyond = math.nan
+    if drift(few) > allowed:
+        low, more = few, RESOLUTION
+        # Most are just beyond: in motion the chain pulls harder than at rest, and its fastest oscillation is faster.
+        while drift(high := math.ceil(low * (1 + more))) > allowed:
+            low, more = high, 2 * more
+            if low * SMALLEST > few:
+                return _found(case, math.nan, math.nan, limit, drift(low), len(tried))
+        while high - low > max(1, RESOLUTION * low):
+            middle = (low + high) // 2
+            low, high = (middle, high) if drift(middle) > allowed else (low, middle)
+        few, beyond = high, drift(low)
+    return _found(case, duration / few, drift(few), limit, beyond, len(tried))
+
+
+def _found(case: Case, step: float, drift: float, limit: float, beyond: float, runs: int) -> dict[str, Any]:
+    return {
+        "elements": len(case.scene.structure.rods),
+        "step": step,
+        "drift": drift,
+        "limit": limit,
+        "beyond": beyond if math.isfinite(beyond) else math.nan,
+        "runs": runs,
+    }
