@@ -16,6 +16,7 @@ _HOME = {
     "Contact": "contact",
     "DAE": "engines.dae",
     "Drift": "engines.dae",
+    "Solver": "engines.dae",
     "Method": "engines.integration",
     "Integrator": "engines.mujoco",
     "MuJoCo": "engines.mujoco",
@@ -37,11 +38,16 @@ _HOME = {
     "Command": "law",
     "Linearization": "linearization",
     "linearize": "linearization",
+    "Harmonic": "motion",
+    "Motion": "motion",
     "Layout": "rendering",
     "Quality": "rendering",
     "picture": "rendering",
     "render": "rendering",
     "render_frame": "rendering",
+    "Bending": "resistance",
+    "Drag": "resistance",
+    "Resistance": "resistance",
     "Break": "scene",
     "ControlSpec": "scene",
     "Load": "scene",
@@ -102,6 +108,7 @@ if TYPE_CHECKING:  # the same names, for type checkers and editors
     from tensegrity_mj.contact import Contact as Contact
     from tensegrity_mj.engines.dae import DAE as DAE
     from tensegrity_mj.engines.dae import Drift as Drift
+    from tensegrity_mj.engines.dae import Solver as Solver
     from tensegrity_mj.engines.integration import Method as Method
     from tensegrity_mj.engines.mujoco import Integrator as Integrator
     from tensegrity_mj.engines.mujoco import MuJoCo as MuJoCo
@@ -122,12 +129,17 @@ if TYPE_CHECKING:  # the same names, for type checkers and editors
     from tensegrity_mj.law import Command as Command
     from tensegrity_mj.linearization import Linearization as Linearization
     from tensegrity_mj.linearization import linearize as linearize
+    from tensegrity_mj.motion import Harmonic as Harmonic
+    from tensegrity_mj.motion import Motion as Motion
     from tensegrity_mj.rendering import Layout as Layout
     from tensegrity_mj.rendering import Quality as Quality
     from tensegrity_mj.rendering import picture as picture
     from tensegrity_mj.rendering import render as render
     from tensegrity_mj.rendering import render_frame as render_frame
     from tensegrity_mj.reproduction.reproduce import reproduce as reproduce
+    from tensegrity_mj.resistance import Bending as Bending
+    from tensegrity_mj.resistance import Drag as Drag
+    from tensegrity_mj.resistance import Resistance as Resistance
     from tensegrity_mj.scene import Break as Break
     from tensegrity_mj.scene import ControlSpec as ControlSpec
     from tensegrity_mj.scene import Load as Load

@@ -152,6 +152,7 @@ def simulate_many(
         raise OptionError(f"engine = {engine!r}: simulate_many runs in MuJoCo(...); run_many takes any engine")
     if getattr(engine, "accuracy", None) is not None:
         raise OptionError("MuJoCo(accuracy=...) chooses a step for each run; give simulate_many a timestep")
+    _refuse_located(engine, "simulate_many")
     if isinstance(threads, bool) or not isinstance(threads, (int, np.integer)) or threads < 0:
         raise OptionError(f"threads = {threads!r}; it must be a whole number >= 0, 0 for all cores")
     scenes = _checked(scenes)
@@ -206,6 +207,14 @@ def _checked(scenes: Any) -> list[Scene]:
     return list(scenes)
 
 
+def _refuse_located(engine: MuJoCo, what: str) -> None:
+    if engine.locate_slack:
+        raise OptionError(
+            f"{what}: locate_slack = True, which splits the steps of one run where its strings change, and here "
+            "MuJoCo makes the steps of many: leave it out, or use run_many"
+        )
+
+
 @contextmanager
 def law_in(
     scene: Scene,
@@ -247,6 +256,7 @@ def law_in(
     engine = MuJoCo() if engine is None else engine
     if not isinstance(engine, MuJoCo):
         raise OptionError(f"engine = {engine!r}; use MuJoCo(...)")
+    _refuse_located(engine, "law_in")
     member("on_infeasible", on_infeasible, OnInfeasible)
     if law is None:
         raise OptionError("law = None: there is nothing to install")

@@ -1,8 +1,9 @@
 """The MJCF of a scene: rods as capsules with a thin rod's inertia, strings as actuated spatial tendons.
 
 Numbers are printed with 17 digits, so the file reloads to the very model that is simulated. Nothing is in the model
-that the scene does not use: joints as few as the supports leave, no sensor; contact, a floor and gravity only where
-the scene has them.
+that the scene does not use: joints as few as the supports leave, no sensor; contact, a floor, constraints and gravity
+only where the scene has them. Rods that share nodes hang on each other (`mjcf_tree`); where they close loops, or are
+held at more than one place, `connect` constraints hold them together.
 
 An actuator's control is the change of its string's rest length from the one written here [m]: the tension is
 max(0, k (L - L0 - ctrl) + c dL/dt). A control of zero, which is what a viewer or a reset gives, is the structure as
@@ -10,38 +11,48 @@ designed. Where a string has a damper that is not all of the string law (a slack
 engine's callback sees to the rest.
 
 A scene that starts in motion has a keyframe "start" with its velocities; positions are the model's own. External
-loads are not in the file.
+loads and prescribed motions are not in the file: what drives a support is a slide of enormous armature, which by itself
+keeps the velocity that it starts with.
 """
 
 from __future__ import annotations
 
-import math
 import os
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj.contact import Contact
+from tensegrity_mj.errors import SceneError, StructureError
+from tensegrity_mj.mjcf_bodies import DRIVE, FLOOR, Names, add_bodies, hardness, size
+from tensegrity_mj.mjcf_frames import numbers
+from tensegrity_mj.mjcf_frames import quaternion as quaternion
+from tensegrity_mj.mjcf_frames import rotation_to as rotation_to
+from tensegrity_mj.mjcf_tree import BodyTree, body_tree, distinct
+from tensegrity_mj.mjcf_tree import initial_velocities as initial_velocities
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.strings import StringLaw
-from tensegrity_mj.structure import Rod
 
 Array = NDArray[np.float64]
 
-# The axial moment of inertia as a part of the transverse one: strings attach on the axis, so 1e-4 to 1e-6 change no
-# motion, while below 1e-12 round-off spins the rod up and above 1e-2 it would no longer be a thin rod.
-AXIAL_INERTIA = 1e-5
 # Friction resists sliding this many times harder than a contact resists depth: what sticks hardly creeps.
 FRICTION_IMPEDANCE = 100.0
 SOLVER_TOLERANCE = 1e-15  # the solver then stops at round-off, after two or three more of Newton's iterations
-POINT_RADIUS = 1e-6  # of the structure's size: a point mass touches the floor with a ball of this radius
-FLOOR, MEMBER = 1, 2  # bits that tell what may touch
-LEAST_INERTIA = 1e-14  # kg m²: ten times MuJoCo's mjMINVAL
 UNLIMITED = 1e30  # "inf" does not survive every writer
+# A `connect` constraint pulls a gap g to zero as g̈ + 2 ġ/τ + g/τ² = 0, τ being so many time steps (MuJoCo allows 2 and
+# more). It leaves 1 - IMPEDANCE, the least there is, of the acceleration a₀ that the gap would have without it: the gap
+# stays open by (1 - IMPEDANCE) τ² a₀ = 1.6e-3 h² a₀, of second order, with no number of a scene in it. Measured on a
+# four-bar loop under gravity with RK4 (a₀ ~ 20 m/s², h = 1 ms, then 0.1 ms), for τ/h of 2, 4 and 10:
+#     gap [m]           8.3e-9, 8.3e-11     3.4e-8, 3.4e-10     2.1e-7, 2.1e-9
+#     velocities [m/s]  9.8e-7, 9.7e-8      2.8e-7, 1.1e-8      1.3e-6, 5.1e-9
+#     energy [J]        2.1e-6, 2.1e-7      3.7e-7, 2.3e-8      1.1e-6, 1.1e-8
+#     rods' forces      2.8e-5, 2.7e-5      6.2e-6, 1.5e-6      6.8e-6, 3.5e-8  (parts of the largest)
+# Shorter, the constraint rings in the integrator's stages and energy errs by the first order; longer, the gap grows. A
+# chain of six between two pins with damped strings, and a truss of 14 rods with six closures, tell the same.
+CONNECT_STEPS, IMPEDANCE = 4.0, 0.9999
+MOST_NESTED = 490  # bodies within each other: MuJoCo reads XML of 500 levels
 
 
 def save_mjcf(scene: Scene, path: str | os.PathLike[str], timestep: float = 1e-3, integrator: str = "RK4") -> Path:
@@ -66,8 +77,23 @@ def scene_to_mjcf(scene: Scene, timestep: float = 1e-3, integrator: str = "RK4")
     Sites are named as the nodes, tendons and actuators as the strings, a rod's body and the joint that turns it as the
     rod. MuJoCo has one set of names for all bodies and one for all joints: where a name is taken there, a number is
     added. What needs a node's body finds it by the site.
+
+    Raises:
+        StructureError: where more rods hang on each other than MuJoCo reads.
+        SceneError: where rods that share nodes may touch something.
     """
     structure = scene.structure
+    if scene.contact is not None and structure.class_number > 1:
+        raise SceneError(
+            f"scene '{scene.name}' has contact, and its rods share nodes (class {structure.class_number}): contact is "
+            "for rods of class 1; leave it out (scene.with_(contact=None)), or give each rod nodes of its own"
+        )
+    tree = body_tree(scene)
+    if tree.depth > MOST_NESTED:
+        raise StructureError(
+            f"structure '{structure.name}': {tree.depth} rods hang on each other; MuJoCo reads at most {MOST_NESTED} "
+            "bodies within each other: use the DAE, or fewer and longer rods"
+        )
     # Scene names are free texts; XML cannot hold control characters.
     title = "".join(letter if letter.isprintable() else " " for letter in scene.name)
     root = ET.Element("mujoco", model=title)
@@ -76,162 +102,33 @@ def scene_to_mjcf(scene: Scene, timestep: float = 1e-3, integrator: str = "RK4")
     option = ET.SubElement(
         root,
         "option",
-        timestep=_numbers([timestep]),
+        timestep=numbers([timestep]),
         integrator=integrator,
-        gravity=_numbers(scene.gravity),
+        gravity=numbers(scene.gravity),
     )
-    # Only flags that change what is computed: a reset behind one's back must never happen.
-    if scene.contact is None:
-        ET.SubElement(option, "flag", contact="disable", constraint="disable", autoreset="disable")
-    else:
-        option.set("cone", "elliptic")  # Coulomb's, where the other one favours some directions
-        option.set("impratio", _numbers([FRICTION_IMPEDANCE]))
-        option.set("tolerance", _numbers([SOLVER_TOLERANCE]))
-        # With the exact mass that each contact feels, its law is the one that docs/contact.md states.
-        ET.SubElement(option, "flag", autoreset="disable", diagexact="enable")
+    _flags(option, scene, tree)
     _visual(root, scene)
 
     world = ET.SubElement(root, "worldbody")
     ET.SubElement(world, "light", pos="0 0 4", dir="0 0 -1", directional="true")
     _floor(world, scene)
-    thickness = 0.25 * min((rod.radius for rod in structure.rods), default=0.02 * _size(scene))
-    site: dict[str, Any] = {"size": _numbers([2 * thickness]), "rgba": "0.2 0.2 0.2 1"}
+    thickness = 0.25 * min((rod.radius for rod in structure.rods), default=0.02 * size(scene))
+    site: dict[str, Any] = {"size": numbers([2 * thickness]), "rgba": "0.2 0.2 0.2 1"}
+    moved = {structure.node_names[row] for row, _ in tree.moved_nodes}
     for name in structure.fixed_nodes:
-        position = scene.nodes0[structure.node_index[name]]
-        ET.SubElement(world, "site", name=name, pos=_numbers(position), **site)
-    names = _Names(scene)
-    for number in range(len(structure.rods)):
-        _rod_body(world, scene, number, names, site)
-    for number in range(len(structure.point_masses)):
-        _point_body(world, scene, number, names, site, thickness)
+        if name not in moved:
+            position = scene.nodes0[structure.node_index[name]]
+            ET.SubElement(world, "site", name=name, pos=numbers(position), **site)
+    names = Names(scene, tree)
+    add_bodies(world, scene, tree, names, thickness)
     if structure.strings:
         _strings(root, scene, thickness)
+    _closures(root, scene, tree, names, timestep)
     if np.any(scene.velocities0):
         keyframe = ET.SubElement(root, "keyframe")
-        ET.SubElement(keyframe, "key", name="start", qvel=_numbers(initial_velocities(scene)))
+        ET.SubElement(keyframe, "key", name="start", qvel=numbers(initial_velocities(scene)))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
-
-
-def initial_velocities(scene: Scene) -> Array:
-    """MuJoCo's qvel (nv,) of the scene's start, in the order of its joints: rods, then point masses.
-
-    A free or a ball joint counts angular velocity in the body's frame; slides count the velocity of r at σ.
-    """
-    structure, velocities = scene.structure, scene.velocities0
-    parts: list[Array] = []
-    for rod, (i, j), length in zip(structure.rods, structure.rod_nodes, structure.rod_lengths, strict=True):
-        b = scene.nodes0[j] - scene.nodes0[i]
-        b = b / np.linalg.norm(b)
-        spin = np.cross(b, (velocities[j] - velocities[i]) / length)  # ω = b × ḃ: no spin about the axis
-        sigma, plane = rod.support.sigma, rod.support.plane
-        E = rod.support.translation_basis
-        parts.append(E.T @ ((1 - sigma) * velocities[i] + sigma * velocities[j]))
-        parts.append(rotation_to(b).T @ spin if plane is None else np.array([spin @ _unit(plane)]))
-    for point in structure.point_masses:
-        parts.append(point.translation_basis.T @ velocities[structure.node_index[point.node]])
-    return np.concatenate(parts)
-
-
-class _Names:
-    """Names of bodies and joints, unique among their kind: lists over the rods, and over the point masses."""
-
-    def __init__(self, scene: Scene) -> None:
-        rods, points = scene.structure.rods, scene.structure.point_masses
-        members = [rod.name for rod in rods] + [point.node for point in points]
-        bodies = _distinct(members, taken={"world"})
-        self.rods, self.points = bodies[: len(rods)], bodies[len(rods) :]
-        # A rod's own name goes to the joint that turns it, whatever the slides of the others are called.
-        self.turns = [rod.name for rod in rods]
-        counts = [0 if _is_free(rod) else rod.support.translation_basis.shape[1] for rod in rods]
-        counts += [point.translation_basis.shape[1] for point in points]
-        wanted = [f"{name} {k + 1}" for name, count in zip(members, counts, strict=True) for k in range(count)]
-        given = iter(_distinct(wanted, taken=set(self.turns)))
-        slides = [[next(given) for _ in range(count)] for count in counts]
-        self.rod_slides, self.point_slides = slides[: len(rods)], slides[len(rods) :]
-
-
-def _is_free(rod: Rod) -> bool:
-    """Whether one free joint is all that the rod needs."""
-    return rod.support.plane is None and rod.support.translation_basis.shape[1] == 3
-
-
-def _distinct(names: Iterable[str], taken: set[str]) -> list[str]:
-    """The names, those that are taken already with the first free number behind."""
-    taken, result = set(taken), []
-    for name in names:
-        candidate, number = name, 2
-        while candidate in taken:
-            candidate, number = f"{name} ({number})", number + 1
-        taken.add(candidate)
-        result.append(candidate)
-    return result
-
-
-def _rod_body(world: ET.Element, scene: Scene, number: int, names: _Names, site: dict[str, Any]) -> None:
-    structure = scene.structure
-    rod, length = structure.rods[number], float(structure.rod_lengths[number])
-    sigma, plane = rod.support.sigma, rod.support.plane  # the body's frame sits at σ: the point that r follows
-    first, second = scene.nodes0[structure.rod_nodes[number]]
-    rotation = rotation_to((second - first) / np.linalg.norm(second - first))
-    position = (1 - sigma) * first + sigma * second
-    place: dict[str, Any] = {"pos": _numbers(position), "quat": _numbers(quaternion(rotation))}
-    body = ET.SubElement(world, "body", name=names.rods[number], **place)
-    turn = names.turns[number]
-    if _is_free(rod):
-        ET.SubElement(body, "freejoint", name=turn)
-    else:
-        # Slides come before the turn, so that their axes stay where the support has them.
-        for name, axis in zip(names.rod_slides[number], rod.support.translation_basis.T, strict=True):
-            ET.SubElement(body, "joint", name=name, type="slide", axis=_numbers(rotation.T @ axis))
-        if plane is None:
-            ET.SubElement(body, "joint", name=turn, type="ball")
-        else:
-            ET.SubElement(body, "joint", name=turn, type="hinge", axis=_numbers(rotation.T @ _unit(plane)))
-    transverse = rod.mass * length**2 / 12
-    # Where rods touch something they may roll on it: then it is a solid cylinder's.
-    axial = transverse * (AXIAL_INERTIA if scene.contact is None else 1.0)
-    # MuJoCo takes none below mjMINVAL; a part of up to 1e-2 changes no motion either.
-    axial = max(axial, min(1e-2 * transverse, LEAST_INERTIA))
-    back, ahead = -sigma * length, (1 - sigma) * length
-    ET.SubElement(
-        body,
-        "inertial",
-        pos=_numbers([0, 0, (0.5 - sigma) * length]),
-        mass=_numbers([rod.mass]),
-        diaginertia=_numbers([transverse, transverse, axial]),
-    )
-    ET.SubElement(
-        body,
-        "geom",
-        name=rod.name,
-        type="capsule",
-        fromto=_numbers([0, 0, back, 0, 0, ahead]),
-        size=_numbers([rod.radius]),
-        **_touching(scene, rods=True),
-        rgba="0.25 0.35 0.55 1",
-    )
-    for name, height in zip(rod.nodes, (back, ahead), strict=True):
-        ET.SubElement(body, "site", name=name, pos=_numbers([0, 0, height]), **site)
-
-
-def _point_body(
-    world: ET.Element, scene: Scene, number: int, names: _Names, site: dict[str, Any], thickness: float
-) -> None:
-    point = scene.structure.point_masses[number]
-    position = scene.nodes0[scene.structure.node_index[point.node]]
-    body = ET.SubElement(world, "body", name=names.points[number], pos=_numbers(position))
-    for name, axis in zip(names.point_slides[number], point.translation_basis.T, strict=True):
-        ET.SubElement(body, "joint", name=name, type="slide", axis=_numbers(axis))
-    # The moment of inertia never counts: the body only slides.
-    inertia = _numbers([point.mass * _size(scene) ** 2 * 1e-4] * 3)
-    ET.SubElement(body, "inertial", pos="0 0 0", mass=_numbers([point.mass]), diaginertia=inertia)
-    radius = _numbers([4 * thickness])
-    ET.SubElement(body, "geom", type="sphere", size=radius, contype="0", conaffinity="0", rgba="0.4 0.4 0.45 1")
-    if scene.contact is not None and scene.contact.floor is not None:
-        ball = _numbers([POINT_RADIUS * _size(scene)])
-        ET.SubElement(body, "geom", type="sphere", size=ball, **_touching(scene, rods=False), rgba="0 0 0 0")
-    ET.SubElement(body, "site", name=point.node, pos="0 0 0", **site)
 
 
 def _floor(world: ET.Element, scene: Scene) -> None:
@@ -240,33 +137,47 @@ def _floor(world: ET.Element, scene: Scene) -> None:
         return
     # Endless: the size is for viewers, its last number a spacing of lines.
     place: dict[str, Any] = {
-        "pos": _numbers(contact.floor * contact.up),
-        "quat": _numbers(quaternion(rotation_to(contact.up))),
+        "pos": numbers(contact.floor * contact.up),
+        "quat": numbers(quaternion(rotation_to(contact.up))),
     }
-    name = _distinct(["floor"], taken={rod.name for rod in scene.structure.rods})[0]
+    name = distinct(["floor"], taken={rod.name for rod in scene.structure.rods})[0]
     bits: dict[str, Any] = {"contype": str(FLOOR), "conaffinity": "0"}
-    look: dict[str, Any] = {"size": _numbers([0, 0, 0.1 * _size(scene)]), "rgba": "0.8 0.82 0.84 1"}
-    ET.SubElement(world, "geom", name=name, type="plane", **place, **bits, **_hardness(contact), **look)
+    look: dict[str, Any] = {"size": numbers([0, 0, 0.1 * size(scene)]), "rgba": "0.8 0.82 0.84 1"}
+    ET.SubElement(world, "geom", name=name, type="plane", **place, **bits, **hardness(contact), **look)
 
 
-def _touching(scene: Scene, rods: bool) -> dict[str, Any]:
-    """Attributes of a geom that touches the floor, if there is one, and `rods`, if they touch; nothing otherwise."""
-    contact = scene.contact
-    if contact is None:
-        return {"contype": "0", "conaffinity": "0"}
-    member = MEMBER if rods and contact.rods else 0
-    bits = {"contype": str(member), "conaffinity": str(member + (FLOOR if contact.floor is not None else 0))}
-    return bits | _hardness(contact)
+def _flags(option: ET.Element, scene: Scene, tree: BodyTree) -> None:
+    """Only flags that change what is computed: a reset behind one's back must never happen."""
+    constrained = scene.contact is not None or bool(tree.forest.closures)
+    if not constrained:
+        ET.SubElement(option, "flag", contact="disable", constraint="disable", autoreset="disable")
+        return
+    driven = sum(axes.shape[1] for axes in tree.moved_axes)
+    # The solver measures what is left to do by the mean of all inertia, of which drives are all that it would see.
+    option.set("tolerance", numbers([SOLVER_TOLERANCE / (DRIVE * driven) if driven else SOLVER_TOLERANCE]))
+    without: dict[str, Any] = {"contact": "disable"} if scene.contact is None else {}
+    if scene.contact is not None:
+        option.set("cone", "elliptic")  # Coulomb's, where the other one favours some directions
+        option.set("impratio", numbers([FRICTION_IMPEDANCE]))
+    # With the exact mass that each constraint feels, the law of a contact is the one that docs/contact.md states.
+    ET.SubElement(option, "flag", autoreset="disable", diagexact="enable", **without)
 
 
-def _hardness(contact: Contact) -> dict[str, Any]:
-    """Friction, stiffness and damping, the same for all that touch: no mean of two materials is ever taken."""
-    return {
-        "condim": "3" if contact.friction > 0 else "1",
-        "friction": _numbers([contact.friction, 0, 0]),
-        "solref": _numbers([-contact.stiffness, -contact.damping]),
-        "solimp": _numbers(contact.impedance),
-    }
+def _closures(root: ET.Element, scene: Scene, tree: BodyTree, names: Names, timestep: float) -> None:
+    """Joints that the tree of bodies leaves open."""
+    if not tree.forest.closures:
+        return
+    equality = ET.SubElement(root, "equality")
+    for (node, _, _), end in zip(tree.forest.closures, names.ends, strict=True):
+        ET.SubElement(
+            equality,
+            "connect",
+            name=end,
+            site1=scene.structure.node_names[node],
+            site2=end,
+            solref=numbers([CONNECT_STEPS * timestep, 1.0]),
+            solimp=numbers([IMPEDANCE, IMPEDANCE, 1.0, 0.5, 1.0]),
+        )
 
 
 def _strings(root: ET.Element, scene: Scene, thickness: float) -> None:
@@ -274,7 +185,7 @@ def _strings(root: ET.Element, scene: Scene, thickness: float) -> None:
     tendons, actuators = ET.SubElement(root, "tendon"), ET.SubElement(root, "actuator")
     clipped = structure.string_law is StringLaw.CLIPPED
     for string, rest_length in zip(structure.strings, structure.rest_lengths, strict=True):
-        tendon = ET.SubElement(tendons, "spatial", name=string.name, width=_numbers([thickness]), rgba="0.8 0.2 0.15 1")
+        tendon = ET.SubElement(tendons, "spatial", name=string.name, width=numbers([thickness]), rgba="0.8 0.2 0.15 1")
         for name in string.nodes:
             ET.SubElement(tendon, "site", site=name)
         k, c = string.stiffness, string.damping
@@ -285,11 +196,11 @@ def _strings(root: ET.Element, scene: Scene, thickness: float) -> None:
             "general",
             name=string.name,
             tendon=string.name,
-            gainprm=_numbers([k]),
+            gainprm=numbers([k]),
             biastype="affine",
-            biasprm=_numbers([k * rest_length, -k, -c]),
+            biasprm=numbers([k * rest_length, -k, -c]),
             forcelimited="true",
-            forcerange=_numbers([-UNLIMITED, most]),
+            forcerange=numbers([-UNLIMITED, most]),
         )
 
 
@@ -304,56 +215,15 @@ def _remarks(scene: Scene) -> str:
         remarks.append('The motion starts with the velocities of the keyframe "start".')
     if scene.loads:
         remarks.append("The scene's external loads are not in this file.")
+    if scene.resistance is not None:
+        remarks.append("What resists the motion of the scene is not in this file.")
+    if scene.motions:
+        remarks.append("The motions of the scene's supports are not in this file: what drives them is.")
     return " ".join(remarks)
-
-
-def _size(scene: Scene) -> float:
-    return float(np.max(np.ptp(scene.nodes0, axis=0), initial=1e-3))
-
-
-def _unit(vector: Iterable[float]) -> Array:
-    array: Array = np.array(tuple(vector), float)
-    return array / float(np.linalg.norm(array))
 
 
 def _visual(root: ET.Element, scene: Scene) -> None:
     nodes = scene.nodes0
     center = 0.5 * (nodes.min(axis=0) + nodes.max(axis=0))
     extent = max(float(np.linalg.norm(np.ptp(nodes, axis=0))), 1e-3)
-    ET.SubElement(root, "statistic", center=_numbers(center), extent=_numbers([extent]))
-
-
-def rotation_to(b: Array) -> Array:
-    """A rotation matrix whose z axis is the unit vector b."""
-    axis = int(np.argmin(np.abs(b)))
-    x = np.eye(3)[axis] - b[axis] * b
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(b, x), b])
-
-
-def quaternion(rotation: Array) -> Array:
-    """Unit quaternion (w, x, y, z) of a rotation matrix, from its largest component for accuracy."""
-    r = rotation
-    squares = np.array(
-        [
-            1 + r[0, 0] + r[1, 1] + r[2, 2],
-            1 + r[0, 0] - r[1, 1] - r[2, 2],
-            1 - r[0, 0] + r[1, 1] - r[2, 2],
-            1 - r[0, 0] - r[1, 1] + r[2, 2],
-        ]
-    )
-    largest = int(np.argmax(squares))
-    products = np.array(
-        [
-            [squares[0], r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]],
-            [r[2, 1] - r[1, 2], squares[1], r[1, 0] + r[0, 1], r[0, 2] + r[2, 0]],
-            [r[0, 2] - r[2, 0], r[1, 0] + r[0, 1], squares[2], r[2, 1] + r[1, 2]],
-            [r[1, 0] - r[0, 1], r[0, 2] + r[2, 0], r[2, 1] + r[1, 2], squares[3]],
-        ]
-    )
-    q = products[largest] / (2 * math.sqrt(squares[largest]))
-    return np.asarray(q / np.linalg.norm(q))
-
-
-def _numbers(values: Iterable[float]) -> str:
-    return " ".join(repr(float(value) + 0.0) for value in values)  # no -0.0
+    ET.SubElement(root, "statistic", center=numbers(center), extent=numbers([extent]))

@@ -1,4 +1,4 @@
-"""Statics of a class 1 structure at given nodes: self-stress, prestress, and how far from equilibrium it is.
+"""Statics of a structure at given nodes: self-stress, prestress, and how far from equilibrium it is.
 
 Rods are rigid and strings pull with force densities u [N/m], so that equilibrium is linear in u: A u + f = 0.
 Its rows are the free coordinates of every kind of support (2.41): for a rod the translation E of its point at
@@ -7,7 +7,8 @@ rods carry drops out, and follows from u (`static_forces`). All rows are forces 
 
     Eᵀ (F_i + F_j)        and        Tᵀ ((1 - σ) F_j - σ F_i),        T spans the free directions of δb,
 
-with F the forces on a rod's two nodes; the second is the moment about the support point over ℓ.
+with F the forces on a rod's two nodes; the second is the moment about the support point over ℓ. Where rods share nodes,
+the free coordinates are combinations of these: an orthonormal basis of those that keep the joints together.
 """
 
 from __future__ import annotations
@@ -84,7 +85,36 @@ class Equilibrium(NamedTuple):
 def free_motions(structure: Structure, nodes: ArrayLike | None = None) -> Array:
     """Node displacements (3N, q) of a unit of each free coordinate; nodes (N, 3) [m], the reference by default."""
     positions = _nodes(structure, nodes)
-    count = len(positions)
+    motions, apart = _motions_of_ends(structure, positions)
+    if not len(apart):
+        return motions
+    _, singular, right = np.linalg.svd(apart @ motions)
+    rank = int(np.sum(singular > RANK_TOLERANCE * singular[0]))
+    return np.asarray(motions[: 3 * len(positions)] @ right[rank:].T)
+
+
+def _ends(structure: Structure) -> tuple[NDArray[np.int64], list[int]]:
+    """Where the ends of each rod are (R, 2), and what nodes the ones beyond the N nodes are copies of.
+
+    The first rod of a joint has the joint's node, every other one a copy.
+    """
+    ends = np.array(structure.rod_nodes)
+    taken: set[int] = set()
+    copied: list[int] = []
+    for row in range(len(ends)):
+        for end in (0, 1):
+            node = int(ends[row, end])
+            if node in taken:
+                ends[row, end] = len(structure.nodes) + len(copied)
+                copied.append(node)
+            taken.add(node)
+    return ends, copied
+
+
+def _motions_of_ends(structure: Structure, positions: Array) -> tuple[Array, Array]:
+    """How N nodes and C copies move (3N + 3C, p) as if rods were apart, and how far copies are off (3C, 3N + 3C)."""
+    ends, copied = _ends(structure)
+    count = len(positions) + len(copied)
     columns: list[Array] = []
 
     def add(weights: dict[int, float], directions: Array) -> None:
@@ -94,13 +124,18 @@ def free_motions(structure: Structure, nodes: ArrayLike | None = None) -> Array:
                 motion[row] = weight * direction
             columns.append(motion.ravel())
 
-    for rod, (i, j) in zip(structure.rods, structure.rod_nodes.tolist(), strict=True):
+    spans = positions[structure.rod_nodes[:, 1]] - positions[structure.rod_nodes[:, 0]]
+    for rod, (i, j), span in zip(structure.rods, ends.tolist(), spans, strict=True):
         sigma = rod.support.sigma
         add({i: 1.0, j: 1.0}, rod.support.translation_basis)
-        add({i: -sigma, j: 1.0 - sigma}, _turning_basis(positions[j] - positions[i], rod.support.plane))
+        add({i: -sigma, j: 1.0 - sigma}, _turning_basis(span, rod.support.plane))
     for point in structure.point_masses:
         add({structure.node_index[point.node]: 1.0}, point.translation_basis)
-    return np.array(columns).T
+    apart = np.zeros((len(copied), count))
+    apart[np.arange(len(copied)), len(positions) + np.arange(len(copied))] = 1.0
+    apart[np.arange(len(copied)), copied] -= 1.0
+    apart = np.asarray(np.kron(apart, np.eye(3)), float)
+    return np.array(columns).T, apart
 
 
 def equilibrium_matrix(structure: Structure, nodes: ArrayLike | None = None) -> Array:
@@ -145,8 +180,16 @@ def static_forces(
     count = len(structure.rods)
     densities, supports, moments = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3))
     anchors = np.zeros_like(forces)
-    for number, (rod, (i, j)) in enumerate(zip(structure.rods, structure.rod_nodes.tolist(), strict=True)):
-        support, span = rod.support, positions[j] - positions[i]
+    ends, copied = _ends(structure)
+    spans = positions[structure.rod_nodes[:, 1]] - positions[structure.rod_nodes[:, 0]]
+    if len(copied):
+        # What a joint's rods pass on to each other is what leaves each of them in balance.
+        motions, apart = _motions_of_ends(structure, positions)
+        forces = np.concatenate([forces, np.zeros((len(copied), 3))])
+        passed = np.linalg.lstsq((apart @ motions).T, -motions.T @ forces.ravel(), rcond=RANK_TOLERANCE)[0]
+        forces = forces + (apart.T @ passed).reshape(-1, 3)
+    for number, (rod, (i, j), span) in enumerate(zip(structure.rods, ends.tolist(), spans, strict=True)):
+        support = rod.support
         turning = (1.0 - support.sigma) * forces[j] - support.sigma * forces[i]
         densities[number] = span @ turning / (span @ span)
         supports[number] = -_held(support.translation_basis, forces[i] + forces[j])

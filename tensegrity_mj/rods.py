@@ -84,12 +84,26 @@ def multipliers(
 
     λ = (|ḃ|/|b|)² - bᵀ (f r̈ - t_b) / (J |b|²); t_b collects the nodal forces and the weight.
     """
+    first, second = ends(structure, forces)
+    return multipliers_of_ends(structure, nodes, velocities, first, second, gravity, r_accelerations)
+
+
+def multipliers_of_ends(
+    structure: Structure,
+    nodes: Array,
+    velocities: Array,
+    first: Array,
+    second: Array,
+    gravity: Array,
+    r_accelerations: Array,
+) -> Array:
+    """The same from the forces (..., R, 3) on the two ends of each rod, where rods that share nodes pull each other."""
     length = structure.rod_lengths[:, None]
     sigma = _sigmas(structure)
     f, J = inertia_terms(structure.rod_masses, structure.rod_lengths, sigma)
-    (x1, x2), (v1, v2), (f1, f2) = ends(structure, nodes), ends(structure, velocities), ends(structure, forces)
+    (x1, x2), (v1, v2) = ends(structure, nodes), ends(structure, velocities)
     b, b_rate = (x2 - x1) / length, (v2 - v1) / length
-    t_b = length * ((1 - sigma)[:, None] * f2 - sigma[:, None] * f1) + f[:, None] * np.asarray(gravity, float)
+    t_b = length * ((1 - sigma)[:, None] * second - sigma[:, None] * first) + f[:, None] * np.asarray(gravity, float)
     square = np.sum(b * b, axis=-1)
     along = np.sum(b * (f[:, None] * r_accelerations - t_b), axis=-1)
     return np.sum(b_rate * b_rate, axis=-1) / square - along / (J * square)

@@ -17,6 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 from tensegrity_mj.contact import Contact
 from tensegrity_mj.curve import Curve
 from tensegrity_mj.errors import SceneError
+from tensegrity_mj.motion import Motion
+from tensegrity_mj.moved_supports import moved_positions, velocities_with_supports
+from tensegrity_mj.resistance import Bending, Drag, Resistance
 from tensegrity_mj.structure import Structure, Vector
 
 Array = NDArray[np.float64]
@@ -147,14 +150,16 @@ class Scene:
         structure: what moves.
         name, source: short name; where its numbers come from (thesis page, paper).
         gravity: g [m/s²]; zero by default.
-        initial_nodes: (N, 3) [m] at t = 0; the structure's reference nodes by default.
-        initial_velocities: (N, 3) [m/s]; at rest by default.
+        initial_nodes: (N, 3) [m] at t = 0; by default the structure's reference nodes, moved with their supports.
+        initial_velocities: (N, 3) [m/s]; at rest by default, seen from the supports where these move.
         loads: external forces on nodes, either `Load`s or a function t -> (N, 3) [N].
         breaks: strings that break, each at its time.
         target: what a controller aims at.
         control: the law that the scene is run with unless another is given.
         duration: [s], what the scene is run for unless told otherwise.
         contact: what may touch: rods and a floor, rods and rods; None, the default, for nothing.
+        motions: of supports that do not stand still, one a support.
+        resistance: of a fluid against rods, and of joints against bending; None, the default, for none.
 
     Raises:
         SceneError: on construction, if the motion stretches a rod, breaks a support, or does not fit.
@@ -172,6 +177,8 @@ class Scene:
     control: ControlSpec | None = None
     duration: float = 10.0
     contact: Contact | None = None
+    motions: tuple[Motion, ...] = ()
+    resistance: Resistance | None = None
 
     def __post_init__(self) -> None:
         from tensegrity_mj.validation import check_scene, sequence_of
@@ -179,6 +186,7 @@ class Scene:
         if not callable(self.loads):
             object.__setattr__(self, "loads", sequence_of("loads", self.loads, SceneError))
         object.__setattr__(self, "breaks", sequence_of("breaks", self.breaks, SceneError))
+        object.__setattr__(self, "motions", sequence_of("motions", self.motions, SceneError))
         for name in ("initial_nodes", "initial_velocities"):
             value = getattr(self, name)
             if value is not None:
@@ -197,6 +205,8 @@ class Scene:
         object.__setattr__(self, "breaks", tuple(Break(str(e.string), float(e.time)) for e in self.breaks))
         if self.contact is not None:
             object.__setattr__(self, "contact", _plain_contact(self.contact))
+        if self.resistance is not None:
+            object.__setattr__(self, "resistance", _plain_resistance(self.resistance))
         if not callable(self.loads):
             object.__setattr__(self, "loads", tuple(_plain_load(load) for load in self.loads))
 
@@ -214,15 +224,20 @@ class Scene:
     @cached_property
     def nodes0(self) -> Array:
         """Node positions (N, 3) [m] at t = 0."""
-        return self.structure.positions if self.initial_nodes is None else self.initial_nodes
+        if self.initial_nodes is not None:
+            return self.initial_nodes
+        return moved_positions(self.structure, self.motions) if self.motions else self.structure.positions
 
     @cached_property
     def velocities0(self) -> Array:
         """Node velocities (N, 3) [m/s] at t = 0."""
-        return np.zeros_like(self.nodes0) if self.initial_velocities is None else self.initial_velocities
+        if self.initial_velocities is not None:
+            return self.initial_velocities
+        still = np.zeros_like(self.nodes0)
+        return velocities_with_supports(self.structure, self.nodes0, self.motions) if self.motions else still
 
     def nodal_forces(self, time: float) -> Array:
-        """External forces (N, 3) [N] at a time [s], gravity not included."""
+        """External forces (N, 3) [N] at a time [s]; neither gravity nor resistance is among them."""
         if callable(self.loads):
             return np.asarray(self.loads(time), float)
         forces = np.zeros((len(self.structure.nodes), 3))
@@ -253,6 +268,18 @@ def _plain_contact(contact: Contact) -> Contact:
         float(contact.damping),
         (d0, d1, width, midpoint, power),
     )
+
+
+def _plain_resistance(resistance: Resistance) -> Resistance:
+    x, y, z = (float(v) for v in resistance.wind)
+    bending, drag = resistance.bending, resistance.drag
+    if bending is not None:
+        pairs = None if bending.pairs is None else tuple((str(a), str(b)) for a, b in bending.pairs)
+        bending = Bending(float(bending.stiffness), float(bending.damping), pairs)
+    if drag is not None:
+        diameter = None if drag.diameter is None else float(drag.diameter)
+        drag = Drag(float(drag.normal), float(drag.tangential), float(drag.density), diameter)
+    return Resistance(float(resistance.viscous), bending, drag, (x, y, z))
 
 
 def _plain_option(value: Any) -> Any:

@@ -16,6 +16,7 @@ from tensegrity_mj.checks import member, positive
 from tensegrity_mj.engines.run import Request
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.law import Law, native_law
+from tensegrity_mj.moved_supports import check_motions_until
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.trajectory import Trajectory
 
@@ -63,6 +64,7 @@ def simulate(
         OptionError: for options that are out of range or contradict each other.
         DivergenceError: with the time, the cause, the remedy and what was recorded before.
         ControllerError: when the law fails or returns something that is no control.
+        SceneError: where a support's motion, given as data, ends on its way within the run.
     """
     if not isinstance(scene, Scene):
         raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
@@ -105,6 +107,7 @@ def request_for(
 
     Raises:
         OptionError: for options that are out of range or contradict each other.
+        SceneError: where a support's motion, given as data, ends on its way within the run.
     """
     actuation = actuation or Actuation.continuous()
     if not isinstance(actuation, Actuation):
@@ -116,6 +119,7 @@ def request_for(
         output_interval = positive("output_interval", output_interval, "s")
     if output_interval is not None and output_interval > total * (1 + 1e-12):
         raise OptionError(f"output_interval = {output_interval!r} s is longer than the run of {total} s")
+    check_motions_until(scene, total)
     law = native_law(controller, scene.structure)
     if law.discontinuous and actuation.mode is Mode.CONTINUOUS:
         raise OptionError(law.discontinuous)

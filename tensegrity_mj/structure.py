@@ -1,6 +1,7 @@
 """Structures: nodes, rods, strings and supports. Topology and physics, validated, immutable.
 
-SI units, radians; the world frame is right-handed with z up. Positions are in that frame [m].
+Rods that name the same node are joined there by a ball joint without friction. SI units, radians; the world frame is
+right-handed with z up. Positions are in that frame [m].
 """
 
 from __future__ import annotations
@@ -99,7 +100,7 @@ class Rod:
         name: unique among the rods.
         nodes: names of n_i and n_j; b points from the first to the second.
         mass: [kg], > 0.
-        radius: [m], > 0; for drawing and contact only: the inertia is a thin rod's.
+        radius: [m], > 0; for drawing, contact and drag only: the inertia is a thin rod's.
         support: how it is held.
     """
 
@@ -149,7 +150,10 @@ class PointMass:
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """Nodes, rods, strings and supports of a class 1 tensegrity structure.
+    """Nodes, rods, strings and supports of a tensegrity structure of any class.
+
+    A node at which rods end is a joint between them: a ball joint without friction, of as many rods as name it. A joint
+    is held in space by the support of one of its rods.
 
     Attributes:
         name: short name.
@@ -313,6 +317,38 @@ class Structure:
     def positions(self) -> Array:
         """Reference node positions (N, 3) [m]."""
         return _readonly(np.array(list(self.nodes.values()), float).reshape(-1, 3))
+
+    @cached_property
+    def rods_at(self) -> dict[str, tuple[int, ...]]:
+        """Node name -> rows of the rods that end there, in their order."""
+        found: dict[str, list[int]] = {name: [] for name in self.nodes}
+        for row, rod in enumerate(self.rods):
+            for name in rod.nodes:
+                found[name].append(row)
+        return {name: tuple(rows) for name, rows in found.items()}
+
+    @cached_property
+    def class_number(self) -> int:
+        """k of a class k structure: the most rods that meet at one node; 0 where there are no rods."""
+        return max((len(rows) for rows in self.rods_at.values()), default=0)
+
+    @cached_property
+    def clusters(self) -> tuple[tuple[int, ...], ...]:
+        """Rows of the rods that hang together through joints, a cluster each, in the order of their first rods."""
+        seen: set[int] = set()
+        found = []
+        for first in range(len(self.rods)):
+            if first in seen:
+                continue
+            cluster, todo = {first}, [first]
+            while todo:
+                for name in self.rods[todo.pop()].nodes:
+                    new = [row for row in self.rods_at[name] if row not in cluster]
+                    cluster.update(new)
+                    todo.extend(new)
+            seen |= cluster
+            found.append(tuple(sorted(cluster)))
+        return tuple(found)
 
     @cached_property
     def rod_nodes(self) -> IntArray:

@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 from tensegrity_mj.contact import Contact
 from tensegrity_mj.errors import FormatError, SceneError, StructureError
 from tensegrity_mj.files import replacing
+from tensegrity_mj.motion import Harmonic, Motion
+from tensegrity_mj.resistance import Bending, Drag, Resistance
 from tensegrity_mj.scene import Break, ControlSpec, Load, Scene, Target
 from tensegrity_mj.strings import StringLaw
 from tensegrity_mj.structure import LIMITS, PointMass, Rod, String, Structure, Support
@@ -48,15 +50,23 @@ SCENE_KEYS = (
     "duration",
     "loads",
     "breaks",
+    "motions",
     "contact",
+    "resistance",
     "initial_nodes",
     "initial_velocities",
     "target",
     "control",
 )
 CONTACT_KEYS = ("floor", "normal", "rods", "friction", "stiffness", "damping", "impedance")
+RESISTANCE_KEYS = ("viscous", "bending", "drag", "wind")
+BENDING_KEYS = ("stiffness", "damping", "pairs")
+DRAG_KEYS = ("normal", "tangential", "density", "diameter")
 BREAK_KEYS = ("string", "time")
 LOAD_KEYS = ("node", "force", "angular_frequency", "phase")
+MOTION_DATA = ("times", "displacements", "velocities", "accelerations")
+MOTION_KEYS = ("support", "harmonics", *MOTION_DATA)
+HARMONIC_KEYS = ("amplitude", "angular_frequency", "phase")
 TARGET_KEYS = ("nodes", "waypoints", "times", "values", "rates", "accelerations", "shapes")
 CURVE_KEYS = TARGET_KEYS[2:]
 SHAPE_KEYS = ("parameter", "nodes")
@@ -93,7 +103,7 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     """Write a scene, atomically (a crash leaves the old file or none); returns the path.
 
     Raises:
-        SceneError: if its loads are a Python function, which no file can hold.
+        SceneError: if its loads or a motion are a Python function, which no file can hold.
         FormatError: if the file cannot be written.
     """
     return _write(path, scene_to_toml(scene))
@@ -130,13 +140,19 @@ def scene_to_toml(scene: Scene) -> str:
     """The scene as TOML text, without loss.
 
     Raises:
-        SceneError: if its loads are a Python function, which no file can hold.
+        SceneError: if its loads or a motion are a Python function, which no file can hold.
     """
     if callable(scene.loads):
         raise SceneError(
             f"scene '{scene.name}': its loads are a Python function, which a file cannot hold: "
             "describe them by Loads, or save it without them (scene.with_(loads=()))"
         )
+    for motion in scene.motions:
+        if motion.function is not None:
+            raise SceneError(
+                f"scene '{scene.name}': the motion of '{motion.support}' is a Python function, which a file cannot "
+                "hold: describe it by harmonics or data (motion.sampled(times) makes data of it)"
+            )
     head = [HEADING, f"format = {FORMAT}", _entry("name", scene.name)]
     if scene.source:
         head.append(_entry("source", scene.source))
@@ -342,16 +358,28 @@ def _read_scene(top: _Table, structure: Structure) -> Scene:
             Break(item.text("string"), item.number("time"))
             for item in table.tables("breaks", BREAK_KEYS, title="string")
         ),
+        motions=tuple(_motion(item) for item in table.tables("motions", MOTION_KEYS, title="support")),
         target=_target(table, structure),
         control=_control(table),
         duration=table.number("duration", Scene.duration),
         contact=_contact(table),
+        resistance=_resistance(table),
     )
 
 
 def _load(table: _Table) -> Load:
     frequency, phase = table.number("angular_frequency", 0.0), table.number("phase", 0.0)
     return Load(table.text("node"), table.vector("force"), frequency, phase)
+
+
+def _motion(table: _Table) -> Motion:
+    harmonics = tuple(
+        Harmonic(item.vector("amplitude"), item.number("angular_frequency", 0.0), item.number("phase", 0.0))
+        for item in table.tables("harmonics", HARMONIC_KEYS)
+    )
+    rows = "rows of three numbers, one a time"
+    columns = [table.get(key, rows, lambda x: _is_list(x, _is_row), ()) for key in MOTION_DATA[1:]]
+    return Motion(table.text("support"), harmonics, table.numbers("times", "a list of numbers", None, ()), *columns)
 
 
 def _contact(scene: _Table) -> Contact | None:
@@ -366,6 +394,39 @@ def _contact(scene: _Table) -> Contact | None:
         table.number("stiffness", Contact.stiffness),
         table.number("damping", Contact.damping),
         table.numbers("impedance", "five numbers [d0, d1, width, midpoint, power]", 5, Contact.impedance),
+    )
+
+
+def _resistance(scene: _Table) -> Resistance | None:
+    table = scene.table("resistance", RESISTANCE_KEYS)
+    if table is None:
+        return None
+    bending, drag = table.table("bending", BENDING_KEYS), table.table("drag", DRAG_KEYS)
+    return Resistance(
+        table.number("viscous", Resistance.viscous),
+        None if bending is None else _bending(bending),
+        None
+        if drag is None
+        else Drag(
+            drag.number("normal", Drag.normal),
+            drag.number("tangential", Drag.tangential),
+            drag.number("density", Drag.density),
+            drag.number("diameter", None),
+        ),
+        table.vector("wind", Resistance.wind),
+    )
+
+
+def _bending(table: _Table) -> Bending:
+    def is_pair(value: Any) -> bool:
+        return _is_list(value, lambda name: isinstance(name, str)) and len(value) == 2
+
+    need = 'a list of pairs of rods, as [["rod1", "rod2"]]'
+    pairs = table.get("pairs", need, lambda x: _is_list(x, is_pair), None)
+    return Bending(
+        table.number("stiffness", Bending.stiffness),
+        table.number("damping", Bending.damping),
+        None if pairs is None else tuple((a, b) for a, b in pairs),
     )
 
 
@@ -544,9 +605,14 @@ def _scene_lines(scene: Scene) -> list[str]:
     assert not callable(scene.loads)
     lines += _array("loads", [vars(load) for load in scene.loads])
     lines += _array("breaks", [vars(event) for event in scene.breaks])
+    lines += _array("motions", [_motion_table(motion) for motion in scene.motions])
     if scene.contact is not None:
         given = {key: value for key, value in vars(scene.contact).items() if value != getattr(Contact, key)}
         lines.append(_entry("contact", given))
+    if scene.resistance is not None:
+        parts = {key: value for key, value in vars(scene.resistance).items() if value != getattr(Resistance, key)}
+        given = {key: _given(vars(value)) if key in ("bending", "drag") else value for key, value in parts.items()}
+        lines.append(_entry("resistance", given))
     if scene.initial_nodes is not None:
         lines += _section("scene.initial_nodes", _node_lines(structure, scene.initial_nodes, structure.positions))
     if scene.initial_velocities is not None:
@@ -558,6 +624,13 @@ def _scene_lines(scene: Scene) -> list[str]:
         options = dict(scene.control.options)
         lines += _section("scene.control", [_entry("law", scene.control.law), _entry("options", options)])
     return lines
+
+
+def _motion_table(motion: Motion) -> dict[str, Any]:
+    table: dict[str, Any] = {"support": motion.support}
+    if motion.harmonics:
+        table["harmonics"] = [vars(item) for item in motion.harmonics]
+    return table | {key: values for key in MOTION_DATA if (values := getattr(motion, key))}
 
 
 def _target_lines(structure: Structure, target: Target) -> list[str]:

@@ -15,6 +15,7 @@ from tensegrity_mj.errors import FormatError
 from tensegrity_mj.files import checked, replacing
 from tensegrity_mj.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.law import Report
+from tensegrity_mj.resistance import bending_energy
 from tensegrity_mj.scene import Scene
 
 Array = NDArray[np.float64]
@@ -44,8 +45,8 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "gravity_energy": (("time",), "J", "potential energy of gravity"),
     "string_energy": (("time",), "J", "elastic energy of the strings"),
     "winch_work": (("time",), "J", "-∫ T dL0, T the elastic tension: work of the winches on the strings"),
-    "external_work": (("time",), "J", "work of external nodal forces and of contact"),
-    "dissipation": (("time",), "J", "energy taken by the strings' dampers"),
+    "external_work": (("time",), "J", "work of external nodal forces, contact, moved supports and wind"),
+    "dissipation": (("time",), "J", "energy taken by the strings' dampers and by what resists motion"),
     "feasibility_margin": (("time",), "m2 or as the law defines", "max(v/α) of (5.18); NaN without such a law"),
     "lyapunov": (("time",), "as the law defines", "V of (5.3); NaN without such a law"),
     "lyapunov_error": (("time",), "as the law defines", "terms of V in the errors alone; NaN without such a law"),
@@ -103,9 +104,14 @@ class Trajectory:
     provenance: dict[str, Any] = field(default_factory=dict)
 
     @property
+    def bending_energy(self) -> Array:
+        """(T,) [J]: what bent joints have stored; zero where the scene's `resistance` has no such stiffness."""
+        return bending_energy(self.scene, self.nodes)
+
+    @property
     def energy_balance(self) -> Array:
         """(T,) [J]: energy gained minus winch work minus external work plus dissipation; zero if exact."""
-        energy = self.kinetic_energy + self.gravity_energy + self.string_energy
+        energy = self.kinetic_energy + self.gravity_energy + self.string_energy + self.bending_energy
         return energy - energy[:1] - self.winch_work - self.external_work + self.dissipation
 
     @property
@@ -164,7 +170,7 @@ class Trajectory:
                 variable.attrs["long_name"] = meaning
             file.attrs["format"] = FORMAT
             file.attrs["title"] = f"tensegrity_mj trajectory of scene {self.scene.name}"
-            file.attrs["scene"] = scene_to_toml(_without_function_loads(self.scene))
+            file.attrs["scene"] = scene_to_toml(_without_functions(self.scene, self.time))
             file.attrs["status"] = self.status.value
             file.attrs["message"] = self.message
             file.attrs["engine"] = self.engine
@@ -238,5 +244,15 @@ def _sizes(scene: Scene, samples: int) -> dict[str, int]:
     }
 
 
-def _without_function_loads(scene: Scene) -> Scene:
-    return scene.with_(loads=()) if callable(scene.loads) else scene
+def _without_functions(scene: Scene, time: Array) -> Scene:
+    """The scene as a file can hold it: without loads, and with data of motions, where these are functions."""
+    if callable(scene.loads):
+        scene = scene.with_(loads=())
+    if any(motion.function is not None for motion in scene.motions):
+        # At the recorded times, and on to the end of the scene: data must not stop on their way.
+        end = float(time[-1]) if len(time) else 0.0
+        more = np.linspace(end, max(scene.duration, end + 1e-3), 101)[1:]
+        times = np.concatenate([time if len(time) else [0.0], more if scene.duration > end or len(time) < 2 else []])
+        motions = [motion if motion.function is None else motion.sampled(times) for motion in scene.motions]
+        scene = scene.with_(motions=motions)
+    return scene

@@ -75,7 +75,7 @@ def sequence_of(what: str, values: Any, error: type[Exception] = StructureError)
 
 
 def check_structure(structure: Structure) -> None:
-    """Raise StructureError if the structure is not a valid class 1 structure."""
+    """Raise StructureError if the structure is not valid."""
     from tensegrity_mj.structure import PointMass, Rod, String
 
     _check_text("name of the structure", structure.name, StructureError)
@@ -94,7 +94,7 @@ def check_structure(structure: Structure) -> None:
         raise StructureError(f"structure '{structure.name}' has no nodes; it needs at least a rod or a point mass")
     for name, position in nodes.items():
         _check_name("node", name)
-        _check_vector(f"node '{name}'", position)
+        check_vector(f"node '{name}'", position)
     if not isinstance(structure.string_law, StringLaw):
         allowed = ", ".join(f"StringLaw.{law.name}" for law in StringLaw)
         raise StructureError(f"string_law = {structure.string_law!r}; allowed: {allowed}")
@@ -104,11 +104,12 @@ def check_structure(structure: Structure) -> None:
     _check_unique("string", (string.name for string in structure.strings))
 
     owner = _check_node_roles(structure)
-    for rod in structure.rods:
-        _check_rod(structure, rod)
     size = _size(structure)
+    for rod in structure.rods:
+        _check_rod(structure, rod, size)
+    along = _check_joints(structure)
     for point in structure.point_masses:
-        _check_number(f"point mass on node '{point.node}': mass", point.mass, "> 0 kg", lambda x: x > 0)
+        check_number(f"point mass on node '{point.node}': mass", point.mass, "> 0 kg", lambda x: x > 0)
         if point.plane is not None:
             _check_normal(f"point mass on node '{point.node}'", point.plane)
     seen: dict[frozenset[str], str] = {}
@@ -121,12 +122,11 @@ def check_structure(structure: Structure) -> None:
                 "remove one of them, or give one string their summed stiffness"
             )
         seen[ends] = string.name
-        for rod in structure.rods:
-            if ends == frozenset(rod.nodes):
-                raise StructureError(
-                    f"string '{string.name}' runs along rod '{rod.name}' ({_pair(string)}): "
-                    "its length cannot change; remove it"
-                )
+        if ends in along:
+            raise StructureError(
+                f"string '{string.name}' runs along rod '{along[ends]}' ({_pair(string)}): "
+                "its length cannot change; remove it"
+            )
         # A string between two fixed points is harmless, and found in published data: it loads nothing that moves.
     used = set(owner) | {name for string in structure.strings for name in string.nodes}
     for name in nodes:
@@ -141,8 +141,10 @@ def check_structure(structure: Structure) -> None:
 
 def check_scene(scene: Scene) -> None:
     """Raise SceneError if the scene does not fit its structure."""
+    from tensegrity_mj.moved_supports import check_motions
     from tensegrity_mj.scene import Load, Target
     from tensegrity_mj.structure import Structure
+    from tensegrity_mj.validation_resistance import check_resistance
 
     structure = scene.structure
     if not isinstance(structure, Structure):
@@ -150,14 +152,16 @@ def check_scene(scene: Scene) -> None:
     count = len(structure.nodes)
     _check_text("name of the scene", scene.name, SceneError)
     _check_text("source", scene.source, SceneError)
-    _check_vector("gravity", scene.gravity, SceneError, "m/s²")
-    _check_number("duration", scene.duration, "> 0 s", lambda x: x > 0, SceneError)
+    check_vector("gravity", scene.gravity, SceneError, "m/s²")
+    check_number("duration", scene.duration, "> 0 s", lambda x: x > 0, SceneError)
     for what in ("initial_nodes", "initial_velocities"):
         value = getattr(scene, what)
         if value is not None:
             _check_node_array(structure, what, value)
-    check_configuration(structure, scene.nodes0, "initial_nodes")
-    _check_initial_velocities(scene)
+    check_motions(scene)
+    start = {motion.support: motion.at(0.0) for motion in scene.motions}
+    check_configuration(structure, scene.nodes0, "initial_nodes", {name: d[0] for name, d in start.items()})
+    _check_initial_velocities(scene, {name: d[1] for name, d in start.items()})
     _check_no_vanishing_string(scene)
 
     if not callable(scene.loads):
@@ -166,9 +170,9 @@ def check_scene(scene: Scene) -> None:
                 raise SceneError(f"loads[{number}] = {load!r}: it must be a Load, or loads a function of time")
             if not isinstance(load.node, str) or load.node not in structure.node_index:
                 raise SceneError(f"loads[{number}]: {_unknown_node(load.node, structure)}")
-            _check_vector(f"loads[{number}] on node '{load.node}': force", load.force, SceneError, "N")
+            check_vector(f"loads[{number}] on node '{load.node}': force", load.force, SceneError, "N")
             for what in ("angular_frequency", "phase"):
-                _check_number(f"loads[{number}].{what}", getattr(load, what), "finite", lambda x: True, SceneError)
+                check_number(f"loads[{number}].{what}", getattr(load, what), "finite", lambda x: True, SceneError)
     else:
         try:
             forces = np.asarray(scene.loads(0.0), float)
@@ -182,6 +186,8 @@ def check_scene(scene: Scene) -> None:
     _check_breaks(scene)
     if scene.contact is not None:
         _check_contact(scene)
+    if scene.resistance is not None:
+        check_resistance(scene.structure, scene.resistance)
     if scene.target is not None:
         if not isinstance(scene.target, Target):
             raise SceneError(f"target = {scene.target!r}: use Target.set_point(nodes), Target.path or Target.curve")
@@ -241,12 +247,19 @@ def _check_curve(structure: Structure, target: Target) -> None:
         )
 
 
-def check_configuration(structure: Structure, nodes: Array, where: str) -> None:
-    """Raise SceneError unless node positions keep rod lengths, supports, planes and fixed nodes."""
+def check_configuration(
+    structure: Structure, nodes: Array, where: str, moved: Mapping[str, Array] | None = None
+) -> None:
+    """Raise SceneError unless node positions keep rod lengths, supports, planes and fixed nodes.
+
+    Supports in `moved` (rod or fixed node -> displacement (3,) [m]) are that far from where the structure has them.
+    """
     size = _size(structure)
+    moved = moved or {}
+    still = np.zeros(3)
     for name in structure.fixed_nodes:
         row = structure.node_index[name]
-        gap = float(np.linalg.norm(nodes[row] - structure.positions[row]))
+        gap = float(np.linalg.norm(nodes[row] - structure.positions[row] - moved.get(name, still)))
         if gap > CONSTRAINT_TOLERANCE * size:
             raise SceneError(f"{where}: fixed node '{name}' is {gap:.3g} m from its place; it must stay there")
     for number, rod in enumerate(structure.rods):
@@ -261,11 +274,13 @@ def check_configuration(structure: Structure, nodes: Array, where: str) -> None:
         r = (1 - sigma) * nodes[i] + sigma * nodes[j]
         reference = (1 - sigma) * structure.positions[i] + sigma * structure.positions[j]
         rows = rod.support.constraint_rows
-        broken = np.abs(_unit_rows(rows) @ (r - reference)) if len(rows) else np.zeros(0)
+        shift = moved.get(rod.name, still)
+        broken = np.abs(_unit_rows(rows) @ (r - reference - shift)) if len(rows) else np.zeros(0)
         if np.any(broken > CONSTRAINT_TOLERANCE * size):
             raise SceneError(
                 f"{where}: rod '{rod.name}' breaks its support by {broken.max():.3g} m at σ = {sigma}: "
-                f"the point must keep D r = r̄ of the reference nodes"
+                "the point must keep D r = r̄ of the reference nodes"
+                + (f", moved by {shift.tolist()} m" if rod.name in moved else "")
             )
         if rod.support.plane is not None:
             off = abs(float(_unit_rows(np.array([rod.support.plane]))[0] @ (nodes[j] - nodes[i])))
@@ -287,19 +302,14 @@ def _check_node_roles(structure: Structure) -> dict[str, str]:
     for rod in structure.rods:
         _check_ends(f"rod '{rod.name}'", rod.nodes, structure)
         for name in rod.nodes:
-            if name in owner:
-                raise StructureError(
-                    f"node '{name}' is shared by {owner[name]} and rod '{rod.name}': rods of a class 1 structure "
-                    "do not touch; give each rod its own nodes"
-                )
-            owner[name] = f"rod '{rod.name}'"
+            owner.setdefault(name, f"rod '{rod.name}'")
     _check_unique("fixed node", structure.fixed_nodes)
     for name in structure.fixed_nodes:
         _check_known("fixed_nodes", name, structure)
         if name in owner:
             raise StructureError(
-                f"fixed node '{name}' is an end of {owner[name]}: pin the rod there instead "
-                "(support pinned at σ = 0 or 1)"
+                f"fixed node '{name}' is an end of {owner[name]}: pin the rod there instead (support pinned at σ = 0 "
+                "or 1); where several rods meet, pin one of them"
             )
         owner[name] = "a fixed node"
     for point in structure.point_masses:
@@ -313,12 +323,51 @@ def _check_node_roles(structure: Structure) -> dict[str, str]:
     return owner
 
 
-def _check_rod(structure: Structure, rod: Rod) -> None:
+def _check_joints(structure: Structure) -> dict[frozenset[str], str]:
+    """The name of the rod between each pair of nodes; raise StructureError unless rods that meet fit each other."""
+    along: dict[frozenset[str], str] = {}
+    joined: dict[str, str] = {}  # node -> the node that stands for all nodes of its cluster
+
+    def root(name: str) -> str:
+        while joined.get(name, name) != name:
+            joined[name] = joined.get(joined[name], joined[name])
+            name = joined[name]
+        return name
+
+    for rod in structure.rods:
+        ends = frozenset(rod.nodes)
+        if ends in along:
+            raise StructureError(
+                f"rod '{rod.name}' joins {_pair(rod)} as rod '{along[ends]}' does: give one rod the mass of both"
+            )
+        along[ends] = rod.name
+        joined[root(rod.nodes[0])] = root(rod.nodes[1])
+    first: dict[str, Rod] = {}
+    for rod in structure.rods:
+        other = first.setdefault(root(rod.nodes[0]), rod)
+        one, two = other.support.plane, rod.support.plane
+        parallel = one is None and two is None
+        if one is not None and two is not None:
+            normals = _unit_rows(np.array([one, two], float))
+            parallel = float(np.linalg.norm(np.cross(*normals))) <= CONSTRAINT_TOLERANCE
+        if not parallel:
+            raise StructureError(
+                f"rods '{other.name}' and '{rod.name}' are joined, but turn in {_plane(one)} and in {_plane(two)}: "
+                "rods that hang together all turn in one plane, or all in space"
+            )
+    return along
+
+
+def _plane(normal: ArrayLike | None) -> str:
+    return "space" if normal is None else f"the plane of normal {_shown(normal)}"
+
+
+def _check_rod(structure: Structure, rod: Rod, size: float) -> None:
     from tensegrity_mj.structure import Support
 
     what = f"rod '{rod.name}'"
-    _check_number(f"{what}: mass", rod.mass, "> 0 kg", lambda x: x > 0)
-    _check_number(f"{what}: radius", rod.radius, "> 0 m", lambda x: x > 0)
+    check_number(f"{what}: mass", rod.mass, "> 0 kg", lambda x: x > 0)
+    check_number(f"{what}: radius", rod.radius, "> 0 m", lambda x: x > 0)
     a, b = (np.array(structure.nodes[name], float) for name in rod.nodes)
     length = _distance(a, b)
     # Below this part of the coordinates, their round-off decides where a rod points.
@@ -329,9 +378,9 @@ def _check_rod(structure: Structure, rod: Rod) -> None:
     support = rod.support
     if not isinstance(support, Support):
         raise StructureError(f"{what}: support = {support!r}; use Support.free, Support.pinned or Support.constrained")
-    _check_number(f"{what}: σ", support.sigma, "within [0, 1]", lambda x: 0 <= x <= 1)
+    check_number(f"{what}: σ", support.sigma, "within [0, 1]", lambda x: 0 <= x <= 1)
     for number, row in enumerate(sequence_of(f"{what}: D", support.directions)):
-        _check_vector(f"{what}: row {number} of D", row, unit="no unit")
+        check_vector(f"{what}: row {number} of D", row, unit="no unit")
     D = np.array(support.directions, float).reshape(-1, 3)
     if len(D) > 3 or (len(D) and np.linalg.matrix_rank(_unit_rows(D), tol=1e-6) < len(D)):
         raise StructureError(
@@ -342,10 +391,10 @@ def _check_rod(structure: Structure, rod: Rod) -> None:
         if len(values) != len(D):
             raise StructureError(f"{what}: r̄ has {len(values)} values for {len(D)} rows of D; it must have one a row")
         for number, value in enumerate(values):
-            _check_number(f"{what}: r̄[{number}]", value, "a finite number", lambda x: True)
+            check_number(f"{what}: r̄[{number}]", value, "a finite number", lambda x: True)
         r = (1 - support.sigma) * a + support.sigma * b
         gap = np.abs(D @ r - np.array(support.values, float)) / np.linalg.norm(D, axis=1)
-        if not np.all(gap <= CONSTRAINT_TOLERANCE * _size(structure)):
+        if not np.all(gap <= CONSTRAINT_TOLERANCE * size):
             raise StructureError(
                 f"{what}: its nodes put D r = {(D @ r).tolist()} at σ = {support.sigma}, but r̄ = "
                 f"{list(values)}: move the nodes onto the support, or leave r̄ out to take it from them"
@@ -353,7 +402,7 @@ def _check_rod(structure: Structure, rod: Rod) -> None:
     if support.plane is not None:
         normal = _check_normal(what, support.plane)
         off = abs(float(normal @ (b - a)))
-        if off > CONSTRAINT_TOLERANCE * _size(structure):
+        if off > CONSTRAINT_TOLERANCE * size:
             raise StructureError(
                 f"{what}: its direction leaves the plane of normal {support.plane} by {off:.3g} m over its length; "
                 "a planar rod must lie in its plane"
@@ -363,17 +412,17 @@ def _check_rod(structure: Structure, rod: Rod) -> None:
 def _check_string(structure: Structure, string: String, size: float) -> None:
     what = f"string '{string.name}'"
     _check_ends(what, string.nodes, structure)
-    _check_number(f"{what}: stiffness", string.stiffness, "> 0 N/m", lambda x: x > 0)
-    _check_number(f"{what}: damping", string.damping, ">= 0 N s/m", lambda x: x >= 0)
+    check_number(f"{what}: stiffness", string.stiffness, "> 0 N/m", lambda x: x > 0)
+    check_number(f"{what}: damping", string.damping, ">= 0 N s/m", lambda x: x >= 0)
     given = [name for name in ("rest_length", "tension", "force_density") if getattr(string, name) is not None]
     if len(given) > 1:
         raise StructureError(f"{what}: {' and '.join(given)} are given; give at most one of them")
     for name in given:
         limit = "a finite number" if name == "rest_length" else ">= 0"
-        _check_number(f"{what}: {name}", getattr(string, name), limit, lambda x, n=name: n == "rest_length" or x >= 0)
+        check_number(f"{what}: {name}", getattr(string, name), limit, lambda x, n=name: n == "rest_length" or x >= 0)
     for name, unit in (("max_force_density", "N/m"), ("min_rest_length", "m"), ("winch_speed", "m/s")):
         if getattr(string, name) is not None:
-            _check_number(f"{what}: {name}", getattr(string, name), f"> 0 {unit}, or absent", lambda x: x > 0)
+            check_number(f"{what}: {name}", getattr(string, name), f"> 0 {unit}, or absent", lambda x: x > 0)
     a, b = (np.array(structure.nodes[name], float) for name in string.nodes)
     length = _distance(a, b)
     if not 1e-12 * size < length < np.inf:
@@ -419,7 +468,7 @@ def _check_breaks(scene: Scene) -> None:
         if event.string not in known:
             raise SceneError(f"breaks[{number}]: unknown string '{event.string}'; the strings are {', '.join(known)}")
         what = f"breaks[{number}] of string '{event.string}': time"
-        _check_number(what, event.time, ">= 0 s", lambda x: x >= 0, SceneError)
+        check_number(what, event.time, ">= 0 s", lambda x: x >= 0, SceneError)
         if event.string in [other.string for other in scene.breaks[:number]]:
             raise SceneError(f"breaks[{number}]: string '{event.string}' breaks twice; give one time for each string")
 
@@ -432,7 +481,7 @@ def _check_contact(scene: Scene) -> None:
         raise SceneError(f"contact = {contact!r}: use Contact(floor=0.0), Contact(rods=True) or both, or None")
 
     def number(name: str, value: Any, allowed: str, test: Any) -> None:
-        _check_number(f"contact: {name}", value, allowed, test, SceneError)
+        check_number(f"contact: {name}", value, allowed, test, SceneError)
 
     if contact.floor is not None:
         number("floor", contact.floor, "a finite height [m], or None for no floor", lambda x: True)
@@ -443,21 +492,24 @@ def _check_contact(scene: Scene) -> None:
     if contact.rods and len(scene.structure.rods) < 2:
         raise SceneError("contact: rods = True, but there are no two rods that could touch: leave it out")
     _check_normal("contact", contact.normal, SceneError)
-    number("friction", contact.friction, ">= 0", lambda x: x >= 0)
-    number("stiffness", contact.stiffness, "> 0 [1/s²]", lambda x: x > 0)
-    number("damping", contact.damping, ">= 0 [1/s]", lambda x: x >= 0)
+    number("friction", contact.friction, "0, or within [1e-5, 1e5]", lambda x: x == 0 or 1e-5 <= x <= 1e5)
+    # MuJoCo takes an acceleration beyond 1e10 m/s² for a divergence: these reach it at 1 cm and at 1 km/s.
+    number("stiffness", contact.stiffness, "> 0 and at most 1e12 [1/s²]", lambda x: 0 < x <= 1e12)
+    number("damping", contact.damping, "within [0, 1e7] [1/s]", lambda x: 0 <= x <= 1e7)
     names, values = ("d0", "d1", "width", "midpoint", "power"), sequence_of("impedance", contact.impedance, SceneError)
     if len(values) != len(names):
         raise SceneError(f"contact: impedance = {contact.impedance!r}; it must be five numbers ({', '.join(names)})")
-    allowed = (
-        ("within [0.0001, 0.9999]", lambda x: 1e-4 <= x <= 0.9999),
-        ("within [0.0001, 0.9999]", lambda x: 1e-4 <= x <= 0.9999),
-        ("> 0 m", lambda x: x > 0),
-        ("within (0, 1)", lambda x: 0 < x < 1),
-        (">= 1", lambda x: x >= 1),
-    )
+    # Beyond these MuJoCo takes others without a word, or overflows: (midpoint)^(1 - power) must be finite.
+    share = ("within [0.0001, 0.9999]", lambda x: 1e-4 <= x <= 0.9999)
+    length = ("at least 1e-9 m", lambda x: x >= 1e-9)
+    allowed = (share, share, length, share, ("within [1, 50]", lambda x: 1 <= x <= 50))
     for name, value, (text, test) in zip(names, values, allowed, strict=True):
         number(f"impedance: {name}", value, text, test)
+    if values[1] < values[0]:
+        raise SceneError(
+            f"contact: impedance: d1 = {values[1]:g} at the depth `width` is below d0 = {values[0]:g} at touch; a "
+            "contact that softens as it is pressed may give energy: make d1 at least d0"
+        )
     found = overlaps(scene.structure, contact, scene.nodes0)
     if found:
         more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
@@ -469,33 +521,42 @@ def _check_contact(scene: Scene) -> None:
         raise SceneError(f"contact: at the start {found[0]}{more}: {remedy}")
 
 
-def _check_initial_velocities(scene: Scene) -> None:
+def _check_initial_velocities(scene: Scene, moved: Mapping[str, Array]) -> None:
+    """Raise SceneError unless velocities keep all constraints; `moved` are the velocities (3,) of moved supports."""
     structure, nodes, velocities = scene.structure, scene.nodes0, scene.velocities0
-    speed = float(np.abs(velocities).max(initial=0.0))
+    speed = max(float(np.abs(array).max(initial=0.0)) for array in (velocities, *moved.values()))
     if speed == 0.0:
         return
     limit = CONSTRAINT_TOLERANCE * speed
+    still = np.zeros(3)
     for name in structure.fixed_nodes:
         v = velocities[structure.node_index[name]]
-        if np.any(v != 0):
+        if name not in moved and np.any(v != 0):
             raise SceneError(f"initial_velocities: fixed node '{name}' has {v.tolist()} m/s; it must be at rest")
+        if np.any(np.abs(v - moved.get(name, still)) > limit):
+            raise SceneError(
+                f"initial_velocities: fixed node '{name}' has {v.tolist()} m/s; its motion starts with "
+                f"{moved[name].tolist()} m/s"
+            )
     for number, rod in enumerate(structure.rods):
         i, j = structure.rod_nodes[number]
         b = (nodes[j] - nodes[i]) / np.linalg.norm(nodes[j] - nodes[i])
-        rate = float(b @ (velocities[j] - velocities[i]))
-        if abs(rate) > limit:
+        stretch = float(b @ (velocities[j] - velocities[i]))
+        if abs(stretch) > limit:
             raise SceneError(
-                f"initial_velocities: rod '{rod.name}' would lengthen at {rate:.3g} m/s; the velocities of its nodes "
-                "must be equal along it"
+                f"initial_velocities: rod '{rod.name}' would lengthen at {stretch:.3g} m/s; the velocities of its "
+                "nodes must be equal along it"
             )
         sigma = rod.support.sigma
         at_support = (1 - sigma) * velocities[i] + sigma * velocities[j]
         rows = rod.support.constraint_rows
-        broken = np.abs(_unit_rows(rows) @ at_support) if len(rows) else np.zeros(0)
+        rate = moved.get(rod.name, still)
+        broken = np.abs(_unit_rows(rows) @ (at_support - rate)) if len(rows) else np.zeros(0)
         if np.any(broken > limit):
             raise SceneError(
-                f"initial_velocities: rod '{rod.name}' would leave its support at {broken.max():.3g} m/s "
-                f"at σ = {sigma}; D ṙ must be zero"
+                f"initial_velocities: rod '{rod.name}' would leave its support at {broken.max():.3g} m/s at σ = "
+                f"{sigma}; "
+                + (f"its motion starts with {rate.tolist()} m/s" if rod.name in moved else "D ṙ must be zero")
             )
         if rod.support.plane is not None:
             off = abs(float(_unit_rows(np.array([rod.support.plane]))[0] @ (velocities[j] - velocities[i])))
@@ -562,7 +623,8 @@ def _check_known(what: str, name: Any, structure: Structure) -> None:
         raise StructureError(f"{what}: {_unknown_node(name, structure)}")
 
 
-def _check_number(what: str, value: Any, allowed: str, test: Any, error: type[Exception] = StructureError) -> None:
+def check_number(what: str, value: Any, allowed: str, test: Any, error: type[Exception] = StructureError) -> None:
+    """Raise `error` unless the value is a finite number that passes the test; `allowed` says in words which do."""
     number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
     try:
         valid = number and np.isfinite(float(value)) and test(value)
@@ -572,7 +634,8 @@ def _check_number(what: str, value: Any, allowed: str, test: Any, error: type[Ex
         raise error(f"{what} = {_shown(value)!r}; it must be {allowed}")
 
 
-def _check_vector(what: str, value: Any, error: type[Exception] = StructureError, unit: str = "m") -> None:
+def check_vector(what: str, value: Any, error: type[Exception] = StructureError, unit: str = "m") -> None:
+    """Raise `error` unless the value is three finite numbers."""
     try:
         array = np.array(value, float)
     except (TypeError, ValueError, OverflowError):
@@ -589,7 +652,7 @@ def _shown(value: Any) -> Any:
 
 
 def _check_normal(what: str, plane: ArrayLike, error: type[Exception] = StructureError) -> Array:
-    _check_vector(f"{what}: plane normal", plane, error)
+    check_vector(f"{what}: plane normal", plane, error)
     if not 0.0 < _distance(np.zeros(3), np.array(plane, float)) < np.inf:
         raise error(f"{what}: plane normal = {_shown(plane)!r}; its length must be neither zero nor infinite")
     return _unit_rows(np.array([plane], float))[0]

@@ -13,7 +13,21 @@ ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = {"tensegrity_mj": ROOT / "tensegrity_mj", "tensegrity_mj.controllers": ROOT / "controllers"}
 CORE = {
     f"tensegrity_mj.{name}"
-    for name in ("structure", "scene", "contact", "curve", "checks", "strings", "errors", "validation")
+    for name in (
+        "structure",
+        "scene",
+        "contact",
+        "curve",
+        "checks",
+        "strings",
+        "errors",
+        "validation",
+        "motion",
+        "moved_supports",
+        "joints",
+        "resistance",
+        "validation_resistance",
+    )
 }
 
 # Who may import mujoco itself (or dm_control, which imports it), besides the MuJoCo engine: modules and packages.

@@ -16,6 +16,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj.controllers import Delayed, Lyapunov
 from tensegrity_mj.engines import mujoco_callback, mujoco_layout, mujoco_many
 from tensegrity_mj.errors import StabilityWarning
+from tensegrity_mj.mjcf import scene_to_mjcf
 from tensegrity_mj.native import pointers
 
 STEP = 1e-3
@@ -276,11 +277,41 @@ def test_a_model_of_the_same_shape_with_other_strings_is_told_apart(prism, law) 
         with pytest.raises(tmj.OptionError, match="other strings"), tmj.law_in(prism, law, RK4):
             mujoco.mj_step(model, data, 3)
         assert not data.ctrl.any()
+    # One number at a time: stiffness as gain and as spring, rest length, damping, an end.
+    for name, place, change in (
+        ("actuator_gainprm", (3, 0), 2.0),
+        ("actuator_biasprm", (11, 0), 0.1),
+        ("actuator_biasprm", (0, 1), -2.0),
+        ("actuator_biasprm", (5, 2), -1.0),
+        ("wrap_objid", (0,), 1),
+    ):
+        model = RK4.model(prism)
+        getattr(model, name)[place] += change
+        data = mujoco.MjData(model)
+        with pytest.raises(tmj.OptionError, match="other strings"), tmj.law_in(prism, law, RK4):
+            mujoco.mj_forward(model, data)
+        assert not data.ctrl.any()
     with tmj.law_in(prism, law, RK4) as model:
         model.body_mass *= 1.1
         data = mujoco.MjData(model)
         mujoco.mj_step(model, data, 3)
     assert data.ctrl.any()
+
+
+def test_a_model_of_the_same_sizes_and_strings_with_other_joints_is_left_alone(prism, law) -> None:
+    """Its signature alone tells it."""
+    own = RK4.model(prism)
+    spec = mujoco.MjSpec.from_string(scene_to_mjcf(prism, RK4.timestep, RK4.word))
+    spec.delete(spec.joints[-1])
+    other = spec.compile()
+    sizes = ("nu", "nsite", "nbody", "nuserdata")
+    assert [getattr(other, name) for name in sizes] == [getattr(own, name) for name in sizes]
+    assert np.array_equal(other.wrap_objid, own.wrap_objid)
+    assert other.signature != own.signature
+    data = mujoco.MjData(other)
+    with tmj.law_in(prism, law, RK4):
+        mujoco.mj_step(other, data, 3)
+    assert not data.ctrl.any()
 
 
 def test_contact_of_any_member_is_refused() -> None:
@@ -390,7 +421,7 @@ def test_scratch_beyond_the_stack_is_on_the_heap() -> None:
     copies = 800
     part = tmj.load_scene("pinned_rod")
     N, M = len(part.structure.nodes), len(part.structure.strings)
-    assert copies * (3 * N + 2 * M) > pointers.STACK_LIMIT > mujoco_many.law_room(N, M)
+    assert copies * (3 * N + 2 * M) > pointers.STACK_LIMIT > mujoco_many.law_room(N, M, 0)
     nodes: dict[str, Any] = {}
     rods, strings, fixed = [], [], []
     for k in range(copies):

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
+import pytest
 import truth
 
-from tensegrity_mj.scene import ControlSpec
+import tensegrity_mj as tmj
+from tensegrity_mj.families.cable import cable
+from tensegrity_mj.families.net import net
+from tensegrity_mj.families.suspended_cable import suspended_cable
+from tensegrity_mj.families.truss_arm import truss_arm
+from tensegrity_mj.scene import ControlSpec, Scene
+from tensegrity_mj.strings import StringLaw
 from tensegrity_mj.structure import Support
 from tensegrity_mj.textformat import load_scene
 
@@ -94,3 +103,82 @@ def test_tbar_is_the_published_one() -> None:
     np.testing.assert_array_equal(data["fixed"], [[1, 1, 0, 0], [1, 1, 1, 1], [1, 1, 0, 0]])
     np.testing.assert_array_equal(scene.velocities0, data["V0"].T)
     assert scene.duration == data["t"][-1] == 10.0
+
+
+def test_dbar_is_the_published_one() -> None:
+    data = truth.load("stedy_dbar")
+    scene = load_scene("dbar")
+    structure = scene.structure
+    np.testing.assert_array_equal(structure.positions, data["N0"].T)
+    for pairs, matrix in ((structure.rod_nodes, data["Cb"]), (structure.string_nodes, data["Cs"])):
+        np.testing.assert_array_equal(pairs[:, 0], np.argmin(matrix, axis=1))
+        np.testing.assert_array_equal(pairs[:, 1], np.argmax(matrix, axis=1))
+    np.testing.assert_array_equal(structure.rod_masses, data["bar_mass"])
+    np.testing.assert_array_equal([rod.radius for rod in structure.rods], data["bar_radius"])
+    np.testing.assert_array_equal(structure.stiffness, data["k"])
+    np.testing.assert_array_equal(structure.damping, data["c"])
+    np.testing.assert_array_equal(structure.rest_lengths, data["L0"])
+    np.testing.assert_array_equal(scene.gravity, data["g"])
+    np.testing.assert_array_equal(scene.velocities0, data["V0"].T)
+    assert structure.string_law is StringLaw.UNCLIPPED
+    # One node is held, n1: by the bar that ends there.
+    np.testing.assert_array_equal(data["fixed"], [[1, 0, 0, 0]] * 3)
+    assert [rod.support for rod in structure.rods] == [Support.pinned(1.0), *[Support.free()] * 3]
+    assert structure.rods[0].nodes[1] == "n1"
+    assert structure.class_number == 2
+    assert scene.duration == data["t"][-1] == 4.0
+
+
+def test_dbar_moves_as_published() -> None:
+    data = truth.load("stedy_dbar")
+    run = tmj.simulate(load_scene("dbar"), None, tmj.DAE(rtol=1e-11, atol=1e-12), output_interval=0.01)
+    np.testing.assert_allclose(run.time, data["t"], rtol=0, atol=1e-12)
+    # What the data's own two tolerances differ by: its strings go slack, and its error is that of their instants.
+    assert np.abs(run.nodes - data["pos"]).max() < float(data["selfconv_maxdpos"])
+
+
+@pytest.mark.parametrize("build", [cable, suspended_cable, net, truss_arm])
+def test_scenes_of_families_are_their_defaults(build: Callable[[], Scene]) -> None:
+    built = build()
+    shipped = load_scene(built.name)
+    # Equilibria are good to round-off, which other machines' libraries have otherwise.
+    np.testing.assert_allclose(shipped.structure.positions, built.structure.positions, rtol=0, atol=1e-13)
+    same = replace(shipped.structure, nodes=built.structure.nodes)
+    assert shipped.with_(structure=same) == built
+
+
+def test_what_the_readmes_of_linked_rods_promise() -> None:
+    """To the digits that they give; the runs' own errors are far below."""
+
+    def run(name: str, **options: float) -> tmj.Trajectory:
+        return tmj.simulate(load_scene(name), None, tmj.DAE(rtol=1e-9, atol=1e-11, **options))  # type: ignore[arg-type]
+
+    hanging, sagging, net_run, arm, bars = (run(n) for n in ("cable", "suspended_cable", "net", "truss_arm", "dbar"))
+    for node, swing in ((12, 0.44), (7, 0.19)):
+        y = hanging.nodes[:, node, 1]
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(y)))) + 1
+        assert np.abs(np.diff(y[turns])).max() == pytest.approx(swing, abs=5e-3)
+    pull = hanging.rod_force_densities * hanging.scene.structure.rod_lengths
+    assert (pull.min(), pull.max()) == pytest.approx((0.25, 2.16), abs=5e-3)
+    assert np.abs(hanging.nodes[:, :, 0]).max() == 0.0
+    middle = sagging.nodes[:, 11, 2]
+    assert (middle.min(), middle[0], middle.max()) == pytest.approx((-0.864, -0.843, -0.820), abs=5e-4)
+    end = sagging.rod_force_densities[:, 0] * 0.125
+    assert (end.min(), end.max()) == pytest.approx((0.85, 0.90), abs=5e-3)
+    assert np.abs(sagging.nodes[:, :, 1]).max() < 1e-12
+    row = net_run.scene.structure.node_index["n2_2"]
+    drop = net_run.nodes[0, row, 2] - net_run.nodes[:, row, 2]
+    assert drop.max() == pytest.approx(0.062, abs=5e-4)
+    assert net_run.time[drop.argmax()] == pytest.approx(1.08, abs=0.011)
+    pull = net_run.rod_force_densities * 0.25
+    assert (pull.min(), pull.max()) == pytest.approx((0.05, 1.41), abs=5e-3)
+    tip = arm.nodes[:, arm.scene.structure.node_index["b4"], 2]
+    assert (tip.min(), tip[-1]) == pytest.approx((-0.030, -0.015), abs=5e-4)
+    assert arm.time[tip.argmin()] == pytest.approx(0.11, abs=0.011)
+    assert (arm.tensions.min(), arm.tensions.max()) == pytest.approx((4.4, 15.4), abs=0.05)
+    assert bars.tensions[0, 1] == pytest.approx(94, abs=0.5)
+    assert bars.tensions[:, 0].max() == pytest.approx(78, abs=0.5)
+    slack = bars.time[(bars.tensions[:, 1] == 0) & (bars.time < 0.3)]
+    assert (slack[0], slack[-1]) == pytest.approx((0.06, 0.22), abs=0.011)
+    assert bars.dissipation[-1] == pytest.approx(11.5, abs=0.05)
+    assert bars.string_energy[0] == pytest.approx(20.0, abs=0.05)

@@ -56,6 +56,15 @@ def with_mass(point: Any) -> Structure:
     return build(nodes=NODES | {"p": (0.0, 5.0, 0.0)}, point_masses=(point,))
 
 
+def chain(*planes: Any) -> Structure:
+    """Three rods one after another, the outer ones with these planes, the middle one with the first's."""
+    ends = [("a", "b"), ("b", "c"), ("c", "d")]
+    nodes = {name: (float(k), 0.0, 0.1 * k * k) for k, name in enumerate("abcd")}
+    of = (planes[0], planes[0], planes[-1])
+    rods = [Rod(f"r{k + 1}", pair, 1.0, support=Support.free(plane=of[k])) for k, pair in enumerate(ends)]
+    return Structure("chain", nodes, tuple(rods))
+
+
 D_TWICE = [[1, 0, 0], [-2, 0, 0]]
 
 # What is wrong -> (how to build it, what the message must name: the item, its value, what is allowed).
@@ -92,7 +101,18 @@ INVALID: dict[str, tuple[Callable[[], Structure], tuple[str, ...]]] = {
     "rod whose ends are a text": (lambda: with_rod(nodes="ab"), ("rod 'r1'", "'ab'", "sequence")),
     "rod whose end is a list": (lambda: with_rod(nodes=(["a"], "b")), ("rod 'r1'", "['a']", "unknown node")),
     "rod on one node": (lambda: with_rod(nodes=("a", "a")), ("rod 'r1'", "'a'", "two different nodes")),
-    "rods that share a node": (lambda: with_rod(nodes=("a", "c")), ("'c'", "rod 'r1'", "rod 'r2'", "class 1")),
+    "rods along each other": (
+        lambda: with_rod(nodes=("d", "c")),
+        ("rod 'r2'", "rod 'r1'", "'c' and 'd'", "mass of both"),
+    ),
+    "joined rods in other planes": (
+        lambda: chain((0, 1, 0), (-5e-7, 1, 1e-6)),
+        ("rods 'r1' and 'r3'", "joined", "(0.0, 1.0, 0.0)", "(-5e-07, 1.0, 1e-06)", "one plane"),
+    ),
+    "a planar rod joined to one in space": (
+        lambda: chain(None, (0, 1, 0)),
+        ("rods 'r1' and 'r3'", "in space", "the plane of normal (0.0, 1.0, 0.0)", "one plane"),
+    ),
     "zero-length rod": (lambda: with_node(b=(0, 0, 0)), ("rod 'r1'", "length 0 m", "'a'", "'b'", "longer")),
     "rod of endless length": (lambda: with_node(b=(1e200, 0, 0)), ("rod 'r1'", "length inf", "finite")),
     "mass zero": (lambda: with_rod(mass=0.0), ("rod 'r1'", "mass = 0.0", "> 0 kg")),
@@ -153,7 +173,10 @@ INVALID: dict[str, tuple[Callable[[], Structure], tuple[str, ...]]] = {
     "unknown fixed node": (lambda: build(fixed_nodes=("f", "z")), ("fixed_nodes", "'z'", "'a', 'b'")),
     "fixed node twice": (lambda: build(fixed_nodes=("f", "f")), ("fixed node 'f'", "twice")),
     "fixed nodes are a text": (lambda: build(fixed_nodes="f"), ("fixed_nodes", "'f'", "sequence")),
-    "fixed end of a rod": (lambda: build(fixed_nodes=("f", "a")), ("'a'", "rod 'r1'", "pin the rod")),
+    "fixed end of a rod": (
+        lambda: build(fixed_nodes=("f", "a")),
+        ("'a'", "rod 'r1'", "pin the rod", "pin one of them"),
+    ),
     # point masses
     "point mass on an unknown node": (lambda: with_mass(PointMass("z", 1.0)), ("point mass", "'z'", "'a', 'b'")),
     "point mass on a rod": (lambda: with_mass(PointMass("a", 1.0)), ("point mass", "'a'", "rod 'r1'")),
@@ -176,6 +199,52 @@ def test_the_structure_that_the_cases_spoil_is_valid() -> None:
     structure = build()
     assert structure.node_names == ("a", "b", "c", "d", "f")
     assert with_mass(PointMass("p", 1.0)).point_masses[0].mass == 1.0
+
+
+def test_rods_may_share_nodes() -> None:
+    """A closed triangle with a leg, a rod of its own, and a fixed node: clusters, class and joints by hand."""
+    pairs = [("a", "b"), ("b", "c"), ("c", "a"), ("g", "h"), ("c", "d")]
+    places = {"a": (0, 0, 0), "b": (1, 0, 0), "c": (0, 1, 0), "d": (0, 1, 2), "g": (5, 0, 0), "h": (6, 0, 0)}
+    made = Structure(
+        "linked",
+        places | {"f": (9, 9, 9)},
+        tuple(Rod(f"r{k}", pair, 1.0) for k, pair in enumerate(pairs)),
+        (String("s", ("d", "f"), 1.0), String("t", ("g", "a"), 1.0)),
+        ("f",),
+    )
+    assert made.class_number == 3
+    ends = {"a": (0, 2), "b": (0, 1), "c": (1, 2, 4), "d": (4,), "g": (3,), "h": (3,), "f": ()}
+    assert made.rods_at == ends
+    assert made.clusters == ((0, 1, 2, 4), (3,))
+    assert (build().class_number, build().clusters) == (1, ((0,), (1,)))
+    # A closed loop may be held at a joint by two of its rods, which is one support too many, and no contradiction.
+    twice = replace(made, rods=tuple(replace(rod, support=Support.pinned(0.0)) for rod in made.rods))
+    assert twice.class_number == 3
+    lone = Structure("mass", {"p": (0, 0, 0)}, point_masses=(PointMass("p", 1.0),))
+    assert (lone.class_number, lone.clusters, lone.rods_at) == (0, (), {"p": ()})
+    assert chain((0, 1, 0), (0, -2, 0)).clusters == ((0, 1, 2),)
+
+
+@settings(derandomize=True, max_examples=40, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.integers(2, 12), st.integers(1, 20))
+def test_clusters_are_the_connected_components(seed: int, nodes: int, rods: int) -> None:
+    rng = np.random.default_rng(seed)
+    pairs = sorted({tuple(sorted(rng.choice(nodes, 2, replace=False).tolist())) for _ in range(rods)})
+    used = sorted({node for pair in pairs for node in pair})
+    made = Structure.from_arrays(
+        rng.normal(size=(len(used), 3)),
+        [(used.index(i), used.index(j)) for i, j in pairs],
+        [],
+        rod_mass=1.0,
+        stiffness=[],
+    )
+    # A power of the adjacency of the rods, to which they are long connected: another way.
+    ends = np.zeros((len(pairs), len(used)))
+    for row, pair in enumerate(made.rod_nodes):
+        ends[row, pair] = 1
+    joined = np.linalg.matrix_power(np.eye(len(pairs)) + np.minimum(ends @ ends.T, 1), len(pairs)) > 0
+    assert made.clusters == tuple(sorted({tuple(np.flatnonzero(row).tolist()) for row in joined}))
+    assert made.class_number == int(ends.sum(axis=0).max())
 
 
 def test_a_string_between_two_immovable_points_is_allowed() -> None:

@@ -1,4 +1,4 @@
-"""Draw the thesis' figures of chapters 4 to 6 again, and judge what it states: the ledger."""
+"""Draw the thesis' figures of chapters 3 to 6 again, and judge what it states: the ledger."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ HELP = "the thesis' figures again, and a ledger of what it states"
 EXAMPLES = """\
 examples:
   tensegrity-mj reproduce
+  tensegrity-mj reproduce 3
   tensegrity-mj reproduce 5.4 6.7 --out ledger/
   tensegrity-mj reproduce 5 --json
   tensegrity-mj reproduce 5 --mass-scale 1.1 --out heavier/

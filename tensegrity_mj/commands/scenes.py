@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import math
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.commands.common import Outcome, number, table
 
 if TYPE_CHECKING:
+    from tensegrity_mj.motion import Motion
+    from tensegrity_mj.resistance import Resistance
     from tensegrity_mj.scene import Scene
     from tensegrity_mj.structure import Rod
 
@@ -95,6 +98,8 @@ def describe(scene: Scene, timing: bool = False) -> dict[str, Any]:
         **statics(scene),
         "gravity": scene.gravity,
         "contact": None if scene.contact is None else vars(scene.contact),
+        "motions": {motion.support: motion_text(motion) for motion in scene.motions},
+        "resistance": None if scene.resistance is None else resistance_text(scene.resistance),
         "loads": "a function" if callable(scene.loads) else len(scene.loads),
         "target": None if scene.target is None else {"waypoints": len(scene.target.times), "times": scene.target.times},
         "control": None if scene.control is None else {"law": scene.control.law, **scene.control.options},
@@ -108,9 +113,11 @@ def statics(scene: Scene) -> dict[str, Any]:
 
     from tensegrity_mj.errors import InfeasibleError
     from tensegrity_mj.prestress import equilibrium_residual, prestress, self_stress
+    from tensegrity_mj.resistance import resisting_forces
     from tensegrity_mj.strings import force_density
 
-    structure, nodes, gravity, loads = scene.structure, scene.nodes0, scene.gravity, scene.nodal_forces(0.0)
+    structure, nodes, gravity = scene.structure, scene.nodes0, scene.gravity
+    loads = scene.nodal_forces(0.0) + resisting_forces(scene, nodes, np.zeros_like(nodes))
     stress = self_stress(structure, nodes)
     found: dict[str, Any] = {
         "self_stress_modes": len(stress.modes),
@@ -135,6 +142,32 @@ def support_text(rod: Rod) -> str:
     kind = {0: "free", 3: "pinned"}.get(rows, f"held in {rows} direction{'s' if rows > 1 else ''}")
     where = "" if rows == 0 else f" at σ = {rod.support.sigma:g}"
     return f"{kind}{where}" + ("" if rod.support.plane is None else ", planar")
+
+
+def motion_text(motion: Motion) -> str:
+    """How a support moves, in words."""
+    if motion.function is not None:
+        return "a function of time"
+    parts = [
+        f"{math.hypot(*item.amplitude):g} m at {item.angular_frequency / (2 * math.pi):g} Hz"
+        for item in motion.harmonics
+    ]
+    if motion.times:
+        parts.append(f"data at {len(motion.times)} times, until {motion.times[-1]:g} s")
+    return " and ".join(parts)
+
+
+def resistance_text(resistance: Resistance) -> str:
+    """What resists motion, in words."""
+    parts = [f"viscous, {resistance.viscous:g} N s/m²"] if resistance.viscous else []
+    if (drag := resistance.drag) is not None:
+        tangential = f" and {drag.tangential:g} along rods" if drag.tangential else ""
+        parts.append(f"drag, C = {drag.normal:g} across{tangential}, {drag.density:g} kg/m³")
+    if (bending := resistance.bending) is not None:
+        joints = "joints of two rods" if bending.pairs is None else f"{len(bending.pairs)} joints"
+        parts.append(f"bending of {joints}, {bending.stiffness:g} N m and {bending.damping:g} N m s")
+    wind = [f"wind {resistance.wind} m/s"] if any(resistance.wind) else []
+    return "; ".join(parts + wind)
 
 
 def _needs(needs: dict[str, Any]) -> list[tuple[str, str]]:
@@ -204,6 +237,8 @@ def _text(data: dict[str, Any]) -> str:
         ("gravity", "none" if not any(data["gravity"]) else f"{data['gravity']} m/s²"),
         ("control", "none" if control is None else ", ".join(f"{key} = {value}" for key, value in control.items())),
         ("contact", "none" if contact is None else ", ".join(f"{key} = {value}" for key, value in contact.items())),
+        *[("motion", f"{name}: {text}") for name, text in data["motions"].items()],
+        ("resistance", data["resistance"] or "none"),
         ("duration", number(data["duration"], "s")),
     ]
     rods = [

@@ -22,6 +22,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.capabilities import require_class_1
 from tensegrity_mj.dynamics.kernels import accelerate_points, place_points, rod_forces, solve_spd
 from tensegrity_mj.dynamics.records import Records, StructureRecords
 from tensegrity_mj.structure import Structure
@@ -46,7 +47,12 @@ class MinimalRecords:
 
     @classmethod
     def of(cls, structure: Structure) -> MinimalRecords:
-        """The records of a structure."""
+        """The records of a structure.
+
+        Raises:
+            StructureError: where rods share nodes.
+        """
+        require_class_1(structure, "the ODE and its minimal coordinates (use DAE or MuJoCo instead) are")
         records = StructureRecords.of(structure)
         rods, points = records.rods.copy(), records.points.copy()
         offset = 0

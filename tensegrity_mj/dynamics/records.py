@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.capabilities import require_class_1
 from tensegrity_mj.rods import inertia_terms
 from tensegrity_mj.structure import Structure
 
@@ -50,9 +51,46 @@ POINT = np.dtype(
 )
 
 
+def rod_records(structure: Structure) -> Records:
+    """The rods' records (R,) of `ROD`, each as if it were alone; where their coordinates start is left at 0."""
+    rods = np.zeros(len(structure.rods), ROD)
+    for number, rod in enumerate(structure.rods):
+        support = rod.support
+        i, j = (int(n) for n in structure.rod_nodes[number])
+        E, B = support.translation_basis, support.rotation_basis
+        length = float(structure.rod_lengths[number])
+        r = (1 - support.sigma) * structure.positions[i] + support.sigma * structure.positions[j]
+        record = rods[number]
+        record["i"], record["j"] = i, j
+        record["nz"], record["nb"] = E.shape[1], B.shape[1]
+        record["mass"], record["length"], record["sigma"] = rod.mass, length, support.sigma
+        record["f"], record["J"] = inertia_terms(rod.mass, length, support.sigma)
+        record["per_length"], record["per_J"] = 1.0 / record["length"], 1.0 / record["J"]
+        record["E"][:, : E.shape[1]] = E
+        record["B"][:, : B.shape[1]] = B
+        # Positive definite: f² < m J wherever the rod is held.
+        share = record["f"] ** 2 / record["J"] * E.T @ B @ B.T @ E
+        record["W"] = E @ np.linalg.solve(rod.mass * np.eye(E.shape[1]) - share, E.T)
+        record["anchor"] = r - E @ (E.T @ r)
+    return rods
+
+
+def point_records(structure: Structure, offset: int) -> Records:
+    """The point masses' records (P,) of `POINT`, their coordinates from place `offset` of q on."""
+    points = np.zeros(len(structure.point_masses), POINT)
+    for record, point in zip(points, structure.point_masses, strict=True):
+        E = point.translation_basis
+        row = structure.node_index[point.node]
+        record["node"], record["q"], record["nz"], record["mass"] = row, offset, E.shape[1], point.mass
+        record["E"][:, : E.shape[1]] = E
+        record["anchor"] = structure.positions[row] - E @ (E.T @ structure.positions[row])
+        offset += E.shape[1]
+    return points
+
+
 @dataclass(frozen=True, eq=False)
 class StructureRecords:
-    """Rods and point masses of a structure as records, with the size of q.
+    """Rods and point masses of a structure of class 1 as records, with the size of q.
 
     Attributes:
         rods, points: record arrays of `ROD` and `POINT`.
@@ -66,37 +104,19 @@ class StructureRecords:
 
     @classmethod
     def of(cls, structure: Structure) -> StructureRecords:
-        """The records of a structure."""
-        rods = np.zeros(len(structure.rods), ROD)
-        points = np.zeros(len(structure.point_masses), POINT)
+        """The records of a structure.
+
+        Raises:
+            StructureError: where rods share nodes; `linked.LinkedRecords` has the model of those.
+        """
+        require_class_1(structure, "the laws of chapters 4 to 6 (use one of your own, a recording, or none) are")
+        rods = rod_records(structure)
         offset = 0
-        for number, rod in enumerate(structure.rods):
-            support = rod.support
-            i, j = (int(n) for n in structure.rod_nodes[number])
-            E, B = support.translation_basis, support.rotation_basis
-            length = float(structure.rod_lengths[number])
-            r = (1 - support.sigma) * structure.positions[i] + support.sigma * structure.positions[j]
-            record = rods[number]
-            record["i"], record["j"], record["q"] = i, j, offset
-            record["nz"], record["nb"] = E.shape[1], B.shape[1]
-            record["mass"], record["length"], record["sigma"] = rod.mass, length, support.sigma
-            record["f"], record["J"] = inertia_terms(rod.mass, length, support.sigma)
-            record["per_length"], record["per_J"] = 1.0 / record["length"], 1.0 / record["J"]
-            record["E"][:, : E.shape[1]] = E
-            record["B"][:, : B.shape[1]] = B
-            # Positive definite: f² < m J wherever the rod is held.
-            share = record["f"] ** 2 / record["J"] * E.T @ B @ B.T @ E
-            record["W"] = E @ np.linalg.solve(rod.mass * np.eye(E.shape[1]) - share, E.T)
-            record["anchor"] = r - E @ (E.T @ r)
-            offset += E.shape[1] + B.shape[1]
-        for number, point in enumerate(structure.point_masses):
-            E = point.translation_basis
-            record = points[number]
-            row = structure.node_index[point.node]
-            record["node"], record["q"], record["nz"], record["mass"] = row, offset, E.shape[1], point.mass
-            record["E"][:, : E.shape[1]] = E
-            record["anchor"] = structure.positions[row] - E @ (E.T @ structure.positions[row])
-            offset += E.shape[1]
+        for record in rods:
+            record["q"] = offset
+            offset += int(record["nz"] + record["nb"])
+        points = point_records(structure, offset)
+        offset += int(points["nz"].sum())
         return cls(structure, rods, points, offset)
 
     @cached_property
@@ -135,3 +155,7 @@ class StructureRecords:
             nz, start = int(point["nz"]), int(point["q"])
             q[start : start + nz] = point["E"][:, :nz].T @ nodes[int(point["node"])]
         return q
+
+    def node_accelerations(self, accelerations: Array) -> Array:
+        """Φ q̈ (N, 3) [m/s²] of q̈ (nq,)."""
+        return np.asarray(self.affine_map[0] @ accelerations).reshape(-1, 3)

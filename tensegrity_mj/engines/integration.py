@@ -13,6 +13,7 @@ from tensegrity_mj.checks import member, positive
 from tensegrity_mj.engines import integration_kernels as kernels
 from tensegrity_mj.engines.accuracy import check_accuracy
 from tensegrity_mj.engines.integration_kernels import SINGULAR
+from tensegrity_mj.engines.integration_rk4 import rk4_steps
 from tensegrity_mj.engines.run import (
     Grid,
     Progress,
@@ -53,6 +54,8 @@ class Options(Protocol):
     @property
     def timestep(self) -> float | None: ...
     @property
+    def locate_slack(self) -> bool: ...
+    @property
     def max_steps(self) -> int: ...
     @property
     def accuracy(self) -> float | None: ...
@@ -71,6 +74,13 @@ def check_options(engine: str, options: Any) -> None:
     elif options.timestep is not None:
         raise OptionError(
             f"{engine}: timestep = {options.timestep!r}: {options.method.name} chooses its steps; leave it out"
+        )
+    if not isinstance(options.locate_slack, bool):
+        raise OptionError(f"{engine}: locate_slack = {options.locate_slack!r}; it must be True or False")
+    if options.locate_slack and options.method is not Method.RK4:
+        raise OptionError(
+            f"{engine}: locate_slack = True with {options.method.name}, whose steps shorten where strings go slack; "
+            "it belongs to Method.RK4: leave it out"
         )
     for name in ("rtol", "atol"):
         object.__setattr__(options, name, positive(f"{engine}: {name}", getattr(options, name)))
@@ -95,7 +105,8 @@ def describe_method(options: Options) -> str:
     if options.accuracy is not None:
         return f"accuracy {options.accuracy:g} m"
     if options.method is Method.RK4:
-        return f"RK4, h = {options.timestep:g} s"
+        located = ", slack located" if options.locate_slack else ""
+        return f"RK4, h = {options.timestep:g} s{located}"
     return f"{options.method.name}, rtol = {options.rtol:g}, atol = {options.atol:g}"
 
 
@@ -179,12 +190,18 @@ class IntegratedRun:
     ) -> Trajectory:
         """The trajectory of the rows recorded so far."""
         width = row_width(self.table)
+        told = width + len(self.request.scene.structure.rods)  # behind λ: gaps of closed loops, where there are any
+        if told < self.width:
+            reports |= {
+                "closure_drift": float(rows[:, told].max(initial=0.0)),  # [m]
+                "closure_rate_drift": float(rows[:, told + 1].max(initial=0.0)),  # [m/s]
+            }
         options = {name: getattr(value, "value", value) for name, value in vars(self.options).items()}
         return make_trajectory(
             self.request,
             time,
             rows[:, :width],
-            multipliers=rows[:, width:].copy(),
+            multipliers=rows[:, width:told].copy(),
             engine=str(self.options),
             status=status,
             message=message,
@@ -201,13 +218,13 @@ class IntegratedRun:
         times = grid.times
         rows = allocate_rows(len(times), self.width)
         remedy = f"reduce the time step (h = {step:g} s), or use Method.RADAU where strings are stiff"
-        arguments = (grid.count, grid.stride, grid.ratio, rows)
-        kernels.rk4_steps(self.table, self.y.copy(), step, 1, 0, *arguments)  # compiles
+        arguments = (grid.count, grid.stride, grid.ratio, rows, self.options.locate_slack)
+        rk4_steps(self.table, self.y.copy(), step, 1, 0, *arguments)  # compiles
         clock = Stopwatch()
         with Progress(self.request, f"{self.name} RK4") as progress:
             for first, count in chunks(grid.count):
-                reached, status = kernels.rk4_steps(self.table, self.y, step, first, count, *arguments)
-                self.steps, self.evaluations = reached, 4 * reached
+                reached, status, evaluations = rk4_steps(self.table, self.y, step, first, count, *arguments)
+                self.steps, self.evaluations = reached, self.evaluations + evaluations
                 progress.reached(reached * step)
                 if status != SOLVED:
                     time = reached * step

@@ -442,5 +442,9 @@ def _marks(request: Request, times: Array, with_outputs: bool) -> list[tuple[flo
     if with_outputs:
         for time in times[1:]:
             marks.setdefault(float(time), (False, False))
+    for motion in request.scene.motions:  # a derivative of data jumps at each of their times
+        for time in motion.times:
+            if 0 < time < times[-1]:
+                marks.setdefault(float(time), (False, False))
     marks.setdefault(float(times[-1]), (False, False))
     return [(time, *what) for time, what in sorted(marks.items())]

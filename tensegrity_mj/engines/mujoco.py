@@ -52,29 +52,45 @@ class MuJoCo:
         integrator: see `Integrator`.
         accuracy: [m] largest node error over the run, from 1e-10 to 1e-2, in place of the other two, which it chooses
             for each run (docs/accuracy.md).
+        locate_slack: whether steps of RK4 are split where strings begin or cease to pull, so that it keeps its order
+            there.
     """
 
     timestep: float = 1e-3
     integrator: Integrator = Integrator.RK4
     accuracy: float | None = None
+    locate_slack: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "timestep", positive("MuJoCo: timestep", self.timestep, "s"))
         member("MuJoCo: integrator", self.integrator, Integrator)
+        if not isinstance(self.locate_slack, bool):
+            raise OptionError(f"MuJoCo: locate_slack = {self.locate_slack!r}; it must be True or False")
+        if self.locate_slack and self.integrator is not Integrator.RK4:
+            raise OptionError(
+                f"MuJoCo: locate_slack = True with {self.integrator.name}, of order 1 with strings slack or taut; it "
+                "belongs to Integrator.RK4: leave it out"
+            )
         if self.accuracy is not None:
-            chosen = {"timestep": (self.timestep, 1e-3), "integrator": (self.integrator, Integrator.RK4)}
+            chosen = {
+                "timestep": (self.timestep, 1e-3),
+                "integrator": (self.integrator, Integrator.RK4),
+                "locate_slack": (self.locate_slack, False),
+            }
             object.__setattr__(self, "accuracy", check_accuracy("MuJoCo", self.accuracy, chosen))
 
     def __str__(self) -> str:
         if self.accuracy is not None:
             return f"MuJoCo {mujoco.__version__}, accuracy {self.accuracy:g} m"
-        return f"MuJoCo {mujoco.__version__} {self.word}, h = {self.timestep:g} s"
+        located = ", slack located" if self.locate_slack else ""
+        return f"MuJoCo {mujoco.__version__} {self.word}, h = {self.timestep:g} s{located}"
 
     def model(self, scene: Scene) -> mujoco.MjModel:
         """The compiled model of a scene.
 
         Raises:
-            StructureError: for masses or sizes that MuJoCo cannot hold.
+            StructureError: for masses, sizes or depths that MuJoCo cannot hold.
+            SceneError: where rods that share nodes may touch something.
             OptionError: where a control callback that is not this package's hinders MuJoCo.
         """
         far = np.abs(scene.nodes0).max(axis=1) > mujoco.mjMAXVAL
@@ -84,8 +100,9 @@ class MuJoCo:
                 f"node '{scene.structure.node_names[number]}' is at {scene.nodes0[number].tolist()} m: MuJoCo takes "
                 f"coordinates beyond {mujoco.mjMAXVAL:g} m for a divergence; move the structure nearer to the origin"
             )
+        text = scene_to_mjcf(scene, self.timestep, self.word)
         try:
-            return mujoco.MjModel.from_xml_string(scene_to_mjcf(scene, self.timestep, self.word))
+            return mujoco.MjModel.from_xml_string(text)
         except ValueError as error:
             if mujoco.get_mjcb_control() is not None and not callback.ACTIVE[0]:
                 raise OptionError(
@@ -121,6 +138,10 @@ class MuJoCo:
             from tensegrity_mj.engines.mujoco_accuracy import run_accurately
 
             return run_accurately(self.accuracy, request)
+        if self.locate_slack:
+            from tensegrity_mj.engines.mujoco_located import LocatedRun
+
+            return LocatedRun(self, request).run()
         return MuJoCoRun(self, request).run()
 
     def accelerations(self, request: Request) -> Accelerations:

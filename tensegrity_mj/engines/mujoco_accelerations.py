@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.engines import mujoco_callback as callback
+from tensegrity_mj.engines.mujoco_motion import RESETS
 from tensegrity_mj.engines.mujoco_state import place
 from tensegrity_mj.errors import InfeasibleError
 from tensegrity_mj.law import NO_SOLUTION
@@ -23,15 +24,16 @@ class NodeAccelerations:
     def __init__(self, run: Any) -> None:
         self.run, self.scene = run, run.request.scene
         model = run.model
-        self.sites = np.array([model.site(name).id for name in self.scene.structure.nodes])
-        self.bodies = model.site_bodyid[self.sites]
+        self.sites = [model.site(name).id for name in self.scene.structure.nodes]
+        if run.supports is not None:
+            run.supports.table[RESETS] = 0  # the state is the one that is asked for
 
     def __call__(
         self, time: float, nodes: Array, velocities: Array, rest_lengths: Array | None = None
     ) -> tuple[Array, Array]:
         run, model, data = self.run, self.run.model, self.run.data
         mujoco.mj_resetData(model, data)
-        place(model, data, self.scene, nodes, velocities)
+        place(data, self.scene, nodes, velocities, run.tree)
         if rest_lengths is not None:
             run.plant[HELD][:] = rest_lengths
         # The callback counts time in steps: one step of this length.
@@ -43,10 +45,9 @@ class NodeAccelerations:
         run.plant.raise_if_failed(max(ended, failed, 0), time)
         if ended == NO_SOLUTION:
             raise InfeasibleError(run.plant.infeasible_message(time))
-        out = np.zeros((len(self.sites), 3))
-        jacobian, rate = np.zeros((3, model.nv)), np.zeros((3, model.nv))
-        for row, (site, body) in enumerate(zip(self.sites, self.bodies, strict=True)):
-            mujoco.mj_jacSite(model, data, jacobian, None, site)
-            mujoco.mj_jacDot(model, data, rate, None, data.site_xpos[site], body)
-            out[row] = jacobian @ data.qacc + rate @ data.qvel
+        mujoco.mj_rnePostConstraint(model, data)
+        out, spatial = np.zeros((len(self.sites), 3)), np.zeros(6)
+        for row, site in enumerate(self.sites):
+            mujoco.mj_objectAcceleration(model, data, mujoco.mjtObj.mjOBJ_SITE, site, spatial, 0)
+            out[row] = spatial[3:] + model.opt.gravity  # of a frame in free fall, as MuJoCo has it
         return data.site_xpos[self.sites].copy(), out

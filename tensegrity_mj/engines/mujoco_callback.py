@@ -29,6 +29,14 @@ from tensegrity_mj.engines.mujoco_contact import (
     state_width,
     write_state,
 )
+from tensegrity_mj.engines.mujoco_motion import (
+    SUPPORTS_SIZE,
+    carried,
+    constraint_work,
+    drive,
+    keep_rates,
+    support_power,
+)
 from tensegrity_mj.engines.run import BEYOND
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED
@@ -45,27 +53,34 @@ from tensegrity_mj.native.plant import (
     LENGTH,
     LOADED,
     MODE,
+    MOTION_COUNT,
+    MOVED,
     NODE_COUNT,
     NODES,
     PASSIVE,
     RATE,
+    RESISTANCE,
     REST,
     STATUS,
     STIFFNESS,
     STRING_COUNT,
+    STRING_NODES,
     TABLE_SIZE,
+    TENSION,
     VELOCITIES,
     break_strings,
     remember,
     row_width,
     set_loads,
+    set_motions,
     set_rest_lengths,
     start_ledger,
     take_sample,
     tighten_strings,
     write_row,
 )
-from tensegrity_mj.native.pointers import address_of, borrowing, floats, inlined, integers
+from tensegrity_mj.native.pointers import address_of, borrowing, copy, floats, inlined, integers
+from tensegrity_mj.native.resistance import dissipated, held_powers
 from tensegrity_mj.native.vectors import minus, row_of
 
 # Addresses of MjData's arrays, and of ours.
@@ -99,7 +114,17 @@ from tensegrity_mj.native.vectors import minus, row_of
     FORCE_RANGE,
     CONTACT,
     CONTACT_SIZE,
-) = range(ENGINE_SLOTS, ENGINE_SLOTS + 29)
+    QPOS,
+    QVEL,
+    APPLIED,
+    CONSTRAINT_FORCE,
+    STATE_SIZES,
+    SUPPORTS,
+    CONSTRAINED,
+    PART,  # of a step that is split: address of the time [s] at which the part begins that STEP_SIZE is of
+    ANSWERED,  # where rest lengths of this very state are known already: 1 + what the law answered
+    POWERS,  # address where the powers of the last stage go whose work was counted
+) = range(ENGINE_SLOTS, ENGINE_SLOTS + 39)
 
 # Counters: calls within the step, steps begun, next row, row waiting for its accelerations, final status.
 STAGE, STEP, NEXT_ROW, WAITING, ENDED, END_STEP = range(6)
@@ -178,7 +203,55 @@ def load_power(table: Any) -> float:
     total = 0.0
     for x in range(3 * N):
         total += forces[x] * velocities[x]
+    if table[RESISTANCE]:
+        total -= held_powers(table[RESISTANCE], velocities)[1]
     return total
+
+
+@borrowing
+def move_supports(table: Any, t: float, first_stage: bool) -> None:
+    """Drive the moved supports as they move at time t."""
+    set_motions(table, t)
+    if table[STATUS] == 0:
+        supports = integers(table[SUPPORTS], (SUPPORTS_SIZE,))
+        drive(supports, table[MOVED], table[QPOS], table[QVEL], table[APPLIED], first_stage)
+
+
+@borrowing
+def settle_constraints(table: Any) -> None:
+    """Count what constraints did to moved supports over the last stage of a step, before their forces are lost."""
+    counters = integers(table[COUNTERS], (6,))
+    if counters[ENDED] != RUNNING or counters[STAGE] != 0:
+        return
+    h = floats(table[STEP_SIZE], (1,))[0]
+    set_motions(table, counters[STEP] * h)
+    supports, one_stage = integers(table[SUPPORTS], (SUPPORTS_SIZE,)), table[STAGES] == 1
+    weight = h if one_stage else h / 6.0
+    work = constraint_work(supports, table[MOVED], table[CONSTRAINT_FORCE], weight, one_stage)
+    floats(table[WORK_INTEGRALS], (3,))[2] += work
+
+
+@borrowing
+def power_of_supports(table: Any) -> float:
+    """See `mujoco_motion.support_power`."""
+    return support_power(
+        integers(table[SUPPORTS], (SUPPORTS_SIZE,)),
+        table[MOVED],
+        table[NODES],
+        table[VELOCITIES],
+        table[FORCES] if table[LOADED] else 0,
+        table[STRING_NODES],
+        table[TENSION],
+        table[LENGTH],
+    )
+
+
+@borrowing
+def write_coordinates(table: Any, row: Any) -> None:
+    """Write qpos and qvel into a row."""
+    sizes = integers(table[STATE_SIZES], (2,))
+    copy(floats(table[QPOS], (sizes[0],)), row)
+    copy(floats(table[QVEL], (sizes[1],)), row[sizes[0] :])
 
 
 @borrowing
@@ -245,39 +318,64 @@ def control_stage(table: Any) -> None:
     h = floats(table[STEP_SIZE], (1,))[0]
     stages, stage, step = table[STAGES], counters[STAGE], counters[STEP]
     contact = integers(table[CONTACT], (table[CONTACT_SIZE],))
+    supports = integers(table[SUPPORTS], (SUPPORTS_SIZE,))
+    before = h if stages == 1 else h / 6.0 if stage < 2 else h / 3.0  # of the stage whose forces are known now
     if table[CONTACT]:
-        before = h if stages == 1 else h / 6.0 if stage < 2 else h / 3.0  # of the stage whose forces are known now
         work[2] += last_stage_work(contact, before, stages == 1)
     weight = h
     t = step * h
     if stages == 4:
         weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
         t = (step + (0.0 if stage == 0 else (1.0 if stage == 3 else 0.5))) * h
+    begins = stage == 0
+    if table[PART]:
+        begins = False
+        t = floats(table[PART], (1,))[0] + (0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)) * h
     if not read_nodes(table):
         counters[ENDED], counters[END_STEP] = LOST, step
         return
+    if table[MOTION_COUNT] > 0:
+        move_supports(table, t, stage == 0)
+        if table[CONSTRAINED]:
+            work[2] += constraint_work(supports, table[MOVED], table[CONSTRAINT_FORCE], before, stages == 1)
     external = 0.0
     if table[LOADED]:
         if stages == 1 and step > 0:
             # One-stage integrators hold the force over the step: its work counts the speeds at both ends.
             work[2] += 0.5 * h * load_power(table)
+            if table[RESISTANCE]:
+                velocities = floats(table[VELOCITIES], (3 * table[NODE_COUNT],))
+                work[1] += 0.5 * h * held_powers(table[RESISTANCE], velocities)[0]
         external = set_loads(table, t)
         apply_loads(table)
     status = SOLVED
-    if stage == 0 and table[BREAKING] > 0:
+    if begins and table[BREAKING] > 0:
         break_strings(table, t)
-    if stage == 0 and table[RATIO] > 0 and step % table[RATIO] == 0:
+    if begins and table[RATIO] > 0 and step % table[RATIO] == 0:
         status = take_sample(table, t)
     asked, stored, lost = SOLVED, 0.0, 0.0
     if M > 0:
-        asked = set_rest_lengths(table, t)
+        if table[ANSWERED]:
+            asked = table[ANSWERED] - 1
+            table[ANSWERED] = 0
+        else:
+            asked = set_rest_lengths(table, t)
         stored, lost = tighten_strings(table)
         if asked <= NO_SOLUTION and status <= NO_SOLUTION and not set_controls(table):
             counters[ENDED], counters[END_STEP] = LOST_CONTROL, step
             return
-    if stage == 0:
+    if table[RESISTANCE]:
+        lost += (1.0 if stages == 4 else 0.5) * dissipated(table[RESISTANCE])
+    moving = 0.0
+    if table[MOTION_COUNT] > 0:
+        moving = power_of_supports(table)
+        if stages == 1 and step > 0:
+            work[2] += 0.5 * h * moving
+    if begins:
         if step == 0:
             start_ledger(table)
+            if table[MOTION_COUNT] > 0:
+                work[2] -= carried(supports, table[MOVED], table[VELOCITIES])
         if table[RATIO] == 0:
             status = asked
             if status == SOLVED and table[MODE] == CONTINUOUS:
@@ -291,6 +389,10 @@ def control_stage(table: Any) -> None:
                 external_work -= spin_energy(contact)
                 end = table[ROWS] + 8 * table[ROW_SIZE] * (counters[NEXT_ROW] + 1)
                 write_state(contact, end - 8 * state_width(contact))
+            if table[MOTION_COUNT] > 0:
+                external_work += carried(supports, table[MOVED], table[VELOCITIES])
+            if table[STATE_SIZES]:
+                write_coordinates(table, row[row_width(table) + 3 * table[ROD_COUNT] :])
             write_row(table, work[0], work[1], external_work, row)
             counters[WAITING] = counters[NEXT_ROW]
             counters[NEXT_ROW] += 1
@@ -306,9 +408,14 @@ def control_stage(table: Any) -> None:
         return
     work[0] += weight * stored
     work[1] += weight * lost
-    work[2] += (weight if stages == 4 else 0.5 * weight) * external
+    work[2] += (weight if stages == 4 else 0.5 * weight) * (external + moving)
+    if table[POWERS]:
+        powers = floats(table[POWERS], (3,))
+        powers[0], powers[1], powers[2] = stored, lost, external + moving
     if table[CONTACT]:
         keep_stage(contact)
+    if table[MOTION_COUNT] > 0 and table[CONSTRAINED]:
+        keep_rates(supports, table[MOVED])
     counters[STAGE] += 1
     if counters[STAGE] == stages:
         counters[STAGE] = 0

@@ -175,7 +175,7 @@ class ContactTable:
         found = {
             "touching": counts.tolist(),  # contacts at each recorded time
             "largest_normal_force": float(largest.max(initial=0.0)),  # [N], at the recorded times
-            "deepest": -deepest,  # [m]: largest overlap at the recorded times
+            "deepest": 0.0 - deepest,  # [m]: largest overlap at the recorded times
             "final_forces": {  # [N], on the nodes at the last recorded time
                 name: force.tolist() for name, force in zip(structure.node_names, out[-1], strict=True) if force.any()
             },

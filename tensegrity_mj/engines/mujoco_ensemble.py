@@ -17,10 +17,13 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.engines import mujoco_callback as callback
 from tensegrity_mj.engines import mujoco_many as many
+from tensegrity_mj.engines.mujoco_motion import SupportTable
 from tensegrity_mj.engines.mujoco_run import MuJoCoRun, node_addresses, warned
 from tensegrity_mj.engines.mujoco_state import place
 from tensegrity_mj.engines.run import Progress, Request, Stopwatch, check_rows, chunks
-from tensegrity_mj.mjcf import initial_velocities, scene_to_mjcf
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.mjcf import scene_to_mjcf
+from tensegrity_mj.mjcf_tree import BodyTree, body_tree, joint_coordinates
 from tensegrity_mj.native.plant import Plant
 from tensegrity_mj.native.pointers import address_of
 from tensegrity_mj.scene import Scene
@@ -48,6 +51,7 @@ class MuJoCoEnsemble:
         self.options, self.seconds = options, 0.0
         self.model = _with_userdata(first, options)
         guide = self.guide = many.Guide(first, self.model)
+        tree = body_tree(first)
         data = mujoco.MjData(self.model)
         self.batch = Batch(self.model, len(requests), threads)
         self.members: list[MuJoCoRun] = []
@@ -55,7 +59,8 @@ class MuJoCoEnsemble:
         qpos, qvel, userdata = (self.batch.bind(name) for name in ("qpos", "qvel", "userdata"))
         unused = np.zeros((len(first.structure.strings), 2))  # limits of forces, which clipped strings never move
         for number, request in enumerate(requests):
-            member = MuJoCoRun(options, request, self.model, data)
+            check_motions(request.scene, first, tree)
+            member = MuJoCoRun(options, request, self.model, data, tree, first)
             if number == 0:
                 check_rows(float(len(requests)) * member.rows.shape[0], member.rows.shape[1])
             self.counters[number] = member.counters
@@ -67,9 +72,9 @@ class MuJoCoEnsemble:
             scene = request.scene
             mujoco.mj_resetData(self.model, data)
             if np.array_equal(scene.nodes0, first.nodes0):
-                data.qvel[:] = initial_velocities(scene)
+                data.qvel[:] = joint_coordinates(first, tree, scene.nodes0, scene.velocities0)[1]
             else:
-                place(self.model, data, first, scene.nodes0, scene.velocities0)
+                place(data, first, scene.nodes0, scene.velocities0, tree)
             qpos[number], qvel[number] = data.qpos, data.qvel
             userdata[number] = TOKEN, number
         self._tables = np.array([member.plant.address for member in self.members], np.int64)
@@ -79,6 +84,8 @@ class MuJoCoEnsemble:
         guide.table[many.RUNS], guide.table[many.RUN_COUNT] = address_of(self._tables), len(self._tables)
         # What a row waits for lies in MjData that the next simulation overwrites: copies of it, refreshed each call.
         self._accelerations, self._forces = self.batch.bind("qacc"), self.batch.bind("actuator_force")
+        constrained = bool(first.motions and tree.forest.closures)
+        self._pulls = self.batch.bind("qfrc_constraint") if constrained else None
 
     def run(self) -> None:
         """Simulate all; nothing is raised for what becomes of a simulation."""
@@ -109,6 +116,12 @@ class MuJoCoEnsemble:
             table[callback.QACC] = address_of(self._accelerations[number])
             table[callback.ACTUATOR_FORCE] = address_of(self._forces[number])
             callback.finish_row(table)
+        if self._pulls is None:
+            return
+        for number in np.flatnonzero(running):
+            table = self.members[number].plant.table
+            table[callback.CONSTRAINT_FORCE] = address_of(self._pulls[number])
+            callback.settle_constraints(table)
 
     def _judge(self, running: NDArray[np.bool_], steps: int) -> None:
         """Stop those that have ended, and those that MuJoCo warned of, that are not finite, or that lost steps."""
@@ -126,6 +139,26 @@ class MuJoCoEnsemble:
             if causes:
                 member.cause = member.cause or ", ".join(causes)
                 running[number] = False
+
+
+def check_motions(scene: Scene, first: Scene, tree: BodyTree) -> None:
+    """Raise OptionError where a scene's supports move in ways that the drives of the first scene's model cannot."""
+    if scene.motions == first.motions:
+        return
+    if [motion.support for motion in scene.motions] != [motion.support for motion in first.motions]:
+        raise OptionError(
+            f"scene '{scene.name}': other supports move than in the first scene, and simulate_many runs one model: use "
+            "run_many"
+        )
+    own = body_tree(scene)
+    pairs = [(one.moved, other.moved) for one, other in zip(own.joints, tree.joints, strict=True)]
+    pairs += [(one[1], other[1]) for one, other in zip(own.moved_nodes, tree.moved_nodes, strict=True)]
+    for needed, given in pairs:
+        if np.abs(needed - given @ (given.T @ needed)).max(initial=0.0) > 1e-9:
+            raise OptionError(
+                f"scene '{scene.name}': a support moves in directions in which it stands still in the first scene, and "
+                "simulate_many runs one model: put first a scene that uses them all, or use run_many"
+            )
 
 
 def _with_userdata(scene: Scene, options: MuJoCo) -> mujoco.MjModel:
@@ -149,6 +182,9 @@ def law_in(model: mujoco.MjModel, plant: Plant) -> Iterator[NDArray[np.int64]]:
     sites, bodies, roots = node_addresses(scene, model)
     answers = np.zeros(many.ANSWER_COUNT, np.int64)
     table = plant.table.copy()
+    supports = SupportTable(scene, body_tree(scene), model, resets=False) if scene.motions else None
+    if supports is not None:
+        table[callback.SUPPORTS] = address_of(supports.table)
     places = {
         callback.DESIGNED: designed,
         callback.NODE_SITE: sites,

@@ -28,6 +28,7 @@ from tensegrity_mj.engines.mujoco_callback import (
     apply_loads,
     as_callback,
     control_stage,
+    move_supports,
     read_nodes,
     set_controls,
 )
@@ -39,6 +40,8 @@ from tensegrity_mj.native.plant import (
     FORCES,
     LENGTH,
     LOADED,
+    MOTION_COUNT,
+    MOVED,
     NODE_COUNT,
     NODES,
     RATE,
@@ -77,6 +80,10 @@ _ARRAYS = {
     callback.QACC: "qacc",
     callback.ACTUATOR_FORCE: "actuator_force",
     callback.CTRL: "ctrl",
+    callback.QPOS: "qpos",
+    callback.QVEL: "qvel",
+    callback.APPLIED: "qfrc_applied",
+    callback.CONSTRAINT_FORCE: "qfrc_constraint",
     LENGTH: "ten_length",
     RATE: "ten_velocity",
 }
@@ -186,10 +193,15 @@ def _command(guide: Any, data: int, room: int) -> int:
     at += 72 * N
     table[COMMAND], table[REST], table[FORCE_RANGE] = at, at + 8 * M, at + 16 * M
     table[REPORT] = at + 32 * M
+    table[MOVED] = table[REPORT] + 8 * REPORT_SIZE
     _bind(guide, table, data)
     t = floats(data + guide[TIME_AT], 1)[0]
     if not read_nodes(table):
         return SOLVED  # MuJoCo itself warns of such states
+    if table[MOTION_COUNT] > 0:
+        move_supports(table, t, False)
+        if table[STATUS] != 0:
+            return FAILED
     if table[LOADED]:
         set_loads(table, t)
         if table[STATUS] != 0:
@@ -205,9 +217,9 @@ def _command(guide: Any, data: int, room: int) -> int:
 
 
 @inlined
-def law_room(N: int, M: int) -> int:
+def law_room(N: int, M: int, motions: int) -> int:
     """Numbers of scratch that `_command` needs."""
-    return TABLE_SIZE + 9 * N + 4 * M + REPORT_SIZE
+    return TABLE_SIZE + 9 * N + 4 * M + REPORT_SIZE + 9 * motions
 
 
 @owning
@@ -219,7 +231,7 @@ def stage_of_a_law(guide: Any, model: int, data: int) -> None:
         integers(guide[ANSWERS], (ANSWER_COUNT,))[OTHER_STRINGS] = 1
         return
     own = integers(guide[LAW_TABLE], (TABLE_SIZE,))
-    size = law_room(own[NODE_COUNT], own[STRING_COUNT])
+    size = law_room(own[NODE_COUNT], own[STRING_COUNT], own[MOTION_COUNT])
     if size <= STACK_LIMIT:
         status = _command(guide, data, stack_doubles(size))
     else:

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.engines import mujoco_callback as callback
 from tensegrity_mj.engines.mujoco_contact import ContactTable
+from tensegrity_mj.engines.mujoco_joints import JointForces
+from tensegrity_mj.engines.mujoco_motion import SupportTable
 from tensegrity_mj.engines.run import (
     BEYOND,
     Grid,
@@ -26,7 +28,7 @@ from tensegrity_mj.engines.run import (
 )
 from tensegrity_mj.errors import DivergenceError, TensegrityError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED
-from tensegrity_mj.mjcf import initial_velocities
+from tensegrity_mj.mjcf_tree import BodyTree, body_tree, joint_coordinates
 from tensegrity_mj.native.plant import LENGTH, RATE, STATUS, Plant, row_width
 from tensegrity_mj.native.pointers import address_of
 from tensegrity_mj.scene import Scene
@@ -70,22 +72,30 @@ class MuJoCoRun:
         request: Request,
         model: mujoco.MjModel | None = None,
         data: mujoco.MjData | None = None,
+        tree: BodyTree | None = None,
+        start: Scene | None = None,
     ) -> None:
         self.options, self.request = options, request
         scene, structure = request.scene, request.scene.structure
         self.grid = Grid.of(request, options.timestep)
         self.model = options.model(scene) if model is None else model
         self.cause = ""  # of an end that the callback does not know of
+        self.tree = body_tree(scene) if tree is None else tree
         if data is None:
             data = mujoco.MjData(self.model)
-            data.qvel[:] = initial_velocities(scene)  # positions are the model's own
+            # Positions are the model's own.
+            data.qvel[:] = joint_coordinates(scene, self.tree, scene.nodes0, scene.velocities0)[1]
         self.data = data
         self.plant = Plant(scene, request.law, request.actuation, request.on_infeasible)
         table = self.plant.table
         self.times = self.grid.times
         self.width = row_width(table)
         self.contact = None if scene.contact is None else ContactTable(structure, self.model, self.data)
-        more = 3 * len(structure.rods) + (self.contact.width if self.contact else 0)
+        self.supports = SupportTable(scene, self.tree, self.model, start) if scene.motions else None
+        self.joints = None
+        if structure.class_number > 1:
+            self.joints = JointForces(scene, self.tree, self.model, self.supports)
+        more = 3 * len(structure.rods) + sum(part.width for part in (self.joints, self.contact) if part)
         # One row more than the grid has, for where a law stops the run.
         self.rows = allocate_rows(len(self.times) + 1, self.width + more)
         self.counters = np.array([0, 0, 0, -1, callback.RUNNING, 0], np.int64)
@@ -109,6 +119,10 @@ class MuJoCoRun:
             callback.ACTUATOR_FORCE: data.actuator_force,
             callback.CTRL: data.ctrl,
             callback.FORCE_RANGE: self.model.actuator_forcerange,
+            callback.QPOS: data.qpos,
+            callback.QVEL: data.qvel,
+            callback.APPLIED: data.qfrc_applied,
+            callback.CONSTRAINT_FORCE: data.qfrc_constraint,
             LENGTH: data.ten_length,
             RATE: data.ten_velocity,
         }
@@ -121,20 +135,31 @@ class MuJoCoRun:
         table[callback.TOTAL] = self.grid.count
         table[callback.STAGES] = options.stages
         table[callback.ROD_COUNT] = len(structure.rods)
+        table[callback.CONSTRAINED] = scene.contact is not None or bool(self.tree.forest.closures)
+        if self.supports is not None:
+            table[callback.SUPPORTS] = address_of(self.supports.table)
+        if self.joints is not None:
+            self.keep[callback.STATE_SIZES] = sizes = np.array([self.model.nq, self.model.nv], np.int64)
+            table[callback.STATE_SIZES] = address_of(sizes)
         if self.contact is not None:
             table[callback.CONTACT] = address_of(self.contact.table)
             table[callback.CONTACT_SIZE] = len(self.contact.table)
 
     def _slides(self) -> Array:
-        """A row a rod: number of translational coordinates, their first dof, and E (3, 3) padded, by rows."""
-        rods = self.request.scene.structure.rods
-        slides = np.zeros((len(rods), 11))
-        for row, rod in zip(slides, rods, strict=True):
-            E = rod.support.translation_basis
+        """A row a rod: number of translational coordinates, their first dof, and their axes (3, 3) padded, by rows.
+
+        None of rods that share nodes, whose accelerations are found afterwards.
+        """
+        structure = self.request.scene.structure
+        slides = np.zeros((len(structure.rods), 11))
+        if structure.class_number > 1:
+            return slides
+        for row, rod, joint in zip(slides, structure.rods, self.tree.joints, strict=True):
+            axes = joint.axes
             basis = np.zeros((3, 3))
-            basis[:, : E.shape[1]] = E
+            basis[:, : axes.shape[1]] = axes
             body = self.model.site_bodyid[self.model.site(rod.nodes[0]).id]
-            row[0], row[1], row[2:] = E.shape[1], self.model.body_dofadr[body], basis.ravel()
+            row[0], row[1], row[2:] = axes.shape[1], self.model.body_dofadr[body], basis.ravel()
         return slides
 
     def run(self) -> Trajectory:
@@ -145,7 +170,7 @@ class MuJoCoRun:
             self._warm_up()
             clock = Stopwatch()
             for first, count in chunks(grid.count):
-                mujoco.mj_step(self.model, self.data, count)
+                self._advance(first, count)
                 progress.reached(min(first + count, int(counters[callback.STEP])) * options.timestep)
                 if counters[callback.ENDED] != callback.RUNNING:
                     break
@@ -156,6 +181,15 @@ class MuJoCoRun:
             if counters[callback.ENDED] != callback.RUNNING:
                 callback.finish_row(self.plant.table)
         return self.conclude(seconds, texts)
+
+    def _advance(self, first: int, count: int) -> None:
+        """`count` steps from number `first`."""
+        mujoco.mj_step(self.model, self.data, count)
+
+    @property
+    def evaluations(self) -> int:
+        """Of the forces, up to now."""
+        return int(self.counters[callback.STEP]) * int(self.plant.table[callback.STAGES])
 
     @property
     def ended_early(self) -> float | None:
@@ -239,27 +273,35 @@ class MuJoCoRun:
         steps = int(self.counters[callback.STEP])
         rows = self.rows[:count]
         states = self.width + 3 * R
-        forces, contact = (None, None) if self.contact is None else self.contact.forces(rows[:, states:])
+        reports: dict[str, Any] = {}
+        forces = multipliers = None
+        if self.contact is not None:
+            forces, reports["contact"] = self.contact.forces(rows[:, states:])
+        if self.joints is not None:
+            multipliers, found = self.joints.multipliers(self.times[:count], rows[:, : states + self.joints.width])
+            reports |= found
         return make_trajectory(
             self.request,
             self.times[:count],
             rows[:, : self.width],
             r_accelerations=rows[:, self.width : states].reshape(count, R, 3),
             contact_forces=forces,
-            reports=None if contact is None else {"contact": contact},
+            multipliers=multipliers,
+            reports=reports,
             engine=str(self.options),
             status=status,
             message=message,
             cost={
                 "wall_time": seconds,
                 "steps": steps,
-                "evaluations": steps * int(self.plant.table[callback.STAGES]),
+                "evaluations": self.evaluations,
             },
             provenance={
                 "engine": {
                     "name": "MuJoCo",
                     "timestep": self.options.timestep,
                     "integrator": self.options.integrator.value,
+                    **({"locate_slack": True} if self.options.locate_slack else {}),
                 }
             },
         )

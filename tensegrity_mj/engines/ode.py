@@ -20,8 +20,9 @@ from tensegrity_mj.engines.integration import IntegratedRun, Method, check_optio
 from tensegrity_mj.engines.integration_kernels import WORK
 from tensegrity_mj.engines.run import Accelerations, Request
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.native.plant import NODES, Plant
+from tensegrity_mj.native.plant import MOVED, NODES, Plant
 from tensegrity_mj.native.pointers import address_of
+from tensegrity_mj.scene import Scene
 from tensegrity_mj.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -41,6 +42,8 @@ class ODE:
             default leaves 7e-13; with atol for ε, least_sine >= atol / rtol keeps rtol.
         accuracy: [m] largest node error over the run, from 1e-10 to 1e-2, in place of method, tolerances and step,
             which it chooses for each run (docs/accuracy.md).
+        locate_slack: of RK4 only, whether steps are split at the instants where strings go slack or taut, so that it
+            keeps its order of 4 there (docs/accuracy.md).
     """
 
     method: Method = Method.DOP853
@@ -50,6 +53,7 @@ class ODE:
     max_steps: int = 1_000_000
     least_sine: float = 1e-3
     accuracy: float | None = None
+    locate_slack: bool = False
 
     def __post_init__(self) -> None:
         check_options("ODE", self)
@@ -72,7 +76,7 @@ class ODE:
     def accelerations(self, request: Request) -> Accelerations:
         """Node accelerations r̈ and b̈ = W β̈ + Ẇ β̇ of the equations that `run` integrates."""
         run, records = self._prepared(request)
-        nq = records.nq
+        nq, carried = records.nq, _carried(request.scene)
 
         def at(time: float, nodes: Array, velocities: Array, rest_lengths: Array | None = None) -> tuple[Array, Array]:
             q, q_rates = records.state(nodes, velocities)
@@ -80,6 +84,8 @@ class ODE:
             rates = run.rates_at(time, run.y, rest_lengths)
             out = np.zeros_like(run.plant[NODES])
             node_accelerations(q, q_rates, rates[nq : 2 * nq], records.rods, records.points, out)
+            for (row, node), moved in zip(carried, run.plant[MOVED], strict=True):
+                out[[node] if row < 0 else request.scene.structure.rod_nodes[row]] += moved[2]
             return run.plant[NODES].copy(), out
 
         return at
@@ -93,7 +99,10 @@ class ODE:
         table[ode.RODS], table[ode.ROD_COUNT] = address_of(records.rods), len(records.rods)
         table[ode.POINTS], table[ode.POINT_COUNT] = address_of(records.points), len(records.points)
         table[ode.Q_SIZE], table[ode.CONSTANTS] = nq, address_of(constants)
-        y = np.zeros(2 * nq + WORK)
+        carried = _carried(scene)
+        bases = np.array([scene.structure.positions[b] if a < 0 else records.rods[a]["anchor"] for a, b in carried])
+        table[ode.CARRIED], table[ode.BASES] = address_of(carried), address_of(bases)
+        y = np.zeros(2 * nq + (1 if scene.motions else 0) + WORK)
         y[:nq], y[nq : 2 * nq] = records.state(scene.nodes0, scene.velocities0)
 
         def explain(time: float) -> str:
@@ -122,7 +131,17 @@ class ODE:
             place=ode.ode_place.address,
             guard=ode.ode_guard.address,
             multipliers=np.zeros(len(records.rods)),
-            keep=(records, constants),
+            keep=(records, constants, carried, bases),
             explain_singular=explain,
         )
         return run, records
+
+
+def _carried(scene: Scene) -> NDArray[np.int64]:
+    """(m, 2) of each motion: the row of the rod or of the fixed node that it moves, -1 for what it is not."""
+    rods = {rod.name: row for row, rod in enumerate(scene.structure.rods)}
+    pairs = [
+        (rods[name], -1) if name in rods else (-1, scene.structure.node_index[name])
+        for name in (motion.support for motion in scene.motions)
+    ]
+    return np.array(pairs, np.int64).reshape(-1, 2)

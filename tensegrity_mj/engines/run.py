@@ -16,6 +16,7 @@ from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible, whole_ratio
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.law import NativeLaw, Report
 from tensegrity_mj.native.plant import NODES, VELOCITIES, Plant
+from tensegrity_mj.resistance import resisting_forces
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.trajectory import LAW_REPORTS, VARIABLES, Status, Trajectory
 
@@ -33,6 +34,8 @@ WINCH_BOUND = 10.0  # where winches work
 GAIN_BOUND = 0.9
 STRAIN_BOUND = 0.5
 ENERGY_WARNING = 0.01  # part of the energy exchanged beyond which a run says that its balance is off
+# Of bᵀb - 1: rods half as much off their lengths. The energy need not see it, where it is mostly that of prestress.
+DRIFT_WARNING = 1e-3
 LIMIT_ROUND_OFF = 1e-6  # part of a limit: u = k (1 - L0/L) loses digits where k is much larger than u
 DECAY_WARNING = 0.01  # part of V
 V_ROUND_OFF = 1e-26  # V of errors of 1e-13 m and rad: one that starts below it starts at the target
@@ -214,6 +217,7 @@ def make_trajectory(
         assert r_accelerations is not None
         forces = rods.string_forces(structure, nodes, tensions)
         forces = forces + np.array([scene.nodal_forces(t) for t in time]).reshape(T, N, 3)
+        forces = forces + resisting_forces(scene, nodes, velocities)
         if contact_forces is not None:
             forces = forces + contact_forces
         multipliers = rods.multipliers(structure, nodes, velocities, forces, np.array(scene.gravity), r_accelerations)
@@ -260,6 +264,15 @@ def _reports(request: Request, run: Trajectory) -> dict[str, Any]:
         warnings.append(
             f"the energy balance is off by {run.energy_residual:.2g} J of {exchanged:.2g} J exchanged: "
             "reduce the time step or the tolerances before trusting this run"
+        )
+    if drift.max(initial=0.0) > DRIFT_WARNING:
+        row, column = np.unravel_index(np.argmax(drift), drift.shape)
+        first_time = float(run.time[np.argmax(np.any(drift > DRIFT_WARNING, axis=1))])
+        warnings.append(
+            f"rod '{structure.rods[int(column)].name}' drifts off its length by "
+            f"{abs(np.linalg.norm(b[row, column]) - 1):.2g} of it (bᵀb by {DRIFT_WARNING:g} first at "
+            f"t = {first_time:.6g} s): reduce the time step or the tolerances, or let the DAE keep lengths with "
+            "Drift.NORMALIZE, before trusting this run"
         )
     known = request.law.gravity
     if known is not None and known != run.scene.gravity:
@@ -427,7 +440,9 @@ def _energy_from_nowhere(run: Trajectory, dampers_as_recorded: bool) -> tuple[in
     """The first sample with more energy than there can be (none: their number), and what to say."""
     if len(run.time) == 0:
         return 0, ""
-    gained = run.energy_balance - (0.0 if dampers_as_recorded else run.dissipation)
+    # A damper that gives back what it took, as one does beyond the limit of an explicit step, gives from nowhere.
+    given_back = np.maximum.accumulate(run.dissipation) - run.dissipation
+    gained = run.energy_balance + (given_back if dampers_as_recorded else -run.dissipation)
     if run.provenance["actuation"]["mode"] == Mode.CONTINUOUS.value and np.any(run.winch_work):
         # Winch work by parts contains the strings' work itself, which grows with whatever garbage there is.
         bound, given = GAIN_BOUND, energy_exchanged(run)
@@ -449,14 +464,14 @@ def _energy_round_off(run: Trajectory) -> float:
 
 def _energy_given(run: Trajectory) -> Array:
     """(T,) [J]: the initial energy and the largest works of winches, loads and gravity up to each time."""
-    given = np.full(len(run.time), run.kinetic_energy[0] + run.string_energy[0])
+    given = np.full(len(run.time), run.kinetic_energy[0] + run.string_energy[0] + run.bending_energy[0])
     for term in (run.winch_work, run.external_work, run.gravity_energy - run.gravity_energy[0]):
         given += np.maximum.accumulate(np.abs(term))
     return given
 
 
 def energy_exchanged(run: Trajectory) -> Array:
-    """(T,) [J]: the largest of kinetic energy and the works of strings, gravity, loads and dampers up to each time."""
+    """(T,) [J]: the largest of all energies, and works of strings, gravity, loads and dampers, up to each time."""
     strings_work = run.string_energy - run.string_energy[0] - run.winch_work
     terms = (
         run.kinetic_energy,
@@ -465,5 +480,6 @@ def energy_exchanged(run: Trajectory) -> Array:
         run.gravity_energy - run.gravity_energy[0],
         run.external_work,
         run.dissipation,
+        run.bending_energy,
     )
     return np.asarray(np.maximum.accumulate(np.max(np.abs(terms), axis=0)))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.errors import ControllerError, OptionError
 from tensegrity_mj.law import FAILED, NO_SOLUTION, NOT_FINITE, SOLVED, Command, NativeLaw, Report
+from tensegrity_mj.native.motion import PackedMotions, motion_at
 from tensegrity_mj.native.pointers import (
     LOAD_FUNCTION,
     address_of,
@@ -26,6 +27,7 @@ from tensegrity_mj.native.pointers import (
     integers,
     records_reader,
 )
+from tensegrity_mj.native.resistance import PackedResistance, resist
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.strings import StringLaw
 from tensegrity_mj.structure import Structure
@@ -46,7 +48,9 @@ SUSPENDED = 32  # in the continuous mode: the law has no solution, the last admi
 LIMITED, MAX_FORCE_DENSITY, MIN_REST_LENGTH, WINCH_REACH = range(33, 37)
 BREAKING, BREAK_TIMES, BROKEN = range(37, 40)  # how many strings are still to break, when each does, whether it has
 COMPLIANCE = 40  # 1/k
-ENGINE_SLOTS = 41  # an engine's own slots start here
+MOTION_COUNT, MOTIONS, MOVED = 41, 42, 43  # moved supports, their `PackedMotions`, and d, ḋ, d̈ of each (m, 3, 3)
+RESISTANCE = 44  # the table of a `PackedResistance`, 0 for none
+ENGINE_SLOTS = 45  # an engine's own slots start here
 TABLE_SIZE = 96
 
 REPORT_SIZE = len(Report)
@@ -136,7 +140,10 @@ def add_string_forces(table: Any) -> None:
 
 @borrowing
 def set_loads(table: Any, t: float) -> float:
-    """Set the nodal forces to the external ones at time t; returns their power [W]."""
+    """Set the nodal forces to the external ones and those of the resistance at time t.
+
+    Returns the power [W] of the external ones, and of the wind.
+    """
     N = table[NODE_COUNT]
     forces, velocities = floats(table[FORCES], (N, 3)), floats(table[VELOCITIES], (N, 3))
     for n in range(N):
@@ -158,7 +165,17 @@ def set_loads(table: Any, t: float) -> float:
     for n in range(N):
         for x in range(3):
             power += forces[n, x] * velocities[n, x]
+    if table[RESISTANCE]:
+        power += resist(table[RESISTANCE], floats(table[NODES], (N, 3)), velocities, forces)
     return power
+
+
+@borrowing
+def set_motions(table: Any, t: float) -> None:
+    """Where the moved supports are at time t, with their velocities and accelerations."""
+    for number in range(table[MOTION_COUNT]):
+        if motion_at(table[MOTIONS], number, t, table[MOVED] + 72 * number) != 0:
+            table[STATUS] = FAILED
 
 
 @borrowing
@@ -384,6 +401,7 @@ class Plant:
             WINCH: np.zeros(3),  # work of the jumps so far, energy at the start, energy set free by breaking strings
             BREAK_TIMES: break_times(scene),
             BROKEN: np.zeros(M, np.int64),
+            MOVED: np.zeros((len(scene.motions), 3, 3)),
             **{slot: np.zeros(M) for slot in (COMMAND, LENGTH, RATE, TENSION, ELASTIC, SAMPLED_LENGTH)},
         }
         self.table = np.zeros(TABLE_SIZE, np.int64)
@@ -397,8 +415,14 @@ class Plant:
         self.table[LAW], self.table[LAW_CONTEXT] = law.address, law.context
         self.table[MODE] = _MODES[actuation.mode] if law.address else NO_LAW
         self.table[BREAKING] = len(scene.breaks)
+        self.motions = PackedMotions(scene.motions)
+        self.table[MOTION_COUNT], self.table[MOTIONS] = len(scene.motions), self.motions.address
         self._set_limits(structure, actuation)
         self._set_loads(scene)
+        self.resistance = None
+        if scene.resistance is not None:
+            self.resistance = PackedResistance(scene)
+            self.table[RESISTANCE], self.table[LOADED] = self.resistance.address, 1
 
     def _set_limits(self, structure: Structure, actuation: Actuation) -> None:
         # A winch that holds rest lengths from sample to sample moves them once a period.
@@ -453,7 +477,10 @@ class Plant:
 
         Raises:
             ControllerError: with the time, and the exception or the offending value.
+            OptionError, SceneError: what a function of loads or of a support's motion did wrong.
         """
+        if self.motions.failure:
+            raise self.motions.failure[0]
         if self.load_failure:
             error = self.load_failure[0]
             if not isinstance(error, Exception):

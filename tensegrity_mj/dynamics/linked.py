@@ -1,0 +1,326 @@
+"""Rods that share nodes, and moved supports, as records: the coordinates of chapter 3 for any forest of rods.
+
+q is (z, b) of every root and b of every other rod, in the order of the rods: a rod that hangs on another has its place
+from there. So a hanging chain has the thesis' q = (b_1, ..., b_K), and node positions are linear in q. What a moved
+support adds, d(t), moves its whole tree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.dynamics.records import POINT, ROD, Records, point_records, rod_records
+from tensegrity_mj.errors import SceneError
+from tensegrity_mj.joints import Forest, spanning_forest
+from tensegrity_mj.motion import Motion
+from tensegrity_mj.native.pointers import address_of, borrowing, floats, inlined, integers, records_reader
+from tensegrity_mj.native.vectors import ZERO, dot, minus, plus, row_of, times, vector
+from tensegrity_mj.structure import Structure
+
+Array = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# What the forest makes of a rod; one record a rod, parents before children. An end is 0 (node i) or 1 (node j).
+LINK = np.dtype(
+    [
+        ("rod", "i8"),
+        ("nz", "i8"),  # how many z it has in q: none unless it is a root
+        ("hinge", "i8"),  # the end where it hangs on its parent, -1 for a root
+        ("parent", "i8"),  # place of the parent among the links, and the parent's end there
+        ("parent_end", "i8"),
+        ("owns", "i8", (2,)),  # whether the node of this end is placed by this rod, and loads there act on it
+        ("closure", "i8", (2,)),  # the closure that holds this end, or -1
+        ("held", "i8"),  # whether r may not move in all directions that b has
+        ("motion", "i8"),  # the motion of its support, or -1
+        ("drive", "i8"),  # the motion of its tree's root, or -1
+    ],
+    align=True,
+)
+
+_read_rods, _read_links, _read_points = records_reader(ROD), records_reader(LINK), records_reader(POINT)
+
+
+class LinkedArrays(NamedTuple):
+    """What compiled code sees of a `LinkedRecords`.
+
+    Attributes:
+        rods, links, points: records; `q` of a rod is where its coordinates start, z first if it is a root.
+        moved_nodes: (n, 2) row and motion of the fixed nodes that move, and where they are without it (n, 3).
+        gaps: (C, 2, 3) of each closure: how far the other rod's end is from the owner's [m], and its rate [m/s].
+        motions: (m, 3, 3) displacement, velocity and acceleration of the motions now.
+    """
+
+    rods: Any
+    links: Any
+    points: Any
+    moved_nodes: Any
+    bases: Any
+    gaps: Any
+    motions: Any
+
+
+@dataclass(frozen=True, eq=False)
+class LinkedRecords:
+    """Rods of any class, point masses and moved supports as records.
+
+    Attributes:
+        structure: what they are of.
+        forest: see `joints`.
+        rods, links, points: record arrays of `ROD`, `LINK` and `POINT`.
+        nq: number of coordinates; `rod_coordinates` of them are the rods'.
+        arrays: what compiled code sees; `motions` is written before each use, `gaps` by `place_linked`.
+        table: sizes and addresses of `arrays`.
+    """
+
+    structure: Structure
+    forest: Forest
+    rods: Records
+    links: Records
+    points: Records
+    nq: int
+    rod_coordinates: int
+    arrays: LinkedArrays
+    table: IntArray
+
+    @classmethod
+    def of(cls, structure: Structure, motions: Sequence[Motion] = (), moved: Array | None = None) -> LinkedRecords:
+        """The records of a structure.
+
+        Args:
+            structure: of any class.
+            motions: of its supports.
+            moved: (m, 3, 3), where the motions' current values are read from; an own array by default.
+
+        Raises:
+            SceneError: for a motion of a rod that hangs on another one, and so has no support of its own.
+        """
+        forest = spanning_forest(structure)
+        rods, links, offset = rod_records(structure), np.zeros(len(structure.rods), LINK), 0
+        places = np.empty(len(rods), np.int64)
+        places[forest.order] = np.arange(len(rods))
+        for row, record in enumerate(rods):
+            record["q"] = offset
+            link = links[places[row]]
+            hangs = forest.parent[row] >= 0
+            link["rod"], link["nz"] = row, 0 if hangs else record["nz"]
+            link["hinge"], link["parent"], link["parent_end"] = -1, -1, -1
+            if hangs:
+                parent = int(forest.parent[row])
+                link["hinge"], link["parent"] = int(forest.flipped[row]), places[parent]
+                link["parent_end"] = int(rods[parent]["j"] == forest.hinge[row])
+            link["owns"] = [forest.owner[record[end]] == row for end in ("i", "j")]
+            link["closure"] = -1
+            link["held"] = record["nz"] < record["nb"]
+            offset += int(link["nz"] + record["nb"])
+        for number, (node, _, other) in enumerate(forest.closures):
+            links[places[other]]["closure"][int(rods[other]["j"] == node)] = number
+        moved_nodes, bases = _attach_motions(structure, motions, links, places)
+        for link in links:
+            link["drive"] = link["motion"] if link["parent"] < 0 else links[link["parent"]]["drive"]
+        points = point_records(structure, offset)
+        arrays = LinkedArrays(
+            rods,
+            links,
+            points,
+            moved_nodes,
+            bases,
+            np.zeros((len(forest.closures), 2, 3)),
+            np.zeros((len(motions), 3, 3)) if moved is None else moved,
+        )
+        table = np.array([*(len(a) for a in arrays), *(address_of(a) for a in arrays)], np.int64)
+        nq = offset + int(points["nz"].sum())
+        return cls(structure, forest, rods, links, points, nq, offset, arrays, table)
+
+    def coordinates(self, nodes: Array) -> Array:
+        """q (nq,) of node positions (N, 3), or q̇ of node velocities: E is orthogonal to anchors and motions."""
+        q, rods = np.zeros(self.nq), self.rods
+        first, second = nodes[rods["i"]], nodes[rods["j"]]
+        sigma = rods["sigma"][:, None]
+        rows, columns, places = self._translations
+        q[places] = np.einsum("rki,rk->ri", rods["E"], (1 - sigma) * first + sigma * second)[rows, columns]
+        rows, columns, places = self._rotations
+        q[places] = np.einsum("rki,rk->ri", rods["B"], (second - first) / rods["length"][:, None])[rows, columns]
+        for point in self.points:
+            nz, start = int(point["nz"]), int(point["q"])
+            q[start : start + nz] = point["E"][:, :nz].T @ nodes[int(point["node"])]
+        return q
+
+    @cached_property
+    def _translations(self) -> IntArray:
+        """(3, n): rod, component, and place in q of every z of the rods."""
+        found = [
+            (link["rod"], k, self.rods[link["rod"]]["q"] + k) for link in self.links for k in range(int(link["nz"]))
+        ]
+        return np.array(found, np.int64).reshape(-1, 3).T
+
+    @cached_property
+    def _rotations(self) -> IntArray:
+        """(3, n): the same of every component of b."""
+        found = [
+            (link["rod"], k, self.rods[link["rod"]]["q"] + link["nz"] + k)
+            for link in self.links
+            for k in range(int(self.rods[link["rod"]]["nb"]))
+        ]
+        return np.array(found, np.int64).reshape(-1, 3).T
+
+    def place(self, q: Array, rates: Array) -> tuple[Array, Array]:
+        """Node positions and velocities (N, 3) of q and q̇ (nq,), with the motions as they are now."""
+        nodes, velocities = self.structure.positions.copy(), np.zeros_like(self.structure.positions)
+        place_linked(address_of(self.table), q, rates, nodes, velocities)
+        return nodes, velocities
+
+    def node_accelerations(self, accelerations: Array) -> Array:
+        """(N, 3) [m/s²] of q̈ (nq,), with the motions' accelerations as they are now."""
+        velocities = self.arrays.motions[:, 1].copy()
+        self.arrays.motions[:, 1] = self.arrays.motions[:, 2]
+        out = self.place(np.zeros(self.nq), accelerations)[1]
+        self.arrays.motions[:, 1] = velocities
+        return out
+
+
+def _attach_motions(
+    structure: Structure, motions: Sequence[Motion], links: Records, places: IntArray
+) -> tuple[IntArray, Array]:
+    """Write the motions of rods into their links; rows and motions (n, 2) of moved fixed nodes, and their places."""
+    links["motion"] = -1
+    rods = {rod.name: row for row, rod in enumerate(structure.rods)}
+    nodes = []
+    for number, motion in enumerate(motions):
+        if motion.support in rods:
+            link = links[places[rods[motion.support]]]
+            if link["parent"] >= 0:
+                raise SceneError(
+                    f"motion of '{motion.support}': this rod hangs on others and has no support that holds it: move "
+                    "the support of a pinned or constrained rod"
+                )
+            link["motion"] = number
+        else:
+            nodes.append((structure.node_index[motion.support], number))
+    rows = np.array(nodes, np.int64).reshape(-1, 2)
+    return rows, structure.positions[rows[:, 0]].copy()
+
+
+@inlined
+def read_linked(address: int) -> Any:
+    """The arrays of a `LinkedRecords`."""
+    table = integers(address, (14,))
+    return LinkedArrays(
+        _read_rods(table[7], table[0]),
+        _read_links(table[8], table[1]),
+        _read_points(table[9], table[2]),
+        integers(table[10], (table[3], 2)),
+        floats(table[11], (table[4], 3)),
+        floats(table[12], (table[5], 2, 3)),
+        floats(table[13], (table[6], 3, 3)),
+    )
+
+
+@inlined
+def direction_of(rod: Any, q: Any, at: int) -> Any:
+    """b = B β in world components, β from place `at` of q on."""
+    B = rod.B
+    if rod.nb == 3:
+        return q[at], q[at + 1], q[at + 2]
+    x, y = q[at], q[at + 1]
+    return B[0, 0] * x + B[0, 1] * y, B[1, 0] * x + B[1, 1] * y, B[2, 0] * x + B[2, 1] * y
+
+
+@inlined
+def _along(rod: Any, nz: int, q: Any) -> Any:
+    """E z in world components."""
+    E, at, out = rod.E, rod.q, ZERO
+    for p in range(nz):
+        out = plus(out, (E[0, p] * q[at + p], E[1, p] * q[at + p], E[2, p] * q[at + p]))
+    return out
+
+
+@inlined
+def _write(row: Any, v: Any, array: Any) -> None:
+    array[row, 0], array[row, 1], array[row, 2] = v[0], v[1], v[2]
+
+
+@borrowing
+def place_linked(address: int, q: Any, rates: Any, nodes: Any, velocities: Any) -> None:
+    """Node positions and velocities (N, 3) of q and q̇; fixed nodes that do not move are left as they are.
+
+    A node that several rods share is placed by the first of them in the forest; how far another's end is from it is
+    written into `gaps` where a closure holds it there, and is zero elsewhere.
+    """
+    linked = read_linked(address)
+    for k in range(len(linked.links)):
+        link = linked.links[k]
+        rod = linked.rods[link.rod]
+        at = rod.q + link.nz
+        b, b_rate = direction_of(rod, q, at), direction_of(rod, rates, at)
+        if link.hinge == 0:
+            xi, vi = row_of(nodes, rod.i), row_of(velocities, rod.i)
+            xj, vj = plus(xi, times(rod.length, b)), plus(vi, times(rod.length, b_rate))
+        elif link.hinge == 1:
+            xj, vj = row_of(nodes, rod.j), row_of(velocities, rod.j)
+            xi, vi = minus(xj, times(rod.length, b)), minus(vj, times(rod.length, b_rate))
+        else:
+            r, r_rate = plus(vector(rod.anchor), _along(rod, link.nz, q)), _along(rod, link.nz, rates)
+            if link.motion >= 0:
+                moved = linked.motions[link.motion]
+                r, r_rate = plus(r, row_of(moved, 0)), plus(r_rate, row_of(moved, 1))
+            back, ahead = rod.sigma * rod.length, (1.0 - rod.sigma) * rod.length
+            xi, vi = minus(r, times(back, b)), minus(r_rate, times(back, b_rate))
+            xj, vj = plus(r, times(ahead, b)), plus(r_rate, times(ahead, b_rate))
+        if link.owns[0]:
+            _write(rod.i, xi, nodes)
+            _write(rod.i, vi, velocities)
+        elif link.closure[0] >= 0:
+            gap = linked.gaps[link.closure[0]]
+            _write(0, minus(xi, row_of(nodes, rod.i)), gap)
+            _write(1, minus(vi, row_of(velocities, rod.i)), gap)
+        if link.owns[1]:
+            _write(rod.j, xj, nodes)
+            _write(rod.j, vj, velocities)
+        elif link.closure[1] >= 0:
+            gap = linked.gaps[link.closure[1]]
+            _write(0, minus(xj, row_of(nodes, rod.j)), gap)
+            _write(1, minus(vj, row_of(velocities, rod.j)), gap)
+    for n in range(len(linked.moved_nodes)):
+        node, moved = linked.moved_nodes[n, 0], linked.motions[linked.moved_nodes[n, 1]]
+        _write(node, plus(row_of(linked.bases, n), row_of(moved, 0)), nodes)
+        _write(node, row_of(moved, 1), velocities)
+    for a in range(len(linked.points)):
+        point = linked.points[a]
+        for k in range(3):
+            x, v = point.anchor[k], 0.0
+            for p in range(point.nz):
+                x += point.E[k, p] * q[point.q + p]
+                v += point.E[k, p] * rates[point.q + p]
+            nodes[point.node, k], velocities[point.node, k] = x, v
+
+
+@borrowing
+def normalize_linked(address: int, q: Any, rates: Any) -> None:
+    """(3.23)-(3.24): b to unit length, ḃ orthogonal to it."""
+    linked = read_linked(address)
+    for k in range(len(linked.links)):
+        link = linked.links[k]
+        rod = linked.rods[link.rod]
+        at = rod.q + link.nz
+        square, along = 0.0, 0.0
+        for p in range(rod.nb):
+            square += q[at + p] * q[at + p]
+        norm = np.sqrt(square)
+        for p in range(rod.nb):
+            q[at + p] /= norm
+            along += q[at + p] * rates[at + p]
+        for p in range(rod.nb):
+            rates[at + p] -= along * q[at + p]
+
+
+@inlined
+def stretch_term(b: Any, b_rate: Any, kp: float, kd: float) -> float:
+    """c of bᵀb̈ = -c bᵀb: (‖ḃ‖² + k_d bᵀḃ + k_p (bᵀb - 1)/2) / ‖b‖², (3.26)."""
+    square = dot(b, b)
+    return (dot(b_rate, b_rate) + kd * dot(b, b_rate) + 0.5 * kp * (square - 1.0)) / square

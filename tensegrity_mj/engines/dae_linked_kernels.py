@@ -1,0 +1,124 @@
+"""The compiled equations of rods that share nodes and of moved supports, as the integrators call them.
+
+State y: q and q̇ of `dynamics.linked`, the time where supports move (so that a state alone says where its nodes are),
+and the work integrals of the energy ledger, of which the last counts what moves the supports, too.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+
+from tensegrity_mj.dynamics.joint_forces import joint_accelerations, largest_gap, project_linked
+from tensegrity_mj.dynamics.linked import place_linked
+from tensegrity_mj.engines.integration_kernels import (
+    MODEL_SLOTS,
+    MULTIPLIERS,
+    RATES_SIGNATURE,
+    STATE_SIGNATURE,
+    STATE_SIZE,
+    WORK,
+    pull_strings,
+)
+from tensegrity_mj.law import SOLVED
+from tensegrity_mj.native.plant import (
+    FORCES,
+    MOTION_COUNT,
+    NODE_COUNT,
+    NODES,
+    TABLE_SIZE,
+    VELOCITIES,
+    set_loads,
+    set_motions,
+)
+from tensegrity_mj.native.pointers import borrowing, floats, integers
+
+LINKED, JOINTS, TREE, BLOCKS, Q_SIZE, CONSTANTS, ROD_COUNT, CLOSURE_COUNT = range(MODEL_SLOTS, MODEL_SLOTS + 8)
+EXTRA = 2  # behind λ where there are closures: the largest gap [m] and its rate [m/s]
+
+
+@borrowing
+def place_at(t: float, y: Any, table: Any) -> None:
+    """Motions, nodes and velocities of a state at a time."""
+    N, nq = table[NODE_COUNT], table[Q_SIZE]
+    if table[MOTION_COUNT] > 0:
+        set_motions(table, t)
+    nodes, velocities = floats(table[NODES], (N, 3)), floats(table[VELOCITIES], (N, 3))
+    place_linked(table[LINKED], y[:nq], y[nq : 2 * nq], nodes, velocities)
+
+
+@borrowing
+def before(t: float, y: Any, dy: Any, table: Any) -> int:
+    """Everything but the accelerations; the law's answer."""
+    nq, work = table[Q_SIZE], len(y) - WORK
+    place_at(t, y, table)
+    dy[work + 2] = set_loads(table, t)
+    status = pull_strings(t, dy[work : work + 2], table)
+    for k in range(nq):
+        dy[k] = y[nq + k]
+    if table[MOTION_COUNT] > 0:
+        dy[2 * nq] = 1.0
+    return status
+
+
+@borrowing
+def after(table: Any) -> None:
+    """The gaps of closures behind λ."""
+    if table[CLOSURE_COUNT] > 0:
+        R = table[ROD_COUNT]
+        observed = floats(table[MULTIPLIERS], (R + EXTRA,))
+        observed[R], observed[R + 1] = largest_gap(table[LINKED], 0), largest_gap(table[LINKED], 1)
+
+
+@numba.cfunc(RATES_SIGNATURE, cache=True, error_model="numpy")
+def linked_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
+    """By joint forces, in O(K)."""
+    table = integers(table_at, (TABLE_SIZE,))
+    N, nq, size = table[NODE_COUNT], table[Q_SIZE], table[STATE_SIZE]
+    y, dy = floats(y_at, (size,)), floats(dy_at, (size,))
+    status = before(t, y, dy, table)
+    constants = floats(table[CONSTANTS], (5,))
+    dy[size - 1] += joint_accelerations(
+        table[LINKED],
+        table[JOINTS],
+        y[:nq],
+        y[nq : 2 * nq],
+        floats(table[FORCES], (N, 3)),
+        constants,
+        constants[3],
+        constants[4],
+        floats(table[BLOCKS], (3, 3, 3)),
+        dy[nq : 2 * nq],
+        floats(table[MULTIPLIERS], (table[ROD_COUNT],)),
+    )
+    after(table)
+    return status
+
+
+@numba.cfunc(STATE_SIGNATURE, cache=True, error_model="numpy")
+def linked_place(y_at, table_at):  # type: ignore[no-untyped-def]
+    table = integers(table_at, (TABLE_SIZE,))
+    y = floats(y_at, (table[STATE_SIZE],))
+    place_at(y[2 * table[Q_SIZE]], y, table)
+    return SOLVED
+
+
+@numba.cfunc(STATE_SIGNATURE, cache=True, error_model="numpy")
+def linked_project(y_at, table_at):  # type: ignore[no-untyped-def]
+    """Lengths and closures of a state."""
+    table = integers(table_at, (TABLE_SIZE,))
+    N, nq = table[NODE_COUNT], table[Q_SIZE]
+    y = floats(y_at, (table[STATE_SIZE],))
+    if table[MOTION_COUNT] > 0:
+        set_motions(table, y[2 * nq])
+    project_linked(
+        table[LINKED],
+        table[JOINTS],
+        y[:nq],
+        y[nq : 2 * nq],
+        floats(table[BLOCKS], (3, 3, 3)),
+        floats(table[NODES], (N, 3)),
+        floats(table[VELOCITIES], (N, 3)),
+    )
+    return SOLVED

@@ -1,0 +1,93 @@
+"""A cable held at both ends: the rope of the thesis' chapter 3 as a chain that sags, a closed loop with the ground."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.checks import finite, positive
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.families.arguments import whole
+from tensegrity_mj.families.cable import GRAVITY, ROPE_LENGTH, ROPE_RADIUS, RopeMass
+from tensegrity_mj.families.cross import THESIS
+from tensegrity_mj.families.hanging import hang
+from tensegrity_mj.motion import Motion
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.structure import Rod, Structure, Support
+
+Array = NDArray[np.float64]
+
+
+def suspended_cable(
+    elements: int = 22,
+    *,
+    span: float = 2.0,
+    rise: float = 0.0,
+    length: float = ROPE_LENGTH,
+    mass: float = RopeMass.TABLE.kilograms,
+    amplitude: float = 0.03,
+    frequency: float = 0.6,
+    gravity: float = GRAVITY,
+    duration: float = 10.0,
+    name: str = "suspended_cable",
+) -> Scene:
+    """A chain of equal rods between two supports, at the start where it hangs; the right support moves to and fro.
+
+    The left support is the origin, the right one at (span, 0, rise); it moves along x by amplitude · sin(2πft).
+
+    Args:
+        elements: rods, 3 or more.
+        span, rise: of the right support [m].
+        length, mass: of the cable [m], [kg].
+        amplitude: of the right support [m]; 0 for supports that stand still.
+        frequency: of the right support [Hz].
+        gravity: [m/s²].
+        duration: [s].
+        name: of scene and structure.
+
+    Raises:
+        OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such scene.
+    """
+    count = whole("suspended_cable: elements", elements, 3)
+    total = positive("suspended_cable: length", length, "m")
+    reach = positive("suspended_cable: span", span, "m")
+    height = finite("suspended_cable: rise", rise, " [m]")
+    size = finite("suspended_cable: amplitude", amplitude, " [m]")
+    positive("suspended_cable: mass", mass, "kg")
+    if size < 0:
+        raise OptionError(f"suspended_cable: amplitude = {amplitude!r} m; it must be >= 0 m")
+    farthest = math.hypot(reach + size, height)
+    if not farthest < total:
+        raise OptionError(
+            f"suspended_cable: length = {length!r} m; it must exceed the {farthest:.6g} m that the supports come to be "
+            "apart"
+        )
+    along = np.linspace(0.0, 1.0, count + 1)
+    # A parabola of about the cable's length, seen along the chord.
+    sag = math.sqrt(3 / 8 * max(total**2 - reach**2 - height**2, 0.0)) / math.sqrt(2)
+    guess = np.column_stack([reach * along, 0 * along, height * along - 4 * sag * along * (1 - along)])
+    pairs = [(k, k + 1) for k in range(count)]
+    shape = hang(guess, pairs, np.full(count, total / count), np.full(count, mass / count), (0, count), gravity)
+    motions: tuple[Motion, ...] = ()
+    if size:
+        hertz = positive("suspended_cable: frequency", frequency, "Hz")
+        motions = (Motion.in_line(f"rod{count}", size, hertz, (1.0, 0.0, 0.0)),)
+    held = {0: Support.pinned(0.0), count - 1: Support.pinned(1.0)}
+    structure = Structure(
+        name=name,
+        nodes={f"n{k}": (float(x), 0.0, float(z)) for k, (x, _, z) in enumerate(shape.nodes)},
+        rods=tuple(
+            Rod(f"rod{k + 1}", (f"n{k}", f"n{k + 1}"), mass / count, ROPE_RADIUS, held.get(k, Support.free(0.0)))
+            for k in range(count)
+        ),
+    )
+    return Scene(
+        structure,
+        name=name,
+        source=f"our own; the rope of {THESIS}, section 3.3, pages 66-69",
+        gravity=(0.0, 0.0, -gravity),
+        motions=motions,
+        duration=duration,
+    )
