@@ -139,6 +139,7 @@ def test_figure_of_single_elements_without_any_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.study
 def test_all_rows_of_chapter_3_are_reproduced_or_explained(tmp_path: Path) -> None:
     """Everything, in both engines; known differences are still there; the doc has the same values."""
     from test_reproduce import DOC, lines_of
