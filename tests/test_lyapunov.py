@@ -185,3 +185,15 @@ def test_residual_prestress_is_kept():
     assert run.status is tmj.Status.COMPLETED
     assert run.force_densities.min() >= 0.02 * (1 - 1e-12)
     assert run.lyapunov == pytest.approx(run.lyapunov[0] * np.exp(-run.time), rel=1e-7)  # 100 rtol
+
+
+@pytest.mark.parametrize("engine", [tmj.DAE(), tmj.MuJoCo(1e-3)], ids=["DAE", "MuJoCo"])
+def test_a_support_that_moves_is_not_known_to_the_law(engine) -> None:
+    scene = tmj.load_scene("pinned_rod")
+    law = tmj.controllers.from_scene(scene)
+    moved = scene.with_(motions=(tmj.Motion.in_line("rod", 0.01, 0.2, (1.0, 0.0, 0.0)),))
+    told = [
+        text for text in tmj.simulate(moved, law, engine, duration=0.05).reports["warnings"] if "'rod' moves" in text
+    ]
+    assert len(told) == 1
+    assert not tmj.simulate(scene, law, engine, duration=0.05).reports["warnings"]

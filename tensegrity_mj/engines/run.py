@@ -277,6 +277,8 @@ def _reports(request: Request, run: Trajectory) -> dict[str, Any]:
     known = request.law.gravity
     if known is not None and known != run.scene.gravity:
         warnings.append(f"the law reckons with gravity {known}, the scene has {run.scene.gravity} m/s²")
+    if known is not None and run.scene.motions:
+        warnings.append(f"the law reckons with supports at rest, and '{run.scene.motions[0].support}' moves")
     decay_error, since = _decay_error(request, run)
     if decay_error is not None and decay_error > DECAY_WARNING and not request.sampled:
         warnings.append(
