@@ -45,7 +45,6 @@ from tensegrity_mj.native.pointers import (
     floats,
     inlined,
     integers,
-    owning,
     records_reader,
     stack_doubles,
 )
@@ -95,7 +94,7 @@ class Onto(enum.Enum):
 
 PLAIN, ONTO_CURRENT, ONTO_TARGET = 0, 1, 2  # the same in compiled code
 UNBOUNDED, FIXED, OF_STATE = 0, 1, 2  # thresholds and ceilings: none at all, constant, or ceilings of the state
-TABLE_SIZE = 15
+TABLE_SIZE = 16
 
 
 class Terms(NamedTuple):
@@ -231,10 +230,15 @@ def quadratic_terms(
 
 
 @inlined
+def _room(nodes: int, strings: int) -> int:
+    return 3 * nodes + 2 * strings
+
+
+@inlined
 def _evaluate(
     t: float, nodes_at: int, velocities_at: int, table: Any, command_at: int, report_at: int, room: int
 ) -> int:
-    """The law; `room` is the address of 3 N + 2 M numbers of scratch."""
+    """The law; `room` is the address of scratch, `_room` numbers."""
     count, size, kind, bounds = table[0], table[1], table[2], table[3]
     rods, points = _read_rods(table[4], table[5]), _read_points(table[6], table[7])
     gains = _read_gains(table[8], table[5] + table[7])
@@ -276,21 +280,11 @@ def _evaluate(
     return SOLVED if margin > 0.0 else NO_SOLUTION
 
 
-@owning
-def _evaluate_on_heap(t: float, nodes_at: int, velocities_at: int, table: Any, command_at: int, report_at: int) -> int:
-    heap = np.empty(3 * table[0] + 2 * table[1])
-    status = _evaluate(t, nodes_at, velocities_at, table, command_at, report_at, heap.ctypes.data)
-    heap[0] = 0.0  # alive until here
-    return status
-
-
 @numba.cfunc(LAW_SIGNATURE, cache=True, error_model="numpy")
 def _law(t, nodes_at, velocities_at, context, command_at, report_at):  # type: ignore[no-untyped-def]
     table = integers(context, (TABLE_SIZE,))
-    room = 3 * table[0] + 2 * table[1]
-    if room > STACK_LIMIT:
-        return _evaluate_on_heap(t, nodes_at, velocities_at, table, command_at, report_at)
-    return _evaluate(t, nodes_at, velocities_at, table, command_at, report_at, stack_doubles(room))
+    room = table[15] if table[15] else stack_doubles(_room(table[0], table[1]))
+    return _evaluate(t, nodes_at, velocities_at, table, command_at, report_at, room)
 
 
 class QuadraticForm:
@@ -366,6 +360,9 @@ class QuadraticForm:
     @cached_property
     def compiled(self) -> NativeLaw:
         """The compiled law."""
+        return self._compile()
+
+    def _compile(self) -> NativeLaw:
         own, packed = self.structure, self._packed
         string_nodes = np.array(own.string_nodes)
         settings = np.array([self.decay_rate, self.norm, *self.gravity], float)
@@ -378,14 +375,18 @@ class QuadraticForm:
         table[8:11] = address_of(packed.gains), address_of(string_nodes), packed.target.address
         table[11:14] = address_of(settings), address_of(self.floor), address_of(self.limits.packed)
         table[14] = address_of(packed.standing)
+        # Scratch lies on the stack, which each thread has, or is the law's own where it is too large for that.
+        room = _room(len(own.nodes), len(own.strings))
+        scratch = np.empty(room if room > STACK_LIMIT else 0)
+        table[15] = address_of(scratch) if len(scratch) else 0
         return NativeLaw(
             address=_law.address,
             context=address_of(table),
-            keep=(self, packed, string_nodes, settings, table),
+            keep=(self, packed, string_nodes, settings, table, scratch),
             discontinuous=self.discontinuous,
             gravity=self.gravity,
             decay_rate=self.decay_rate,
-            stateless=True,
+            stateless=len(scratch) == 0,
         )
 
     def native(self, structure: Structure) -> NativeLaw:
@@ -395,7 +396,7 @@ class QuadraticForm:
             OptionError: for any other.
         """
         check_made_for(self.structure, structure)
-        return self.compiled
+        return self.compiled if self.compiled.stateless else self._compile()
 
     def evaluate(self, time: float, nodes: Array, velocities: Array) -> tuple[Array, Array]:
         """u (M,) [N/m] and the report (see `law.Report`) at one state."""

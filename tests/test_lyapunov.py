@@ -197,3 +197,20 @@ def test_a_support_that_moves_is_not_known_to_the_law(engine) -> None:
     ]
     assert len(told) == 1
     assert not tmj.simulate(scene, law, engine, duration=0.05).reports["warnings"]
+
+
+def test_a_law_too_large_for_the_stack_has_room_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    from tensegrity_mj.controllers import quadratic_form
+
+    scene = tmj.load_scene("prism")
+    engine = tmj.MuJoCo(1e-3)
+    on_stack = tmj.simulate(scene, tmj.controllers.from_scene(scene), engine, duration=0.1)
+    monkeypatch.setattr(quadratic_form, "STACK_LIMIT", 10)
+    law = tmj.controllers.from_scene(scene)
+    first, second = law.native(scene.structure), law.native(scene.structure)
+    assert not first.stateless
+    assert first.context != second.context  # each run has its own
+    np.testing.assert_array_equal(tmj.simulate(scene, law, engine, duration=0.1).nodes, on_stack.nodes)
+    many = tmj.simulate_many([scene] * 3, law, engine, duration=0.1, threads=2)
+    for run in many:
+        np.testing.assert_array_equal(run.nodes, on_stack.nodes)
