@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import numbers
 from typing import Any
@@ -30,9 +31,12 @@ def finite(what: str, value: Any, more: str = "") -> float:
     Raises:
         OptionError: naming what it is and its value.
     """
-    if not isinstance(value, numbers.Real) or isinstance(value, (bool, np.bool_)) or not math.isfinite(value):
-        raise OptionError(f"{what} = {value!r}; it must be a finite number{more}")
-    return float(value)
+    if isinstance(value, numbers.Real) and not isinstance(value, (bool, np.bool_)):
+        with contextlib.suppress(OverflowError):  # of an integer beyond all floats
+            number = float(value)
+            if math.isfinite(number):
+                return number
+    raise OptionError(f"{what} = {value!r}; it must be a finite number{more}")
 
 
 def real_array(

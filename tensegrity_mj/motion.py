@@ -142,9 +142,10 @@ class Motion:
         object.__setattr__(self, "harmonics", tuple(_plain_harmonic(what, item) for item in harmonics))
         if self.function is not None and not callable(self.function):
             raise SceneError(f"{what}: function = {self.function!r}; it must be a function t -> (3, 3)")
-        if self.function is not None and (self.harmonics or self.times):
+        data = self.times or self.displacements or self.velocities or self.accelerations
+        if self.function is not None and (self.harmonics or data):
             raise SceneError(f"{what}: a function stands alone: leave its harmonics and data out, or add them to it")
-        if self.function is None and not self.harmonics and not self.times:
+        if self.function is None and not self.harmonics and not data:
             raise SceneError(f"{what}: nothing says how it moves; give harmonics, data or a function")
         self._check_data(what)
 
@@ -201,9 +202,10 @@ class Motion:
         except Exception as error:
             raise SceneError(f"{where} failed at t = {time:.6g} s: {type(error).__name__}: {error}") from error
         if value.shape != (3, 3) or not np.all(np.isfinite(value)):
+            gave = f"shape {value.shape}" if value.shape != (3, 3) else f"{value.tolist()}"
             raise SceneError(
-                f"{where} gave shape {value.shape} at t = {time:.6g} s; it must give finite (3, 3): displacement, "
-                "velocity, acceleration"
+                f"{where} gave {gave} at t = {time:.6g} s; it must give finite (3, 3): displacement, velocity, "
+                "acceleration"
             )
         return value
 
@@ -307,13 +309,20 @@ def _plain_harmonic(what: str, item: Any) -> Harmonic:
         raise SceneError(f"{what}: {item!r} is no Harmonic(amplitude, angular_frequency, phase)")
     amplitude = _rows(f"{what}: amplitude", [item.amplitude], 3)[0]
     omega = _number(f"{what}: angular_frequency", item.angular_frequency)
+    with np.errstate(over="ignore", invalid="ignore"):
+        acceleration = np.float64(omega) ** 2 * np.array(amplitude)
+    if not np.all(np.isfinite(acceleration)):
+        raise SceneError(
+            f"{what}: amplitude {list(amplitude)} m at {omega:g} rad/s has no finite acceleration; make both smaller"
+        )
     return Harmonic(amplitude, omega, _number(f"{what}: phase", item.phase))
 
 
 def _rows(what: str, values: Any, width: int) -> tuple[Any, ...]:
     """The values as a tuple of finite numbers, or of vectors where `width` is 3."""
     try:
-        array = np.array(values, float)
+        given = np.array(values)
+        array = given.astype(float) if given.dtype.kind in "iuf" else np.array(np.nan)
     except (TypeError, ValueError, OverflowError):
         array = np.array(np.nan)
     if array.shape in ((0,), (0, width)):
@@ -336,7 +345,8 @@ def _number(what: str, value: Any) -> float:
 
 def _direction(what: str, values: ArrayLike) -> Array:
     row = np.array(_rows(f"{what}: direction", [values], 3)[0])
-    length = float(np.linalg.norm(row))
+    with np.errstate(over="ignore", under="ignore"):
+        length = float(np.linalg.norm(row))
     if not 0 < length < np.inf:
         raise SceneError(f"{what}: direction = {_shortened(values)}; its length must be neither zero nor infinite")
     return row / length

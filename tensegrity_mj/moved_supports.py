@@ -139,7 +139,7 @@ def _common(structure: Structure, cluster: Sequence[int], starts: dict[str, Arra
     rows, values = np.concatenate(held), np.concatenate([D @ v for D, v in zip(held, own, strict=True)])
     limit = TOLERANCE * float(np.abs(values).max(initial=0.0))
     # One of them as it is, rather than with the round-off of a solution.
-    for vector in sorted(own, key=lambda v: -float(np.linalg.norm(v))):
+    for vector in sorted(own, key=lambda v: -float(np.abs(v).max())):
         if np.all(np.abs(rows @ vector - values) <= limit * 1e-6):
             return vector, True
     vector = np.linalg.lstsq(rows, values, rcond=1e-12)[0]
@@ -150,24 +150,23 @@ def _projected(
     structure: Structure, nodes: Array, cluster: Sequence[int], rows: list[int], starts: dict[str, Array], given: Array
 ) -> Array:
     """The velocities (n, 3) of a cluster nearest to those given, in its kinetic energy, that keep its constraints."""
-    place = {row: 3 * k for k, row in enumerate(rows)}
+    place = {row: k for k, row in enumerate(rows)}
     size = 3 * len(rows)
-    mass = np.zeros((size, size))
+    mass = np.zeros((len(rows), len(rows)))  # the same for each component
     lines: list[Array] = []
     values: list[float] = []
 
     def require(terms: Sequence[tuple[int, Array]], value: float) -> None:
         line = np.zeros(size)
         for node, part in terms:
-            line[place[node] : place[node] + 3] += part
+            line[3 * place[node] : 3 * place[node] + 3] += part
         lines.append(line)
         values.append(value)
 
     for number in cluster:
         rod, (i, j) = structure.rods[number], (int(row) for row in structure.rod_nodes[number])
         for one, other, share in ((i, i, 1 / 3), (i, j, 1 / 6), (j, i, 1 / 6), (j, j, 1 / 3)):
-            block = np.s_[place[one] : place[one] + 3, place[other] : place[other] + 3]
-            mass[block] += share * rod.mass * np.eye(3)
+            mass[place[one], place[other]] += share * rod.mass
         b = (nodes[j] - nodes[i]) / np.linalg.norm(nodes[j] - nodes[i])
         require([(i, -b), (j, b)], 0.0)
         support = rod.support
@@ -183,10 +182,7 @@ def _projected(
     largest = max(float(np.abs(given).max(initial=0.0)), float(np.abs(np.array(values)).max(initial=0.0)))
     if np.abs(missing).max() <= 1e-6 * TOLERANCE * largest:
         return given  # they fit, but for round-off
-    root = np.linalg.cholesky(mass)
-    # y = Lᵀ dv of least length with C L⁻ᵀ y = missing.
-    scaled = np.linalg.solve(root, C.T).T
-    change = np.linalg.solve(root.T, np.linalg.lstsq(scaled, missing, rcond=1e-12)[0])
+    change = _least_energy(mass, C, missing, 1e-3 * TOLERANCE * largest)
     left = float(np.abs(C @ change - missing).max(initial=0.0))
     if left > TOLERANCE * largest:
         names = ", ".join(f"'{rod.name}'" for rod in _held_rods(structure, cluster))
@@ -195,6 +191,25 @@ def _projected(
             f"by {left:.3g} m/s): choose motions or a start that the structure allows"
         )
     return np.asarray(given + change.reshape(-1, 3))
+
+
+def _least_energy(mass: Array, C: Array, missing: Array, limit: float) -> Array:
+    """dv (3n,) of the least dvᵀ (m ⊗ 1) dv with C dv = missing, or as near to it as can be; m (n, n), C (L, 3n)."""
+    count = len(mass)
+    columns = C.reshape(-1, count, 3).transpose(1, 0, 2).reshape(count, -1)
+    moved = np.linalg.solve(mass, columns).reshape(count, -1, 3).transpose(1, 0, 2).reshape(len(C), -1)  # C M⁻¹
+    blows = C @ moved.T
+    try:
+        change = moved.T @ np.linalg.solve(blows, missing)
+        change = change + moved.T @ np.linalg.solve(blows, missing - C @ change)
+        if np.abs(C @ change - missing).max() <= limit:
+            return np.asarray(change)
+    except np.linalg.LinAlgError:
+        pass
+    # Constraints that repeat each other. y = Lᵀ dv of least length with C L⁻ᵀ y = missing:
+    root = np.kron(np.linalg.cholesky(mass), np.eye(3))
+    scaled = np.linalg.solve(root, C.T).T
+    return np.asarray(np.linalg.solve(root.T, np.linalg.lstsq(scaled, missing, rcond=1e-12)[0]))
 
 
 def _held_rods(structure: Structure, cluster: Sequence[int]) -> list[Rod]:
@@ -223,7 +238,7 @@ def _instants(scene: Scene) -> Array:
 def _check_held(what: str, rod: Rod, displacements: Array) -> None:
     held = held_directions(rod)
     off = displacements - displacements @ held.T @ held
-    lengths, largest = np.linalg.norm(off, axis=1), np.linalg.norm(displacements, axis=1)
+    lengths, largest = np.abs(off).max(axis=1), np.abs(displacements).max(axis=1)
     if np.any(lengths > TOLERANCE * largest.max(initial=0.0)):
         worst = displacements[int(np.argmax(lengths))]
         along = "nowhere: it is free" if not len(held) else f"along {np.round(held, 9).tolist()} only"

@@ -30,7 +30,7 @@ from tensegrity_mj.families.cable import (
 )
 from tensegrity_mj.families.hanging import hang
 from tensegrity_mj.families.net import Held, net
-from tensegrity_mj.families.suspended_cable import suspended_cable
+from tensegrity_mj.families.suspended_cable import catenary, suspended_cable
 from tensegrity_mj.families.truss_arm import truss_arm
 from tensegrity_mj.motion import Harmonic, Motion
 from tensegrity_mj.prestress import equilibrium_residual, free_motions, self_stress, static_forces
@@ -241,6 +241,33 @@ def test_many_rods_hang_as_a_catenary() -> None:
     assert misses[1] / misses[2] == pytest.approx(4, rel=0.1)
 
 
+@pytest.mark.parametrize(
+    ("count", "span", "rise"),
+    [(2000, 2.0, 0.3), (22, 1e-300, 0.0), (21, 1e-3, 0.0), (40, 0.1, -2.6), (22, 2.75 - 1e-9, 0.0)],
+)
+def test_fine_folded_steep_and_taut_cables_hang(count: int, span: float, rise: float) -> None:
+    scene = suspended_cable(count, span=span, rise=rise, amplitude=0.0)
+    rows = [(k, k + 1) for k in range(count)]
+    # From where it hangs nothing has to move: that is what an equilibrium is.
+    again = hang(scene.nodes0, rows, 2.75 / count, 0.165 / count, (0, count)).nodes
+    # A fold less wide than its rods are long turns about its lowest joints by little: their height is of second order.
+    np.testing.assert_allclose(scene.nodes0[:, 2], again[:, 2], atol=1e-9)
+    np.testing.assert_allclose(scene.nodes0[[0, -1]], [[0, 0, 0], [span, 0, rise]], atol=1e-15)
+    np.testing.assert_allclose(scene.structure.rod_lengths, 2.75 / count, rtol=1e-10)
+
+
+@pytest.mark.parametrize(("span", "rise"), [(2.0, 0.0), (0.3, 1.0), (1.0, -2.0)])
+def test_the_catenary_has_its_length_and_its_curvature(span: float, rise: float) -> None:
+    nodes = catenary(span, rise, 2.75, 4000)
+    steps = np.diff(nodes[:, [0, 2]], axis=0)
+    # Chords of a smooth curve are short by (length / count)² / 24 curvature², here 2e-8 / a² of the whole.
+    np.testing.assert_allclose(nodes[[0, -1]], [[0, 0, 0], [span, 0, rise]], atol=1e-14)
+    assert np.linalg.norm(steps, axis=1).sum() == pytest.approx(2.75, rel=1e-5)
+    # Equal weights: the slope grows by the same for each step, as horizontal pull times slope is the weight below.
+    slopes = np.diff(steps[:, 1] / steps[:, 0])
+    np.testing.assert_allclose(slopes, slopes.mean(), rtol=1e-3)
+
+
 def unbalanced(structure: Structure, held: list[int]) -> float:
     """The largest force [N] left on a joint when rods carry what they can, their weights on their ends."""
     i, j = structure.rod_nodes.T
@@ -398,6 +425,32 @@ def test_no_equilibrium_is_said() -> None:
         hang([[0, 0, 0], [1, 0, 0], [3, 0, 0]], [(0, 1), (1, 2)], 1.0, 1.0, (0, 2))
 
 
+N3 = [[0, 0, 0], [0.9, 0, -0.1], [1.8, 0, 0]]
+TWO = [(0, 1), (1, 2)]
+
+
+@pytest.mark.parametrize(
+    ("nodes", "rods", "lengths", "masses", "held", "said"),
+    [
+        (N3, TWO, 1.0, 1.0, (0, 7), "held = (0, 7); they must be node rows, integers from 0 to 2"),
+        (N3, TWO, 1.0, 1.0, (-1, 0), "held = (-1, 0)"),
+        (N3, TWO, 1.0, 1.0, (), "0 held nodes"),
+        (N3, [(0, 1), (1, 9)], 1.0, 1.0, (0, 2), "rods = [(0, 1), (1, 9)]"),
+        (N3, [(0.5, 1), (1, 2)], 1.0, 1.0, (0, 2), "rods = [(0.5, 1), (1, 2)]"),
+        (N3, [], 1.0, 1.0, (0, 2), "0 rods"),
+        (N3, TWO, [1.0, -1.0], 1.0, (0, 2), "lengths: the smallest is -1 m; all must be > 0 m"),
+        (N3, TWO, 1.0, 0.0, (0, 2), "masses: the smallest is 0 kg"),
+        ([[1, 2]], TWO, 1.0, 1.0, (0, 2), "nodes = [[1, 2]]; it must be an array of shape (1, 3)"),
+        ("abc", TWO, 1.0, 1.0, (0, 2), "nodes = 'abc'"),
+        ([[math.nan] * 3] * 3, TWO, 1.0, 1.0, (0, 2), "must be finite"),
+    ],
+)
+def test_what_cannot_hang_is_named(nodes: Any, rods: Any, lengths: Any, masses: Any, held: Any, said: str) -> None:
+    with pytest.raises(OptionError) as caught:
+        hang(nodes, rods, lengths, masses, held)
+    assert said in str(caught.value)
+
+
 # The truss -----------------------------------------------------------------------------------------------
 
 
@@ -490,6 +543,13 @@ REFUSED: dict[str, tuple[Callable[[], object], type[TensegrityError], tuple[str,
     "net held": (lambda: net(held="corners"), OptionError, ("held = 'corners'", "Held.EDGES")),  # type: ignore[arg-type]
     "slack": (lambda: net(slack=0.0), OptionError, ("slack = 0.0", "(0, 1)")),
     "net load": (lambda: net(load=-1.0), OptionError, ("load = -1.0 N", ">= 0 N")),
+    "viscous": (lambda: cable(viscous=np.ones(2)), OptionError, ("cable: viscous = array",)),  # type: ignore[arg-type]
+    "bending": (lambda: cable(bending_stiffness=-1.0), OptionError, ("cable: bending_stiffness = -1.0", ">= 0")),
+    "drag": (lambda: cable(drag=np.ones(2)), OptionError, ("cable: drag = array",)),  # type: ignore[arg-type]
+    "cells that are none": (lambda: net(None), OptionError, ("net: cells = None", "two numbers")),  # type: ignore[arg-type]
+    "very fast": (lambda: cable(frequency=1e200), SceneError, ("6.28319e+200 rad/s", "no finite acceleration")),
+    "very long": (lambda: suspended_cable(length=1e300), StructureError, ("rod 'rod1' has length inf m", "finite")),
+    "very long cells": (lambda: truss_arm(cell_length=1e300), StructureError, ("length inf m", "finite")),
     "truss cells": (lambda: truss_arm(0), OptionError, ("truss_arm: cells = 0", ">= 1")),
     "braced": (lambda: truss_arm(2, 3), OptionError, ("braced = 3", "at most", "2")),
     "line mass": (lambda: truss_arm(line_mass=0.0), OptionError, ("line_mass = 0.0", "> 0 kg/m")),

@@ -22,11 +22,19 @@ CORE = {
         "strings",
         "errors",
         "validation",
+        "validation.values",
+        "validation.geometry",
+        "validation.members",
+        "validation.structures",
+        "validation.configurations",
+        "validation.targets",
+        "validation.contacts",
+        "validation.resistances",
+        "validation.scenes",
         "motion",
         "moved_supports",
         "joints",
         "resistance",
-        "validation_resistance",
     )
 }
 

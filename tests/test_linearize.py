@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.families.random_structures import random_configuration, random_scene, random_structure
-from tensegrity_mj.linearization import Chart
+from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.strings import StringLaw
 from tensegrity_mj.structure import PointMass, Rod, String, Structure, Support

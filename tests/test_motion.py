@@ -18,7 +18,12 @@ import tensegrity_mj as tmj
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.families.random_structures import random_rotation
 from tensegrity_mj.motion import Harmonic, Motion
-from tensegrity_mj.moved_supports import check_motions_until, held_directions, velocities_with_supports
+from tensegrity_mj.moved_supports import (
+    _least_energy,
+    check_motions_until,
+    held_directions,
+    velocities_with_supports,
+)
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.structure import Rod, String, Structure, Support
 from tensegrity_mj.textformat import scene_from_toml, scene_to_toml
@@ -185,11 +190,15 @@ WRONG_MOTIONS: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
     "harmonic NaN": (lambda: Motion("rod", (Harmonic((0, NAN, 0), 1.0),)), ("amplitude", "nan", "finite")),
     "phase": (lambda: Motion("rod", (Harmonic((0, 1, 0), 1.0, NAN),)), ("phase = nan", "finite")),
     "times NaN": (lambda: Motion.data("rod", [0, NAN], np.zeros((2, 3))), ("times", "nan", "finite numbers, (T,)")),
+    "times that are texts": (lambda: Motion.data("rod", ["0", "1"], np.zeros((2, 3))), ("times = ['0', '1']",)),  # type: ignore[arg-type]
+    "times that are true": (lambda: Motion.data("rod", [False, True], np.zeros((2, 3))), ("times = [False, True]",)),
+    "too fast": (lambda: Motion.in_line("rod", 1.0, 1e200, Y), ("6.28319e+200 rad/s", "no finite acceleration")),
+    "direction too long": (lambda: Motion.in_line("rod", 1.0, 1.0, (0, 1e200, 1e200)), ("1e+200", "infinite")),
     "times that stand": (lambda: Motion.data("rod", [0, 1, 1], np.zeros((3, 3))), ("must increase", "(0.0, 1.0, 1.0)")),
     "one time": (lambda: Motion.data("rod", [0], np.zeros((1, 3))), ("one time alone", "two or more")),
     "shape": (lambda: Motion.data("rod", [0, 1], np.zeros((2, 2))), ("displacements", "(T, 3)")),
     "count": (lambda: Motion.data("rod", [0, 1], np.zeros((3, 3))), ("2 times and 3 displacements", "one a time")),
-    "displacements alone": (lambda: Motion("rod", displacements=((0, 0, 1),)), ("nothing says how it moves",)),
+    "displacements alone": (lambda: Motion("rod", displacements=((0, 0, 1),)), ("0 times and 1 displacements",)),
     "velocities alone": (
         lambda: Motion.data("rod", [0, 1], np.zeros((2, 3)), np.zeros((2, 3))),
         ("velocities and accelerations", "together"),
@@ -209,7 +218,10 @@ WRONG_MOTIONS: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
         lambda: Motion.by_function("rod", lambda t: np.zeros(3)).at(0.5),
         ("(3,)", "0.5 s", "(3, 3)"),
     ),
-    "function NaN": (lambda: Motion.by_function("rod", lambda t: np.full((3, 3), NAN)).at(0.5), ("finite (3, 3)",)),
+    "function NaN": (
+        lambda: Motion.by_function("rod", lambda t: np.full((3, 3), NAN)).at(0.5),
+        ("gave [[nan,", "finite (3, 3)"),
+    ),
 }
 
 
@@ -544,3 +556,16 @@ def test_a_function_is_refused_by_files_and_kept_as_data_by_runs(tmp_path: Any) 
     assert tmj.Trajectory.load(short.save(tmp_path / "short.nc")).scene.motions[0].times[-1] >= 0.05 - 1e-12
     none = run.until(0)
     assert len(tmj.Trajectory.load(none.save(tmp_path / "none.nc")).time) == 0
+
+
+def test_constraints_that_repeat_each_other_take_away_the_same() -> None:
+    rng = np.random.default_rng(5)
+    root = rng.normal(size=(4, 4))
+    mass, C, missing = root @ root.T + np.eye(4), rng.normal(size=(5, 12)), rng.normal(size=5)
+    once = _least_energy(mass, C, missing, 1e-12)
+    # Of all that fit, that of the least energy: it is orthogonal, by the mass, to all that keep the constraints.
+    np.testing.assert_allclose(C @ once, missing, atol=1e-13)
+    free = np.linalg.svd(C)[2][5:]
+    np.testing.assert_allclose(free @ np.kron(mass, np.eye(3)) @ once, 0.0, atol=1e-12)
+    twice = _least_energy(mass, np.concatenate([C, C[:2]]), np.concatenate([missing, missing[:2]]), 1e-12)
+    np.testing.assert_allclose(twice, once, atol=1e-12)

@@ -388,7 +388,7 @@ def test_the_cable_takes_it_and_who_cannot_says_so():
     scene = cable(viscous=0.01, bending_stiffness=1e-4, bending_damping=1e-5, drag=1.1, duration=0.2)
     assert scene.resistance == tmj.Resistance(0.01, tmj.Bending(1e-4, 1e-5), tmj.Drag(1.1))
     assert cable().resistance is None
-    with pytest.raises(tmj.SceneError, match="viscous = -1"):
+    with pytest.raises(tmj.OptionError, match="viscous = -1"):
         cable(viscous=-1)
     run = tmj.simulate(scene, engine=FINE, duration=0.2)
     other = tmj.simulate(scene, engine=tmj.MuJoCo(timestep=1e-3), duration=0.2)

@@ -14,13 +14,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tensegrity_mj import textformat
 from tensegrity_mj.errors import FormatError, SceneError, StructureError, TensegrityError
 from tensegrity_mj.families.random_structures import random_scene, random_structure
 from tensegrity_mj.prestress import SelfStress
 from tensegrity_mj.scene import ControlSpec, Load, Scene, Target
 from tensegrity_mj.strings import StringLaw
 from tensegrity_mj.structure import PointMass, Rod, String, Structure, Support
+from tensegrity_mj.textformat import keys as format_keys
 from tensegrity_mj.textformat import (
     load_scene,
     load_structure,
@@ -540,8 +540,8 @@ def test_the_documented_fragments_fit_into_a_file(tmp_path: Path) -> None:
 
 def test_every_key_is_documented() -> None:
     document = DOCUMENT.read_text(encoding="utf-8")
-    groups = [value for name, value in vars(textformat).items() if name.endswith("_KEYS") and isinstance(value, tuple)]
-    keys = {key for group in [*groups, *textformat.SUPPORT_KEYS.values()] for key in group}
+    groups = [value for name, value in vars(format_keys).items() if name.endswith("_KEYS") and isinstance(value, tuple)]
+    keys = {key for group in [*groups, *format_keys.SUPPORT_KEYS.values()] for key in group}
     assert len(keys) > 30
     rows = set(re.findall(r"^\| `(\w+)`", document, re.MULTILINE))
     assert rows == keys

@@ -245,9 +245,13 @@ def cable(
 
 
 def _resistance(viscous: float, stiffness: float, damping: float, drag: float) -> Resistance | None:
+    named = (("viscous", viscous), ("bending_stiffness", stiffness), ("bending_damping", damping), ("drag", drag))
+    for what, value in named:
+        if finite(f"cable: {what}", value, " >= 0") < 0:
+            raise OptionError(f"cable: {what} = {value!r}; it must be >= 0")
     bending = None if (stiffness, damping) == (0.0, 0.0) else Bending(stiffness, damping)
     found = Resistance(viscous, bending, None if drag == 0.0 else Drag(drag))
-    return None if found == Resistance() else found  # the scene checks the numbers
+    return None if found == Resistance() else found
 
 
 def _motions(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.checks import positive, real_array
-from tensegrity_mj.errors import InfeasibleError
+from tensegrity_mj.errors import InfeasibleError, OptionError
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -59,18 +59,24 @@ def hang(
         gravity: [m/s²], along -z.
 
     Raises:
-        OptionError: for arrays of other shapes.
+        OptionError: for arrays of other shapes, rows that are none, or lengths and masses that are not > 0.
         InfeasibleError: where no equilibrium is found: held nodes too far from each other, for one.
     """
-    pairs = np.array(rods, np.int64).reshape(-1, 2)
-    guess = np.array(nodes, float).reshape(-1, 3)
+    guess = np.array(real_array("nodes", nodes, (*np.shape(nodes)[:1], 3), "m", scalar=False))
+    pairs = _rows("rods", rods, 2, len(guess))
+    fixed = _rows("held", held, 1, len(guess))
+    if not len(pairs) or not len(fixed):
+        raise OptionError(f"hang: {len(pairs)} rods and {len(fixed)} held nodes; give at least one of each")
     ell = real_array("lengths", lengths, (len(pairs),), "m")
     mass = real_array("masses", masses, (len(pairs),), "kg")
+    for what, column, measure in (("lengths", ell, "m"), ("masses", mass, "kg")):
+        if not np.all(column > 0):
+            raise OptionError(f"{what}: the smallest is {column.min():g} {measure}; all must be > 0 {measure}")
     # Lengths in the longest rod, forces in the whole weight.
     unit, total = float(ell.max()), float(mass.sum()) * positive("gravity", gravity, "m/s²")
     weight = np.zeros(len(guess))
     np.add.at(weight, pairs.ravel(), np.repeat(mass / 2, 2))
-    web = _Web(guess / unit, pairs, ell / unit, weight / weight.sum(), np.setdiff1d(np.arange(len(guess)), held))
+    web = _Web(guess / unit, pairs, ell / unit, weight / weight.sum(), np.setdiff1d(np.arange(len(guess)), fixed))
     # Where every rod pulls, the equilibrium is a stable one, however it was found.
     flat, density, residual = web.balanced(web.start[web.free].ravel(), np.ones(len(pairs)))
     if not (residual <= ACCEPTED and np.all(density > 0)):
@@ -81,6 +87,19 @@ def hang(
             "held nodes may be too far from each other, or the first guess too far from where it hangs"
         )
     return Hanging(web.place(flat) * unit, density * total / unit, residual * total)
+
+
+def _rows(what: str, values: Sequence[object], width: int, count: int) -> IntArray:
+    """Node rows (n, width), checked to be some of `count`."""
+    try:
+        array = np.array(values)
+        found = array.astype(np.int64).reshape(-1, width)
+        valid = not array.size or (array.dtype.kind in "iu" and found.min() >= 0 and found.max() < count)
+    except (TypeError, ValueError, OverflowError):
+        valid = False
+    if not valid:
+        raise OptionError(f"{what} = {values!r}; they must be node rows, integers from 0 to {count - 1}")
+    return found
 
 
 @dataclass(frozen=True, eq=False)

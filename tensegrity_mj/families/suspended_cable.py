@@ -20,6 +20,28 @@ from tensegrity_mj.structure import Rod, Structure, Support
 Array = NDArray[np.float64]
 
 
+def catenary(span: float, rise: float, length: float, elements: int) -> Array:
+    """Nodes (K + 1, 3) [m] at equal arc lengths of a catenary from the origin to (span, 0, rise), length > distance.
+
+    With a its parameter, x = a (u - u₀), z = a (cosh u - cosh u₀) and s = a (sinh u - sinh u₀), where u runs over
+    m - X to m + X: tanh m = rise / length, and X = span / 2a solves sinh X / X = √(length² - rise²) / span.
+    """
+    # A fold so narrow that only its width, which is in proportion, depends on the span.
+    wide = max(span, 1e-12 * length)
+    flat = math.sqrt(1 - (rise / length) ** 2) * (length / wide)
+    low, high = 0.0, 100.0
+    for _ in range(200):  # sinh X / X is monotonic
+        X = 0.5 * (low + high)
+        low, high = (X, high) if math.sinh(X) < flat * X else (low, X)
+    a, middle = wide / (2 * X), math.atanh(rise / length)
+    first = middle - X
+    u = np.arcsinh(np.linspace(0.0, length / a, elements + 1) + math.sinh(first))
+    u[0], u[-1] = first, middle + X
+    nodes = np.column_stack([a * (u - first) * (span / wide), 0 * u, a * (np.cosh(u) - math.cosh(first))])
+    nodes[-1] = span, 0.0, rise
+    return nodes
+
+
 def suspended_cable(
     elements: int = 22,
     *,
@@ -64,10 +86,7 @@ def suspended_cable(
             f"suspended_cable: length = {length!r} m; it must exceed the {farthest:.6g} m that the supports come to be "
             "apart"
         )
-    along = np.linspace(0.0, 1.0, count + 1)
-    # A parabola of about the cable's length, seen along the chord.
-    sag = math.sqrt(3 / 8 * max(total**2 - reach**2 - height**2, 0.0)) / math.sqrt(2)
-    guess = np.column_stack([reach * along, 0 * along, height * along - 4 * sag * along * (1 - along)])
+    guess = catenary(reach, height, total, count)
     pairs = [(k, k + 1) for k in range(count)]
     shape = hang(guess, pairs, np.full(count, total / count), np.full(count, mass / count), (0, count), gravity)
     motions: tuple[Motion, ...] = ()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from tensegrity_mj.checks import finite, positive
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.families.arguments import whole
@@ -57,7 +59,7 @@ def truss_arm(
     nodes = {}
     for k in range(count + 1):
         nodes[f"b{k}"], nodes[f"t{k}"] = (k * step, 0.0, 0.0), (k * step, 0.0, rise)
-    slope = (step**2 + rise**2) ** 0.5
+    slope = math.hypot(step, rise)
     rods, strings = [], []
 
     def rod(kind: str, k: int, i: str, j: str, length: float, support: Support) -> None:

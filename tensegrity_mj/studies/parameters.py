@@ -5,6 +5,8 @@
     scene.target[NODE]                                   of a target that is one set-point; also with .x, .y, .z
     scene.breaks[STRING].time                            when a string breaks [s]
     scene.contact.friction, .stiffness, .damping, .floor  of a scene that has contact; .rods true or false
+    scene.motions.amplitude, .frequency, .phase          of supports; motions[SUPPORT]: of one
+    scene.resistance.viscous, .wind, .drag.normal, ...   also .bending.stiffness, .bending.damping
     scene.loads.force, .angular_frequency, .phase        of all loads, or loads[NODE]: of those on a node
     structure.rods.mass                                  of all rods; rods[rod1] or rods[rod1,rod2]: of some
     structure.strings.stiffness, .damping, ...           any number of a string, and so for point_masses
@@ -26,61 +28,28 @@ are made in the order structure, scene, plant, all else; those of a whole before
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import enum
 import importlib
-import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible
-from tensegrity_mj.checks import finite
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.scene import Break, Scene
-from tensegrity_mj.strings import StringLaw, elastic_tension, force_density
-from tensegrity_mj.structure import Vector
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.studies.parameter_values import Scaled as Scaled
+from tensegrity_mj.studies.parameter_values import choice_from, number_from, scaled, unknown
+from tensegrity_mj.studies.parameter_values import decoded as decoded
+from tensegrity_mj.studies.parameter_values import encoded as encoded
+from tensegrity_mj.studies.scene_parameters import MEMBER, MEMBERS, Change, scene_change
+from tensegrity_mj.studies.scene_parameters import member_names as member_names
 
 ENGINES = {"mujoco": ("engines.mujoco", "MuJoCo"), "dae": ("engines.dae", "DAE"), "ode": ("engines.ode", "ODE")}
-AXES = ("x", "y", "z")
-MEMBERS = {"rods": "rod", "strings": "string", "point_masses": "point mass"}
-REST = ("rest_length", "tension", "force_density")  # of a string, which has one of them at most
 # Changes of one point are made in this order, so that what belongs together does not depend on how they were given.
 ORDER = ("structure", "scene", "plant", "law", "engine", "actuation", "on_infeasible", "output_interval")
-_PART = re.compile(r"[^.\[\]]+(\[.*\])?")
-_MEMBER = re.compile(r"(?P<name>\w+)(\[(?P<which>.+)\])?")
-
-
-@dataclass(frozen=True)
-class Scaled:
-    """A value that is `factor` times what the parameter was."""
-
-    factor: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "factor", finite("Scaled: factor", self.factor))
-
-    def __str__(self) -> str:
-        return f"*{self.factor!r}"
-
-
-def encoded(value: Any) -> Any:
-    """A value as points hold it: `Scaled(0.8)` is the text *0.8."""
-    return str(value) if isinstance(value, Scaled) else value
-
-
-def decoded(value: Any) -> Any:
-    """The value that a point holds."""
-    if isinstance(value, str) and value.startswith("*"):
-        try:
-            return Scaled(float(value[1:]))
-        except ValueError:
-            raise OptionError(f"{value!r}: after * there must be a number, such as *0.8") from None
-    return value
+_EXAMPLE = {"structure": "structure.rods.mass", "scene": "scene.gravity", "plant": "plant.rods.mass"}
 
 
 @dataclass
@@ -126,7 +95,7 @@ class Draft:
         given = control.options if control is not None else {}
         for name, value in options.items():
             if isinstance(value, Scaled):
-                options[name] = _scaled(f"law.{name}", value, given.get(name))
+                options[name] = scaled(f"law.{name}", value, given.get(name))
         if self.law_maker is not None and self.law is None:
             law = imported(self.law_maker)(self.scene, **options)
         else:
@@ -145,12 +114,12 @@ class Draft:
         chosen = {}
         for name, value in self.engine_options.items():
             if name not in known:
-                raise OptionError(f"engine.{name}: {_unknown(name, known, f'option of engine {self.engine}')}")
+                raise OptionError(f"engine.{name}: {unknown(name, known, f'option of engine {self.engine}')}")
             default = getattr(usual, name)
             if isinstance(value, Scaled):
-                value = _scaled(f"engine.{name}", value, default)
+                value = scaled(f"engine.{name}", value, default)
             elif isinstance(default, enum.Enum):
-                value = _choice(f"engine.{name}", type(default), value)
+                value = choice_from(f"engine.{name}", type(default), value)
             chosen[name] = value
         return kind(**chosen)
 
@@ -166,7 +135,7 @@ def engine_class(name: str) -> Any:
         OptionError: for a name that is none.
     """
     if name not in ENGINES:
-        raise OptionError(f"engine = {name!r}: {_unknown(str(name), ENGINES, 'engine')}")
+        raise OptionError(f"engine = {name!r}: {unknown(str(name), ENGINES, 'engine')}")
     module, attribute = ENGINES[name]
     return getattr(importlib.import_module(f"tensegrity_mj.{module}"), attribute)
 
@@ -191,38 +160,12 @@ def imported(name: str) -> Any:
     return getattr(importlib.import_module(module), attribute)
 
 
-def member_names(scene: Scene, path: str) -> list[str] | None:
-    """The paths of each member by itself of a path with [*], such as structure.rods[*].mass; None without [*].
-
-    Raises:
-        OptionError: if [*] stands where there are no members.
-    """
-    if "[*]" not in path:
-        return None
-    head, _, tail = path.partition("[*]")
-    kind = head.rpartition(".")[2]
-    known: Iterable[str] = ()
-    if kind in MEMBERS:
-        known = _named(getattr(scene.structure, kind))
-    elif kind in ("nodes", "initial_nodes", "initial_velocities"):
-        known = scene.structure.node_names
-    elif kind == "loads" and not callable(scene.loads):
-        known = dict.fromkeys(load.node for load in scene.loads)
-    names = [f"{head}[{name}]{tail}" for name in known]
-    if not names:
-        raise OptionError(f"{path}: [*] stands for each member of {', '.join(MEMBERS)}, nodes, ..., and there is none")
-    return names
-
-
-# ------------------------------------------------------------------------------------------------------- resolving
-
-
 def _root(path: str) -> str:
     if not isinstance(path, str):
         raise OptionError(f"parameter {path!r}: it must be a text, such as law.decay_rate")
     root = path.partition(".")[0]
     if root not in ORDER:
-        raise OptionError(f"{path}: {_unknown(root, ORDER, 'kind of parameter')}")
+        raise OptionError(f"{path}: {unknown(root, ORDER, 'kind of parameter')}")
     return root
 
 
@@ -232,7 +175,9 @@ def _rank(path: str) -> tuple[Any, ...]:
     `engine` before `engine.rtol`, `rods.mass` before `rods[a,b].mass` before `rods[a].mass`, `gravity` before
     `gravity.z`; the path at last, so that equal settings give equal experiments, in whatever order they are given.
     """
-    parts = re.sub(r"\[.*\]", "", path).count(".")
+    plain = re.sub(r"\[.*\]", "", path)
+    # Wind after all that it could act on, without which it is refused.
+    parts = 3 if plain.split(".")[1:2] == ["resistance"] else plain.count(".")
     return ORDER.index(_root(path)), parts, "[" in path, -path.count(","), path
 
 
@@ -246,11 +191,11 @@ def _setter(draft: Draft, path: str) -> Callable[[Any], None]:
         raise OptionError(f"{path}: name a part of it, such as {_EXAMPLE[root]}")
     match root:
         case "structure" | "scene":
-            return partial(_set_scene, draft, path, _scene_change(draft.scene, root, rest, path))
+            return partial(_set_scene, draft, path, scene_change(draft.scene, root, rest, path))
         case "plant":
-            part = _MEMBER.match(rest)
+            part = MEMBER.match(rest)
             kind = "structure" if part is not None and part["name"] in (*MEMBERS, "nodes", "string_law") else "scene"
-            return partial(_set_plant, draft, _scene_change(draft.plant or draft.scene, kind, rest, path))
+            return partial(_set_plant, draft, scene_change(draft.plant or draft.scene, kind, rest, path))
         case "law":
             return partial(_set_law, draft, rest, path)
         case "engine":
@@ -258,12 +203,6 @@ def _setter(draft: Draft, path: str) -> Callable[[Any], None]:
         case "actuation":
             return partial(_set_actuation, draft, rest, path)
     return partial(_set_plain, draft, root)
-
-
-_EXAMPLE = {"structure": "structure.rods.mass", "scene": "scene.gravity", "plant": "plant.rods.mass"}
-
-# What a change of the scene is: a value in, another scene out.
-Change = Callable[[Scene, Any], Scene]
 
 
 def _set_scene(draft: Draft, path: str, change: Change, value: Any) -> None:
@@ -279,13 +218,13 @@ def _set_law(draft: Draft, option: str, path: str, value: Any) -> None:
 
     if not option:
         if value != "none" and value not in LAWS:
-            raise OptionError(f"law = {value!r}: {_unknown(str(value), [*LAWS, 'none'], 'law')}")
+            raise OptionError(f"law = {value!r}: {unknown(str(value), [*LAWS, 'none'], 'law')}")
         draft.law = value
         return
     if draft.law_maker is None:
         known = dict.fromkeys(name for entry in LAWS.values() for name in entry.options)
         if option not in known:
-            raise OptionError(f"{path}: {_unknown(option, known, 'option of a law')}")
+            raise OptionError(f"{path}: {unknown(option, known, 'option of a law')}")
     draft.law_options[option] = value
 
 
@@ -298,321 +237,28 @@ def _set_engine(draft: Draft, option: str, path: str, value: Any) -> None:
         return
     known = dict.fromkeys(item.name for name in ENGINES for item in dataclasses.fields(engine_class(name)))
     if option not in known:
-        raise OptionError(f"{path}: {_unknown(option, known, 'option of an engine')}")
+        raise OptionError(f"{path}: {unknown(option, known, 'option of an engine')}")
     base = draft.engine_options.get(option)
-    draft.engine_options[option] = _scaled(path, value, base) if isinstance(value, Scaled) and base else value
+    draft.engine_options[option] = scaled(path, value, base) if isinstance(value, Scaled) and base else value
 
 
 def _set_actuation(draft: Draft, part: str, path: str, value: Any) -> None:
     if part not in ("", "period"):
-        raise OptionError(f"{path}: {_unknown(part, ('period',), 'part of actuation')}")
+        raise OptionError(f"{path}: {unknown(part, ('period',), 'part of actuation')}")
     if part:
-        draft.period = _scaled(path, value, draft.period) if isinstance(value, Scaled) else _number(path, value)
+        draft.period = scaled(path, value, draft.period) if isinstance(value, Scaled) else number_from(path, value)
     else:
-        draft.actuation = _choice(path, Mode, value)
+        draft.actuation = choice_from(path, Mode, value)
 
 
 def _set_plain(draft: Draft, name: str, value: Any) -> None:
     if name == "on_infeasible":
-        draft.on_infeasible = _choice(name, OnInfeasible, value)
+        draft.on_infeasible = choice_from(name, OnInfeasible, value)
     elif isinstance(value, Scaled):
-        draft.output_interval = _scaled(name, value, draft.output_interval)
+        draft.output_interval = scaled(name, value, draft.output_interval)
     else:
-        draft.output_interval = _number(name, value)
-
-
-def _scene_change(scene: Scene, kind: str, rest: str, path: str) -> Change:
-    """The change of a scene that a path under `structure` or `scene` names.
-
-    Raises:
-        OptionError: if it names nothing.
-    """
-    first, *others = _parts(rest, path)
-    match = _MEMBER.fullmatch(first)
-    if match is None:
-        raise OptionError(f"{path}: '{first}' is no name, nor a name with members in brackets such as rods[rod1]")
-    name, which = match["name"], match["which"]
-    if kind == "structure":
-        known: tuple[str, ...] = (*MEMBERS, "nodes", "string_law")
-        if name not in known:
-            raise OptionError(f"{path}: {_unknown(name, known, 'part of a structure')}")
-        if name in MEMBERS:
-            return _member_change(scene, name, which, others, path)
-        if name == "nodes":
-            return partial(_change_node, path, _node(scene, which, path), _axis(others, path))
-        _no_more(which, others, path)
-        return partial(_change_string_law, path)
-    known = ("gravity", "duration", "initial_nodes", "initial_velocities", "target", "loads", "breaks", "contact")
-    if name not in known:
-        raise OptionError(f"{path}: {_unknown(name, known, 'part of a scene')}")
-    if name == "loads":
-        return _load_change(scene, which, others, path)
-    if name in ("initial_nodes", "initial_velocities"):
-        return partial(_change_state, path, name, _node(scene, which, path), _axis(others, path))
-    if name == "target":
-        if scene.target is None or len(scene.target.times) != 1 or scene.target.along is not None:
-            raise OptionError(f"{path}: scene '{scene.name}' has no target that is one set-point")
-        return partial(_change_target, path, _node(scene, which, path), _axis(others, path))
-    if name == "contact":
-        _no_more(which, others[1:], path)
-        return _contact_change(scene, others, path)
-    if name == "breaks":
-        return _break_change(scene, which, others, path)
-    if name == "gravity":
-        _no_more(which, [], path)
-        return partial(_change_gravity, path, _axis(others, path))
-    _no_more(which, others, path)
-    return partial(_change_duration, path)
-
-
-def _member_change(scene: Scene, kind: str, which: str | None, others: list[str], path: str) -> Change:
-    members = getattr(scene.structure, kind)
-    by_name = _named(members)
-    if which is None:
-        chosen = list(by_name)
-    else:  # a name may hold commas itself
-        chosen = [which] if which in by_name else [name.strip() for name in which.split(",")]
-    for name in chosen:
-        if name not in by_name:
-            raise OptionError(f"{path}: {_unknown(name, by_name, MEMBERS[kind])}")
-    if not chosen:
-        raise OptionError(f"{path}: structure '{scene.structure.name}' has no {MEMBERS[kind]}")
-    known = _numbers_of(type(members[0]))
-    if len(others) != 1 or others[0] not in known:
-        given = others[0] if others else ""
-        raise OptionError(f"{path}: {_unknown(given, known, f'number of a {MEMBERS[kind]}')}")
-    return partial(_change_members, path, kind, frozenset(chosen), others[0])
-
-
-def _change_members(path: str, kind: str, chosen: frozenset[str], name: str, scene: Scene, value: Any) -> Scene:
-    structure = scene.structure
-    members = []
-    for number, (key, member) in enumerate(_named(getattr(structure, kind)).items()):
-        if key in chosen:
-            if isinstance(value, Scaled):
-                new = _scaled(f"{path} of '{key}'", value, _now(structure, member, name, number))
-            else:
-                new = _number(path, value)
-            others = dict.fromkeys(REST) if name in REST else {}
-            member = replace(member, **(others | {name: new}))
-        members.append(member)
-    changed: dict[str, Any] = {kind: tuple(members)}
-    return scene.with_(structure=replace(structure, **changed))
-
-
-def _now(structure: Any, member: Any, name: str, number: int) -> Any:
-    """What a number of a member is now; of strings, what follows from how they are given."""
-    if name not in REST:
-        return getattr(member, name)
-    length, rest = structure.string_lengths(structure.positions)[number], structure.rest_lengths[number]
-    if name == "rest_length":
-        return float(rest)
-    law = elastic_tension if name == "tension" else force_density
-    return float(law(member.stiffness, length, rest))
-
-
-def _change_node(path: str, node: str, axis: int | None, scene: Scene, value: Any) -> Scene:
-    structure, target = scene.structure, scene.target
-    row = _vector(path, value, axis, structure.nodes[node])
-    changes: dict[str, Any] = {"structure": replace(structure, nodes={**structure.nodes, node: row})}
-    if node in structure.fixed_nodes:
-        # Where a fixed node is, it is in the start and in the target too.
-        number = structure.node_index[node]
-        if scene.initial_nodes is not None:
-            changes["initial_nodes"] = _with_row(scene.initial_nodes, number, row)
-        if target is not None and target.along is None:
-            changes["target"] = replace(target, nodes=_with_row(target.nodes, number, row))
-    return scene.with_(**changes)
-
-
-def _with_row(nodes: Any, number: int, row: Vector) -> Any:
-    """Node positions (..., N, 3) with one node elsewhere."""
-    nodes = np.array(nodes)
-    nodes[..., number, :] = row
-    return nodes
-
-
-def _change_string_law(path: str, scene: Scene, value: Any) -> Scene:
-    return scene.with_(structure=replace(scene.structure, string_law=_choice(path, StringLaw, value)))
-
-
-def _change_state(path: str, name: str, node: str, axis: int | None, scene: Scene, value: Any) -> Scene:
-    rows = scene.nodes0 if name == "initial_nodes" else scene.velocities0
-    number = scene.structure.node_index[node]
-    return scene.with_(**{name: _with_row(rows, number, _vector(path, value, axis, rows[number].tolist()))})
-
-
-def _change_target(path: str, node: str, axis: int | None, scene: Scene, value: Any) -> Scene:
-    target, number = scene.target, scene.structure.node_index[node]
-    assert target is not None
-    row = _vector(path, value, axis, target.nodes[0, number].tolist())
-    return scene.with_(target=replace(target, nodes=_with_row(target.nodes, number, row)))
-
-
-def _change_break(path: str, name: str, scene: Scene, value: Any) -> Scene:
-    times = {event.string: event.time for event in scene.breaks}
-    times[name] = _scaled(path, value, times.get(name)) if isinstance(value, Scaled) else _number(path, value)
-    return scene.with_(breaks=tuple(Break(string, time) for string, time in times.items()))
-
-
-def _change_gravity(path: str, axis: int | None, scene: Scene, value: Any) -> Scene:
-    return scene.with_(gravity=_vector(path, value, axis, scene.gravity))
-
-
-def _change_duration(path: str, scene: Scene, value: Any) -> Scene:
-    new = _scaled(path, value, scene.duration) if isinstance(value, Scaled) else _number(path, value)
-    return scene.with_(duration=new)
-
-
-def _break_change(scene: Scene, which: str | None, others: list[str], path: str) -> Change:
-    strings = _named(scene.structure.strings)
-    if which is None or others != ["time"]:
-        raise OptionError(f"{path}: write breaks[STRING].time, with a string of {', '.join(strings)}")
-    if which not in strings:
-        raise OptionError(f"{path}: {_unknown(which, strings, 'string')}")
-    return partial(_change_break, path, which)
-
-
-def _contact_change(scene: Scene, others: list[str], path: str) -> Change:
-    known = ("friction", "stiffness", "damping", "floor", "rods")
-    name = others[0] if others else ""
-    if name not in known:
-        raise OptionError(f"{path}: {_unknown(name, known, 'part of contact')}")
-    if scene.contact is None:
-        raise OptionError(f"{path}: scene '{scene.name}' has no contact")
-    return partial(_change_contact, path, name)
-
-
-def _change_contact(path: str, name: str, scene: Scene, value: Any) -> Scene:
-    assert scene.contact is not None
-    new = value
-    if name != "rods":
-        now = getattr(scene.contact, name)
-        new = _scaled(path, value, now) if isinstance(value, Scaled) else _number(path, value)
-    return scene.with_(contact=replace(scene.contact, **{name: new}))
-
-
-def _load_change(scene: Scene, which: str | None, others: list[str], path: str) -> Change:
-    if callable(scene.loads) or not scene.loads:
-        raise OptionError(f"{path}: scene '{scene.name}' has no loads")
-    nodes = dict.fromkeys(load.node for load in scene.loads)
-    if which is not None and which not in nodes:
-        raise OptionError(f"{path}: {_unknown(which, nodes, 'node with a load')}")
-    known = ("force", "angular_frequency", "phase")
-    name = others[0] if others else ""
-    if name not in known:
-        raise OptionError(f"{path}: {_unknown(name, known, 'part of a load')}")
-    if name != "force":
-        _no_more(None, others[1:], path)
-    return partial(_change_loads, path, which, name, _axis(others[1:], path))
-
-
-def _change_loads(path: str, which: str | None, name: str, axis: int | None, scene: Scene, value: Any) -> Scene:
-    assert not callable(scene.loads)
-    loads = []
-    for load in scene.loads:
-        if which in (None, load.node):
-            old, new = getattr(load, name), value
-            if name == "force":
-                new = _vector(path, value, axis, old)
-            else:
-                new = _scaled(path, value, old) if isinstance(value, Scaled) else _number(path, value)
-            load = replace(load, **{name: new})
-        loads.append(load)
-    return scene.with_(loads=tuple(loads))
-
-
-# ---------------------------------------------------------------------------------------------------------- pieces
-
-
-def _parts(rest: str, path: str) -> list[str]:
-    """The parts between dots; names in brackets may hold dots, and brackets in pairs."""
-    parts, depth = [""], 0
-    for letter in rest:
-        depth += (letter == "[") - (letter == "]")
-        if letter == "." and depth == 0:
-            parts.append("")
-        else:
-            parts[-1] += letter
-        if depth < 0:
-            break
-    if depth or not all(_PART.fullmatch(part) for part in parts):
-        raise OptionError(f"{path}: it is no parameter; write it like structure.rods[rod1].mass")
-    return parts
-
-
-def _axis(others: Sequence[str], path: str) -> int | None:
-    if not others:
-        return None
-    if len(others) > 1 or others[0] not in AXES:
-        raise OptionError(f"{path}: {_unknown(others[0], AXES, 'component')}")
-    return AXES.index(others[0])
-
-
-def _node(scene: Scene, which: str | None, path: str) -> str:
-    names = scene.structure.node_names
-    if which is None:
-        raise OptionError(f"{path}: name a node in brackets: {', '.join(names)}")
-    if which not in names:
-        raise OptionError(f"{path}: {_unknown(which, names, 'node')}")
-    return which
-
-
-def _no_more(which: str | None, others: Sequence[str], path: str) -> None:
-    if which is not None or others:
-        raise OptionError(f"{path}: it has no parts '{which or others[0]}'; leave them out")
-
-
-def _named(members: Iterable[Any]) -> dict[str, Any]:
-    return {getattr(member, "name", None) or member.node: member for member in members}
-
-
-def _numbers_of(kind: type) -> list[str]:
-    """The fields of a member that are numbers."""
-    return [item.name for item in dataclasses.fields(kind) if str(item.type) in ("float", "float | None")]
-
-
-def _vector(path: str, value: Any, axis: int | None, now: Sequence[float]) -> Vector:
-    row = [float(x) for x in now]
-    if isinstance(value, Scaled):
-        row = [x * value.factor if axis in (None, i) else x for i, x in enumerate(row)]
-    elif axis is not None:
-        row[axis] = _number(path, value)
-    elif not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 3:
-        raise OptionError(f"{path} = {value!r}; it must be a list of three numbers, or add .x, .y or .z")
-    else:
-        row = [_number(path, x) for x in value]
-    x, y, z = row
-    return (x, y, z)
-
-
-def _number(path: str, value: Any) -> float:
-    return finite(path, value)
-
-
-def _scaled(path: str, scale: Scaled, now: Any) -> float:
-    if not isinstance(now, (int, float)) or isinstance(now, bool) or not math.isfinite(now):
-        what = "it has no value" if now is None or now is dataclasses.MISSING else f"{now!r} is no number"
-        raise OptionError(f"{path} = {scale}: {what} that could be scaled; give one")
-    return float(now) * scale.factor
-
-
-def _choice(path: str, kind: type[enum.Enum], value: Any) -> Any:
-    words = {str(one.value): one for one in kind}
-    text = value.replace("-", " ") if isinstance(value, str) else value
-    for word in (value, text):
-        if isinstance(word, str) and word in words:
-            return words[word]
-    raise OptionError(f"{path} = {value!r}; allowed: {', '.join(words)}")
+        draft.output_interval = number_from(name, value)
 
 
 def _word(value: Any) -> Any:
     return value.value if isinstance(value, enum.Enum) else value
-
-
-def _unknown(given: str, known: Iterable[str], what: str) -> str:
-    """'rods' is no ...: what is allowed, and what was probably meant."""
-    names = list(known)
-    close = difflib.get_close_matches(given, names, n=1)
-    meant = f" (did you mean '{close[0]}'?)" if close else ""
-    return f"there is no {what} '{given}'{meant}; allowed: {', '.join(names)}"

@@ -1,0 +1,187 @@
+"""Linear models of a scene about a state, from each engine's own equations, all in the same coordinates.
+
+    ẋ = A x + B v + e,   y = C x,   x = (δ, δ̇)
+
+The chart δ is built from the state alone, so that engines can be compared number by number. It has, in the order of the
+structure: for each rod the translations z - z₀ along its support's `translation_basis`, then the central projection of
+b onto the tangent plane at b₀,
+
+    b = (b₀ + T δ_b) / ‖b₀ + T δ_b‖,     δ_b = Tᵀ b / (b₀ᵀ b),
+
+with T = `null_space_basis(b₀)` (3, 2) in space, and in a plane the one unit vector that b₀ turns to when the angle of
+the minimal model grows; for each point mass the translations along its `translation_basis`. Straight lines through
+δ = 0 are great circles of b. So δ_b is the angle turned, up to its third power, and A at an equilibrium is that of any
+such chart.
+
+v are changes of the rest lengths [m], or of the force densities [N/m], from those at the state; y are the node
+positions' changes (3N,) [m], nodes one after another. e is what an equilibrium would have as zero: (δ̇, δ̈) at the state.
+
+How the derivatives are taken. An engine's accelerations are affine in the strings' tensions T, and tensions have the
+only kinks. So each string that is taut at the state is kept taut, by an offset of its tension that is far above all
+changes of it and is subtracted again,
+
+    a(T) = a(T + c) - (a(T + 3c) - a(T + c)) / 2,
+
+and each slack one is kept slack. What is left is smooth in δ and quadratic in δ̇, and affine in v. Central differences
+in δ̇ and v are then exact. In δ, 2 n points with the step h have a truncation error of (n!)² (h/R)^(2n) and a round-off
+of 4 ε R / h, relative to k, where R is the distance within which a tension is analytic: the shortest string or rod.
+n = 6 and h = 0.022 R make 7e-15 and 4e-14 of them. Engines differ by their round-off alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tensegrity_mj.actuation import Actuation, OnInfeasible
+from tensegrity_mj.capabilities import require_still_supports
+from tensegrity_mj.checks import finite, member, real_array
+from tensegrity_mj.contact import overlaps
+from tensegrity_mj.engines.run import Accelerations, Request
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.law import Command, Law, native_law
+from tensegrity_mj.linearization.chart import Chart
+from tensegrity_mj.linearization.differences import LOOP_STEP, PAIRS, STEP, WEIGHTS, reach_of
+from tensegrity_mj.linearization.law import SetRestLengths
+from tensegrity_mj.linearization.model import Linearization
+from tensegrity_mj.linearization.strings import KeptStrings
+from tensegrity_mj.native.plant import break_times
+from tensegrity_mj.scene import Scene
+
+Array = NDArray[np.float64]
+
+__all__ = ["Chart", "LinearizableEngine", "Linearization", "linearize"]
+
+
+class LinearizableEngine(Protocol):
+    """An engine that tells the accelerations of the nodes."""
+
+    def accelerations(self, request: Request) -> Accelerations:
+        """See `engines.run.Accelerations`."""
+        ...
+
+
+def linearize(
+    scene: Scene,
+    engine: LinearizableEngine | None = None,
+    *,
+    nodes: ArrayLike | None = None,
+    velocities: ArrayLike | None = None,
+    rest_lengths: ArrayLike | None = None,
+    law: Law | Callable[..., ArrayLike] | None = None,
+    time: float = 0.0,
+    inputs: Command = Command.REST_LENGTH,
+) -> Linearization:
+    """The linear model of a scene about a state, from an engine's own equations.
+
+    Args:
+        scene: structure, gravity, loads, and the strings that have broken by `time`. Nothing must touch at the state:
+            contact has no linear model, and the model is that of the scene without it.
+        engine: `MuJoCo(...)` (default), `DAE(...)` or `ODE(...)`; only its equations count, not its steps.
+        nodes, velocities: (N, 3) the state; the scene's start by default. Velocities may be nonzero: then the model is
+            that of the motion's next moment.
+        rest_lengths: (M,) [m]; the structure's by default, or what `law` sets at the state.
+        law: closes the loop continuously: A is then A + B ∂v/∂x.
+        time: [s], at which loads and the law are evaluated, and strings have broken or not yet.
+        inputs: what B's columns change. With force densities u, A is that at constant u, too.
+
+    Raises:
+        OptionError: for options out of range, where the engine's coordinates cannot hold the state, and where something
+            touches.
+        SceneError: for a state that stretches a rod or breaks a support, and where supports move: the model would
+            depend on time. Leave motions out with scene.with_(motions=()).
+        InfeasibleError, ControllerError: what the law says at the state.
+    """
+    if not isinstance(scene, Scene):
+        raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
+    if engine is None:
+        from tensegrity_mj.engines.mujoco import MuJoCo
+
+        engine = MuJoCo()
+    if isinstance(engine, type) or not callable(getattr(engine, "accelerations", None)):
+        raise OptionError(f"engine = {engine!r}; use MuJoCo(...), DAE(...) or ODE(...)")
+    member("inputs", inputs, Command)
+    time = finite("time", time, " [s]")
+    require_still_supports(scene, "linearization is")
+    structure, contact = scene.structure, scene.contact
+    broken = break_times(scene) <= time
+    scene = scene.with_(
+        initial_nodes=scene.nodes0 if nodes is None else nodes,
+        initial_velocities=scene.velocities0 if velocities is None else velocities,
+        breaks=(),
+        contact=None,
+    )
+    touching = [] if contact is None else overlaps(structure, contact, scene.nodes0)
+    if touching:
+        raise OptionError(
+            f"linearize: {touching[0]}: contact has no linear model; choose a state where nothing touches, or leave "
+            "contact out (scene.with_(contact=None))"
+        )
+    chart = Chart(structure, scene.nodes0)
+    _, rate0 = chart.coordinates(scene.nodes0, scene.velocities0)
+    reach = reach_of(structure, scene.nodes0)
+    loop = None if law is None else SetRestLengths(scene, law, time)
+    if rest_lengths is not None and law is not None:
+        raise OptionError("rest_lengths and law: the law sets the rest lengths; leave one of them out")
+    if rest_lengths is not None:
+        rest = real_array("rest_lengths", rest_lengths, (len(structure.strings),), "m").copy()
+    else:
+        rest = np.array(structure.rest_lengths) if loop is None else loop(scene.nodes0, scene.velocities0)
+    strings = KeptStrings(structure, scene, rest, broken, inputs, PAIRS * STEP * reach, reach)
+    request = Request(
+        scene, native_law(None, structure), Actuation.continuous(), OnInfeasible.STOP, 1.0, None, progress=False
+    )
+    field = engine.accelerations(request)
+
+    def motion(delta: Array, rate: Array, change: Array) -> tuple[Array, Array]:
+        """Node positions (3N,) and δ̈ (n,) at δ, δ̇ and a change of the inputs."""
+        here, speeds = chart.state(delta, rate)
+        lengths = structure.string_lengths(here)
+        placed, once = field(time, here, speeds, strings.rest_lengths(lengths, change, 1.0))
+        if np.any(strings.taut):
+            thrice = field(time, here, speeds, strings.rest_lengths(lengths, change, 3.0))[1]
+            once = once - 0.5 * (thrice - once)
+        return placed.ravel(), chart.accelerations(delta, rate, once)
+
+    n, M = chart.size, len(structure.strings)
+    none, zero = np.zeros(n), np.zeros(M)
+    A, B, C = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, M)), np.zeros((3 * len(structure.nodes), 2 * n))
+    A[:n, n:] = np.eye(n)
+    step = STEP * (LOOP_STEP if chart.has_loops else 1.0)
+    for k in range(n):
+        unit = np.eye(n)[k]
+        h = step * reach / chart.lever(k)
+        for p, weight in enumerate(WEIGHTS, start=1):
+            ahead, behind = motion(p * h * unit, rate0, zero), motion(-p * h * unit, rate0, zero)
+            C[:, k] += weight / h * (ahead[0] - behind[0])
+            A[n:, k] += weight / h * (ahead[1] - behind[1])
+        A[n:, n + k] = 0.5 * (motion(none, rate0 + unit, zero)[1] - motion(none, rate0 - unit, zero)[1])
+    for m in np.flatnonzero(strings.taut):
+        h = strings.input_step[m]
+        change = h * np.eye(M)[m]
+        B[n:, m] = (motion(none, rate0, change)[1] - motion(none, rate0, -change)[1]) / (2 * h)
+    residual = np.concatenate([rate0, motion(none, rate0, zero)[1]])
+    gain, remarks = None, strings.losses() + (strings.remarks() if loop is None else [])
+    if loop is not None:
+        gain, kinks = loop.derivative(chart, rate0, reach, inputs)
+        remarks += kinks
+        A = A + B @ gain
+    return Linearization(
+        engine=str(engine),
+        scene=scene,
+        time=time,
+        nodes=np.array(scene.nodes0),
+        velocities=np.array(scene.velocities0),
+        rest_lengths=rest,
+        inputs=inputs,
+        A=A,
+        B=B,
+        C=C,
+        residual=residual,
+        gain=gain,
+        coordinates=chart.names,
+        warnings=tuple(remarks),
+    )

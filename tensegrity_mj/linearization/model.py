@@ -1,0 +1,164 @@
+"""A linear model of a scene about a state: its matrices, modes and files."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tensegrity_mj.checks import real_array
+from tensegrity_mj.files import checked, replacing
+from tensegrity_mj.jsontext import to_json
+from tensegrity_mj.law import Command
+from tensegrity_mj.linearization.chart import Chart
+from tensegrity_mj.scene import Scene
+
+Array = NDArray[np.float64]
+
+FLAT = 1e-10  # of the largest |λ|²: below it, ω² is that of a motion that nothing holds
+STILL = 1e-12  # of the largest |λ|: a damping below it is none
+
+
+@dataclass(frozen=True, eq=False)
+class Linearization:
+    """A linear model, see the text of `linearization`; n coordinates δ, M strings, N nodes.
+
+    Attributes:
+        engine: one line.
+        scene: what was linearized.
+        time: [s].
+        nodes, velocities, rest_lengths: the state, (N, 3), (N, 3), (M,).
+        inputs: what B's columns change.
+        A: (2n, 2n); with a law, that of the closed loop.
+        B: (2n, M), the plant's.
+        C: (3N, 2n).
+        residual: (2n,) ẋ at the state: zero at an equilibrium.
+        gain: (M, 2n) derivative of the law's rest lengths (force densities), or None without a law.
+        coordinates: (n,) a name for each δ, such as "rod r1: z1" or "rod r1: b2".
+        warnings: what the numbers do not tell, such as strings at the edge of slackness.
+    """
+
+    engine: str
+    scene: Scene
+    time: float
+    nodes: Array
+    velocities: Array
+    rest_lengths: Array
+    inputs: Command
+    A: Array
+    B: Array
+    C: Array
+    residual: Array
+    gain: Array | None
+    coordinates: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def is_equilibrium(self) -> bool:
+        """Whether the state stands still: ẋ below 1e-9 of what A makes of a metre or a radian."""
+        return bool(np.abs(self.residual).max(initial=0.0) <= 1e-9 * max(np.abs(self.A).max(initial=0.0), 1e-300))
+
+    @property
+    def eigenvalues(self) -> Array:
+        """(2n,) complex [1/s], by ascending modulus, conjugates with the positive imaginary part first."""
+        return self._modes()[0]
+
+    @property
+    def modes(self) -> Array:
+        """(3N, 2n) complex: the nodes' motion in each mode, in the order of `eigenvalues`, its largest entry 1."""
+        return self._modes()[1]
+
+    @property
+    def frequencies(self) -> Array:
+        """|λ| / 2π [Hz] of the modes that swing or are held, ascending: one of each conjugate pair, no rigid motion."""
+        values = self.eigenvalues
+        held = np.abs(values) ** 2 > FLAT * np.abs(values).max(initial=0.0) ** 2
+        return np.abs(values[held & (values.imag >= 0)]) / (2 * np.pi)
+
+    @property
+    def damping_ratios(self) -> Array:
+        """-Re λ / |λ| of the same modes."""
+        values = self.eigenvalues
+        values = values[(np.abs(values) ** 2 > FLAT * np.abs(values).max(initial=0.0) ** 2) & (values.imag >= 0)]
+        return np.asarray(-values.real / np.abs(values))
+
+    def _modes(self) -> tuple[Array, Array]:
+        n = len(self.coordinates)
+        stiffness, damping = -self.A[n:, :n], -self.A[n:, n:]
+        scale = np.sqrt(np.abs(stiffness).max(initial=0.0))
+        if np.abs(damping).max(initial=0.0) <= STILL * scale:
+            # From ω² rather than from ±iω, which are not half as accurate where one mode is far softer than another.
+            squares, shapes = np.linalg.eig(stiffness)
+            roots = np.sqrt(-squares.astype(complex))
+            roots = np.where(roots.imag < 0, -roots, roots)
+            values = np.concatenate([roots, roots.conj() if np.isrealobj(squares) else -roots])
+            values[n:] = np.where(np.abs(roots.imag) <= STILL * np.abs(roots), -roots, values[n:])
+            vectors = np.concatenate([shapes, shapes], axis=1)
+            moved = self.C[:, :n] @ vectors
+        else:
+            values, vectors = np.linalg.eig(self.A)
+            moved = self.C @ vectors
+        order = np.lexsort((-values.imag, np.round(np.abs(values), 9)))
+        moved = moved[:, order]
+        if moved.size:
+            largest = moved[np.argmax(np.abs(moved), axis=0), np.arange(moved.shape[1])]
+            moved = moved / np.where(largest == 0, 1, largest)
+        return values[order], moved
+
+    def deviation(self, nodes: ArrayLike, velocities: ArrayLike) -> Array:
+        """x (2n,) of node positions and velocities (N, 3): what they differ by from the state of this model."""
+        structure = self.scene.structure
+        shape = (len(structure.nodes), 3)
+        chart = Chart(structure, self.nodes)
+        here = real_array("nodes", nodes, shape, "m", False), real_array("velocities", velocities, shape, "m/s", False)
+        delta, rate = chart.coordinates(*here)
+        return np.concatenate([delta, rate - chart.coordinates(self.nodes, self.velocities)[1]])
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write everything as .json, or its arrays and names as .npz; returns the path.
+
+        Raises:
+            OptionError: for another suffix, or a place where no file can be written.
+        """
+        destination = checked(path, (".npz", ".json"), "linear model")
+        data = self.to_dict()
+        with replacing(destination) as part:
+            if destination.suffix.lower() == ".json":
+                part.write_text(to_json(data) + "\n", encoding="utf-8")
+            else:
+                del data["warnings"], data["gain"]
+                data["eigenvalues"] = self.eigenvalues
+                if self.gain is not None:
+                    data["gain"] = self.gain
+                arrays: dict[str, Any] = {key: np.asarray(value) for key, value in data.items()}
+                np.savez_compressed(part, **arrays)
+        return destination
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain values, for JSON."""
+        return {
+            "engine": self.engine,
+            "scene": self.scene.name,
+            "time": self.time,
+            "inputs": self.inputs.value,
+            "coordinates": list(self.coordinates),
+            "strings": [string.name for string in self.scene.structure.strings],
+            "nodes": list(self.scene.structure.node_names),
+            "positions": self.nodes.tolist(),
+            "velocities": self.velocities.tolist(),
+            "rest_lengths": self.rest_lengths.tolist(),
+            "A": self.A.tolist(),
+            "B": self.B.tolist(),
+            "C": self.C.tolist(),
+            "gain": None if self.gain is None else self.gain.tolist(),
+            "residual": self.residual.tolist(),
+            "equilibrium": self.is_equilibrium,
+            "eigenvalues": [[float(value.real), float(value.imag)] for value in self.eigenvalues],
+            "frequencies": self.frequencies.tolist(),
+            "damping_ratios": self.damping_ratios.tolist(),
+            "warnings": list(self.warnings),
+        }

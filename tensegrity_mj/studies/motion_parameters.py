@@ -1,0 +1,206 @@
+"""Changes of what moves a scene's supports, and of what resists its motion, by the names of their parts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
+from functools import partial
+from typing import Any
+
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.motion import Harmonic, Motion
+from tensegrity_mj.resistance import Bending, Drag, Resistance
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.structure import Vector
+from tensegrity_mj.studies.parameter_values import (
+    Scaled,
+    axis_of,
+    no_more,
+    number_from,
+    scaled,
+    unknown,
+    vector_from,
+)
+
+OF_MOTION = ("amplitude", "frequency", "angular_frequency", "phase")
+OF_RESISTANCE = ("viscous", "wind", "drag", "bending")
+OF_DRAG = tuple(item.name for item in fields(Drag))
+OF_BENDING = ("stiffness", "damping")
+# Amplitudes of one size, such as those of a circle, differ by round-off.
+SAME = 1e-12
+
+
+def motion_change(scene: Scene, which: str | None, others: Sequence[str], path: str) -> Callable[[Scene, Any], Scene]:
+    """The change of one motion, or of all, that a path names.
+
+    Raises:
+        OptionError: if it names nothing.
+    """
+    if not scene.motions:
+        raise OptionError(f"{path}: scene '{scene.name}' has no motions of supports")
+    supports = [motion.support for motion in scene.motions]
+    if which is not None and which not in supports:
+        raise OptionError(f"{path}: {unknown(which, supports, 'support with a motion')}")
+    name = others[0] if others else ""
+    if name not in OF_MOTION:
+        raise OptionError(f"{path}: {unknown(name, OF_MOTION, 'part of a motion')}")
+    if name != "amplitude":
+        no_more(None, others[1:], path)
+    for motion in scene.motions:
+        if which in (None, motion.support) and motion.function is not None:
+            raise OptionError(f"{path}: the motion of '{motion.support}' is a function, which has no parts to change")
+    return partial(_change_motions, path, which, name, axis_of(others[1:], path))
+
+
+def _change_motions(path: str, which: str | None, name: str, axis: int | None, scene: Scene, value: Any) -> Scene:
+    change: Callable[[Motion], Motion]
+    if name == "amplitude":
+        change = partial(_with_amplitude, path, axis, value)
+    elif name == "phase":
+        change = partial(_with_phase, path, value)
+    else:
+        change = partial(_with_frequency, path, 2 * math.pi if name == "frequency" else 1.0, value)
+    motions = (change(motion) if which in (None, motion.support) else motion for motion in scene.motions)
+    return scene.with_(motions=tuple(motions))
+
+
+def _with_amplitude(path: str, axis: int | None, value: Any, motion: Motion) -> Motion:
+    """A factor is of all that the motion makes, data too; a number is the length of all amplitudes, or a component."""
+    if isinstance(value, Scaled):
+        changed: dict[str, Any] = {
+            key: tuple(vector_from(path, value, axis, row) for row in getattr(motion, key))
+            for key in ("displacements", "velocities", "accelerations")
+        }
+        harmonics = [replace(h, amplitude=vector_from(path, value, axis, h.amplitude)) for h in motion.harmonics]
+        return replace(motion, harmonics=tuple(harmonics), **changed)
+    _no_data(path, motion)
+    rows = [item.amplitude for item in motion.harmonics]
+    if axis is None and not isinstance(value, Sequence):
+        new = number_from(path, value)
+        now = _one(path, motion, "lengths of amplitudes", [math.hypot(*row) for row in rows])
+        if now == 0:
+            raise OptionError(
+                f"{path} = {value!r}: an amplitude of zero has no direction; give a list of three numbers"
+            )
+        amplitudes = [_times(new / now, row) for row in rows]
+    else:
+        if axis is None:
+            _one(path, motion, "amplitudes", rows)
+        else:
+            _one(path, motion, "components of amplitudes", [row[axis] for row in rows])
+        amplitudes = [vector_from(path, value, axis, row) for row in rows]
+    harmonics = [replace(h, amplitude=row) for h, row in zip(motion.harmonics, amplitudes, strict=True)]
+    return replace(motion, harmonics=tuple(harmonics))
+
+
+def _with_frequency(path: str, unit: float, value: Any, motion: Motion) -> Motion:
+    """A factor is one of the pace of all that the motion makes, data too; what stands still goes on standing."""
+    moving = [item.angular_frequency for item in motion.harmonics if item.angular_frequency]
+    if isinstance(value, Scaled):
+        pace = value.factor
+        if motion.times and pace <= 0:
+            raise OptionError(f"{path} = {value}: the motion of '{motion.support}' has data; their pace must be > 0")
+    else:
+        _no_data(path, motion)
+        new = unit * number_from(path, value)
+        pace = 0.0
+        if moving:
+            _one(path, motion, "frequencies", moving)
+    harmonics: list[Harmonic] = []
+    for item in motion.harmonics:
+        omega = item.angular_frequency * pace if isinstance(value, Scaled) else new
+        still = moving and not item.angular_frequency
+        harmonics.append(item if still else replace(item, angular_frequency=omega))
+    if not motion.times:
+        return replace(motion, harmonics=tuple(harmonics))
+    return replace(
+        motion,
+        harmonics=tuple(harmonics),
+        times=tuple(time / pace for time in motion.times),
+        velocities=tuple(_times(pace, row) for row in motion.velocities),
+        accelerations=tuple(_times(pace**2, row) for row in motion.accelerations),
+    )
+
+
+def _with_phase(path: str, value: Any, motion: Motion) -> Motion:
+    """Harmonics that stand still keep their place."""
+    moving = [item.phase for item in motion.harmonics if item.angular_frequency]
+    _no_data(path, motion)
+    if not moving:
+        raise OptionError(f"{path}: nothing of the motion of '{motion.support}' has a frequency")
+    now = _one(path, motion, "phases", moving)
+    new = scaled(path, value, now) if isinstance(value, Scaled) else number_from(path, value)
+    harmonics = (replace(h, phase=new) if h.angular_frequency else h for h in motion.harmonics)
+    return replace(motion, harmonics=tuple(harmonics))
+
+
+def _no_data(path: str, motion: Motion) -> None:
+    if motion.times:
+        raise OptionError(
+            f"{path}: the motion of '{motion.support}' has data; scale their amplitude or frequency by a factor such "
+            "as *0.5"
+        )
+
+
+def _one(path: str, motion: Motion, what: str, values: Sequence[Any]) -> Any:
+    """The value that all have."""
+    first = values[0]
+    for other in values[1:]:
+        pairs = zip(first, other, strict=True) if isinstance(first, tuple) else [(first, other)]
+        if any(abs(a - b) > SAME * max(abs(a), abs(b)) for a, b in pairs):
+            raise OptionError(
+                f"{path}: the motion of '{motion.support}' has harmonics of different {what}, which one value cannot "
+                "stand for; scale them by a factor such as *0.5, or change the scene"
+            )
+    return first
+
+
+def _times(factor: float, row: Vector) -> Vector:
+    x, y, z = row
+    return (factor * x, factor * y, factor * z)
+
+
+def resistance_change(others: Sequence[str], path: str) -> Callable[[Scene, Any], Scene]:
+    """The change of a scene's resistance that a path names; what the scene has none of starts from the defaults.
+
+    Raises:
+        OptionError: if it names nothing.
+    """
+    name = others[0] if others else ""
+    if name not in OF_RESISTANCE:
+        raise OptionError(f"{path}: {unknown(name, OF_RESISTANCE, 'part of resistance')}")
+    if name == "wind":
+        return partial(_change_wind, path, axis_of(others[1:], path))
+    if name == "viscous":
+        no_more(None, others[1:], path)
+        return partial(_change_viscous, path)
+    known = OF_DRAG if name == "drag" else OF_BENDING
+    part = others[1] if len(others) > 1 else ""
+    if part not in known:
+        raise OptionError(f"{path}: {unknown(part, known, f'part of {name}')}")
+    no_more(None, others[2:], path)
+    return partial(_change_part, path, name, part)
+
+
+def _change_viscous(path: str, scene: Scene, value: Any) -> Scene:
+    resistance = scene.resistance or Resistance()
+    new = scaled(path, value, resistance.viscous) if isinstance(value, Scaled) else number_from(path, value)
+    if new == 0 and resistance.drag is None:  # nothing is left that wind could act on
+        resistance = replace(resistance, wind=Resistance.wind)
+    resistance = replace(resistance, viscous=new)
+    return scene.with_(resistance=None if resistance == Resistance() else resistance)
+
+
+def _change_wind(path: str, axis: int | None, scene: Scene, value: Any) -> Scene:
+    resistance = scene.resistance or Resistance()
+    resistance = replace(resistance, wind=vector_from(path, value, axis, resistance.wind))
+    return scene.with_(resistance=None if resistance == Resistance() else resistance)
+
+
+def _change_part(path: str, name: str, part: str, scene: Scene, value: Any) -> Scene:
+    resistance = scene.resistance or Resistance()
+    whole = getattr(resistance, name) or (Drag() if name == "drag" else Bending())
+    new = scaled(path, value, getattr(whole, part)) if isinstance(value, Scaled) else number_from(path, value)
+    changes: dict[str, Any] = {name: replace(whole, **{part: new})}
+    return scene.with_(resistance=replace(resistance, **changes))

@@ -1,0 +1,118 @@
+"""Values of parameters, and paths in parts: read, or refused with what is allowed."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import enum
+import math
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from tensegrity_mj.checks import finite
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.structure import Vector
+
+AXES = ("x", "y", "z")
+_PART = re.compile(r"[^.\[\]]+(\[.*\])?")
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """A value that is `factor` times what the parameter was."""
+
+    factor: float
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "factor", finite("Scaled: factor", self.factor))
+
+    def __str__(self) -> str:
+        return f"*{self.factor!r}"
+
+
+def encoded(value: Any) -> Any:
+    """A value as points hold it: `Scaled(0.8)` is the text *0.8."""
+    return str(value) if isinstance(value, Scaled) else value
+
+
+def decoded(value: Any) -> Any:
+    """The value that a point holds."""
+    if isinstance(value, str) and value.startswith("*"):
+        try:
+            return Scaled(float(value[1:]))
+        except ValueError:
+            raise OptionError(f"{value!r}: after * there must be a number, such as *0.8") from None
+    return value
+
+
+def parts_of(rest: str, path: str) -> list[str]:
+    """The parts between dots; names in brackets may hold dots, and brackets in pairs."""
+    parts, depth = [""], 0
+    for letter in rest:
+        depth += (letter == "[") - (letter == "]")
+        if letter == "." and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += letter
+        if depth < 0:
+            break
+    if depth or not all(_PART.fullmatch(part) for part in parts):
+        raise OptionError(f"{path}: it is no parameter; write it like structure.rods[rod1].mass")
+    return parts
+
+
+def axis_of(others: Sequence[str], path: str) -> int | None:
+    if not others:
+        return None
+    if len(others) > 1 or others[0] not in AXES:
+        raise OptionError(f"{path}: {unknown(others[0], AXES, 'component')}")
+    return AXES.index(others[0])
+
+
+def no_more(which: str | None, others: Sequence[str], path: str) -> None:
+    if which is not None or others:
+        raise OptionError(f"{path}: it has no parts '{which or others[0]}'; leave them out")
+
+
+def vector_from(path: str, value: Any, axis: int | None, now: Sequence[float]) -> Vector:
+    row = [float(x) for x in now]
+    if isinstance(value, Scaled):
+        row = [x * value.factor if axis in (None, i) else x for i, x in enumerate(row)]
+    elif axis is not None:
+        row[axis] = number_from(path, value)
+    elif not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 3:
+        raise OptionError(f"{path} = {value!r}; it must be a list of three numbers, or add .x, .y or .z")
+    else:
+        row = [number_from(path, x) for x in value]
+    x, y, z = row
+    return (x, y, z)
+
+
+def number_from(path: str, value: Any) -> float:
+    return finite(path, value)
+
+
+def scaled(path: str, scale: Scaled, now: Any) -> float:
+    if not isinstance(now, (int, float)) or isinstance(now, bool) or not math.isfinite(now):
+        what = "it has no value" if now is None or now is dataclasses.MISSING else f"{now!r} is no number"
+        raise OptionError(f"{path} = {scale}: {what} that could be scaled; give one")
+    return float(now) * scale.factor
+
+
+def choice_from(path: str, kind: type[enum.Enum], value: Any) -> Any:
+    words = {str(one.value): one for one in kind}
+    text = value.replace("-", " ") if isinstance(value, str) else value
+    for word in (value, text):
+        if isinstance(word, str) and word in words:
+            return words[word]
+    raise OptionError(f"{path} = {value!r}; allowed: {', '.join(words)}")
+
+
+def unknown(given: str, known: Iterable[str], what: str) -> str:
+    """'rods' is no ...: what is allowed, and what was probably meant."""
+    names = list(known)
+    close = difflib.get_close_matches(given, names, n=1)
+    meant = f" (did you mean '{close[0]}'?)" if close else ""
+    return f"there is no {what} '{given}'{meant}; allowed: {', '.join(names)}"

@@ -1,0 +1,296 @@
+"""Changes of a structure or a scene, by the names of their parts."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.scene import Break, Scene
+from tensegrity_mj.strings import StringLaw, elastic_tension, force_density
+from tensegrity_mj.structure import Vector
+from tensegrity_mj.studies.motion_parameters import motion_change, resistance_change
+from tensegrity_mj.studies.parameter_values import (
+    Scaled,
+    axis_of,
+    choice_from,
+    no_more,
+    number_from,
+    parts_of,
+    scaled,
+    unknown,
+    vector_from,
+)
+
+PARTS_OF_SCENE = (
+    "gravity",
+    "duration",
+    "initial_nodes",
+    "initial_velocities",
+    "target",
+    "loads",
+    "breaks",
+    "contact",
+    "motions",
+    "resistance",
+)
+MEMBERS = {"rods": "rod", "strings": "string", "point_masses": "point mass"}
+REST = ("rest_length", "tension", "force_density")  # of a string, which has one of them at most
+MEMBER = re.compile(r"(?P<name>\w+)(\[(?P<which>.+)\])?")
+
+# What a change of the scene is: a value in, another scene out.
+Change = Callable[[Scene, Any], Scene]
+
+
+def member_names(scene: Scene, path: str) -> list[str] | None:
+    """The paths of each member by itself of a path with [*], such as structure.rods[*].mass; None without [*].
+
+    Raises:
+        OptionError: if [*] stands where there are no members.
+    """
+    if "[*]" not in path:
+        return None
+    head, _, tail = path.partition("[*]")
+    kind = head.rpartition(".")[2]
+    known: Iterable[str] = ()
+    if kind in MEMBERS:
+        known = _named(getattr(scene.structure, kind))
+    elif kind in ("nodes", "initial_nodes", "initial_velocities"):
+        known = scene.structure.node_names
+    elif kind == "motions":
+        known = [motion.support for motion in scene.motions]
+    elif kind == "loads" and not callable(scene.loads):
+        known = dict.fromkeys(load.node for load in scene.loads)
+    names = [f"{head}[{name}]{tail}" for name in known]
+    if not names:
+        raise OptionError(f"{path}: [*] stands for each member of {', '.join(MEMBERS)}, nodes, ..., and there is none")
+    return names
+
+
+def scene_change(scene: Scene, kind: str, rest: str, path: str) -> Change:
+    """The change of a scene that a path under `structure` or `scene` names.
+
+    Raises:
+        OptionError: if it names nothing.
+    """
+    first, *others = parts_of(rest, path)
+    match = MEMBER.fullmatch(first)
+    if match is None:
+        raise OptionError(f"{path}: '{first}' is no name, nor a name with members in brackets such as rods[rod1]")
+    name, which = match["name"], match["which"]
+    if kind == "structure":
+        known: tuple[str, ...] = (*MEMBERS, "nodes", "string_law")
+        if name not in known:
+            raise OptionError(f"{path}: {unknown(name, known, 'part of a structure')}")
+        if name in MEMBERS:
+            return _member_change(scene, name, which, others, path)
+        if name == "nodes":
+            return partial(_change_node, path, _node(scene, which, path), axis_of(others, path))
+        no_more(which, others, path)
+        return partial(_change_string_law, path)
+    if name not in PARTS_OF_SCENE:
+        raise OptionError(f"{path}: {unknown(name, PARTS_OF_SCENE, 'part of a scene')}")
+    if name == "loads":
+        return _load_change(scene, which, others, path)
+    if name in ("initial_nodes", "initial_velocities"):
+        return partial(_change_state, path, name, _node(scene, which, path), axis_of(others, path))
+    if name == "target":
+        if scene.target is None or len(scene.target.times) != 1 or scene.target.along is not None:
+            raise OptionError(f"{path}: scene '{scene.name}' has no target that is one set-point")
+        return partial(_change_target, path, _node(scene, which, path), axis_of(others, path))
+    if name == "contact":
+        no_more(which, others[1:], path)
+        return _contact_change(scene, others, path)
+    if name == "breaks":
+        return _break_change(scene, which, others, path)
+    if name == "motions":
+        return motion_change(scene, which, others, path)
+    if name == "resistance":
+        no_more(which, [], path)
+        return resistance_change(others, path)
+    if name == "gravity":
+        no_more(which, [], path)
+        return partial(_change_gravity, path, axis_of(others, path))
+    no_more(which, others, path)
+    return partial(_change_duration, path)
+
+
+def _member_change(scene: Scene, kind: str, which: str | None, others: list[str], path: str) -> Change:
+    members = getattr(scene.structure, kind)
+    by_name = _named(members)
+    if which is None:
+        chosen = list(by_name)
+    else:  # a name may hold commas itself
+        chosen = [which] if which in by_name else [name.strip() for name in which.split(",")]
+    for name in chosen:
+        if name not in by_name:
+            raise OptionError(f"{path}: {unknown(name, by_name, MEMBERS[kind])}")
+    if not chosen:
+        raise OptionError(f"{path}: structure '{scene.structure.name}' has no {MEMBERS[kind]}")
+    known = _numbers_of(type(members[0]))
+    if len(others) != 1 or others[0] not in known:
+        given = others[0] if others else ""
+        raise OptionError(f"{path}: {unknown(given, known, f'number of a {MEMBERS[kind]}')}")
+    return partial(_change_members, path, kind, frozenset(chosen), others[0])
+
+
+def _change_members(path: str, kind: str, chosen: frozenset[str], name: str, scene: Scene, value: Any) -> Scene:
+    structure = scene.structure
+    members = []
+    for number, (key, member) in enumerate(_named(getattr(structure, kind)).items()):
+        if key in chosen:
+            if isinstance(value, Scaled):
+                new = scaled(f"{path} of '{key}'", value, _now(structure, member, name, number))
+            else:
+                new = number_from(path, value)
+            others = dict.fromkeys(REST) if name in REST else {}
+            member = replace(member, **(others | {name: new}))
+        members.append(member)
+    changed: dict[str, Any] = {kind: tuple(members)}
+    return scene.with_(structure=replace(structure, **changed))
+
+
+def _now(structure: Any, member: Any, name: str, number: int) -> Any:
+    """What a number of a member is now; of strings, what follows from how they are given."""
+    if name not in REST:
+        return getattr(member, name)
+    length, rest = structure.string_lengths(structure.positions)[number], structure.rest_lengths[number]
+    if name == "rest_length":
+        return float(rest)
+    law = elastic_tension if name == "tension" else force_density
+    return float(law(member.stiffness, length, rest))
+
+
+def _change_node(path: str, node: str, axis: int | None, scene: Scene, value: Any) -> Scene:
+    structure, target = scene.structure, scene.target
+    row = vector_from(path, value, axis, structure.nodes[node])
+    changes: dict[str, Any] = {"structure": replace(structure, nodes={**structure.nodes, node: row})}
+    if node in structure.fixed_nodes:
+        # Where a fixed node is, it is in the start and in the target too.
+        number = structure.node_index[node]
+        if scene.initial_nodes is not None:
+            changes["initial_nodes"] = _with_row(scene.initial_nodes, number, row)
+        if target is not None and target.along is None:
+            changes["target"] = replace(target, nodes=_with_row(target.nodes, number, row))
+    return scene.with_(**changes)
+
+
+def _with_row(nodes: Any, number: int, row: Vector) -> Any:
+    """Node positions (..., N, 3) with one node elsewhere."""
+    nodes = np.array(nodes)
+    nodes[..., number, :] = row
+    return nodes
+
+
+def _change_string_law(path: str, scene: Scene, value: Any) -> Scene:
+    return scene.with_(structure=replace(scene.structure, string_law=choice_from(path, StringLaw, value)))
+
+
+def _change_state(path: str, name: str, node: str, axis: int | None, scene: Scene, value: Any) -> Scene:
+    rows = scene.nodes0 if name == "initial_nodes" else scene.velocities0
+    number = scene.structure.node_index[node]
+    return scene.with_(**{name: _with_row(rows, number, vector_from(path, value, axis, rows[number].tolist()))})
+
+
+def _change_target(path: str, node: str, axis: int | None, scene: Scene, value: Any) -> Scene:
+    target, number = scene.target, scene.structure.node_index[node]
+    assert target is not None
+    row = vector_from(path, value, axis, target.nodes[0, number].tolist())
+    return scene.with_(target=replace(target, nodes=_with_row(target.nodes, number, row)))
+
+
+def _change_gravity(path: str, axis: int | None, scene: Scene, value: Any) -> Scene:
+    return scene.with_(gravity=vector_from(path, value, axis, scene.gravity))
+
+
+def _change_duration(path: str, scene: Scene, value: Any) -> Scene:
+    new = scaled(path, value, scene.duration) if isinstance(value, Scaled) else number_from(path, value)
+    return scene.with_(duration=new)
+
+
+def _break_change(scene: Scene, which: str | None, others: list[str], path: str) -> Change:
+    strings = _named(scene.structure.strings)
+    if which is None or others != ["time"]:
+        raise OptionError(f"{path}: write breaks[STRING].time, with a string of {', '.join(strings)}")
+    if which not in strings:
+        raise OptionError(f"{path}: {unknown(which, strings, 'string')}")
+    return partial(_change_break, path, which)
+
+
+def _change_break(path: str, name: str, scene: Scene, value: Any) -> Scene:
+    times = {event.string: event.time for event in scene.breaks}
+    times[name] = scaled(path, value, times.get(name)) if isinstance(value, Scaled) else number_from(path, value)
+    return scene.with_(breaks=tuple(Break(string, time) for string, time in times.items()))
+
+
+def _contact_change(scene: Scene, others: list[str], path: str) -> Change:
+    known = ("friction", "stiffness", "damping", "floor", "rods")
+    name = others[0] if others else ""
+    if name not in known:
+        raise OptionError(f"{path}: {unknown(name, known, 'part of contact')}")
+    if scene.contact is None:
+        raise OptionError(f"{path}: scene '{scene.name}' has no contact")
+    return partial(_change_contact, path, name)
+
+
+def _change_contact(path: str, name: str, scene: Scene, value: Any) -> Scene:
+    assert scene.contact is not None
+    new = value
+    if name != "rods":
+        now = getattr(scene.contact, name)
+        new = scaled(path, value, now) if isinstance(value, Scaled) else number_from(path, value)
+    return scene.with_(contact=replace(scene.contact, **{name: new}))
+
+
+def _load_change(scene: Scene, which: str | None, others: list[str], path: str) -> Change:
+    if callable(scene.loads) or not scene.loads:
+        raise OptionError(f"{path}: scene '{scene.name}' has no loads")
+    nodes = dict.fromkeys(load.node for load in scene.loads)
+    if which is not None and which not in nodes:
+        raise OptionError(f"{path}: {unknown(which, nodes, 'node with a load')}")
+    known = ("force", "angular_frequency", "phase")
+    name = others[0] if others else ""
+    if name not in known:
+        raise OptionError(f"{path}: {unknown(name, known, 'part of a load')}")
+    if name != "force":
+        no_more(None, others[1:], path)
+    return partial(_change_loads, path, which, name, axis_of(others[1:], path))
+
+
+def _change_loads(path: str, which: str | None, name: str, axis: int | None, scene: Scene, value: Any) -> Scene:
+    assert not callable(scene.loads)
+    loads = []
+    for load in scene.loads:
+        if which in (None, load.node):
+            old, new = getattr(load, name), value
+            if name == "force":
+                new = vector_from(path, value, axis, old)
+            else:
+                new = scaled(path, value, old) if isinstance(value, Scaled) else number_from(path, value)
+            load = replace(load, **{name: new})
+        loads.append(load)
+    return scene.with_(loads=tuple(loads))
+
+
+def _node(scene: Scene, which: str | None, path: str) -> str:
+    names = scene.structure.node_names
+    if which is None:
+        raise OptionError(f"{path}: name a node in brackets: {', '.join(names)}")
+    if which not in names:
+        raise OptionError(f"{path}: {unknown(which, names, 'node')}")
+    return which
+
+
+def _named(members: Iterable[Any]) -> dict[str, Any]:
+    return {getattr(member, "name", None) or member.node: member for member in members}
+
+
+def _numbers_of(kind: type) -> list[str]:
+    """The fields of a member that are numbers."""
+    return [item.name for item in dataclasses.fields(kind) if str(item.type) in ("float", "float | None")]

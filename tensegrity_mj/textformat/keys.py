@@ -1,0 +1,45 @@
+"""The keys of every table of the format. docs/format.md tells what each holds."""
+
+from __future__ import annotations
+
+from tensegrity_mj.structure import LIMITS
+
+FORMAT = 1
+
+FILE_KEYS = ("format", "name", "source", "structure", "scene")
+STRUCTURE_KEYS = ("name", "string_law", "fixed_nodes", "nodes", "rods", "strings", "point_masses")
+ROD_KEYS = ("name", "nodes", "mass", "radius", "support")
+STRING_KEYS = ("name", "nodes", "stiffness", "damping", "rest_length", "tension", "force_density", *LIMITS)
+POINT_MASS_KEYS = ("node", "mass", "plane")
+SUPPORT_KEYS = {
+    "free": ("kind", "sigma", "plane"),
+    "pinned": ("kind", "sigma", "plane"),
+    "constrained": ("kind", "sigma", "plane", "D", "values"),
+}
+SCENE_KEYS = (
+    "gravity",
+    "duration",
+    "loads",
+    "breaks",
+    "motions",
+    "contact",
+    "resistance",
+    "initial_nodes",
+    "initial_velocities",
+    "target",
+    "control",
+)
+CONTACT_KEYS = ("floor", "normal", "rods", "friction", "stiffness", "damping", "impedance")
+RESISTANCE_KEYS = ("viscous", "bending", "drag", "wind")
+BENDING_KEYS = ("stiffness", "damping", "pairs")
+DRAG_KEYS = ("normal", "tangential", "density", "diameter")
+BREAK_KEYS = ("string", "time")
+LOAD_KEYS = ("node", "force", "angular_frequency", "phase")
+MOTION_DATA = ("times", "displacements", "velocities", "accelerations")
+MOTION_KEYS = ("support", "harmonics", *MOTION_DATA)
+HARMONIC_KEYS = ("amplitude", "angular_frequency", "phase")
+TARGET_KEYS = ("nodes", "waypoints", "times", "values", "rates", "accelerations", "shapes")
+CURVE_KEYS = TARGET_KEYS[2:]
+SHAPE_KEYS = ("parameter", "nodes")
+WAYPOINT_KEYS = ("time", "nodes")
+CONTROL_KEYS = ("law", "options")

@@ -1,0 +1,65 @@
+"""Reads a [structure]."""
+
+from __future__ import annotations
+
+from tensegrity_mj.strings import StringLaw
+from tensegrity_mj.structure import LIMITS, PointMass, Rod, String, Structure, Support
+from tensegrity_mj.textformat.keys import POINT_MASS_KEYS, ROD_KEYS, STRING_KEYS, SUPPORT_KEYS
+from tensegrity_mj.textformat.table import Table, is_list, is_row
+
+
+def structure_of(table: Table, name: str) -> Structure:
+    """The structure of a table, called `name` unless it says otherwise."""
+    nodes = table.table("nodes", None)
+    if nodes is None:
+        raise table.fail("nodes", "a table of node name = [x, y, z]")
+    laws = [law.value for law in StringLaw]
+    return Structure(
+        name=table.text("name", name),
+        nodes={key: nodes.vector(key) for key in nodes.data},
+        rods=tuple(_rod(item) for item in table.tables("rods", ROD_KEYS)),
+        strings=tuple(_string(item) for item in table.tables("strings", STRING_KEYS)),
+        fixed_nodes=table.texts("fixed_nodes", ()),
+        point_masses=tuple(
+            PointMass(item.text("node"), item.number("mass"), item.vector("plane", None))
+            for item in table.tables("point_masses", POINT_MASS_KEYS, title="node")
+        ),
+        string_law=StringLaw(table.choice("string_law", laws, StringLaw.CLIPPED.value)),
+    )
+
+
+def _rod(table: Table) -> Rod:
+    support = table.table("support", None)
+    return Rod(
+        table.text("name"),
+        table.texts("nodes"),
+        table.number("mass"),
+        table.number("radius", Rod.radius),
+        Support.free() if support is None else _support(support),
+    )
+
+
+def _support(table: Table) -> Support:
+    kind = table.choice("kind", SUPPORT_KEYS)
+    table.allow(SUPPORT_KEYS[kind])
+    plane = table.vector("plane", None)
+    if kind == "free":
+        return Support.free(table.number("sigma", 0.5), plane)
+    sigma = table.number("sigma", 0.0)
+    if kind == "pinned":
+        return Support.pinned(sigma, plane)
+    rows = table.get("D", "rows of three numbers, as [[0, 0, 1]]", lambda x: bool(x) and is_list(x, is_row))
+    return Support.constrained(rows, sigma, table.numbers("values", "a number a row of D", len(rows), None), plane)
+
+
+def _string(table: Table) -> String:
+    return String(
+        table.text("name"),
+        table.texts("nodes"),
+        table.number("stiffness"),
+        table.number("damping", String.damping),
+        table.number("rest_length", None),
+        table.number("tension", None),
+        table.number("force_density", None),
+        *(table.number(name, None) for name in LIMITS),
+    )
