@@ -151,6 +151,7 @@ def describe(data: dict[str, Any]) -> str:
         ("smallest feasibility margin", number(data["min_feasibility_margin"])),
         ("energy residual", number(data["energy_residual"], "J")),
         *([("largest node error, estimated", _error(data))] if "accuracy" in data["reports"] else []),
+        *([("forces not unique", ", ".join(loose))] if (loose := data["reports"].get("undetermined_forces")) else []),
         ("real-time factor", number(data["real_time_factor"])),
     ]
     rows += [(name, str(data[name])) for name in ("out", "video", "plot") if data[name]]

@@ -108,21 +108,24 @@ def describe(scene: Scene, timing: bool = False) -> dict[str, Any]:
 
 
 def statics(scene: Scene) -> dict[str, Any]:
-    """Self-stress at the start, and, where no law moves it, whether the strings as given hold it there."""
+    """Self-stress and redundant rods at the start; where no law moves it, whether its strings hold it there."""
     import numpy as np
 
     from tensegrity_mj.errors import InfeasibleError
     from tensegrity_mj.prestress import equilibrium_residual, prestress, self_stress
+    from tensegrity_mj.redundancy import redundancy
     from tensegrity_mj.resistance import resisting_forces
     from tensegrity_mj.strings import force_density
 
     structure, nodes, gravity = scene.structure, scene.nodes0, scene.gravity
     loads = scene.nodal_forces(0.0) + resisting_forces(scene, nodes, np.zeros_like(nodes))
-    stress = self_stress(structure, nodes)
+    stress, twice = self_stress(structure, nodes), redundancy(structure, nodes)
     found: dict[str, Any] = {
         "self_stress_modes": len(stress.modes),
         "rigid_motions": stress.rigid_motions,
         "mechanisms": stress.mechanisms,
+        "undetermined_forces": twice.undetermined,
+        "singular": twice.singular,
     }
     if scene.control is not None:
         return found
@@ -230,6 +233,8 @@ def _text(data: dict[str, Any]) -> str:
             f"{data['self_stress_modes']} states of self-stress, {data['mechanisms']} mechanisms, "
             f"{data['rigid_motions']} rigid motions",
         ),
+        *([("forces not unique", ", ".join(data["undetermined_forces"]))] if data["undetermined_forces"] else []),
+        *([("singular start", ", ".join(data["singular"]))] if data["singular"] else []),
         *([("unbalanced force at rest", number(data["unbalanced_force"], "N"))] if control is None else []),
         *([("prestress", "possible" if data["can_be_prestressed"] else data["why_not"])] if control is None else []),
         *_needs(data["needs"]),

@@ -19,14 +19,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj.dynamics.kernels import accelerate_points, rod_accelerations
+from tensegrity_mj.dynamics.kernels import accelerate_points, direction_of, rod_accelerations
 from tensegrity_mj.dynamics.linked import (
     LinkedRecords,
-    direction_of,
     normalize_linked,
     place_linked,
     read_linked,
     stretch_term,
+    write_coordinates,
 )
 from tensegrity_mj.native.pointers import address_of, borrowing, floats, inlined, integers
 from tensegrity_mj.native.vectors import ZERO, dot, minus, plus, row_of, times, vector
@@ -58,6 +58,7 @@ class JointArrays(NamedTuple):
         b: (R, 3) in world components.
         c: (R,) of `stretch_term`.
         closure_forces: (C, 3) forces of the closures on the others [N].
+        blocks: (3, 3, 3) room for `_compliance`.
     """
 
     joints: Any
@@ -74,6 +75,7 @@ class JointArrays(NamedTuple):
     b: Any
     c: Any
     closure_forces: Any
+    blocks: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +140,7 @@ class JointPlan:
             b=np.zeros((count, 3)),
             c=np.zeros(count),
             closure_forces=np.zeros((closures, 3)),
+            blocks=np.zeros((3, 3, 3)),
         )
         table = np.array([size, count, closures, start[-1], *(address_of(array) for array in arrays)], np.int64)
         return cls(arrays, table)
@@ -158,7 +161,7 @@ def _elimination_order(at_rod: list[list[int]], size: int) -> IntArray:
 @inlined
 def read_joints(address: int) -> Any:
     """The arrays of a `JointPlan`."""
-    table = integers(address, (18,))
+    table = integers(address, (19,))
     E, R, C = table[0], table[1], table[2]
     return JointArrays(
         integers(table[4], (E, 4)),
@@ -175,6 +178,7 @@ def read_joints(address: int) -> Any:
         floats(table[15], (R, 3)),
         floats(table[16], (R,)),
         floats(table[17], (C, 3)),
+        floats(table[18], (3, 3, 3)),
     )
 
 
@@ -276,8 +280,8 @@ def _solve(joints: Any) -> None:
 
 
 @borrowing
-def _assemble(linked: Any, joints: Any, blocks: Any) -> None:
-    """S of the directions b of the moment; `blocks` is room for (3, 3, 3) numbers."""
+def _assemble(linked: Any, joints: Any) -> None:
+    """S of the directions b of the moment."""
     values, first, start, attachments = joints.values, joints.first, joints.start, joints.attachments
     for k in range(len(values)):
         values[k] = 0.0
@@ -286,12 +290,12 @@ def _assemble(linked: Any, joints: Any, blocks: Any) -> None:
         if low == high:
             continue
         link = linked.links[k]
-        _compliance(linked.rods[link.rod], link.held, row_of(joints.b, link.rod), blocks)
+        _compliance(linked.rods[link.rod], link.held, row_of(joints.b, link.rod), joints.blocks)
         for p in range(low, high):
             row_end, row_sign = attachments[p, 1], attachments[p, 2]
             for q in range(low, p + 1):
                 end, sign = attachments[q, 1], float(row_sign * attachments[q, 2])
-                block, turned = blocks[row_end + end], row_end > end
+                block, turned = joints.blocks[row_end + end], row_end > end
                 column = 3 * attachments[q, 0]
                 for x in range(3):
                     r = 3 * attachments[p, 0] + x
@@ -300,16 +304,19 @@ def _assemble(linked: Any, joints: Any, blocks: Any) -> None:
                         values[at + y] += sign * (block[y, x] if turned else block[x, y])
 
 
+@inlined
+def push_joint(joints: Any, e: int, force: Any) -> None:
+    """Add a force (3,) to the end of the joint's other rod, and its opposite to the owner's."""
+    for x in range(3):
+        joints.ends[joints.joints[e, 2], joints.joints[e, 3], x] += force[x]
+        joints.ends[joints.joints[e, 0], joints.joints[e, 1], x] -= force[x]
+
+
 @borrowing
 def _add_joint_forces(joints: Any) -> None:
     """Add the forces x of the joints to the ends of the rods, and keep those of the closures."""
     for e in range(len(joints.joints)):
-        owner, end = joints.joints[e, 0], joints.joints[e, 1]
-        other, other_end = joints.joints[e, 2], joints.joints[e, 3]
-        for x in range(3):
-            force = joints.x[3 * e + x]
-            joints.ends[other, other_end, x] += force
-            joints.ends[owner, end, x] -= force
+        push_joint(joints, e, joints.x[3 * e : 3 * e + 3])
     for a in range(len(joints.closures)):
         for x in range(3):
             joints.closure_forces[a, x] = joints.x[3 * joints.closures[a] + x]
@@ -328,41 +335,27 @@ def set_ends(address: int, forces: Any, joints_at: int) -> None:
 
 
 @borrowing
-def joint_accelerations(
-    address: int,
-    joints_at: int,
-    q: Any,
-    rates: Any,
-    forces: Any,
-    gravity: Any,
-    kp: float,
-    kd: float,
-    blocks: Any,
-    out: Any,
-    multipliers: Any,
-) -> float:
+def joint_accelerations(at: Any, q: Any, rates: Any, forces: Any, constants: Any, out: Any, multipliers: Any) -> float:
     """q̈ (nq,) and λ (R,) for nodal forces (N, 3) [N] at a state that `place_linked` has placed.
 
     Args:
-        address, joints_at: of the tables of `LinkedRecords` and `JointPlan`.
+        at: (3,) addresses of the tables of `LinkedRecords`, `JointPlan` and `TreeEquations`.
         q, rates: the state.
         forces: on the nodes.
-        gravity: (3,) [m/s²].
-        kp, kd: Baumgarte's gains of (3.25) for lengths and closures, zero for none.
-        blocks: room for (3, 3, 3).
+        constants: (5,) gravity [m/s²], and Baumgarte's gains k_p, k_d of (3.25) for lengths and closures, or zero.
         out, multipliers: q̈ and λ.
 
     Returns:
         The power of the moved supports [W].
     """
-    linked, joints = read_linked(address), read_joints(joints_at)
-    g = vector(gravity)
-    set_ends(address, forces, joints_at)
+    linked, joints = read_linked(at[0]), read_joints(at[1])
+    g, kp, kd = vector(constants), constants[3], constants[4]
+    set_ends(at[0], forces, at[1])
     for k in range(len(linked.links)):
         link = linked.links[k]
         rod = linked.rods[link.rod]
-        at = rod.q + link.nz
-        b, b_rate = direction_of(rod, q, at), direction_of(rod, rates, at)
+        place = rod.q + link.nz
+        b, b_rate = direction_of(rod, q, place), direction_of(rod, rates, place)
         c = stretch_term(b, b_rate, kp, kd)
         joints.c[link.rod] = c
         joints.b[link.rod, 0], joints.b[link.rod, 1], joints.b[link.rod, 2] = b[0], b[1], b[2]
@@ -377,7 +370,7 @@ def joint_accelerations(
             free[0, x] = r_acc[x] - rod.sigma * rod.length * b_acc[x]
             free[1, x] = r_acc[x] + (1.0 - rod.sigma) * rod.length * b_acc[x]
     if len(joints.joints) > 0:
-        _assemble(linked, joints, blocks)
+        _assemble(linked, joints)
         _factor(joints)
         for e in range(len(joints.joints)):
             for x in range(3):
@@ -399,17 +392,14 @@ def joint_accelerations(
         first, second = row_of(ends, 0), row_of(ends, 1)
         r_acc, b_acc, along = answer_of_rod(rod, link.held, b, joints.c[link.rod], first, second, here)
         multipliers[link.rod] = along * rod.per_J
-        for p in range(link.nz):
-            out[rod.q + p] = rod.E[0, p] * r_acc[0] + rod.E[1, p] * r_acc[1] + rod.E[2, p] * r_acc[2]
-        for p in range(rod.nb):
-            out[rod.q + link.nz + p] = rod.B[0, p] * b_acc[0] + rod.B[1, p] * b_acc[1] + rod.B[2, p] * b_acc[2]
+        write_coordinates(rod, link.nz, r_acc, b_acc, out)
         if link.motion >= 0:
             # What the support must pull with, for r to move as it does: m r̈ + f b̈ = t_r + reaction.
             t_r = plus(plus(first, second), times(rod.mass, here))
             reaction = minus(plus(times(rod.mass, r_acc), times(rod.f, b_acc)), t_r)
             power += dot(reaction, row_of(linked.motions[link.motion], 1))
-    accelerate_points(forces, linked.points, gravity, out)
-    return power + moved_nodes_power(address, forces)
+    accelerate_points(forces, linked.points, constants, out)
+    return power + moved_nodes_power(at[0], forces)
 
 
 @inlined
@@ -467,23 +457,23 @@ def largest_gap(address: int, row: int) -> float:
 
 
 @borrowing
-def _prepare_to_close(address: int, joints_at: int, q: Any, blocks: Any) -> None:
+def _prepare_to_close(address: int, joints_at: int, q: Any) -> None:
     """S of q, factored."""
     linked, joints = read_linked(address), read_joints(joints_at)
     for k in range(len(linked.links)):
         link = linked.links[k]
         b = direction_of(linked.rods[link.rod], q, linked.rods[link.rod].q + link.nz)
         joints.b[link.rod, 0], joints.b[link.rod, 1], joints.b[link.rod, 2] = b[0], b[1], b[2]
-    _assemble(linked, joints, blocks)
+    _assemble(linked, joints)
     _factor(joints)
 
 
 @borrowing
-def project_linked(address: int, joints_at: int, q: Any, rates: Any, blocks: Any, nodes: Any, velocities: Any) -> None:
+def project_linked(address: int, joints_at: int, q: Any, rates: Any, nodes: Any, velocities: Any) -> None:
     """Put q and q̇ back onto all constraints: (3.23)-(3.24) for the lengths, and Newton's method for the closures.
 
-    Both corrections are the least ones in the metric of the masses: what impulses at the joints would do. The nodes
-    and velocities (N, 3) are those of the corrected state afterwards.
+    The latter are the least changes in the metric of the masses, as impulses at the joints are; the former are not, and
+    change momenta. The nodes and velocities (N, 3) are those of the corrected state afterwards.
     """
     normalize_linked(address, q, rates)
     place_linked(address, q, rates, nodes, velocities)
@@ -496,10 +486,10 @@ def project_linked(address: int, joints_at: int, q: Any, rates: Any, blocks: Any
         if not gap > 0.0 or gap > 0.5 * before:
             break  # round-off does not fall any further
         before = gap
-        _prepare_to_close(address, joints_at, q, blocks)
+        _prepare_to_close(address, joints_at, q)
         _close(address, joints_at, q, q, 0)
         normalize_linked(address, q, rates)
         place_linked(address, q, rates, nodes, velocities)
-    _prepare_to_close(address, joints_at, q, blocks)
+    _prepare_to_close(address, joints_at, q)
     _close(address, joints_at, q, rates, 1)
     place_linked(address, q, rates, nodes, velocities)

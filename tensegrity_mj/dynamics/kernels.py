@@ -141,7 +141,7 @@ def accelerations(
     for a in range(len(rods)):
         rod = rods[a]
         iz, ib = rod.q, rod.q + rod.nz
-        b, b_rate = _in_world(rod, q, ib), _in_world(rod, rates, ib)
+        b, b_rate = direction_of(rod, q, ib), direction_of(rod, rates, ib)
         square = dot(b, b)
         t_r, t_b = rod_forces(rod, forces, gravity)
         # bᵀb̈ + ‖ḃ‖² = -k_d bᵀḃ - k_p (bᵀb - 1)/2, (3.26).
@@ -156,8 +156,8 @@ def accelerations(
 
 
 @inlined
-def _in_world(rod: Any, q: Any, at: int) -> Any:
-    """B β with β from place `at` of q on: b in world components."""
+def direction_of(rod: Any, q: Any, at: int) -> Any:
+    """b = B β in world components, β from place `at` of q on."""
     B = rod.B
     if rod.nb == 3:
         return q[at], q[at + 1], q[at + 2]
@@ -167,16 +167,20 @@ def _in_world(rod: Any, q: Any, at: int) -> Any:
 
 @borrowing
 def normalize(q: Any, rates: Any, rods: Any) -> None:
-    """(3.23)-(3.24): b to unit length, ḃ orthogonal to it."""
+    """(3.23)-(3.24) for every rod."""
     for a in range(len(rods)):
-        rod = rods[a]
-        ib = rod.q + rod.nz
-        square, dot = 0.0, 0.0
-        for p in range(rod.nb):
-            square += q[ib + p] * q[ib + p]
-        norm = np.sqrt(square)
-        for p in range(rod.nb):
-            q[ib + p] /= norm
-            dot += q[ib + p] * rates[ib + p]
-        for p in range(rod.nb):
-            rates[ib + p] -= dot * q[ib + p]
+        normalize_direction(q, rates, rods[a].q + rods[a].nz, rods[a].nb)
+
+
+@inlined
+def normalize_direction(q: Any, rates: Any, at: int, nb: int) -> None:
+    """(3.23)-(3.24): the b from place `at` of q on to unit length, ḃ orthogonal to it."""
+    square, along = 0.0, 0.0
+    for p in range(at, at + nb):
+        square += q[p] * q[p]
+    norm = np.sqrt(square)
+    for p in range(at, at + nb):
+        q[p] /= norm
+        along += q[p] * rates[p]
+    for p in range(at, at + nb):
+        rates[p] -= along * q[p]

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.dynamics.kernels import direction_of, normalize_direction, place_points
 from tensegrity_mj.dynamics.records import POINT, ROD, Records, point_records, rod_records
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.joints import Forest, spanning_forest
@@ -222,16 +223,6 @@ def read_linked(address: int) -> Any:
 
 
 @inlined
-def direction_of(rod: Any, q: Any, at: int) -> Any:
-    """b = B β in world components, β from place `at` of q on."""
-    B = rod.B
-    if rod.nb == 3:
-        return q[at], q[at + 1], q[at + 2]
-    x, y = q[at], q[at + 1]
-    return B[0, 0] * x + B[0, 1] * y, B[1, 0] * x + B[1, 1] * y, B[2, 0] * x + B[2, 1] * y
-
-
-@inlined
 def _along(rod: Any, nz: int, q: Any) -> Any:
     """E z in world components."""
     E, at, out = rod.E, rod.q, ZERO
@@ -243,6 +234,18 @@ def _along(rod: Any, nz: int, q: Any) -> Any:
 @inlined
 def _write(row: Any, v: Any, array: Any) -> None:
     array[row, 0], array[row, 1], array[row, 2] = v[0], v[1], v[2]
+
+
+@inlined
+def _put_end(linked: Any, link: Any, end: int, node: int, x: Any, v: Any, nodes: Any, velocities: Any) -> None:
+    """Write an end of a rod as the node's, or how far it is from the node as the closure's gap."""
+    if link.owns[end]:
+        _write(node, x, nodes)
+        _write(node, v, velocities)
+    elif link.closure[end] >= 0:
+        gap = linked.gaps[link.closure[end]]
+        _write(0, minus(x, row_of(nodes, node)), gap)
+        _write(1, minus(v, row_of(velocities, node)), gap)
 
 
 @borrowing
@@ -272,51 +275,22 @@ def place_linked(address: int, q: Any, rates: Any, nodes: Any, velocities: Any) 
             back, ahead = rod.sigma * rod.length, (1.0 - rod.sigma) * rod.length
             xi, vi = minus(r, times(back, b)), minus(r_rate, times(back, b_rate))
             xj, vj = plus(r, times(ahead, b)), plus(r_rate, times(ahead, b_rate))
-        if link.owns[0]:
-            _write(rod.i, xi, nodes)
-            _write(rod.i, vi, velocities)
-        elif link.closure[0] >= 0:
-            gap = linked.gaps[link.closure[0]]
-            _write(0, minus(xi, row_of(nodes, rod.i)), gap)
-            _write(1, minus(vi, row_of(velocities, rod.i)), gap)
-        if link.owns[1]:
-            _write(rod.j, xj, nodes)
-            _write(rod.j, vj, velocities)
-        elif link.closure[1] >= 0:
-            gap = linked.gaps[link.closure[1]]
-            _write(0, minus(xj, row_of(nodes, rod.j)), gap)
-            _write(1, minus(vj, row_of(velocities, rod.j)), gap)
+        _put_end(linked, link, 0, rod.i, xi, vi, nodes, velocities)
+        _put_end(linked, link, 1, rod.j, xj, vj, nodes, velocities)
     for n in range(len(linked.moved_nodes)):
         node, moved = linked.moved_nodes[n, 0], linked.motions[linked.moved_nodes[n, 1]]
         _write(node, plus(row_of(linked.bases, n), row_of(moved, 0)), nodes)
         _write(node, row_of(moved, 1), velocities)
-    for a in range(len(linked.points)):
-        point = linked.points[a]
-        for k in range(3):
-            x, v = point.anchor[k], 0.0
-            for p in range(point.nz):
-                x += point.E[k, p] * q[point.q + p]
-                v += point.E[k, p] * rates[point.q + p]
-            nodes[point.node, k], velocities[point.node, k] = x, v
+    place_points(q, rates, linked.points, nodes, velocities)
 
 
 @borrowing
 def normalize_linked(address: int, q: Any, rates: Any) -> None:
-    """(3.23)-(3.24): b to unit length, ḃ orthogonal to it."""
+    """(3.23)-(3.24) for every rod."""
     linked = read_linked(address)
     for k in range(len(linked.links)):
-        link = linked.links[k]
-        rod = linked.rods[link.rod]
-        at = rod.q + link.nz
-        square, along = 0.0, 0.0
-        for p in range(rod.nb):
-            square += q[at + p] * q[at + p]
-        norm = np.sqrt(square)
-        for p in range(rod.nb):
-            q[at + p] /= norm
-            along += q[at + p] * rates[at + p]
-        for p in range(rod.nb):
-            rates[at + p] -= along * q[at + p]
+        rod = linked.rods[linked.links[k].rod]
+        normalize_direction(q, rates, rod.q + linked.links[k].nz, rod.nb)
 
 
 @inlined
@@ -324,3 +298,14 @@ def stretch_term(b: Any, b_rate: Any, kp: float, kd: float) -> float:
     """c of bᵀb̈ = -c bᵀb: (‖ḃ‖² + k_d bᵀḃ + k_p (bᵀb - 1)/2) / ‖b‖², (3.26)."""
     square = dot(b, b)
     return (dot(b_rate, b_rate) + kd * dot(b, b_rate) + 0.5 * kp * (square - 1.0)) / square
+
+
+@inlined
+def write_coordinates(rod: Any, nz: int, r: Any, b: Any, out: Any) -> None:
+    """Eᵀr and Bᵀb into a rod's places of `out` (nq,), with as many z as it has there."""
+    iz = rod.q
+    ib = iz + nz
+    for p in range(nz):
+        out[iz + p] = rod.E[0, p] * r[0] + rod.E[1, p] * r[1] + rod.E[2, p] * r[2]
+    for p in range(rod.nb):
+        out[ib + p] = rod.B[0, p] * b[0] + rod.B[1, p] * b[1] + rod.B[2, p] * b[2]

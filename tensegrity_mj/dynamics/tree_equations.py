@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj.dynamics.joint_forces import LEAST_PIVOT, moved_nodes_power, read_joints, set_ends
-from tensegrity_mj.dynamics.kernels import accelerate_points
-from tensegrity_mj.dynamics.linked import LinkedRecords, direction_of, read_linked, stretch_term
+from tensegrity_mj.dynamics.joint_forces import LEAST_PIVOT, moved_nodes_power, push_joint, read_joints, set_ends
+from tensegrity_mj.dynamics.kernels import accelerate_points, direction_of
+from tensegrity_mj.dynamics.linked import LinkedRecords, read_linked, stretch_term, write_coordinates
 from tensegrity_mj.native.pointers import address_of, borrowing, floats, inlined, integers, owning
 from tensegrity_mj.native.vectors import ZERO, dot, minus, plus, row_of, times, vector
 
@@ -198,12 +198,8 @@ def _pull_through_hinges(address: int, joints_at: int, u: Any) -> None:
                 parent[link.parent_end, x] += ends[0, x] + ends[1, x]
             t_b = times(rod.length, second) if link.hinge == 0 else times(-rod.length, first)
         else:
-            t_r = plus(first, second)
-            for p in range(link.nz):
-                u[rod.q + p] = rod.E[0, p] * t_r[0] + rod.E[1, p] * t_r[1] + rod.E[2, p] * t_r[2]
             t_b = times(rod.length, minus(times(1.0 - rod.sigma, second), times(rod.sigma, first)))
-        for p in range(rod.nb):
-            u[rod.q + link.nz + p] = rod.B[0, p] * t_b[0] + rod.B[1, p] * t_b[1] + rod.B[2, p] * t_b[2]
+        write_coordinates(rod, link.nz, plus(first, second), t_b, u)
 
 
 @borrowing
@@ -248,54 +244,41 @@ def _solve_semidefinite(S: Any, scales: Any, x: Any) -> None:
 
 
 @owning
-def dense_accelerations(
-    address: int,
-    joints_at: int,
-    tree_at: int,
-    q: Any,
-    rates: Any,
-    forces: Any,
-    gravity: Any,
-    kp: float,
-    kd: float,
-    out: Any,
-    multipliers: Any,
-) -> float:
+def dense_accelerations(at: Any, q: Any, rates: Any, forces: Any, constants: Any, out: Any, multipliers: Any) -> float:
     """As `joint_accelerations`, by (3.19)-(3.22) with a K x K matrix; closures by a Schur complement on top of it."""
-    linked, joints, tree = read_linked(address), read_joints(joints_at), read_tree(tree_at)
+    linked, joints, tree, kp, kd = read_linked(at[0]), read_joints(at[1]), read_tree(at[2]), constants[3], constants[4]
     inverse, loops = tree.mass, tree.loops
     R, n, size = len(linked.rods), inverse.shape[0], len(loops)
     u, right = np.zeros(n), np.zeros(size)
-    _load_ends(address, joints_at, forces, gravity)
-    _pull_through_hinges(address, joints_at, u)
+    _load_ends(at[0], at[1], forces, constants)
+    _pull_through_hinges(at[0], at[1], u)
     _gap_rates(linked, joints, kp, kd, right)
     Y = np.zeros((R, 3))
     y = np.zeros(R)
     for k in range(len(linked.links)):
         rod = linked.rods[linked.links[k].rod]
-        row, at = linked.links[k].rod, tree.at[linked.links[k].rod]
-        b, b_rate = direction_of(rod, q, at), direction_of(rod, rates, at)
+        row, place = linked.links[k].rod, tree.at[linked.links[k].rod]
+        b, b_rate = direction_of(rod, q, place), direction_of(rod, rates, place)
         for p in range(rod.nb):
-            Y[row, p] = rod.J * q[at + p]
+            Y[row, p] = rod.J * q[place + p]
         y[row] = -rod.J * dot(b, b) * stretch_term(b, b_rate, kp, kd)
     free = np.dot(inverse, u)
     # M⁻¹Y and W = YᵀM⁻¹Y, (3.20).
     answers, W, t = np.zeros((R, n)), np.empty((R, R)), np.empty(R)
     for a in range(R):
-        at = tree.at[a]
         for p in range(linked.rods[a].nb):
             factor = Y[a, p]
             for i in range(n):
-                answers[a, i] += factor * inverse[at + p, i]
+                answers[a, i] += factor * inverse[tree.at[a] + p, i]
     for a in range(R):
-        at, nb = tree.at[a], linked.rods[a].nb
+        place, nb = tree.at[a], linked.rods[a].nb
         t[a] = 0.0
         for p in range(nb):
-            t[a] += Y[a, p] * free[at + p]
+            t[a] += Y[a, p] * free[place + p]
         for e in range(R):
             total = 0.0
             for p in range(nb):
-                total += Y[a, p] * answers[e, at + p]
+                total += Y[a, p] * answers[e, place + p]
             W[a, e] = total
     if size == 0:
         multipliers[:R] = np.linalg.solve(W, t - y)
@@ -322,46 +305,31 @@ def dense_accelerations(
         for a in range(size):
             joints.closure_forces[a // 3, a % 3] = force[a]
     out[:n] = acceleration
-    accelerate_points(forces, linked.points, gravity, out)
-    return _supports_power(address, joints_at, forces, gravity, out)
+    accelerate_points(forces, linked.points, constants, out)
+    return _supports_power(at[0], at[1], forces, constants, out)
 
 
 @owning
-def full_accelerations(
-    address: int,
-    joints_at: int,
-    tree_at: int,
-    q: Any,
-    rates: Any,
-    forces: Any,
-    gravity: Any,
-    kp: float,
-    kd: float,
-    out: Any,
-    multipliers: Any,
-) -> float:
+def full_accelerations(at: Any, q: Any, rates: Any, forces: Any, constants: Any, out: Any, multipliers: Any) -> float:
     """As `joint_accelerations`, by one matrix (3.17) of M̄, Y, and rows of supports, planes and closures.
 
     The matrix is scaled to unit diagonals and rows. With closures, which may be redundant, the solution of least norm
     is taken.
     """
-    linked, joints, tree = read_linked(address), read_joints(joints_at), read_tree(tree_at)
+    linked, joints, tree, kp, kd = read_linked(at[0]), read_joints(at[1]), read_tree(at[2]), constants[3], constants[4]
     R, n, size, held = len(linked.rods), tree.mass.shape[0], len(tree.loops), len(tree.held)
     total = n + R + held + size
     matrix, x = np.zeros((total, total)), np.zeros(total)
-    _load_ends(address, joints_at, forces, gravity)
+    _load_ends(at[0], at[1], forces, constants)
     x[:n] = np.dot(joints.ends.copy().reshape(-1), tree.maps)
     matrix[:n, :n] = tree.mass
-    for a in range(R):
-        rod, place = linked.rods[a], n + a
-        at = rod.q
-        for k in range(len(linked.links)):
-            if linked.links[k].rod == a:
-                at += linked.links[k].nz
-        b, b_rate = direction_of(rod, q, at), direction_of(rod, rates, at)
+    for k in range(R):
+        link = linked.links[k]
+        rod, row, place = linked.rods[link.rod], n + link.rod, linked.rods[link.rod].q + link.nz
+        b, b_rate = direction_of(rod, q, place), direction_of(rod, rates, place)
         for p in range(3):
-            matrix[place, tree.at[a] + p] = rod.J * b[p]
-        x[place] = -rod.J * dot(b, b) * stretch_term(b, b_rate, kp, kd)
+            matrix[row, tree.at[link.rod] + p] = rod.J * b[p]
+        x[row] = -rod.J * dot(b, b) * stretch_term(b, b_rate, kp, kd)
     matrix[n + R : n + R + held, :n] = tree.held
     matrix[n + R + held :, :n] = tree.loops
     _gap_rates(linked, joints, kp, kd, x[n + R + held :])
@@ -385,21 +353,14 @@ def full_accelerations(
     for k in range(len(linked.links)):
         link = linked.links[k]
         rod = linked.rods[link.rod]
-        for p in range(link.nz):
-            value = 0.0
-            for i in range(3):
-                value += rod.E[i, p] * solved[tree.roots[link.rod] + i]
-            out[rod.q + p] = value
-        for p in range(rod.nb):
-            value = 0.0
-            for i in range(3):
-                value += rod.B[i, p] * solved[tree.at[link.rod] + i]
-            out[rod.q + link.nz + p] = value
+        r_at, b_at = tree.roots[link.rod], tree.at[link.rod]
+        r_acc = vector(solved[r_at : r_at + 3]) if link.nz > 0 else ZERO
+        write_coordinates(rod, link.nz, r_acc, vector(solved[b_at : b_at + 3]), out)
         multipliers[link.rod] = solved[n + link.rod]
     for a in range(size):
         joints.closure_forces[a // 3, a % 3] = -solved[n + R + held + a]
-    accelerate_points(forces, linked.points, gravity, out)
-    return _supports_power(address, joints_at, forces, gravity, out)
+    accelerate_points(forces, linked.points, constants, out)
+    return _supports_power(at[0], at[1], forces, constants, out)
 
 
 @owning
@@ -411,10 +372,7 @@ def _supports_power(address: int, joints_at: int, forces: Any, gravity: Any, acc
         return power
     set_ends(address, forces, joints_at)
     for a in range(len(joints.closures)):
-        e = joints.closures[a]
-        for x in range(3):
-            joints.ends[joints.joints[e, 2], joints.joints[e, 3], x] += joints.closure_forces[a, x]
-            joints.ends[joints.joints[e, 0], joints.joints[e, 1], x] -= joints.closure_forces[a, x]
+        push_joint(joints, joints.closures[a], joints.closure_forces[a])
     R = len(linked.links)
     ends = np.zeros((R, 2, 3))  # accelerations of the ends, by links
     reactions = np.zeros((len(linked.motions), 3))

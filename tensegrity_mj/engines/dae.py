@@ -21,12 +21,18 @@ from tensegrity_mj.engines import dae_kernels as dae
 from tensegrity_mj.engines.integration import IntegratedRun, Method, check_options, describe_method
 from tensegrity_mj.engines.integration_kernels import WORK
 from tensegrity_mj.engines.run import Accelerations, Request
+from tensegrity_mj.errors import OptionError
 from tensegrity_mj.native.plant import MOVED, NODES, Plant
 from tensegrity_mj.native.pointers import address_of
 from tensegrity_mj.scene import Scene
+from tensegrity_mj.structure import Structure
 from tensegrity_mj.trajectory import Trajectory
 
 Array = NDArray[np.float64]
+
+
+# Of rods that hang together, for `Solver.JOINTS`: forces of joints lose as many digits, and a pivot of 1e-12 is none.
+LARGEST_MASS_RATIO = 1e10
 
 
 class Drift(enum.Enum):
@@ -120,8 +126,9 @@ class DAE:
         kp = self.baumgarte_frequency**2 if baumgarte else 0.0
         kd = 2 * self.baumgarte_damping * self.baumgarte_frequency if baumgarte else 0.0
         constants = np.array([*scene.gravity, kp, kd])
-        alone = scene.structure.class_number <= 1 and not scene.motions and self.solver is Solver.JOINTS
-        model = _rods_alone(scene, plant) if alone else _rods_linked(scene, plant, self.solver)
+        solver = self.solver if scene.structure.rods else Solver.JOINTS  # point masses alone have no matrix
+        alone = scene.structure.class_number <= 1 and not scene.motions and solver is Solver.JOINTS
+        model = _rods_alone(scene, plant) if alone else _rods_linked(scene, plant, solver)
         records, nq = model.records, model.records.nq
         plant.table[model.slots["size"]], plant.table[model.slots["constants"]] = nq, address_of(constants)
         y = np.zeros(2 * nq + (1 if scene.motions else 0) + WORK)
@@ -171,6 +178,18 @@ def _rods_alone(scene: Scene, plant: Plant) -> _Model:
     )
 
 
+def _check_masses(structure: Structure) -> None:
+    """Raise OptionError where the masses of rods that hang together are too far apart for forces of joints."""
+    for cluster in structure.clusters:
+        rods = sorted((structure.rods[row] for row in cluster), key=lambda rod: rod.mass)
+        light, heavy = rods[0], rods[-1]
+        if heavy.mass > LARGEST_MASS_RATIO * light.mass:
+            raise OptionError(
+                f"DAE: rods '{light.name}' of {light.mass:g} kg and '{heavy.name}' of {heavy.mass:g} kg hang together; "
+                f"Solver.JOINTS allows masses to be {LARGEST_MASS_RATIO:g} times each other: use solver=Solver.DENSE"
+            )
+
+
 def _rods_linked(scene: Scene, plant: Plant, solver: Solver) -> _Model:
     """Rods that share nodes, moved supports."""
     from tensegrity_mj.dynamics.joint_forces import JointPlan
@@ -178,10 +197,12 @@ def _rods_linked(scene: Scene, plant: Plant, solver: Solver) -> _Model:
     from tensegrity_mj.engines import dae_linked_kernels as linked
 
     records, table = LinkedRecords.of(scene.structure, scene.motions, plant[MOVED]), plant.table
-    plan, blocks = JointPlan.of(records), np.zeros((3, 3, 3))
-    keep: list[Any] = [records, plan, blocks]
+    plan = JointPlan.of(records)
+    keep: list[Any] = [records, plan]
     rates = linked.linked_rates.address
-    if solver is not Solver.JOINTS:
+    if solver is Solver.JOINTS:
+        _check_masses(scene.structure)
+    else:
         from tensegrity_mj.engines import dae_tree_kernels as trees
 
         tree = TreeEquations.full(records) if solver is Solver.FULL else TreeEquations.dense(records)
@@ -190,8 +211,7 @@ def _rods_linked(scene: Scene, plant: Plant, solver: Solver) -> _Model:
         rates = trees.full_rates.address if solver is Solver.FULL else trees.dense_rates.address
     closures = len(records.forest.closures)
     table[linked.LINKED], table[linked.JOINTS] = address_of(records.table), address_of(plan.table)
-    table[linked.BLOCKS], table[linked.ROD_COUNT] = address_of(blocks), len(records.rods)
-    table[linked.CLOSURE_COUNT] = closures
+    table[linked.ROD_COUNT], table[linked.CLOSURE_COUNT] = len(records.rods), closures
     return _Model(
         records,
         rates,

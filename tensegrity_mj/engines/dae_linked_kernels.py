@@ -32,9 +32,9 @@ from tensegrity_mj.native.plant import (
     set_loads,
     set_motions,
 )
-from tensegrity_mj.native.pointers import borrowing, floats, integers
+from tensegrity_mj.native.pointers import borrowing, floats, inlined, integers
 
-LINKED, JOINTS, TREE, BLOCKS, Q_SIZE, CONSTANTS, ROD_COUNT, CLOSURE_COUNT = range(MODEL_SLOTS, MODEL_SLOTS + 8)
+LINKED, JOINTS, TREE, Q_SIZE, CONSTANTS, ROD_COUNT, CLOSURE_COUNT = range(MODEL_SLOTS, MODEL_SLOTS + 7)
 EXTRA = 2  # behind λ where there are closures: the largest gap [m] and its rate [m/s]
 
 
@@ -71,27 +71,28 @@ def after(table: Any) -> None:
         observed[R], observed[R + 1] = largest_gap(table[LINKED], 0), largest_gap(table[LINKED], 1)
 
 
+@inlined
+def given(y: Any, dy: Any, table: Any) -> Any:
+    """What the accelerations are found from, and where they and λ go: the arguments of `joint_accelerations`."""
+    nq = table[Q_SIZE]
+    return (
+        table[LINKED : TREE + 1],
+        y[:nq],
+        y[nq : 2 * nq],
+        floats(table[FORCES], (table[NODE_COUNT], 3)),
+        floats(table[CONSTANTS], (5,)),
+        dy[nq : 2 * nq],
+        floats(table[MULTIPLIERS], (table[ROD_COUNT],)),
+    )
+
+
 @numba.cfunc(RATES_SIGNATURE, cache=True, error_model="numpy")
 def linked_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     """By joint forces, in O(K)."""
     table = integers(table_at, (TABLE_SIZE,))
-    N, nq, size = table[NODE_COUNT], table[Q_SIZE], table[STATE_SIZE]
-    y, dy = floats(y_at, (size,)), floats(dy_at, (size,))
+    y, dy = floats(y_at, (table[STATE_SIZE],)), floats(dy_at, (table[STATE_SIZE],))
     status = before(t, y, dy, table)
-    constants = floats(table[CONSTANTS], (5,))
-    dy[size - 1] += joint_accelerations(
-        table[LINKED],
-        table[JOINTS],
-        y[:nq],
-        y[nq : 2 * nq],
-        floats(table[FORCES], (N, 3)),
-        constants,
-        constants[3],
-        constants[4],
-        floats(table[BLOCKS], (3, 3, 3)),
-        dy[nq : 2 * nq],
-        floats(table[MULTIPLIERS], (table[ROD_COUNT],)),
-    )
+    dy[len(dy) - 1] += joint_accelerations(*given(y, dy, table))
     after(table)
     return status
 
@@ -117,7 +118,6 @@ def linked_project(y_at, table_at):  # type: ignore[no-untyped-def]
         table[JOINTS],
         y[:nq],
         y[nq : 2 * nq],
-        floats(table[BLOCKS], (3, 3, 3)),
         floats(table[NODES], (N, 3)),
         floats(table[VELOCITIES], (N, 3)),
     )

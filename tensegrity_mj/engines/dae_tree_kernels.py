@@ -5,18 +5,9 @@ from __future__ import annotations
 import numba
 
 from tensegrity_mj.dynamics.tree_equations import dense_accelerations, full_accelerations
-from tensegrity_mj.engines.dae_linked_kernels import (
-    CONSTANTS,
-    JOINTS,
-    LINKED,
-    Q_SIZE,
-    ROD_COUNT,
-    TREE,
-    after,
-    before,
-)
-from tensegrity_mj.engines.integration_kernels import MULTIPLIERS, RATES_SIGNATURE, STATE_SIZE
-from tensegrity_mj.native.plant import FORCES, NODE_COUNT, TABLE_SIZE
+from tensegrity_mj.engines.dae_linked_kernels import after, before, given
+from tensegrity_mj.engines.integration_kernels import RATES_SIGNATURE, STATE_SIZE
+from tensegrity_mj.native.plant import TABLE_SIZE
 from tensegrity_mj.native.pointers import floats, integers
 
 
@@ -24,23 +15,9 @@ from tensegrity_mj.native.pointers import floats, integers
 def dense_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     """By (3.19)-(3.22)."""
     table = integers(table_at, (TABLE_SIZE,))
-    N, nq, size = table[NODE_COUNT], table[Q_SIZE], table[STATE_SIZE]
-    y, dy = floats(y_at, (size,)), floats(dy_at, (size,))
+    y, dy = floats(y_at, (table[STATE_SIZE],)), floats(dy_at, (table[STATE_SIZE],))
     status = before(t, y, dy, table)
-    constants = floats(table[CONSTANTS], (5,))
-    dy[size - 1] += dense_accelerations(
-        table[LINKED],
-        table[JOINTS],
-        table[TREE],
-        y[:nq],
-        y[nq : 2 * nq],
-        floats(table[FORCES], (N, 3)),
-        constants,
-        constants[3],
-        constants[4],
-        dy[nq : 2 * nq],
-        floats(table[MULTIPLIERS], (table[ROD_COUNT],)),
-    )
+    dy[len(dy) - 1] += dense_accelerations(*given(y, dy, table))
     after(table)
     return status
 
@@ -49,22 +26,8 @@ def dense_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
 def full_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     """By (3.17)."""
     table = integers(table_at, (TABLE_SIZE,))
-    N, nq, size = table[NODE_COUNT], table[Q_SIZE], table[STATE_SIZE]
-    y, dy = floats(y_at, (size,)), floats(dy_at, (size,))
+    y, dy = floats(y_at, (table[STATE_SIZE],)), floats(dy_at, (table[STATE_SIZE],))
     status = before(t, y, dy, table)
-    constants = floats(table[CONSTANTS], (5,))
-    dy[size - 1] += full_accelerations(
-        table[LINKED],
-        table[JOINTS],
-        table[TREE],
-        y[:nq],
-        y[nq : 2 * nq],
-        floats(table[FORCES], (N, 3)),
-        constants,
-        constants[3],
-        constants[4],
-        dy[nq : 2 * nq],
-        floats(table[MULTIPLIERS], (table[ROD_COUNT],)),
-    )
+    dy[len(dy) - 1] += full_accelerations(*given(y, dy, table))
     after(table)
     return status
