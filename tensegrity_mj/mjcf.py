@@ -48,7 +48,6 @@ UNLIMITED = 1e30  # "inf" does not survive every writer
 #     gap [m]           8.3e-9, 8.3e-11     3.4e-8, 3.4e-10     2.1e-7, 2.1e-9
 #     velocities [m/s]  9.8e-7, 9.7e-8      2.8e-7, 1.1e-8      1.3e-6, 5.1e-9
 #     energy [J]        2.1e-6, 2.1e-7      3.7e-7, 2.3e-8      1.1e-6, 1.1e-8
-#     rods' forces      2.8e-5, 2.7e-5      6.2e-6, 1.5e-6      6.8e-6, 3.5e-8  (parts of the largest)
 # Shorter, the constraint rings in the integrator's stages and energy errs by the first order; longer, the gap grows. A
 # chain of six between two pins with damped strings, and a truss of 14 rods with six closures, tell the same.
 CONNECT_STEPS, IMPEDANCE = 4.0, 0.9999

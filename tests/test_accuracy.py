@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from linked_scenes import four_bar
 from scipy.integrate import solve_ivp
 
 import tensegrity_mj as tmj
@@ -112,6 +113,16 @@ def test_taut_strings(engine: Any) -> None:
         run = tmj.simulate(scene, None, engine(accuracy=accuracy))
         assert np.all(run.force_densities > 0)
         assert node_difference(run, truth(scene, run)) <= accuracy
+
+
+def test_a_closed_loop_of_rods_in_mujoco() -> None:
+    """`connect` has order 2, so that an error is a third of the last difference and not a fifteenth."""
+    scene = four_bar(planar=False)
+    for accuracy in (1e-5, 1e-6):
+        run = tmj.simulate(scene, None, tmj.MuJoCo(accuracy=accuracy))
+        error = node_difference(run, truth(scene, run))
+        assert run.error_estimate is not None
+        assert error <= run.error_estimate <= accuracy
 
 
 @pytest.mark.parametrize("actuation", [tmj.Actuation.hold_force_density(0.02), tmj.Actuation.hold_rest_length(0.02)])

@@ -310,17 +310,156 @@ def test_a_suspended_chain_moves_as_in_the_dae() -> None:
         assert forces[2] < 1e-3
 
 
-def test_rod_forces_in_a_loop_are_those_of_the_nodal_equations() -> None:
-    scene = four_bar(planar=False)
-    run = tmj.simulate(scene, None, tmj.MuJoCo(1e-4), duration=0.5)
-    for row in (10, 30, 50):
-        _, densities, _ = solve(scene, run.nodes[row], run.velocities[row])
-        # Once the constraint has settled, its force is right but for its ringing in the integrator's stages: 1e-5 of
-        # the largest, as measured for the choice of τ.
-        assert np.abs(run.rod_force_densities[row] - densities).max() < 1e-5 * np.abs(densities).max()
-    # At the start the gap is zero, and 1 - d of the force is missing; it is spread over the rods.
-    _, densities, _ = solve(scene, run.nodes[0], run.velocities[0])
-    assert np.abs(run.rod_force_densities[0] - densities).max() < 3 * (1 - IMPEDANCE) * np.abs(densities).max()
+LOOPS = {
+    "four bar": four_bar(planar=False),
+    "four bar, planar": four_bar(planar=True),
+    "suspended": suspended(planar=False),
+    "all moves": everything_moves(planar=False),
+    "net": tmj.load_scene("net").with_(motions=()),
+    "truss": tmj.load_scene("truss_arm"),
+}
+
+
+@pytest.mark.parametrize("name", LOOPS)
+def test_accelerations_of_loops_are_those_of_rigid_joints(name: str) -> None:
+    """1e-4 of the constraints' force was missing, times what the gaps' masses differ by."""
+    scene = LOOPS[name]
+    structure = scene.structure
+    pairs = structure.string_nodes
+    along = scene.nodes0[pairs[:, 1]] - scene.nodes0[pairs[:, 0]]
+    lengths = np.linalg.norm(along, axis=1)
+    rates = np.sum(along * (scene.velocities0[pairs[:, 1]] - scene.velocities0[pairs[:, 0]]), axis=1) / lengths
+    stretch = lengths - structure.rest_lengths
+    pull = np.where(stretch > 0, np.maximum(structure.stiffness * stretch + structure.damping * rates, 0), 0)
+    wanted = solve(scene, scene.nodes0, scene.velocities0, pull)[0]
+    # Gaps of a rounding, 1e-15 m, are pulled by 1 / τ² = 6e4 of them, and A of the constraints, conditioned to 1e4
+    # at most, is solved twice: below 1e-9 of the largest.
+    assert np.abs(accelerations(scene) - wanted).max() < 1e-9 * np.abs(wanted).max()
+    assert np.abs(wanted).max() > 1
+
+
+@pytest.mark.parametrize("name", ["four bar", "four bar, planar", "suspended", "truss"])
+def test_linear_models_of_loops_are_those_of_the_dae(name: str) -> None:
+    """Differences of loops are taken with longer steps, and lose more digits: engines still agree to 1e-8."""
+    scene = LOOPS[name]
+    found, wanted = (tmj.linearize(scene, engine).A for engine in (tmj.MuJoCo(), tmj.DAE()))
+    assert np.abs(found - wanted).max() < 2e-8 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("name", ["four bar", "all moves"])
+def test_rod_forces_in_a_loop_are_those_of_the_nodal_equations(name: str) -> None:
+    scene, worst = LOOPS[name], []
+    for h in (1e-3, 1e-4):
+        run = tmj.simulate(scene, None, tmj.MuJoCo(h), duration=0.5, output_interval=0.01)
+        off = []
+        for row in (0, 1, 10, 30, 50):
+            state = run.nodes[row], run.velocities[row], run.tensions[row]
+            densities = solve(scene, *state, float(run.time[row]))[1]
+            off.append(np.abs(run.rod_force_densities[row] - densities).max() / np.abs(densities).max())
+        # Of a start that is closed, right to round-off: A is conditioned to 1e4, C M⁻¹ Cᵀ to 1e5.
+        assert off[0] < 1e5 * 100 * EPS
+        worst.append(max(off))
+    # Then the recorded state is open by a gap, whose rods pull in other directions: 2e-7 m of 0.5 m, times the
+    # shares of rods that are nearly in a line.
+    assert worst[0] < 5e-6
+    assert worst[1] < worst[0] / 5
+
+
+# The D-bar: what of its error is whose --------------------------------------------------------------------
+
+
+def dbar(rest_lengths: tuple[float, float] | None = None, duration: float = 1.0) -> Scene:
+    scene = tmj.load_scene("dbar").with_(duration=duration)
+    if rest_lengths is None:
+        return scene
+    return scene.with_(structure=scene.structure.with_strings(rest_length=np.array(rest_lengths)))
+
+
+def opened(scene: Scene) -> Scene:
+    """Without bar3: a chain, which needs no constraint."""
+    kept = tuple(rod for rod in scene.structure.rods if rod.name != "bar3")
+    return scene.with_(structure=replace(scene.structure, rods=kept))
+
+
+def dae_rk4(scene: Scene, h: float) -> tmj.Trajectory:
+    return tmj.simulate(scene, None, tmj.DAE(method=tmj.Method.RK4, timestep=h), output_interval=0.01)
+
+
+def precise(scene: Scene) -> tmj.Trajectory:
+    return tmj.simulate(scene, None, tmj.DAE(rtol=1e-12, atol=1e-14), output_interval=0.01)
+
+
+def with_constraint(scene: Scene, h: float, time_constant: float, softness: float) -> tmj.Trajectory:
+    """A run whose `connect` has another τ [s] and 1 - d."""
+    options = tmj.MuJoCo(h)
+    model = options.model(scene)
+    model.eq_solref[:, 0] = time_constant
+    model.eq_solimp[:, :2] = 1 - softness
+    request = request_for(scene, None, None, None, tmj.OnInfeasible.STOP, 0.01, False)
+    return MuJoCoRun(options, request, model=model).run()
+
+
+def off(run: tmj.Trajectory, other: tmj.Trajectory) -> float:
+    return float(np.linalg.norm(run.nodes - other.nodes, axis=-1).max())
+
+
+# A loop that gives way by g = (1 - d) τ² a has frequencies that are lower by about ω² (1 - d) τ² / 2 of themselves. The
+# square's own: four bars of m = 0.157 kg and 1 m have I = 0.59 kg m² for its one angle, and strings of 155 and 222 N/m
+# at 1.4 m per rad give it 750 N m/rad: ω = 36 rad/s. Its far corner goes 2 m per rad.
+OMEGA = 36.0
+
+
+def connect_part(h: float, swing: float, duration: float) -> float:
+    """[m]: what that makes of a swing [m] in a time [s]."""
+    return swing * OMEGA * duration * 0.5 * OMEGA**2 * (1 - IMPEDANCE) * (CONNECT_STEPS * h) ** 2
+
+
+def test_where_the_dbar_stays_taut_its_error_is_the_constraints() -> None:
+    scene = dbar((0.9, 1.3))  # m: a swing of 0.16 m of n1 n3, and no string slack
+    exact = precise(scene)
+    assert exact.tensions.min() > 0
+    steps = (1e-3, 5e-4, 2.5e-4)
+    without = [off(dae_rk4(scene, h), exact) for h in steps]
+    errors = [off(tmj.simulate(scene, None, tmj.MuJoCo(h), output_interval=0.01), exact) for h in steps]
+    for number in range(2):
+        assert without[number] / without[number + 1] == pytest.approx(16, rel=0.1)
+        assert errors[number] / errors[number + 1] == pytest.approx(4, rel=0.1)
+    for h, error, rk4 in zip(steps, errors, without, strict=True):
+        assert 20 * rk4 < error < connect_part(h, 0.32, 1.0)
+    # It is (1 - d) τ² that counts, whatever the step; RK4 has 1 / 50 of it at 1 ms.
+    soft = 1 - IMPEDANCE
+    tau = CONNECT_STEPS * 1e-3
+    assert off(with_constraint(scene, 5e-4, tau, soft), exact) == pytest.approx(errors[0], rel=0.1)
+    assert off(with_constraint(scene, 5e-4, 0.5 * tau, 10 * soft), exact) == pytest.approx(10 * errors[1], rel=0.1)
+    # Euler's own error is of order 1, and hides it.
+    euler = [
+        off(tmj.simulate(scene, None, tmj.MuJoCo(h, tmj.Integrator.EULER), output_interval=0.01), exact)
+        for h in (1e-3, 5e-4)
+    ]
+    assert euler[0] / euler[1] == pytest.approx(2, rel=0.1)
+    assert euler[1] > 50 * errors[1]
+
+
+def test_what_the_dbar_errs_by_is_what_steps_miss_of_slack_strings() -> None:
+    """RK4 of the DAE, which has no constraint to soften, errs by as much at every step; so does the opened chain."""
+    for scene, closed in ((dbar(), True), (opened(dbar(duration=0.5)), False)):
+        exact, between = precise(scene), []
+        assert exact.tensions.min() == 0
+        for h in (1e-3, 5e-4, 2.5e-4):
+            run, without = tmj.simulate(scene, None, tmj.MuJoCo(h), output_interval=0.01), dae_rk4(scene, h)
+            error = off(without, exact)
+            between.append(off(run, without))
+            assert off(run, exact) == pytest.approx(error, rel=0.02)
+            assert between[-1] < error / 50
+            if closed:
+                # Of the damper's jump a step sees any part of c V h, of the spring's kink k V h² / 2 at most: with
+                # 1.74 m per rad, I = 0.68 kg m² and V < 10 m/s at each of six instants, in 1 s.
+                missed = 6 * 10 * (0.1 * h + 222 * h**2 / 2) * 1.74 / 0.68
+                assert error < 2 * missed / OMEGA
+                assert between[-1] < connect_part(h, 1.0, 1.0)
+        # What engines differ by is the constraint, of order 2, or RK4 in other coordinates, of order 4.
+        order = np.log2(between[0] / between[2]) / 2
+        assert order == pytest.approx(2 if closed else 4, abs=0.5)
 
 
 def test_a_loop_says_why_it_has_constraint_rows() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.engines import mujoco_callback as callback
+from tensegrity_mj.engines.mujoco_joints import close_rigidly
 from tensegrity_mj.engines.mujoco_motion import RESETS
 from tensegrity_mj.engines.mujoco_state import place
 from tensegrity_mj.errors import InfeasibleError
@@ -19,11 +20,15 @@ Array = NDArray[np.float64]
 
 
 class NodeAccelerations:
-    """See `engines.run.Accelerations`. The engine's callback sets controls and loads, as in a run."""
+    """See `engines.run.Accelerations`. The engine's callback sets controls and loads, as in a run.
+
+    Joints that close loops are rigid here (`close_rigidly`), which a run has soft.
+    """
 
     def __init__(self, run: Any) -> None:
         self.run, self.scene = run, run.request.scene
         model = run.model
+        model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
         self.sites = [model.site(name).id for name in self.scene.structure.nodes]
         if run.supports is not None:
             run.supports.table[RESETS] = 0  # the state is the one that is asked for
@@ -45,6 +50,8 @@ class NodeAccelerations:
         run.plant.raise_if_failed(max(ended, failed, 0), time)
         if ended == NO_SOLUTION:
             raise InfeasibleError(run.plant.infeasible_message(time))
+        if data.nefc and model.neq:
+            close_rigidly(model, data)
         mujoco.mj_rnePostConstraint(model, data)
         out, spatial = np.zeros((len(self.sites), 3)), np.zeros(6)
         for row, site in enumerate(self.sites):

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 from tensegrity_mj.engines.accuracy import Way, can_locate, find, fixed_step_way
 from tensegrity_mj.engines.accuracy_steps import Steps, fastest_rate, known_rate
 from tensegrity_mj.engines.mujoco import Integrator, MuJoCo
 from tensegrity_mj.engines.run import Request
+from tensegrity_mj.joints import spanning_forest
 from tensegrity_mj.trajectory import Trajectory
 
 # Order, and work of an evaluation of the forces in those of Euler's: wall time a step over that of Euler, over the
@@ -14,6 +17,7 @@ from tensegrity_mj.trajectory import Trajectory
 # at any two steps alike, so that two runs agree on what is wrong; the second differs from `implicitfast` by a part of
 # the dampers' derivative that no thin rod feels, and costs more.
 ORDER = {Integrator.EULER: 1, Integrator.IMPLICITFAST: 1, Integrator.RK4: 4}
+LOOP_ORDER = 2  # at most, where `connect` closes loops: its gap is of that order in the step
 WEIGHT = {Integrator.EULER: 1.0, Integrator.IMPLICITFAST: 1.1, Integrator.RK4: 0.95}
 
 DAMPED = 0.5  # of the rate of the dampers times the coarsest step; explicit methods bear 2
@@ -42,6 +46,5 @@ def _way(integrator: Integrator, steps: Steps, request: Request) -> Way:
         return MuJoCo(step, integrator, locate_slack=located).run(adapted)
 
     stages = MuJoCo(integrator=integrator).stages
-    return fixed_step_way(
-        integrator.value, ORDER[integrator], WEIGHT[integrator], stages, steps, request, make, located
-    )
+    order = min(ORDER[integrator], LOOP_ORDER if spanning_forest(scene.structure).closures else math.inf)
+    return fixed_step_way(integrator.value, int(order), WEIGHT[integrator], stages, steps, request, make, located)

@@ -2,9 +2,10 @@
 
 MuJoCo knows the forces of a state after its control callback has returned, and none between the bodies of a tree. So
 a run of rods that share nodes records its states; afterwards MuJoCo solves for each again, with the same tensions,
-loads and drives, and tells the accelerations of the nodes and the forces of the constraints. The force f on a rod where
-it hangs then follows from its own motion, m (c̈ - g) = f + what else acts on it, from the rods that hang last to the
-roots.
+loads and drives, and tells the accelerations of the nodes and the forces of the constraints, which are rigid here: the
+soft ones of a run lack a part of their force as long as a gap is closed, and ring in its stages. The force f on a rod
+where it hangs then follows from its own motion, m (c̈ - g) = f + what else acts on it, from the rods that hang last to
+the roots.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from tensegrity_mj.resistance import resisting_forces
 from tensegrity_mj.scene import Scene
 
 Array = NDArray[np.float64]
+
+REDUNDANT = 1e-12  # of the largest singular value: below it, a constraint says what others say
 
 
 class JointForces:
@@ -82,6 +85,7 @@ class JointForces:
         """Accelerations of the rods' ends (T, R, 2, 3), forces of the closures on their first rods (T, C, 3), gaps."""
         scene, model = self.scene, copying.copy(self.model)
         model.actuator_forcerange[:, 1] = UNLIMITED  # a run may have left a slack string's limit there
+        model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
         structure, data = scene.structure, mujoco.MjData(model)
         T, R, C = len(time), len(structure.rods), len(self._gaps)
         accelerations, pulls, gaps = np.zeros((T, R, 2, 3)), np.zeros((T, C, 3)), np.zeros((T, C))
@@ -104,6 +108,8 @@ class JointForces:
                     data.ctrl[:] = data.ten_length - designed + (c * data.ten_velocity - tensions[row]) / k
                 self._apply(data, loads[row])
                 mujoco.mj_forward(model, data)
+                if self._gaps:
+                    close_rigidly(model, data)
                 mujoco.mj_rnePostConstraint(model, data)
                 for rod in range(R):
                     for end in range(2):
@@ -152,3 +158,22 @@ class JointForces:
             out[:, rod, self._end(int(rod), node)] += pull
             out[:, parent, self._end(parent, node)] -= pull
         return out
+
+
+def close_rigidly(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Add to the joint accelerations and forces what the softness of `connect` constraints keeps from them.
+
+    MuJoCo finds J q̈ = a - R f with a = -B ġ - K g - J̇ q̇ for the gaps g, and J q̈ = -J̇ q̇ leaves ġ as it is. The
+    Jacobian must be a dense one. A state beyond all reason is left alone.
+    """
+    J = data.efc_J.reshape(data.nefc, model.nv)
+    stiffness, damping, impedance = data.efc_KBIP.reshape(data.nefc, 4)[:, :3].T
+    missing = data.efc_R * data.efc_force + damping * data.efc_vel + stiffness * impedance * data.efc_pos
+    if not (np.all(np.isfinite(missing)) and np.all(np.isfinite(J))):
+        return
+    per_force = np.zeros((data.nefc, model.nv))  # M⁻¹ Jᵀ, by rows
+    mujoco.mj_solveM(model, data, per_force, J.copy())
+    force = np.linalg.lstsq(J @ per_force.T, missing, rcond=REDUNDANT)[0]
+    data.qacc[:] += force @ per_force
+    data.efc_force[:] += force
+    data.qfrc_constraint[:] += force @ J
