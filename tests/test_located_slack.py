@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.integrate import solve_ivp
 
 import tensegrity_mj as tmj
 from tensegrity_mj.convergence import has_kinks, node_difference
+from tensegrity_mj.engines import integration_adaptive
 from tensegrity_mj.engines.accuracy import can_locate
 from tensegrity_mj.strings import StringLaw
 
@@ -134,6 +136,30 @@ def test_a_pull_that_begins_and_ends_within_a_step_is_seen(fixed: Any) -> None:
     # Two parts of 0.08 s of a swing at sqrt(k/m) = 7.6 / s: (ω h)⁴ / 120 of the pull's effect is a thousandth, and the
     # instants are known from cubics over steps of ω h = 2.
     assert located < 0.1 * pulled
+
+
+def test_an_error_controlled_step_does_not_miss_a_short_pull(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same flight, whose parabola one step of DOP853 follows exactly: it ends where no string ever pulled."""
+    beyond, rise, end = 0.001, 0.4, 0.9  # m, s, s
+    nodes = np.array([[0.0, 0.0, 0.0], [REST + beyond - 0.5 * GRAVITY * rise**2, 0.0, 0.0]])
+    velocities = np.array([[0.0, 0.0, 0.0], [GRAVITY * rise, 0.0, 0.0]])
+    start = {"initial_nodes": nodes, "initial_velocities": velocities}
+    scene = tmj.Scene(bob().structure, gravity=(-GRAVITY, 0.0, 0.0), duration=end, **start)
+    free = nodes[1, 0] + GRAVITY * rise * end - 0.5 * GRAVITY * end**2
+
+    def off(tolerance: float) -> float:
+        """[m], from where the free flight ends."""
+        run = tmj.simulate(scene, None, tmj.DAE(rtol=tolerance, atol=1e-2 * tolerance), output_interval=end)
+        return float(free - run.nodes[-1, 1, 0])
+
+    # The mass is stretching the string for 2 t, by `beyond` less a parabola: a speed of k/m 4/3 beyond t, if the string
+    # did not slow it; it does by k beyond / (m g) = 2 % of gravity.
+    t = math.sqrt(2 * beyond / GRAVITY)
+    moved = STIFFNESS / MASS * 4 / 3 * beyond * t * (end - rise)
+    assert off(1e-6) == pytest.approx(moved, rel=0.05)
+    assert off(1e-6) == pytest.approx(off(1e-12), rel=0.01)
+    monkeypatch.setattr(integration_adaptive, "pulls_within", lambda *_: False)
+    assert abs(off(1e-6)) < 0.01 * moved
 
 
 def test_smooth_motion_is_bit_for_bit_the_plain_one() -> None:

@@ -19,11 +19,11 @@ from tensegrity_mj.engines.integration_kernels import (
     break_due_strings,
     guard,
     observe,
-    place,
     project,
     rates,
     sample_law,
 )
+from tensegrity_mj.engines.integration_pulls import LOOKS, pulls_within
 from tensegrity_mj.engines.run import (
     DEFAULT_INTERVAL,
     V_ROUND_OFF,
@@ -37,19 +37,15 @@ from tensegrity_mj.engines.run import (
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED, Report
 from tensegrity_mj.native.plant import (
-    BROKEN,
     CONTINUOUS,
     HOLDS_FORCE_DENSITY,
-    LENGTH,
     MODE,
     PASSIVE,
     REPORT,
     REPORT_SIZE,
-    REST,
     STATUS,
     STRING_COUNT,
     SUSPENDED,
-    VELOCITIES,
     ask_law,
     break_times,
     remember,
@@ -67,7 +63,7 @@ JACOBIAN_STEP = 1.5e-8  # √eps: round-off and curvature spoil the difference a
 CRAWL_STEPS = 5000
 SWITCH_TOLERANCE = 1e-10  # s, to which the time of a switch is located
 RETREAT = 0.2  # of a step, after a stage that the model's coordinates cannot hold: what SciPy takes at least, too
-LOOKS = 16  # times within a step at which a string that is slack at both ends of it is looked at
+LEAST_SEARCHED = 1e-9  # of the duration: shorter steps are not searched for short pulls of strings
 VANISHING_MARGIN = (
     1e-2  # of the largest margin before: below it, an integrator that gives up gave up for the law's sake
 )
@@ -95,6 +91,7 @@ class ErrorControlled:
         self.t, self.y = 0.0, run.y
         self.mark_of_progress = -math.inf  # the first stretch has all the time it wants
         self.solver: Any = None
+        self.dense: Any = None  # of the last step, once it was asked for
         self.first_step: float | None = None
         self.longest_step, self.careful_until = math.inf, 0.0  # while a string is about to pull for a moment
         self.continuous = bool(self.table[MODE] == CONTINUOUS)
@@ -217,42 +214,21 @@ class ErrorControlled:
         )
 
     def _steps_over_a_pull(self, solver: Any) -> bool:
-        """Whether a string that is slack at both ends of a step is taut within it.
+        """Whether a string that is slack at both ends of a step pulls within it.
 
-        Slack strings leave a motion so smooth that steps grow long, and none of the stages may see a moment's pull.
         Where rest lengths follow a law at every stage there is no such moment to look for.
         """
-        step = float(solver.t - self.t)
         if not self.table[STRING_COUNT] or self.continuous or self.table[HOLDS_FORCE_DENSITY]:
             return False
-        plant = self.run.plant
-        gaps, speed = np.inf, 0.0
-        slack = plant[BROKEN] == 0
-        for y in (self.y, solver.y):
-            place(y, self.table)
-            gap = plant[REST] - plant[LENGTH]
-            gaps, slack = np.minimum(gaps, gap), slack & (gap > 0)
-            speed = max(speed, float(np.linalg.norm(plant[VELOCITIES], axis=1).max()))
-        # Both ends of a string may run at twice the speed of the step's ends, and have to come back again.
-        near = slack & (gaps < 2 * speed * step)
-        if not near.any() or step < 1e-9 * self.request.duration:
+        if solver.t - self.t < LEAST_SEARCHED * self.request.duration:
             return False
-        dense = solver.dense_output()
+        return pulls_within(self.table, self.t, float(solver.t), self.y, solver.y, self._interpolant)
 
-        def least(start: float, end: float) -> tuple[Array, Array]:
-            """The least gap of each string that may pull, at times between, and when it is."""
-            times = np.linspace(start, end, LOOKS + 1)
-            gaps = np.empty((len(times), int(near.sum())))
-            for row, t in zip(gaps, times, strict=True):
-                place(dense(t), self.table)
-                row[:] = (plant[REST] - plant[LENGTH])[near]
-            return gaps.min(axis=0), times[np.argmin(gaps, axis=0)]
-
-        gap, when = least(self.t, solver.t)
-        if np.any(gap < 0):
-            return True
-        beside = step / LOOKS
-        return any(np.any(least(max(t - beside, self.t), min(t + beside, solver.t))[0] < 0) for t in np.unique(when))
+    def _interpolant(self) -> Any:
+        """The last step's states at any times within; made once, as it takes evaluations."""
+        if self.dense is None:
+            self.dense = self.solver.dense_output()
+        return self.dense
 
     def _try_step(self, mark: float) -> str | None:
         """A step of the solver, shortened until all its stages are states that the model can hold."""
@@ -273,7 +249,7 @@ class ErrorControlled:
     def _step(self, mark: float, keep_last: bool) -> None:
         """One accepted step, its outputs, and a switch within it."""
         problem = self._try_step(mark)
-        solver = self.solver
+        solver, self.dense = self.solver, None
         interrupts.raise_if_requested()
         self.run.steps += 1
         if problem is not None or not np.all(np.isfinite(solver.y)):
@@ -294,26 +270,26 @@ class ErrorControlled:
         if solver.t >= self.careful_until and math.isfinite(self.longest_step):
             self.longest_step = solver.max_step = math.inf
         self.first_step = solver.h_abs
-        dense: Any = None
         end, switched = solver.t, False
         stuck = guard(solver.y, self.table) == SINGULAR
         if stuck:
-            dense = solver.dense_output()
+            dense = self._interpolant()
             end, _ = _bisect(lambda t: guard(dense(t), self.table) != SINGULAR, solver.t_old, solver.t)
-        if self.continuous and self._feasible(end, dense(end) if stuck else solver.y) == bool(self.table[SUSPENDED]):
-            dense, switched, stuck = dense or solver.dense_output(), True, False
-            end = self._locate(dense, solver.t_old, end)
+        at_end = self._interpolant()(end) if stuck else solver.y
+        if self.continuous and self._feasible(end, at_end) == bool(self.table[SUSPENDED]):
+            switched, stuck = True, False
+            end = self._locate(self._interpolant(), solver.t_old, end)
         limit = math.nextafter(end, -math.inf) if keep_last and end == mark else end
-        if self.next < len(self.times) and self.times[self.next] <= limit:
-            dense = dense or solver.dense_output()
-            while self.next < len(self.times) and self.times[self.next] <= limit:
-                at = float(self.times[self.next])
-                self._record(at, solver.y if at == solver.t else dense(at), while_before=math.nextafter(at, math.inf))
+        outputs = self.times[self.next : np.searchsorted(self.times, limit, side="right")]
+        if len(outputs):
+            states = np.ascontiguousarray(self._interpolant()(outputs).T)
+            for at, y in zip(outputs.tolist(), states, strict=True):
+                self._record(at, solver.y if at == solver.t else y, while_before=math.nextafter(at, math.inf))
         if stuck:
-            self.t, self.y = end, dense(end)
+            self.t, self.y = end, self._interpolant()(end)
             raise _Singular
         if switched:
-            self.t, self.y = end, dense(end)
+            self.t, self.y = end, self._interpolant()(end)
             self._switch()
         else:
             self.t, self.y = solver.t, solver.y
