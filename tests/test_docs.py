@@ -11,7 +11,16 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 @pytest.mark.parametrize(
-    "page", ["README.md", "docs/contact.md", "docs/laws.md", "docs/engines.md", "docs/speed.md", "docs/validate.md"]
+    "page",
+    [
+        "README.md",
+        "docs/cable.md",
+        "docs/contact.md",
+        "docs/engines.md",
+        "docs/laws.md",
+        "docs/speed.md",
+        "docs/validate.md",
+    ],
 )
 def test_python_blocks_run_as_printed(page, tmp_path, monkeypatch):
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL)

@@ -21,7 +21,8 @@ class Whirl:
     """How a marker moves out of the plane.
 
     Attributes:
-        growth: [1/s] at which the amplitude out of the plane grows while it is small; NaN where it is never.
+        growth: [1/s] at which the amplitude out of the plane grows while it is small; NaN where it is never. What is
+            there from the start, such as the swing of a seed, counts: choose it far below the motion in the plane.
         gain: the largest amplitude out of the plane over that of the first window.
         turning: of the last third of the run: 0 along a line, ±1 around a circle, for an ellipse of half axes a and b
             2 a b / (a² + b²); positive from the first horizontal axis to the second.
