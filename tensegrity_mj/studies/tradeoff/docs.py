@@ -12,6 +12,7 @@ from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.files import checked, replacing
 from tensegrity_mj.studies.tradeoff import sentence
 from tensegrity_mj.studies.tradeoff.figure import Cost, diagram, has_diagram
+from tensegrity_mj.studies.tradeoff.settings import BUDGET
 
 Data = Mapping[str, Any]
 
@@ -71,6 +72,9 @@ def part(data: Data, has_picture: bool) -> str:
     lines = [f"## {name}", ""]
     if has_picture:
         lines += [f"![Error against wall time of scene {name}]({PICTURES}/{name}.png)", ""]
+    budget = data["options"]["budget"]
+    if budget != BUDGET:
+        lines += [f"With `--budget {budget:.0e}`.".replace("e+0", "e"), ""]
     held, references = [], []
     for experiment in data["experiments"]:
         timing = data["timing"]["experiments"][experiment["key"]]

@@ -1,9 +1,10 @@
 """The reference of an experiment, and how wrong it may be itself.
 
 The reference is the DAE at the tightest tolerance that the budget has. Its own error is the larger of two differences:
-from the DAE at ten times that tolerance, and from a second formulation (the ODE; where that has a pole, MuJoCo RK4 at a
-fine step). Where error control needs too many steps, the DAE's RK4 at two fine steps takes its place; where the DAE
-refuses the scene, as with contact, MuJoCo's RK4 at two fine steps, and then there is no second formulation.
+from the DAE at ten times that tolerance, and from a second formulation: the ODE or, where rods share nodes, the DAE's
+full equations with all multipliers; where neither can, MuJoCo RK4 at a fine step. Where error control needs too many
+steps, the DAE's RK4 at two fine steps takes its place; where the DAE refuses the scene, as with contact, MuJoCo's RK4
+at two fine steps, and then there is no second formulation.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.trajectory import Trajectory
 
 GENEROUS = 5  # times the budget of a run of the sweep
+MOST_FULL = 100  # rods; the full equations take time with the third power
 HELD = 13  # times as much again where the law is sampled, which then costs nothing at most right-hand sides
 RTOL, TIGHTER, LOOSER = 1e-12, 1e-13, (1e-11, 1e-10, 1e-9)
 ATOL_OF_RTOL = 0.1  # positions are of the order of metres: below, round-off decides
@@ -94,7 +96,7 @@ def find_reference(experiment: Experiment, budget: float, run: Run | None = None
 
 def _candidates(experiment: Experiment, most: float) -> Iterator[tuple[list[AnyEngine], Any]]:
     """Engines of which two that complete make a reference, in order, and what makes its second formulation."""
-    from tensegrity_mj.engines.dae import DAE
+    from tensegrity_mj.engines.dae import DAE, Solver
     from tensegrity_mj.engines.integration import Method
     from tensegrity_mj.engines.mujoco import MuJoCo
     from tensegrity_mj.engines.ode import ODE
@@ -104,9 +106,15 @@ def _candidates(experiment: Experiment, most: float) -> Iterator[tuple[list[AnyE
     grid = grid_of_steps(experiment.interval, period, most / 4, total)[::-1]
     coarser = grid_of_steps(experiment.interval, period, most / GENEROUS / 4, total)[-1:]
 
-    def formulations(tight: Any) -> list[AnyEngine]:
+    structure = experiment.scene.structure
+
+    def formulations(tight: Any) -> Iterator[AnyEngine]:
         same = {"rtol": tight.rtol, "atol": tight.atol, "max_steps": steps}
-        return [ODE(**same), *(MuJoCo(step) for step in coarser)]
+        if structure.class_number <= 1:
+            yield ODE(**same)
+        elif len(structure.rods) <= MOST_FULL:
+            yield DAE(**same, solver=Solver.FULL)
+        yield from map(MuJoCo, coarser)
 
     def tolerance(rtol: float) -> AnyEngine:
         return DAE(rtol=rtol, atol=ATOL_OF_RTOL * rtol, max_steps=steps)

@@ -2,7 +2,7 @@
 
 Fixed steps lie on a grid that divides the interval between recorded samples and, where a law is sampled, its period:
 the interval over 1, 2, 5, 10, 20, 50, ... The finest step is the last whose run stays within a budget of right-hand
-sides, weighed by the number of strings, so that what is run does not depend on how fast the machine is.
+sides, weighed by strings and joints, so that what is run does not depend on how fast the machine is.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.actuation import whole_ratio
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.joints import spanning_forest
 from tensegrity_mj.law import NativeLaw
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.studies.parameters import engine_settings
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
 BUDGET = 1e6  # of right-hand sides, each weighed as in `weight`: seconds a run, for whatever structure
 PYTHON_LAW = 50  # strings that cost as much as a call back into Python
+JOINED, CLOSED = 5, 50  # strings that cost as much as a rod that shares nodes, and as a joint that closes a loop
 LEAST_STEPS = 2  # of the grid, even where the budget has none
 TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11)  # rtol
 ATOL_OF_RTOL = 1e-2  # the ratio of the engines' defaults
@@ -117,7 +119,10 @@ def grid_of_steps(interval: float, period: float | None, most_steps: float, dura
 
 def weight(scene: Scene, law: NativeLaw | None = None) -> float:
     """What a right-hand side costs, in strings of the equations of motion."""
-    strings = float(max(1, len(scene.structure.strings)))
+    structure = scene.structure
+    strings = max(1.0, len(structure.strings))
+    if structure.class_number > 1:
+        strings += JOINED * len(structure.rods) + CLOSED * len(spanning_forest(structure).closures)
     return strings + (PYTHON_LAW if law is not None and law.failure is not None else 0)
 
 
