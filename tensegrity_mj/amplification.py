@@ -20,6 +20,8 @@ z = -1 and nowhere else (z = 1 belongs to a structure that is itself unstable). 
     implicit, implicitfast:  h² K / 4           + h D / 2 - h Db      (D <= 2 Db, since (a - b)² <= 2 a² + 2 b²)
     discrete:                h² (K - 2 Ks) / 4  - h D / 2
 
+(for the second with rods that share nodes, and damped strings, see `vibration_tree`).
+
 For one body: ω h = 2 (√(ζ² + 1) - ζ), 2 (√(ζ² + 1) + ζ), and for `discrete` no limit but that of motions which the
 prestress alone holds: there K = geometric, Ks = 0, and ω h = 2. Runge-Kutta's is ω h = 2 √2 without damping and
 2.785 / |λ| for a mode that is all damping. With a law the eigenvalues of the step's matrix are searched.
@@ -35,6 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.vibration import Vibration
+from tensegrity_mj.vibration_tree import has_tree_model, tree_limit, tree_model
 
 Array = NDArray[np.float64]
 
@@ -93,6 +96,8 @@ def limit_of(model: Vibration, scheme: Scheme, extra: tuple[complex, ...] = ()) 
     if scheme is Scheme.SEMI_IMPLICIT:
         return _first_root(model, K, D)
     if scheme is Scheme.VELOCITY_IMPLICIT:
+        if model.joints is not None and _scale(model.string_damper) > 0 and has_tree_model(model):
+            return tree_limit(tree_model(model))
         return _first_root(model, K, D - 2 * model.body_damper)
     return _first_root(model, K - 2 * model.seen, D - 2 * model.string_damper)
 

@@ -53,4 +53,4 @@ class MissingLibraryError(TensegrityError, RuntimeError):
 
 
 class StabilityWarning(UserWarning):
-    """A run whose step is beyond the largest stable one, told before it starts; no error: the run goes on."""
+    """A run whose step is beyond the largest stable one, or too coarse for its contact, told before; it goes on."""

@@ -22,11 +22,13 @@ from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.amplification import Scheme, is_stable, largest_frequency, limit_of, scheme_of
 from tensegrity_mj.capabilities import require_class_1
 from tensegrity_mj.checks import finite, real_array
+from tensegrity_mj.contact_steps import check_contact, contact_limit
 from tensegrity_mj.errors import OptionError, StabilityWarning
 from tensegrity_mj.law import NO_SOLUTION, Command, Law, NativeLaw, native_law
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.trajectory import Trajectory
 from tensegrity_mj.vibration import DENSE, SLOTS, Bodies, LawDerivative, Vibration, stiffness_bounds, vibration
+from tensegrity_mj.vibration_tree import has_tree_model
 
 Array = NDArray[np.float64]
 
@@ -160,17 +162,22 @@ def before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) 
     """What is known of the step before a run: for `run.reports["stability"]`, and the text of a warning or "".
 
     A bound that costs next to nothing comes first, and the model only where the step is beyond it. It never asks a
-    law of Python's, or one that is not a function of the state alone. None where there is nothing to check.
+    law of Python's, or one that is not a function of the state alone. None where there is nothing to check. What
+    contact asks of a step is looked at apart: `contact_steps`.
     """
     scheme, step = scheme_of(engine), getattr(engine, "timestep", None)
     if scheme is None or step is None:
         return None, ""
     try:
-        return _checked(scene, engine, scheme, float(step), law, actuation)
+        report, text = _checked(scene, engine, scheme, float(step), law, actuation)
     except Exception as error:
         # Loads are a user's code, and solvers of eigenvalues may give up: no check stands in the way of a run, which
         # itself tells better what is wrong.
-        return {"step": step, "checked": False, "reason": f"{type(error).__name__}: {error}"}, ""
+        report, text = {"step": step, "checked": False, "reason": f"{type(error).__name__}: {error}"}, ""
+    if scene.contact is not None:
+        report["contact"], more = check_contact(scene.contact, scheme, float(step))
+        text = "; and ".join(part for part in (text, more) if part)
+    return report, text
 
 
 def warn_before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) -> dict[str, Any] | None:
@@ -219,7 +226,9 @@ def _checked(
     small = SLOTS * len(bodies.mass) <= LAW_COORDINATES
     if by_density and not small:
         return {"step": step, "checked": False, "reason": "the loop through the law is too large to look at"}, ""
-    if not by_density:
+    # Which dampers an implicit integrator knows between rods that share nodes, only the model tells.
+    known = scheme is not Scheme.VELOCITY_IMPLICIT or structure.class_number == 1 or not structure.damping.any()
+    if not by_density and known:
         bound = _bound(
             scheme, *stiffness_bounds(scene, bodies, scene.nodes0, scene.velocities0, structure.rest_lengths)
         )
@@ -468,13 +477,20 @@ def _notes(model: Vibration, engine: Any) -> tuple[str, ...]:
         notes.append(f"{slack} of {len(model.taut)} strings are slack in this state and count once they are taut")
     if scene.resistance is not None and scene.resistance.drag is not None:
         notes.append("the damping of drag is not in the model: it matters where a fluid is fast")
-    if scene.contact is not None:
-        notes.append("contact is not in the model: where something touches, the limit may be another")
-    implicit = scheme_of(engine) is Scheme.VELOCITY_IMPLICIT and abs(model.string_damper - model.body_damper).max() > 0
-    if implicit and model.joints is not None:
+    scheme = scheme_of(engine)
+    if scene.contact is not None and scheme is not None:
+        notes.append(
+            "contact is not in the model: where something touches, a step must also be below "
+            f"{contact_limit(scene.contact, scheme):.3g} s for what rests to rest, and far below to resolve a landing "
+            "(docs/contact.md)"
+        )
+    implicit = scheme is Scheme.VELOCITY_IMPLICIT and abs(model.string_damper - model.body_damper).max() > 0
+    if implicit and model.joints is not None and (model.law is not None or not has_tree_model(model)):
         notes.append(
             "damped strings between rods that share nodes: what this integrator knows of a damper depends on how the "
-            "rods hang on each other; the limit is that without dampers, and may be another"
+            "rods hang on each other, which is in the limit for trees of up to 30 rods that hang still and without a "
+            "law alone; here it is that without dampers, and may be larger or smaller: use RK4, or measure it with "
+            "tensegrity-mj stability"
         )
     elif implicit:
         notes.append(

@@ -136,7 +136,8 @@ class Vibration:
         turned: (N, 3, 5) X of each node, in the coordinates of its body.
         material, geometric, damper: the matrices K and D above, (n, n) [1/s²], [1/s²], [1/s].
         string_damper: (n, n) [1/s] the part of D that strings have: what MuJoCo's `discrete` integrator reckons with.
-        body_damper: (n, n) [1/s] the blocks of that on single bodies: what the implicit ones reckon with.
+        body_damper: (n, n) [1/s] the blocks of that on single bodies: what the implicit ones reckon with. Where rods
+            share nodes half of `string_damper`, as if there were no dampers: `vibration_tree` has what they know there.
         seen: (n, n) [1/s²] the material stiffness that MuJoCo's `discrete` integrator reckons with: of k, always.
         acceleration: (n,) [√kg m/s²] ÿ of the state: zero at rest in an equilibrium.
         law: what a law in the loop adds, or None.
@@ -233,7 +234,7 @@ def vibration(
     stiffness = np.where(taut, k if force_densities is None else force_densities, 0.0)
     damping = np.where(taut, structure.damping, 0.0)
 
-    motion = _motion(bodies, nodes)
+    motion = motion_of_bodies(bodies, nodes)
     joints = _joints_of(bodies, motion)
     weights = s[:, :, None] * s[:, None, :]
     across = np.eye(3) - weights
@@ -251,7 +252,7 @@ def vibration(
         damper = damper + assemble.sum(bent.times(scene.resistance.bending.damping))
     if viscous is not None:
         damper = damper + assemble.sum(viscous)
-    # In a tree of MuJoCo's bodies, which dampers an implicit integrator knows depends on the tree: see `stability`.
+    # In a tree of MuJoCo's bodies, which dampers an implicit integrator knows depends on the tree: `vibration_tree`.
     known = 0.5 * strings if joints is not None else assemble(damping[:, None, None] * weights, between=False)
     return Vibration(
         scene=scene,
@@ -304,7 +305,7 @@ def stiffness_bounds(
         return float(np.bincount(bodies_of, values, minlength=B + 1)[:B].max(initial=0.0))
 
     # Two directions across, and each rod's own part.
-    motion = _motion(bodies, nodes)
+    motion = motion_of_bodies(bodies, nodes)
     joints = _joints_of(bodies, motion)
     blocks, _ = _rods_geometric(scene, bodies, nodes, velocities, s * pull[:, None], 0.0, motion, joints)
     turning = np.abs(blocks).sum(axis=2).max(initial=0.0)
@@ -354,7 +355,8 @@ class _Motion(NamedTuple):
     turned: Array  # (N, 3, 5) X
 
 
-def _motion(bodies: Bodies, nodes: Array) -> _Motion:
+def motion_of_bodies(bodies: Bodies, nodes: Array) -> _Motion:
+    """How the bodies of a structure move about these node positions (N, 3) [m]."""
     R, B = len(bodies.length), len(bodies.mass)
     first, second = bodies.structure.rod_nodes.T
     b = (nodes[second] - nodes[first]) / bodies.length[:, None]

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import tensegrity_mj as tmj
+from tensegrity_mj import rods
 from tensegrity_mj.controllers import from_scene
+from tensegrity_mj.engines.run import energy_exchanged
 from tensegrity_mj.families.random_structures import random_scene, random_structure
+from tensegrity_mj.families.random_taut import random_taut_structure
 
 ACTUATIONS = {
     "continuous": tmj.Actuation.continuous(),
@@ -115,3 +120,72 @@ def test_what_stands_still_is_not_warned_of(engine):
     run = tmj.simulate(tmj.Scene(hanging, gravity=along, duration=2.0), None, engine)
     assert run.kinetic_energy.max() < 1e-20
     assert run.reports["warnings"] == []
+
+
+def taut_mass(speed: float) -> tmj.Scene:
+    """1 kg between two strings of 1e5 N/m, each stretched by 0.1 m: they hold 1000 J, the motion speed²/2."""
+    structure = tmj.Structure(
+        "taut",
+        {"left": (-1, 0, 0), "mass": (0, 0, 0), "right": (1, 0, 0)},
+        strings=(
+            tmj.String("a", ("left", "mass"), 1e5, rest_length=0.9),
+            tmj.String("b", ("mass", "right"), 1e5, rest_length=0.9),
+        ),
+        fixed_nodes=("left", "right"),
+        point_masses=(tmj.PointMass("mass", 1.0),),
+    )
+    return tmj.Scene(structure, initial_velocities=[[0, 0, 0], [speed, 0, 0], [0, 0, 0]], duration=0.2)
+
+
+def test_prestress_does_not_hide_that_a_vibration_is_lost():
+    """ω² = 2e5: at ω h = 0.1 `discrete` damps by ζ = ω h / 2 = 0.05 and leaves e^(-2 ζ ω t) = e^(-9) of 5e-5 J."""
+    scene = taut_mass(0.01)
+    h = 2e-4  # ω h = 0.089
+    lossy = tmj.simulate(scene, None, tmj.MuJoCo(h, tmj.Integrator.DISCRETE))
+    assert lossy.string_energy[0] == pytest.approx(1000.0)
+    assert lossy.energy_residual == pytest.approx(5e-5, rel=1e-3)  # all of it; and 5e-8 of what the strings hold
+    # The works of both strings cancel but for k x², which is the kinetic energy's counterpart: 5e-5 J at the most.
+    assert energy_exchanged(lossy)[-1] == pytest.approx(5e-5, rel=1e-3)
+    assert any("energy balance" in warning for warning in lossy.reports["warnings"])
+    # RK4 loses (ω h)⁶ / 144 a step of the amplitude squared: 1000 steps of 3.5e-9.
+    good = tmj.simulate(scene, None, tmj.MuJoCo(h))
+    assert good.energy_residual < 1e-5 * 5e-5 + 1e-12 * 1e3
+    assert good.reports["warnings"] == []
+
+
+@pytest.mark.parametrize("engine", [tmj.MuJoCo(1e-3), tmj.DAE()], ids=["MuJoCo", "DAE"])
+def test_what_prestress_holds_at_rest_is_not_warned_of(engine):
+    """Nothing moves in a balance: what round-off of 1000 J makes is no loss."""
+    run = tmj.simulate(taut_mass(0.0), None, engine)
+    assert energy_exchanged(run)[-1] < 1e-9
+    assert run.reports["warnings"] == []
+
+
+def test_what_is_exchanged_is_the_largest_of_what_moved():
+    """Each term by itself, from arrays that are made up."""
+    run = tmj.simulate(taut_mass(0.01), None, tmj.MuJoCo(2e-4))
+    zero = np.zeros_like(run.time)
+    still = dict.fromkeys(("kinetic_energy", "winch_work", "external_work", "dissipation"), zero)
+    bare = replace(run, **still, string_energy=zero + 7.0, gravity_energy=zero - 3.0)
+    assert not energy_exchanged(bare).any()
+    bump = np.where(np.arange(len(zero)) == 5, 2.0, 0.0)
+    for name in (*still, "string_energy", "gravity_energy"):
+        found = energy_exchanged(replace(bare, **{name: getattr(bare, name) - bump}))
+        assert np.array_equal(found, np.where(np.arange(len(zero)) >= 5, 2.0, 0.0))
+    # Winches that put in what the strings then hold: no work of the strings on anything that moves.
+    both = replace(bare, string_energy=bare.string_energy + bump, winch_work=bump)
+    assert not energy_exchanged(both).any()
+
+
+def test_rods_that_drift_by_a_tolerance_under_prestress_are_not_warned_of():
+    """At rest the DAE's rods drift by its tolerance, and 100 N times that is all its residual: nothing moved."""
+    structure = random_taut_structure(np.random.default_rng(1), rods=3, stiffness=1e5, prestrain=(1e-3, 0.1))
+    run = tmj.simulate(tmj.Scene(structure, duration=1.0), None, tmj.DAE(rtol=1e-6, atol=1e-8))
+    assert np.abs(run.nodes - run.nodes[0]).max() < 1e-7
+    assert run.energy_residual > 10 * energy_exchanged(run)[-1] * 0.01  # or the test would be empty
+    assert run.reports["warnings"] == []
+    # The power of a rod's force density over ℓ² bᵀb: half of the product.
+    first, second = rods.ends(structure, run.nodes)
+    drift = np.sum((second - first) ** 2, axis=-1) - structure.rod_lengths**2
+    done = 0.5 * np.sum(run.rod_force_densities * drift, axis=1)
+    assert np.abs(done).max() == pytest.approx(run.energy_residual, rel=0.1)

@@ -33,13 +33,16 @@ def test_a_small_study(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert [row["value"] for row in data["maps"]] == [0.0, 0.3, 10.0]
     assert data["random"]["summary"]["comparisons"] == 4
     assert data["random"]["summary"]["agree"] == 4
+    assert data["joined"]["summary"]["comparisons"] == data["joined"]["summary"]["agree"] == 2
     page = (tmp_path / "a" / "index.html").read_text(encoding="utf-8")
     assert "Random taut structures" in page
+    assert "Random structures whose rods share nodes" in page
     assert page.count("<img") == 3
     for name in ("maps", "heat", "random"):
         assert (tmp_path / "a" / f"{name}.png").stat().st_size > 5000
     text = "\n".join(describe(data))
     assert "4 of 4" in text
+    assert "2 of 2" in text
     assert "seed 0" in text
     # The same again, from scratch and in memory: bit-identical.
     assert main(["stability", *SMALL, "--json"]) == 0

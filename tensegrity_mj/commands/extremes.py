@@ -15,7 +15,7 @@ examples:
   tensegrity-mj extremes --runs 60 --kinds past_limit bad_law --autoreset   # the test of the test: failures must show
 """
 
-# As in studies.extremes.kinds.Kind: written here so that --help need not import it (tested to agree).
+# As in studies.extremes.experiment.Kind: written here so that --help need not import it (tested to agree).
 KINDS = (
     "stiff",
     "slack",
@@ -30,6 +30,10 @@ KINDS = (
     "infeasible",
     "past_limit",
     "spin",
+    "joined",
+    "moved",
+    "resisted",
+    "contact",
     "large",
     "long",
 )
@@ -54,7 +58,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run the study; exit code 1 where its demands are not met."""
-    from tensegrity_mj.studies.extremes.kinds import Kind
+    from tensegrity_mj.studies.extremes.experiment import Kind
     from tensegrity_mj.studies.extremes.study import PAGE, extremes
     from tensegrity_mj.studies.workers import Workers
 

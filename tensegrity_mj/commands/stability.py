@@ -34,7 +34,13 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--engines", nargs="+", choices=ENGINES, default=list(ENGINES), help="which ones (all)")
     parser.add_argument("--open-loop", action="store_true", help="leave the scene's control law out")
     parser.add_argument("--maps", nargs="*", choices=AXES, help="maps over these properties (all, if none is named)")
-    parser.add_argument("--random", type=_count, default=0, metavar="N", help="compare N random taut structures")
+    parser.add_argument(
+        "--random",
+        type=_count,
+        default=0,
+        metavar="N",
+        help="compare N random taut structures, and a third as many trees and loops",
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the random structures (0)")
     parser.add_argument("--quick", action="store_true", help="few values of each map, and few rods")
     parser.add_argument("--workers", type=_count, metavar="N", help="processes that compute points (all cores)")

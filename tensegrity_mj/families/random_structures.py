@@ -14,6 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.moved_supports import velocities_with_supports
 from tensegrity_mj.scene import ControlSpec, Load, Scene, Target
 from tensegrity_mj.strings import StringLaw
 from tensegrity_mj.structure import PointMass, Rod, String, Structure, Support, null_space_basis
@@ -185,6 +186,8 @@ def random_configuration(rng: np.random.Generator, structure: Structure, amount:
 
 def random_velocities(rng: np.random.Generator, structure: Structure, nodes: Array, speed: float) -> Array:
     """Node velocities (N, 3) [m/s] that stretch no rod and break no support at the given nodes, of that order."""
+    if structure.class_number > 1:
+        return _linked_velocities(rng, structure, nodes, speed)
     velocities = np.zeros((len(structure.nodes), 3))
     for rod, (i, j) in zip(structure.rods, structure.rod_nodes, strict=True):
         support, span = rod.support, nodes[j] - nodes[i]
@@ -196,6 +199,16 @@ def random_velocities(rng: np.random.Generator, structure: Structure, nodes: Arr
         basis = point.translation_basis
         velocities[structure.node_index[point.node]] = basis @ (speed * rng.uniform(-1, 1, basis.shape[1]))
     return velocities
+
+
+def _linked_velocities(rng: np.random.Generator, structure: Structure, nodes: Array, speed: float) -> Array:
+    """Of random ones, what rods, joints, supports and planes allow."""
+    wild = speed * rng.uniform(-1, 1, (len(structure.nodes), 3))
+    for rod, pair in zip(structure.rods, structure.rod_nodes, strict=True):
+        if rod.support.plane is not None:
+            normal = _unit(np.array(rod.support.plane))
+            wild[pair] -= np.outer(wild[pair] @ normal, normal)
+    return velocities_with_supports(structure, nodes, (), wild)
 
 
 def random_rotation(rng: np.random.Generator) -> Array:

@@ -8,10 +8,9 @@ would for a user: that is a result too.
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,66 +25,19 @@ from tensegrity_mj.families.random_structures import (
 )
 from tensegrity_mj.scene import Scene, Target
 from tensegrity_mj.structure import PointMass, Rod, String, Structure, Support
-from tensegrity_mj.studies.extremes import laws
+from tensegrity_mj.studies.extremes import laws, surroundings
+from tensegrity_mj.studies.extremes.experiment import (
+    COLLAPSE,
+    Experiment,
+    Kind,
+    Rng,
+    direction,
+    log_uniform,
+    maybe_driven,
+    ordinary,
+)
 
 Array = NDArray[np.float64]
-Rng = np.random.Generator
-
-
-class Kind(enum.Enum):
-    """What is extreme about a run."""
-
-    STIFF = "stiff strings, k to 1e9 N/m"
-    SLACK = "all strings slack"
-    NO_PRESTRESS = "zero prestress"
-    NEGATIVE_REST = "rest lengths <= 0"
-    VANISHING = "a string of vanishing length"
-    POLE = "rods at the poles of the ODE"
-    DEGENERATE = "collinear or planar in space"
-    CONTRAST = "rods of 1e-3 to 1e3 m and kg together"
-    BAD_LAW = "a law that returns nonsense"
-    WILD_LAW = "huge or alternating u"
-    INFEASIBLE = "infeasible targets"
-    PAST_LIMIT = "steps near and past the stability limit"
-    SPIN = "free flight with spin"
-    LARGE = "500 rods"
-    LONG = "1e6 steps"
-
-
-@dataclass(frozen=True)
-class Experiment:
-    """What is to be run, except by which engine and with which step.
-
-    Attributes:
-        scene: the scene.
-        law: makes the law for a run of a given duration [s], or None.
-        mode: of the actuation.
-        on_infeasible: see `simulate`.
-        rate: a rate that the law adds to those of the scene [1/s].
-        force_density: largest u that the law asks for [N/m].
-        excess: the step as a multiple of the stability limit, or None where it is drawn well below it.
-        cycles: range of durations, in fastest vibrations.
-        steps: exactly so many steps, or None.
-        engines: names of engines that are drawn from, or none for all.
-        facts: what was drawn, for people.
-    """
-
-    scene: Scene
-    law: Callable[[float], Any] | None = None
-    mode: Mode = Mode.CONTINUOUS
-    on_infeasible: OnInfeasible = OnInfeasible.STOP
-    rate: float = 0.0
-    force_density: float = 0.0
-    excess: float | None = None
-    cycles: tuple[float, float] = (1.0, 30.0)
-    steps: int | None = None
-    engines: tuple[str, ...] = ()
-    facts: dict[str, Any] = field(default_factory=dict)
-
-
-# Strings that pull whatever their length draw a structure into itself, and it moves chaotically from then on, where no
-# estimate of an error settles: such runs are short.
-COLLAPSE = (0.3, 10.0)
 
 
 def draw(rng: Rng, kind: Kind) -> Experiment:
@@ -95,11 +47,6 @@ def draw(rng: Rng, kind: Kind) -> Experiment:
         TensegrityError: where what was drawn is no valid structure or scene.
     """
     return _DRAW[kind](rng)
-
-
-def log_uniform(rng: Rng, low: float, high: float) -> float:
-    """A number from low to high, evenly in its logarithm."""
-    return float(10 ** rng.uniform(math.log10(low), math.log10(high)))
 
 
 def _scene(rng: Rng, structure: Structure, speed: float = 0.0) -> Scene:
@@ -114,57 +61,31 @@ def _scene(rng: Rng, structure: Structure, speed: float = 0.0) -> Scene:
     )
 
 
-def _maybe_driven(rng: Rng, scene: Scene, facts: dict[str, Any]) -> Experiment:
-    """A third of the scenes are driven by a smooth law about their own prestress."""
-    if rng.uniform() > 1 / 3 or not scene.structure.strings:
-        return Experiment(scene, facts=facts | {"law": "none"})
-    structure = scene.structure
-    lengths = structure.string_lengths(structure.positions)
-    u = structure.stiffness * np.abs(lengths - structure.rest_lengths) / lengths
-    depth, beat = float(rng.uniform(0.1, 1.5)), float(rng.uniform(0.5, 5.0))
-
-    def law(duration: float) -> laws.Waving:
-        return laws.Waving(u, depth, beat * 2 * math.pi / duration)
-
-    return Experiment(
-        scene,
-        law,
-        Mode.CONTINUOUS,
-        force_density=float(u.max()) * (1 + depth),
-        facts=facts | {"law": f"waving, depth {depth:.2g}"},
-    )
-
-
-def _ordinary(rng: Rng, **changes: Any) -> Structure:
-    options: dict[str, Any] = {"rods": int(rng.integers(1, 5)), "planar": bool(rng.integers(2)), "stretch": (0.05, 0.4)}
-    return random_structure(rng, **options | changes)
-
-
 def _stiff(rng: Rng) -> Experiment:
     top = log_uniform(rng, 1e4, 1e9)
     low = top if rng.uniform() < 0.5 else 1e2  # all alike, or soft and stiff together
     strain = log_uniform(rng, 1e-6, 0.1)
     ratio = float(rng.choice([0.0, log_uniform(rng, 1e-3, 1.0)]))
-    structure = _ordinary(rng, stiffness=(low, top), stretch=(-strain, strain))
+    structure = ordinary(rng, stiffness=(low, top), stretch=(-strain, strain))
     structure = structure.with_strings(damping=2 * ratio * np.sqrt(structure.stiffness))  # of a mass of 1 kg
-    return _maybe_driven(rng, _scene(rng, structure), {"k": top, "strain": strain, "damping ratio": ratio})
+    return maybe_driven(rng, _scene(rng, structure), {"k": top, "strain": strain, "damping ratio": ratio})
 
 
 def _slack(rng: Rng) -> Experiment:
-    structure = _ordinary(rng, stretch=(-0.5, -0.01), stiffness=(10.0, log_uniform(rng, 11.0, 1e4)))
+    structure = ordinary(rng, stretch=(-0.5, -0.01), stiffness=(10.0, log_uniform(rng, 11.0, 1e4)))
     return Experiment(_scene(rng, structure), facts={"law": "none"})
 
 
 def _no_prestress(rng: Rng) -> Experiment:
-    structure = _ordinary(rng, stretch=(0.0, 0.0), stiffness=(10.0, log_uniform(rng, 11.0, 1e5)))
+    structure = ordinary(rng, stretch=(0.0, 0.0), stiffness=(10.0, log_uniform(rng, 11.0, 1e5)))
     speed = log_uniform(rng, 1e-6, 1.0)
     scene = random_scene(rng, structure, moving=speed, gravity=bool(rng.integers(2)))
     return Experiment(scene, facts={"speed": speed})
 
 
 def _negative_rest(rng: Rng) -> Experiment:
-    structure = _ordinary(rng, stretch=(1.0, log_uniform(rng, 1.01, 30.0)))
-    driven = _maybe_driven(rng, _scene(rng, structure), {"least L0": float(structure.rest_lengths.min())})
+    structure = ordinary(rng, stretch=(1.0, log_uniform(rng, 1.01, 30.0)))
+    driven = maybe_driven(rng, _scene(rng, structure), {"least L0": float(structure.rest_lengths.min())})
     return replace(driven, cycles=COLLAPSE)
 
 
@@ -173,9 +94,9 @@ def _vanishing(rng: Rng) -> Experiment:
     rest = float(rng.choice([0.5 * distance, 0.0, 2 * distance, -0.1]))
     facts: dict[str, Any] = {"length": distance, "rest length": rest}
     if rng.uniform() < 0.5:
-        structure = _ordinary(rng, planar=False)
+        structure = ordinary(rng, planar=False)
         near = structure.positions[structure.node_index[structure.rods[0].nodes[0]]]
-        place = near + distance * _direction(rng)
+        place = near + distance * direction(rng)
         structure = replace(
             structure,
             nodes={**structure.nodes, "tiny": tuple(place.tolist())},
@@ -201,7 +122,7 @@ def _vanishing(rng: Rng) -> Experiment:
 
 
 def _pole(rng: Rng) -> Experiment:
-    structure = _ordinary(rng, planar=False, support=["free", "pinned"])
+    structure = ordinary(rng, planar=False, support=["free", "pinned"])
     nodes = {name: np.array(position) for name, position in structure.nodes.items()}
     tilt = float(rng.choice([0.0, log_uniform(rng, 1e-9, 0.3)]))
     turn, sign = float(rng.uniform(0, 2 * math.pi)), float(rng.choice([-1.0, 1.0]))
@@ -211,14 +132,14 @@ def _pole(rng: Rng) -> Experiment:
             nodes[rod.nodes[1]] = nodes[rod.nodes[0]] + length * b
     structure = replace(structure, nodes={name: tuple(place.tolist()) for name, place in nodes.items()})
     scene = _scene(rng, structure, speed=float(rng.choice([0.1, 3.0])))
-    return replace(_maybe_driven(rng, scene, {"tilt": tilt}), cycles=(1.0, 10.0))
+    return replace(maybe_driven(rng, scene, {"tilt": tilt}), cycles=(1.0, 10.0))
 
 
 def _degenerate(rng: Rng) -> Experiment:
     aside = float(rng.choice([0.0, log_uniform(rng, 1e-12, 1e-2)]))
     facts: dict[str, Any] = {"speed out of the plane or line": aside}
     if rng.uniform() < 0.5:
-        flat = _ordinary(rng, planar=True)
+        flat = ordinary(rng, planar=True)
         velocities = random_velocities(rng, flat, flat.positions, 1.0)
         structure = replace(flat, rods=tuple(replace(rod, support=_spatial(rod.support)) for rod in flat.rods))
         facts["shape"] = "planar"
@@ -247,7 +168,7 @@ def _line(structure: Structure) -> Array:
 def _collinear(rng: Rng) -> Structure:
     """Rods one behind the other between two anchors, all on one line, with strings from each to the next."""
     count = int(rng.integers(1, 5))
-    line = np.eye(3)[2] if rng.uniform() < 0.2 else _direction(rng)
+    line = np.eye(3)[2] if rng.uniform() < 0.2 else direction(rng)
     gaps = rng.uniform(0.3, 1.0, 2 * count + 1)
     at = np.concatenate([[0.0], np.cumsum(gaps)])
     names = ["left", *(f"{end}{r}" for r in range(count) for end in "ab"), "right"]
@@ -274,7 +195,7 @@ def _contrast(rng: Rng) -> Experiment:
     rods = []
     for number, (length, mass) in enumerate(zip(lengths, masses, strict=True)):
         first = rng.uniform(-1, 1, 3) * max(1.0, 0.1 * length)
-        second = first + length * _direction(rng)
+        second = first + length * direction(rng)
         nodes[f"a{number}"], nodes[f"b{number}"] = tuple(first.tolist()), tuple(second.tolist())
         support = Support.pinned(0.0) if rng.uniform() < 0.3 else Support.free()
         rods.append(Rod(f"rod{number}", (f"a{number}", f"b{number}"), mass, 0.01 * length, support))
@@ -292,7 +213,7 @@ def _contrast(rng: Rng) -> Experiment:
 
 
 def _bad_law(rng: Rng) -> Experiment:
-    structure = _ordinary(rng, strings=4, fixed_nodes=2)
+    structure = ordinary(rng, strings=4, fixed_nodes=2)
     mistake = str(rng.choice(list(laws.MISTAKES)))
     begins = float(rng.choice([0.0, rng.uniform(0.05, 0.95)]))
     u = rng.uniform(0.5, 5.0, len(structure.strings))
@@ -307,7 +228,7 @@ def _bad_law(rng: Rng) -> Experiment:
 
 
 def _wild_law(rng: Rng) -> Experiment:
-    structure = _ordinary(rng, strings=int(rng.integers(3, 9)))
+    structure = ordinary(rng, strings=int(rng.integers(3, 9)))
     size = log_uniform(rng, 1e2, 1e8)
     u = size * rng.uniform(0.5, 1.0, len(structure.strings))
     scene = _scene(rng, structure)
@@ -333,7 +254,7 @@ def _infeasible(rng: Rng) -> Experiment:
 
     which = str(rng.choice(["prism", "pinned_rod", "random"]))
     if which == "random":
-        structure = _ordinary(rng, rods=int(rng.integers(1, 3)), strings=6, planar=False, support="free", fixed_nodes=2)
+        structure = ordinary(rng, rods=int(rng.integers(1, 3)), strings=6, planar=False, support="free", fixed_nodes=2)
         scene = random_scene(rng, structure, moving=0.1)
     else:
         scene = load_scene(which)
@@ -354,7 +275,7 @@ def _infeasible(rng: Rng) -> Experiment:
 
 
 def _past_limit(rng: Rng) -> Experiment:
-    structure = _ordinary(rng, stiffness=(10.0, log_uniform(rng, 11.0, 1e5)), damping=(0.0, float(rng.integers(2))))
+    structure = ordinary(rng, stiffness=(10.0, log_uniform(rng, 11.0, 1e5)), damping=(0.0, float(rng.integers(2))))
     excess = log_uniform(rng, 0.5, 100.0)
     return Experiment(_scene(rng, structure), excess=excess, engines=FIXED_STEP, facts={"step over limit": excess})
 
@@ -383,11 +304,6 @@ def _long(rng: Rng) -> Experiment:
     return Experiment(scene, steps=10**6, engines=("rk4", "euler", "dae rk4", "ode rk4"), facts={"steps": 10**6})
 
 
-def _direction(rng: Rng) -> Array:
-    vector = rng.normal(size=3)
-    return np.asarray(vector / np.linalg.norm(vector))
-
-
 FIXED_STEP = ("euler", "implicitfast", "implicit", "rk4", "discrete", "dae rk4", "ode rk4")
 
 _DRAW: dict[Kind, Callable[[Rng], Experiment]] = {
@@ -404,6 +320,10 @@ _DRAW: dict[Kind, Callable[[Rng], Experiment]] = {
     Kind.INFEASIBLE: _infeasible,
     Kind.PAST_LIMIT: _past_limit,
     Kind.SPIN: _spin,
+    Kind.JOINED: surroundings.joined,
+    Kind.MOVED: surroundings.moved,
+    Kind.RESISTED: surroundings.resisted,
+    Kind.CONTACT: surroundings.contact,
     Kind.LARGE: _large,
     Kind.LONG: _long,
 }

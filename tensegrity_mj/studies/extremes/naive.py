@@ -23,8 +23,9 @@ Array = NDArray[np.float64]
 
 
 def applies(setup: Setup) -> bool:
-    """Whether the setup can be run so: in MuJoCo."""
-    return not setup.engine.startswith(("dae", "ode"))
+    """Whether the setup can be run so: in MuJoCo, and without what the engine's callback would have to do."""
+    scene = setup.experiment.scene
+    return not setup.engine.startswith(("dae", "ode")) and not scene.motions and scene.resistance is None
 
 
 def claim(run: Trajectory) -> Estimate:

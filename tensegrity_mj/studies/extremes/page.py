@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tensegrity_mj.report import Section, Table, write_sections
-from tensegrity_mj.studies.extremes.kinds import Kind
+from tensegrity_mj.studies.extremes.experiment import Kind
 from tensegrity_mj.studies.extremes.verdicts import Verdict
 
 MEANINGS = {

@@ -12,7 +12,8 @@ import numpy as np
 
 from tensegrity_mj.actuation import Actuation, Mode
 from tensegrity_mj.simulation import simulate
-from tensegrity_mj.studies.extremes.kinds import FIXED_STEP, Experiment, Kind, draw, log_uniform
+from tensegrity_mj.studies.extremes.experiment import Experiment, Kind, log_uniform
+from tensegrity_mj.studies.extremes.kinds import FIXED_STEP, draw
 from tensegrity_mj.studies.extremes.pace import Pace, pace
 from tensegrity_mj.trajectory import Trajectory
 

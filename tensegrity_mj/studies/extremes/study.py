@@ -15,7 +15,7 @@ from tensegrity_mj.files import made_folder, replacing
 from tensegrity_mj.jsontext import to_json
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.attempt import DONE
-from tensegrity_mj.studies.extremes.kinds import Kind
+from tensegrity_mj.studies.extremes.experiment import Kind
 from tensegrity_mj.studies.extremes.task import run_extreme
 from tensegrity_mj.studies.extremes.verdicts import Verdict
 from tensegrity_mj.studies.many import run_many

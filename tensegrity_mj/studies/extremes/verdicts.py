@@ -114,12 +114,13 @@ def is_hidden(attempt: Attempt, error: float, doubt: float) -> bool:
 
 
 def has_kinks(run: Trajectory) -> bool:
-    """Whether some string pulled at one recorded time and not at another.
+    """Whether some string pulled at one recorded time and not at another, or something touched at one.
 
     Tensions tell, not force densities: where a damper would push, a string lets go of what a law asks of it.
     """
     taut = run.tensions > 0
-    return bool(np.any(taut.any(axis=0) & ~taut.all(axis=0)))
+    touched = any(run.reports.get("contact", {}).get("touching", ()))
+    return touched or bool(np.any(taut.any(axis=0) & ~taut.all(axis=0)))
 
 
 def not_finite(run: Trajectory) -> str:

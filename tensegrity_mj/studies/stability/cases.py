@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.errors import OptionError, TensegrityError
+from tensegrity_mj.families.random_linked import random_linked_structure
 from tensegrity_mj.families.random_taut import random_taut_structure
 from tensegrity_mj.prestress import prestress
 from tensegrity_mj.resistance import resisting_forces
@@ -167,6 +168,46 @@ def structure_of(point: Mapping[str, Any]) -> Structure:
         count = int(point["value"])
         return random_taut_structure(np.random.default_rng(count), rods=count, stiffness=STIFFNESS)
     return varied(structure_from_toml(point["base"]), point["axis"], point["value"])
+
+
+def joined_scene(point: Mapping[str, Any]) -> Scene:
+    """A random structure whose rods share nodes, at rest, held by dead loads where its strings do not: of a point."""
+    rng = np.random.default_rng(point["seed"])
+    structure = random_linked_structure(
+        rng,
+        rods=point["rods"],
+        loops=point["loops"],
+        planar=point["planar"],
+        pinned=point["pinned"],
+        strings=2 * point["rods"],
+        stretch=tuple(point["prestrain"]),
+        stiffness=(0.5 * point["stiffness"], 2 * point["stiffness"]),
+    )
+    # As in random taut structures: c = 2 ζ √(k m) of a mean rod's quarter.
+    mass = 0.25 * float(structure.rod_masses.mean())
+    ratios = point["damping_ratio"] * rng.uniform(0, 1, len(structure.strings))
+    return scene_at_rest(Scene(structure.with_strings(damping=2 * ratios * np.sqrt(structure.stiffness * mass))))[0]
+
+
+def joined_points(count: int, seed: int, most_rods: int = 12) -> list[dict[str, Any]]:
+    """Points of random trees and loops, drawn as those of `random_points`."""
+    points = []
+    for number in range(count):
+        rng = np.random.default_rng([seed, number, 1])
+        points.append(
+            {
+                "kind": "joined",
+                "seed": int(rng.integers(2**31)),
+                "rods": int(rng.integers(2, most_rods + 1)),
+                "loops": int(rng.choice([0, 0, 1, 2])),
+                "planar": bool(rng.uniform() < 0.5),
+                "pinned": bool(rng.uniform() < 0.7),
+                "stiffness": float(np.exp(rng.uniform(np.log(1e2), np.log(1e6)))),
+                "prestrain": [1e-3, float(np.exp(rng.uniform(np.log(1e-2), np.log(0.3))))],
+                "damping_ratio": float(rng.choice([0.0, np.exp(rng.uniform(np.log(1e-2), np.log(3.0)))])),
+            }
+        )
+    return points
 
 
 def random_points(count: int, seed: int, most_rods: int = 30) -> list[dict[str, Any]]:

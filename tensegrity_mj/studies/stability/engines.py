@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 NAMES = ("euler", "implicitfast", "implicit", "discrete", "rk4", "dae", "ode")
+CLASS_1 = ("ode",)  # those of structures whose rods share no nodes
 TITLES = {
     "euler": "MuJoCo Euler",
     "implicitfast": "MuJoCo implicitfast",

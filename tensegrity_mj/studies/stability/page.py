@@ -61,24 +61,24 @@ def sections(data: Data) -> Iterator[Section]:
                 Table("Every point", heads, rows, folded=True),
             ],
         )
-    if data.get("random"):
-        part = data["random"]
-        total = part["summary"]
-        text = (
-            f"{total['agree']} of {total['comparisons']} comparisons agree within {total['allowed']:.0%}, and "
-            f"{total['structures_agree']} of {total['structures']} structures in every engine; seed {part['seed']}."
-        )
-        engines = [
-            [TITLES[name], one["agree"], one["count"], one["largest_difference"]]
-            for name, one in total["engines"].items()
-        ]
-        parts: list[Any] = [
-            *([shown["random"]] if "random" in shown else []),
-            Table("", ("", "agree", "of", "largest difference"), engines),
-        ]
-        if total["causes"]:
-            parts.append(Table("Why the others differ", ("cause", "comparisons"), list(total["causes"].items())))
-        yield Section("Random taut structures", (text,), parts)
+    for name, title in (("random", "Random taut structures"), ("joined", "Random structures whose rods share nodes")):
+        if data.get(name):
+            yield _agreement(title, data[name], [shown[name]] if name in shown else [])
+
+
+def _agreement(title: str, part: Data, pictures: list[Any]) -> Section:
+    total = part["summary"]
+    text = (
+        f"{total['agree']} of {total['comparisons']} comparisons agree within {total['allowed']:.0%}, and "
+        f"{total['structures_agree']} of {total['structures']} structures in every engine; seed {part['seed']}."
+    )
+    engines = [
+        [TITLES[name], one["agree"], one["count"], one["largest_difference"]] for name, one in total["engines"].items()
+    ]
+    parts = [*pictures, Table("", ("", "agree", "of", "largest difference"), engines)]
+    if total["causes"]:
+        parts.append(Table("Why the others differ", ("cause", "comparisons"), list(total["causes"].items())))
+    return Section(title, (text,), parts)
 
 
 def _starts(part: Data) -> Iterator[list[Any]]:

@@ -13,8 +13,8 @@ from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.stability import stable_step
 from tensegrity_mj.studies.many import run_many
-from tensegrity_mj.studies.stability.cases import AXES, map_points, random_points, scene_at_rest
-from tensegrity_mj.studies.stability.engines import NAMES, TITLES, engine_of
+from tensegrity_mj.studies.stability.cases import AXES, joined_points, map_points, random_points, scene_at_rest
+from tensegrity_mj.studies.stability.engines import CLASS_1, NAMES, TITLES, engine_of
 from tensegrity_mj.studies.stability.study import at_rest, limits_at, summary
 from tensegrity_mj.studies.workers import Backend, Workers
 
@@ -22,7 +22,8 @@ MOST_RODS = 500
 QUICK_RODS = 20
 FINE = 0.1  # of the stable step and of contact's time: the step of the run that a scene with contact is looked along
 RANDOM_RODS, QUICK_RANDOM_RODS = 30, 4
-CLASS_1 = ("ode",)  # engines of structures whose rods share no nodes
+JOINED_RODS, QUICK_JOINED_RODS = 12, 4
+JOINED_PART = 3  # for so many random taut structures one whose rods share nodes
 MAPPED = ("euler", "implicit", "discrete", "rk4")  # engines of the maps: the others have the limits of one of these
 
 
@@ -47,7 +48,7 @@ def study_stability(
         engines: names from `engines.NAMES`.
         maps: axes of `cases.AXES`.
         quick: few values of each axis, maps of at most 20 rods, and random structures of at most 4.
-        random: how many random taut structures.
+        random: how many random taut structures; a third as many trees and loops of rods come on top.
         seed: of them.
         folder: where finished points are kept, so that an interrupted study goes on; None keeps them in memory.
         workers: who computes points; all cores by default. Results do not depend on it.
@@ -98,21 +99,25 @@ def study_stability(
             for point, outcome in zip(points, found.outcomes, strict=True)
         ]
     if random:
-        points = random_points(random, seed, QUICK_RANDOM_RODS if quick else RANDOM_RODS)
-        found = run_many(
-            limits_at,
-            [point | {"engines": list(engines)} for point in points],
-            None if place is None else place / "random",
-            workers=workers,
-            progress=progress,
-            label="random structures",
-        )
-        rows = [
-            {"point": point, "values": outcome.get("values"), "reason": outcome.get("reason")}
-            for point, outcome in zip(points, found.outcomes, strict=True)
-        ]
-        kept = [row["values"] for row in rows if row["values"] is not None]
-        data["random"] = {"seed": seed, "rows": rows, "failed": len(rows) - len(kept), "summary": summary(kept)}
+        drawn = {
+            "random": random_points(random, seed, QUICK_RANDOM_RODS if quick else RANDOM_RODS),
+            "joined": joined_points(math.ceil(random / JOINED_PART), seed, QUICK_JOINED_RODS if quick else JOINED_RODS),
+        }
+        for name, points in drawn.items():
+            found = run_many(
+                limits_at,
+                [point | {"engines": list(engines)} for point in points],
+                None if place is None else place / name,
+                workers=workers,
+                progress=progress,
+                label=f"{name} structures",
+            )
+            rows = [
+                {"point": point, "values": outcome.get("values"), "reason": outcome.get("reason")}
+                for point, outcome in zip(points, found.outcomes, strict=True)
+            ]
+            kept = [row["values"] for row in rows if row["values"] is not None]
+            data[name] = {"seed": seed, "rows": rows, "failed": len(rows) - len(kept), "summary": summary(kept)}
     return data
 
 
@@ -182,17 +187,22 @@ def describe(data: dict[str, Any]) -> list[str]:
         rows = [one for row in data["maps"] if row["values"] for one in row["values"]["engines"].values()]
         lines += ["", f"maps: {sum(one['agrees'] for one in rows)} of {len(rows)} points agree within 10 %"]
         lines += [f"  {axis}: {count} differ: {cause}" for axis, cause, count in _differences(data["maps"])]
-    if "random" in data:
-        total = data["random"]["summary"]
-        lines += [
-            "",
-            f"random taut structures (seed {data['random']['seed']}): {total['agree']} of {total['comparisons']} "
-            f"comparisons and {total['structures_agree']} of {total['structures']} structures agree within "
-            f"{total['allowed']:.0%}; median difference {total['median_difference']:.2g}",
-        ]
-        lines += [f"  {count} differ: {cause}" for cause, count in total["causes"].items()]
-        if data["random"]["failed"]:
-            lines.append(f"  {data['random']['failed']} structures could not be computed (see the data)")
+    for name, title in (("random", "random taut structures"), ("joined", "random structures whose rods share nodes")):
+        if name in data:
+            lines += ["", *_agreement(f"{title} (seed {data[name]['seed']})", data[name])]
+    return lines
+
+
+def _agreement(title: str, part: dict[str, Any]) -> list[str]:
+    total = part["summary"]
+    middle = "-" if total["median_difference"] is None else f"{total['median_difference']:.2g}"
+    lines = [
+        f"{title}: {total['agree']} of {total['comparisons']} comparisons and {total['structures_agree']} of "
+        f"{total['structures']} structures agree within {total['allowed']:.0%}; median difference {middle}"
+    ]
+    lines += [f"  {count} differ: {cause}" for cause, count in total["causes"].items()]
+    if part["failed"]:
+        lines.append(f"  {part['failed']} structures could not be computed (see the data)")
     return lines
 
 

@@ -11,8 +11,9 @@ import numpy as np
 from tensegrity_mj.joints import spanning_forest
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.stability import StableStep, stable_step
-from tensegrity_mj.studies.stability.cases import structure_of
-from tensegrity_mj.studies.stability.engines import NAMES, engine_of
+from tensegrity_mj.structure import Structure
+from tensegrity_mj.studies.stability.cases import joined_scene, structure_of
+from tensegrity_mj.studies.stability.engines import CLASS_1, NAMES, engine_of
 from tensegrity_mj.studies.stability.measure import STEPS, measured_limit
 
 MOST = {"discrete": 300.0}  # of 2/ω: the largest step tried
@@ -25,14 +26,20 @@ SEED = 0  # of the perturbations
 
 
 def limits_at(point: Mapping[str, Any]) -> dict[str, Any]:
-    """What `run_many` computes: a structure's limits, {engine: {...}} (see `compared`)."""
+    """What `run_many` computes: a structure's limits, {engine: {...}} (see `compared`); none of the ODE if joined."""
+    if point["kind"] == "joined":
+        scene = joined_scene(point)
+        found = {name: at_rest(scene, name) for name in point["engines"] if name not in CLASS_1}
+        return _limits(scene.structure, found)
     structure = structure_of(point)
     scene = Scene(structure)
     steps = steps_for(len(structure.rods))
-    strings = len(structure.strings)
-    found = {name: compared(scene, name, steps=steps) for name in point["engines"]}
-    omega = next(iter(found.values()))["omega"]
-    return {"rods": len(structure.rods), "strings": strings, "omega": omega, "engines": found}
+    return _limits(structure, {name: compared(scene, name, steps=steps) for name in point["engines"]})
+
+
+def _limits(structure: Structure, found: dict[str, Any]) -> dict[str, Any]:
+    omega = next((one["omega"] for one in found.values()), None)
+    return {"rods": len(structure.rods), "strings": len(structure.strings), "omega": omega, "engines": found}
 
 
 def at_rest(scene: Scene, name: str) -> dict[str, Any]:

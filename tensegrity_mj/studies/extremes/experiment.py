@@ -1,0 +1,119 @@
+"""What an extreme run is of, and what all kinds are drawn with."""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.actuation import Mode, OnInfeasible
+from tensegrity_mj.families.random_structures import random_structure
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.structure import Structure
+from tensegrity_mj.studies.extremes import laws
+
+Array = NDArray[np.float64]
+Rng = np.random.Generator
+
+
+class Kind(enum.Enum):
+    """What is extreme about a run."""
+
+    STIFF = "stiff strings, k to 1e9 N/m"
+    SLACK = "all strings slack"
+    NO_PRESTRESS = "zero prestress"
+    NEGATIVE_REST = "rest lengths <= 0"
+    VANISHING = "a string of vanishing length"
+    POLE = "rods at the poles of the ODE"
+    DEGENERATE = "collinear or planar in space"
+    CONTRAST = "rods of 1e-3 to 1e3 m and kg together"
+    BAD_LAW = "a law that returns nonsense"
+    WILD_LAW = "huge or alternating u"
+    INFEASIBLE = "infeasible targets"
+    PAST_LIMIT = "steps near and past the stability limit"
+    SPIN = "free flight with spin"
+    JOINED = "rods that share nodes: trees and loops"
+    MOVED = "supports that move"
+    RESISTED = "fluid, bending joints and wind"
+    CONTACT = "landings on a floor"
+    LARGE = "500 rods"
+    LONG = "1e6 steps"
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What is to be run, except by which engine and with which step.
+
+    Attributes:
+        scene: the scene.
+        law: makes the law for a run of a given duration [s], or None.
+        mode: of the actuation.
+        on_infeasible: see `simulate`.
+        rate: a rate that the law adds to those of the scene [1/s].
+        force_density: largest u that the law asks for [N/m].
+        excess: the step as a multiple of the stability limit, or None where it is drawn well below it.
+        cycles: range of durations, in fastest vibrations.
+        steps: exactly so many steps, or None.
+        engines: names of engines that are drawn from, or none for all.
+        facts: what was drawn, for people.
+    """
+
+    scene: Scene
+    law: Callable[[float], Any] | None = None
+    mode: Mode = Mode.CONTINUOUS
+    on_infeasible: OnInfeasible = OnInfeasible.STOP
+    rate: float = 0.0
+    force_density: float = 0.0
+    excess: float | None = None
+    cycles: tuple[float, float] = (1.0, 30.0)
+    steps: int | None = None
+    engines: tuple[str, ...] = ()
+    facts: dict[str, Any] = field(default_factory=dict)
+
+
+# Strings that pull whatever their length draw a structure into itself, and it moves chaotically from then on, where no
+# estimate of an error settles: such runs are short.
+COLLAPSE = (0.3, 10.0)
+
+
+def log_uniform(rng: Rng, low: float, high: float) -> float:
+    """A number from low to high, evenly in its logarithm."""
+    return float(10 ** rng.uniform(math.log10(low), math.log10(high)))
+
+
+def maybe_driven(rng: Rng, scene: Scene, facts: dict[str, Any]) -> Experiment:
+    """A third of the scenes are driven by a smooth law about their own prestress."""
+    if rng.uniform() > 1 / 3 or not scene.structure.strings:
+        return Experiment(scene, facts=facts | {"law": "none"})
+    structure = scene.structure
+    lengths = structure.string_lengths(structure.positions)
+    u = structure.stiffness * np.abs(lengths - structure.rest_lengths) / lengths
+    depth, beat = float(rng.uniform(0.1, 1.5)), float(rng.uniform(0.5, 5.0))
+
+    def law(duration: float) -> laws.Waving:
+        return laws.Waving(u, depth, beat * 2 * math.pi / duration)
+
+    return Experiment(
+        scene,
+        law,
+        Mode.CONTINUOUS,
+        force_density=float(u.max()) * (1 + depth),
+        facts=facts | {"law": f"waving, depth {depth:.2g}"},
+    )
+
+
+def ordinary(rng: Rng, **changes: Any) -> Structure:
+    """A random structure of one to four rods that share no node; `changes` are options of `random_structure`."""
+    options: dict[str, Any] = {"rods": int(rng.integers(1, 5)), "planar": bool(rng.integers(2)), "stretch": (0.05, 0.4)}
+    return random_structure(rng, **options | changes)
+
+
+def direction(rng: Rng, size: int = 3) -> Array:
+    """A unit vector, all directions equally likely."""
+    vector = rng.normal(size=size)
+    return np.asarray(vector / np.linalg.norm(vector))
