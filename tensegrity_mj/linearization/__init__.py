@@ -7,5 +7,5 @@ law          a law's rest lengths and force densities as inputs
 model        the matrices, and what follows from them
 """
 
-from tensegrity_mj.linearization.linearize import linearize as linearize
+from tensegrity_mj.linearization.linearizing import linearize as linearize
 from tensegrity_mj.linearization.model import Linearization as Linearization
