@@ -37,7 +37,7 @@ EXPECTED = {
     "suspended_cable": (41, 67, 89, (0, 22, 1, 0), 0, 0, LOOPS),
     "net": (23, 120, 160, (0, 40, 0, 0), 0, 0, LOOPS),
     "truss_arm": (3, 14, 14, (0, 0, 0, 14), 6, 0, LOOPS),
-    "dbar": (5, 12, 16, (0, 4, 0, 0), 2, 0, LOOPS),
+    "dbar": (2, 4, 4, (0, 0, 0, 4), 2, 0, LOOPS),
 }
 # Joints that a forest of R rods leaves open. N nodes join 2 R ends by 2 R - N joints, and a rod hangs by one of them
 # unless it is held: R - N + held ones, 22 - 23 + 2, 40 - 25 + 4, 14 - 10 + 2 and 4 - 4 + 1, of three rows each.

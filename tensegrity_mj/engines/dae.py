@@ -92,7 +92,8 @@ class DAE:
             object.__setattr__(self, name, positive(f"DAE: {name}", getattr(self, name)))
 
     def __str__(self) -> str:
-        return f"DAE {describe_method(self)}, drift: {self.drift.value}"
+        solver = "" if self.solver is Solver.JOINTS else f", solver: {self.solver.value}"
+        return f"DAE {describe_method(self)}, drift: {self.drift.value}{solver}"
 
     def run(self, request: Request) -> Trajectory:
         """Simulate; called by `simulate`."""
