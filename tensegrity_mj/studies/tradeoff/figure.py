@@ -57,13 +57,13 @@ STYLES = {
     "ODE RK4": Style(GREEN, "o", "--", True),
     "ODE DOP853": Style(DARK, "s", "--", True),
     "ODE Radau": Style(BROWN, "^", "--", True),
-    "DAE RK4, normalize": Style(CYAN, "o"),
+    "DAE RK4, monitor": Style(CYAN, "o"),
     "DAE RK4, Baumgarte": Style(VIOLET, "o"),
     "DAE DOP853, normalize": Style(BLUE, "s"),
     "DAE DOP853, Baumgarte": Style(ORANGE, "s"),
 }
 TREATED = ("DAE RK4", "DAE DOP853")  # families that drift treatments are compared on
-ONLY_TREATED = ("normalize", "Baumgarte")
+ONLY_TREATED = (", monitor", ", normalize", ", Baumgarte")
 DRIFT = "drift treatments"
 
 

@@ -190,19 +190,19 @@ def sweep_settings(
             for step in fixed(MuJoCo(1.0, integrator).stages)
         ]
     engine: type[DAE] | type[ODE] = DAE if kind is Kind.DAE else ODE
-    treatments: list[Drift | None] = [None] if kind is not Kind.DAE else [Drift.MONITOR] if lean else list(Drift)
     found: list[Setting] = []
-    for method, drift in itertools.product(Method, treatments):
-        if method is Method.RADAU and (lean or drift not in (None, Drift.MONITOR)):
+    for method, drift in itertools.product(Method, Drift if kind is Kind.DAE else [None]):
+        usual = Drift.NORMALIZE if method is Method.RK4 else Drift.MONITOR  # the DAE's default
+        treated, radau = drift not in (None, usual), method is Method.RADAU
+        if treated + radau + lean > 1:
             continue
         own: dict[str, Any] = {} if drift is None else {"drift": drift}
-        name = f"{kind.name} {'Radau' if method is Method.RADAU else method.name}"
-        if drift not in (None, Drift.MONITOR):
+        name = f"{kind.name} {'Radau' if radau else method.name}"
+        if treated:
             name += f", {'Baumgarte' if drift is Drift.BAUMGARTE else drift.value}"
         if method is Method.RK4:
             found += [Setting(engine(method=method, timestep=step, **own), name, time_text(step)) for step in fixed(4)]
             continue
-        radau = method is Method.RADAU
         limit = radau_steps(scene, law, budget) if radau else int(most / DOP853_STAGES)
         if limit < (LEAST_RADAU if radau else 1) or (period is not None and total / period * RESTART > HELD * most):
             continue
@@ -212,7 +212,7 @@ def sweep_settings(
                 name,
                 f"rtol {power_text(rtol)}",
             )
-            for rtol in (rtols if drift in (None, Drift.MONITOR) else rtols[::2])
+            for rtol in (rtols[::2] if treated else rtols)
         ]
     return found
 
