@@ -30,8 +30,8 @@ class Contact:
 
     The defaults of `stiffness` and `damping` are critical damping with a time constant of 5 ms: a body that lands at
     2 m/s sinks in by some 4 mm and does not bounce. MuJoCo's (timeconst τ, dampratio ζ) are the stiffness 1 / (τ ζ)²
-    and the damping 2 / τ. RK4 resolves a landing with steps up to τ / 10, the other integrators up to τ / 100; a run
-    with a larger one says so before it starts (`contact_steps`).
+    and the damping 2 / τ. With ζ = 1 RK4 resolves a landing with steps up to τ / 10, the other integrators up to
+    τ / 100; a run with a larger one says so before it starts (`contact_steps` has it for all ζ).
 
     Attributes:
         floor: height of the floor along `normal` [m]: bodies stay where normal · x >= floor. None for no floor.

@@ -31,7 +31,7 @@ DEPTHS = 400  # looked at, up to the width of the impedance; deeper it is consta
 # (Euler) and 9.6 % (the implicit ones, which brake the fall itself), and by a part that is proportional to h.
 RESOLVED_RUNGE_KUTTA, RESOLVED_FIRST_ORDER = 0.1, 0.01
 SLACK = 1 + 1e-9  # of steps that are just at a bound
-OUTSIDE = 4.0  # |z| beyond which Runge-Kutta's R(z) > 1 for all Re z <= 0
+OUTSIDE = 4.0  # |z| beyond which Runge-Kutta's |R(z)| > 1 for all Re z <= 0
 
 
 def impedance(contact: Contact, depth: Array) -> tuple[Array, Array]:

@@ -79,7 +79,10 @@ def redundancy(structure: Structure, nodes: Array) -> Redundancy:
 
 
 def approached(structure: Structure, start: Array, end: Array) -> str:
-    """What is to be said of a run that broke off near a singular configuration that it did not start near, or ""."""
+    """What is to be said of a run that broke off near a singular configuration that it did not start near, or "".
+
+    `start` and `end` are node positions (N, 3) [m]. Clusters of more than `MOST_RODS` rods are not looked at.
+    """
     for cluster in structure.clusters if spanning_forest(structure).closures else ():
         if len(cluster) > MOST_RODS:
             continue

@@ -227,7 +227,7 @@ def _checked(
     if by_density and not small:
         return {"step": step, "checked": False, "reason": "the loop through the law is too large to look at"}, ""
     # Which dampers an implicit integrator knows between rods that share nodes, only the model tells.
-    known = scheme is not Scheme.VELOCITY_IMPLICIT or structure.class_number == 1 or not structure.damping.any()
+    known = scheme is not Scheme.VELOCITY_IMPLICIT or structure.class_number <= 1 or not structure.damping.any()
     if not by_density and known:
         bound = _bound(
             scheme, *stiffness_bounds(scene, bodies, scene.nodes0, scene.velocities0, structure.rest_lengths)
@@ -488,9 +488,9 @@ def _notes(model: Vibration, engine: Any) -> tuple[str, ...]:
     if implicit and model.joints is not None and (model.law is not None or not has_tree_model(model)):
         notes.append(
             "damped strings between rods that share nodes: what this integrator knows of a damper depends on how the "
-            "rods hang on each other, which is in the limit for trees of up to 30 rods that hang still and without a "
-            "law alone; here it is that without dampers, and may be larger or smaller: use RK4, or measure it with "
-            "tensegrity-mj stability"
+            "rods hang on each other, which is in the limit of trees of up to 30 rods with supports that stand still "
+            "and no law; the limit here is that without dampers, and the real one may be larger or smaller: use RK4, "
+            "or measure it with tensegrity-mj stability"
         )
     elif implicit:
         notes.append(

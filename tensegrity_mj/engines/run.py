@@ -308,7 +308,8 @@ def _reports(request: Request, run: Trajectory) -> dict[str, Any]:
         "drift": float(drift.max(initial=0.0)),  # of bᵀb - 1
         "rate_drift": float(rate_drift.max(initial=0.0)),  # of bᵀḃ [1/s]
         "energy_residual": run.energy_residual,
-        "undetermined_forces": list(twice.undetermined),  # rods whose λ and force density are one choice of many
+        # Rods whose λ and force density are one choice of many; None where too many hang together to tell.
+        "undetermined_forces": None if twice.skipped else list(twice.undetermined),
         "singular_start": list(twice.singular),
         "nonpositive_rest_lengths": {  # at recorded times
             "samples": len({int(t) for t, _ in below}),

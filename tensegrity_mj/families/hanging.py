@@ -62,7 +62,8 @@ def hang(
         OptionError: for arrays of other shapes, rows that are none, or lengths and masses that are not > 0.
         InfeasibleError: where no equilibrium is found: held nodes too far from each other, for one.
     """
-    guess = np.array(real_array("nodes", nodes, (*np.shape(nodes)[:1], 3), "m", scalar=False))
+    count = len(nodes if isinstance(nodes, Sequence) else np.atleast_1d(nodes))
+    guess = np.array(real_array("nodes", nodes, (max(1, count), 3), "m", scalar=False))
     pairs = _rows("rods", rods, 2, len(guess))
     fixed = _rows("held", held, 1, len(guess))
     if not len(pairs) or not len(fixed):

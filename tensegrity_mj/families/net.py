@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -55,7 +56,7 @@ def net(
     Raises:
         OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such scene.
     """
-    if not np.iterable(cells) or isinstance(cells, str) or len(tuple(cells)) != 2:
+    if not isinstance(cells, (Sequence, np.ndarray)) or isinstance(cells, str) or len(cells) != 2:
         raise OptionError(f"net: cells = {cells!r}; it must be two numbers of cells, along x and along y")
     member("net: held", held, Held)
     across, along = (whole("net: cells", value, 1) for value in cells)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.families.arguments import whole
 from tensegrity_mj.structure import Rod, String, Structure, Support, Vector, null_space_basis
 
 Array = NDArray[np.float64]
@@ -36,10 +37,15 @@ def random_linked_structure(
             one more would leave the structure no motion but as a whole.
         planar: everything lies and moves in one plane of random normal.
         pinned: whether the first rod is held at its first node; otherwise nothing is.
-        strings: how many, between nodes and to a fixed one; fewer where there are no more pairs.
+        strings: how many, at least 1, between nodes and to a fixed one; fewer where there are no more pairs.
         stretch: range of (L - L0) / L.
         stiffness, damping: ranges [N/m], [N s/m].
+
+    Raises:
+        OptionError: for less than one rod or string.
     """
+    whole("random_linked_structure: rods", rods, 1)
+    whole("random_linked_structure: strings", strings, 1)
     normal = _unit(rng.normal(size=3)) if planar else None
     basis: Array = np.eye(3) if normal is None else null_space_basis(normal[None])
     plane = None if normal is None else _vector(normal)
@@ -83,7 +89,7 @@ def random_linked_structure(
     order = [tied, *(pair for pair in order if pair != tied)]
     nodes = {f"n{k}": place for k, place in enumerate(places)} | {FIXED: fixed}
     cords = []
-    for number, (one, other) in enumerate(order[: max(1, strings)]):
+    for number, (one, other) in enumerate(order[:strings]):
         length = float(np.linalg.norm(nodes[one] - nodes[other]))
         rest = length * (1 - float(rng.uniform(*stretch)))
         k, c = float(rng.uniform(*stiffness)), float(rng.uniform(*damping))

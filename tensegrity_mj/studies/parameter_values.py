@@ -38,7 +38,11 @@ def encoded(value: Any) -> Any:
 
 
 def decoded(value: Any) -> Any:
-    """The value that a point holds."""
+    """The value that a point holds.
+
+    Raises:
+        OptionError: where no number follows a *.
+    """
     if isinstance(value, str) and value.startswith("*"):
         try:
             return Scaled(float(value[1:]))
@@ -48,7 +52,11 @@ def decoded(value: Any) -> Any:
 
 
 def parts_of(rest: str, path: str) -> list[str]:
-    """The parts between dots; names in brackets may hold dots, and brackets in pairs."""
+    """The parts between dots; names in brackets may hold dots, and brackets in pairs.
+
+    Raises:
+        OptionError: where brackets have no partner, or a part has no name.
+    """
     parts, depth = [""], 0
     for letter in rest:
         depth += (letter == "[") - (letter == "]")
@@ -64,6 +72,11 @@ def parts_of(rest: str, path: str) -> list[str]:
 
 
 def axis_of(others: Sequence[str], path: str) -> int | None:
+    """The component that the last parts of a path name, 0 to 2, or None for all.
+
+    Raises:
+        OptionError: if they name none.
+    """
     if not others:
         return None
     if len(others) > 1 or others[0] not in AXES:
@@ -72,11 +85,17 @@ def axis_of(others: Sequence[str], path: str) -> int | None:
 
 
 def no_more(which: str | None, others: Sequence[str], path: str) -> None:
+    """Raise OptionError where a path goes on with a member in brackets, or with parts, and nothing has any there."""
     if which is not None or others:
         raise OptionError(f"{path}: it has no parts '{which or others[0]}'; leave them out")
 
 
 def vector_from(path: str, value: Any, axis: int | None, now: Sequence[float]) -> Vector:
+    """What a vector (3,) becomes: all of it, or the component `axis`, set to the value or scaled by it.
+
+    Raises:
+        OptionError: for a value that is neither three finite numbers nor, of a component, one.
+    """
     row = [float(x) for x in now]
     if isinstance(value, Scaled):
         row = [x * value.factor if axis in (None, i) else x for i, x in enumerate(row)]
@@ -91,10 +110,12 @@ def vector_from(path: str, value: Any, axis: int | None, now: Sequence[float]) -
 
 
 def number_from(path: str, value: Any) -> float:
+    """The value as a float; OptionError where it is no finite number."""
     return finite(path, value)
 
 
 def scaled(path: str, scale: Scaled, now: Any) -> float:
+    """What a parameter becomes that is `now`; OptionError where that is no finite number."""
     if not isinstance(now, (int, float)) or isinstance(now, bool) or not math.isfinite(now):
         what = "it has no value" if now is None or now is dataclasses.MISSING else f"{now!r} is no number"
         raise OptionError(f"{path} = {scale}: {what} that could be scaled; give one")
@@ -102,6 +123,7 @@ def scaled(path: str, scale: Scaled, now: Any) -> float:
 
 
 def choice_from(path: str, kind: type[enum.Enum], value: Any) -> Any:
+    """The member of an enum with that value, in which - may stand for spaces; OptionError where there is none."""
     words = {str(one.value): one for one in kind}
     text = value.replace("-", " ") if isinstance(value, str) else value
     for word in (value, text):

@@ -198,7 +198,7 @@ def sweep_settings(
             continue
         own: dict[str, Any] = {} if drift is None else {"drift": drift}
         name = f"{kind.name} {'Radau' if radau else method.name}"
-        if treated:
+        if treated and drift is not None:
             name += f", {'Baumgarte' if drift is Drift.BAUMGARTE else drift.value}"
         if method is Method.RK4:
             found += [Setting(engine(method=method, timestep=step, **own), name, time_text(step)) for step in fixed(4)]
