@@ -307,7 +307,10 @@ def _spline_states(spans: Array, displacements: Array) -> Array:
 def _plain_harmonic(what: str, item: Any) -> Harmonic:
     if not isinstance(item, Harmonic):
         raise SceneError(f"{what}: {item!r} is no Harmonic(amplitude, angular_frequency, phase)")
-    amplitude = _rows(f"{what}: amplitude", [item.amplitude], 3)[0]
+    try:
+        (amplitude,) = _rows("", [item.amplitude], 3)
+    except (SceneError, ValueError):
+        raise SceneError(f"{what}: amplitude = {item.amplitude!r}; it must be three finite numbers [m]") from None
     omega = _number(f"{what}: angular_frequency", item.angular_frequency)
     with np.errstate(over="ignore", invalid="ignore"):
         acceleration = np.float64(omega) ** 2 * np.array(amplitude)

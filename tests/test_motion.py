@@ -187,6 +187,10 @@ WRONG_MOTIONS: dict[str, tuple[Callable[[], object], tuple[str, ...]]] = {
     "one harmonic": (lambda: Motion("rod", Harmonic((1, 0, 0), 1.0)), ("harmonics", "sequence")),  # type: ignore[arg-type]
     "harmonics": (lambda: Motion("rod", 3), ("harmonics = 3", "sequence")),  # type: ignore[arg-type]
     "no harmonic": (lambda: Motion("rod", ((1, 2, 3),)), ("(1, 2, 3)", "no Harmonic")),  # type: ignore[arg-type]
+    "harmonic of one number": (
+        lambda: Motion("rod", (Harmonic(1.0, 1.0),)),  # type: ignore[arg-type]
+        ("'rod': amplitude = 1.0", "three finite numbers [m]"),
+    ),
     "harmonic NaN": (lambda: Motion("rod", (Harmonic((0, NAN, 0), 1.0),)), ("amplitude", "nan", "finite")),
     "phase": (lambda: Motion("rod", (Harmonic((0, 1, 0), 1.0, NAN),)), ("phase = nan", "finite")),
     "times NaN": (lambda: Motion.data("rod", [0, NAN], np.zeros((2, 3))), ("times", "nan", "finite numbers, (T,)")),

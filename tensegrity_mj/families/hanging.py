@@ -68,6 +68,9 @@ def hang(
     fixed = _rows("held", held, 1, len(guess))
     if not len(pairs) or not len(fixed):
         raise OptionError(f"hang: {len(pairs)} rods and {len(fixed)} held nodes; give at least one of each")
+    if np.any(pairs[:, 0] == pairs[:, 1]):
+        row = int(np.argmax(pairs[:, 0] == pairs[:, 1]))
+        raise OptionError(f"rods: row {row} joins node {pairs[row, 0]} to itself; a rod has two different nodes")
     ell = real_array("lengths", lengths, (len(pairs),), "m")
     mass = real_array("masses", masses, (len(pairs),), "kg")
     for what, column, measure in (("lengths", ell, "m"), ("masses", mass, "kg")):
