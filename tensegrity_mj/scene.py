@@ -19,6 +19,7 @@ from tensegrity_mj.curve import Curve
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.motion import Motion
 from tensegrity_mj.moved_supports import moved_positions, velocities_with_supports
+from tensegrity_mj.redundancy import Redundancy, redundancy
 from tensegrity_mj.resistance import Bending, Drag, Resistance
 from tensegrity_mj.structure import Structure, Vector
 
@@ -235,6 +236,11 @@ class Scene:
             return self.initial_velocities
         still = np.zeros_like(self.nodes0)
         return velocities_with_supports(self.structure, self.nodes0, self.motions) if self.motions else still
+
+    @cached_property
+    def redundancy(self) -> Redundancy:
+        """Rods whose forces are not unique, and those that make the start singular."""
+        return redundancy(self.structure, self.nodes0)
 
     def nodal_forces(self, time: float) -> Array:
         """External forces (N, 3) [N] at a time [s]; neither gravity nor resistance is among them."""

@@ -17,7 +17,7 @@ from tensegrity_mj.engines.run import Request
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.law import Law, native_law
 from tensegrity_mj.moved_supports import check_motions_until
-from tensegrity_mj.redundancy import approached, redundancy
+from tensegrity_mj.redundancy import approached
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.trajectory import Trajectory
 
@@ -87,7 +87,7 @@ def simulate(
     except DivergenceError as error:
         if checked is not None and isinstance(error.trajectory, Trajectory):
             error.trajectory.reports["stability"] = checked
-        told = redundancy(scene.structure, scene.nodes0).warning
+        told = scene.redundancy.warning
         if not told and isinstance(error.trajectory, Trajectory) and len(error.trajectory.time):
             told = approached(scene.structure, scene.nodes0, error.trajectory.nodes[-1])
         if told:

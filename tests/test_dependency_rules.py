@@ -35,6 +35,7 @@ CORE = {
         "moved_supports",
         "joints",
         "resistance",
+        "redundancy",
     )
 }
 

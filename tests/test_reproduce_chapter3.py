@@ -13,7 +13,7 @@ from tensegrity_mj.engines.dae import DAE, Drift
 from tensegrity_mj.engines.integration import Method
 from tensegrity_mj.families.cable import Excitation, Start
 from tensegrity_mj.motion import Motion
-from tensegrity_mj.reproduction import figures3, series, statements3
+from tensegrity_mj.reproduction import figures3, measures3, series, statements3
 from tensegrity_mj.reproduction.catalog import selected
 from tensegrity_mj.reproduction.experiments import EXPERIMENTS, EngineName
 from tensegrity_mj.reproduction.ledger import Verdict, judge
@@ -107,26 +107,26 @@ def test_measures_of_made_up_amplitudes() -> None:
     relative[np.isclose(f, 0.95), 1, 1] = 5.0
     relative[np.isclose(f, 1.20), 1, 0] = 3.0
     run = made_up(relative)
-    assert statements3._first_peak(run, 10) == 0.35
-    assert statements3._second_peak(run, 10) == 0.90
-    assert statements3._ratio(run, 10) == 2.0
-    assert statements3._ratio(run, 5) == 1.0
-    assert statements3._out_over_in(run, 10, True) == pytest.approx(5.0 / 6.0)
-    assert statements3._out_over_in(run, 10, False) == pytest.approx(1.0 / 12.0)
-    assert statements3._violence(run) == 3.0
-    assert statements3._largest(run, 10, 0) == 12.0
+    assert measures3.first_peak(run, 10) == 0.35
+    assert measures3.second_peak(run, 10) == 0.90
+    assert measures3.ratio(run, 10) == 2.0
+    assert measures3.ratio(run, 5) == 1.0
+    assert measures3.out_over_in(run, 10, True) == pytest.approx(5.0 / 6.0)
+    assert measures3.out_over_in(run, 10, False) == pytest.approx(1.0 / 12.0)
+    assert measures3.violence(run) == 3.0
+    assert measures3.largest(run, 10, 0) == 12.0
 
 
 def test_measures_of_made_up_peaks(monkeypatch: pytest.MonkeyPatch) -> None:
     rows = [(f, 0.324) if 0.2 <= f < 0.7 else (f, 0.93) if f >= 0.7 else (f,) for f in series.IN_LINE]
     monkeypatch.setattr(SeriesRun, "peaks", lambda self, number, axis=0: rows)
     run = made_up(np.ones((24, 2, 3)))
-    assert statements3._input_part(run, 10) == 1.0
-    assert statements3._present_from(run, 10, 0.27, 0.36) == 0.2
-    assert statements3._present_from(run, 10, 0.8, 1.0) == 0.7
-    assert statements3._first_part(run, 10, 0.75, 1.0) == 0.0
-    assert statements3._first_part(run, 10, 0.4, 0.5) == 1.0
-    assert math.isnan(statements3._present_from(run, 10, 1.5, 1.6))
+    assert measures3.input_part(run, 10) == 1.0
+    assert measures3.present_from(run, 10, 0.27, 0.36) == 0.2
+    assert measures3.present_from(run, 10, 0.8, 1.0) == 0.7
+    assert measures3.first_part(run, 10, 0.75, 1.0) == 0.0
+    assert measures3.first_part(run, 10, 0.4, 0.5) == 1.0
+    assert math.isnan(measures3.present_from(run, 10, 1.5, 1.6))
 
 
 def test_what_cannot_be_judged_is_said_and_counted() -> None:
@@ -211,12 +211,12 @@ def test_what_splits_the_peak_at_the_input() -> None:
     inputs = (0.30, 0.85, 0.95)  # the first for the criterion of all runs
     cases = [Case(scene, f, amplitude=series.AMPLITUDE, start=Start.LAB_FRAME, engine=engine) for f in inputs]
     run = SeriesRun("in-line", "dae", results=run_cases(cases, series.PLACES, workers=HERE))
-    assert [statements3._has(peaks, f, f) for f, peaks in zip(inputs, run.peaks(10), strict=True)] == [
+    assert [measures3.has(peaks, f, f) for f, peaks in zip(inputs, run.peaks(10), strict=True)] == [
         True,
         False,
         True,
     ]
-    assert statements3._first_part(run, 5, 0.8, 1.0) == 0.0
+    assert measures3.first_part(run, 5, 0.8, 1.0) == 0.0
     chain = linear_model(scene)
     forced = []
     for f in (0.40, 0.45, 0.50, 0.55):

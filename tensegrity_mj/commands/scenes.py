@@ -113,13 +113,12 @@ def statics(scene: Scene) -> dict[str, Any]:
 
     from tensegrity_mj.errors import InfeasibleError
     from tensegrity_mj.prestress import equilibrium_residual, prestress, self_stress
-    from tensegrity_mj.redundancy import redundancy
     from tensegrity_mj.resistance import resisting_forces
     from tensegrity_mj.strings import force_density
 
     structure, nodes, gravity = scene.structure, scene.nodes0, scene.gravity
     loads = scene.nodal_forces(0.0) + resisting_forces(scene, nodes, np.zeros_like(nodes))
-    stress, twice = self_stress(structure, nodes), redundancy(structure, nodes)
+    stress, twice = self_stress(structure, nodes), scene.redundancy
     found: dict[str, Any] = {
         "self_stress_modes": len(stress.modes),
         "rigid_motions": stress.rigid_motions,

@@ -83,19 +83,10 @@ SOURCE, COUNT, AT_START, AT_END = range(4)
 
 
 @borrowing
-def keep(kept: Any, which: int) -> None:
-    """Keep a state."""
+def copy_state(kept: Any, origin: int, goal: int) -> None:
+    """Copy a state from one of `SOURCE`, `AT_START` and `AT_END` to another."""
     for i in range(len(kept)):
-        source, target = integers(kept[i, SOURCE], (kept[i, COUNT],)), integers(kept[i, which], (kept[i, COUNT],))
-        for k in range(len(source)):
-            target[k] = source[k]
-
-
-@borrowing
-def put_back(kept: Any, which: int) -> None:
-    """Put a state back that was kept."""
-    for i in range(len(kept)):
-        source, target = integers(kept[i, which], (kept[i, COUNT],)), integers(kept[i, SOURCE], (kept[i, COUNT],))
+        source, target = integers(kept[i, origin], (kept[i, COUNT],)), integers(kept[i, goal], (kept[i, COUNT],))
         for k in range(len(source)):
             target[k] = source[k]
 
@@ -109,7 +100,7 @@ def after_first_stage(table: Any, kept: Any, powers: Any, strings: Any, pulled: 
     finish_row(table)  # a trial begins after it, and knows its own tensions alone
     if table[MOTION_COUNT] > 0:
         powers[2] += _count_constraints(table)
-    keep(kept, AT_START)
+    copy_state(kept, SOURCE, AT_START)
     look(table, strings[START])
     note(strings[START], pulled, slack)
 
@@ -128,7 +119,7 @@ def _count_constraints(table: Any) -> float:
 @borrowing
 def begin_trial(table: Any, kept: Any, powers: Any, h: float) -> None:
     """Put the start of the step back, for one of h [s] with the same forces there."""
-    put_back(kept, AT_START)  # powers, works and length of that step among it
+    copy_state(kept, AT_START, SOURCE)  # powers, works and length of that step among it
     size, work = floats(table[STEP_SIZE], (1,)), floats(table[WORK_INTEGRALS], (3,))
     for k in range(3):
         work[k] += (h - size[0]) / 6.0 * powers[k]
@@ -219,8 +210,8 @@ class LocatedRun(MuJoCoRun):
         table[COUNTERS] = address_of(counters)
         after_first_stage(table, kept, np.zeros(3), strings, none, none)
         after_last_stage(table, 0.0, h, strings, none, none)
-        keep(kept, AT_END)
-        put_back(kept, AT_END)
+        copy_state(kept, SOURCE, AT_END)
+        copy_state(kept, AT_END, SOURCE)
         keep_slack(table, none)
         let_go(table)
         begin_search(strings, 1.0, search)
@@ -279,7 +270,7 @@ class LocatedRun(MuJoCoRun):
                 time = self.data.time
             if change <= 0.0 or split == MOST_SPLITS:
                 break
-            keep(self._kept, AT_END)
+            copy_state(self._kept, SOURCE, AT_END)
             keep_slack(table, slack)
             begin_search(strings, change, self._search)
             part = self._instant(t, left)
@@ -287,7 +278,7 @@ class LocatedRun(MuJoCoRun):
             if self.counters[ENDED] != RUNNING:
                 return False
             if part == 0.0:
-                put_back(self._kept, AT_END)
+                copy_state(self._kept, AT_END, SOURCE)
                 self._see()
                 break
             t += part * left

@@ -16,7 +16,6 @@ from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible, whole_ratio
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.law import NativeLaw, Report
 from tensegrity_mj.native.plant import NODES, VELOCITIES, Plant
-from tensegrity_mj.redundancy import redundancy
 from tensegrity_mj.resistance import resisting_forces
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.trajectory import LAW_REPORTS, VARIABLES, Status, Trajectory
@@ -275,7 +274,7 @@ def _reports(request: Request, run: Trajectory) -> dict[str, Any]:
             f"t = {first_time:.6g} s): reduce the time step or the tolerances, or let the DAE keep lengths with "
             "Drift.NORMALIZE, before trusting this run"
         )
-    twice = redundancy(structure, run.scene.nodes0)
+    twice = run.scene.redundancy
     if twice.singular:
         warnings.append(twice.warning)
     known = request.law.gravity

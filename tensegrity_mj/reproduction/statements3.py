@@ -22,7 +22,31 @@ from tensegrity_mj.families.cable import (
     suggest_elements,
 )
 from tensegrity_mj.reproduction.figures3 import element_frequencies
-from tensegrity_mj.reproduction.series import ALLOWED_DRIFT, ELEMENTS, SERIES, SeriesRun
+from tensegrity_mj.reproduction.measures3 import (
+    BESIDE,
+    BETWEEN,
+    REFINED,
+    SECOND,
+    drift_falls,
+    drift_near_second,
+    drift_trend,
+    first_part,
+    first_peak,
+    grown,
+    input_part,
+    largest,
+    out_of_plane_peaks,
+    out_over_in,
+    present_from,
+    ratio,
+    refined_apart,
+    refined_apart_near,
+    second_peak,
+    stable,
+    step_grows,
+    violence,
+)
+from tensegrity_mj.reproduction.series import ALLOWED_DRIFT, ELEMENTS, SERIES
 from tensegrity_mj.reproduction.statement import (
     FITS,
     HOLDS,
@@ -41,9 +65,6 @@ from tensegrity_mj.reproduction.statement import (
 
 Array = NDArray[np.float64]
 
-# Hz: between the first two eigenfrequencies, and where the second one is felt, by amplitude or whirling.
-BETWEEN, SECOND = 0.6, (0.775, 1.075)
-BESIDE = 0.035  # Hz from a frequency, within which a peak is its own: one and a half bins of 45 s
 GRID = 0.05  # Hz
 ABOUT = (
     "'about': two steps of the input frequencies, 0.05 Hz each; with half or twice the threshold, of which the thesis "
@@ -78,126 +99,6 @@ SEED_SWINGS = (
     "nothing damps the swing of the seed itself, at the first eigenfrequency in every run, and the largest peak of a "
     "run is picked however small it is. The thesis' disturbances are not given"
 )
-
-
-def _second_peak(run: SeriesRun, marker: int) -> float:
-    """Input frequency of the largest in-plane amplitude above `BETWEEN`."""
-    f = run.cases.frequencies
-    return float(f[np.argmax(np.where(f > BETWEEN, run.marker(marker), 0.0))])
-
-
-def _first_peak(run: SeriesRun, marker: int) -> float:
-    f = run.cases.frequencies
-    return float(f[np.argmax(np.where(f < BETWEEN, run.marker(marker), 0.0))])
-
-
-def _about(run: SeriesRun, second: bool) -> NDArray[np.bool_]:
-    """The input frequencies about the second eigenfrequency, or about the first."""
-    f = run.cases.frequencies
-    return (f > SECOND[0]) & (f < SECOND[1]) if second else (f > 0.225) & (f < 0.425)
-
-
-def _largest(run: SeriesRun, marker: int, axis: int, second: bool | None = None) -> float:
-    values = run.marker(marker, axis)
-    return float(values.max() if second is None else values[_about(run, second)].max())
-
-
-def _ratio(run: SeriesRun, marker: int, axis: int = 0) -> float:
-    """The largest amplitude about the first eigenfrequency over that about the second."""
-    return _largest(run, marker, axis, False) / _largest(run, marker, axis, True)
-
-
-def _out_over_in(run: SeriesRun, marker: int, second: bool) -> float:
-    """Largest out-of-plane over largest in-plane amplitude about an eigenfrequency."""
-    return _largest(run, marker, 1, second) / _largest(run, marker, 0, second)
-
-
-def _grown(run: SeriesRun, marker: int, second: bool) -> float:
-    """Largest out-of-plane amplitude about an eigenfrequency over the smallest of all: the seed's own swing."""
-    return _largest(run, marker, 1, second) / float(run.marker(marker, 1).min())
-
-
-def _has(peaks: tuple[float, ...], low: float, high: float) -> bool:
-    return any(low - BESIDE <= peak <= high + BESIDE for peak in peaks)
-
-
-def _input_part(run: SeriesRun, marker: int) -> float:
-    """At how many of the input frequencies a main peak is at the input."""
-    rows = zip(run.cases.frequencies, run.peaks(marker), strict=True)
-    return float(np.mean([_has(peaks, f, f) for f, peaks in rows]))
-
-
-def _present_from(run: SeriesRun, marker: int, low: float, high: float) -> float:
-    """The lowest input frequency with a main peak in a range that is not the input's own."""
-    for f, peaks in zip(run.cases.frequencies, run.peaks(marker), strict=True):
-        if any(low <= peak <= high and abs(peak - f) > BESIDE for peak in peaks):
-            return float(f)
-    return math.nan
-
-
-def _first_part(run: SeriesRun, marker: int, low: float, high: float, axis: int = 0) -> float:
-    """At how many of the input frequencies in a range the first eigenfrequency has a main peak."""
-    rows = zip(run.cases.frequencies, run.peaks(marker, axis), strict=True)
-    return float(np.mean([_has(peaks, 0.324, 0.324) for f, peaks in rows if low - 1e-9 <= f <= high + 1e-9]))
-
-
-def _out_of_plane_peaks(run: SeriesRun, marker: int) -> float:
-    """Lowest frequency of the largest out-of-plane peak of a run, among runs with whirling about the second one."""
-    whirling = _about(run, True) & (run.marker(marker, 1) > 1.0)
-    return min(peaks[0] for peaks, yes in zip(run.peaks(marker, 1), whirling, strict=True) if yes)
-
-
-def _drift_trend(run: SeriesRun) -> float:
-    """Spearman's correlation of the drift and the input frequency."""
-    order = np.argsort(np.argsort(run.cases.drift))
-    return float(np.corrcoef(order, np.arange(len(order)))[0, 1])
-
-
-def _drift_near_second(run: SeriesRun) -> float:
-    """Largest drift about the second eigenfrequency over that beyond it."""
-    f, drift = run.cases.frequencies, run.cases.drift
-    return float(drift[_about(run, True)].max() / drift[f > SECOND[1]].max())
-
-
-def _refined_apart(runs: Runs) -> float:
-    """Largest difference of relative amplitudes between 13 and up to 61 elements, away from the second one."""
-    amplitudes = np.array([runs[name].marker(10) for name in _REFINED])
-    f = runs["in-line"].cases.frequencies
-    away = (f < 0.775) | (f > SECOND[1])
-    return float(np.ptp(amplitudes[:, away], axis=0).max())
-
-
-def _refined_apart_near(runs: Runs) -> float:
-    """Largest difference of relative amplitudes between 49 and 61 elements about the second one."""
-    near_it = _about(runs["in-line"], True)
-    fine, finer = runs["in-line-49"].marker(10), runs["in-line-61"].marker(10)
-    return float(np.abs(fine - finer)[near_it].max())
-
-
-def _violence(run: SeriesRun) -> float:
-    """Amplitude of marker 10 at 1.20 Hz over the mean of those at 1.10 and 1.15 Hz."""
-    values = dict(zip(np.round(run.cases.frequencies, 2), run.marker(10), strict=True))
-    return float(values[1.2] / (0.5 * (values[1.1] + values[1.15])))
-
-
-def _stable(run: SeriesRun) -> float:
-    """How many of the ten models ran to the end."""
-    return float(len(run.cases.cases) - len(run.cases.failed))
-
-
-def _drift_falls(run: SeriesRun) -> bool:
-    """Whether the drift of the models that ran falls with the number of elements."""
-    drift = run.cases.drift[~np.isnan(run.cases.drift)]
-    return len(drift) > 1 and bool(drift[-1] < drift[0])
-
-
-def _step_grows(run: SeriesRun) -> bool:
-    """Whether the step with the allowed drift grows from 49 elements on."""
-    steps = [one.step for one in run.steps if one.elements >= 49]
-    return bool(steps[-1] > steps[0])
-
-
-_REFINED = ("in-line", *(f"in-line-{K}" for K in ELEMENTS[1:5]))
 
 
 def _row(
@@ -320,7 +221,7 @@ def _axis(name: str, figure: str, page: int, marker: int, axis: int, last: float
     return _row(
         f"{figure}-axis", f"Fig. {figure}(a)", page, f"marker {marker}, {what}: largest relative amplitude",
         f"axis to {last:g}, ticks of {tick:g}", AXIS, fills(last, tick), FITS, (name,),
-        of(name, _largest, marker, axis), "", known,
+        of(name, largest, marker, axis), "", known,
     )
 
 
@@ -346,102 +247,102 @@ def _in_line() -> Iterator[Statement]:
     yield _axis(name, "3.4", 73, 10, 0, 18, 2, "in-plane")
     yield _row(
         "3.4-first", "§3.4.1", 71, "marker 10: input frequency of the largest in-plane amplitude", "0.30–0.35 Hz", TEXT,
-        Interval(0.30, 0.35), "as printed", ran, of(name, _first_peak, 10), "Hz",
+        Interval(0.30, 0.35), "as printed", ran, of(name, first_peak, 10), "Hz",
     )
     yield _row(
         "3.4-second", "§3.4.1", 71, f"marker 10: that of the largest above {BETWEEN:g} Hz", "0.80–0.95 Hz", TEXT,
-        Interval(0.80, 0.95), "as printed", ran, of(name, _second_peak, 10), "Hz",
+        Interval(0.80, 0.95), "as printed", ran, of(name, second_peak, 10), "Hz",
     )
     yield _row(
         "3.4-ratio", "§3.4.1, Fig. 3.4(a)", 71, "marker 10, in-plane: amplitude at the first over that at the second",
-        "significantly larger", TEXT, Interval(1.5), "by half", ran, of(name, _ratio, 10),
+        "significantly larger", TEXT, Interval(1.5), "by half", ran, of(name, ratio, 10),
     )
     yield _row(
         "3.4-input", "§3.4.1, Fig. 3.4(b)", 71, "marker 10, in-plane: part of the runs with a main peak at the input",
-        "the response consists of it", TEXT, near(1.0, 0.0), "all", ran, of(name, _input_part, 10), "",
+        "the response consists of it", TEXT, near(1.0, 0.0), "all", ran, of(name, input_part, 10), "",
         KnownDifference(SPLIT, near(22 / 24, 0.5 / 24)),
     )
     yield _row(
         "3.4-f1-from", "§3.4.1, Fig. 3.4(b)", 71, "marker 10, in-plane: 0.30 Hz is a main peak from an input of",
-        "about 0.20 Hz", TEXT, near(0.20, 2 * GRID + 1e-9), ABOUT, ran, of(name, _present_from, 10, 0.27, 0.36), "Hz",
+        "about 0.20 Hz", TEXT, near(0.20, 2 * GRID + 1e-9), ABOUT, ran, of(name, present_from, 10, 0.27, 0.36), "Hz",
     )
     yield _row(
         "3.4-f2-from", "§3.4.1, Fig. 3.4(b)", 71, "marker 10, in-plane: 0.90 Hz is a main peak from an input of",
-        "about 0.65 Hz", TEXT, near(0.65, 2 * GRID + 1e-9), ABOUT, ran, of(name, _present_from, 10, 0.80, 1.0), "Hz",
+        "about 0.65 Hz", TEXT, near(0.65, 2 * GRID + 1e-9), ABOUT, ran, of(name, present_from, 10, 0.80, 1.0), "Hz",
     )
     yield _row(
         "3.4-violent", "§3.4.1, §3.5.5", 71, "marker 10: amplitude at 1.20 Hz over that at 1.10 and 1.15 Hz",
-        "violent motion of the lower elements", TEXT, Interval(2.0), "twice", ran, of(name, _violence), "",
+        "violent motion of the lower elements", TEXT, Interval(2.0), "twice", ran, of(name, violence), "",
         KnownDifference(
             "at 1.20 Hz nothing happens, from either start and with any number of elements. An element by itself "
             "swings at 1.22 Hz, but as a part of a chain under tension it does not, and no eigenfrequency is near",
             near(0.8, 0.05),
         ),
     )
-    grown = "marker 10, out-of-plane: largest amplitude about the {} over the swing of the seed alone"
+    whirl = "marker 10, out-of-plane: largest amplitude about the {} over the swing of the seed alone"
     yield _row(
-        "3.4-whirl", "§3.4.1", 71, grown.format("second"), "a whirling motion evolved", TEXT, Interval(2.0), "twice",
-        ran, of(name, _grown, 10, True),
+        "3.4-whirl", "§3.4.1", 71, whirl.format("second"), "a whirling motion evolved", TEXT, Interval(2.0), "twice",
+        ran, of(name, grown, 10, True),
     )
     yield _row(
-        "3.4-whirl-first", "§3.4.1", 71, grown.format("first"), "a whirling motion evolved", TEXT, Interval(1.2),
-        "a fifth", ran, of(name, _grown, 10, False),
+        "3.4-whirl-first", "§3.4.1", 71, whirl.format("first"), "a whirling motion evolved", TEXT, Interval(1.2),
+        "a fifth", ran, of(name, grown, 10, False),
     )
     yield _axis(name, "3.5", 74, 10, 1, 9, 1, "out-of-plane")
     yield _row(
         "3.5-first", "§3.4.1, Fig. 3.5(a)", 72, "marker 10: out-of-plane over in-plane amplitude about the first",
-        "relatively small", TEXT, Interval(0.0, 0.2), "a fifth", ran, of(name, _out_over_in, 10, False),
+        "relatively small", TEXT, Interval(0.0, 0.2), "a fifth", ran, of(name, out_over_in, 10, False),
     )
     yield _row(
         "3.5-second", "§3.4.1, Fig. 3.5(a)", 72, "marker 10: out-of-plane over in-plane amplitude about the second",
-        "match the values of the in-plane MRAs", TEXT, near(1.0, 0.2), "a fifth", ran, of(name, _out_over_in, 10, True),
+        "match the values of the in-plane MRAs", TEXT, near(1.0, 0.2), "a fifth", ran, of(name, out_over_in, 10, True),
     )
     yield _row(
         "3.5-larger", "§3.4.1, Fig. 3.5(a)", 72, "marker 10, out-of-plane: amplitude at the first over the second",
-        "significantly smaller", TEXT, Interval(0.0, 0.5), "half", ran, of(name, _ratio, 10, 1),
+        "significantly smaller", TEXT, Interval(0.0, 0.5), "half", ran, of(name, ratio, 10, 1),
     )
     yield _row(
         "3.5-peaks", "§3.4.1, Fig. 3.5(b)", 72,
         "marker 10: lowest frequency of the largest out-of-plane peak among runs that whirl about the second",
         "about the second eigenfrequency", TEXT, Interval(*SECOND), "about the second", ran,
-        of(name, _out_of_plane_peaks, 10), "Hz",
+        of(name, out_of_plane_peaks, 10), "Hz",
     )
     yield _row(
         "3.5-only", "§3.4.1, Fig. 3.5(b)", 72,
         "marker 10: part of the runs with a main out-of-plane peak at the first eigenfrequency",
-        "only peaks about the second", TEXT, near(0.0, 0.0), "none", ran, of(name, _first_part, 10, 0.0, 9.9, 1), "",
+        "only peaks about the second", TEXT, near(0.0, 0.0), "none", ran, of(name, first_part, 10, 0.0, 9.9, 1), "",
         KnownDifference(SEED_SWINGS, near(22 / 24, 0.5 / 24)),
     )
     yield _axis(name, "3.6", 75, 5, 0, 10, 1, "in-plane")
     yield _row(
         "3.6-ratio", "§3.4.1, Fig. 3.6(a)", 72, "marker 5, in-plane: amplitude at the first over that at the second",
-        "similar", TEXT, near(1.0, 0.2), "a fifth", ran, of(name, _ratio, 5),
+        "similar", TEXT, near(1.0, 0.2), "a fifth", ran, of(name, ratio, 5),
     )
     yield _row(
         "3.6-input", "§3.4.1, Fig. 3.6(b)", 72, "marker 5, in-plane: part of the runs with a main peak at the input",
-        "the trend is similar to that of marker 10", TEXT, near(1.0, 0.0), "all", ran, of(name, _input_part, 5), "",
+        "the trend is similar to that of marker 10", TEXT, near(1.0, 0.0), "all", ran, of(name, input_part, 5), "",
         KnownDifference(f"{SPLIT}; {FAINT}", near(20 / 24, 0.5 / 24)),
     )
     yield _row(
         "3.6-f1-from", "§3.4.1, Fig. 3.6(b)", 72, "marker 5, in-plane: 0.30 Hz is a main peak from an input of",
         "the trend is similar to that of marker 10", TEXT, near(0.20, 2 * GRID + 1e-9), ABOUT, ran,
-        of(name, _present_from, 5, 0.27, 0.36), "Hz",
+        of(name, present_from, 5, 0.27, 0.36), "Hz",
     )
     yield _row(
         "3.6-f2-from", "§3.4.1, Fig. 3.6(b)", 72, "marker 5, in-plane: 0.90 Hz is a main peak from an input of",
-        "about 0.55 Hz", TEXT, near(0.55, 2 * GRID + 1e-9), ABOUT, ran, of(name, _present_from, 5, 0.80, 1.0), "Hz",
+        "about 0.55 Hz", TEXT, near(0.55, 2 * GRID + 1e-9), ABOUT, ran, of(name, present_from, 5, 0.80, 1.0), "Hz",
     )
     absent = "marker 5, in-plane: part of the inputs of 0.75–1.00 Hz with a main peak at 0.30 Hz"
     yield _row(
         "3.6-absent", "§3.4.1, Fig. 3.6(b)", 72, absent, "absent", TEXT, near(0.0, 0.0), "none", ran,
-        of(name, _first_part, 5, 0.75, 1.0), "",
+        of(name, first_part, 5, 0.75, 1.0), "",
         KnownDifference(
             "at one of the six inputs, 0.85 Hz, whirling breaks the spectrum into many peaks", near(1 / 6, 0.01)
         ),
     )
     yield _row(
         "3.6-absent-moving", "§3.4.1, Fig. 3.6(b)", 72, f"from the moving frame: {absent}", "absent", TEXT,
-        near(0.0, 0.0), "none", ("in-line-moving",), of("in-line-moving", _first_part, 5, 0.75, 1.0), "",
+        near(0.0, 0.0), "none", ("in-line-moving",), of("in-line-moving", first_part, 5, 0.75, 1.0), "",
         KnownDifference(
             "from rest in the moving frame the first mode is always excited, and never decays. So the thesis' cable "
             "began at rest in the lab frame, as the rope did", Interval(0.5, 1.0),
@@ -450,18 +351,18 @@ def _in_line() -> Iterator[Statement]:
     yield _axis(name, "3.7", 76, 5, 1, 9, 1, "out-of-plane")
     yield _row(
         "3.7-ratio", "§3.4.1, Fig. 3.7(a)", 72, "marker 5, out-of-plane: amplitude at the second over the first",
-        "much larger", TEXT, Interval(3.0), "three times", ran, of(name, lambda run: 1.0 / _ratio(run, 5, 1)),
+        "much larger", TEXT, Interval(3.0), "three times", ran, of(name, lambda run: 1.0 / ratio(run, 5, 1)),
     )
     yield _row(
         "3.7-peaks", "§3.4.1, Fig. 3.7(b)", 72,
         "marker 5: lowest frequency of the largest out-of-plane peak among runs that whirl about the second",
         "about the second eigenfrequency", TEXT, Interval(*SECOND), "about the second", ran,
-        of(name, _out_of_plane_peaks, 5), "Hz",
+        of(name, out_of_plane_peaks, 5), "Hz",
     )
     yield _row(
         "3.7-only", "§3.4.1, Fig. 3.7(b)", 72,
         "marker 5: part of the runs with a main out-of-plane peak at the first eigenfrequency",
-        "only peaks about the second", TEXT, near(0.0, 0.0), "none", ran, of(name, _first_part, 5, 0.0, 9.9, 1), "",
+        "only peaks about the second", TEXT, near(0.0, 0.0), "none", ran, of(name, first_part, 5, 0.0, 9.9, 1), "",
         KnownDifference(SEED_SWINGS, near(19 / 24, 0.5 / 24)),
     )
     lacking = "the experiments' and ABAQUS' data are not in the thesis"
@@ -484,54 +385,54 @@ def _circular() -> Iterator[Statement]:
     yield _axis(name, "3.8", 78, 10, 0, 18, 2, "in-plane, circular", KnownDifference(SHARP, near(27.2, 0.3)))
     yield _row(
         "3.8-first", "§3.4.2", 77, "marker 10, circular: input frequency of the largest in-plane amplitude",
-        "0.30–0.35 Hz", TEXT, Interval(0.30, 0.35), "as printed", ran, of(name, _first_peak, 10), "Hz",
+        "0.30–0.35 Hz", TEXT, Interval(0.30, 0.35), "as printed", ran, of(name, first_peak, 10), "Hz",
     )
     yield _row(
         "3.8-second", "§3.4.2", 77, f"marker 10, circular: that of the largest above {BETWEEN:g} Hz", "0.95–1.05 Hz",
-        TEXT, Interval(0.95, 1.05), "as printed", ran, of(name, _second_peak, 10), "Hz",
+        TEXT, Interval(0.95, 1.05), "as printed", ran, of(name, second_peak, 10), "Hz",
     )
     yield _row(
         "3.8-ratio", "§3.4.2, Fig. 3.8(a)", 77, "marker 10, circular: amplitude at the first over that at the second",
-        "almost the same, the first slightly larger", TEXT, Interval(1.0, 1.3), "a third", ran, of(name, _ratio, 10),
+        "almost the same, the first slightly larger", TEXT, Interval(1.0, 1.3), "a third", ran, of(name, ratio, 10),
         "", KnownDifference(SHARP_RATIO, near(3.3, 0.15)),
     )
     yield _row(
         "3.8-input", "§3.4.2, Fig. 3.8(b)", 77, "marker 10, circular: part of the runs with a main peak at the input",
-        "the response consists of it", TEXT, near(1.0, 0.0), "all", ran, of(name, _input_part, 10), "",
+        "the response consists of it", TEXT, near(1.0, 0.0), "all", ran, of(name, input_part, 10), "",
         KnownDifference(SPLIT, near(20 / 21, 0.5 / 21)),  # one run of 21
     )
     yield _row(
         "3.8-f1-from", "§3.4.2, Fig. 3.8(b)", 77, "marker 10, circular: 0.30 Hz is a main peak from an input of",
-        "about 0.20 Hz", TEXT, near(0.20, 2 * GRID + 1e-9), ABOUT, ran, of(name, _present_from, 10, 0.27, 0.36), "Hz",
+        "about 0.20 Hz", TEXT, near(0.20, 2 * GRID + 1e-9), ABOUT, ran, of(name, present_from, 10, 0.27, 0.36), "Hz",
     )
     yield _row(
         "3.8-f2-from", "§3.4.2, Fig. 3.8(b)", 77, "marker 10, circular: 0.90 Hz is a main peak from an input of",
-        "about 0.70 Hz", TEXT, near(0.70, 2 * GRID + 1e-9), ABOUT, ran, of(name, _present_from, 10, 0.80, 1.02), "Hz",
+        "about 0.70 Hz", TEXT, near(0.70, 2 * GRID + 1e-9), ABOUT, ran, of(name, present_from, 10, 0.80, 1.02), "Hz",
     )
     yield _row(
         "3.8-kept", "§3.4.2, Fig. 3.8(b)", 77, "part of the inputs of 0.80–1.10 Hz with a main peak at 0.30 Hz",
         "the model does not capture that it disappears", TEXT, Interval(0.1), "at some", ran,
-        of(name, _first_part, 10, 0.8, 1.1),
+        of(name, first_part, 10, 0.8, 1.1),
     )
     yield _axis(name, "3.9", 79, 5, 0, 12, 2, "in-plane, circular")
     yield _row(
         "3.9-ratio", "§3.4.2, Fig. 3.9(a)", 77, "marker 5, circular: amplitude at the second over that at the first",
-        "larger", TEXT, Interval(1.0), "larger", ran, of(name, lambda run: 1.0 / _ratio(run, 5)), "",
+        "larger", TEXT, Interval(1.0), "larger", ran, of(name, lambda run: 1.0 / ratio(run, 5)), "",
         KnownDifference(SHARP, near(0.96, 0.02)),
     )
     yield _row(
         "3.9-input", "§3.4.2, Fig. 3.9(b)", 77, "marker 5, circular: part of the runs with a main peak at the input",
-        "the trend is similar to that of marker 10", TEXT, near(1.0, 0.0), "all", ran, of(name, _input_part, 5), "",
+        "the trend is similar to that of marker 10", TEXT, near(1.0, 0.0), "all", ran, of(name, input_part, 5), "",
         KnownDifference(f"{SPLIT}; {FAINT}", near(18 / 21, 0.5 / 21)),
     )
     yield _row(
         "3.9-f1-from", "§3.4.2, Fig. 3.9(b)", 77, "marker 5, circular: 0.30 Hz is a main peak from an input of",
         "the trend is similar to that of marker 10", TEXT, near(0.20, 2 * GRID + 1e-9), ABOUT, ran,
-        of(name, _present_from, 5, 0.27, 0.36), "Hz",
+        of(name, present_from, 5, 0.27, 0.36), "Hz",
     )
     yield _row(
         "3.9-f2-from", "§3.4.2, Fig. 3.9(b)", 77, "marker 5, circular: 0.90 Hz is a main peak from an input of",
-        "already 0.50 Hz", TEXT, near(0.50, 2 * GRID + 1e-9), ABOUT, ran, of(name, _present_from, 5, 0.80, 1.02), "Hz",
+        "already 0.50 Hz", TEXT, near(0.50, 2 * GRID + 1e-9), ABOUT, ran, of(name, present_from, 5, 0.80, 1.02), "Hz",
     )
 
 
@@ -562,7 +463,7 @@ def _elements() -> Iterator[Statement]:
     )
     yield _row(
         "3.12-stable", "§3.5.3, Fig. 3.12", 82, "models of 13 to 121 elements that a step of 0.01 s can run",
-        "10 of 10", TEXT, near(10.0, 0.0), "a count", ("fixed-step",), of("fixed-step", _stable), "",
+        "10 of 10", TEXT, near(10.0, 0.0), "a count", ("fixed-step",), of("fixed-step", stable), "",
         KnownDifference(STABILITY, near(3.0, 0.0)),
     )
     yield _row(
@@ -572,7 +473,7 @@ def _elements() -> Iterator[Statement]:
     )
     yield _row(
         "3.12-falls", "§3.5.3, Fig. 3.12(b)", 82, "the drift falls with the number of elements", "true", TEXT, HOLDS,
-        "true or not", ("fixed-step",), of("fixed-step", _drift_falls), "", KnownDifference(STABILITY, near(0.0, 0.0)),
+        "true or not", ("fixed-step",), of("fixed-step", drift_falls), "", KnownDifference(STABILITY, near(0.0, 0.0)),
     )
     yield _row(
         "3.13-axis", "Fig. 3.13(b)", 85, "largest step of a model with a drift within 2 %",
@@ -585,7 +486,7 @@ def _elements() -> Iterator[Statement]:
     )
     yield _row(
         "3.13-grows", "§3.5.4, Fig. 3.13(b)", 82, "the step with a drift of 2 % grows from 49 elements on", "true",
-        TEXT, HOLDS, "true or not", ("fixed-drift",), of("fixed-drift", _step_grows), "",
+        TEXT, HOLDS, "true or not", ("fixed-drift",), of("fixed-drift", step_grows), "",
         KnownDifference(STABILITY, near(0.0, 0.0)),
     )
     yield _row(
@@ -599,32 +500,32 @@ def _elements() -> Iterator[Statement]:
     )
     yield _row(
         "3.14-trend", "§3.5.5, Fig. 3.14(b)", 83, "rank correlation of drift and frequency", "increases", TEXT,
-        Interval(0.6), "clearly positive", ("drift",), of("drift", _drift_trend),
+        Interval(0.6), "clearly positive", ("drift",), of("drift", drift_trend),
     )
     yield _row(
         "3.14-second", "§3.5.5, Fig. 3.14(b)", 83, "largest drift about the second eigenfrequency over that beyond it",
         "affected by the second eigenfrequency", TEXT, Interval(2.0), "twice", ("drift",),
-        of("drift", _drift_near_second),
+        of("drift", drift_near_second),
     )
     yield _row(
         "3.15-axis", "Fig. 3.15", 87, "largest relative amplitude of marker 10, 13 to 61 elements",
-        "axis to 18, ticks of 2", AXIS, fills(18, 2), FITS, _REFINED,
-        lambda runs: max(float(runs[name].marker(10).max()) for name in _REFINED),
+        "axis to 18, ticks of 2", AXIS, fills(18, 2), FITS, REFINED,
+        lambda runs: max(float(runs[name].marker(10).max()) for name in REFINED),
     )
     yield _row(
         "3.15-agree", "§3.5.6, Fig. 3.15", 83,
         "largest difference of relative amplitudes between the models, away from the second eigenfrequency",
-        "good accuracy for the entire range", TEXT, Interval(0.0, 0.36), f"{PLOT} of 18", _REFINED, _refined_apart,
+        "good accuracy for the entire range", TEXT, Interval(0.0, 0.36), f"{PLOT} of 18", REFINED, refined_apart,
     )
     yield _row(
         "3.15-second", "§3.5.6, Fig. 3.15", 83, "largest difference between 49 and 61 elements about the second",
         "deviations that do not seem to decrease", TEXT, Interval(0.1), "visible in the figure",
-        ("in-line", "in-line-49", "in-line-61"), _refined_apart_near,
+        ("in-line", "in-line-49", "in-line-61"), refined_apart_near,
     )
     yield _row(
         "3.15-violent", "§3.5.6", 83, "61 elements: amplitude at 1.20 Hz over that at 1.10 and 1.15 Hz",
         "the unnatural behaviour of 13 elements is not present", TEXT, Interval(0.5, 2.0), "twice", ("in-line-61",),
-        of("in-line-61", _violence),
+        of("in-line-61", violence),
     )
     machine = "times on a laptop of 2006 (Pentium M, MATLAB); the figure shows those of this machine"
     yield _unjudged(
