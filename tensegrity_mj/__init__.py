@@ -11,6 +11,11 @@ from typing import TYPE_CHECKING, Any
 _HOME = {
     "Actuation": "actuation",
     "OnInfeasible": "actuation",
+    "Approach": "clearances",
+    "Clearance": "clearances",
+    "Event": "clearances",
+    "Pairs": "clearances",
+    "clearance": "clearances",
     "Comparison": "comparison",
     "compare": "comparison",
     "Contact": "contact",
@@ -35,6 +40,8 @@ _HOME = {
     "StabilityWarning": "errors",
     "StructureError": "errors",
     "TensegrityError": "errors",
+    "FlowNumbers": "flow_regime",
+    "flow_numbers": "flow_regime",
     "Command": "law",
     "Linearization": "linearization",
     "linearize": "linearization",
@@ -56,9 +63,14 @@ _HOME = {
     "Requirements": "scene_requirements",
     "requirements": "scene_requirements",
     "reproduce": "reproduction.reproduce",
+    "Section": "section",
     "simulate": "simulation",
     "StableStep": "stability",
     "stable_step": "stability",
+    "Hold": "statics.boundary",
+    "find_equilibrium": "statics.equilibrium",
+    "Rods": "statics.model",
+    "follow": "statics.path",
     "StringLaw": "strings",
     "PointMass": "structure",
     "Rod": "structure",
@@ -92,16 +104,27 @@ _HOME = {
     "save_structure": "textformat",
     "Status": "trajectory",
     "Trajectory": "trajectory",
+    "Water": "water",
+    "Weights": "water",
+    "AboveLevel": "waves",
+    "Sea": "waves",
+    "Wave": "waves",
 }
-_MODULES = ("controllers", "plots")
+_MODULES = ("controllers", "plots", "statics")
 
 __all__ = [*_HOME, *_MODULES]
 
 if TYPE_CHECKING:  # the same names, for type checkers and editors
     from tensegrity_mj import controllers as controllers
     from tensegrity_mj import plots as plots
+    from tensegrity_mj import statics as statics
     from tensegrity_mj.actuation import Actuation as Actuation
     from tensegrity_mj.actuation import OnInfeasible as OnInfeasible
+    from tensegrity_mj.clearances import Approach as Approach
+    from tensegrity_mj.clearances import Clearance as Clearance
+    from tensegrity_mj.clearances import Event as Event
+    from tensegrity_mj.clearances import Pairs as Pairs
+    from tensegrity_mj.clearances import clearance as clearance
     from tensegrity_mj.comparison import Comparison as Comparison
     from tensegrity_mj.comparison import compare as compare
     from tensegrity_mj.compiled_law import CompiledLaw as CompiledLaw
@@ -126,6 +149,8 @@ if TYPE_CHECKING:  # the same names, for type checkers and editors
     from tensegrity_mj.errors import StabilityWarning as StabilityWarning
     from tensegrity_mj.errors import StructureError as StructureError
     from tensegrity_mj.errors import TensegrityError as TensegrityError
+    from tensegrity_mj.flow_regime import FlowNumbers as FlowNumbers
+    from tensegrity_mj.flow_regime import flow_numbers as flow_numbers
     from tensegrity_mj.law import Command as Command
     from tensegrity_mj.linearization import Linearization as Linearization
     from tensegrity_mj.linearization import linearize as linearize
@@ -147,9 +172,14 @@ if TYPE_CHECKING:  # the same names, for type checkers and editors
     from tensegrity_mj.scene import Target as Target
     from tensegrity_mj.scene_requirements import Requirements as Requirements
     from tensegrity_mj.scene_requirements import requirements as requirements
+    from tensegrity_mj.section import Section as Section
     from tensegrity_mj.simulation import simulate as simulate
     from tensegrity_mj.stability import StableStep as StableStep
     from tensegrity_mj.stability import stable_step as stable_step
+    from tensegrity_mj.statics.boundary import Hold as Hold
+    from tensegrity_mj.statics.equilibrium import find_equilibrium as find_equilibrium
+    from tensegrity_mj.statics.model import Rods as Rods
+    from tensegrity_mj.statics.path import follow as follow
     from tensegrity_mj.strings import StringLaw as StringLaw
     from tensegrity_mj.structure import PointMass as PointMass
     from tensegrity_mj.structure import Rod as Rod
@@ -183,6 +213,11 @@ if TYPE_CHECKING:  # the same names, for type checkers and editors
     from tensegrity_mj.textformat import save_structure as save_structure
     from tensegrity_mj.trajectory import Status as Status
     from tensegrity_mj.trajectory import Trajectory as Trajectory
+    from tensegrity_mj.water import Water as Water
+    from tensegrity_mj.water import Weights as Weights
+    from tensegrity_mj.waves import AboveLevel as AboveLevel
+    from tensegrity_mj.waves import Sea as Sea
+    from tensegrity_mj.waves import Wave as Wave
 
 
 def __getattr__(name: str) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tensegrity_mj.errors import SceneError, StructureError
+from tensegrity_mj.errors import OptionError, SceneError, StructureError
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.structure import Structure
 
@@ -31,3 +31,33 @@ def require_still_supports(scene: Scene, who: str) -> None:
         raise SceneError(
             f"{who} for supports that stand still; here '{scene.motions[0].support}' moves (scene.motions)"
         )
+
+
+def require_dry(scene: Scene, who: str) -> None:
+    """Raise SceneError where there is water; `who` begins the sentence, as "the ODE is"."""
+    if scene.water is not None:
+        raise SceneError(
+            f"{who} for scenes without water; use simulate with the DAE or MuJoCo, or leave it out with "
+            "scene.with_(water=None)"
+        )
+
+
+def require_wet_rods(scene: Scene, who: str, solver_fits: bool = True) -> None:
+    """Raise where an engine cannot find the accelerations of rods in water; `who` is its name, as "MuJoCo".
+
+    Raises:
+        StructureError: where rods share nodes.
+        SceneError: where supports move, or rods touch.
+        OptionError: where the solver does not fit.
+    """
+    if scene.water is None:
+        return
+    require_class_1(scene.structure, f"{who} in water is")
+    require_still_supports(scene, f"{who} in water is")
+    if scene.contact is not None:
+        raise SceneError(
+            f"{who} in water is for scenes without contact, whose forces are not known when the added mass is found; "
+            "leave one of the two out with scene.with_(contact=None) or scene.with_(water=None)"
+        )
+    if not solver_fits:
+        raise OptionError(f"{who}: in water, accelerations are found by Solver.JOINTS alone: leave solver out")

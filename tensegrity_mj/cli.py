@@ -12,6 +12,7 @@ from typing import Any, NoReturn
 
 from tensegrity_mj.commands import (
     benchmark,
+    clearance,
     compare,
     demo,
     doctor,
@@ -25,6 +26,7 @@ from tensegrity_mj.commands import (
     run,
     scenes,
     stability,
+    statics,
     sweep,
     tradeoff,
     validate,
@@ -37,6 +39,7 @@ COMMANDS = {
     "scenes": scenes,
     "run": run,
     "compare": compare,
+    "clearance": clearance,
     "render": render,
     "export": export,
     "linearize": linearize,
@@ -47,6 +50,7 @@ COMMANDS = {
     "promise": promise,
     "validate": validate,
     "stability": stability,
+    "statics": statics,
     "reproduce": reproduce,
     "extremes": extremes,
     "drift": drift,

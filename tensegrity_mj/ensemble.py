@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj import interrupts, stability
 from tensegrity_mj.actuation import Actuation, OnInfeasible
+from tensegrity_mj.capabilities import require_dry
 from tensegrity_mj.checks import member
 from tensegrity_mj.engines.run import Request
 from tensegrity_mj.errors import ControllerError, DivergenceError, InfeasibleError, OptionError, TensegrityError
@@ -198,6 +199,7 @@ def _checked(scenes: Any) -> list[Scene]:
                 f"scenes[{number}] ('{scene.name}') has contacts, whose work is counted run by run: use simulate, or "
                 "run_many"
             )
+        require_dry(scene, f"scenes[{number}]: simulate_many is")
         for what in ("structure", "gravity"):
             if getattr(scene, what) is not getattr(first, what) and getattr(scene, what) != getattr(first, what):
                 raise OptionError(
@@ -267,6 +269,7 @@ def law_in(
         )
     if scene.breaks:
         raise OptionError(f"scene '{scene.name}' has strings that break, which takes a run: use simulate_many")
+    require_dry(scene, "law_in is")
     model = engine.model(scene)
     plant = Plant(scene, request.law, request.actuation, on_infeasible)
     with installed(model, plant) as answers:

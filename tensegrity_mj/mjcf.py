@@ -216,6 +216,8 @@ def _remarks(scene: Scene) -> str:
         remarks.append("The scene's external loads are not in this file.")
     if scene.resistance is not None:
         remarks.append("What resists the motion of the scene is not in this file.")
+    if scene.water is not None:
+        remarks.append("The water of the scene is not in this file.")
     if scene.motions:
         remarks.append("The motions of the scene's supports are not in this file: what drives them is.")
     return " ".join(remarks)

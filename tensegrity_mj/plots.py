@@ -29,11 +29,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from tensegrity_mj.clearances import Clearance
     from tensegrity_mj.controllers import Lyapunov, Projection
     from tensegrity_mj.landscape import Landscape
 
 __all__ = [
     "landscape",
+    "plot_clearance",
     "plot_comparison",
     "plot_coordinates",
     "plot_errors",
@@ -231,6 +233,32 @@ def plot_comparison(
     names = [getattr(comparison, name, "") for name in ("first", "second")]
     if all(names):
         figure.suptitle(" against ".join(names), fontsize=11)
+    return _saved(figure, path)
+
+
+def plot_clearance(clearance: Clearance, path: PathLike | None = None) -> Figure:
+    """The smallest distances of each kind of pairs over time at the samples, and the smallest of all as dots.
+
+    Args:
+        clearance: from `tmj.clearance(run, over_time=True)`.
+
+    Raises:
+        OptionError: one of a single shape or without `over_time`, or a path that cannot be written.
+    """
+    if clearance.over_time is None or clearance.samples < 2:
+        raise OptionError("plot_clearance: there are no distances over time: use tmj.clearance(run, over_time=True)")
+    figure = _figure(1.8 * COLUMN, 1.3 * ROW)
+    panel = figure.subplots()
+    for color, (kind, values) in enumerate(clearance.over_time.items()):
+        approach = clearance.smallest[kind]
+        if approach is None:
+            continue
+        shown = np.where(np.isfinite(values), values, np.nan)
+        panel.plot(clearance.time, shown, color=_color(color), lw=1.2, label=kind.value)
+        panel.plot([approach.time], [approach.distance], color=_color(color), marker="o", ms=4, ls="none")
+    _finish(panel, f"{clearance.name}: smallest distances between elements", "distance [m]")
+    panel.axhline(0.0, color=GREY, lw=0.8)
+    panel.set_xlabel("time [s]", fontsize=9)
     return _saved(figure, path)
 
 

@@ -22,6 +22,8 @@ from tensegrity_mj.moved_supports import moved_positions, velocities_with_suppor
 from tensegrity_mj.redundancy import Redundancy, redundancy
 from tensegrity_mj.resistance import Bending, Drag, Resistance
 from tensegrity_mj.structure import Structure, Vector
+from tensegrity_mj.water import Water
+from tensegrity_mj.waves import Wave
 
 Array = NDArray[np.float64]
 LoadFunction = Callable[[float], ArrayLike]
@@ -161,6 +163,7 @@ class Scene:
         contact: what may touch: rods and a floor, rods and rods; None, the default, for nothing.
         motions: of supports that do not stand still, one a support.
         resistance: of a fluid against rods, and of joints against bending; None, the default, for none.
+        water: with its surface at z = 0, waves and current; None, the default, for none.
 
     Raises:
         SceneError: on construction, if the motion stretches a rod, breaks a support, or does not fit.
@@ -180,6 +183,7 @@ class Scene:
     contact: Contact | None = None
     motions: tuple[Motion, ...] = ()
     resistance: Resistance | None = None
+    water: Water | None = None
 
     def __post_init__(self) -> None:
         from tensegrity_mj.validation import check_scene, sequence_of
@@ -208,6 +212,8 @@ class Scene:
             object.__setattr__(self, "contact", _plain_contact(self.contact))
         if self.resistance is not None:
             object.__setattr__(self, "resistance", _plain_resistance(self.resistance))
+        if self.water is not None:
+            object.__setattr__(self, "water", _plain_water(self.water))
         if not callable(self.loads):
             object.__setattr__(self, "loads", tuple(_plain_load(load) for load in self.loads))
 
@@ -243,7 +249,7 @@ class Scene:
         return redundancy(self.structure, self.nodes0)
 
     def nodal_forces(self, time: float) -> Array:
-        """External forces (N, 3) [N] at a time [s]; neither gravity nor resistance is among them."""
+        """External forces (N, 3) [N] at a time [s]; neither gravity nor resistance nor water is among them."""
         if callable(self.loads):
             return np.asarray(self.loads(time), float)
         forces = np.zeros((len(self.structure.nodes), 3))
@@ -286,6 +292,34 @@ def _plain_resistance(resistance: Resistance) -> Resistance:
         diameter = None if drag.diameter is None else float(drag.diameter)
         drag = Drag(float(drag.normal), float(drag.tangential), float(drag.density), diameter)
     return Resistance(float(resistance.viscous), bending, drag, (x, y, z))
+
+
+def _plain_water(water: Water) -> Water:
+    x, y, z = (float(v) for v in water.current)
+    return Water(
+        float(water.density),
+        _plain(water.depth),
+        tuple(_plain_wave(wave) for wave in water.waves),
+        (x, y, z),
+        float(water.drag),
+        float(water.tangential_drag),
+        float(water.added_mass),
+        _plain(water.inertia),
+        int(water.segments),
+        water.weights,
+        _plain(water.diameter),
+        water.above,
+        float(water.viscosity),
+    )
+
+
+def _plain_wave(wave: Wave) -> Wave:
+    length, frequency = _plain(wave.wavelength), _plain(wave.angular_frequency)
+    return Wave(float(wave.amplitude), length, frequency, float(wave.direction), float(wave.phase))
+
+
+def _plain(value: float | None) -> float | None:
+    return None if value is None else float(value)
 
 
 def _plain_option(value: Any) -> Any:

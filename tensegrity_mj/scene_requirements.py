@@ -205,6 +205,10 @@ def _reasons(scene: Scene, limit: float | None) -> list[str]:
         found.append("a callback for external forces: the scene has loads")
     if scene.resistance is not None:
         found.append("a callback for what resists motion: the scene has resistance")
+    if scene.water is not None:
+        found.append(
+            "a callback for water, which finds each rod's acceleration with its added mass: the scene has water"
+        )
     if scene.breaks:
         found.append("a callback for breaking strings")
     if scene.control is not None:

@@ -477,6 +477,12 @@ def _notes(model: Vibration, engine: Any) -> tuple[str, ...]:
         notes.append(f"{slack} of {len(model.taut)} strings are slack in this state and count once they are taut")
     if scene.resistance is not None and scene.resistance.drag is not None:
         notes.append("the damping of drag is not in the model: it matters where a fluid is fast")
+    if scene.water is not None:
+        notes.append(
+            "water is not in the model: added mass makes motions slower, so that the limit is on the safe side of it, "
+            "but the damping of drag, which matters where the water is fast, and the stiffness of buoyancy at the "
+            "surface are left out"
+        )
     scheme = scheme_of(engine)
     if scene.contact is not None and scheme is not None:
         notes.append(

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tensegrity_mj.section import Section
 from tensegrity_mj.strings import StringLaw
 
 Array = NDArray[np.float64]
@@ -96,12 +97,16 @@ class Support:
 class Rod:
     """A rigid thin rod of uniform mass between two nodes (thesis, Assumption 2.3).
 
+    Engines simulate every rod as rigid. Its section is for what is asked of it in statics: how far it gives under
+    its force, and whether it yields or buckles.
+
     Attributes:
         name: unique among the rods.
         nodes: names of n_i and n_j; b points from the first to the second.
         mass: [kg], > 0.
         radius: [m], > 0; for drawing, contact and drag only: the inertia is a thin rod's.
         support: how it is held.
+        section: cross section and material, None where not known; `mass` and `radius` do not follow from it.
     """
 
     name: str
@@ -109,6 +114,7 @@ class Rod:
     mass: float
     radius: float = 0.01
     support: Support = field(default_factory=Support)
+    section: Section | None = None
 
 
 @dataclass(frozen=True)
@@ -118,8 +124,11 @@ class String:
     At most one of `rest_length` [m], `tension` [N] and `force_density` [N/m] is given, the latter two at the
     structure's reference nodes; none of them means taut without tension there.
 
-    The last three are limits of a real string and its winch, None for none: the largest force density [N/m], the
+    Three are limits of a real string and its winch, None for none: the largest force density [N/m], the
     smallest rest length [m] and the largest speed of the rest length [m/s]. docs/laws.md says who keeps them.
+
+    `strength` is the tension [N] at which it breaks, None where it is not known. Nothing keeps it: checks of members
+    compare tensions with it.
     """
 
     name: str
@@ -132,6 +141,7 @@ class String:
     max_force_density: float | None = None
     min_rest_length: float | None = None
     winch_speed: float | None = None
+    strength: float | None = None
 
 
 @dataclass(frozen=True)
@@ -277,17 +287,18 @@ class Structure:
         )
 
     def with_strings(self, **changes: ArrayLike | None) -> Structure:
-        """A copy whose strings have other `stiffness`, `damping`, `rest_length`, `tension`, `force_density` or limits.
+        """A copy whose strings have other numbers: stiffness, damping, how they are taut, limits or `strength`.
 
         Values are scalars or (M,). Giving a rest length, tension or force density replaces whichever of the three was
         there; None removes it, so that the strings are taut without tension at the reference nodes. A limit of None
-        is lifted.
+        is lifted, and a strength of None is unknown.
         """
         from tensegrity_mj.errors import StructureError
         from tensegrity_mj.validation import array_of_shape
 
         rest = ("rest_length", "tension", "force_density")
-        allowed = ("stiffness", "damping", *rest, *LIMITS)
+        optional = (*rest, *LIMITS, "strength")
+        allowed = ("stiffness", "damping", *optional)
         for key in changes:
             if key not in allowed:
                 raise StructureError(f"with_strings: '{key}' is no property of strings; allowed: {', '.join(allowed)}")
@@ -295,13 +306,29 @@ class Structure:
         if set(changes) & set(rest):
             strings = [replace(s, rest_length=None, tension=None, force_density=None) for s in strings]
         for key, values in changes.items():
-            if values is None and key in (*rest, *LIMITS):
+            if values is None and key in optional:
                 values_by_string: list[dict[str, Any]] = [{key: None}] * len(strings)
             else:
                 column = np.broadcast_to(array_of_shape(key, values, (len(strings),)), (len(strings),))
                 values_by_string = [{key: float(x)} for x in column]
             strings = [replace(s, **change) for s, change in zip(strings, values_by_string, strict=True)]
         return replace(self, strings=tuple(strings))
+
+    def with_sections(self, sections: Section | Sequence[Section | None] | None) -> Structure:
+        """A copy whose rods have that section, or one each (R of them) in their order; None: not known.
+
+        Raises:
+            StructureError: if there are not as many sections as rods, or one of them is not valid.
+        """
+        from tensegrity_mj.errors import StructureError
+        from tensegrity_mj.validation import sequence_of
+
+        same = sections is None or isinstance(sections, Section)
+        chosen = (sections,) * len(self.rods) if same else sequence_of("with_sections: sections", sections)
+        if len(chosen) != len(self.rods):
+            raise StructureError(f"with_sections: {len(chosen)} sections for {len(self.rods)} rods; give one a rod")
+        rods = (replace(rod, section=section) for rod, section in zip(self.rods, chosen, strict=True))
+        return replace(self, rods=tuple(rods))
 
     @cached_property
     def node_names(self) -> tuple[str, ...]:
@@ -472,12 +499,18 @@ def _plain_rod(rod: Rod) -> Rod:
         plane=None if support.plane is None else _vector(support.plane),
     )
     i, j = rod.nodes
-    return Rod(str(rod.name), (str(i), str(j)), float(rod.mass), float(rod.radius), support)
+    section = None if rod.section is None else _plain_section(rod.section)
+    return Rod(str(rod.name), (str(i), str(j)), float(rod.mass), float(rod.radius), support, section)
+
+
+def _plain_section(section: Section) -> Section:
+    stress = None if section.yield_stress is None else float(section.yield_stress)
+    return Section(float(section.area), float(section.second_moment), float(section.elasticity_modulus), stress)
 
 
 def _plain_string(string: String) -> String:
     i, j = string.nodes
-    names = ("rest_length", "tension", "force_density", *LIMITS)
+    names = ("rest_length", "tension", "force_density", *LIMITS, "strength")
     rest = (None if getattr(string, name) is None else float(getattr(string, name)) for name in names)
     return String(str(string.name), (str(i), str(j)), float(string.stiffness), float(string.damping), *rest)
 

@@ -45,7 +45,7 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "gravity_energy": (("time",), "J", "potential energy of gravity"),
     "string_energy": (("time",), "J", "elastic energy of the strings"),
     "winch_work": (("time",), "J", "-∫ T dL0, T the elastic tension: work of the winches on the strings"),
-    "external_work": (("time",), "J", "work of external nodal forces, contact, moved supports and wind"),
+    "external_work": (("time",), "J", "work of external nodal forces, contact, moved supports, wind and water"),
     "dissipation": (("time",), "J", "energy taken by the strings' dampers and by what resists motion"),
     "feasibility_margin": (("time",), "m2 or as the law defines", "max(v/α) of (5.18); NaN without such a law"),
     "lyapunov": (("time",), "as the law defines", "V of (5.3); NaN without such a law"),

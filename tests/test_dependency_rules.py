@@ -30,12 +30,16 @@ CORE = {
         "validation.targets",
         "validation.contacts",
         "validation.resistances",
+        "validation.waters",
         "validation.scenes",
         "motion",
         "moved_supports",
         "joints",
         "resistance",
+        "water",
+        "waves",
         "redundancy",
+        "section",
     )
 }
 

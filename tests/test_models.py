@@ -111,6 +111,8 @@ def test_runs_are_finite_and_repeat_bit_by_bit(folder: Path, engine: object) -> 
         if isinstance(engine, tmj.DAE):
             pytest.skip("the DAE has no contact")
         engine = tmj.MuJoCo(1e-3)  # a landing is over in milliseconds
+    elif folder.name == "tower_beam" and isinstance(engine, tmj.MuJoCo):
+        engine = tmj.MuJoCo(2.5e-3)  # its strings are so stiff that 4.3 ms is the largest stable step
     law = tmj.controllers.from_scene(scene) if scene.control else None
     first, second = (tmj.simulate(scene, law, engine, duration=2.0) for _ in range(2))  # type: ignore[arg-type]
     assert first.status is tmj.Status.COMPLETED

@@ -30,7 +30,7 @@ METHODS = (
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The options of `drift`."""
-    parser.add_argument("scene", metavar="SCENE", help="a shipped scene (see `scenes`) or a path to a .toml file")
+    parser.add_argument("scene", metavar="SCENE", help="a scene (see `scenes`), a .toml file, or a family's call")
     parser.add_argument("--steps", type=int, metavar="N", default=1_000_000, help="a multiple of 1000 (1000000)")
     parser.add_argument("--timestep", type=positive, metavar="S", help="[s] (a tenth of the shortest time scale)")
     parser.add_argument(

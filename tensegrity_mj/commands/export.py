@@ -16,7 +16,7 @@ examples:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The options of `export`."""
-    parser.add_argument("scene", metavar="SCENE", help="a shipped scene or a path to a .toml file")
+    parser.add_argument("scene", metavar="SCENE", help="a scene (see `scenes`), a .toml file, or a family's call")
     parser.add_argument("--out", metavar="FILE", required=True, help="what to write: .xml (MJCF) or .toml")
 
 

@@ -30,7 +30,7 @@ MOST_LINES = 20
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The options of `linearize`."""
-    parser.add_argument("scene", metavar="SCENE", help="a shipped scene or a path to a .toml file")
+    parser.add_argument("scene", metavar="SCENE", help="a scene (see `scenes`), a .toml file, or a family's call")
     parser.add_argument("--engine", choices=experiment.ENGINES, default="mujoco", help="(mujoco)")
     parser.add_argument("--inputs", choices=("rest-length", "force-density"), default="rest-length", help="what v is")
     parser.add_argument("--closed-loop", action="store_true", help="with the scene's control law: A is A + B ∂v/∂x")

@@ -1,4 +1,4 @@
-"""Draw the thesis' figures of chapters 3 to 6 again, and judge what it states: the ledger."""
+"""Draw the thesis' figures of chapters 3 to 7 and appendix C again, and judge what it states: the ledger."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ EXAMPLES = """\
 examples:
   tensegrity-mj reproduce
   tensegrity-mj reproduce 3
+  tensegrity-mj reproduce C
   tensegrity-mj reproduce 5.4 6.7 --out ledger/
   tensegrity-mj reproduce 5 --json
   tensegrity-mj reproduce 5 --mass-scale 1.1 --out heavier/
@@ -22,14 +23,16 @@ that are there are not computed again. Exit code 0: every row is reproduced, or 
 """
 
 # The values of `EngineName`: written here so that --help need not import it (tested to agree).
-ENGINES = ("dae", "mujoco", "ode")
+ENGINES = ("dae", "mujoco", "ode", "statics")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The options of `reproduce`."""
-    parser.add_argument("figures", nargs="*", metavar="FIGURE", help="such as 5.4, or a chapter such as 5 (all)")
+    parser.add_argument("figures", nargs="*", metavar="FIGURE", help="such as 5.4, or a chapter such as 5 or C (all)")
     parser.add_argument("--out", metavar="FOLDER", default="reproduction", help="made if absent (reproduction)")
-    parser.add_argument("--engine", nargs="+", choices=ENGINES, default=["dae", "mujoco"], help="(dae mujoco)")
+    parser.add_argument(
+        "--engine", nargs="+", choices=ENGINES, default=["dae", "mujoco", "statics"], help="(dae mujoco statics)"
+    )
     parser.add_argument("--workers", type=int, metavar="N", help="runs at a time (all cores)")
     parser.add_argument("--format", choices=("png", "svg", "pdf"), default="png", help="of the figures' files (png)")
     parser.add_argument("--no-figures", action="store_true", help="the ledger alone")
@@ -49,7 +52,6 @@ def execute(options: argparse.Namespace) -> Outcome:
 
     from tensegrity_mj.reproduction import page
     from tensegrity_mj.reproduction.experiments import TITLES, EngineName
-    from tensegrity_mj.reproduction.ledger import value_text
     from tensegrity_mj.reproduction.reproduce import reproduce
     from tensegrity_mj.studies.workers import Workers
 
@@ -79,7 +81,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         [
             row.statement.id,
             row.statement.stated,
-            *(page.with_unit(value_text(row.statement, cell.value), row.statement.unit) for cell in row.cells.values()),
+            *page.value_texts(row, engines),
             row.verdict.value,
         ]
         for row in found.rows

@@ -42,7 +42,7 @@ REPLAY_QUANTITIES = ("rest-length", "force-density")
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The options of `run`."""
-    parser.add_argument("scene", metavar="SCENE", help="a shipped scene (see `scenes`) or a path to a .toml file")
+    parser.add_argument("scene", metavar="SCENE", help="a scene (see `scenes`), a .toml file, or a family's call")
     parser.add_argument("--duration", type=positive, metavar="S", help="simulated time [s] (the scene's)")
     engine = parser.add_argument_group("engine")
     engine.add_argument("--engine", choices=experiment.ENGINES, default="mujoco", help="(mujoco)")
@@ -152,6 +152,7 @@ def describe(data: dict[str, Any]) -> str:
         ("energy residual", number(data["energy_residual"], "J")),
         *([("largest node error, estimated", _error(data))] if "accuracy" in data["reports"] else []),
         *([("forces not unique", ", ".join(loose))] if (loose := data["reports"].get("undetermined_forces")) else []),
+        *([("flow across rods", _flow(water))] if (water := data["reports"].get("water")) else []),
         ("real-time factor", number(data["real_time_factor"])),
     ]
     rows += [(name, str(data[name])) for name in ("out", "video", "plot") if data[name]]
@@ -163,6 +164,14 @@ def _error(data: dict[str, Any]) -> str:
     told = data["reports"]["accuracy"]
     doubt = "" if told["settled"] else ", not settled"
     return f"{number(told['error_estimate'], 'm')}{doubt} ({told['requested']:g} m asked for)"
+
+
+def _flow(told: dict[str, Any]) -> str:
+    """The numbers of the flow around rods, and what is outside the ranges that coefficients are for."""
+    text = f"Rn up to {told['reynolds']:.3g}"
+    if told["keulegan_carpenter"] is not None:
+        text += ", KC {:.3g} to {:.3g}".format(*told["keulegan_carpenter"])
+    return "; ".join([text, *told["notes"]])
 
 
 def _check_replay(options: argparse.Namespace) -> None:

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.resistance import Resistance
     from tensegrity_mj.scene import Scene
     from tensegrity_mj.structure import Rod
+    from tensegrity_mj.water import Water
 
 HELP = "list the shipped scenes, or describe one"
 EXAMPLES = """\
@@ -20,13 +21,14 @@ examples:
   tensegrity-mj scenes
   tensegrity-mj scenes prism
   tensegrity-mj scenes ./my_tower.toml --json
+  tensegrity-mj scenes "tower(stages=10, stiffness=2e4)"
   tensegrity-mj scenes planar_beam --no-timing
 """
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The options of `scenes`."""
-    parser.add_argument("scene", nargs="?", metavar="SCENE", help="a shipped scene or a path to a .toml file")
+    parser.add_argument("scene", nargs="?", metavar="SCENE", help="a shipped scene, a .toml file, or a family's call")
     parser.add_argument("--no-timing", action="store_true", help="do not measure what a step costs (a second or two)")
 
 
@@ -100,6 +102,7 @@ def describe(scene: Scene, timing: bool = False) -> dict[str, Any]:
         "contact": None if scene.contact is None else vars(scene.contact),
         "motions": {motion.support: motion_text(motion) for motion in scene.motions},
         "resistance": None if scene.resistance is None else resistance_text(scene.resistance),
+        "water": None if scene.water is None else water_text(scene.water),
         "loads": "a function" if callable(scene.loads) else len(scene.loads),
         "target": None if scene.target is None else {"waypoints": len(scene.target.times), "times": scene.target.times},
         "control": None if scene.control is None else {"law": scene.control.law, **scene.control.options},
@@ -115,9 +118,11 @@ def statics(scene: Scene) -> dict[str, Any]:
     from tensegrity_mj.prestress import equilibrium_residual, prestress, self_stress
     from tensegrity_mj.resistance import resisting_forces
     from tensegrity_mj.strings import force_density
+    from tensegrity_mj.water import water_forces
 
     structure, nodes, gravity = scene.structure, scene.nodes0, scene.gravity
-    loads = scene.nodal_forces(0.0) + resisting_forces(scene, nodes, np.zeros_like(nodes))
+    still = np.zeros_like(nodes)
+    loads = scene.nodal_forces(0.0) + resisting_forces(scene, nodes, still) + water_forces(scene, 0.0, nodes, still)[0]
     stress, twice = self_stress(structure, nodes), scene.redundancy
     found: dict[str, Any] = {
         "self_stress_modes": len(stress.modes),
@@ -170,6 +175,20 @@ def resistance_text(resistance: Resistance) -> str:
         parts.append(f"bending of {joints}, {bending.stiffness:g} N m and {bending.damping:g} N m s")
     wind = [f"wind {resistance.wind} m/s"] if any(resistance.wind) else []
     return "; ".join(parts + wind)
+
+
+def water_text(water: Water) -> str:
+    """Water, waves and current, in words."""
+    parts = [f"{water.density:g} kg/m³, " + ("deep" if water.depth is None else f"{water.depth:g} m deep")]
+    for wave in water.waves:
+        size = f"{wave.wavelength:g} m long" if wave.wavelength is not None else f"{wave.angular_frequency:g} rad/s"
+        parts.append(f"waves of {2 * wave.amplitude:g} m, {size}, towards {math.degrees(wave.direction):.4g}°")
+    if any(water.current):
+        parts.append(f"current {water.current} m/s")
+    tangential = f" and {water.tangential_drag:g} along rods" if water.tangential_drag else ""
+    inertia = f"C_a = {water.added_mass:g}, C_M = {water.inertia_coefficient:g}"
+    parts.append(f"drag {water.drag:g} across{tangential}, {inertia}, {water.segments} segments a rod")
+    return "; ".join(parts)
 
 
 def _needs(needs: dict[str, Any]) -> list[tuple[str, str]]:
@@ -243,6 +262,7 @@ def _text(data: dict[str, Any]) -> str:
         ("contact", "none" if contact is None else ", ".join(f"{key} = {value}" for key, value in contact.items())),
         *[("motion", f"{name}: {text}") for name, text in data["motions"].items()],
         ("resistance", data["resistance"] or "none"),
+        *([("water", data["water"])] if data["water"] else []),
         ("duration", number(data["duration"], "s")),
     ]
     rods = [

@@ -30,7 +30,7 @@ AXES = ("stiffness", "damping", "mass_ratio", "prestress", "slenderness", "rods"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The options of `stability`."""
-    parser.add_argument("scene", metavar="SCENE", help="a shipped scene (see `scenes`) or a path to a .toml file")
+    parser.add_argument("scene", metavar="SCENE", help="a scene (see `scenes`), a .toml file, or a family's call")
     parser.add_argument("--engines", nargs="+", choices=ENGINES, default=list(ENGINES), help="which ones (all)")
     parser.add_argument("--open-loop", action="store_true", help="leave the scene's control law out")
     parser.add_argument("--maps", nargs="*", choices=AXES, help="maps over these properties (all, if none is named)")

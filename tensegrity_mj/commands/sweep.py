@@ -53,7 +53,7 @@ BACKENDS = ("processes", "this-process")
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The options of `sweep`."""
-    parser.add_argument("scene", metavar="SCENE", help="a shipped scene (see `scenes`) or a path to a .toml file")
+    parser.add_argument("scene", metavar="SCENE", help="a scene (see `scenes`), a .toml file, or a family's call")
     what = parser.add_argument_group("what varies")
     repeated: dict[str, Any] = {"action": "append", "default": []}
     what.add_argument("--vary", metavar="PATH=VALUES", help="a parameter and its values, with all others'", **repeated)

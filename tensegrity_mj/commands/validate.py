@@ -25,7 +25,7 @@ ENGINES = ("mujoco", "dae", "ode")
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The options of `validate`."""
-    parser.add_argument("scene", metavar="SCENE", help="a shipped scene (see `scenes`) or a path to a .toml file")
+    parser.add_argument("scene", metavar="SCENE", help="a scene (see `scenes`), a .toml file, or a family's call")
     parser.add_argument(
         "--law",
         metavar="LAW",

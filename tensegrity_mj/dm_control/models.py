@@ -13,7 +13,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from typing import TYPE_CHECKING
 
-from tensegrity_mj.capabilities import require_class_1, require_no_resistance, require_still_supports
+from tensegrity_mj.capabilities import require_class_1, require_dry, require_no_resistance, require_still_supports
 from tensegrity_mj.checks import member
 from tensegrity_mj.engines.mujoco import Integrator, MuJoCo
 from tensegrity_mj.law import Command
@@ -61,11 +61,12 @@ def model(scene: Scene, command: Command, options: MuJoCo) -> ET.Element:
 
     Raises:
         StructureError: where rods share nodes.
-        SceneError: where supports move or something resists motion, which takes a control callback.
+        SceneError: where supports move, something resists motion or there is water, which takes a control callback.
     """
     require_class_1(scene.structure, "dm_control models are")
     require_still_supports(scene, "dm_control models are")
     require_no_resistance(scene, "dm_control models are")
+    require_dry(scene, "dm_control models are")
     root = ET.fromstring(scene_to_mjcf(scene, options.timestep, options.word))
     if command is Command.FORCE_DENSITY:
         for actuator, string in zip(root.iterfind("actuator/general"), scene.structure.strings, strict=True):

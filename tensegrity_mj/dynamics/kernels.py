@@ -44,19 +44,19 @@ def rod_accelerations(rod: Any, b: Any, c: float, t_r: Any, t_b: Any) -> tuple[A
     and W the inverse of the constant (`ROD`), so that r̈ = W v - κ bᵀWv/(1 + κ bᵀWb) W b (Sherman and Morrison).
     """
     per_square, f, per_J = 1.0 / dot(b, b), rod.f, rod.per_J
-    pull = _across(rod, b, per_square, t_b)
+    pull = across_rod(rod, b, per_square, t_b)
     r_acc = ZERO
     if rod.nz > 0:
         v = plus(minus(t_r, times(f * per_J, pull)), times(f * c, b))
         r_acc, Wb = apply(rod.W, v), apply(rod.W, b)
         kappa = f * f * per_J * per_square
         r_acc = minus(r_acc, times(kappa * dot(b, r_acc) / (1.0 + kappa * dot(b, Wb)), Wb))
-        pull = minus(pull, _across(rod, b, per_square, times(f, r_acc)))
+        pull = minus(pull, across_rod(rod, b, per_square, times(f, r_acc)))
     return r_acc, minus(times(per_J, pull), times(c, b))
 
 
 @inlined
-def _across(rod: Any, b: Any, per_square: float, v: Any) -> Any:
+def across_rod(rod: Any, b: Any, per_square: float, v: Any) -> Any:
     """P v = (B Bᵀ - b bᵀ/‖b‖²) v."""
     inside = v
     if rod.nb == 2:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.capabilities import require_wet_rods
 from tensegrity_mj.checks import member, positive
 from tensegrity_mj.dynamics.linked import LinkedRecords
 from tensegrity_mj.dynamics.records import StructureRecords
@@ -122,6 +123,7 @@ class DAE:
 
     def _prepared(self, request: Request) -> tuple[IntegratedRun, StructureRecords | LinkedRecords]:
         scene = request.scene
+        require_wet_rods(scene, "the DAE", self.solver is Solver.JOINTS)
         plant = Plant(scene, request.law, request.actuation, request.on_infeasible)
         baumgarte = self.drift is Drift.BAUMGARTE
         kp = self.baumgarte_frequency**2 if baumgarte else 0.0
@@ -168,9 +170,14 @@ def _rods_alone(scene: Scene, plant: Plant) -> _Model:
     records, table = StructureRecords.of(scene.structure), plant.table
     table[dae.RODS], table[dae.ROD_COUNT] = address_of(records.rods), len(records.rods)
     table[dae.POINTS], table[dae.POINT_COUNT] = address_of(records.points), len(records.points)
+    rates = dae.dae_rates.address
+    if scene.water is not None:
+        from tensegrity_mj.engines.dae_wet_kernels import dae_wet_rates
+
+        rates = dae_wet_rates.address
     return _Model(
         records,
-        dae.dae_rates.address,
+        rates,
         dae.dae_place.address,
         dae.dae_normalize.address,
         np.zeros(len(records.rods)),

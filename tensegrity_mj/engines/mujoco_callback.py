@@ -37,6 +37,8 @@ from tensegrity_mj.engines.mujoco_motion import (
     keep_rates,
     support_power,
 )
+from tensegrity_mj.engines.mujoco_water import SIZE as WET_SIZE
+from tensegrity_mj.engines.mujoco_water import add_mass
 from tensegrity_mj.engines.run import BEYOND
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED
@@ -124,7 +126,8 @@ from tensegrity_mj.native.vectors import minus, row_of
     PART,  # of a step that is split: address of the time [s] at which the part begins that STEP_SIZE is of
     ANSWERED,  # where rest lengths of this very state are known already: 1 + what the law answered
     POWERS,  # address where the powers of the last stage go whose work was counted
-) = range(ENGINE_SLOTS, ENGINE_SLOTS + 39)
+    WET,  # of a `WaterTable`
+) = range(ENGINE_SLOTS, ENGINE_SLOTS + 40)
 
 # Counters: calls within the step, steps begun, next row, row waiting for its accelerations, final status.
 STAGE, STEP, NEXT_ROW, WAITING, ENDED, END_STEP = range(6)
@@ -364,6 +367,9 @@ def control_stage(table: Any) -> None:
         if asked <= NO_SOLUTION and status <= NO_SOLUTION and not set_controls(table):
             counters[ENDED], counters[END_STEP] = LOST_CONTROL, step
             return
+    if table[WET]:
+        external += add_mass(table, integers(table[WET], (WET_SIZE,)), floats(table[XIPOS], (table[BODY_COUNT], 3)))
+        apply_loads(table)
     if table[RESISTANCE]:
         lost += (1.0 if stages == 4 else 0.5) * dissipated(table[RESISTANCE])
     moving = 0.0

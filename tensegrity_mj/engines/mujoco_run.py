@@ -10,10 +10,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.capabilities import require_wet_rods
 from tensegrity_mj.engines import mujoco_callback as callback
 from tensegrity_mj.engines.mujoco_contact import ContactTable
 from tensegrity_mj.engines.mujoco_joints import JointForces
 from tensegrity_mj.engines.mujoco_motion import SupportTable
+from tensegrity_mj.engines.mujoco_water import WaterTable
 from tensegrity_mj.engines.run import (
     BEYOND,
     Grid,
@@ -26,7 +28,7 @@ from tensegrity_mj.engines.run import (
     chunks,
     make_trajectory,
 )
-from tensegrity_mj.errors import DivergenceError, TensegrityError
+from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.mjcf_tree import BodyTree, body_tree, joint_coordinates
 from tensegrity_mj.native.plant import LENGTH, RATE, STATUS, Plant, row_width
@@ -77,6 +79,7 @@ class MuJoCoRun:
     ) -> None:
         self.options, self.request = options, request
         scene, structure = request.scene, request.scene.structure
+        self._check_water(scene)
         self.grid = Grid.of(request, options.timestep)
         self.model = options.model(scene) if model is None else model
         self.cause = ""  # of an end that the callback does not know of
@@ -141,9 +144,21 @@ class MuJoCoRun:
         if self.joints is not None:
             self.keep[callback.STATE_SIZES] = sizes = np.array([self.model.nq, self.model.nv], np.int64)
             table[callback.STATE_SIZES] = address_of(sizes)
+        self.water = None if scene.water is None else WaterTable(scene, self.model, self.data)
+        if self.water is not None:
+            table[callback.WET] = address_of(self.water.table)
         if self.contact is not None:
             table[callback.CONTACT] = address_of(self.contact.table)
             table[callback.CONTACT_SIZE] = len(self.contact.table)
+
+    def _check_water(self, scene: Scene) -> None:
+        require_wet_rods(scene, "MuJoCo")
+        if scene.water is not None and not self.options.is_explicit:
+            raise OptionError(
+                f"MuJoCo: integrator {self.options.integrator.name} in water: added mass is a force that is found for "
+                "the accelerations of the step's start, and this integrator makes its step of others; use "
+                "Integrator.RK4 or EULER"
+            )
 
     def _slides(self) -> Array:
         """A row a rod: number of translational coordinates, their first dof, and their axes (3, 3) padded, by rows.

@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.capabilities import require_dry
 from tensegrity_mj.checks import positive
 from tensegrity_mj.dynamics.minimal import MinimalRecords, node_accelerations
 from tensegrity_mj.engines import ode_kernels as ode
@@ -92,6 +93,7 @@ class ODE:
 
     def _prepared(self, request: Request) -> tuple[IntegratedRun, MinimalRecords]:
         scene = request.scene
+        require_dry(scene, "the ODE is")
         plant = Plant(scene, request.law, request.actuation, request.on_infeasible)
         records = MinimalRecords.of(scene.structure)
         constants = np.array([*scene.gravity, self.least_sine, self.timestep or 0.0])

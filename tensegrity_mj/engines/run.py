@@ -19,6 +19,7 @@ from tensegrity_mj.native.plant import NODES, VELOCITIES, Plant
 from tensegrity_mj.resistance import resisting_forces
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.trajectory import LAW_REPORTS, VARIABLES, Status, Trajectory
+from tensegrity_mj.water import water_forces
 
 Array = NDArray[np.float64]
 
@@ -218,6 +219,8 @@ def make_trajectory(
         forces = rods.string_forces(structure, nodes, tensions)
         forces = forces + np.array([scene.nodal_forces(t) for t in time]).reshape(T, N, 3)
         forces = forces + resisting_forces(scene, nodes, velocities)
+        if scene.water is not None:
+            forces = forces + water_forces(scene, time, nodes, velocities)[0]  # added mass acts across rods alone
         if contact_forces is not None:
             forces = forces + contact_forces
         multipliers = rods.multipliers(structure, nodes, velocities, forces, np.array(scene.gravity), r_accelerations)
@@ -317,6 +320,10 @@ def _reports(request: Request, run: Trajectory) -> dict[str, Any]:
             "strings": sorted({structure.strings[int(m)].name for _, m in below}),
         },
     }
+    if run.scene.water is not None and len(run.time):
+        from tensegrity_mj.flow_regime import flow_numbers
+
+        reports["water"] = flow_numbers(run).report()
     if request.sampled:
         # A held rest length adds a viscosity of the order of k H (docs/laws.md): right only where this ratio is small.
         period = request.actuation.period or 0.0

@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -232,7 +233,7 @@ def moved(structure: Structure, rotation: Array, shift: Array) -> Structure:
     return Structure(
         name=structure.name,
         nodes={name: tuple((rotation @ np.array(p) + shift).tolist()) for name, p in structure.nodes.items()},
-        rods=tuple(Rod(r.name, r.nodes, r.mass, r.radius, turned_support(r.support)) for r in structure.rods),
+        rods=tuple(replace(rod, support=turned_support(rod.support)) for rod in structure.rods),
         strings=structure.strings,
         fixed_nodes=structure.fixed_nodes,
         point_masses=tuple(

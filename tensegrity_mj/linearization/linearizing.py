@@ -38,7 +38,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.actuation import Actuation, OnInfeasible
-from tensegrity_mj.capabilities import require_still_supports
+from tensegrity_mj.capabilities import require_dry, require_still_supports
 from tensegrity_mj.checks import finite, member, real_array
 from tensegrity_mj.contact import overlaps
 from tensegrity_mj.engines.run import Accelerations, Request
@@ -93,7 +93,7 @@ def linearize(
         OptionError: for options out of range, where the engine's coordinates cannot hold the state, and where something
             touches.
         SceneError: for a state that stretches a rod or breaks a support, and where supports move: the model would
-            depend on time. Leave motions out with scene.with_(motions=()).
+            depend on time. Leave motions out with scene.with_(motions=()). In water, whose forces have kinks.
         InfeasibleError, ControllerError: what the law says at the state.
     """
     if not isinstance(scene, Scene):
@@ -107,6 +107,7 @@ def linearize(
     member("inputs", inputs, Command)
     time = finite("time", time, " [s]")
     require_still_supports(scene, "linearization is")
+    require_dry(scene, "linearization, whose differences are those of analytic forces, is")
     structure, contact = scene.structure, scene.contact
     broken = break_times(scene) <= time
     scene = scene.with_(

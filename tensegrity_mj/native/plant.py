@@ -28,6 +28,7 @@ from tensegrity_mj.native.pointers import (
     records_reader,
 )
 from tensegrity_mj.native.resistance import PackedResistance, resist
+from tensegrity_mj.native.water import PackedWater, immerse
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.strings import StringLaw
 from tensegrity_mj.structure import Structure
@@ -50,7 +51,8 @@ BREAKING, BREAK_TIMES, BROKEN = range(37, 40)  # how many strings are still to b
 COMPLIANCE = 40  # 1/k
 MOTION_COUNT, MOTIONS, MOVED = 41, 42, 43  # moved supports, their `PackedMotions`, and d, ḋ, d̈ of each (m, 3, 3)
 RESISTANCE = 44  # the table of a `PackedResistance`, 0 for none
-ENGINE_SLOTS = 45  # an engine's own slots start here
+WATER = 45  # the table of a `PackedWater`, 0 for none
+ENGINE_SLOTS = 46  # an engine's own slots start here
 TABLE_SIZE = 96
 
 REPORT_SIZE = len(Report)
@@ -140,9 +142,10 @@ def add_string_forces(table: Any) -> None:
 
 @borrowing
 def set_loads(table: Any, t: float) -> float:
-    """Set the nodal forces to the external ones and those of the resistance at time t.
+    """Set the nodal forces to the external ones, those of the resistance and those of water at time t.
 
-    Returns the power [W] of the external ones, and of the wind.
+    Returns the power [W] of the external ones, of the wind, and of water. What answers the rods' accelerations is
+    not among the forces: the engine adds it.
     """
     N = table[NODE_COUNT]
     forces, velocities = floats(table[FORCES], (N, 3)), floats(table[VELOCITIES], (N, 3))
@@ -167,6 +170,8 @@ def set_loads(table: Any, t: float) -> float:
             power += forces[n, x] * velocities[n, x]
     if table[RESISTANCE]:
         power += resist(table[RESISTANCE], floats(table[NODES], (N, 3)), velocities, forces)
+    if table[WATER]:
+        power += immerse(table[WATER], t, floats(table[NODES], (N, 3)), velocities, forces)
     return power
 
 
@@ -423,6 +428,10 @@ class Plant:
         if scene.resistance is not None:
             self.resistance = PackedResistance(scene)
             self.table[RESISTANCE], self.table[LOADED] = self.resistance.address, 1
+        self.water = None
+        if scene.water is not None:
+            self.water = PackedWater(scene)
+            self.table[WATER], self.table[LOADED] = self.water.address, 1
 
     def _set_limits(self, structure: Structure, actuation: Actuation) -> None:
         # A winch that holds rest lengths from sample to sample moves them once a period.

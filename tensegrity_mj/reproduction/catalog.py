@@ -10,20 +10,33 @@ from tensegrity_mj.reproduction import (
     figures4,
     figures5,
     figures6,
+    figures7,
+    figures_c,
     statements3,
     statements4,
     statements5,
     statements6,
+    statements7,
+    statements_c,
 )
 from tensegrity_mj.reproduction.drawing import ThesisFigure
 from tensegrity_mj.reproduction.statement import Statement
 
-FIGURES: tuple[ThesisFigure, ...] = (*figures3.FIGURES, *figures4.FIGURES, *figures5.FIGURES, *figures6.FIGURES)
+FIGURES: tuple[ThesisFigure, ...] = (
+    *figures3.FIGURES,
+    *figures4.FIGURES,
+    *figures5.FIGURES,
+    *figures6.FIGURES,
+    *figures7.FIGURES,
+    *figures_c.FIGURES,
+)
 STATEMENTS: tuple[Statement, ...] = (
     *statements3.STATEMENTS,
     *statements4.STATEMENTS,
     *statements5.STATEMENTS,
     *statements6.STATEMENTS,
+    *statements7.STATEMENTS,
+    *statements_c.STATEMENTS,
 )
 
 
@@ -31,7 +44,7 @@ def selected(chosen: Sequence[str]) -> tuple[list[ThesisFigure], list[Statement]
     """The figures and the statements that are meant; all of them where nothing is chosen.
 
     Args:
-        chosen: numbers of figures ("5.4") and of chapters ("5"). A chapter's statements that belong to no figure come
+        chosen: numbers of figures ("5.4") and of chapters ("5", "C"). A chapter's statements that belong to no figure come
             with the chapter only.
 
     Raises:
@@ -47,5 +60,5 @@ def selected(chosen: Sequence[str]) -> tuple[list[ThesisFigure], list[Statement]
     if not chosen:
         return list(FIGURES), list(STATEMENTS)
     figures = [one for one in FIGURES if one.number in chosen or one.number.partition(".")[0] in chosen]
-    statements = [one for one in STATEMENTS if one.figure in chosen or str(one.chapter) in chosen]
+    statements = [one for one in STATEMENTS if one.figure in chosen or one.chapter in chosen]
     return figures, statements

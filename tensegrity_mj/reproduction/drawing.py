@@ -203,7 +203,7 @@ def space_paths(
         axes.plot(*end[[i, j]].T, color=palette.TARGET, lw=0.7)
     for i, j in structure.rod_nodes:
         axes.plot(*end[[i, j]].T, color="black", lw=2.2, solid_capstyle="round")
-    _equal_scales(axes, np.concatenate(everything))
+    equal_scales(axes, np.concatenate(everything))
     axes.set_title(title, fontsize=9.5)
     if any(labels):
         axes.legend(fontsize=7.5, frameon=False, loc="upper left")
@@ -266,7 +266,8 @@ def _first(all_runs: AllRuns, name: str) -> Trajectory:
     return versions_of(all_runs, name)[0][1]
 
 
-def _equal_scales(axes: Any, positions: Array) -> None:
+def equal_scales(axes: Any, positions: Array) -> None:
+    """Limits that show a metre along x, y and z at the same length, round positions (n, 3)."""
     low, high = positions.min(axis=0), positions.max(axis=0)
     half = np.maximum(0.5 * (high - low), 0.15 * float(np.max(high - low))) * 1.05
     middle = 0.5 * (low + high)

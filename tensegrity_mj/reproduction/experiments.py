@@ -22,10 +22,19 @@ class EngineName(enum.Enum):
     DAE = "dae"
     MUJOCO = "mujoco"
     ODE = "ode"
+    STATICS = "statics"
 
 
 # How the columns of the ledger are headed.
-TITLES = {EngineName.DAE: "DAE", EngineName.MUJOCO: "MuJoCo", EngineName.ODE: "ODE"}
+TITLES = {
+    EngineName.DAE: "DAE",
+    EngineName.MUJOCO: "MuJoCo",
+    EngineName.ODE: "ODE",
+    EngineName.STATICS: "statics",
+}
+# Which engines a motion is computed in, and which an equilibrium: MuJoCo's forces confirm those of statics.
+OF_MOTION = (EngineName.DAE, EngineName.MUJOCO, EngineName.ODE)
+OF_EQUILIBRIUM = (EngineName.STATICS, EngineName.MUJOCO)
 
 SAMPLED = 1e-3  # s; the laws of p = 1 and p = ∞ jump, so they are sampled at 1 kHz, force density held
 

@@ -66,10 +66,12 @@ class Row:
 
 
 def judge(statements: Sequence[Statement], computed: Computed) -> list[Row]:
-    """A row for each statement."""
+    """A row for each statement that one of the engines is a column of."""
+    columns = [[engine for engine in computed.runs if engine in statement.columns] for statement in statements]
     return [
-        Row(statement, {engine: _cell(statement, engine, computed) for engine in computed.runs})
-        for statement in statements
+        Row(statement, {engine: _cell(statement, engine, computed) for engine in engines})
+        for statement, engines in zip(statements, columns, strict=True)
+        if engines
     ]
 
 

@@ -76,10 +76,12 @@ _INTRODUCTION = """\
 
 Made by `tensegrity-mj reproduce --table docs/reproduction.md`; a test checks that it is what the code gives.
 
-A row is a quantity that the thesis states in chapters 3 to 6, in text, caption, curves or axis, beside its value in
-each engine, with as many digits as the tolerance asks for. The verdict is computed from a tolerance that is stored with
-the row; its reason is in `tensegrity-mj reproduce --json`. An axis ends below the next tick after its last, so a curve
-fits where it stays below that, and it was meant to where it fills more than half of the axis.
+A row is a quantity that the thesis states in chapters 3 to 7 and appendix C, in text, caption, curves or axis, beside
+its value in each engine, with as many digits as the tolerance asks for. Where forms and strength are asked for, statics
+with elastic rods takes the place of an engine, and MuJoCo, whose rods are rigid, confirms it by the forces of its own
+equations. The verdict is computed from a tolerance that is stored with the row; its reason is in
+`tensegrity-mj reproduce --json`. An axis ends below the next tick after its last, so a curve fits where it stays below
+that, and it was meant to where it fills more than half of the axis.
 """
 
 
@@ -87,9 +89,11 @@ def markdown(rows: Sequence[Row], engines: Sequence[EngineName]) -> str:
     """The text of docs/reproduction.md."""
     lines = [_INTRODUCTION, f"{summary(rows)}.", ""]
     for chapter in sorted({row.statement.chapter for row in rows}):
-        lines += [f"## Chapter {chapter}", "", *_markdown_head(engines)]
         own = [row for row in rows if row.statement.chapter == chapter]
-        lines += [markdown_row(row) for row in own]
+        title = f"Chapter {chapter}" if chapter.isdigit() else f"Appendix {chapter}"
+        columns = [engine for engine in engines if any(engine in row.cells for row in own)]
+        lines += [f"## {title}", "", *_markdown_head(columns)]
+        lines += [markdown_row(row, columns) for row in own]
         causes = dict.fromkeys((row.cause, row.verdict) for row in own if row.cause)
         if causes:
             lines += ["", "Why rows differ, or cannot be judged:", ""]
@@ -105,13 +109,20 @@ def _markdown_head(engines: Sequence[EngineName]) -> list[str]:
     return ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
 
 
-def markdown_row(row: Row) -> str:
-    """One line of the table."""
+def markdown_row(row: Row, engines: Sequence[EngineName] | None = None) -> str:
+    """One line of the table, with a column for each engine; for those that the row has by default."""
     statement = row.statement
-    values = [with_unit(value_text(statement, cell.value), statement.unit) for cell in row.cells.values()]
+    values = value_texts(row, list(row.cells) if engines is None else engines)
     where = f"{statement.place}, p. {statement.page} ({statement.read_from.value})"
     cells = [f"`{statement.id}`", where, statement.says, statement.stated, *values, SIGNS[row.verdict]]
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def value_texts(row: Row, engines: Sequence[EngineName]) -> list[str]:
+    """Our value and its unit in each engine; a dash where there is none."""
+    statement = row.statement
+    texts = [value_text(statement, row.cells[one].value) if one in row.cells else "–" for one in engines]
+    return [with_unit(text, statement.unit) for text in texts]
 
 
 def with_unit(text: str, unit: str) -> str:
@@ -161,10 +172,7 @@ def _ledger(rows: Sequence[Row], engines: Sequence[EngineName]) -> str:
         place = escape(f"{statement.place}, p. {statement.page}")
         if statement.figure:
             place = f'<a href="#f{statement.figure}">{place}</a>'
-        values = "".join(
-            f'<td class="n">{escape(with_unit(value_text(statement, cell.value), statement.unit))}</td>'
-            for cell in row.cells.values()
-        )
+        values = "".join(f'<td class="n">{escape(text)}</td>' for text in value_texts(row, engines))
         cause = f'<div class="cause">{escape(row.cause)}</div>' if row.cause else ""
         why = f"from the {statement.read_from.value}; tolerance: {statement.tolerance}"
         lines.append(

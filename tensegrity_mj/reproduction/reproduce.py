@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,16 +14,18 @@ from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.files import made_folder
 from tensegrity_mj.jsontext import to_json
 from tensegrity_mj.plots import save_figure
-from tensegrity_mj.reproduction import page
+from tensegrity_mj.reproduction import beams, page
 from tensegrity_mj.reproduction.catalog import selected
 from tensegrity_mj.reproduction.drawing import ThesisFigure
-from tensegrity_mj.reproduction.experiments import EngineName, experiment_of
+from tensegrity_mj.reproduction.experiments import OF_MOTION, EngineName, experiment_of
 from tensegrity_mj.reproduction.ledger import Row, Verdict, judge
 from tensegrity_mj.reproduction.runs import Computed, run_experiments
 from tensegrity_mj.reproduction.series import SERIES, run_series
 from tensegrity_mj.studies.workers import Workers
 
 RUNS, FIGURES = "runs", "figures"
+# What is computed as a whole: the cables of chapter 3, the beams of chapter 7 and appendix C.
+WHOLES: Mapping[str, Any] = {**SERIES, **beams.STUDIES}
 PAGE, DATA = "reproduction.html", "reproduction.json"
 
 
@@ -51,7 +53,7 @@ def reproduce(
     figures: Sequence[str] = (),
     out: str | Path = "reproduction",
     *,
-    engines: Sequence[EngineName] = (EngineName.DAE, EngineName.MUJOCO),
+    engines: Sequence[EngineName] = (EngineName.DAE, EngineName.MUJOCO, EngineName.STATICS),
     mass_scale: float = 1.0,
     workers: Workers | None = None,
     progress: bool = False,
@@ -63,27 +65,36 @@ def reproduce(
     Args:
         figures: numbers of figures or chapters; all where none is given.
         out: folder, made if absent: reproduction.html, reproduction.json, figures/ and runs/.
-        engines: the columns of the ledger; figures show the first as lines and the second as circles.
+        engines: the columns of the ledger, each beside the rows that it can be asked about; figures of motions show the
+            first as lines and the second as circles.
         mass_scale: the plant's rods are so much heavier than the law believes: a check that rows can turn red.
         picture_format: of the figures' files: png, svg or pdf (the page always holds PNG).
         draw: False for the ledger alone.
 
     Raises:
-        OptionError: an unknown figure, no engine, or a folder that cannot be used.
+        OptionError: an unknown figure, no engine or none that knows of the figures, or a folder that cannot be used.
         KeyboardInterrupt: what is finished is kept.
     """
     chosen, statements = selected(figures)
     if not engines:
-        raise OptionError("engines: none was given; choose of dae, mujoco, ode")
+        raise OptionError(f"engines: none was given; choose of {', '.join(one.value for one in EngineName)}")
+    statements = [one for one in statements if set(one.columns) & set(engines)]
+    if not statements:
+        raise OptionError(
+            f"engines: none of {', '.join(one.value for one in engines)} knows of {', '.join(figures)}; motions (chapters "
+            "3 to 6) are computed in dae, mujoco and ode, equilibria (chapters 7 and C) in statics and mujoco"
+        )
     folder = made_folder(out)
     drawn_needs = [name for figure in chosen for name in figure.needs] if draw else []
     names = list(dict.fromkeys([*drawn_needs, *(name for one in statements for name in one.needs)]))
-    experiments = [name for name in names if name not in SERIES]
-    series = [name for name in names if name in SERIES]
+    experiments = [name for name in names if name not in WHOLES]
+    series = [name for name in names if name in WHOLES]
+    moving = [one for one in engines if one in OF_MOTION]
     place = made_folder(folder / RUNS)
-    computed = run_experiments(experiments, engines, place, mass_scale=mass_scale, workers=workers, progress=progress)
+    computed = run_experiments(experiments, moving, place, mass_scale=mass_scale, workers=workers, progress=progress)
+    computed = Computed({engine: computed.runs.get(engine, {}) for engine in engines}, computed.failures)
     if series:
-        found, failures = run_series(series, engines, place, workers=workers, progress=progress)
+        found, failures = run_series(series, engines, place, workers=workers, progress=progress, among=WHOLES)
         computed = Computed(
             {engine: {**computed.runs[engine], **found[engine]} for engine in engines},
             {**computed.failures, **failures},
@@ -96,14 +107,14 @@ def reproduce(
         for figure in chosen:
             # The first engine that is drawn has all that is needed: chapter 3 asks some series of the DAE alone.
             able = [one for one in engines if all(name in computed.runs[one] for name in figure.needs)]
-            if not able or (able[0] is not engines[0] and not set(figure.needs) <= set(SERIES)):
+            if not able or (able[0] is not engines[0] and not set(figure.needs) <= set(WHOLES)):
                 continue  # its rows say why
             order = [able[0], *(one for one in engines if one is not able[0])]
             canvas = figure.draw({one: computed.runs[one] for one in order})
             path = save_figure(canvas, place / f"figure-{figure.number}.{picture_format}")
             files[figure.number] = path
             pictures.append((figure, _png(canvas, path)))
-    runs = _run_lines(experiments, engines, computed) + _series_lines(series, engines, computed)
+    runs = _run_lines(experiments, moving, computed) + _series_lines(series, engines, computed)
     note = "" if mass_scale == 1.0 else f"The plant's masses are {mass_scale:g} times those that the laws believe."
     page.write(folder / PAGE, page.html(rows, engines, pictures, runs, note))
     data = {
@@ -145,10 +156,10 @@ def _run_lines(names: Sequence[str], engines: Sequence[EngineName], computed: Co
 
 
 def _series_lines(names: Sequence[str], engines: Sequence[EngineName], computed: Computed) -> list[dict[str, Any]]:
-    """A line for each series of chapter 3, with how far its amplitudes are from those of the first engine."""
+    """A line for each series or study, with how far amplitudes of cables are from those of the first engine."""
     lines = []
     for name in names:
-        for engine in (one for one in engines if one in SERIES[name].engines):
+        for engine in (one for one in engines if one in WHOLES[name].engines):
             run, first = computed.runs[engine].get(name), computed.runs[engines[0]].get(name)
             apart: float | None = None
             if run is not None and first is not None and run is not first and run.results is not None:
@@ -156,7 +167,7 @@ def _series_lines(names: Sequence[str], engines: Sequence[EngineName], computed:
             lines.append(
                 {
                     "experiment": name,
-                    "about": SERIES[name].about,
+                    "about": WHOLES[name].about,
                     "engine": engine.value,
                     "status": "completed" if run is not None else computed.failures.get((engine, name), "not run"),
                     "wall time [s]": run.cost.get("wall_time") if run is not None else None,

@@ -320,20 +320,22 @@ def run_series(
     *,
     workers: Workers | None = None,
     progress: bool = False,
-) -> tuple[dict[EngineName, dict[str, SeriesRun]], dict[tuple[EngineName, str], str]]:
+    among: Mapping[str, Any] = SERIES,
+) -> tuple[dict[EngineName, dict[str, Any]], dict[tuple[EngineName, str], str]]:
     """All these series in those of the engines that compute them, and why some could not be.
 
     Args:
         folder: exists; each series has a folder in it.
+        among: the series (or studies of beams) by name.
     """
-    runs: dict[EngineName, dict[str, SeriesRun]] = {engine: {} for engine in engines}
+    runs: dict[EngineName, dict[str, Any]] = {engine: {} for engine in engines}
     failures: dict[tuple[EngineName, str], str] = {}
     for name in names:
         for engine in engines:
-            if engine not in SERIES[name].engines:
+            if engine not in among[name].engines:
                 continue
             try:
-                runs[engine][name] = SERIES[name].compute(engine, folder, workers, progress)
+                runs[engine][name] = among[name].compute(engine, folder, workers, progress)
             except OptionError:
                 raise
             except TensegrityError as error:

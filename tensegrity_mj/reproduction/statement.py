@@ -8,9 +8,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from tensegrity_mj.reproduction.experiments import EngineName
+from tensegrity_mj.reproduction.experiments import OF_EQUILIBRIUM, OF_MOTION, EngineName
 
-# What one engine computed: a Trajectory by the name of its experiment, a SeriesRun by that of its series (chapter 3).
+# What one engine computed: a Trajectory by the name of its experiment, a SeriesRun by that of its series (chapter 3), a
+# BeamRun by that of its study (appendix C).
 Runs = Mapping[str, Any]
 Measure = Callable[[Runs], float | bool]
 
@@ -91,9 +92,14 @@ class Statement:
     unjudged: str = ""
 
     @property
-    def chapter(self) -> int:
-        """3, 4, 5 or 6."""
-        return int(self.id[0])
+    def chapter(self) -> str:
+        """What stands before the first dot of the id: "3" to "7", or "C"."""
+        return self.id.partition(".")[0]
+
+    @property
+    def columns(self) -> tuple[EngineName, ...]:
+        """The engines beside which it stands, judged in them or not: those of statics for what is about statics."""
+        return OF_EQUILIBRIUM if EngineName.STATICS in self.engines else OF_MOTION
 
 
 # --------------------------------------------------------------------------------------- reading the thesis' axes

@@ -8,14 +8,16 @@ FORMAT = 1
 
 FILE_KEYS = ("format", "name", "source", "structure", "scene")
 STRUCTURE_KEYS = ("name", "string_law", "fixed_nodes", "nodes", "rods", "strings", "point_masses")
-ROD_KEYS = ("name", "nodes", "mass", "radius", "support")
-STRING_KEYS = ("name", "nodes", "stiffness", "damping", "rest_length", "tension", "force_density", *LIMITS)
+ROD_KEYS = ("name", "nodes", "mass", "radius", "support", "section")
+STRING_KEYS = ("name", "nodes", "stiffness", "damping", "rest_length", "tension", "force_density", *LIMITS, "strength")
 POINT_MASS_KEYS = ("node", "mass", "plane")
 SUPPORT_KEYS = {
     "free": ("kind", "sigma", "plane"),
     "pinned": ("kind", "sigma", "plane"),
     "constrained": ("kind", "sigma", "plane", "D", "values"),
 }
+SECTION_KEYS = ("area", "second_moment", "elasticity_modulus", "yield_stress")
+TUBE_KEYS = ("outer_radius", "wall", "elasticity_modulus", "yield_stress")
 SCENE_KEYS = (
     "gravity",
     "duration",
@@ -24,6 +26,7 @@ SCENE_KEYS = (
     "motions",
     "contact",
     "resistance",
+    "water",
     "initial_nodes",
     "initial_velocities",
     "target",
@@ -33,6 +36,22 @@ CONTACT_KEYS = ("floor", "normal", "rods", "friction", "stiffness", "damping", "
 RESISTANCE_KEYS = ("viscous", "bending", "drag", "wind")
 BENDING_KEYS = ("stiffness", "damping", "pairs")
 DRAG_KEYS = ("normal", "tangential", "density", "diameter")
+WATER_KEYS = (
+    "density",
+    "depth",
+    "waves",
+    "current",
+    "drag",
+    "tangential_drag",
+    "added_mass",
+    "inertia",
+    "segments",
+    "weights",
+    "diameter",
+    "above",
+    "viscosity",
+)
+WAVE_KEYS = ("amplitude", "wavelength", "angular_frequency", "direction", "phase")
 BREAK_KEYS = ("string", "time")
 LOAD_KEYS = ("node", "force", "angular_frequency", "phase")
 MOTION_DATA = ("times", "displacements", "velocities", "accelerations")

@@ -21,20 +21,28 @@ T = TypeVar("T")
 
 
 def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
-    """The scene of that name in the package (see `scene_names`), or the one in that .toml file.
+    """The scene of that name in the package (see `scene_names`), in that .toml file, or of a call of a family.
 
-    A text without a path separator that does not end in .toml is a name.
+    A text such as "tower(stages=10)" is a call of a family, see `families.named`. Another text without a path separator
+    that does not end in .toml is a name.
 
     Raises:
-        FormatError: if there is no such scene or file, or it is not of this format.
+        FormatError: if there is no such scene, file or family, or it is not of this format.
         StructureError, SceneError: if what it describes is not valid.
+        OptionError, InfeasibleError: if a family cannot build what it is asked for.
     """
+    called = _called(name_or_path)
+    if called is not None:
+        return called
     text, where, folder = find(name_or_path)
     return scene_from_toml(text, where, folder)
 
 
 def load_structure(name_or_path: str | os.PathLike[str]) -> Structure:
-    """The structure of a file, or of a scene of the package; named, and failing, as `load_scene`."""
+    """The structure of a file, of a scene of the package, or of a family's; named, and failing, as `load_scene`."""
+    called = _called(name_or_path)
+    if called is not None:
+        return called.structure
     text, where, folder = find(name_or_path)
     return structure_from_toml(text, where, folder)
 
@@ -55,6 +63,15 @@ def scene_from_toml(text: str, where: str = "TOML text", folder: Path | None = N
 def structure_from_toml(text: str, where: str = "TOML text", folder: Path | None = None) -> Structure:
     """The structure that a TOML text describes; a [scene] in it is checked for its keys only."""
     return _read_structure(_top(text, where), folder)
+
+
+def _called(name_or_path: str | os.PathLike[str]) -> Scene | None:
+    """The scene of a family's call, or None where it is none."""
+    from tensegrity_mj.families.named import family_scene, is_family_call  # which takes `closest` from here
+
+    if not isinstance(name_or_path, str) or not is_family_call(name_or_path):
+        return None
+    return family_scene(name_or_path)
 
 
 def _top(text: str, where: str) -> Table:

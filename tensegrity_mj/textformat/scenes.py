@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import enum
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +30,16 @@ from tensegrity_mj.textformat.keys import (
     SCENE_KEYS,
     SHAPE_KEYS,
     TARGET_KEYS,
+    WATER_KEYS,
+    WAVE_KEYS,
     WAYPOINT_KEYS,
 )
 from tensegrity_mj.textformat.table import Table, is_list, is_row
+from tensegrity_mj.water import Water, Weights
+from tensegrity_mj.waves import AboveLevel, Wave
 
 Array = NDArray[np.float64]
+Chosen = TypeVar("Chosen", bound=enum.Enum)
 
 
 def scene_of(top: Table, structure: Structure) -> Scene:
@@ -59,6 +65,7 @@ def scene_of(top: Table, structure: Structure) -> Scene:
         duration=table.number("duration", Scene.duration),
         contact=_contact(table),
         resistance=_resistance(table),
+        water=_water(table),
     )
 
 
@@ -110,6 +117,41 @@ def _resistance(scene: Table) -> Resistance | None:
         ),
         table.vector("wind", Resistance.wind),
     )
+
+
+def _water(scene: Table) -> Water | None:
+    table = scene.table("water", WATER_KEYS)
+    if table is None:
+        return None
+    waves = tuple(
+        Wave(
+            item.number("amplitude"),
+            item.number("wavelength", None),
+            item.number("angular_frequency", None),
+            item.number("direction", Wave.direction),
+            item.number("phase", Wave.phase),
+        )
+        for item in table.tables("waves", WAVE_KEYS)
+    )
+    return Water(
+        density=table.number("density", Water.density),
+        depth=table.number("depth", None),
+        waves=waves,
+        current=table.vector("current", Water.current),
+        drag=table.number("drag", Water.drag),
+        tangential_drag=table.number("tangential_drag", Water.tangential_drag),
+        added_mass=table.number("added_mass", Water.added_mass),
+        inertia=table.number("inertia", None),
+        segments=table.get("segments", "an integer", lambda x: type(x) is int, Water.segments),
+        weights=_choice(table, "weights", Weights, Water.weights),
+        diameter=table.number("diameter", None),
+        above=_choice(table, "above", AboveLevel, Water.above),
+        viscosity=table.number("viscosity", Water.viscosity),
+    )
+
+
+def _choice(table: Table, key: str, kind: type[Chosen], default: Chosen) -> Chosen:
+    return kind(table.choice(key, [member.value for member in kind], default.value))
 
 
 def _bending(table: Table) -> Bending:

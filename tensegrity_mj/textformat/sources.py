@@ -23,7 +23,7 @@ def find(name_or_path: str | os.PathLike[str]) -> tuple[str, str, Path]:
         if given not in scene_names():
             raise FormatError(
                 f"unknown scene '{given}'{closest(given, scene_names())}; known: {', '.join(scene_names())}; "
-                "the path of a .toml file works too"
+                "the path of a .toml file works too, and so does a call of a family, as 'tower(stages=10)'"
             )
         path = Path(str(importlib.resources.files("tensegrity_mj.models").joinpath(given, "scene.toml")))
     else:

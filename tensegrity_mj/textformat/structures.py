@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+from tensegrity_mj.errors import StructureError
+from tensegrity_mj.section import Section
 from tensegrity_mj.strings import StringLaw
 from tensegrity_mj.structure import LIMITS, PointMass, Rod, String, Structure, Support
-from tensegrity_mj.textformat.keys import POINT_MASS_KEYS, ROD_KEYS, STRING_KEYS, SUPPORT_KEYS
+from tensegrity_mj.textformat.keys import (
+    POINT_MASS_KEYS,
+    ROD_KEYS,
+    SECTION_KEYS,
+    STRING_KEYS,
+    SUPPORT_KEYS,
+    TUBE_KEYS,
+)
 from tensegrity_mj.textformat.table import Table, is_list, is_row
 
 
@@ -29,14 +38,28 @@ def structure_of(table: Table, name: str) -> Structure:
 
 
 def _rod(table: Table) -> Rod:
-    support = table.table("support", None)
+    support, section = table.table("support", None), table.table("section", None)
     return Rod(
         table.text("name"),
         table.texts("nodes"),
         table.number("mass"),
         table.number("radius", Rod.radius),
         Support.free() if support is None else _support(support),
+        None if section is None else _section(section, f"rod '{table.text('name')}'"),
     )
+
+
+def _section(table: Table, rod: str) -> Section:
+    """A section by its area and second moment, or as a round tube."""
+    tube = "outer_radius" in table.data or "wall" in table.data
+    table.allow(TUBE_KEYS if tube else SECTION_KEYS)
+    modulus, stress = table.number("elasticity_modulus"), table.number("yield_stress", None)
+    if not tube:
+        return Section(table.number("area"), table.number("second_moment"), modulus, stress)
+    try:
+        return Section.tube(table.number("outer_radius"), table.number("wall"), modulus, stress)
+    except StructureError as error:
+        raise StructureError(f"{rod}: {error}") from None
 
 
 def _support(table: Table) -> Support:
@@ -61,5 +84,5 @@ def _string(table: Table) -> String:
         table.number("rest_length", None),
         table.number("tension", None),
         table.number("force_density", None),
-        *(table.number(name, None) for name in LIMITS),
+        *(table.number(name, None) for name in (*LIMITS, "strength")),
     )

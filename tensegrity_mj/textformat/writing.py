@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -20,6 +21,7 @@ from tensegrity_mj.scene import Scene, Target
 from tensegrity_mj.strings import StringLaw
 from tensegrity_mj.structure import Rod, String, Structure, Support
 from tensegrity_mj.textformat.keys import FORMAT, MOTION_DATA
+from tensegrity_mj.water import Water
 
 Array = NDArray[np.float64]
 
@@ -96,6 +98,8 @@ def _string_table(string: String) -> dict[str, Any]:
 
 def _rod_table(rod: Rod) -> dict[str, Any]:
     table = {"name": rod.name, "nodes": rod.nodes, "mass": rod.mass, "radius": rod.radius}
+    if rod.section is not None:
+        table["section"] = _given(vars(rod.section))
     support = rod.support
     if support == Support.free():
         return table
@@ -126,6 +130,8 @@ def _scene_lines(scene: Scene) -> list[str]:
         parts = {key: value for key, value in vars(scene.resistance).items() if value != getattr(Resistance, key)}
         given = {key: _given(vars(value)) if key in ("bending", "drag") else value for key, value in parts.items()}
         lines.append(_entry("resistance", given))
+    if scene.water is not None:
+        lines += _section("scene.water", _water_lines(scene.water))
     if scene.initial_nodes is not None:
         lines += _section("scene.initial_nodes", _node_lines(structure, scene.initial_nodes, structure.positions))
     if scene.initial_velocities is not None:
@@ -137,6 +143,12 @@ def _scene_lines(scene: Scene) -> list[str]:
         options = dict(scene.control.options)
         lines += _section("scene.control", [_entry("law", scene.control.law), _entry("options", options)])
     return lines
+
+
+def _water_lines(water: Water) -> list[str]:
+    given = {key: value for key, value in vars(water).items() if value != getattr(Water, key) and key != "waves"}
+    lines = [_entry(key, value.value if isinstance(value, enum.Enum) else value) for key, value in given.items()]
+    return lines + _array("waves", [_given(vars(wave)) for wave in water.waves])
 
 
 def _motion_table(motion: Motion) -> dict[str, Any]:

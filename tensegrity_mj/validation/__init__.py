@@ -5,7 +5,7 @@ geometry        lengths and directions, and what they are compared with
 members         a rod, a string
 structures      a structure
 configurations  node positions and velocities
-targets, contacts, resistances, scenes
+targets, contacts, resistances, waters, scenes
 """
 
 from tensegrity_mj.validation.configurations import check_configuration as check_configuration

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.errors import StructureError
+from tensegrity_mj.section import Section
 from tensegrity_mj.structure import Rod, String, Structure, Support
 from tensegrity_mj.validation.geometry import CONSTRAINT_TOLERANCE, distance, unit_rows
 from tensegrity_mj.validation.values import check_normal, check_number, check_vector, sequence_of, shown
@@ -25,6 +26,10 @@ def check_rod(structure: Structure, rod: Rod, size: float) -> None:
         raise StructureError(
             f"{what} has length {length:.3g} m between {pair_of(rod)}; it must be longer than zero, and finite"
         )
+    if rod.section is not None:
+        if not isinstance(rod.section, Section):
+            raise StructureError(f"{what}: section = {rod.section!r}; use Section, Section.tube or Section.solid")
+        rod.section.check(f"{what}: section")
     support = rod.support
     if not isinstance(support, Support):
         raise StructureError(f"{what}: support = {support!r}; use Support.free, Support.pinned or Support.constrained")
@@ -74,7 +79,8 @@ def check_string(structure: Structure, string: String, size: float) -> None:
     for name in given:
         limit = "a finite number" if name == "rest_length" else ">= 0"
         check_number(f"{what}: {name}", getattr(string, name), limit, lambda x, n=name: n == "rest_length" or x >= 0)
-    for name, unit in (("max_force_density", "N/m"), ("min_rest_length", "m"), ("winch_speed", "m/s")):
+    units = {"max_force_density": "N/m", "min_rest_length": "m", "winch_speed": "m/s", "strength": "N"}
+    for name, unit in units.items():
         if getattr(string, name) is not None:
             check_number(f"{what}: {name}", getattr(string, name), f"> 0 {unit}, or absent", lambda x: x > 0)
     a, b = (np.array(structure.nodes[name], float) for name in string.nodes)

@@ -22,6 +22,7 @@ from tensegrity_mj.validation.members import unknown_node
 from tensegrity_mj.validation.resistances import check_resistance
 from tensegrity_mj.validation.targets import check_target
 from tensegrity_mj.validation.values import check_number, check_text, check_vector
+from tensegrity_mj.validation.waters import check_water
 
 
 def check_scene(scene: Scene) -> None:
@@ -68,6 +69,8 @@ def check_scene(scene: Scene) -> None:
         check_contact(scene)
     if scene.resistance is not None:
         check_resistance(scene.structure, scene.resistance)
+    if scene.water is not None:
+        check_water(scene)
     if scene.target is not None:
         if not isinstance(scene.target, Target):
             raise SceneError(f"target = {scene.target!r}: use Target.set_point(nodes), Target.path or Target.curve")

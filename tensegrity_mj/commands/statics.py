@@ -1,0 +1,255 @@
+"""Find the equilibrium of a scene: its prestress, stiffness, modes and members, loads up to buckling, least mass."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tensegrity_mj.commands import experiment
+from tensegrity_mj.commands.common import ExitCode, Outcome, distinct, output_file, positive, refuse, table
+from tensegrity_mj.errors import OptionError
+
+if TYPE_CHECKING:
+    from tensegrity_mj.statics.boundary import Hold
+    from tensegrity_mj.statics.study import Materials, StaticStudy
+
+HELP = "equilibrium, prestress, stiffness, modes, buckling and strength of a scene"
+EXAMPLES = """\
+examples:
+  tensegrity-mj statics prism
+  tensegrity-mj statics truss_arm --load t4=0,0,-20 --path --out arm
+  tensegrity-mj statics truss_arm --hold t4:z=0,0,-0.2 --path --json
+  tensegrity-mj statics tower --rods elastic --hold b1_1,b1_2,b1_3 --hold t15_1,t15_2,t15_3=-1,0,0 --path
+  tensegrity-mj statics tower --method both --check-engine mujoco --save-scene tower_at_rest.toml
+  tensegrity-mj statics dbar --load n3=0,0,-1e4 --hold n4 --size aluminium,uhmwpe --least-radius 1e-3
+  tensegrity-mj statics truss_arm --broken falling3 --mode-video 1 mode.mp4
+
+--hold NODES[:DIRECTIONS][=X,Y,Z] holds nodes in all directions, or in those of the letters x, y, z, and moves them
+by X, Y, Z [m]. --path follows the equilibria while loads and displacements grow from none (parameter 0) to all
+(parameter 1), through limit points; without it only the last one is looked for. docs/statics.md explains the numbers.
+"""
+
+# The values of `Search` and `Rods`: written here so that --help need not import them (tested to agree).
+METHODS = ("newton", "relaxation", "both")
+RODS = ("rigid", "elastic")
+MATERIALS = ("aluminium", "steel", "uhmwpe")  # names of statics.materials, in small letters
+MOST_COUNT = 10_000
+SECONDS = 2.0  # of a mode's video a period
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The options of `statics`."""
+    parser.add_argument("scene", metavar="SCENE", help="a shipped scene, a .toml file, or a family's call")
+    problem = parser.add_argument_group("the problem")
+    problem.add_argument("--rods", choices=RODS, default="rigid", help="elastic ones need sections (rigid)")
+    problem.add_argument(
+        "--load", action="append", type=_vector, metavar="NODE=X,Y,Z", help="a further force [N]; may be repeated"
+    )
+    problem.add_argument("--load-factor", type=_number, metavar="F", help="what these are multiplied by (1)")
+    problem.add_argument(
+        "--hold", action="append", type=_hold, metavar="NODES[:DIRECTIONS][=X,Y,Z]", help="see below; may be repeated"
+    )
+    problem.add_argument("--broken", action="append", metavar="STRING", help="it carries nothing; may be repeated")
+    problem.add_argument(
+        "--rest-length", action="append", type=_length, metavar="STRING=M", help="of a string [m]; may be repeated"
+    )
+    problem.add_argument("--no-gravity", action="store_true", help="leave the scene's gravity out")
+    work = parser.add_argument_group("what is done")
+    work.add_argument("--method", choices=METHODS, default="newton", help="how the equilibrium is found (newton)")
+    work.add_argument("--path", action="store_true", help="follow the equilibria as loads and displacements grow")
+    work.add_argument("--points", type=_count, metavar="N", help="about how many, along a straight path (100)")
+    work.add_argument("--modes", type=_count, default=12, metavar="N", help="natural modes (12)")
+    work.add_argument("--check-engine", choices=experiment.ENGINES, help="find the same by an engine")
+    work.add_argument("--run", metavar="FILE.nc", help="check the members over this run of the scene, too")
+    work.add_argument(
+        "--size",
+        type=_materials,
+        metavar="RODS[,STRINGS]",
+        help=f"lightest members of these materials at the scene's start: {', '.join(MATERIALS)}",
+    )
+    work.add_argument("--least-radius", type=positive, metavar="M", help="of sized members [m] (0)")
+    output = parser.add_argument_group("output")
+    output.add_argument("--out", metavar="FOLDER", help="write statics.json and statics.html with pictures there")
+    output.add_argument("--save-scene", metavar="FILE.toml", help="write the scene that starts in the equilibrium")
+    output.add_argument("--save-sized", metavar="FILE.toml", help="write the scene with the lightest members")
+    output.add_argument("--mode-video", nargs=2, metavar=("N", "FILE.mp4"), help="write a video of a natural mode")
+
+
+def execute(options: argparse.Namespace) -> Outcome:
+    """Find it, and write what was asked for."""
+    if not options.path:
+        refuse(options, ("points",), "needs --path")
+    if options.load is None:
+        refuse(options, ("load-factor",), "needs --load")
+    if options.size is None:
+        refuse(options, ("least-radius", "save-sized"), "needs --size")
+    folder = _folder(options.out)
+    saved = output_file(options.save_scene, "--save-scene", (".toml",))
+    sized = output_file(options.save_sized, "--save-sized", (".toml",))
+    mode, video = _video(options)
+    distinct({"--save-scene": saved, "--save-sized": sized})
+    if video is not None:
+        experiment.require_off_screen_opengl()
+
+    from tensegrity_mj import DAE, ODE, MuJoCo, Trajectory, load_scene, save_scene
+    from tensegrity_mj.statics.model import Rods
+    from tensegrity_mj.statics.study import Search, analyse
+
+    scene = load_scene(options.scene)
+    if options.no_gravity:
+        scene = scene.with_(gravity=(0.0, 0.0, 0.0))
+    factor = 1.0 if options.load_factor is None else options.load_factor
+    loads: dict[str, tuple[float, ...]] = {}
+    for node, force in options.load or ():
+        before = loads.get(node, (0.0, 0.0, 0.0))
+        loads[node] = tuple(old + factor * new for old, new in zip(before, force, strict=True))
+    engines = {"mujoco": MuJoCo, "dae": DAE, "ode": ODE}
+    study = analyse(
+        scene,
+        rods=Rods(options.rods),
+        search=Search(options.method),
+        loads=loads or None,
+        holds=_holds(options.hold or ()),
+        broken=options.broken or (),
+        rest_lengths=dict(options.rest_length) if options.rest_length else None,
+        path=options.path,
+        points=options.points or 100,
+        modes=options.modes,
+        engine=engines[options.check_engine]() if options.check_engine else None,
+        materials=_sizes(options),
+        run=None if options.run is None else Trajectory.load(options.run),
+        progress=True,
+    )
+    modes = 0 if study.modes is None else len(study.modes.squares)
+    if video is not None and study.modes is not None and not mode <= modes:
+        raise OptionError(f"--mode-video {mode}: there are {modes} modes here; --modes asks for more")
+    if folder is not None:
+        study.save(folder)
+    if saved is not None and study.state is not None:
+        save_scene(study.scene(), saved)
+    if sized is not None and study.sizing is not None:
+        save_scene(scene.with_(structure=study.sizing.structure, initial_nodes=None, initial_velocities=None), sized)
+    if video is not None and study.modes is not None:
+        _film(study, mode, video)
+    written = [path for path in (folder, saved, sized, video) if path is not None and path.exists()]
+    lines = table([*study.describe(), *(("written", str(path)) for path in written)])
+    files = {"out": folder, "saved_scene": saved, "saved_sized": sized, "mode_video": video}
+    data = {"status": study.status, **study.to_dict(), **files}
+    return Outcome(data, lines, ExitCode.SUCCESS if study.state is not None else ExitCode.INFEASIBLE)
+
+
+def _film(study: StaticStudy, mode: int, video: Path) -> None:
+    from tensegrity_mj import render
+    from tensegrity_mj.statics.modes import mode_trajectory
+
+    if study.modes is None:
+        return
+    motion = mode_trajectory(study.modes, mode - 1)
+    period = float(motion.time[-1]) / 2
+    render(motion, video, speed=period / SECONDS, traces=False, target=False, progress=True)
+
+
+def _folder(name: str | None) -> Path | None:
+    """The folder of --out, in which files can be written."""
+    if name is None:
+        return None
+    from tensegrity_mj.files import made_folder
+
+    folder = made_folder(name)
+    for file in ("statics.json", "statics.html"):
+        output_file(str(folder / file), "--out", (".json", ".html"))
+    return folder
+
+
+def _video(options: argparse.Namespace) -> tuple[int, Path | None]:
+    """The number of a mode, from 1, and its file."""
+    if options.mode_video is None:
+        return 0, None
+    number, name = options.mode_video
+    if not number.isascii() or not number.isdigit() or not 1 <= int(number) <= options.modes:
+        raise OptionError(
+            f"--mode-video {number}: it takes a mode's number, from 1 to the {options.modes} of --modes, and a file"
+        )
+    return int(number), output_file(name, "--mode-video", (".mp4",))
+
+
+def _holds(given: Any) -> list[Hold]:
+    from tensegrity_mj.statics.boundary import Hold
+
+    axes = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+    return [
+        Hold(nodes, None if not letters else tuple(axes[letter] for letter in letters), moved)
+        for nodes, letters, moved in given
+    ]
+
+
+def _sizes(options: argparse.Namespace) -> Materials | None:
+    if options.size is None:
+        return None
+    from tensegrity_mj.statics import materials
+    from tensegrity_mj.statics.study import Materials
+
+    rods, strings = (getattr(materials, name.upper()) for name in options.size)
+    return Materials(rods, strings, options.least_radius or 0.0)
+
+
+# ------------------------------------------------------------------------------------------------- argparse types
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text}: it must be finite")
+    return value
+
+
+def _count(text: str) -> int:
+    if not text.isascii() or not text.isdigit() or not 1 <= int(text) <= MOST_COUNT:
+        raise argparse.ArgumentTypeError(f"{text!r}: write a whole number from 1 to {MOST_COUNT}")
+    return int(text)
+
+
+def _three(text: str, example: str) -> tuple[float, float, float]:
+    parts = text.split(",")
+    if len(parts) != 3:
+        raise argparse.ArgumentTypeError(f"{text!r}: write three numbers, for example {example}")
+    x, y, z = (_number(part) for part in parts)
+    return x, y, z
+
+
+def _vector(text: str) -> tuple[str, tuple[float, float, float]]:
+    name, equals, value = text.partition("=")
+    if not equals or not name:
+        raise argparse.ArgumentTypeError(f"{text!r}: write NODE=X,Y,Z, for example t4=0,0,-20")
+    return name, _three(value, "t4=0,0,-20")
+
+
+def _length(text: str) -> tuple[str, float]:
+    name, equals, value = text.partition("=")
+    if not equals or not name:
+        raise argparse.ArgumentTypeError(f"{text!r}: write STRING=M, for example s1=0.4")
+    return name, positive(value)
+
+
+def _hold(text: str) -> tuple[tuple[str, ...], str, tuple[float, float, float]]:
+    where, equals, value = text.partition("=")
+    names, _, letters = where.partition(":")
+    nodes = tuple(names.split(","))
+    good = not letters if ":" not in where else 0 < len(letters) == len(set(letters) & set("xyz"))
+    if not all(nodes) or not good:
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: write NODES[:DIRECTIONS][=X,Y,Z], for example t1,t2:xy or t1,t2:z=0,0,-0.1"
+        )
+    return nodes, letters, _three(value, "t1:z=0,0,-0.1") if equals else (0.0, 0.0, 0.0)
+
+
+def _materials(text: str) -> tuple[str, str]:
+    names = text.lower().split(",")
+    if len(names) > 2 or not set(names) <= set(MATERIALS):
+        raise argparse.ArgumentTypeError(f"{text!r}: write RODS or RODS,STRINGS, each of {', '.join(MATERIALS)}")
+    return names[0], names[-1]

@@ -1,0 +1,118 @@
+"""What the statements of appendix C measure on its beams: stiffness [kN/m], stress [MPa], buckling, slack strings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.reproduction.beam_tasks import INITIAL_LENGTH
+from tensegrity_mj.reproduction.beams import BeamRun
+
+Array = NDArray[np.float64]
+
+DROPPED = 0.5  # of the stiffness at zero load: below it, a beam has buckled
+
+
+class Buckling(NamedTuple):
+    """Where the stiffness drops: deformation [m] and load [kN]; NaN where it does not."""
+
+    deformation: float
+    load: float
+
+
+def length_ratio(run: BeamRun, beam: str) -> float:
+    """Length after form-finding over that before."""
+    return float(run.of(beam, "length")) / INITIAL_LENGTH
+
+
+def median_stress(run: BeamRun, beam: str) -> float:
+    """[MPa] of the rods' compression after form-finding."""
+    return float(np.median(run.of(beam, "stresses"))) / 1e6
+
+
+def initial(run: BeamRun, beam: str, axis: int = 0) -> float:
+    """[kN/m] at zero load: 0 along the beam, 1 and 2 across it."""
+    return float(run.of(beam, "stiffness")[axis, axis]) / 1e3
+
+
+def anisotropy(run: BeamRun, beam: str) -> float:
+    """Of the stiffness across the beam at zero load: the most of any direction over the least, less one."""
+    values = np.linalg.eigvalsh(run.of(beam, "stiffness")[1:, 1:])
+    return float(values[-1] / values[0] - 1.0)
+
+
+def spread(values: Sequence[float]) -> float:
+    """The largest over the smallest, less one."""
+    return max(values) / min(values) - 1.0
+
+
+def rises(values: Sequence[float]) -> bool:
+    """Whether each is larger than the one before."""
+    return bool(np.all(np.diff(values) > 0))
+
+
+def stiffness(run: BeamRun, label: str) -> Array:
+    """[kN/m] along a path."""
+    return run.of(label, "K").astype(float) / 1e3
+
+
+def last(run: BeamRun, label: str) -> float:
+    """[kN/m] at the end of the thesis' axis."""
+    return float(stiffness(run, label)[-1])
+
+
+def gain(run: BeamRun, label: str) -> float:
+    """[kN/m] by how much the stiffness has risen at the end of the thesis' axis."""
+    return float(np.ptp(stiffness(run, label)[[0, -1]]) * np.sign(last(run, label) - stiffness(run, label)[0]))
+
+
+def stress_rate(run: BeamRun, label: str) -> float:
+    """[MPa/m] by which the largest stress of a rod has risen at the end of the axis."""
+    stress, w = run.of(label, "stress"), run.of(label, "w")
+    return float((stress[-1] - stress[0]) / (w[-1] - w[0]) / 1e6)
+
+
+def largest_stress(runs: Sequence[BeamRun]) -> float:
+    """[MPa] of any rod on any path."""
+    return max(float(np.max(values["stress"])) for run in runs for values in run.values.values()) / 1e6
+
+
+def buckling(run: BeamRun, label: str) -> Buckling:
+    """Where the stiffness falls below half of what it was at zero load, or the deformation turns back."""
+    K, w, F = (run.of(label, name).astype(float) for name in ("K", "w", "F"))
+    turned = run.of(label, "turned")
+    gone = np.flatnonzero((K < DROPPED * K[0]) | turned)
+    if not len(gone):
+        return Buckling(math.nan, math.nan)
+    k = int(gone[0])
+    part = 0.0 if turned[k] else float((K[k - 1] - DROPPED * K[0]) / (K[k - 1] - K[k]))
+    return Buckling(float(w[k - 1] + part * (w[k] - w[k - 1])), float(F[k - 1] + part * (F[k] - F[k - 1])) / 1e3)
+
+
+def first_slack(run: BeamRun, label: str) -> float:
+    """[m] the deformation at which there is a slack string; infinite where there is none."""
+    found = np.flatnonzero(run.of(label, "slack") > 0)
+    return float(run.of(label, "w")[found[0]]) if len(found) else math.inf
+
+
+def turns_negative(run: BeamRun, label: str) -> bool:
+    """Whether the stiffness is below zero somewhere, on the way on or on the way back."""
+    return bool(np.nanmin(stiffness(run, label)) < 0)
+
+
+def before_buckling(run: BeamRun, imperfect: BeamRun, label: str) -> float:
+    """By how much the perfect beam's stiffness changes up to where the imperfect one buckles, relative to its first."""
+    K, w = stiffness(run, label), run.of(label, "w")
+    there = float(np.interp(buckling(imperfect, label).deformation, w, K))
+    return there / float(K[0]) - 1.0
+
+
+def apart(run: BeamRun, beam: str) -> float:
+    """[kN/m] the largest difference of the stiffness in y from that in z, at equal deformation."""
+    y, z = f"{beam} y", f"{beam} z"
+    other = np.interp(run.of(beam + " y", "w"), run.of(z, "w"), stiffness(run, z))
+    return float(np.abs(stiffness(run, y) - other).max())

@@ -1,0 +1,177 @@
+"""What holds nodes in a study of statics: the structure's supports, and what the study holds besides.
+
+All of it is linear in the node positions: G (x - x₀) = s d, with x (3N,) the nodes one after another, x₀ where they are
+at first, d what the holds move by, and s the parameter of a path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from tensegrity_mj.checks import real_array
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.structure import Structure, Vector
+
+Array = NDArray[np.float64]
+
+RANK = 1e-10  # of a block's largest singular value: rows below it say what others say already
+
+
+@dataclass(frozen=True)
+class Hold:
+    """Nodes that a study holds where they are, or moves.
+
+    Attributes:
+        nodes: names.
+        directions: (r, 3) of which components of their displacement are held; None for all.
+        displacement: [m] what they are moved by, once the path's parameter is 1. Its part along the held directions
+            counts; a part outside them is refused.
+    """
+
+    nodes: tuple[str, ...]
+    directions: tuple[Vector, ...] | None = None
+    displacement: Vector = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        names = (self.nodes,) if isinstance(self.nodes, str) else tuple(self.nodes)
+        if not names or not all(isinstance(name, str) for name in names):
+            raise OptionError(f"hold: nodes = {self.nodes!r}; name one node or more")
+        object.__setattr__(self, "nodes", names)
+        moved = real_array("hold: displacement", self.displacement, (3,), "m", scalar=False)
+        object.__setattr__(self, "displacement", tuple(float(x) for x in moved))
+        if self.directions is None:
+            return
+        given: ArrayLike = self.directions
+        rows = np.atleast_2d(np.asarray(given, float)) if _is_numbers(given) else np.zeros((0, 3))
+        if rows.ndim != 2 or rows.shape[1:] != (3,) or not len(rows) or not np.all(np.linalg.norm(rows, axis=1) > 0):
+            raise OptionError(f"hold: directions = {given!r}; they must be vectors of three numbers, none of them zero")
+        object.__setattr__(self, "directions", tuple((float(a), float(b), float(c)) for a, b, c in rows))
+        if np.linalg.norm(moved - self.basis.T @ (self.basis @ moved)) > 1e-9 * max(np.linalg.norm(moved), 1e-300):
+            raise OptionError(
+                f"hold of {', '.join(names)}: displacement = {self.displacement} m is not along its directions "
+                f"{self.directions}; add the direction that it moves in"
+            )
+
+    @property
+    def basis(self) -> Array:
+        """(r, 3) orthonormal rows of the held directions."""
+        if self.directions is None:
+            return np.eye(3)
+        _, singular, right = np.linalg.svd(np.array(self.directions), full_matrices=False)
+        return np.asarray(right[singular > 1e-9 * singular[0]])
+
+
+@dataclass(frozen=True, eq=False)
+class Boundary:
+    """The free coordinates y of node positions x = x₀ + s d + Z y; n = 3N, q of them free.
+
+    Attributes:
+        rows: G (c, n).
+        Z: (n, q) orthonormal.
+        moved: d (n,) [m], the smallest displacement of the nodes that moves the holds.
+    """
+
+    rows: sparse.csr_array
+    Z: sparse.csr_array
+    moved: Array
+
+    @classmethod
+    def of(cls, structure: Structure, holds: Sequence[Hold] = ()) -> Boundary:
+        """Of the supports of a structure and further holds.
+
+        Raises:
+            OptionError: for a node that there is not, or holds that contradict a support or each other.
+        """
+        index, n = structure.node_index, 3 * len(structure.nodes)
+        rows: list[dict[int, float]] = []
+        values: list[float] = []
+
+        def add(weights: Sequence[tuple[int, float]], direction: ArrayLike, value: float = 0.0) -> None:
+            axes = np.asarray(direction, float)
+            rows.append({3 * node + k: w * float(axes[k]) for node, w in weights if w for k in range(3) if axes[k]})
+            values.append(value)
+
+        for rod, (i, j) in zip(structure.rods, structure.rod_nodes.tolist(), strict=True):
+            sigma = rod.support.sigma
+            for row in rod.support.constraint_rows:
+                add([(i, 1.0 - sigma), (j, sigma)], row / np.linalg.norm(row))
+            if rod.support.plane is not None:
+                normal = np.array(rod.support.plane)
+                add([(i, -1.0), (j, 1.0)], normal / np.linalg.norm(normal))
+        for name in structure.fixed_nodes:
+            for axis in np.eye(3):
+                add([(index[name], 1.0)], axis)
+        for point in structure.point_masses:
+            if point.plane is not None:
+                add([(index[point.node], 1.0)], np.array(point.plane) / np.linalg.norm(point.plane))
+        for hold in holds:
+            if not isinstance(hold, Hold):
+                raise OptionError(f"holds: {hold!r} is no Hold; use Hold(nodes, directions, displacement)")
+            for name in hold.nodes:
+                if name not in index:
+                    raise OptionError(f"hold: there is no node '{name}' in structure '{structure.name}'")
+                for direction in hold.basis:
+                    add([(index[name], 1.0)], direction, float(direction @ np.array(hold.displacement)))
+        places = [(r, c, v) for r, row in enumerate(rows) for c, v in row.items()]
+        r, c, v = (np.array(column) for column in zip(*places, strict=True)) if places else (np.zeros(0, int),) * 3
+        G = sparse.csr_array((v.astype(float), (r, c)), shape=(len(rows), n))
+        Z, moved = _solve(G, np.array(values))
+        gap = np.abs(G @ moved - values)
+        if gap.size and gap.max() > 1e-9 * np.abs(values).max():
+            raise OptionError(
+                "holds: they contradict a support of the structure or each other (a node cannot be moved where it is "
+                "held); leave one of them out"
+            )
+        return cls(G, Z, moved)
+
+
+def _solve(G: sparse.csr_array, values: Array) -> tuple[sparse.csr_array, Array]:
+    """An orthonormal basis (n, q) of the x with G x = 0, and the smallest x with G x = values, block by block."""
+    n = G.shape[1]
+    moved = np.zeros(n)
+    count, labels = connected_components(G.T @ G, directed=False) if G.shape[0] else (n, np.arange(n))
+    members: list[list[int]] = [[] for _ in range(count)]
+    for column, label in enumerate(labels):
+        members[label].append(column)
+    touched = np.zeros(n, bool)
+    touched[G.indices] = True
+    by_row = np.full(G.shape[0], -1)
+    for row in range(G.shape[0]):
+        by_row[row] = labels[G.indices[G.indptr[row]]]
+    rows_of: dict[int, list[int]] = {}
+    for row, label in enumerate(by_row):
+        rows_of.setdefault(int(label), []).append(row)
+    r: list[int] = []
+    c: list[int] = []
+    v: list[float] = []
+    q = 0
+    for label, columns in enumerate(members):
+        if label not in rows_of:
+            for column in columns:
+                r, c, v, q = [*r, column], [*c, q], [*v, 1.0], q + 1
+            continue
+        dense = G[rows_of[label]][:, columns].toarray()
+        left, singular, right = np.linalg.svd(dense)
+        rank = int(np.sum(singular > RANK * singular[0]))
+        wanted = left[:, :rank].T @ values[rows_of[label]]
+        moved[columns] = right[:rank].T @ (wanted / singular[:rank])
+        for direction in right[rank:]:
+            r, c, v = r + columns, c + [q] * len(columns), v + direction.tolist()
+            q += 1
+    Z = sparse.csr_array((np.array(v, float), (np.array(r, int), np.array(c, int))), shape=(n, q))
+    Z.eliminate_zeros()
+    return Z, moved
+
+
+def _is_numbers(value: Any) -> bool:
+    try:
+        return bool(np.all(np.isfinite(np.asarray(value, float))))
+    except (TypeError, ValueError):
+        return False

@@ -1,0 +1,220 @@
+"""Equilibria from an engine's own accelerations alone: what MuJoCo, the DAE and the ODE hold to be at rest.
+
+In the coordinates δ of `linearization.chart` about the nodes of the moment, at rest, an engine has a(δ) = -M⁻¹ ∇Π. Each
+step solves
+
+    (μ - ∂a/∂δ) s = a        which is        (K + μ M) s = -∇Π
+
+with ∂a/∂δ by central differences: a Newton step for μ = 0, and a short way down the energy for a large one. μ starts
+above what would make K + μ M indefinite, and falls as forces do. A step is taken where the force along it does not turn
+against it, so that it stays on the near side of the energy's least value on its way. Neutral motions, along which a and
+∂a/∂δ vanish, get no step: the least μ is far above their round-off.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tensegrity_mj.actuation import Actuation, OnInfeasible
+from tensegrity_mj.capabilities import require_dry, require_still_supports
+from tensegrity_mj.checks import real_array
+from tensegrity_mj.engines.run import Accelerations, Request
+from tensegrity_mj.errors import InfeasibleError, OptionError
+from tensegrity_mj.families.arguments import whole
+from tensegrity_mj.law import native_law
+from tensegrity_mj.linearization.chart import Chart
+from tensegrity_mj.linearization.differences import reach_of
+from tensegrity_mj.resistance import Resistance
+from tensegrity_mj.scene import Scene
+
+Array = NDArray[np.float64]
+
+STEP = 1e-5  # of the shortest member: central differences have an error of its square, 1e-10 of ∂a/∂δ
+LEAST_SHIFT = 1e-9  # of the largest ∂a/∂δ: above that error, below what holds the softest motion of most structures
+LONGEST_MOVE = 0.3  # of the shortest member, of any node in one step
+SMALL_MOVE = 1e-10  # of the same: the Newton step after which none follows
+SPENT_MOVE = 1e-6  # of the same: below it, steps that get no shorter are made of round-off
+PATIENCE = 3  # of these
+OVERSHOOT = 0.5  # of the force along a step: what it may be against it after it
+TRIALS = 40
+ESCAPES = 6
+KICK = 1e-2  # of the shortest member, along a motion that nothing holds back
+UNSTABLE = 1e-6  # of the largest ∂a/∂δ
+
+
+class AcceleratingEngine(Protocol):
+    """An engine that tells the accelerations of the nodes."""
+
+    def accelerations(self, request: Request) -> Accelerations:
+        """See `engines.run.Accelerations`."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class EngineEquilibrium:
+    """Where an engine is at rest; N nodes.
+
+    Attributes:
+        scene: what was asked for, starting there at rest.
+        engine: one line.
+        nodes: (N, 3) [m].
+        accelerations: (N, 3) [m/s²] what is left of them.
+        move: [m] the last step's largest: how far off the nodes may be.
+        growth: [1/s²] the largest eigenvalue of ∂a/∂δ: below zero, or zero of neutral motions, where it is stable.
+        iterations, evaluations: steps, and calls of the engine.
+    """
+
+    scene: Scene
+    engine: str
+    nodes: Array
+    accelerations: Array
+    move: float
+    growth: float
+    iterations: int
+    evaluations: int
+
+
+def engine_equilibrium(
+    scene: Scene, engine: AcceleratingEngine, *, nodes: ArrayLike | None = None, iterations: int = 300
+) -> EngineEquilibrium:
+    """A stable equilibrium of a scene by an engine's accelerations alone, near the start.
+
+    Weights, loads at t = 0 and bent joints' stiffness count; contact, breaks and what resists motion do not.
+
+    Args:
+        scene: strings have their own rest lengths.
+        engine: `MuJoCo(...)`, `DAE(...)` or `ODE(...)`; only its equations count, not its steps.
+        nodes: (N, 3) [m] where to start; the scene's start by default.
+        iterations: at most.
+
+    Raises:
+        OptionError: for arguments that do not fit.
+        SceneError: for a start that stretches a rod or breaks a support, moved supports, and water.
+        InfeasibleError: where none is found.
+    """
+    if not isinstance(scene, Scene):
+        raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
+    if isinstance(engine, type) or not callable(getattr(engine, "accelerations", None)):
+        raise OptionError(f"engine = {engine!r}; use MuJoCo(...), DAE(...) or ODE(...)")
+    limit = whole("iterations", iterations, 1)
+    require_still_supports(scene, "engine_equilibrium is")
+    require_dry(scene, "engine_equilibrium is")
+    shape = (len(scene.structure.nodes), 3)
+    start = scene.nodes0 if nodes is None else real_array("nodes", nodes, shape, "m", scalar=False)
+    bending = None if scene.resistance is None else scene.resistance.bending
+    resistance = None if bending is None else Resistance(bending=replace(bending, damping=0.0))
+    scene = scene.with_(
+        initial_nodes=start, initial_velocities=None, breaks=(), contact=None, resistance=resistance, control=None
+    )
+    return _Search(scene, engine).found(limit)
+
+
+class _Search:
+    """The search's scene, its engine, and what both have cost."""
+
+    def __init__(self, scene: Scene, engine: AcceleratingEngine) -> None:
+        self.scene, self.engine, self.evaluations = scene, engine, 0
+        nothing = native_law(None, scene.structure)
+        self.field = engine.accelerations(
+            Request(scene, nothing, Actuation.continuous(), OnInfeasible.STOP, 1.0, None, progress=False)
+        )
+        self.still = np.zeros_like(scene.nodes0)
+        self.reach = reach_of(scene.structure, scene.nodes0)
+
+    def found(self, limit: int) -> EngineEquilibrium:
+        """Down, away from what is unstable, and down again."""
+        nodes, used = np.array(self.scene.nodes0), 0
+        for _ in range(ESCAPES):
+            nodes, move, slopes, chart, taken = self._down(nodes, limit - used)
+            used += taken
+            values, vectors = np.linalg.eig(slopes)
+            top = int(np.argmax(values.real)) if len(values) else 0
+            growth = float(values.real[top]) if len(values) else 0.0
+            if growth <= UNSTABLE * float(np.abs(slopes).max(initial=0.0)):
+                left = self.field(0.0, nodes, self.still)[1]
+                there = self.scene.with_(initial_nodes=nodes)
+                return EngineEquilibrium(there, str(self.engine), nodes, left, move, growth, used, self.evaluations)
+            motion = np.asarray(vectors[:, top].real, float)
+            far = float(np.linalg.norm(chart.state(np.zeros(chart.size), motion)[1], axis=1).max())
+            nodes = chart.state(motion * (KICK * self.reach / far), np.zeros(chart.size))[0]
+        raise InfeasibleError(
+            f"'{self.scene.name}': {ESCAPES} unstable equilibria were left one after another; start elsewhere "
+            "(nodes=...)"
+        )
+
+    def _down(self, nodes: Array, limit: int) -> tuple[Array, float, Array, Chart, int]:
+        """Nodes at rest, the last move [m], ∂a/∂δ and the chart there, and the number of steps."""
+        shift: float | None = None
+        last, spent = np.inf, 0
+        for taken in range(limit):
+            chart = Chart(self.scene.structure, nodes)
+            none = np.zeros(chart.size)
+            a, slopes = self._accelerations(chart, none), self._slopes(chart)
+            stiffest = float(np.abs(slopes).max(initial=0.0))
+            if not chart.size or (stiffest == 0 and not a.any()):
+                return nodes, 0.0, slopes, chart, taken
+            least = max(LEAST_SHIFT * stiffest, 1e-300)
+            highest = float(np.linalg.eigvals(slopes).real.max())
+            steady = highest <= UNSTABLE * stiffest
+            shift = max(least, highest) if shift is None else shift
+            if steady:
+                step = np.asarray(np.linalg.solve(least * np.eye(chart.size) - slopes, a), float)
+                move = float(np.linalg.norm(chart.state(none, step)[1], axis=1).max())
+                if move <= SMALL_MOVE * self.reach:
+                    return chart.state(step, none)[0], move, slopes, chart, taken + 1
+                spent = spent + 1 if move <= SPENT_MOVE * self.reach and move >= 0.9 * last else 0
+                if spent == PATIENCE:  # forces of round-off make no better one
+                    return nodes, move, slopes, chart, taken
+                last = min(last, move)
+            for _ in range(TRIALS):
+                # K + μ M is definite above the highest eigenvalue of ∂a/∂δ.
+                mu = max(shift, least) if steady else max(shift, 1.5 * highest)
+                s = np.asarray(np.linalg.solve(mu * np.eye(chart.size) - slopes, a), float)
+                move = float(np.linalg.norm(chart.state(none, s)[1], axis=1).max())
+                if move <= LONGEST_MOVE * self.reach:
+                    there = self._accelerations(chart, s)
+                    along, after = self._power(chart, a, s), self._power(chart, there, s)
+                    if after > -OVERSHOOT * along:
+                        break
+                shift = 4.0 * max(mu, least)
+            else:
+                raise self._none(taken, a)
+            nodes = chart.state(s, none)[0]
+            shift = max(shift / 8.0, least * 0.5)
+        raise self._none(limit, np.zeros(0))
+
+    def _accelerations(self, chart: Chart, delta: Array) -> Array:
+        """δ̈ (n,) at rest at δ."""
+        self.evaluations += 1
+        rest = np.zeros(chart.size)
+        nodes, rates = chart.state(delta, rest)
+        return chart.accelerations(delta, rest, self.field(0.0, nodes, rates)[1])
+
+    def _slopes(self, chart: Chart) -> Array:
+        """∂a/∂δ (n, n)."""
+        columns = []
+        for k in range(chart.size):
+            h = STEP * self.reach / chart.lever(k)
+            unit = h * np.eye(chart.size)[k]
+            columns.append((self._accelerations(chart, unit) - self._accelerations(chart, -unit)) / (2 * h))
+        return np.array(columns).reshape(chart.size, chart.size).T
+
+    def _power(self, chart: Chart, a: Array, s: Array) -> float:
+        """The force along a step, by the masses and the accelerations that it makes: aᵀ M s."""
+        from tensegrity_mj.rods import kinetic_energy
+
+        none = np.zeros(chart.size)
+        (_, one), (_, other) = chart.state(none, a), chart.state(none, s)
+        structure = self.scene.structure
+        return float(kinetic_energy(structure, one + other) - kinetic_energy(structure, one - other)) / 2
+
+    def _none(self, taken: int, a: Array) -> InfeasibleError:
+        left = f": {np.abs(a).max():.3g} of acceleration is left" if a.size else ""
+        return InfeasibleError(
+            f"'{self.scene.name}': no equilibrium of {self.engine} after {taken} steps{left}. Is anything held by "
+            "slack strings alone, or does the structure fall without end? Start nearer (nodes=...), or allow more iterations"
+        )

@@ -1,0 +1,205 @@
+"""Equilibrium by Newton's method on the energy, kept on the lengths of the rods.
+
+Each step solves
+
+    [ Zᵀ K Z + μ   Zᵀ Cᵀ ] [ s  ]   [ -Zᵀ (∇Π + Cᵀ N)  ]
+    [ C Z         -ℓ/EA  ] [ δN ] = [ ℓ + N ℓ/EA - L   ]
+
+and is then brought back to L = ℓ + (N + δN) ℓ/EA. μ (Levenberg and Marquardt) grows until the energy falls as the
+quadratic model says, so that saddles are left and slack strings do no harm; it vanishes at the end, where Newton's own
+steps converge quadratically. A state that is found unstable is left along its softest motion.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from tensegrity_mj.errors import InfeasibleError, OptionError
+from tensegrity_mj.families.arguments import whole
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.statics import linear_systems
+from tensegrity_mj.statics.model import StaticModel
+from tensegrity_mj.statics.state import StaticState
+from tensegrity_mj.structure import Structure
+
+Array = NDArray[np.float64]
+
+EPS = float(np.finfo(float).eps)
+FIRST_REGULARIZATION = 1e-3  # of the stiffest string
+LEAST_REGULARIZATION = 1e-12
+MOST_REGULARIZATION = 1e8
+LONGEST_MOVE = 0.3  # of the mean member, of any node in one step
+ESCAPES = 12  # unstable states that are left before it gives up
+KICK = 1e-2  # of the mean member, along the softest motion
+
+
+def find_equilibrium(
+    scene: StaticModel | Scene | Structure, *, parameter: float = 1.0, iterations: int = 1000, stable: bool = True
+) -> StaticState:
+    """The equilibrium that the energy falls to from the start.
+
+    Args:
+        scene: a `StaticModel`, or what `StaticModel.of` takes: rigid rods, no further loads.
+        parameter: what further loads and holds' displacements are multiplied by.
+        iterations: at most.
+        stable: leave an equilibrium that is none of least energy (a start may be one, by symmetry), and go on.
+
+    Raises:
+        InfeasibleError: where there is no equilibrium: nothing holds the loads, or nothing converges; it says which.
+        OptionError: for arguments that do not fit.
+    """
+    model = scene if isinstance(scene, StaticModel) else StaticModel.of(scene)
+    limit = whole("iterations", iterations, 1)
+    if not np.isfinite(parameter):
+        raise OptionError(f"parameter = {parameter!r}; it must be a finite number")
+    model.require_held(parameter)
+    x = placed(model, parameter)
+    used = 0
+    for _ in range(ESCAPES):
+        x, forces, taken = _descend(model, x, parameter, limit - used)
+        used += taken
+        state = StaticState(model, x.reshape(-1, 3).copy(), forces, parameter, used)
+        if not stable:
+            return state
+        values, motions = state.softest(1)
+        if not len(values) or values[0] > -1e-9 * model.scale[1]:
+            return state
+        x = _kicked(model, state, motions[:, 0])
+    raise InfeasibleError(
+        f"'{model.scene.name}': {ESCAPES} unstable states were left one after another and no stable one found; start "
+        "elsewhere (nodes=...), or ask for any equilibrium (stable=False)"
+    )
+
+
+def placed(model: StaticModel, parameter: float) -> Array:
+    """The start (3N,), with holds moved to where the parameter wants them and rods brought to their lengths."""
+    x = model.start.ravel() + parameter * model.boundary.moved
+    found = linear_systems.projected(model, x, model.rod_lengths)
+    if found is None:
+        gap = np.abs(model.rods(x).lengths / model.rod_lengths - 1) if len(model.rod_lengths) else np.zeros(1)
+        worst = int(gap.argmax())
+        raise InfeasibleError(
+            f"'{model.scene.name}': rod '{model.structure.rods[worst].name}' is off its length by a part of "
+            f"{gap[worst]:.3g} at the start, and no place nearby gives all rods theirs within supports and holds; "
+            "start elsewhere, or move holds in smaller steps (`follow`)"
+        )
+    return found
+
+
+def _descend(model: StaticModel, x: Array, parameter: float, limit: int) -> tuple[Array, Array, int]:
+    """x, rod forces and the number of steps: down the energy to where no force is left."""
+    Z, (length, stiffest) = model.boundary.Z, model.scale
+    elastic = model.compliance > 0
+    mu = FIRST_REGULARIZATION * stiffest
+    compliance = model.compliance + linear_systems.proximal(model) * ~elastic
+    energy = model.energy(x, parameter) + model.rod_energy(x)
+    gradient = model.gradient(x, parameter)
+    forces = linear_systems.rod_forces(model, x, gradient)
+    rough = 0.0
+    for taken in range(limit):
+        C = sparse.csr_array(model.rod_slopes(x) @ Z)
+        left = Z.T @ gradient + C.T @ forces
+        size = float(np.abs(left).max(initial=0.0))
+        rough = round_off(model, x, parameter)
+        if size <= rough:
+            return x, forces, taken
+        H = sparse.csr_array(Z.T @ model.hessian(x, forces) @ Z)
+        gap = model.rod_lengths - model.rods(x).lengths
+        # What no stiffness resists would move far for a force of round-off: steps go across it.
+        neutral = sparse.csr_array((Z.T @ model.neutral_motions(x, parameter, forces)).T)
+        right = np.concatenate([-left, np.where(elastic, 0.0, gap), np.zeros(neutral.shape[0])])
+        while True:
+            if mu > MOST_REGULARIZATION * stiffest:
+                if size <= 1e4 * rough:  # no step lowers an energy whose digits are spent
+                    return x, forces, taken
+                raise _stuck(model, taken, size)
+            matrix = linear_systems.saddle_matrix(
+                H + mu * sparse.eye_array(H.shape[0]),
+                sparse.csr_array(sparse.vstack([C, neutral])),
+                np.concatenate([compliance, np.zeros(neutral.shape[0])]),
+            )
+            found = linear_systems.solve(matrix, right)
+            if found is None:
+                mu *= 4.0
+                continue
+            s, change = found[: len(left)], found[len(left) : len(left) + len(forces)]
+            move = Z @ s
+            stretch = (C @ s)[elastic]
+            slope = float(left @ s)
+            predicted = slope + 0.5 * float(s @ (H @ s)) + 0.5 * float(np.sum(stretch**2 / model.compliance[elastic]))
+            longest = float(np.abs(move).max(initial=0.0))
+            if not (predicted < 0 and longest <= LONGEST_MOVE * length):
+                mu *= 4.0
+                continue
+            target = model.rod_lengths + model.compliance * (forces + change)
+            there = linear_systems.projected(model, x + move, np.where(target > 0, target, model.rod_lengths))
+            if there is None:
+                mu *= 4.0
+                continue
+            energy_there = model.energy(there, parameter) + model.rod_energy(there)
+            gradient_there = model.gradient(there, parameter)
+            forces_there = linear_systems.rod_forces(model, there, gradient_there)
+            digits = 30 * _energy_round_off(model, x, forces, parameter)
+            if abs(predicted) <= digits:
+                # The energy has no digits left to judge by; forces have.
+                C_there = model.rod_slopes(there) @ Z
+                now = float(np.abs(Z.T @ gradient_there + C_there.T @ forces_there).max(initial=0.0))
+                good, ratio = now < size, 1.0
+                if not good and size <= 1e4 * rough:
+                    return x, forces, taken
+            else:
+                ratio = (energy_there - energy) / predicted
+                good = ratio > 1e-3
+            if good:
+                x, energy, gradient, forces = there, energy_there, gradient_there, forces_there
+                mu = (
+                    max(mu / 6.0, LEAST_REGULARIZATION * stiffest)
+                    if ratio > 0.6
+                    else mu * (1.0 if ratio > 0.2 else 2.0)
+                )
+                break
+            mu *= 4.0
+    raise _stuck(model, limit, size)
+
+
+def round_off(model: StaticModel, x: Array, parameter: float) -> float:
+    """[N] what round-off leaves of forces that cancel: of lengths times stiffness of strings and elastic rods."""
+    elastic = model.compliance > 0
+    largest = float(np.max(model.stiffness * model.strings(x).lengths, initial=0.0))
+    largest += float(np.max(model.rod_lengths[elastic] / model.compliance[elastic], initial=0.0))
+    largest += float(np.abs(model.external(parameter)).max(initial=0.0))
+    return 8 * EPS * max(largest, 1e-290)
+
+
+def _energy_round_off(model: StaticModel, x: Array, forces: Array, parameter: float) -> float:
+    """[J]: lengths have errors of EPS, which forces multiply."""
+    lengths = model.strings(x).lengths
+    strings = float(model.tensions(lengths) @ lengths) + float(np.abs(forces) @ model.rod_lengths)
+    return EPS * (strings + float(np.abs(model.external(parameter)) @ np.abs(x - model.start.ravel())))
+
+
+def _kicked(model: StaticModel, state: StaticState, motion: Array) -> Array:
+    """Some way along a motion, on the side where the energy is lower."""
+    length = model.scale[0]
+    step = KICK * length / float(np.abs(motion).max())
+    tried = []
+    for sign in (1.0, -1.0):
+        x = linear_systems.projected(model, state.x + sign * step * motion, state.rod_lengths)
+        if x is not None:
+            tried.append((model.energy(x, state.parameter) + model.rod_energy(x), -sign, x))
+    if not tried:
+        raise InfeasibleError(
+            f"'{model.scene.name}': an unstable state was found, and rods leave no way along its softest motion; ask "
+            "for any equilibrium (stable=False)"
+        )
+    return min(tried, key=lambda one: one[:2])[2]
+
+
+def _stuck(model: StaticModel, taken: int, size: float) -> InfeasibleError:
+    return InfeasibleError(
+        f"'{model.scene.name}': no equilibrium after {taken} steps: {size:.3g} N are left. Is anything held by slack "
+        "strings alone, or does the structure fall without end? Give it supports or tension, more iterations, or a "
+        "start (nodes=...) that is nearer"
+    )

@@ -1,0 +1,297 @@
+"""Pictures of a static study: where the structure stands, what its members carry, paths and modes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.pictures import palette
+from tensegrity_mj.plots import GREY
+from tensegrity_mj.statics.modes import Modes
+from tensegrity_mj.statics.path import Kind
+from tensegrity_mj.statics.response import Response
+from tensegrity_mj.structure import Structure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from tensegrity_mj.statics.state import StaticState
+
+Array = NDArray[np.float64]
+
+ELEVATION, AZIMUTH = np.radians(22.0), np.radians(-55.0)
+FLAT = 1e-6  # of the largest extent: thinner is a plane
+SLENDER = 0.35  # of the largest extent: a second one below it is seen from the side
+NAMED = 40  # members that a bar chart names
+PANELS = 6
+MODE_SIZE = 0.12  # of the largest extent: how far the most moved node of a drawn mode goes
+CURVES = 6
+LINES = 8  # rods and strings that are drawn one by one along a path
+WIDTH = 9.0  # inches
+FAINT = (0.72, 0.74, 0.77)
+
+
+def structure_figure(before: Array, state: StaticState) -> Figure:
+    """The structure before, in grey, and in equilibrium, its strings in the colours of their tensions."""
+    view = _view(np.concatenate([before, state.nodes]))
+    figure = _figure(WIDTH, _height(np.concatenate([before, state.nodes]), view))
+    panel = figure.subplots()
+    structure, whole = state.model.structure, state.model.stiffness > 0
+    _draw_plain(panel, structure, before @ view.T, whole, FAINT, 0.9)
+    largest = float(state.tensions.max(initial=0.0))
+    colors = palette.tension_colors(state.tensions / (largest or 1.0))
+    colors[state.slack] = palette.SLACK
+    flat = state.nodes @ view.T
+    _draw(panel, flat, structure.rod_nodes, [palette.ROD] * len(structure.rods), 2.6)
+    _draw(panel, flat, structure.string_nodes[whole], colors[whole], 1.1)
+    if largest > 0:
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import ListedColormap, Normalize
+
+        scale = ScalarMappable(Normalize(0.0, largest), ListedColormap(palette.tension_colors(np.linspace(0, 1, 128))))
+        bar = figure.colorbar(scale, ax=panel, shrink=0.7, label="tension [N]")
+        bar.ax.tick_params(labelsize=8)
+    _space(panel)
+    _scale_bar(panel)
+    return figure
+
+
+def members_figure(state: StaticState) -> Figure:
+    """Tensions of the strings and axial forces of the rods, the largest first."""
+    structure, whole = state.model.structure, state.model.stiffness > 0
+    kinds = [
+        (
+            "strings",
+            "tension [N]",
+            np.array([s.name for s in structure.strings])[whole].tolist(),
+            state.tensions[whole],
+        ),
+        ("rods", "axial force [N]", [rod.name for rod in structure.rods], state.rod_forces),
+    ]
+    kinds = [kind for kind in kinds if len(kind[2])]
+    figure = _figure(WIDTH, 3.2)
+    for panel, (title, unit, names, values) in zip(np.atleast_1d(figure.subplots(1, len(kinds))), kinds, strict=True):
+        order = np.argsort(-np.abs(values), kind="stable")
+        colors = [palette.CYCLE[0] if value >= 0 else palette.CYCLE[2] for value in values[order]]
+        panel.bar(np.arange(len(values)), values[order], color=colors, width=0.8 if len(values) <= NAMED else 1.0)
+        if len(values) <= NAMED:
+            panel.set_xticks(np.arange(len(values)), [names[k] for k in order], rotation=90)
+        else:
+            panel.set_xlabel(f"{len(values)} {title}, the largest first", fontsize=9)
+        _finish(panel, f"{title}: blue in tension, red in compression" if title == "rods" else title, unit)
+    return figure
+
+
+def response_figure(response: Response) -> Figure:
+    """Force over displacement, the lowest stiffness, tensions and rod forces along a path."""
+    path = response.path
+    s, strings, rods = path.parameters, path.tensions, path.rod_forces
+    figure = _figure(WIDTH, 6.4)
+    panels = figure.subplots(2, 2)
+    for number, curve in enumerate(response.curves[:CURVES]):
+        color = palette.CYCLE[number % len(palette.CYCLE)]
+        panels[0, 0].plot(curve.displacement, curve.force, color=color, lw=1.4, label=curve.name)
+        for critical in path.criticals:
+            at = _along(response, critical.parameter, critical.state.nodes)
+            panels[0, 0].plot(
+                np.interp(at, np.arange(len(s)), curve.displacement),
+                np.interp(at, np.arange(len(s)), curve.force),
+                **_mark(critical.kind),
+            )
+        for event in response.slack_events:
+            panels[0, 0].plot(curve.displacement[event.point], curve.force[event.point], ".", ms=4, color=palette.SLACK)
+    _finish(panels[0, 0], "force over displacement", "[N]")
+    panels[0, 0].set_xlabel("[m]", fontsize=9)
+    low = path.lowest.copy()
+    low[~np.isfinite(low)] = np.nan
+    panels[0, 1].plot(s, low, color=palette.CYCLE[0], lw=1.4)
+    panels[0, 1].axhline(0.0, color=GREY, lw=0.8)
+    for kind in dict.fromkeys(critical.kind for critical in path.criticals):
+        points = [critical.parameter for critical in path.criticals if critical.kind is kind]
+        panels[0, 1].plot(points, np.zeros(len(points)), label=kind.value, **_mark(kind))
+    _finish(panels[0, 1], "lowest stiffness", "[N/m]")
+    _bundle(panels[1, 0], s, strings, [string.name for string in path.model.structure.strings], "tensions")
+    for event in response.slack_events:
+        panels[1, 0].plot(event.parameter, 0.0, ".", ms=4, color=palette.SLACK)
+    _bundle(panels[1, 1], s, rods, [rod.name for rod in path.model.structure.rods], "axial forces of rods")
+    for panel in (panels[0, 1], panels[1, 0], panels[1, 1]):
+        panel.set_xlabel("parameter", fontsize=9)
+    return figure
+
+
+def modes_figure(modes: Modes) -> Figure | None:
+    """The first modes, each drawn on one side over the equilibrium; None where there is none."""
+    shapes = [modes.shapes[:, k].reshape(-1, 3) for k in range(min(PANELS, len(modes.squares)))]
+    what = [
+        "grows" if grows else "held by nothing" if loose else f"{frequency:.4g} Hz"
+        for grows, loose, frequency in zip(modes.unstable, modes.loose, modes.frequencies, strict=True)
+    ]
+    titles = [f"{k + 1}: {what[k]}" for k in range(len(shapes))]
+    return _shapes_figure(modes.state, shapes, titles)
+
+
+def buckling_figure(response: Response) -> Figure | None:
+    """How the structure leaves its path at its critical points; None where there are none."""
+    found = response.path.criticals[:PANELS]
+    if not found:
+        return None
+    titles = [f"{critical.kind.value}, parameter {critical.parameter:.4g}" for critical in found]
+    return _shapes_figure(found[0].state, [critical.mode for critical in found], titles, [c.state.nodes for c in found])
+
+
+def _shapes_figure(
+    state: StaticState, shapes: list[Array], titles: list[str], places: list[Array] | None = None
+) -> Figure | None:
+    if not shapes:
+        return None
+    structure, whole = state.model.structure, state.model.stiffness > 0
+    at = [state.nodes] * len(shapes) if places is None else places
+    reach = MODE_SIZE * float(np.max(state.nodes.max(axis=0) - state.nodes.min(axis=0)) or 1.0)
+    sizes = [float(np.linalg.norm(shape, axis=1).max()) for shape in shapes]
+    moved = [x + shape * (reach / size) for x, shape, size in zip(at, shapes, sizes, strict=True)]
+    # Looked at together: motions across a plane are not seen along its normal.
+    view = _view(np.concatenate([*at, *moved]))
+    columns = min(3, len(shapes))
+    rows = -(-len(shapes) // columns)
+    height = _height(np.concatenate([*at, *moved]), view, WIDTH / columns)
+    figure = _figure(WIDTH, rows * (height + 0.3))
+    panels = np.atleast_1d(figure.subplots(rows, columns)).ravel()
+    for panel, x, there, title in zip(panels, at, moved, titles, strict=False):
+        _draw_plain(panel, structure, x @ view.T, whole, FAINT, 0.7)
+        _draw(panel, there @ view.T, structure.rod_nodes, [palette.CYCLE[0]] * len(structure.rods), 1.8)
+        _draw(panel, there @ view.T, structure.string_nodes[whole], [palette.CYCLE[5]] * int(whole.sum()), 0.8)
+        panel.set_title(title, fontsize=9)
+        _space(panel)
+    for panel in panels[len(shapes) :]:
+        panel.set_axis_off()
+    return figure
+
+
+def _view(points: Array) -> Array:
+    """(2, 3): right and up, as one looks at these points: along the normal of a plane, from the side of a beam."""
+    look = np.array([np.cos(ELEVATION) * np.cos(AZIMUTH), np.cos(ELEVATION) * np.sin(AZIMUTH), np.sin(ELEVATION)])
+    _, singular, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    up = np.array([0.0, 0.0, 1.0])
+    if singular[1] > FLAT * singular[0] and singular[2] <= FLAT * singular[0]:
+        look = axes[2] * (np.sign(axes[2] @ look) or 1.0)
+    elif singular[1] <= SLENDER * singular[0]:
+        look = look - (look @ axes[0]) * axes[0]
+    look = look / np.linalg.norm(look)
+    if abs(up @ look) > 0.999:
+        up = np.array([0.0, 1.0, 0.0])
+    up = up - (up @ look) * look
+    up = up / np.linalg.norm(up)
+    view = np.array([np.cross(up, look), up])
+    if singular[1] <= SLENDER * singular[0]:
+        # Beams lie: they would be a narrow strip upright.
+        along = view @ axes[0]
+        along = along / np.linalg.norm(along) * (np.sign(along[0]) or 1.0)
+        view = np.array([[along[0], along[1]], [-along[1], along[0]]]) @ view
+    return view
+
+
+def _height(points: Array, view: Array, width: float = WIDTH) -> float:
+    """Inches, in proportion to what is drawn."""
+    flat = points @ view.T
+    size = flat.max(axis=0) - flat.min(axis=0)
+    return float(np.clip(width * size[1] / max(float(size[0]), 1e-12), 0.22 * width, 0.62 * width))
+
+
+def _draw(panel: Axes, flat: Array, pairs: Any, colors: Any, width: float) -> None:
+    from matplotlib.collections import LineCollection
+
+    if len(pairs):
+        lines = [flat[pair] for pair in pairs]
+        panel.add_collection(LineCollection(lines, colors=colors, linewidths=width, capstyle="round"))
+
+
+def _draw_plain(panel: Axes, structure: Structure, flat: Array, whole: Any, color: Any, width: float) -> None:
+    _draw(panel, flat, structure.rod_nodes, [color] * len(structure.rods), 2 * width)
+    _draw(panel, flat, structure.string_nodes[whole], [color] * int(whole.sum()), width)
+
+
+def _space(panel: Axes) -> None:
+    panel.autoscale_view()
+    panel.margins(0.04)
+    panel.set_aspect("equal")
+    panel.set_axis_off()
+
+
+def _scale_bar(panel: Axes) -> None:
+    left, right = panel.get_xlim()
+    bottom, top = panel.get_ylim()
+    wanted = 0.25 * (right - left)
+    unit = 10.0 ** np.floor(np.log10(wanted))
+    length = float(unit * max(step for step in (1, 2, 5) if step * unit <= wanted))
+    y = bottom - 0.04 * (top - bottom)
+    panel.plot([left, left + length], [y, y], color=GREY, lw=1.5, solid_capstyle="butt")
+    panel.annotate(f"{length:g} m", (left, y), (0, -3), textcoords="offset points", fontsize=8, color=GREY, va="top")
+    panel.set_ylim(bottom - 0.12 * (top - bottom), top)
+
+
+def _bundle(panel: Axes, s: Array, values: Array, names: list[str], title: str) -> None:
+    """All curves where they are few; else the least, the median and the largest, and all that lies between."""
+    if not len(names):
+        panel.text(0.5, 0.5, "none", transform=panel.transAxes, ha="center", color=GREY, fontsize=9)
+    elif len(names) <= LINES:
+        for k, name in enumerate(names):
+            panel.plot(s, values[:, k], lw=1.2, color=palette.CYCLE[k % len(palette.CYCLE)], label=name)
+    else:
+        if np.all(np.diff(s) > 0) or np.all(np.diff(s) < 0):
+            panel.fill_between(s, values.min(axis=1), values.max(axis=1), color=palette.CYCLE[0], alpha=0.12, lw=0)
+        for name, curve, style in (
+            ("largest", values.max(axis=1), "-"),
+            ("median", np.median(values, axis=1), "--"),
+            ("least", values.min(axis=1), ":"),
+        ):
+            panel.plot(s, curve, ls=style, lw=1.3, color=palette.CYCLE[0], label=name)
+    _finish(panel, title, "[N]")
+
+
+def _along(response: Response, parameter: float, nodes: Array) -> float:
+    """Where between two points of the path a critical state lies, as a fraction of points."""
+    path = response.path
+    flat = np.concatenate([path.nodes.reshape(len(path.states), -1), path.parameters[:, None]], axis=1)
+    here = np.append(nodes.ravel(), parameter)
+    best = (np.inf, 0.0)
+    for k in range(len(flat) - 1):
+        span = flat[k + 1] - flat[k]
+        part = float(np.clip((here - flat[k]) @ span / max(float(span @ span), 1e-300), 0.0, 1.0))
+        best = min(best, (float(np.linalg.norm(here - flat[k] - part * span)), k + part))
+    return best[1]
+
+
+def _mark(kind: Kind) -> dict[str, Any]:
+    shape, color = {
+        Kind.LIMIT: ("^", palette.CYCLE[2]),
+        Kind.BIFURCATION: ("o", palette.CYCLE[4]),
+        Kind.SLACK: ("s", palette.SLACK),
+    }[kind]
+    return {"marker": shape, "color": color, "ls": "none", "ms": 6, "zorder": 5}
+
+
+def _finish(panel: Axes, title: str, unit: str) -> None:
+    panel.set_title(title, fontsize=10)
+    panel.set_ylabel(unit, fontsize=9)
+    panel.grid(True, color=(0.9, 0.91, 0.92), lw=0.7)
+    panel.set_axisbelow(True)
+    panel.tick_params(labelsize=8, color=GREY)
+    for side in panel.spines.values():
+        side.set_color(GREY)
+        side.set_linewidth(0.7)
+    handles, labels = panel.get_legend_handles_labels()
+    if handles:
+        columns = 2 if len(handles) > 4 else 1
+        panel.legend(handles, labels, fontsize=7.5, framealpha=0.75, edgecolor="none", ncols=columns)
+
+
+def _figure(width: float, height: float) -> Figure:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure as MatplotlibFigure
+
+    figure = MatplotlibFigure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure

@@ -1,0 +1,152 @@
+"""The linear systems of statics: steps that keep rods' lengths, projections onto them, rods' forces, eigenvalues."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.linalg import eigh, qr
+from scipy.sparse.linalg import LinearOperator, MatrixRankWarning, eigsh, splu
+
+from tensegrity_mj.statics.model import StaticModel
+
+Array = NDArray[np.float64]
+
+DENSE = 1800  # free coordinates up to which eigenvalues are found by dense matrices
+# Redundant rods make the equations singular. So little compliance, relative to the stiffest string, makes them regular;
+# it acts on changes of forces only (a proximal point), so that it leaves no error behind.
+PROXIMAL = 1e-8
+RIDGE = 1e-14
+RANK = 1e-9
+PROJECTIONS = 30
+
+
+def saddle_matrix(H: sparse.csr_array, C: sparse.csr_array, compliance: Array) -> sparse.csc_array:
+    """[H Cᵀ; C -diag(compliance)]."""
+    return sparse.csc_array(sparse.block_array([[H, C.T], [C, -sparse.diags_array(compliance)]]))
+
+
+def solve(matrix: sparse.csc_array, right: Array) -> Array | None:
+    """The solution, or None where the matrix is singular."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", MatrixRankWarning)
+        try:
+            found = splu(matrix).solve(right)
+        except (RuntimeError, MatrixRankWarning):
+            return None
+    return found if np.all(np.isfinite(found)) else None
+
+
+def proximal(model: StaticModel) -> float:
+    """[m/N] the compliance of `PROXIMAL`."""
+    return PROXIMAL / model.scale[1]
+
+
+def rod_forces(model: StaticModel, x: Array, gradient: Array) -> Array:
+    """N (R,) [N]: of elastic rods by their lengths, of rigid ones those that leave the least of Zᵀ (∇Π + Cᵀ N)."""
+    forces = model.rod_forces_from_lengths(x, np.zeros(len(model.rod_lengths)))
+    rigid = np.flatnonzero(model.compliance == 0)
+    if not len(rigid):
+        return forces
+    slopes = model.rod_slopes(x)
+    Z = model.boundary.Z
+    C = sparse.csr_array(slopes[rigid] @ Z)
+    normal = sparse.csc_array(C @ C.T)
+    factors = splu(normal + RIDGE * sparse.eye_array(len(rigid), format="csc"))
+    left = Z.T @ (gradient + slopes.T @ forces)
+    found = np.zeros(len(rigid))
+    for _ in range(3):  # refined: normal equations lose digits
+        found -= factors.solve(C @ (left + C.T @ found))
+    forces[rigid] = found
+    return forces
+
+
+def projected(model: StaticModel, x: Array, lengths: Array) -> Array | None:
+    """The nearest x, to first order, at which rods have these lengths, on the boundary's free directions; or None."""
+    if not len(lengths):
+        return x
+    Z, best = model.boundary.Z, np.inf
+    for _ in range(PROJECTIONS):
+        gap = model.rods(x).lengths - lengths
+        size = float(np.abs(gap / lengths).max())
+        if size <= 4e-16 or (size <= 1e-13 and size >= 0.5 * best):
+            return x
+        if not size < 2.0 * best:
+            return None
+        best = min(best, size)
+        C = sparse.csr_array(model.rod_slopes(x) @ Z)
+        normal = sparse.csc_array(C @ C.T) + RIDGE * sparse.eye_array(len(gap), format="csc")
+        try:
+            x = x - Z @ (C.T @ splu(normal).solve(gap))
+        except RuntimeError:
+            return None
+    return x if best <= 1e-12 else None
+
+
+def reduced_stiffness(model: StaticModel, x: Array, forces: Array) -> sparse.csr_array:
+    """Zᵀ (∇²Π + Σ N ∇²L + Cᵀ (EA/ℓ) C) Z (q, q) [N/m]; rigid rods' lengths are not in it."""
+    Z = model.boundary.Z
+    K = model.hessian(x, forces)
+    elastic = np.flatnonzero(model.compliance > 0)
+    if len(elastic):
+        C = model.rod_slopes(x)[elastic]
+        K = K + C.T @ sparse.diags_array(1.0 / model.compliance[elastic]) @ C
+    return sparse.csr_array(Z.T @ K @ Z)
+
+
+def held_lengths(model: StaticModel, x: Array) -> sparse.csr_array:
+    """(rigid rods, q): how the lengths of rigid rods change."""
+    rigid = np.flatnonzero(model.compliance == 0)
+    return sparse.csr_array(model.rod_slopes(x)[rigid] @ model.boundary.Z)
+
+
+def tangent_basis(model: StaticModel, x: Array, without: Array | None = None) -> Array:
+    """Orthonormal motions (q, t) of the free coordinates that keep rigid rods' lengths, across the given (3N, p)."""
+    rows = [held_lengths(model, x).toarray()]
+    if without is not None and without.shape[1]:
+        rows.append((model.boundary.Z.T @ without).T)
+    matrix = np.vstack(rows)
+    q = model.boundary.Z.shape[1]
+    if not len(matrix):
+        return np.eye(q)
+    Q, R, _ = qr(matrix.T, mode="full", pivoting=True)
+    size = np.abs(np.diag(R))
+    return np.asarray(Q[:, int(np.sum(size > RANK * size.max(initial=0.0))) :])
+
+
+def lowest_stiffness(
+    model: StaticModel, x: Array, forces: Array, count: int = 1, without: Array | None = None
+) -> tuple[Array, Array]:
+    """The lowest eigenvalues (m,) [N/m], m <= count, ascending, of the stiffness on admissible motions, and these.
+
+    Motions (3N, m) are orthonormal, and across those of `without`. Beyond `DENSE` coordinates the eigenvalues nearest
+    to zero are found.
+    """
+    Z = model.boundary.Z
+    if Z.shape[1] <= DENSE:
+        T = tangent_basis(model, x, without)
+        if not T.shape[1]:
+            return np.zeros(0), np.zeros((len(x), 0))
+        K = T.T @ (reduced_stiffness(model, x, forces) @ T)
+        values, vectors = eigh(0.5 * (K + K.T), subset_by_index=[0, min(count, len(K)) - 1])
+        return values, np.asarray(Z @ (T @ vectors))
+    K = reduced_stiffness(model, x, forces)
+    rows = [held_lengths(model, x)]
+    if without is not None and without.shape[1]:
+        rows.append(sparse.csr_array((Z.T @ without).T))
+    C = sparse.csr_array(sparse.vstack(rows))
+    q, shift = K.shape[0], -1e-9 * model.scale[1]
+    ridge = np.full(C.shape[0], RIDGE / model.scale[1])
+    factors = splu(saddle_matrix(sparse.csr_array(K - shift * sparse.eye_array(q)), C, ridge))
+
+    def inverse(v: Array) -> Array:
+        return np.asarray(factors.solve(np.concatenate([v, np.zeros(C.shape[0])]))[:q])
+
+    operator = LinearOperator((q, q), matvec=inverse, dtype=float)
+    start = np.random.default_rng(0).normal(size=q)
+    inverted, vectors = eigsh(operator, k=min(count + 2, q - 1), which="LM", v0=start)
+    values = shift + 1.0 / inverted
+    order = np.argsort(values)[:count]
+    return values[order], np.asarray(Z @ vectors[:, order])

@@ -1,0 +1,148 @@
+"""Equilibrium by dynamic relaxation with kinetic damping: the thesis' way of form-finding (§7.2.3).
+
+Fictitious masses move under the forces in steps of one unit of time, on the lengths of the rods. Where the kinetic
+energy has just passed a peak everything is put back by half a step, stopped, and let go again (Barnes 1999). It needs
+nothing but forces, and so is a check on Newton's method, which is some ten times faster.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from tensegrity_mj.checks import positive
+from tensegrity_mj.errors import InfeasibleError
+from tensegrity_mj.families.arguments import whole
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.statics import linear_systems
+from tensegrity_mj.statics.equilibrium import placed, round_off
+from tensegrity_mj.statics.model import StaticModel
+from tensegrity_mj.statics.state import StaticState
+from tensegrity_mj.structure import Structure
+
+Array = NDArray[np.float64]
+
+# Steps of one unit are stable for masses above a quarter of the stiffness; so much more, for it grows on the way.
+SAFETY = 1.6
+LONGEST_MOVE = 0.1  # of the mean member, of any node in one step
+
+
+def relax(
+    scene: StaticModel | Scene | Structure,
+    *,
+    parameter: float = 1.0,
+    tolerance: float = 1e-12,
+    iterations: int = 200_000,
+    progress: bool = False,
+) -> StaticState:
+    """The equilibrium that fictitious masses come to rest at.
+
+    Args:
+        scene: as for `find_equilibrium`.
+        parameter: what further loads and holds' displacements are multiplied by.
+        tolerance: part of the largest force in a member or load below which forces that are left count as none; not
+            below what round-off leaves.
+        iterations: steps at most.
+        progress: show a bar of how many digits of the forces that were left at first have gone.
+
+    Raises:
+        InfeasibleError: where nothing holds the loads, or it does not come to rest within so many steps.
+        OptionError: for arguments out of range.
+    """
+    model = scene if isinstance(scene, StaticModel) else StaticModel.of(scene)
+    part, limit = positive("tolerance", tolerance), whole("iterations", iterations, 1)
+    model.require_held(parameter)
+    x = placed(model, parameter)
+    target = np.array(model.rod_lengths)
+    Z = model.boundary.Z
+    forces = linear_systems.rod_forces(model, x, model.gradient(x, parameter))
+    masses = _masses(model, x, forces, parameter)
+    velocity = np.zeros(Z.shape[1])
+    energy, longest = 0.0, LONGEST_MOVE * model.scale[0]
+    first, size = 0.0, np.inf
+    bar = _bar(progress, model.scene.name)
+    try:
+        for taken in range(limit):
+            gradient = model.gradient(x, parameter)
+            C = sparse.csr_array(model.rod_slopes(x) @ Z)
+            reduced, light = Z.T @ gradient, C * (1.0 / masses)
+            normal = splu(sparse.csc_array(light @ C.T) + _ridge(light, C))
+            forces = -normal.solve(light @ reduced)
+            left = reduced + C.T @ forces
+            forces -= normal.solve(light @ left)  # refined: normal equations lose digits
+            left = reduced + C.T @ forces
+            size, rough = float(np.abs(left).max(initial=0.0)), round_off(model, x, parameter)
+            lengthened = target - (model.rod_lengths + model.compliance * forces)
+            settled = float(np.abs(lengthened).max(initial=0.0)) <= 1e-13 * model.scale[0]
+            if size <= max(part * _largest(model, x, forces, parameter), 4 * rough) and settled:
+                return StaticState(model, x.reshape(-1, 3).copy(), _forces(model, x, forces), parameter, taken)
+            first = max(first, size)
+            if bar is not None and taken % 50 == 0:
+                bar.n = round(max(0.0, float(np.log10(first / size))), 1)
+                bar.refresh()
+            before = velocity
+            velocity = velocity - light.T @ normal.solve(C @ velocity) - left / masses
+            fastest = float(np.abs(velocity).max(initial=0.0))
+            if fastest > longest:
+                velocity *= longest / fastest
+            now = 0.5 * float(velocity @ (masses * velocity))
+            step = velocity
+            if now < energy:
+                # The peak was about half a step ago.
+                step, velocity, energy = -0.5 * before, np.zeros_like(velocity), 0.0
+                masses = _masses(model, x, forces, parameter)
+                target = model.rod_lengths + model.compliance * forces
+            else:
+                energy = now
+            there = linear_systems.projected(model, x + Z @ step, target)
+            if there is None:
+                raise _restless(model, taken, size)
+            x = there
+    finally:
+        if bar is not None:
+            bar.close()
+    raise _restless(model, limit, size)
+
+
+def _masses(model: StaticModel, x: Array, forces: Array, parameter: float) -> Array:
+    """(q,): above a quarter of what strings, and rods by their forces, resist a coordinate with (Gershgorin)."""
+    Z = model.boundary.Z
+    # Every string counts as taut: those that are slack may become so.
+    taut = model.with_(rest_lengths=np.minimum(model.rest_lengths, model.strings(x).lengths * (1 - 1e-9)))
+    K = Z.T @ taut.hessian(x, np.abs(forces)) @ Z
+    rows = np.asarray(np.abs(sparse.csr_array(K)).sum(axis=1)).ravel()
+    load = float(np.abs(model.external(parameter)).max(initial=0.0)) / model.scale[0]
+    return SAFETY * np.maximum(0.25 * rows, max(1e-6 * float(rows.max(initial=0.0)), load, 1e-300))
+
+
+def _ridge(light: sparse.csr_array, C: sparse.csr_array) -> sparse.csc_array:
+    """So little that redundant rods leave no singular matrix."""
+    size = float((light * C).sum(axis=1).max()) if C.shape[0] else 1.0
+    return sparse.csc_array(linear_systems.RIDGE * size * sparse.eye_array(C.shape[0], format="csc"))
+
+
+def _largest(model: StaticModel, x: Array, forces: Array, parameter: float) -> float:
+    tension = model.tensions(model.strings(x).lengths)
+    parts = (tension, np.abs(forces), np.abs(model.external(parameter)))
+    return max(float(part.max(initial=0.0)) for part in parts)
+
+
+def _forces(model: StaticModel, x: Array, forces: Array) -> Array:
+    return np.where(model.compliance > 0, model.rod_forces_from_lengths(x, forces), forces)
+
+
+def _bar(progress: bool, name: str):  # type: ignore[no-untyped-def]
+    if not progress:
+        return None
+    from tqdm import tqdm
+
+    return tqdm(total=12, desc=f"relaxing {name}", unit="digit", bar_format="{l_bar}{bar}| {n:.1f} digits [{elapsed}]")
+
+
+def _restless(model: StaticModel, taken: int, size: float) -> InfeasibleError:
+    return InfeasibleError(
+        f"'{model.scene.name}': not at rest after {taken} steps of dynamic relaxation: {size:.3g} N are left; allow "
+        "more iterations, use find_equilibrium, or start nearer (nodes=...)"
+    )

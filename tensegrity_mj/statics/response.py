@@ -1,0 +1,144 @@
+"""What a path of equilibria says: curves of forces over displacements, and when strings become slack or taut."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.statics.path import Path
+from tensegrity_mj.statics.strength import MemberLoads, Use
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A force [N] over a displacement [m], (P,) each, along a path.
+
+    Attributes:
+        name: what is loaded or moved.
+        displacement: of a loaded node along its load, or of what a hold moves along its way.
+        force: the load, or the reaction of the moved nodes along their way.
+        is_load: whether the force is given, and the displacement found.
+    """
+
+    name: str
+    displacement: Array
+    force: Array
+    is_load: bool
+
+
+@dataclass(frozen=True)
+class SlackEvent:
+    """A string that becomes slack, or taut again, between the point of a path before and this one."""
+
+    string: str
+    point: int
+    parameter: float
+    slack: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """A path and what it says.
+
+    Attributes:
+        path: the equilibria.
+        curves: one a loaded node and one a hold that moves.
+        slack_events: in order.
+        members: forces and limits of all members, a row a point; its times are parameters.
+    """
+
+    path: Path
+    curves: tuple[Curve, ...]
+    slack_events: tuple[SlackEvent, ...]
+    members: MemberLoads
+
+    @classmethod
+    def of(cls, path: Path) -> Response:
+        """Of a path."""
+        lengths = np.array([state.rod_lengths for state in path.states])
+        loads = MemberLoads(path.model.structure, path.rod_forces, lengths, path.tensions, path.parameters)
+        return cls(path, tuple(_curves(path)), tuple(_slack_events(path)), loads)
+
+    @property
+    def largest_parameter(self) -> float:
+        """The largest that the path comes to: at a limit point, what the structure bears."""
+        return float(self.path.parameters.max())
+
+    @property
+    def first_violation(self) -> Use | None:
+        """The largest use at the first point where a member is beyond its limit; its `time` is the parameter."""
+        over = self.members.exceeded
+        if not over.any():
+            return None
+        row = int(np.argmax(over))
+        return self.members.largest(row, row + 1)[0]
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values."""
+        path = self.path
+        first = self.first_violation
+        violation = None if first is None else {key: value for key, value in first.to_dict().items() if key != "time"}
+        return {
+            "end": path.end.value,
+            "points": len(path.states),
+            "parameters": path.parameters.tolist(),
+            "lowest_stiffness": path.lowest.tolist(),
+            "unstable": path.unstable.tolist(),
+            "largest_parameter": self.largest_parameter,
+            "nodes": path.nodes.tolist(),
+            "rod_forces": path.rod_forces.tolist(),
+            "tensions": path.tensions.tolist(),
+            "curves": [
+                {
+                    "name": curve.name,
+                    "kind": "load" if curve.is_load else "displacement",
+                    "displacement": curve.displacement.tolist(),
+                    "force": curve.force.tolist(),
+                }
+                for curve in self.curves
+            ],
+            "criticals": [
+                {
+                    "kind": critical.kind.value,
+                    "parameter": critical.parameter,
+                    "mode": critical.mode.tolist(),
+                    "unstable_before": critical.unstable_before,
+                    "unstable_after": critical.unstable_after,
+                }
+                for critical in path.criticals
+            ],
+            "slack_events": [vars(event) for event in self.slack_events],
+            "first_violation": None if first is None else {"parameter": first.time, **(violation or {})},
+        }
+
+
+def _curves(path: Path) -> list[Curve]:
+    model, s = path.model, path.parameters
+    names = model.structure.node_names
+    found = []
+    for row in np.flatnonzero(np.any(model.loads, axis=1)):
+        size = float(np.linalg.norm(model.loads[row]))
+        moved = (path.nodes[:, row] - model.start[row]) @ (model.loads[row] / size)
+        found.append(Curve(f"load on {names[row]}", moved, s * size, True))
+    for hold in model.holds:
+        way = np.array(hold.displacement)
+        size = float(np.linalg.norm(way))
+        if size > 0:
+            force = path.reaction(hold.nodes) @ (way / size)
+            found.append(Curve(f"{', '.join(hold.nodes)} moved", s * size, force, False))
+    return found
+
+
+def _slack_events(path: Path) -> list[SlackEvent]:
+    strings = path.model.structure.strings
+    slack = np.array([state.slack for state in path.states])
+    found = []
+    for point in range(1, len(slack)):
+        for row in np.flatnonzero(slack[point] != slack[point - 1]):
+            found.append(SlackEvent(strings[row].name, point, float(path.parameters[point]), bool(slack[point, row])))
+    return found

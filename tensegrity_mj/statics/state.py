@@ -1,0 +1,128 @@
+"""A state of equilibrium: positions, forces, stiffness, and the scene that starts there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.statics import linear_systems
+from tensegrity_mj.statics.model import StaticModel
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class StaticState:
+    """A structure in equilibrium; N nodes, R rods, M strings.
+
+    Attributes:
+        model: the problem that it solves.
+        nodes: (N, 3) [m].
+        rod_forces: (R,) [N] axial forces, negative in compression. Where rigid rods are redundant, they are
+            determined up to the rods' own states of self-stress only; these are small ones.
+        parameter: of the path that it is on: what further loads and holds' displacements are multiplied by.
+        iterations: how many it took.
+    """
+
+    model: StaticModel
+    nodes: Array
+    rod_forces: Array
+    parameter: float = 1.0
+    iterations: int = 0
+
+    @property
+    def x(self) -> Array:
+        """(3N,) the node positions, one after another."""
+        return self.nodes.ravel()
+
+    @cached_property
+    def lengths(self) -> Array:
+        """(M,) [m] of the strings."""
+        return self.model.strings(self.x).lengths
+
+    @cached_property
+    def tensions(self) -> Array:
+        """(M,) [N]."""
+        return self.model.tensions(self.lengths)
+
+    @property
+    def force_densities(self) -> Array:
+        """(M,) [N/m] of the strings."""
+        return self.tensions / np.where(self.lengths > 0, self.lengths, 1.0)
+
+    @property
+    def slack(self) -> NDArray[np.bool_]:
+        """(M,) strings without tension."""
+        return self.tensions <= 0
+
+    @cached_property
+    def rod_lengths(self) -> Array:
+        """(R,) [m]: as they are; those of elastic rods change with their forces."""
+        return self.model.rods(self.x).lengths
+
+    @cached_property
+    def residual(self) -> float:
+        """[N]: the largest force that is left on a free coordinate."""
+        left = self.model.gradient(self.x, self.parameter) + self.model.rod_slopes(self.x).T @ self.rod_forces
+        return float(np.abs(self.model.boundary.Z.T @ left).max(initial=0.0))
+
+    @cached_property
+    def reactions(self) -> Array:
+        """(N, 3) [N]: what supports and holds push the nodes with."""
+        return self.model.reactions(self.x, self.rod_forces, self.parameter)
+
+    @property
+    def energy(self) -> float:
+        """[J] of strings, elastic rods, bent joints, weights and loads (the latter two from the model's start)."""
+        return self.model.energy(self.x, self.parameter) + self.model.rod_energy(self.x)
+
+    @cached_property
+    def neutral_motions(self) -> Array:
+        """(3N, p) orthonormal: motions of the whole as one body that nothing resists."""
+        return self.model.neutral_motions(self.x, self.parameter, self.rod_forces)
+
+    @cached_property
+    def lowest_stiffness(self) -> float:
+        """[N/m]: the lowest eigenvalue of the stiffness on all motions but neutral ones; above zero: stable."""
+        values, _ = self.softest(1)
+        return float(values[0]) if len(values) else float("inf")
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether every motion but neutral ones is resisted, beyond round-off."""
+        return self.lowest_stiffness > 1e-12 * self.model.scale[1]
+
+    def softest(self, count: int = 6) -> tuple[Array, Array]:
+        """The lowest eigenvalues (m,) [N/m] of the stiffness, and their motions (3N, m), neutral ones left out."""
+        return linear_systems.lowest_stiffness(self.model, self.x, self.rod_forces, count, self.neutral_motions)
+
+    def stiffness(self) -> Array:
+        """K (t, t) [N/m] on the motions of `motions()`."""
+        T = linear_systems.tangent_basis(self.model, self.x)
+        return np.asarray(T.T @ (linear_systems.reduced_stiffness(self.model, self.x, self.rod_forces) @ T))
+
+    def motions(self) -> Array:
+        """(3N, t) orthonormal: all motions that supports, holds and rigid rods admit, to first order."""
+        return np.asarray(self.model.boundary.Z @ linear_systems.tangent_basis(self.model, self.x))
+
+    def scene(self, name: str | None = None) -> Scene:
+        """The scene that starts here at rest, with these nodes as its structure's reference; strings keep their L0.
+
+        Its rods are rigid, as long as they are here. Holds, further loads and broken strings are of the study, not of
+        the scene.
+        """
+        scene, structure = self.model.scene, self.model.structure
+        placed = {key: tuple(row) for key, row in zip(structure.nodes, self.nodes.tolist(), strict=True)}
+        strings = tuple(
+            replace(string, rest_length=float(length), tension=None, force_density=None)
+            for string, length in zip(structure.strings, self.model.rest_lengths, strict=True)
+        )
+        there: Any = replace(structure, nodes=placed, strings=strings, name=name or structure.name)
+        return scene.with_(
+            structure=there, initial_nodes=None, initial_velocities=None, name=scene.name if name is None else name
+        )

@@ -1,0 +1,427 @@
+"""Whether members bear their forces: rods that yield or buckle, strings that break or hang slack.
+
+    rod:     |N| ≤ σ_y A                   it yields beyond, in tension and in compression
+             -N ≤ π² E I / ℓ²              it buckles beyond, as a straight bar between two ball joints (Euler)
+    string:  T ≤ strength                  it breaks beyond;  T = 0: it is slack
+
+Utilisation is the left side over the right one: at 1 a member is at its limit. The two limits of a rod are looked at
+one by one; a bar that is not straight, or loaded between its ends, fails before either. A rod's weight and inertia make
+its axial force vary along it: N is the mean over its length, in statics and in what engines record.
+
+A rod without section or yield stress, and a string without strength, has no limit to compare with. It is reported as
+unchecked, and nothing that holds such a member is ever called ok.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tensegrity_mj.checks import finite, real_array
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.structure import Structure
+from tensegrity_mj.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from tensegrity_mj.statics.state import StaticState
+
+Array = NDArray[np.float64]
+SHOWN = 12  # names that a line of text lists
+
+
+class Criterion(enum.Enum):
+    """What a member fails by."""
+
+    YIELD = "yield"
+    BUCKLING = "buckling"
+    STRENGTH = "strength"
+
+
+@dataclass(frozen=True)
+class Use:
+    """How much of what it bears a member takes.
+
+    Attributes:
+        member: name of the rod or string.
+        criterion: what it is compared with.
+        force: N of the rod or T of the string [N].
+        limit: the force that it bears [N].
+        utilisation: 1 at the limit.
+        time: [s] of a run; None in statics.
+    """
+
+    member: str
+    criterion: Criterion
+    force: float
+    limit: float
+    utilisation: float
+    time: float | None = None
+
+    def describe(self) -> str:
+        """In words."""
+        kind = "string" if self.criterion is Criterion.STRENGTH else "rod"
+        when = "" if self.time is None else f" at t = {self.time:.6g} s"
+        return (
+            f"{kind} '{self.member}' is at {100 * self.utilisation:.4g} % of its {self.criterion.value} limit{when}: "
+            f"{self.force:.5g} N of {self.limit:.5g} N"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values."""
+        return {**vars(self), "criterion": self.criterion.value}
+
+
+@dataclass(frozen=True)
+class SlackInterval:
+    """From which sample of a run to which one a string was slack [s]; both are times at which it was."""
+
+    string: str
+    start: float
+    end: float
+
+
+@dataclass(frozen=True, eq=False)
+class MemberLoads:
+    """Forces of a structure's members and what they bear; arrays have one row a time, (T, R) or (T, M).
+
+    Attributes:
+        structure: whose members.
+        rod_forces: N (T, R) [N], negative in compression.
+        rod_lengths: ℓ (T, R) [m].
+        tensions: T (T, M) [N].
+        times: (T,) [s], or None where there is only one row and no time.
+    """
+
+    structure: Structure
+    rod_forces: Array
+    rod_lengths: Array
+    tensions: Array
+    times: Array | None = None
+
+    @cached_property
+    def stresses(self) -> Array:
+        """N / A (T, R) [Pa]; NaN for rods without section."""
+        return self.rod_forces / _numbers(None if r.section is None else r.section.area for r in self.structure.rods)
+
+    @cached_property
+    def yield_loads(self) -> Array:
+        """σ_y A (R,) [N]; NaN where unknown."""
+        return _numbers(None if r.section is None else r.section.yield_load for r in self.structure.rods)
+
+    @cached_property
+    def euler_loads(self) -> Array:
+        """π² E I / ℓ² (T, R) [N]; NaN where unknown."""
+        per_square = _numbers(None if r.section is None else r.section.euler_load(1.0) for r in self.structure.rods)
+        return per_square / self.rod_lengths**2
+
+    @cached_property
+    def strengths(self) -> Array:
+        """(M,) [N]; NaN where unknown."""
+        return _numbers(string.strength for string in self.structure.strings)
+
+    @cached_property
+    def yielding(self) -> Array:
+        """Utilisation (T, R) of the rods by yield; NaN where unknown."""
+        return np.asarray(np.abs(self.rod_forces) / self.yield_loads)
+
+    @cached_property
+    def buckling(self) -> Array:
+        """Utilisation (T, R) of the rods by buckling, 0 in tension; NaN where unknown."""
+        return np.asarray(np.maximum(0.0, -self.rod_forces) / self.euler_loads)
+
+    @cached_property
+    def breaking(self) -> Array:
+        """Utilisation (T, M) of the strings; NaN where unknown."""
+        return np.asarray(self.tensions / self.strengths)
+
+    @cached_property
+    def unchecked(self) -> tuple[str, ...]:
+        """What has no limit to compare with: "rod 'r1' (yield)", "string 's1' (strength)", ..."""
+        found = []
+        for rod in self.structure.rods:
+            if rod.section is None:
+                found.append(f"rod '{rod.name}' (yield, buckling)")
+            elif rod.section.yield_stress is None:
+                found.append(f"rod '{rod.name}' (yield)")
+        found += [f"string '{s.name}' (strength)" for s in self.structure.strings if s.strength is None]
+        return tuple(found)
+
+    def largest(self, start: int = 0, end: int | None = None) -> list[Use]:
+        """The largest use of every member by every criterion that it has, over those rows; the largest first."""
+        rods, strings = ([member.name for member in kind] for kind in (self.structure.rods, self.structure.strings))
+        yields = np.broadcast_to(self.yield_loads, self.rod_forces.shape)
+        breaks = np.broadcast_to(self.strengths, self.tensions.shape)
+        found = []
+        for names, criterion, use, force, limit in (
+            (rods, Criterion.YIELD, self.yielding, self.rod_forces, yields),
+            (rods, Criterion.BUCKLING, self.buckling, self.rod_forces, self.euler_loads),
+            (strings, Criterion.STRENGTH, self.breaking, self.tensions, breaks),
+        ):
+            rows = start + np.argmax(np.where(np.isnan(use), -np.inf, use)[start:end], axis=0)
+            for column, (name, row) in enumerate(zip(names, rows.tolist(), strict=True)):
+                if np.isfinite(limit[row, column]):
+                    at = (row, column)
+                    time = None if self.times is None else float(self.times[row])
+                    found.append(Use(name, criterion, float(force[at]), float(limit[at]), float(use[at]), time))
+        return sorted(found, key=lambda one: -one.utilisation)
+
+    @cached_property
+    def exceeded(self) -> NDArray[np.bool_]:
+        """(T,): whether some member is beyond its limit."""
+        parts = [np.any(use > 1.0, axis=1) for use in (self.yielding, self.buckling, self.breaking)]
+        return np.asarray(np.logical_or.reduce(parts))
+
+
+@dataclass(frozen=True, eq=False)
+class MemberCheck:
+    """What the members of a structure bear in one state.
+
+    Attributes:
+        loads: forces, limits and utilisations of all members, in arrays of one row.
+        uses: every criterion of every member that has one, the largest utilisation first.
+        violations: those of `uses` beyond 1.
+        slack: names of the strings without tension.
+        unchecked: which members have no limit, by which criterion.
+    """
+
+    loads: MemberLoads
+    uses: tuple[Use, ...]
+    violations: tuple[Use, ...]
+    slack: tuple[str, ...]
+    unchecked: tuple[str, ...]
+
+    @property
+    def worst(self) -> Use | None:
+        """The largest use; None where nothing can be checked."""
+        return self.uses[0] if self.uses else None
+
+    @property
+    def ok(self) -> bool:
+        """Whether every member was checked, and none is beyond its limit. Slack strings are no violation."""
+        return not self.violations and not self.unchecked
+
+    def describe(self) -> tuple[str, ...]:
+        """Lines for people."""
+        return (
+            *_verdict(self.worst, self.violations, self.unchecked),
+            *(one.describe() for one in self.violations[1:SHOWN]),
+            *([f"{len(self.slack)} slack: {_listed(map(repr, self.slack))}"] if self.slack else []),
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values; numbers that are not known are None."""
+        loads = self.loads
+        rods = zip(
+            loads.structure.rods,
+            *(
+                _or_none(row)
+                for row in (
+                    loads.rod_forces[0],
+                    loads.stresses[0],
+                    loads.yield_loads,
+                    loads.euler_loads[0],
+                    loads.yielding[0],
+                    loads.buckling[0],
+                )
+            ),
+            strict=True,
+        )
+        names = ("force", "stress", "yield_load", "euler_load", "yielding", "buckling")
+        cords = zip(
+            loads.structure.strings,
+            *(_or_none(row) for row in (loads.tensions[0], loads.strengths, loads.breaking[0])),
+            strict=True,
+        )
+        return {
+            "ok": self.ok,
+            "worst": None if self.worst is None else self.worst.to_dict(),
+            "violations": [use.to_dict() for use in self.violations],
+            "slack": list(self.slack),
+            "unchecked": list(self.unchecked),
+            "rods": {rod.name: dict(zip(names, numbers, strict=True)) for rod, *numbers in rods},
+            "strings": {
+                string.name: dict(zip(("tension", "strength", "breaking"), numbers, strict=True))
+                for string, *numbers in cords
+            },
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class TrajectoryCheck:
+    """What the members of a structure bear over a run, at its recorded times.
+
+    Attributes:
+        loads: forces, limits and utilisations of all members, a row a time.
+        uses: the largest of every member by every criterion that it has and when, the largest first.
+        violations: those of `uses` beyond 1.
+        first_violation: the largest use at the first time at which a member is beyond its limit, or None.
+        slack: when which strings were slack, in the order of the strings; what is broken is not slack.
+        unchecked: which members have no limit, by which criterion.
+    """
+
+    loads: MemberLoads
+    uses: tuple[Use, ...]
+    violations: tuple[Use, ...]
+    first_violation: Use | None
+    slack: tuple[SlackInterval, ...]
+    unchecked: tuple[str, ...]
+
+    @property
+    def worst(self) -> Use | None:
+        """The largest use of the run; None where nothing can be checked."""
+        return self.uses[0] if self.uses else None
+
+    @property
+    def ok(self) -> bool:
+        """Whether every member was checked, and none is ever beyond its limit. Slack strings are no violation."""
+        return not self.violations and not self.unchecked
+
+    def describe(self) -> tuple[str, ...]:
+        """Lines for people."""
+        lines = list(_verdict(self.worst, self.violations, self.unchecked))
+        if self.first_violation is not None:
+            lines.append(f"the first beyond its limit: {self.first_violation.describe()}")
+        lines += [one.describe() for one in self.violations[1:SHOWN]]
+        if self.slack:
+            names = dict.fromkeys(repr(one.string) for one in self.slack)
+            first = min(self.slack, key=lambda one: one.start)
+            lines.append(
+                f"{len(names)} slack at some time: {_listed(names)}; "
+                f"first '{first.string}' from {first.start:.6g} s to {first.end:.6g} s"
+            )
+        return tuple(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values."""
+        first = self.first_violation
+        return {
+            "ok": self.ok,
+            "worst": None if self.worst is None else self.worst.to_dict(),
+            "violations": [use.to_dict() for use in self.violations],
+            "first_violation": None if first is None else first.to_dict(),
+            "slack": [vars(one) for one in self.slack],
+            "unchecked": list(self.unchecked),
+            "uses": [use.to_dict() for use in self.uses],
+        }
+
+
+def check_members(
+    structure: Structure, nodes: ArrayLike, rod_forces: ArrayLike, tensions: ArrayLike, *, slack_below: float = 0.0
+) -> MemberCheck:
+    """What the members bear.
+
+    Args:
+        structure: with the `section`s of its rods and the `strength`s of its strings, as far as they are known.
+        nodes: (N, 3) [m]; rods are as long as they are there.
+        rod_forces: N (R,) [N], positive in tension.
+        tensions: T (M,) [N].
+        slack_below: [N]: a string is slack where its tension is at most this.
+
+    Raises:
+        OptionError: for arrays of another shape, numbers that are not finite, or a rod whose ends coincide.
+    """
+    if not isinstance(structure, Structure):
+        raise OptionError(f"structure = {structure!r}; it must be a Structure")
+    threshold = finite("slack_below", slack_below, " [N]")
+    places = real_array("nodes", nodes, (len(structure.nodes), 3), "m", scalar=False)
+    lengths = _rod_lengths(structure, places)
+    if not np.all(lengths > 0):
+        name = structure.rods[int(np.argmin(lengths))].name
+        raise OptionError(f"nodes: the ends of rod '{name}' coincide; a rod has a length")
+    forces = real_array("rod_forces", rod_forces, (len(structure.rods),), "N", scalar=False)
+    pulls = real_array("tensions", tensions, (len(structure.strings),), "N", scalar=False)
+    loads = MemberLoads(structure, forces[None], lengths[None], pulls[None])
+    uses = tuple(loads.largest())
+    slack = tuple(string.name for string, pull in zip(structure.strings, pulls, strict=True) if pull <= threshold)
+    return MemberCheck(loads, uses, tuple(use for use in uses if use.utilisation > 1), slack, loads.unchecked)
+
+
+def check_state(state: StaticState, *, slack_below: float = 0.0) -> MemberCheck:
+    """What the members bear in a state of equilibrium; see `check_members`."""
+    return check_members(state.model.structure, state.nodes, state.rod_forces, state.tensions, slack_below=slack_below)
+
+
+def check_trajectory(run: Trajectory, *, slack_below: float = 0.0) -> TrajectoryCheck:
+    """What the members bear over a run, at its recorded times; what happens between them is not seen.
+
+    N is the recorded force density of a rod times its length, and T the recorded tension, damping included. A diverged
+    run is checked up to its first sample that is not finite.
+
+    Raises:
+        OptionError: if it is no run, or one without samples.
+    """
+    if not isinstance(run, Trajectory):
+        raise OptionError(f"run = {run!r}; it must be a Trajectory")
+    threshold = finite("slack_below", slack_below, " [N]")
+    sound = [np.isfinite(part).all(axis=1) for part in (run.rod_force_densities, run.tensions)]
+    sound.append(np.isfinite(run.nodes).all(axis=(1, 2)))
+    good = np.logical_and.reduce(sound)
+    count = len(good) if good.all() else int(np.argmin(good))
+    if not count:
+        raise OptionError(f"the run of scene '{run.scene.name}' has no finite samples: there is nothing to check")
+    structure, times = run.scene.structure, run.time[:count]
+    lengths = _rod_lengths(structure, run.nodes[:count])
+    loads = MemberLoads(structure, run.rod_force_densities[:count] * lengths, lengths, run.tensions[:count], times)
+    uses = tuple(loads.largest())
+    first = None
+    if loads.exceeded.any():
+        row = int(np.argmax(loads.exceeded))
+        first = loads.largest(row, row + 1)[0]
+    return TrajectoryCheck(
+        loads,
+        uses,
+        tuple(use for use in uses if use.utilisation > 1),
+        first,
+        _slack_intervals(run, times, loads.tensions <= threshold),
+        loads.unchecked,
+    )
+
+
+def _slack_intervals(run: Trajectory, times: Array, slack: NDArray[np.bool_]) -> tuple[SlackInterval, ...]:
+    breaks = {event.string: event.time for event in run.scene.breaks}
+    found = []
+    for string, column in zip(run.scene.structure.strings, slack.T, strict=True):
+        whole = column & (times < breaks.get(string.name, np.inf))
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], whole.astype(int), [0]])))
+        found += [
+            SlackInterval(string.name, float(times[start]), float(times[end - 1]))
+            for start, end in zip(edges[::2], edges[1::2], strict=True)
+        ]
+    return tuple(found)
+
+
+def _rod_lengths(structure: Structure, nodes: Array) -> Array:
+    pairs = structure.rod_nodes
+    return np.asarray(np.linalg.norm(nodes[..., pairs[:, 1], :] - nodes[..., pairs[:, 0], :], axis=-1))
+
+
+def _numbers(values: Iterable[float | None]) -> Array:
+    return np.array([np.nan if value is None else value for value in values], float)
+
+
+def _or_none(row: Array) -> list[float | None]:
+    return [float(value) if np.isfinite(value) else None for value in row]
+
+
+def _verdict(worst: Use | None, violations: tuple[Use, ...], unchecked: tuple[str, ...]) -> list[str]:
+    """The verdict, the worst member, and what could not be checked."""
+    if violations:
+        members = {(use.member, use.criterion is Criterion.STRENGTH) for use in violations}
+        head = f"not ok: {len(members)} members are beyond a limit"
+    elif unchecked:
+        head = "nothing can be checked" if worst is None else "no limit is exceeded, as far as limits are known"
+    else:
+        head = "ok: every member was checked, and none is beyond a limit"
+    lines = [head] if worst is None else [head, f"the worst: {worst.describe()}"]
+    return [*lines, f"{len(unchecked)} unchecked: {_listed(unchecked)}"] if unchecked else lines
+
+
+def _listed(names: Iterable[str]) -> str:
+    every = list(names)
+    return ", ".join(every[:SHOWN]) + ("" if len(every) <= SHOWN else f", ... ({len(every)} in all)")

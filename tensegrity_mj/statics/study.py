@@ -1,0 +1,393 @@
+"""Everything that statics says of a scene, by one call: `analyse`."""
+
+from __future__ import annotations
+
+import enum
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path as FilePath
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tensegrity_mj.checks import member, real_array
+from tensegrity_mj.errors import InfeasibleError, OptionError
+from tensegrity_mj.families.arguments import whole
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.statics import linear_systems
+from tensegrity_mj.statics.boundary import Hold
+from tensegrity_mj.statics.equilibrium import find_equilibrium
+from tensegrity_mj.statics.materials import Material
+from tensegrity_mj.statics.model import Rods, StaticModel
+from tensegrity_mj.statics.modes import Modes, natural_modes
+from tensegrity_mj.statics.path import follow
+from tensegrity_mj.statics.prestressability import Prestressability, prestressability
+from tensegrity_mj.statics.relaxation import relax
+from tensegrity_mj.statics.response import Response
+from tensegrity_mj.statics.sizing import Sizing, minimal_mass
+from tensegrity_mj.statics.standalone import require_rigid_and_free, standalone_scene
+from tensegrity_mj.statics.state import StaticState
+from tensegrity_mj.statics.strength import MemberCheck, TrajectoryCheck, check_state, check_trajectory
+from tensegrity_mj.structure import Structure
+from tensegrity_mj.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from tensegrity_mj.statics.engine_check import EngineCheck
+    from tensegrity_mj.statics.engines import AcceleratingEngine
+
+Array = NDArray[np.float64]
+
+FORMAT = 1
+DATA, PAGE = "statics.json", "statics.html"  # what a folder holds
+EDGE = 1e-9  # of a string's length: nearer than that to its rest length, it is neither slack nor taut
+BALANCED = 1e-9  # of the largest force in a member or load: less than that is left in equilibrium
+
+
+class Search(enum.Enum):
+    """How an equilibrium is found."""
+
+    NEWTON = "newton"
+    RELAXATION = "relaxation"  # dynamic, with kinetic damping
+    BOTH = "both"  # Newton's, and the other to compare with
+
+
+@dataclass(frozen=True)
+class Materials:
+    """What the lightest members are made of, and their least radius [m]."""
+
+    rods: Material
+    strings: Material
+    least_radius: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class StaticStudy:
+    """What statics says of a scene.
+
+    Attributes:
+        model: the problem, with further loads at their full size.
+        search: how the equilibrium was found.
+        unbalanced: [N] the largest force that is left at the scene's start, without further loads.
+        starts_at_rest: whether that is an equilibrium.
+        state: the equilibrium under further loads and holds, on a path its last point; None where there is none.
+        failure: why there is none.
+        other: by dynamic relaxation, where both searches were asked for.
+        modes, prestressability, members: about the state.
+        response: along the path, where one was asked for.
+        engine: the same by an engine, where one was asked for.
+        sizing: the lightest members at the scene's start, where materials were given.
+        run: members over a run, where one was given.
+        notes: what of the scene statics leaves out, and other things to know.
+    """
+
+    model: StaticModel
+    search: Search
+    unbalanced: float
+    starts_at_rest: bool
+    state: StaticState | None
+    failure: str = ""
+    other: StaticState | None = None
+    modes: Modes | None = None
+    prestressability: Prestressability | None = None
+    members: MemberCheck | None = None
+    response: Response | None = None
+    engine: EngineCheck | None = None
+    sizing: Sizing | None = None
+    run: TrajectoryCheck | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def moved(self) -> float:
+        """[m]: how far the node that moved most is from the scene's start; NaN without an equilibrium."""
+        if self.state is None:
+            return float("nan")
+        return float(np.linalg.norm(self.state.nodes - self.model.scene.nodes0, axis=1).max(initial=0.0))
+
+    @property
+    def difference(self) -> float:
+        """[m]: the largest difference of a member's length between the two searches; NaN unless both were asked for."""
+        if self.state is None or self.other is None:
+            return float("nan")
+        pairs = ((self.state.lengths, self.other.lengths), (self.state.rod_lengths, self.other.rod_lengths))
+        return max(float(np.abs(a - b).max(initial=0.0)) for a, b in pairs)
+
+    def scene(self) -> Scene:
+        """The scene that starts in the equilibrium, with further loads as its own and without broken strings.
+
+        Raises:
+            InfeasibleError: where there is no equilibrium.
+        """
+        if self.state is None:
+            raise InfeasibleError(self.failure)
+        return standalone_scene(self.state)
+
+    def describe(self) -> list[tuple[str, str]]:
+        """Names and what there is to say, a line each."""
+        from tensegrity_mj.statics.words import describe
+
+        return describe(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything as plain values; docs/statics.md explains the keys."""
+        from tensegrity_mj.statics.words import to_dict
+
+        return to_dict(self)
+
+    def save_page(self, path: str | os.PathLike[str]) -> FilePath:
+        """Write the page (.html), which holds its pictures; returns its path."""
+        from tensegrity_mj.statics.page import write_statics_page
+
+        return write_statics_page(path, self)
+
+    def save(self, folder: str | os.PathLike[str]) -> FilePath:
+        """Write statics.json and statics.html into a folder, which is made; returns it.
+
+        Raises:
+            OptionError: where nothing can be written.
+        """
+        from tensegrity_mj.files import made_folder, replacing
+        from tensegrity_mj.jsontext import to_json
+
+        place = made_folder(folder)
+        with replacing(place / DATA) as part:
+            part.write_text(to_json({"status": self.status, **self.to_dict()}, indent=1) + "\n", encoding="utf-8")
+        self.save_page(place / PAGE)
+        return place
+
+    @property
+    def status(self) -> str:
+        """ "ok" or "infeasible"."""
+        return "infeasible" if self.state is None else "ok"
+
+
+def analyse(
+    scene: Scene | Structure | str | os.PathLike[str],
+    *,
+    rods: Rods = Rods.RIGID,
+    search: Search = Search.NEWTON,
+    loads: Mapping[str, Sequence[float]] | ArrayLike | None = None,
+    holds: Sequence[Hold] = (),
+    broken: Sequence[str] = (),
+    rest_lengths: Mapping[str, float] | ArrayLike | None = None,
+    path: bool = False,
+    points: int = 100,
+    modes: int = 12,
+    engine: AcceleratingEngine | None = None,
+    materials: Materials | None = None,
+    run: Trajectory | None = None,
+    progress: bool = False,
+) -> StaticStudy:
+    """Find the equilibrium of a scene and say what there is to say about it.
+
+    Args:
+        scene: a scene or a structure, or the name or the path of a scene.
+        rods: rigid, or elastic by their sections.
+        search: how the equilibrium is found; a path is followed by Newton's method alone.
+        loads: further ones [N]: (N, 3), or those of some nodes by name.
+        holds: further boundary conditions, with what they are moved by.
+        broken: names of strings that carry nothing.
+        rest_lengths: (M,) [m], or those of some strings by name.
+        path: follow the equilibria as loads and displacements grow from zero; else only the last one is looked for.
+        points: about how many along a straight path.
+        modes: how many natural modes.
+        engine: find the same equilibrium and frequencies by this engine too.
+        materials: size the members for least mass, at the scene's start and under its loads and the further ones.
+        run: a run of this scene, whose members are checked too.
+        progress: show bars on stderr.
+
+    Returns:
+        The study. Where there is no equilibrium, it raises, or, if there are a sizing or a run's check to return,
+        says so in `failure`.
+
+    Raises:
+        InfeasibleError: where there is no equilibrium, or no forces for a sizing.
+        OptionError: for arguments that do not fit.
+        StructureError: where elastic rods lack a section.
+    """
+    if isinstance(scene, (str, os.PathLike)):
+        from tensegrity_mj.textformat import load_scene
+
+        scene = load_scene(scene)
+    elif isinstance(scene, Structure):
+        scene = Scene(scene)
+    if not isinstance(scene, Scene):
+        raise OptionError(f"scene = {scene!r}; use a Scene, a Structure, or the name or path of a scene")
+    member("search", search, Search)
+    count = whole("modes", modes, 1)
+    if path and search is not Search.NEWTON:
+        raise OptionError(f"search = {search.value}: a path is followed by Newton's method; leave one of the two out")
+    structure = scene.structure
+    model = StaticModel.of(
+        scene,
+        rods=rods,
+        rest_lengths=_rest_lengths(structure, rest_lengths),
+        loads=_loads(structure, loads),
+        holds=holds,
+        broken=broken,
+    )
+    if engine is not None:
+        require_rigid_and_free(model)
+    checked = None if run is None else _checked(run, structure)
+    sizing = None if materials is None else _sized(model, materials)
+    unbalanced, balanced = _unbalanced(model)
+    states: list[StaticState] = []
+    response, failure = None, ""
+    try:
+        if path:
+            response = Response.of(follow(model, points=points, progress=progress))
+            states = [response.path.states[-1]]
+        else:
+            if search is not Search.RELAXATION:
+                states.append(find_equilibrium(model))
+            if search is not Search.NEWTON:
+                states.append(relax(model, progress=progress))
+    except InfeasibleError as error:
+        if checked is None and sizing is None:
+            raise
+        failure = str(error)
+    if failure:
+        return StaticStudy(
+            model, search, unbalanced, balanced, None, failure, sizing=sizing, run=checked, notes=_notes(model)
+        )
+    state = states[0]
+    natural = natural_modes(state, count)
+    return StaticStudy(
+        model=model,
+        search=search,
+        unbalanced=unbalanced,
+        starts_at_rest=balanced,
+        state=state,
+        other=states[1] if len(states) > 1 else None,
+        modes=natural,
+        prestressability=_prestressability(state),
+        members=check_state(state),
+        response=response,
+        engine=None if engine is None else _by_engine(state, natural, engine),
+        sizing=sizing,
+        run=checked,
+        notes=(*_notes(model), *_edge_notes(state)),
+    )
+
+
+def _by_engine(state: StaticState, modes: Modes, engine: AcceleratingEngine) -> EngineCheck:
+    from tensegrity_mj.statics.engine_check import check_engine  # here: engines take seconds to import
+
+    return check_engine(state, modes, engine)
+
+
+def _prestressability(state: StaticState) -> Prestressability:
+    """Of the state's own forces; where nothing is under any, of what could be prestressed there."""
+    if np.any(state.tensions > 0) or np.any(state.rod_forces != 0):
+        return prestressability(state)
+    return prestressability(state.model, nodes=state.nodes)
+
+
+def _unbalanced(model: StaticModel) -> tuple[float, bool]:
+    """[N] the largest force that is left at the start without further loads, and whether that is none."""
+    x = model.start.ravel()
+    gradient = model.gradient(x, 0.0)
+    forces = model.rod_forces_from_lengths(x, linear_systems.rod_forces(model, x, gradient))
+    left = model.boundary.Z.T @ (gradient + model.rod_slopes(x).T @ forces)
+    largest = max(
+        float(np.abs(part).max(initial=0.0))
+        for part in (model.tensions(model.strings(x).lengths), forces, model.external(0.0))
+    )
+    size = float(np.abs(left).max(initial=0.0))
+    return size, size <= BALANCED * largest
+
+
+def _loads(structure: Structure, loads: Mapping[str, Sequence[float]] | ArrayLike | None) -> ArrayLike | None:
+    if not isinstance(loads, Mapping):
+        return loads
+    forces = np.zeros((len(structure.nodes), 3))
+    for name, force in loads.items():
+        if name not in structure.node_index:
+            raise OptionError(f"loads: there is no node '{name}' in structure '{structure.name}'")
+        forces[structure.node_index[name]] += real_array(f"load on '{name}'", force, (3,), "N", scalar=False)
+    return forces
+
+
+def _rest_lengths(structure: Structure, given: Mapping[str, float] | ArrayLike | None) -> ArrayLike | None:
+    if not isinstance(given, Mapping):
+        return given
+    lengths = np.array(structure.rest_lengths)
+    names = {string.name: row for row, string in enumerate(structure.strings)}
+    for name, length in given.items():
+        if name not in names:
+            raise OptionError(f"rest_lengths: there is no string '{name}' in structure '{structure.name}'")
+        lengths[names[name]] = float(real_array(f"rest length of '{name}'", length, (), "m"))
+    return lengths
+
+
+def _sized(model: StaticModel, materials: Materials) -> Sizing:
+    if not isinstance(materials, Materials):
+        raise OptionError(f"materials = {materials!r}; use Materials(rods=STEEL, strings=STEEL)")
+    scene, structure = model.scene, model.structure
+    if not np.all(model.stiffness > 0):
+        raise OptionError("materials: strings that are to be sized are whole; leave broken ones out of the study")
+    nodes = {name: tuple(row) for name, row in zip(structure.node_names, model.start.tolist(), strict=True)}
+    placed: Any = replace(structure, nodes=nodes)
+    return minimal_mass(
+        placed,
+        scene.nodal_forces(0.0) + model.loads,
+        rods=materials.rods,
+        strings=materials.strings,
+        holds=model.holds,
+        gravity=scene.gravity,
+        least_radius=materials.least_radius,
+    )
+
+
+def _checked(run: Trajectory, structure: Structure) -> TrajectoryCheck:
+    if not isinstance(run, Trajectory):
+        raise OptionError(f"run = {run!r}; it must be a Trajectory")
+    own = run.scene.structure
+    for what, theirs, ours in (
+        ("nodes", own.node_names, structure.node_names),
+        ("rods", [rod.name for rod in own.rods], [rod.name for rod in structure.rods]),
+        ("strings", [string.name for string in own.strings], [string.name for string in structure.strings]),
+    ):
+        if list(theirs) != list(ours):
+            raise OptionError(f"run: of scene '{run.scene.name}', whose {what} are others than those of this scene")
+    # What members bear is said by the scene that was given: the run may be older.
+    limited: Any = replace(
+        own,
+        rods=tuple(replace(rod, section=new.section) for rod, new in zip(own.rods, structure.rods, strict=True)),
+        strings=tuple(replace(s, strength=new.strength) for s, new in zip(own.strings, structure.strings, strict=True)),
+    )
+    return check_trajectory(replace(run, scene=run.scene.with_(structure=limited)))
+
+
+def _edge_notes(state: StaticState) -> list[str]:
+    model = state.model
+    edge = (np.abs(state.lengths - model.rest_lengths) <= EDGE * state.lengths) & (model.stiffness > 0)
+    if not edge.any():
+        return []
+    first = model.structure.strings[int(np.argmax(edge))].name
+    return [
+        f"{int(edge.sum())} strings are at the edge of slackness, as long as their rest length ('{first}' is one). "
+        "Half of every motion stretches them; stiffness and frequencies count them as round-off has them, slack or "
+        "taut, and an engine may count them otherwise"
+    ]
+
+
+def _notes(model: StaticModel) -> tuple[str, ...]:
+    scene = model.scene
+    notes = []
+    if scene.control is not None:
+        notes.append("the control law is left out: strings have their own rest lengths")
+    if scene.contact is not None:
+        notes.append("contact is left out")
+    if scene.water is not None:
+        notes.append("water is left out, buoyancy included")
+    if scene.motions:
+        notes.append("supports that move stand where they are at t = 0")
+    if scene.resistance is not None and scene.resistance.drag is not None and any(scene.resistance.wind):
+        notes.append("wind is left out")
+    if callable(scene.loads) or any(load.angular_frequency for load in scene.loads):
+        notes.append("loads that vary are those at t = 0")
+    if scene.breaks:
+        notes.append("strings that are to break later are whole")
+    return tuple(notes)

@@ -1,0 +1,245 @@
+"""A static study in words and as plain values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.statics.model import Rods
+
+if TYPE_CHECKING:
+    from tensegrity_mj.statics.response import Response
+    from tensegrity_mj.statics.state import StaticState
+    from tensegrity_mj.statics.strength import MemberCheck
+    from tensegrity_mj.statics.study import StaticStudy
+
+Array = NDArray[np.float64]
+
+SHOWN = 8  # names or numbers that a line lists
+
+
+def describe(study: StaticStudy) -> list[tuple[str, str]]:
+    """Names and what there is to say, a line each."""
+    scene = study.model.scene
+    rows = [("scene", scene.name)]
+    unbalanced = f"no equilibrium: {_number(study.unbalanced, 'N')} are unbalanced"
+    without = ", without the further loads" if np.any(study.model.loads) else ""
+    rows.append(("its start", ("an equilibrium" if study.starts_at_rest else unbalanced) + without))
+    state = study.state
+    if state is None:
+        rows.append(("equilibrium", f"none: {study.failure}"))
+    else:
+        rows += _found(study, state)
+    for name, texts in (
+        ("lightest members", () if study.sizing is None else study.sizing.describe()),
+        ("members over the run", () if study.run is None else study.run.describe()),
+        ("note", study.notes),
+    ):
+        rows += [(name if not row else "", text) for row, text in enumerate(texts)]
+    return rows
+
+
+def _found(study: StaticStudy, state: StaticState) -> list[tuple[str, str]]:
+    model = study.model
+    rods = "elastic" if np.any(model.compliance > 0) else "rigid"
+    how = f"path of {len(study.response.path.states)} points" if study.response else f"{state.iterations} steps"
+    loose = "not held: some motion costs no energy"
+    kind = "stable" if state.is_stable else loose if _held_by_nothing(state) else "unstable"
+    at = f" at parameter {state.parameter:g}" if study.response is not None else ""
+    rows = [
+        ("equilibrium", f"{kind}{at}; {rods} rods, {how}, {_number(state.residual, 'N')} left"),
+        ("moved", f"by up to {_number(study.moved, 'm')}{_mover(study, state)}"),
+        ("extent", f"{_sizes(model.scene.nodes0)} before, {_sizes(state.nodes)} m after"),
+    ]
+    if study.other is not None:
+        steps = study.other.iterations
+        rows.append(("by relaxation", f"{steps} steps; lengths of members differ by {study.difference:.2g} m"))
+    for name, values, unit in (
+        ("tensions", state.tensions[model.stiffness > 0], "N"),
+        ("rod forces", state.rod_forces, "N"),
+        ("rod stresses", _stresses(study), "Pa"),
+    ):
+        if len(values):
+            spread = statistics(values)
+            rows.append((name, ", ".join(f"{key} {_number(spread[key], '')}" for key in spread) + f" {unit}"))
+    slack = slack_strings(state)
+    rows.append(("slack strings", f"{len(slack)}: {_listed(slack)}" if slack else "none"))
+    if study.prestressability is not None:
+        rows += [("prestress" if not row else "", line) for row, line in enumerate(study.prestressability.describe())]
+    rows.append(("lowest stiffness", _number(state.lowest_stiffness, "N/m")))
+    if study.modes is not None:
+        rows.append(("frequencies", _listed([f"{f:.5g}" for f in study.modes.frequencies.tolist()], 12) + " Hz"))
+        rows += [("", line) for line in study.modes.describe()]
+    if study.members is not None:
+        rows += [("members" if not row else "", line) for row, line in enumerate(_members(study.members))]
+    if study.response is not None:
+        rows += _along(study.response)
+    if study.engine is not None:
+        rows.append(("by an engine", study.engine.describe()))
+        rows += [("", f"it warns: {warning}") for warning in study.engine.warnings]
+    return rows
+
+
+def _along(response: Response) -> list[tuple[str, str]]:
+    path = response.path
+    last, most = path.parameters[-1], response.largest_parameter
+    rows = [("path", f"{path.end.value}; the parameter is {last:.6g} there, and {most:.6g} at most")]
+    for curve in response.curves[:SHOWN]:
+        force, displacement = (float(values[-1]) for values in (curve.force, curve.displacement))
+        rows.append(("", f"{curve.name}: {_number(force, 'N')} at {_number(displacement, 'm')}"))
+    for critical in path.criticals[:SHOWN]:
+        change = "lost" if critical.unstable_after > critical.unstable_before else "regained"
+        rows.append(("critical", f"stability is {change} at parameter {critical.parameter:.6g}: {critical.kind.value}"))
+    for event in response.slack_events[:SHOWN]:
+        now = "slack" if event.slack else "taut"
+        rows.append(("event", f"'{event.string}' is {now} from parameter {event.parameter:.4g}"))
+    if len(response.slack_events) > SHOWN:
+        rows.append(("", f"and {len(response.slack_events) - SHOWN} more"))
+    first = response.first_violation
+    if first is not None:
+        rows.append(("beyond a limit", f"from parameter {first.time:.4g}: '{first.member}' by {first.criterion.value}"))
+    return rows
+
+
+def to_dict(study: StaticStudy) -> dict[str, Any]:
+    """Everything as plain values."""
+    from tensegrity_mj.simulation import versions
+    from tensegrity_mj.statics.study import FORMAT
+
+    model, state = study.model, study.state
+    structure = model.structure
+    names = structure.node_names
+    data: dict[str, Any] = {
+        "format": FORMAT,
+        "scene": {"name": model.scene.name, "source": model.scene.source},
+        "setup": {
+            "rods": (Rods.ELASTIC if np.any(model.compliance > 0) else Rods.RIGID).value,
+            "method": study.search.value,
+            "gravity": list(model.scene.gravity),
+            "loads": {name: force.tolist() for name, force in zip(names, model.loads, strict=True) if np.any(force)},
+            "holds": [vars(hold) for hold in model.holds],
+            "broken": [s.name for s, k in zip(structure.strings, model.stiffness, strict=True) if not k > 0],
+            "path": study.response is not None,
+        },
+        "start": {
+            "unbalanced": study.unbalanced,
+            "equilibrium": study.starts_at_rest,
+            "extent": extent(model.scene.nodes0).tolist(),
+        },
+        "failure": study.failure,
+        "equilibrium": None if state is None else _state(study, state),
+        "relaxation": None
+        if study.other is None
+        else {"steps": study.other.iterations, "residual": study.other.residual, "difference": study.difference},
+        "prestress": None if study.prestressability is None else study.prestressability.to_dict(),
+        "modes": None if study.modes is None else study.modes.to_dict(),
+        "members": None if study.members is None else study.members.to_dict(),
+        "path": None if study.response is None else study.response.to_dict(),
+        "engine": None if study.engine is None else study.engine.to_dict(),
+        "sizing": None if study.sizing is None else study.sizing.to_dict(),
+        "run": None if study.run is None else study.run.to_dict(),
+        "notes": list(study.notes),
+        "versions": versions(),
+    }
+    return data
+
+
+def _state(study: StaticStudy, state: StaticState) -> dict[str, Any]:
+    structure = study.model.structure
+    strings = zip(
+        structure.strings,
+        study.model.rest_lengths.tolist(),
+        state.lengths.tolist(),
+        state.tensions.tolist(),
+        state.force_densities.tolist(),
+        strict=True,
+    )
+    rods = zip(structure.rods, state.rod_lengths.tolist(), state.rod_forces.tolist(), strict=True)
+    return {
+        "parameter": state.parameter,
+        "residual": state.residual,
+        "steps": state.iterations,
+        "stable": state.is_stable,
+        "lowest_stiffness": state.lowest_stiffness,
+        "moved": study.moved,
+        "extent": extent(state.nodes).tolist(),
+        "nodes": dict(zip(structure.node_names, state.nodes.tolist(), strict=True)),
+        "strings": {
+            string.name: dict(zip(("rest_length", "length", "tension", "force_density"), numbers, strict=True))
+            for string, *numbers in strings
+        },
+        "rods": {rod.name: {"length": length, "force": force} for rod, length, force in rods},
+        "reactions": {
+            name: force.tolist()
+            for name, force in zip(structure.node_names, _reactions(state), strict=True)
+            if np.any(force)
+        },
+        "tensions": statistics(state.tensions[study.model.stiffness > 0]),
+        "rod_forces": statistics(state.rod_forces),
+        "rod_stresses": statistics(_stresses(study)),
+        "slack": slack_strings(state),
+    }
+
+
+def extent(nodes: Array) -> Array:
+    """(3,) [m] from the least to the largest coordinate."""
+    return np.asarray(nodes.max(axis=0) - nodes.min(axis=0))
+
+
+def statistics(values: Array) -> dict[str, float]:
+    """The least, the median and the largest; nothing of nothing."""
+    if not len(values):
+        return {}
+    return {"min": float(values.min()), "median": float(np.median(values)), "max": float(values.max())}
+
+
+def slack_strings(state: StaticState) -> list[str]:
+    """Names of those without tension; what is broken is not slack."""
+    model = state.model
+    pairs = zip(model.structure.strings, state.slack, model.stiffness, strict=True)
+    return [string.name for string, slack, stiffness in pairs if slack and stiffness > 0]
+
+
+def _reactions(state: StaticState) -> Array:
+    """(N, 3): of what is held; the rest is round-off."""
+    held = np.asarray(np.abs(state.model.boundary.rows).sum(axis=0)).reshape(-1, 3).any(axis=1)
+    return np.asarray(np.where(held[:, None], state.reactions, 0.0))
+
+
+def _stresses(study: StaticStudy) -> Array:
+    if study.members is None:
+        return np.zeros(0)
+    stresses = study.members.loads.stresses[0]
+    return np.asarray(stresses[np.isfinite(stresses)])
+
+
+def _members(check: MemberCheck) -> tuple[str, ...]:
+    if check.worst is None:
+        return ("nothing can be checked: no rod has a section, and no string a strength",)
+    return check.describe()[:-1] if check.slack else check.describe()
+
+
+def _held_by_nothing(state: StaticState) -> bool:
+    return state.lowest_stiffness >= -1e-9 * state.model.scale[1]
+
+
+def _mover(study: StaticStudy, state: StaticState) -> str:
+    """The node that moved most."""
+    moves = np.linalg.norm(state.nodes - study.model.scene.nodes0, axis=1)
+    return f" (node '{study.model.structure.node_names[int(moves.argmax())]}')" if moves.max(initial=0.0) > 0 else ""
+
+
+def _sizes(nodes: Array) -> str:
+    return " x ".join(f"{float(size):.5g}" for size in extent(nodes))
+
+
+def _listed(names: Iterable[str] | Sequence[str], most: int = SHOWN) -> str:
+    every = list(names)
+    return ", ".join(every[:most]) + (f", ... ({len(every)} in all)" if len(every) > most else "")
+
+
+def _number(value: float, unit: str) -> str:
+    return "-" if np.isnan(value) else f"{value:.5g} {unit}".rstrip()
