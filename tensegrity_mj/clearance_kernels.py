@@ -1,13 +1,12 @@
 """Searches for the least distance of two moving segments over time, between the samples too. Compiled.
 
-The nodes are cubics of time between samples (Hermite, from positions and velocities). Let D(t) be the squared distance of
-the segments. It is the least, over the points s and t of both, of functions g of time with g̈ = 2 |ẇ|² + 2 w · ẅ, w being
-what is between the points. Where |ẇ| <= V and |ẅ| <= A, and D somewhere falls below r², the g that does so has
-|w| <= r + V x over a stretch of length x, so that g̈ <= K = 2 V² + 2 (r + V x) A there. A function with g̈ <= K lies above
-its chord minus K/2 times the products of the distances from both ends, and so does the least of many of them. Hence
-from D at both ends of a stretch follows a lower bound of D over it, whatever the segments do: pass each other, cross,
-or change the points that are closest. V and A are those of the corners' Bézier points. A stretch whose bound is too low
-is halved.
+The nodes are cubics of time between samples (Hermite, from positions and velocities). Let D be the squared distance of
+the segments. It is the least, over the points s and t of both, of functions g of time with g̈ = 2 |ẇ|² + 2 w · ẅ, w
+being what is between the points. Where |ẇ| <= V and |ẅ| <= A, and D falls below r² somewhere in a stretch of length x,
+the g that does so has |w| <= r + V x in all of it, and g̈ <= K = 2 V² + 2 (r + V x) A. A function with g̈ <= K lies above
+its chord minus K/2 times the product of the distances from both ends. So D at both ends bounds D from below within the
+stretch, whatever the segments do: pass, cross, or change the points that are closest. V and A are those of the Bézier
+points of the four corners of w. A stretch whose bound is too low is halved.
 
 Times of a stretch are parts of the interval between two samples, within [0, 1]; V, A and K are per such part.
 """
@@ -28,6 +27,7 @@ DEPTH = 64  # of halved stretches that wait
 SHORTEST = 1e-12  # of a stretch in which a level is passed
 RISE = 0.125  # of an interval: rises above a level that are over sooner may go unnoticed
 GOLDEN = 0.6180339887498949
+SAME = 1e-14  # of a squared distance: round-off, for which no other time is told
 PARALLEL = 1e-5  # sine of the angle below which the normal of two lines is too uncertain
 PARTS = 16  # of an interval, looked at for crossings
 
@@ -301,7 +301,7 @@ def sharpened(
                 y = low + GOLDEN * (high - low)
                 at_y = moving(P, V, ends, number, h, y)[0]
         D, s, t = moving(P, V, ends, number, h, 0.5 * (low + high))
-        if D < best:
+        if best > D:
             best, s_best, t_best, when = D, s, t, time[number] + 0.5 * (low + high) * h
     return sqrt(best), when, s_best, t_best
 
@@ -367,7 +367,12 @@ def stretches(
                     stack[count, 0], stack[count, 1] = middle, at_middle
                     stack[count, 2], stack[count, 3] = right, at_right
                     count += 1
-                    stack[count, 0], stack[count, 1], stack[count, 2], stack[count, 3] = left, at_left, middle, at_middle
+                    stack[count, 0], stack[count, 1], stack[count, 2], stack[count, 3] = (
+                        left,
+                        at_left,
+                        middle,
+                        at_middle,
+                    )
                     count += 1
                 continue
             if at_left > level and at_right > level:

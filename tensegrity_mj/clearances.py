@@ -5,12 +5,12 @@ string has a radius of zero unless told otherwise, and slack ones are as straigh
 the surfaces, negative where elements overlap: by what must be given way to, or by all of both radii where the centre
 lines cross.
 
-Elements that share a node are joined and not looked at: their distance is zero at the joint, by construction. So nothing
-is said of two joined rods that fold onto each other.
+Elements that share a node are joined and not looked at: their distance is zero at the joint, by construction. So
+nothing is said of two joined rods that fold onto each other.
 
 Between its samples a trajectory is the cubics of its node positions and velocities (Hermite). Over these the search
-leaves nothing out, see `clearance_kernels`: a thin rod that passes another between two samples is found. What the cubics
-differ from the true motion is estimated by how well those over every second sample meet the samples between.
+leaves nothing out, see `clearance_kernels`: a thin rod that passes another between two samples is found. What the
+cubics differ from the true motion is estimated by how well those over every second sample meet the samples between.
 """
 
 from __future__ import annotations
@@ -198,23 +198,19 @@ class _Path:
     until: Array
 
 
-def _path_of(
-    what: Any, nodes: ArrayLike | None, time: ArrayLike | None, velocities: ArrayLike | None
-) -> _Path:
+def _path_of(what: Any, nodes: ArrayLike | None, time: ArrayLike | None, velocities: ArrayLike | None) -> _Path:
     if isinstance(what, Trajectory):
         _refuse_given("a run has its own", nodes=nodes, time=time, velocities=velocities)
         structure = what.scene.structure
         good = np.isfinite(what.nodes).all(axis=(1, 2)) & np.isfinite(what.velocities).all(axis=(1, 2))
-        count = int(np.argmin(good)) if not good.all() else len(good)
+        count = int(np.argmin(good)) if not good.all() else len(what.time)
         if count == 0:
             raise OptionError(f"the run of scene '{what.scene.name}' ({what.engine}) has no samples to look at")
         until = np.full(len(structure.strings), np.inf)
         rows = {string.name: row for row, string in enumerate(structure.strings)}
         for event in what.scene.breaks:
             until[rows[event.string]] = min(until[rows[event.string]], event.time)
-        return _Path(
-            what.scene.name, structure, what.time[:count], what.nodes[:count], what.velocities[:count], until
-        )
+        return _Path(what.scene.name, structure, what.time[:count], what.nodes[:count], what.velocities[:count], until)
     if isinstance(what, Scene):
         _refuse_given("a scene has its own start", nodes=nodes, time=time, velocities=velocities)
         return _still(what.name, what.structure, what.nodes0)

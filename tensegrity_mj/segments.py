@@ -54,7 +54,7 @@ def closest(w: tuple, u: tuple, v: tuple) -> tuple[float, float, float]:  # type
             s = within((t * uv - uw) / uu) if uu > 0.0 else 0.0
         x0, x1, x2 = w[0] + s * u[0] - t * v[0], w[1] + s * u[1] - t * v[1], w[2] + s * u[2] - t * v[2]
         D = x0 * x0 + x1 * x1 + x2 * x2
-        if D < best:
+        if best > D:
             best, s_best, t_best = D, s, t
     return best, s_best, t_best
 
@@ -69,8 +69,8 @@ def _closest_of_all(w: Array, u: Array, v: Array, out: Array) -> None:
 def closest_points(a: ArrayLike, b: ArrayLike, c: ArrayLike, d: ArrayLike) -> tuple[Array, Array, Array]:
     """How far segments from a to b are from those from c to d, and where: (distance [m], s, t), each (...).
 
-    The closest points are a + s (b - a) and c + t (d - c); of parallel segments one pair of many. The four arrays (..., 3)
-    broadcast against each other.
+    The closest points are a + s (b - a) and c + t (d - c); of parallel segments one pair of many. The four arrays
+    (..., 3) broadcast against each other.
 
     Raises:
         OptionError: if they do not, or if a last axis is not of length 3.

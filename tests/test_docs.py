@@ -19,6 +19,7 @@ ROOT = Path(__file__).resolve().parents[1]
         "docs/engines.md",
         "docs/laws.md",
         "docs/speed.md",
+        "docs/statics.md",
         "docs/validate.md",
     ],
 )

@@ -173,10 +173,10 @@ def test_one_mode_is_exact_and_its_bound_is_met() -> None:
 
 
 def test_the_stiffest_of_several_states() -> None:
-    """A mass on six strings along three lines, planes of two guides: the best mix of two states is known.
+    """A mass on four strings in a line: the best mix of three states is known.
 
-    A mass between two strings of length 1 along x, at y = 0, and two of length 2 along x too: T1 and T2 in the pairs make
-    2 (T1/1 + T2/2) across x; the largest is T1 = T2 = 1: 3 N/m, the same for y and z.
+    Two strings are 1 m long, two 2 m. With T1 and T2 in them they make 2 (T1/1 + T2/2) across the line; the largest is
+    that of T1 = T2 = 1 N: 3 N/m, the same for y and z.
     """
     nodes = {"m": (0, 0, 0), "a": (1, 0, 0), "b": (-1, 0, 0), "c": (2, 0, 0), "d": (-2, 0, 0)}
     strings = tuple(String(f"s{name}", ("m", name), 10.0) for name in "abcd")

@@ -24,7 +24,8 @@ EPS = float(np.finfo(float).eps)
 DOWN = (0.0, 0.0, -9.81)
 
 # Differences of order 12 with points up to 6 h, h = 0.003 of the shortest member R: within R everything is analytic.
-# The truncation is (6!)² (h/R)^12 = 3e-25 of k, the round-off 4 EPS R / h = 3e-13 of forces over R, and of energies over R.
+# The truncation is (6!)² (h/R)^12 = 3e-25 of k, the round-off 4 EPS R / h = 3e-13 of forces over R, and of energies
+# over R.
 STEP = 0.003
 TRUNCATED = 1e-8  # the project's bound
 ROUND_OFF = 1e-10  # what is reached: 3e-13, times energies of 1e2 in units of the largest force times R

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from tensegrity_mj.commands.common import (
     PLOT_SUFFIXES,
     Outcome,
-    _finite,
+    finite,
     number,
     output_file,
     positive,
@@ -39,12 +39,12 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("input", metavar="FILE.nc | SCENE", help="a run, or a scene, whose start is looked at")
     parser.add_argument("--pairs", type=kinds, metavar="KINDS", help=f"of {', '.join(KINDS)}, by commas (all)")
     parser.add_argument(
-        "--below", type=_finite, default=0.0, metavar="D", help="list all approaches to at most D [m] (0: touches)"
+        "--below", type=finite, default=0.0, metavar="D", help="list all approaches to at most D [m] (0: touches)"
     )
-    parser.add_argument("--string-radius", type=_finite, default=0.0, metavar="M", help="of every string [m] (0)")
+    parser.add_argument("--string-radius", type=finite, default=0.0, metavar="M", help="of every string [m] (0)")
     parser.add_argument("--tolerance", type=positive, default=1e-6, metavar="M", help="of distances [m] (1e-6)")
     parser.add_argument("--every-pair", action="store_true", help="list the smallest distance of every pair, too")
-    parser.add_argument("--out", metavar="FILE.png", help="write a plot of the smallest distances over time (.pdf, .svg)")
+    parser.add_argument("--out", metavar="FILE.png", help="write a plot over time (or .pdf, .svg)")
 
 
 def kinds(text: str) -> list[str]:

@@ -121,13 +121,14 @@ def refuse(options: argparse.Namespace, names: Sequence[str], why: str) -> None:
 
 def positive(text: str) -> float:
     """argparse type: a finite number > 0."""
-    value = _finite(text)
+    value = finite(text)
     if value <= 0:
         raise argparse.ArgumentTypeError(f"{text}: it must be > 0")
     return value
 
 
-def _finite(text: str) -> float:
+def finite(text: str) -> float:
+    """argparse type: a finite number."""
     try:
         value = float(text)
     except ValueError:

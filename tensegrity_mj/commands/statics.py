@@ -23,8 +23,8 @@ examples:
   tensegrity-mj statics truss_arm --hold t4:z=0,0,-0.2 --path --json
   tensegrity-mj statics tower --rods elastic --hold b1_1,b1_2,b1_3 --hold t15_1,t15_2,t15_3=-1,0,0 --path
   tensegrity-mj statics tower --method both --check-engine mujoco --save-scene tower_at_rest.toml
-  tensegrity-mj statics dbar --load n3=0,0,-1e4 --hold n4 --size aluminium,uhmwpe --least-radius 1e-3
-  tensegrity-mj statics truss_arm --broken falling3 --mode-video 1 mode.mp4
+  tensegrity-mj statics truss_arm --load t4=0,0,-20 --size aluminium,uhmwpe --least-radius 1e-4 --save-sized light.toml
+  tensegrity-mj statics truss_arm --broken rising3 --mode-video 1 mode.mp4
 
 --hold NODES[:DIRECTIONS][=X,Y,Z] holds nodes in all directions, or in those of the letters x, y, z, and moves them
 by X, Y, Z [m]. --path follows the equilibria while loads and displacements grow from none (parameter 0) to all

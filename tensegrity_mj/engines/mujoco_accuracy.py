@@ -33,7 +33,8 @@ def run_accurately(accuracy: float, request: Request) -> Trajectory:
     steps = Steps.of(request, known_rate(request))
     integrators = [Integrator.EULER, Integrator.RK4]
     # The dampers' forces are implicit in it: it differs from Euler where those limit the step.
-    if fastest_rate(scene.structure, scene.nodes0, with_stiffness=False) * steps.unit > DAMPED:
+    damped = fastest_rate(scene.structure, scene.nodes0, with_stiffness=False) * steps.unit > DAMPED
+    if damped and scene.water is None:
         integrators.insert(1, Integrator.IMPLICITFAST)
     return find(accuracy, [_way(integrator, steps, request) for integrator in integrators], request)
 

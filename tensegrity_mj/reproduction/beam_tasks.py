@@ -1,8 +1,9 @@
 """What is computed of the beams of appendix C and the tower of §7.2.3: tasks of `run_many`, plain values in and out.
 
-A beam is named by its row of Table C.2, with a star where its springs are as ERRATA of the table wants them: "TB6*".
-Its rods are elastic, as in the thesis' finite elements, but for MuJoCo, whose rods are rigid. Its form is found free; then
-the three nodes of its base are held, and those of its top are moved together: along the beam (x) or across it (y, z).
+A beam is named by its row of Table C.2, with a star where its springs are what the rest of the table asks for: "TB6*".
+Its rods are elastic, as in the thesis' finite elements, but for MuJoCo, whose rods are rigid. Its form is found free;
+then the three nodes of its base are held, and those of its top are moved together: along the beam (x) or across it
+(y, z).
 """
 
 from __future__ import annotations
@@ -66,7 +67,6 @@ def found(point: dict[str, Any]) -> dict[str, Any]:
     along = state.nodes[:, 0] - state.nodes[:3, 0].mean()
     levels = along.reshape(APPENDIX_STAGES, 2, 3).mean(axis=2)  # b and t of every stage
     rigid = find_equilibrium(scene_of(point["beam"]))
-    K = _stiffness(state)
     return {
         "length": tower_length(state.nodes),
         "stresses": (-state.rod_forces / section_area(state)).tolist(),
@@ -77,8 +77,7 @@ def found(point: dict[str, Any]) -> dict[str, Any]:
         "nodes": state.nodes.tolist(),
         "rods": structure.rod_nodes.tolist(),
         "strings": structure.string_nodes.tolist(),
-        "stiffness": _against_the_top(state.model.structure.node_index, K).tolist(),
-        "of_single_nodes": _against_single_nodes(state.model.structure.node_index, K),
+        "stiffness": _against_the_top(structure.node_index, _stiffness(state)).tolist(),
     }
 
 
@@ -100,14 +99,6 @@ def _against_the_top(index: dict[str, int], K: Array) -> Array:
     left = K[np.ix_(top, top)] - K[np.ix_(top, free)] @ np.linalg.solve(K[np.ix_(free, free)], K[np.ix_(free, top)])
     together = np.tile(np.eye(3), (3, 1))
     return np.asarray(together.T @ left @ together)
-
-
-def _against_single_nodes(index: dict[str, int], K: Array) -> list[float]:
-    """(3,) [N/m] along y where one node of the top is pulled, and the others are free."""
-    free = np.setdiff1d(np.arange(len(K)), _places(index, BASE))
-    compliance = np.linalg.inv(K[np.ix_(free, free)])
-    at = [int(np.flatnonzero(free == 3 * index[name] + 1)[0]) for name in TOP]
-    return [1.0 / float(compliance[k, k]) for k in at]
 
 
 def confirmed(point: dict[str, Any]) -> dict[str, Any]:
@@ -207,10 +198,13 @@ def _moved(state: StaticState, displacement: Sequence[float], what: str, longest
 
 
 def _path_values(path: Path, axis: int, displacement: float) -> dict[str, Any]:
-    """Deformation w [m], force F [N], stiffness dF/dw [N/m], stress [Pa] and slack strings along a path."""
+    """Deformation w [m], force F [N], stiffness dF/dw [N/m], stress [Pa] and strings along a path.
+
+    `least` is k (L - L0) [N] of the string that has least of it: below zero where it is slack.
+    """
     forward = np.where(path.parameter_rates == 0, np.nan, 1.0)
     rates = np.array(path.reaction_rate(TOP)[:, axis]) * forward / displacement
-    stress = np.abs(path.rod_forces).max(axis=1) / section_area(path.states[0])
+    model, stress = path.model, np.abs(path.rod_forces).max(axis=1) / section_area(path.states[0])
     return {
         "w": (path.parameters * abs(displacement)).tolist(),
         "F": (path.reaction(TOP)[:, axis] * np.sign(displacement)).tolist(),
@@ -218,6 +212,7 @@ def _path_values(path: Path, axis: int, displacement: float) -> dict[str, Any]:
         "turned": (path.parameter_rates <= 0).tolist(),
         "stress": stress.tolist(),
         "slack": [int(state.slack.sum()) for state in path.states],
+        "least": [float(np.min(model.stiffness * (one.lengths - model.rest_lengths))) for one in path.states],
         "unstable": path.unstable.tolist(),
     }
 

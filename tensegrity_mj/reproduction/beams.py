@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Values = Mapping[str, Any]
 
-# A star: with the springs that ERRATA of Table C.2 asks for.
+# A star: with the springs that the rest of Table C.2 asks for, see `CORRECTED_STIFFNESS`.
 PRINTED = tuple(TABLE_C2)
 BEAMS = (*PRINTED, "TB6*", "TB7*")
 BY_PRESTRESS = ("TB1", "TB2", "TB3", "TB4")

@@ -44,8 +44,8 @@ def selected(chosen: Sequence[str]) -> tuple[list[ThesisFigure], list[Statement]
     """The figures and the statements that are meant; all of them where nothing is chosen.
 
     Args:
-        chosen: numbers of figures ("5.4") and of chapters ("5", "C"). A chapter's statements that belong to no figure come
-            with the chapter only.
+        chosen: numbers of figures ("5.4") and of chapters ("5", "C"). A chapter's statements that belong to no figure
+            come with the chapter only.
 
     Raises:
         OptionError: for a number that is neither.

@@ -33,8 +33,8 @@ def _close_view(all_runs: AllRuns) -> Figure:
         drawing.equal_scales(panel, nodes[list(chosen)])
         panel.set_title(f"Structure geometry {text} form-finding", fontsize=9.5)
     figure.supxlabel(
-        f"stages {FIRST} to {FIRST + STAGES - 1} of 15; statics with rigid rods; {Topology.FULL.value} topology, 10 kN/m, "
-        "0.10 m",
+        f"stages {FIRST} to {FIRST + STAGES - 1} of 15; statics with rigid rods; {Topology.FULL.value} topology, "
+        "10 kN/m, 0.10 m",
         fontsize=8,
         color=GREY,
     )

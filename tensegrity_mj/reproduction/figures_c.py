@@ -58,7 +58,7 @@ def _stiffness(
                 panel.plot([0.0], [initial(confirmed, beam, axis)], marker="o", ms=CROSSES, mfc="none", mec=color)
         _finish(panel, title, ends)
     extra = "; circles: MuJoCo at zero load" if confirmed is not None else ""
-    figure.supxlabel(f"statics with elastic rods{extra}; {STARS}; {BAND}", fontsize=7.5, color=GREY)
+    figure.supxlabel(f"statics with elastic rods{extra}; {BAND}\n{STARS}", fontsize=7.5, color=GREY)
     return figure
 
 
@@ -84,8 +84,8 @@ def _compression(all_runs: AllRuns) -> Figure:
         panel.set_ylim(-10.0, 42.0)
         _finish(panel, title, (0.0, 3.5))
     figure.supxlabel(
-        "solid: with 100 N across the middle; triangles: it buckles; dashed: the perfect beam, which stays straight "
-        f"beyond; {BAND}",
+        "solid: with 100 N across the middle; triangles: it buckles; dashed: the perfect beam, straight beyond\n"
+        f"{BAND}; TB6*, TB7*: springs of 1600 and 2000 kN/m",
         fontsize=7.5,
         color=GREY,
     )
@@ -103,7 +103,10 @@ def _configuration(all_runs: AllRuns) -> Figure:
         lines(cross, nodes[:, 1:], rods, ())
         lines(side, nodes[:, [0, 2]], rods, strings)
         letters = ("ac", "bd")[name == "nodes"]
-        for panel, letter, what, names in ((cross, letters[0], "cross section", "yz"), (side, letters[1], "beam", "xz")):
+        for panel, letter, what, names in (
+            (cross, letters[0], "cross section", "yz"),
+            (side, letters[1], "beam", "xz"),
+        ):
             drawing.finish(panel, f"({letter}) {what} {text} form-finding", f"{names[1]} [m]", time=False)
             panel.set_xlabel(f"{names[0]} [m]", fontsize=8.5)
             panel.set_aspect("equal")
@@ -111,7 +114,7 @@ def _configuration(all_runs: AllRuns) -> Figure:
         cross.set_ylim(-0.8, 0.8)
         side.set_xlim(-0.5, 30.5)
         side.set_ylim(-2.0, 2.0)
-    figure.supxlabel(f"{SHOWN}; statics with elastic rods; rods black, strings grey", fontsize=8, color=GREY)
+    figure.supxlabel(f"{SHOWN}; statics with elastic rods; rods black, strings green", fontsize=8, color=GREY)
     return figure
 
 

@@ -85,7 +85,7 @@ def buckling(run: BeamRun, label: str) -> Buckling:
     """Where the stiffness falls below half of what it was at zero load, or the deformation turns back."""
     K, w, F = (run.of(label, name).astype(float) for name in ("K", "w", "F"))
     turned = run.of(label, "turned")
-    gone = np.flatnonzero((K < DROPPED * K[0]) | turned)
+    gone = np.flatnonzero(turned | (K / K[0] < DROPPED))
     if not len(gone):
         return Buckling(math.nan, math.nan)
     k = int(gone[0])
@@ -93,10 +93,19 @@ def buckling(run: BeamRun, label: str) -> Buckling:
     return Buckling(float(w[k - 1] + part * (w[k] - w[k - 1])), float(F[k - 1] + part * (F[k] - F[k - 1])) / 1e3)
 
 
+def stiffest_before(run: BeamRun, label: str) -> float:
+    """[kN/m] the largest stiffness before it buckles."""
+    return float(stiffness(run, label)[run.of(label, "w") <= buckling(run, label).deformation].max())
+
+
 def first_slack(run: BeamRun, label: str) -> float:
-    """[m] the deformation at which there is a slack string; infinite where there is none."""
-    found = np.flatnonzero(run.of(label, "slack") > 0)
-    return float(run.of(label, "w")[found[0]]) if len(found) else math.inf
+    """[m] the deformation at which the first string becomes slack, between two points; infinite where none does."""
+    least, w = run.of(label, "least"), run.of(label, "w")
+    found = np.flatnonzero(least < 0)
+    if not len(found) or found[0] == 0:
+        return 0.0 if len(found) else math.inf
+    k = int(found[0])
+    return float(w[k - 1] + (w[k] - w[k - 1]) * least[k - 1] / (least[k - 1] - least[k]))
 
 
 def turns_negative(run: BeamRun, label: str) -> bool:

@@ -81,8 +81,8 @@ def reproduce(
     statements = [one for one in statements if set(one.columns) & set(engines)]
     if not statements:
         raise OptionError(
-            f"engines: none of {', '.join(one.value for one in engines)} knows of {', '.join(figures)}; motions (chapters "
-            "3 to 6) are computed in dae, mujoco and ode, equilibria (chapters 7 and C) in statics and mujoco"
+            f"engines: none of {', '.join(one.value for one in engines)} knows of {', '.join(figures)}; motions "
+            "(chapters 3 to 6) are computed in dae, mujoco and ode, equilibria (chapters 7 and C) in statics and mujoco"
         )
     folder = made_folder(out)
     drawn_needs = [name for figure in chosen for name in figure.needs] if draw else []

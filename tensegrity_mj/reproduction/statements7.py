@@ -100,8 +100,8 @@ def _rows() -> Iterator[Statement]:
         lambda runs: float(_run(runs).of(SOFT, "unbalanced_after")),
     )
     yield _row(
-        "7.6-taut", "§7.2.3", 155, "after it: every rod is compressed and every string taut", "a tensegrity", text, HOLDS,
-        "a sentence that holds or does not",
+        "7.6-taut", "§7.2.3", 155, "after it: every rod is compressed and every string taut", "a tensegrity", text,
+        HOLDS, "a sentence that holds or does not",
         lambda runs: bool(_run(runs).of(SOFT, "least_tension") > 0 and _run(runs).of(SOFT, "rod_forces").max() < 0),
     )
     for name, when in (("before", "before"), ("nodes", "after")):

@@ -53,7 +53,9 @@ class Hold:
         if rows.ndim != 2 or rows.shape[1:] != (3,) or not len(rows) or not np.all(np.linalg.norm(rows, axis=1) > 0):
             raise OptionError(f"hold: directions = {given!r}; they must be vectors of three numbers, none of them zero")
         object.__setattr__(self, "directions", tuple((float(a), float(b), float(c)) for a, b, c in rows))
-        if np.linalg.norm(moved - self.basis.T @ (self.basis @ moved)) > 1e-9 * max(np.linalg.norm(moved), 1e-300):
+        if np.linalg.norm(moved - self.basis.T @ (self.basis @ moved)) > 1e-9 * max(
+            float(np.linalg.norm(moved)), 1e-300
+        ):
             raise OptionError(
                 f"hold of {', '.join(names)}: displacement = {self.displacement} m is not along its directions "
                 f"{self.directions}; add the direction that it moves in"

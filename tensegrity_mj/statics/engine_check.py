@@ -81,10 +81,9 @@ def check_engine(state: StaticState, modes: Modes, engine: AcceleratingEngine) -
     if state.neutral_motions.shape[1]:
         there = _laid_upon(there, state.nodes)
     distance = float(np.linalg.norm(there - state.nodes, axis=1).max(initial=0.0))
-    undamped = found.scene.with_(structure=scene.structure.with_strings(damping=0.0), resistance=found.scene.resistance)
     # Dampers would move frequencies.
     undamped = found.scene.with_(structure=found.scene.structure.with_strings(damping=0.0))
-    linear = linearize(undamped, engine)  # type: ignore[arg-type]
+    linear = linearize(undamped, engine)
     n = len(linear.coordinates)
     squares = np.sort(np.linalg.eigvals(-linear.A[n:, :n]).real)
     neutral = modes.neutral.shape[1]

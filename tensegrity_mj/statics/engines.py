@@ -157,19 +157,21 @@ class _Search:
             stiffest = float(np.abs(slopes).max(initial=0.0))
             if not chart.size or (stiffest == 0 and not a.any()):
                 return nodes, 0.0, slopes, chart, taken
+            if stiffest == 0:
+                raise self._none(taken, a)
             least = max(LEAST_SHIFT * stiffest, 1e-300)
             highest = float(np.linalg.eigvals(slopes).real.max())
             steady = highest <= UNSTABLE * stiffest
             shift = max(least, highest) if shift is None else shift
-            if steady:
-                step = np.asarray(np.linalg.solve(least * np.eye(chart.size) - slopes, a), float)
-                move = float(np.linalg.norm(chart.state(none, step)[1], axis=1).max())
-                if move <= SMALL_MOVE * self.reach:
-                    return chart.state(step, none)[0], move, slopes, chart, taken + 1
-                spent = spent + 1 if move <= SPENT_MOVE * self.reach and move >= 0.9 * last else 0
-                if spent == PATIENCE:  # forces of round-off make no better one
-                    return nodes, move, slopes, chart, taken
-                last = min(last, move)
+            # Newton's own step tells how near a place of rest is, a stable one or not.
+            step = np.asarray(np.linalg.solve(least * np.eye(chart.size) - slopes, a), float)
+            move = float(np.linalg.norm(chart.state(none, step)[1], axis=1).max())
+            if move <= SMALL_MOVE * self.reach:
+                return chart.state(step, none)[0], move, slopes, chart, taken + 1
+            spent = spent + 1 if move <= SPENT_MOVE * self.reach and move >= 0.9 * last else 0
+            if spent == PATIENCE:  # forces of round-off make no better one
+                return nodes, move, slopes, chart, taken
+            last = min(last, move)
             for _ in range(TRIALS):
                 # K + μ M is definite above the highest eigenvalue of ∂a/∂δ.
                 mu = max(shift, least) if steady else max(shift, 1.5 * highest)
@@ -216,5 +218,6 @@ class _Search:
         left = f": {np.abs(a).max():.3g} of acceleration is left" if a.size else ""
         return InfeasibleError(
             f"'{self.scene.name}': no equilibrium of {self.engine} after {taken} steps{left}. Is anything held by "
-            "slack strings alone, or does the structure fall without end? Start nearer (nodes=...), or allow more iterations"
+            "slack strings alone, or does the structure fall without end? Start nearer (nodes=...), or allow more "
+            "iterations"
         )

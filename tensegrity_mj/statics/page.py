@@ -41,11 +41,11 @@ def write_statics_page(path: str | os.PathLike[str], study: StaticStudy) -> Path
         members = Table("members", columns, rows, folded=True)
         sections.append(Section("Lightest members", study.sizing.describe(), [members]))
     if study.run is not None:
-        rows = [
+        uses = [
             (use.member, use.criterion.value, use.force, use.limit, use.utilisation, use.time) for use in study.run.uses
         ]
-        columns = ("member", "criterion", "force [N]", "limit [N]", "utilisation", "time [s]")
-        parts = [Table("largest uses", columns, rows, folded=True)] if rows else []
+        heads = ("member", "criterion", "force [N]", "limit [N]", "utilisation", "time [s]")
+        parts = [Table("largest uses", heads, uses, folded=True)] if uses else []
         sections.append(Section("Members over the run", study.run.describe(), parts))
     scene = study.model.scene
     title = f"Statics of {scene.name}" + (f": {scene.source}" if scene.source else "")

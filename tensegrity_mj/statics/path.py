@@ -38,6 +38,7 @@ from tensegrity_mj.structure import Structure
 Array = NDArray[np.float64]
 
 CORRECTIONS = 8  # of Newton's method, before a step is halved
+LEAST = 1e-6  # of the mean member: less that nodes move by on a straight path counts as so much
 EASY = 4  # corrections up to which the next step may grow
 SHORTEST = 1e-7  # of the first step: below it, the curve ends here
 SHARPEST = 0.8  # cosine of the angle between two tangents, below which a step is halved
@@ -45,7 +46,8 @@ CORNER = 0.05  # of the first step: below it, a curve may turn a corner, where a
 EIGENVALUES = 4  # at every point, and as many more as are negative
 ZERO = 1e-10  # of the stiffest string, and
 ROUGH = 1e-13  # of the stiffest rod: an eigenvalue of less counts as none
-LOCATED = 1e-10  # of the arc between two points: how well a critical point is known
+LOCATED = 1e-10  # of the arc between two points, or of the change of an eigenvalue: how well a critical point is known
+SOFT = 1e-3  # of the change of an eigenvalue: below it, motions may be left out where they do not matter
 TOGETHER = 1e-6  # of it: critical points that are nearer count as one
 
 
@@ -315,11 +317,11 @@ class _Walk:
     def __init__(self, model: StaticModel, move: float, span: float) -> None:
         self.model, self.move, self.span = model, move, span
 
-    def step(self, at: _Point, arc: float, *, bend: float = SHARPEST) -> _Point | None:
+    def step(self, at: _Point, arc: float, *, bend: float = SHARPEST, idle: Array | None = None) -> _Point | None:
         """The point so far ahead, or None where it is not found or the curve bends too much."""
         t = at.tangent
         ahead = self._correct(
-            at.state.x + arc * t.x, at.state.parameter + arc * t.s, at.state.rod_forces + arc * t.forces, t
+            at.state.x + arc * t.x, at.state.parameter + arc * t.s, at.state.rod_forces + arc * t.forces, t, idle
         )
         if ahead is None:
             return None
@@ -397,16 +399,27 @@ class _Walk:
         # Where an end is as good as critical, and has no sign of its own, it counts as `unstable` says.
         shift = 0.0 if before.value(which) * after.value(which) < 0 else _zero(self.model)
 
+        scale = abs(before.value(which) - after.value(which))
+
         def value(arc: float) -> float:
             if arc not in seen:
                 point = self.step(before, arc, bend=-np.inf)
+                if point is None:
+                    # Next to a bifurcation round-off leads off the curve, along motions that hardly anything resists.
+                    near = min(seen.values(), key=lambda other: abs(other.value(which)))
+                    soft = near.modes[:, np.abs(near.values) < SOFT * scale]
+                    point = self.step(before, arc, bend=-np.inf, idle=soft)
                 if point is None:  # beyond a corner
                     return after.value(which) + shift
                 seen[arc] = point
-            return seen[arc].value(which) + shift
+            there = seen[arc].value(which) + shift
+            return there if abs(there) > LOCATED * scale else 0.0
+
+        def is_above(arc: float) -> bool:
+            return seen[arc].value(which) + shift >= 0
 
         def enclosing() -> tuple[float, float]:
-            return next((a, b) for a, b in pairwise(sorted(seen)) if (value(a) >= 0) != (value(b) >= 0))
+            return next((a, b) for a, b in pairwise(sorted(seen)) if is_above(a) != is_above(b))
 
         brentq(value, *enclosing(), xtol=LOCATED * max(seen), maxiter=200, disp=False)
         return enclosing()
@@ -415,7 +428,7 @@ class _Walk:
         self, low: _Point, high: _Point, steep: float, which: list[int], rising: bool, turns: bool
     ) -> _Crossing:
         fewer, more = min(which), max(which) + 1
-        jump = abs(low.value(fewer) - high.value(fewer)) > steep
+        jump = min(abs(low.value(fewer)), abs(high.value(fewer))) > steep
         changed = bool(np.any(low.state.slack != high.state.slack))
         kind = Kind.SLACK if jump and changed else Kind.LIMIT if turns else Kind.BIFURCATION
         there = min(low, high, key=(lambda p: p.value(fewer)) if jump else (lambda p: abs(p.value(fewer))))
@@ -432,8 +445,10 @@ class _Walk:
     def _along(self, t: _Tangent, dx: Array, ds: float) -> float:
         return float(t.x @ dx) / self.move**2 + t.s * ds / self.span**2
 
-    def _correct(self, x: Array, s: float, forces: Array, across: _Tangent) -> StaticState | None:
-        """Newton's method across a tangent."""
+    def _correct(
+        self, x: Array, s: float, forces: Array, across: _Tangent, idle: Array | None = None
+    ) -> StaticState | None:
+        """Newton's method across a tangent, and across idle motions."""
         model, Z = self.model, self.model.boundary.Z
         best = np.inf
         for used in range(CORRECTIONS + 1):
@@ -449,7 +464,7 @@ class _Walk:
             if not np.isfinite(size) or off > 1.0:
                 return None
             best = min(best, size)
-            found = _bordered(model, x, s, forces, (-left, -lengths, 0.0), across, self.move, self.span)
+            found = _bordered(model, x, s, forces, (-left, -lengths, 0.0), across, self.move, self.span, idle)
             if found is None or float(np.abs(found.step.x).max(initial=0.0)) > model.scale[0]:
                 return None
             x, s, forces = x + found.step.x, s + found.step.s, forces + found.step.forces
@@ -478,7 +493,8 @@ def _begin(state: StaticState, goal: float, direction: ArrayLike | None) -> tupl
             "of a mechanism or at a limit point; give it supports, tension or a smaller load, or a direction"
         )
     move = 0.0 if found is None or pushed else span * float(np.linalg.norm(found.step.x))
-    walk = _Walk(model, move or model.scale[0], span)
+    # Rigid rods in a line hardly move before they buckle; nor does it say how far they do then.
+    walk = _Walk(model, max(move, model.scale[0] * (LEAST if way is None else 1.0)), span)
     if way is None:
         assert found is not None
         return walk, first._replace(tangent=_scaled(found.step, walk.move, span, sense))

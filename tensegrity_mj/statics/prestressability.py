@@ -10,12 +10,12 @@ Strings only pull. By Tucker's form of Farkas' lemma every string either pulls i
 there is a motion that keeps the rods' lengths, shortens no string and lengthens each of those that cannot pull: the
 certificate. Two linear programs find both.
 
-A prestress t stiffens a mechanism v by the sum over members of t/L times the squared motion of one end against the other
-across the member. A structure is prestress stable where a state of self-stress of strings that pull makes this positive
-on all mechanisms (Connelly and Whiteley 1996). Over such states the smallest eigenvalue is concave: cutting planes bound
-it from above, each state found from below, so that a positive one is proven by itself, and its absence by the bound. A
-free structure is super stable where its stress matrix is positive semidefinite of rank N - d - 1 and the directions of
-its members lie on no conic at infinity (Connelly 1982).
+A prestress t stiffens a mechanism v by the sum over members of t/L times the squared motion of one end against the
+other across the member. A structure is prestress stable where a state of self-stress of strings that pull makes this
+positive on all mechanisms (Connelly and Whiteley 1996). Over such states the smallest eigenvalue is concave: cutting
+planes bound it from above, each state found from below, so that a positive one is proven by itself, and its absence by
+the bound. A free structure is super stable where its stress matrix is positive semidefinite of rank N - d - 1 and the
+directions of its members lie on no conic at infinity (Connelly 1982).
 Bent joints' stiffness and loads have no part in any of it.
 """
 
@@ -305,10 +305,10 @@ class _Problem:
         prestress, bound, stability = own, float("nan"), (Verdict.NOT_ASKED, "")
         if own is None:
             prestress, bound, stability = self._stiffest(states, can_pull, loose)
-        stiffness = np.zeros(0)
+        stiffness: Array = np.zeros(0)
         if prestress is not None and loose.shape[1]:
             form = self._form(prestress, loose)
-            stiffness = np.linalg.eigvalsh(form)
+            stiffness = np.asarray(np.linalg.eigvalsh(form), float)
         if own is not None:
             stability = self._judged(own, stiffness)
         superb = self._super_stable(states, can_pull, own)

@@ -33,7 +33,14 @@ class Curve:
 
 @dataclass(frozen=True)
 class SlackEvent:
-    """A string that becomes slack, or taut again, between the point of a path before and this one."""
+    """A string that becomes slack, or taut again, between a point of a path and the one before it.
+
+    Attributes:
+        string: its name.
+        point: the later of the two.
+        parameter: where it does, by a straight line between the two.
+        slack: whether it becomes slack.
+    """
 
     string: str
     point: int
@@ -135,10 +142,14 @@ def _curves(path: Path) -> list[Curve]:
 
 
 def _slack_events(path: Path) -> list[SlackEvent]:
-    strings = path.model.structure.strings
+    model, s = path.model, path.parameters
+    margin = np.array([state.lengths for state in path.states]) - model.rest_lengths
     slack = np.array([state.slack for state in path.states])
     found = []
     for point in range(1, len(slack)):
         for row in np.flatnonzero(slack[point] != slack[point - 1]):
-            found.append(SlackEvent(strings[row].name, point, float(path.parameters[point]), bool(slack[point, row])))
-    return found
+            before, after = margin[point - 1, row], margin[point, row]
+            part = before / (before - after) if before != after else 1.0
+            there = float(s[point - 1] + part * (s[point] - s[point - 1]))
+            found.append(SlackEvent(model.structure.strings[row].name, point, there, bool(slack[point, row])))
+    return sorted(found, key=lambda event: event.point)

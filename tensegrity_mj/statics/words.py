@@ -205,15 +205,18 @@ def slack_strings(state: StaticState) -> list[str]:
 
 def _reactions(state: StaticState) -> Array:
     """(N, 3): of what is held; the rest is round-off."""
-    held = np.asarray(np.abs(state.model.boundary.rows).sum(axis=0)).reshape(-1, 3).any(axis=1)
-    return np.asarray(np.where(held[:, None], state.reactions, 0.0))
+    held = np.unique(state.model.boundary.rows.indices // 3)
+    out = np.zeros_like(state.reactions)
+    out[held] = state.reactions[held]
+    return out
 
 
 def _stresses(study: StaticStudy) -> Array:
     if study.members is None:
         return np.zeros(0)
-    stresses = study.members.loads.stresses[0]
-    return np.asarray(stresses[np.isfinite(stresses)])
+    stresses: Array = study.members.loads.stresses[0]
+    known: Array = stresses[np.flatnonzero(np.isfinite(stresses))]
+    return known
 
 
 def _members(check: MemberCheck) -> tuple[str, ...]:

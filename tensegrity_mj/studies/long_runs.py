@@ -167,7 +167,7 @@ def long_runs(
 
 
 def conservative(scene: Scene, seed: int) -> Scene:
-    """The scene without law, dampers, loads, motions of supports, resistance and breaks, and in motion."""
+    """The scene in motion, without law, dampers, loads, moving supports, resistance, water and breaks."""
     structure = scene.structure.with_strings(damping=0.0) if scene.structure.strings else scene.structure
     velocities = scene.velocities0
     if scene.motions or not np.any(velocities):
@@ -180,6 +180,7 @@ def conservative(scene: Scene, seed: int) -> Scene:
         motions=(),
         breaks=(),
         resistance=None,
+        water=None,
         control=None,
         target=None,
     )

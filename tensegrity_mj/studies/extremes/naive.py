@@ -25,7 +25,8 @@ Array = NDArray[np.float64]
 def applies(setup: Setup) -> bool:
     """Whether the setup can be run so: in MuJoCo, and without what the engine's callback would have to do."""
     scene = setup.experiment.scene
-    return not setup.engine.startswith(("dae", "ode")) and not scene.motions and scene.resistance is None
+    plain = not scene.motions and scene.resistance is None and scene.water is None
+    return plain and not setup.engine.startswith(("dae", "ode"))
 
 
 def claim(run: Trajectory) -> Estimate:
