@@ -10,6 +10,7 @@ from tensegrity_mj.controllers import feedback_linearization
 from tensegrity_mj.controllers.degraded import Delayed, Noisy
 from tensegrity_mj.controllers.feedback_linearization import FeedbackLinearization
 from tensegrity_mj.controllers.gains import Gains
+from tensegrity_mj.controllers.known_water import KnownWater
 from tensegrity_mj.controllers.lyapunov import Lyapunov
 from tensegrity_mj.controllers.optimal_allocation import Allocation, Sum, WhenInfeasible
 from tensegrity_mj.controllers.projection import Projection
@@ -24,6 +25,7 @@ __all__ = [
     "Delayed",
     "FeedbackLinearization",
     "Gains",
+    "KnownWater",
     "Lyapunov",
     "Noisy",
     "Onto",
@@ -38,16 +40,18 @@ __all__ = [
 class _Entry(NamedTuple):
     """A law that scene files and the command line can name."""
 
-    law: Callable[..., Any]  # (structure, target, *, gravity, **options)
+    law: Callable[..., Any]  # (structure, target, *, gravity, water, **options)
     options: Mapping[str, Callable[[Any, str], Any]]  # by name: (value as in a file, what it is) -> the law's value
 
 
 def from_scene(scene: Scene, law: str | None = None, **overrides: Any) -> Any:
-    """The law that a scene names in its `control`, or `law`, with the scene's target and gravity; `overrides` win.
+    """The law that a scene names in its `control`, or `law`, with the scene's target, gravity and water.
+
+    `overrides` win over the scene's options.
 
     A law other than the scene's takes those of the scene's options that it has too. Options in a scene file are those
     of the law's class; `norm` may be "inf", `onto` is "current" or "target", gains are tables {X = , Y = , Z = } of
-    numbers or matrices, or tables of such by rod name.
+    numbers or matrices, or tables of such by rod name, `water` is a `KnownWater` by name.
 
     Raises:
         OptionError: if there is no law or an unknown one, no target, or an option that the law has not.
@@ -72,7 +76,8 @@ def from_scene(scene: Scene, law: str | None = None, **overrides: Any) -> Any:
     if scene.target is None:
         raise OptionError(f"{where} has no target, which its law needs: add [scene.target]")
     options = {key: entry.options[key](value, f"{where}: {key}") for key, value in given.items()}
-    return entry.law(scene.structure, scene.target, gravity=scene.gravity, **options)
+    water = options.pop("water", KnownWater.ALL).of(scene.water)
+    return entry.law(scene.structure, scene.target, gravity=scene.gravity, water=water, **options)
 
 
 def _as_it_is(value: Any, what: str) -> Any:
@@ -108,6 +113,13 @@ def _onto(value: Any, what: str) -> Any:
     return Onto(value) if isinstance(value, str) else value
 
 
+def _known_water(value: Any, what: str) -> Any:
+    names = [one.value for one in KnownWater]
+    if not isinstance(value, KnownWater) and value not in names:
+        raise OptionError(f"{what} = {value!r}; allowed: {', '.join(names)}")
+    return KnownWater(value)
+
+
 def _when_infeasible(value: Any, what: str) -> Any:
     names = [one.value for one in WhenInfeasible]
     if isinstance(value, str) and value not in names:
@@ -123,6 +135,7 @@ _QUADRATIC = {
     "minimum_force_density": _as_it_is,
     "maximum_force_density": _as_it_is,
     "respect_limits": _as_it_is,
+    "water": _known_water,
 }
 
 _LINEARIZING: dict[str, Callable[[Any, str], Any]] = {
@@ -135,6 +148,7 @@ _LINEARIZING: dict[str, Callable[[Any, str], Any]] = {
     "linear": _as_it_is,
     "on_infeasible": _when_infeasible,
     "respect_limits": _as_it_is,
+    "water": _known_water,
 }
 
 LAWS: Mapping[str, _Entry] = {

@@ -21,16 +21,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.checks import real_array, state_of
+from tensegrity_mj.controllers.known_water import checked_water, described_water, packed_water, water_address
 from tensegrity_mj.controllers.optimal_allocation import Allocation, Allocator, Equation, Sum
 from tensegrity_mj.dynamics.kernels import rod_accelerations
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import PackedTarget, point_target, rod_target
+from tensegrity_mj.dynamics.wet_rods import wet_rod_accelerations
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.law import Command, NativeLaw, Report, check_made_for, native_law
+from tensegrity_mj.native.pointers import floats
 from tensegrity_mj.native.vectors import vector
+from tensegrity_mj.native.water import added_masses, immerse
 from tensegrity_mj.scene import Target
 from tensegrity_mj.structure import Structure
 from tensegrity_mj.validation import check_target
+from tensegrity_mj.water import Water
 
 Array = NDArray[np.float64]
 njit = numba.njit(cache=True, error_model="numpy")
@@ -79,6 +84,11 @@ def angles(rod: Any, b: Any, rate: Any, beta: Any, beta_rate: Any, P: Any, c: An
 
 
 @njit
+def _accelerations(rod: Any, b: Any, c: float, t_r: Any, t_b: Any, added: Any, water: int) -> Any:
+    return rod_accelerations(rod, b, c, t_r, t_b) if water == 0 else wet_rod_accelerations(rod, b, c, t_r, t_b, added)
+
+
+@njit
 def error_equation(
     t: float,
     nodes: Any,
@@ -88,6 +98,7 @@ def error_equation(
     string_nodes: Any,
     target: Any,
     gravity: Any,
+    water: int,
     gains: Any,
     A: Any,
     d: Any,
@@ -96,6 +107,7 @@ def error_equation(
     """(4.9) as A u = d, and the errors e (2, n) with their rates.
 
     Args:
+        water: address of a `PackedWater`'s table, 0 for none.
         gains: (2, n): K_p and K_d.
         A, d, e: written; A (n, M).
 
@@ -113,6 +125,10 @@ def error_equation(
     c, aim_c = work[12], work[13]
     beta, beta_rate, aim, aim_rate = work[14], work[15], work[16], work[17]
     P, aim_P = np.empty((2, 3)), np.empty((2, 3))
+    wet, added = np.zeros((len(nodes), 3)), floats(0, (count, 4))
+    if water != 0:
+        immerse(water, t, nodes, velocities, wet)
+        added = floats(added_masses(water), (count, 4))
     at = 0
     for a in range(count):
         rod = rods[a]
@@ -127,14 +143,19 @@ def error_equation(
             r_rate[k] = velocities[rod.i, k] + rod.sigma * rod.length * b_rate[k]
             square += b[k] * b[k]
             rate2 += b_rate[k] * b_rate[k]
-            t_r[k], t_b[k] = rod.mass * gravity[k], rod.f * gravity[k]
+            ahead, back = (1.0 - rod.sigma) * rod.length, rod.sigma * rod.length
+            t_r[k] = rod.mass * gravity[k] + wet[rod.i, k] + wet[rod.j, k]
+            t_b[k] = rod.f * gravity[k] + ahead * wet[rod.j, k] - back * wet[rod.i, k]
         rod_target(rod, t, target, r_aim, b_aim)
         if not angles(rod, b, b_rate, beta, beta_rate, P, c):
             return a
         if not angles(rod, b_aim[0], b_aim[1], aim, aim_rate, aim_P, aim_c):
             return a
-        # q̈ without strings, M⁻¹ g, weight included.
-        r_acc, b_acc = rod_accelerations(rod, vector(b), rate2 / square, vector(t_r), vector(t_b))
+        # q̈ without strings, M⁻¹ g, weight and water included.
+        own = (0.0, 0.0, 0.0, 0.0)
+        if water != 0:
+            own = (added[a, 0], added[a, 1], added[a, 2], added[a, 3])
+        r_acc, b_acc = _accelerations(rod, vector(b), rate2 / square, vector(t_r), vector(t_b), own, water)
         turns = rod.nb - 1
         for p in range(rod.nz + turns):
             i = at + p
@@ -166,7 +187,7 @@ def error_equation(
                 for k in range(3):
                     t_r[k] = 1.0 if k == axis else 0.0
                     t_b[k] = lever * t_r[k]
-                r_acc, b_acc = rod_accelerations(rod, vector(b), 0.0, vector(t_r), vector(t_b))
+                r_acc, b_acc = _accelerations(rod, vector(b), 0.0, vector(t_r), vector(t_b), own, water)
                 for p in range(rod.nz + turns):
                     for k in range(3):
                         if p < rod.nz:
@@ -221,6 +242,7 @@ class FeedbackLinearization:
         damping: ζ >= 0 of the error dynamics, likewise.
         allocation: of the force densities.
         gravity: g [m/s²] that the law knows of.
+        water: what the law knows of it, waves and current included; None for nothing.
         report: after each call, see `Report`.
 
     Raises:
@@ -233,6 +255,7 @@ class FeedbackLinearization:
     damping: ArrayLike = 1.0
     allocation: Allocation = field(default_factory=Allocation)
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    water: Water | None = None
 
     command = Command.FORCE_DENSITY
 
@@ -245,7 +268,9 @@ class FeedbackLinearization:
             object.__setattr__(self, "target", Target.set_point(self.target))
         check_target(self.structure, self.target)
         gravity = real_array("gravity", self.gravity, (3,), "m/s²", scalar=False)
-        object.__setattr__(self, "gravity", tuple(float(x) for x in gravity))
+        x, y, z = (float(x) for x in gravity)
+        object.__setattr__(self, "gravity", (x, y, z))
+        object.__setattr__(self, "water", checked_water(self.structure, (x, y, z), self.water))
         frequency = real_array("natural_frequency", self.natural_frequency, (len(self.coordinates),), "rad/s")
         damping = real_array("damping", self.damping, (len(self.coordinates),))
         if not np.all((frequency > 0) & (frequency <= LARGEST)):
@@ -281,7 +306,8 @@ class FeedbackLinearization:
     def native(self, structure: Structure) -> NativeLaw:
         """The law as engines call it, fresh for each run: no run begins where another ended."""
         check_made_for(self.structure, structure)
-        return replace(native_law(_Evaluation(self), structure), gravity=self.gravity, stateless=False)
+        law = native_law(_Evaluation(self), structure)
+        return replace(law, gravity=self.gravity, water=self.water, stateless=False)
 
     def __call__(self, time: float, nodes: Array, velocities: Array) -> Array:
         """u (M,) [N/m] at one state.
@@ -320,6 +346,7 @@ class FeedbackLinearization:
             "natural_frequency": np.asarray(self.natural_frequency, float).tolist(),
             "damping": np.asarray(self.damping, float).tolist(),
             "allocation": self.allocation.describe(self.structure),
+            **described_water(self.water),
         }
 
 
@@ -341,6 +368,7 @@ class _Evaluation:
         self.records = StructureRecords.of(structure)
         self.target = PackedTarget(target)
         self.gravity = np.array(law.gravity, float)
+        self.water = packed_water(structure, law.gravity, law.water)
         self.string_nodes = np.array(structure.string_nodes)
         self.structure, self.size = structure, (n, len(structure.strings))
 
@@ -356,6 +384,7 @@ class _Evaluation:
             self.string_nodes,
             self.target.arrays,
             self.gravity,
+            water_address(self.water),
             self.gains,
             A,
             d,
@@ -390,6 +419,7 @@ def from_options(
     target: Target | Array,
     *,
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    water: Water | None = None,
     natural_frequency: ArrayLike = 1.0,
     damping: ArrayLike = 1.0,
     sums: Sequence[Sequence[Any]] = (),
@@ -410,4 +440,4 @@ def from_options(
             raise OptionError(f'sums[{number}]: strings = {chosen!r}; it must be a list of names, or "all"')
         rows.append(Sum(minimum, None if chosen == "all" else tuple(chosen)))
     options = Allocation(sums=tuple(rows), **allocation)
-    return FeedbackLinearization(structure, target, natural_frequency, damping, options, gravity)
+    return FeedbackLinearization(structure, target, natural_frequency, damping, options, gravity, water)

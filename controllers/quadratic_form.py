@@ -8,6 +8,8 @@ where p = e_b in chapter 5, (5.4)-(5.5), and p = P(b) e_b or P(b_d) e_b in chapt
 on positions and velocities only, V̇ = γ + cᵀ(q̈ - q̈_d) with γ = ṗᵀ(X p + Y ė_b) + e_bᵀ K ė_b and c = Yᵀ p + Z ė_b, and
 likewise for z with p = e_z. That makes V̇ = β - fᵀu. The law asks for fᵀu = β + δ V, (5.15), with the smallest u
 between thresholds and ceilings (Lemma 5.1). Targets may move: their velocities and accelerations are in ė and q̈_d.
+
+Known forces belong to g of (5.10): weight, and where the law knows of water its loads, with the added mass in M.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from tensegrity_mj.checks import positive, real_array, state_of
 from tensegrity_mj.controllers.allocation import feasibility_margin, least_norm, least_squares
 from tensegrity_mj.controllers.gains import GAINS, Gains, gain_records
+from tensegrity_mj.controllers.known_water import checked_water, described_water, packed_water, water_address
 from tensegrity_mj.controllers.limits import StringLimits, write_ceilings
 from tensegrity_mj.dynamics.kernels import rod_accelerations
 from tensegrity_mj.dynamics.records import POINT, ROD, StructureRecords
@@ -36,6 +39,7 @@ from tensegrity_mj.dynamics.target import (
     standing_at,
     standing_targets,
 )
+from tensegrity_mj.dynamics.wet_rods import wet_rod_accelerations
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED, NativeLaw, Report, check_made_for
 from tensegrity_mj.native.pointers import (
@@ -59,9 +63,11 @@ from tensegrity_mj.native.vectors import (
     times,
     vector,
 )
+from tensegrity_mj.native.water import PackedWater, added_masses, immerse
 from tensegrity_mj.scene import Target
 from tensegrity_mj.structure import Structure
 from tensegrity_mj.validation import check_target
+from tensegrity_mj.water import Water
 
 Array = NDArray[np.float64]
 njit = numba.njit(cache=True, error_model="numpy")
@@ -94,7 +100,7 @@ class Onto(enum.Enum):
 
 PLAIN, ONTO_CURRENT, ONTO_TARGET = 0, 1, 2  # the same in compiled code
 UNBOUNDED, FIXED, OF_STATE = 0, 1, 2  # thresholds and ceilings: none at all, constant, or ceilings of the state
-TABLE_SIZE = 16
+TABLE_SIZE = 17
 
 
 class Terms(NamedTuple):
@@ -146,15 +152,19 @@ def quadratic_terms(
     target: Any,
     standing: Any,
     gravity: Any,
+    water: int,
+    wet: Any,
     influence: Any,
     f: Any,
 ) -> tuple[float, float, float]:
-    """Both parts of V, β of (5.11) or (6.13), and f of (5.12) or (6.14) into (M,); weight counts as a known force.
+    """Both parts of V, β of (5.11) or (6.13), and f of (5.12) or (6.14) into (M,); weight and water are known forces.
 
     Args:
         gains: in world components, see `QuadraticForm.compiled`.
         target, standing: where it moves, and where it stands (`standing_targets`).
-        influence: (N, 3), written: Φ A c, how each node's force enters V̇.
+        water: address of a `PackedWater`'s table, 0 for none.
+        wet: (N, 3), written where there is water: its forces on the nodes.
+        influence: (N, 3), written: Φ Aᵀ c, how each node's force enters V̇.
     """
     V_error, V_velocity, beta = 0.0, 0.0, 0.0
     g, still = vector(gravity), standing_at(t, target)
@@ -162,6 +172,13 @@ def quadratic_terms(
     for n in range(len(nodes)):
         for k in range(3):
             influence[n, k] = 0.0
+    added = floats(0, (len(rods), 4))
+    if water != 0:
+        for n in range(len(nodes)):
+            for k in range(3):
+                wet[n, k] = 0.0
+        immerse(water, t, nodes, velocities, wet)
+        added = floats(added_masses(water), (len(rods), 4))
     for a in range(len(rods)):
         rod, gain = rods[a], gains[a]
         first, first_rate = row_of(nodes, rod.i), row_of(velocities, rod.i)
@@ -199,8 +216,13 @@ def quadratic_terms(
             V_velocity += velocity
             beta += gamma - dot(c_z, r_d_acc)
         # cᵀ of the accelerations without strings, where A = M⁻¹ H is symmetric: aᵀ H = (A c)ᵀ. They are A g, weight
-        # included, and what turning adds: -(‖ḃ‖/‖b‖)² b to b̈, and f times that to the forces on r.
-        r_c, b_c = rod_accelerations(rod, b, 0.0, c_z, c_b)
+        # included, and what turning adds: -(‖ḃ‖/‖b‖)² b to b̈, and f times that to the forces on r. Added mass, which
+        # acts across b, has no part in that; and A is as symmetric as α is, so that Aᵀ has α_12 and α_21 exchanged.
+        if water == 0:
+            r_c, b_c = rod_accelerations(rod, b, 0.0, c_z, c_b)
+        else:
+            own = (added[a, 0], added[a, 2], added[a, 1], added[a, 3])
+            r_c, b_c = wet_rod_accelerations(rod, b, 0.0, c_z, c_b, own)
         turning = dot(b_rate, b_rate) / dot(b, b)
         beta += rod.mass * dot(r_c, g) + rod.f * dot(b_c, g) + turning * (rod.f * dot(r_c, b) - dot(c_b, b))
         at_i, at_j = minus(r_c, times(back, b_c)), plus(r_c, times(ahead, b_c))
@@ -222,6 +244,9 @@ def quadratic_terms(
         at_i = times(1.0 / point.mass, c_z)
         for k in range(3):
             influence[point.node, k] = at_i[k]
+    if water != 0:
+        for n in range(len(nodes)):
+            beta += dot(row_of(influence, n), row_of(wet, n))
     for m in range(len(string_nodes)):
         i, j = string_nodes[m, 0], string_nodes[m, 1]
         s = minus(row_of(nodes, j), row_of(nodes, i))
@@ -230,8 +255,8 @@ def quadratic_terms(
 
 
 @inlined
-def _room(nodes: int, strings: int) -> int:
-    return 3 * nodes + 2 * strings
+def _room(nodes: int, strings: int, water: int) -> int:
+    return (6 if water != 0 else 3) * nodes + 2 * strings
 
 
 @inlined
@@ -250,6 +275,7 @@ def _evaluate(
     nodes = floats(nodes_at, (count, 3))
     influence = floats(room, (count, 3))
     f, ceiling = floats(room + 24 * count, (size,)), floats(room + 24 * count + 8 * size, (size,))
+    wet = floats(room + 24 * count + 16 * size if table[16] else 0, (count, 3))
     V_error, V_velocity, beta = quadratic_terms(
         t,
         nodes,
@@ -262,6 +288,8 @@ def _evaluate(
         target,
         floats(table[14], (len(target.times), len(rods) + len(points), 2, 3)),
         floats(table[11] + 16, (3,)),
+        table[16],
+        wet,
         influence,
         f,
     )
@@ -283,7 +311,7 @@ def _evaluate(
 @numba.cfunc(LAW_SIGNATURE, cache=True, error_model="numpy")
 def _law(t, nodes_at, velocities_at, context, command_at, report_at):  # type: ignore[no-untyped-def]
     table = integers(context, (TABLE_SIZE,))
-    room = table[15] if table[15] else stack_doubles(_room(table[0], table[1]))
+    room = table[15] if table[15] else stack_doubles(_room(table[0], table[1], table[16]))
     return _evaluate(t, nodes_at, velocities_at, table, command_at, report_at, room)
 
 
@@ -291,7 +319,7 @@ class QuadraticForm:
     """The checked options of a law, and its compiled form.
 
     Args:
-        structure, target, decay_rate, norm, translation, rotation, gravity, respect_limits: as in the laws.
+        structure, target, decay_rate, norm, translation, rotation, gravity, water, respect_limits: as in the laws.
         minimum, maximum: ū and u_max [N/m], scalars or (M,).
         onto: what errors of b are projected onto; None for no projection.
         stiffness: K of (6.3), of every rod or by rod name.
@@ -313,6 +341,7 @@ class QuadraticForm:
         maximum: ArrayLike,
         respect_limits: bool,
         gravity: tuple[float, float, float],
+        water: Water | None = None,
         onto: Onto | None = None,
         stiffness: ArrayLike | Mapping[str, ArrayLike] = 0.0,
     ) -> None:
@@ -341,6 +370,7 @@ class QuadraticForm:
                 )
         x, y, z = (float(v) for v in real_array("gravity", gravity, (3,), "m/s²", scalar=False))
         self.gravity = (x, y, z)
+        self.water = checked_water(structure, self.gravity, water)
         self.gains = gain_records(structure, translation, rotation, stiffness)
 
     @property
@@ -356,6 +386,10 @@ class QuadraticForm:
     @cached_property
     def _packed(self) -> _Packed:
         return _Packed(self)
+
+    @cached_property
+    def _packed_water(self) -> PackedWater | None:
+        return packed_water(self.structure, self.gravity, self.water)
 
     @cached_property
     def compiled(self) -> NativeLaw:
@@ -376,17 +410,20 @@ class QuadraticForm:
         table[11:14] = address_of(settings), address_of(self.floor), address_of(self.limits.packed)
         table[14] = address_of(packed.standing)
         # Scratch lies on the stack, which each thread has, or is the law's own where it is too large for that.
-        room = _room(len(own.nodes), len(own.strings))
+        water = packed_water(own, self.gravity, self.water)  # each compiled law has its own: it is written into
+        table[16] = water_address(water)
+        room = _room(len(own.nodes), len(own.strings), int(table[16]))
         scratch = np.empty(room if room > STACK_LIMIT else 0)
         table[15] = address_of(scratch) if len(scratch) else 0
         return NativeLaw(
             address=_law.address,
             context=address_of(table),
-            keep=(self, packed, string_nodes, settings, table, scratch),
+            keep=(self, packed, string_nodes, settings, table, scratch, water),
             discontinuous=self.discontinuous,
             gravity=self.gravity,
+            water=self.water,
             decay_rate=self.decay_rate,
-            stateless=len(scratch) == 0,
+            stateless=len(scratch) == 0 and water is None,
         )
 
     def native(self, structure: Structure) -> NativeLaw:
@@ -430,10 +467,10 @@ class QuadraticForm:
 
     def terms(self, time: float, nodes: Array, velocities: Array) -> Terms:
         """The parts of V, and β and f of V̇ = β - fᵀu."""
-        packed = self._packed
+        packed, count = self._packed, len(self.structure.nodes)
         f = np.empty(len(self.structure.strings))
         error, velocity, beta = quadratic_terms(
-            *state_of(time, nodes, velocities, len(self.structure.nodes)),
+            *state_of(time, nodes, velocities, count),
             packed.records.rods,
             packed.records.points,
             packed.gains,
@@ -442,7 +479,9 @@ class QuadraticForm:
             packed.target.arrays,
             packed.standing,
             np.array(self.gravity),
-            np.empty((len(self.structure.nodes), 3)),
+            water_address(self._packed_water),
+            np.empty((count, 3)),
+            np.empty((count, 3)),
             f,
         )
         return Terms(error, velocity, beta, f)
@@ -464,6 +503,7 @@ class QuadraticForm:
             "maximum_force_density": [u if math.isfinite(u) else None for u in highest.tolist()],
             "keeps_min_rest_length": self.limits.of_state,
             "target_equilibrium": self.target_equilibrium(),
+            **described_water(self.water),
         }
 
 

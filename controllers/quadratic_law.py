@@ -15,6 +15,7 @@ from tensegrity_mj.controllers.quadratic_form import Onto, QuadraticForm, Terms
 from tensegrity_mj.law import Command, NativeLaw, Report
 from tensegrity_mj.scene import Target
 from tensegrity_mj.structure import Structure
+from tensegrity_mj.water import Water
 
 Array = NDArray[np.float64]
 
@@ -33,6 +34,7 @@ class QuadraticLaw:
         maximum_force_density: [N/m], scalar or (M,), inf for none.
         respect_limits: keep within the strings' `max_force_density` and `min_rest_length` too.
         gravity: g [m/s²] that the law knows of.
+        water: what the law knows of it, waves and current included; None for nothing.
 
     """
 
@@ -46,6 +48,7 @@ class QuadraticLaw:
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     maximum_force_density: ArrayLike = np.inf
     respect_limits: bool = True
+    water: Water | None = None
 
     command = Command.FORCE_DENSITY
 
@@ -54,6 +57,7 @@ class QuadraticLaw:
         object.__setattr__(self, "target", form.target)
         object.__setattr__(self, "decay_rate", form.decay_rate)
         object.__setattr__(self, "gravity", form.gravity)
+        object.__setattr__(self, "water", form.water)
 
     @cached_property
     def form(self) -> QuadraticForm:
@@ -72,6 +76,7 @@ class QuadraticLaw:
             self.maximum_force_density,
             self.respect_limits,
             self.gravity,
+            self.water,
             onto,
             stiffness,
         )

@@ -301,7 +301,7 @@ def sharpened(
                 y = low + GOLDEN * (high - low)
                 at_y = moving(P, V, ends, number, h, y)[0]
         D, s, t = moving(P, V, ends, number, h, 0.5 * (low + high))
-        if best > D:
+        if best * (1.0 - SAME) > D:
             best, s_best, t_best, when = D, s, t, time[number] + 0.5 * (low + high) * h
     return sqrt(best), when, s_best, t_best
 

@@ -21,7 +21,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +30,9 @@ from tensegrity_mj import interrupts
 from tensegrity_mj.checks import member
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.structure import Structure
+
+if TYPE_CHECKING:
+    from tensegrity_mj.water import Water
 
 Array = NDArray[np.float64]
 
@@ -74,6 +77,7 @@ class NativeLaw:
         period: [s] that a sampled recording must be played with, or None.
         until: [s] at which a recording ends, or None.
         gravity: [m/s²] that it reckons with, or None if it has no such notion.
+        water: that it reckons with besides; None for none.
         decay_rate: δ [1/s] of the V̇ = -δ V that it promises, or None if it promises none.
         failure: the exception of a Python law that failed with FAILED, in a list of at most one.
         reason: why a Python law had no solution when it was last asked, in a list of at most one text.
@@ -92,6 +96,7 @@ class NativeLaw:
     period: float | None = None
     until: float | None = None
     gravity: tuple[float, ...] | None = None
+    water: Water | None = None
     decay_rate: float | None = None
     spent: list[float] | None = None
     stateless: bool = False

@@ -136,7 +136,7 @@ def test_what_cannot_be_judged_is_said_and_counted() -> None:
     assert {row.verdict for row in rows} == {Verdict.UNJUDGED}
     assert counts(rows)["cannot be judged"] == len(rows)
     assert f"{len(rows)} of them cannot be judged" in summary(rows)
-    text = markdown(rows, BOTH)
+    text = markdown(rows)
     assert "not in the thesis" in text
     assert "| – | – | cannot be judged |" in text
 

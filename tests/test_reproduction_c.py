@@ -155,7 +155,7 @@ def test_the_tower_of_chapter_7_is_what_the_doc_says(tmp_path: Path) -> None:
     assert len(made.rows) == len(statements7.STATEMENTS)
     for one in made.rows:
         assert one.verdict is (Verdict.REPRODUCED if one.statement.known is None else Verdict.DIFFERS)
-        assert written[one.statement.id] == page.markdown_row(one)
+        assert written[one.statement.id] == page.markdown_row(one, BOTH)
     assert made.files["7.6"].read_bytes().startswith(b"\x89PNG")
 
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 HELP = "the smallest distances between rods and strings along a run: who, when, where; what touches or passes through"
 EXAMPLES = """\
 examples:
-  tensegrity-mj run prism --out prism.nc && tensegrity-mj clearance prism.nc
+  tensegrity-mj clearance prism.nc              # of tensegrity-mj run prism --out prism.nc
   tensegrity-mj clearance prism.nc --pairs rod-rod,rod-string --below 0.05 --out nearest.png
   tensegrity-mj clearance tower --json          # one shape: the scene's start
 

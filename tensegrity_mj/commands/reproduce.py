@@ -67,7 +67,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         draw=not options.no_figures,
     )
     if table is not None:
-        page.write(table, page.markdown(found.rows, engines))
+        page.write(table, page.markdown(found.rows))
     files = {what: str(path.absolute()) for what, path in found.files.items()}
     data = {
         "status": "unexplained" if found.unexplained else "completed",

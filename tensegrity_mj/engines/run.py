@@ -283,6 +283,10 @@ def _reports(request: Request, run: Trajectory) -> dict[str, Any]:
     known = request.law.gravity
     if known is not None and known != run.scene.gravity:
         warnings.append(f"the law reckons with gravity {known}, the scene has {run.scene.gravity} m/s²")
+    if known is not None and request.law.water != run.scene.water:
+        theirs, ours = request.law.water, run.scene.water
+        kind = "with no water" if theirs is None else "with other water than the scene's" if ours else "with water"
+        warnings.append(f"the law reckons {kind}" + ("" if ours else ", and the scene has none"))
     if known is not None and run.scene.motions:
         warnings.append(f"the law reckons with supports at rest, and '{run.scene.motions[0].support}' moves")
     decay_error, since = _decay_error(request, run)

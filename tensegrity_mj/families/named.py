@@ -29,6 +29,7 @@ _HOME = {
     "planar_beam": "planar_beam",
     "suspended_cable": "suspended_cable",
     "tower": "tower",
+    "tower_in_waves": "tower_in_waves",
     "truss_arm": "truss_arm",
 }
 _CALL = re.compile(r"\s*[^\W\d]\w*\s*\(")

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 FIELD_OF_VIEW = 30.0  # degrees, vertical; narrow, so that parallel members look parallel
 AZIMUTH, ELEVATION = 125.0, -18.0  # degrees, in MuJoCo's sense; the azimuth is only the first that is considered
 TURN = 15.0  # degrees between azimuths that are considered
+AFLOAT = -10.0  # degrees: the elevation over water, low enough to see how high waves are
+SLENDER = 2.0  # length over width from which a structure in water is seen from the side
 FLAT = 1e-3  # thickness over extent below which a motion counts as planar
 
 
@@ -101,6 +103,30 @@ def direction(points: Array, corners: Array, azimuth: float | None, elevation: f
     if azimuth is not None:
         return Camera(float(azimuth), tilt)
     return Camera(flat[0] if flat else _clearest_azimuth(corners, tilt), tilt)
+
+
+def broadside(points: Array, waves: tuple[float, ...]) -> float | None:
+    """The azimuth [degrees] from which what floats is seen from the side, with waves that pass from left to right.
+
+    Across its long axis, where it is at least twice as long as wide, seen from above; else across the highest wave.
+
+    Args:
+        points: (P, 3) everywhere that it is [m].
+        waves: directions that waves travel in, the highest first [rad].
+
+    Returns:
+        None where it is not long, and there are no waves.
+    """
+    centred = points[:, :2] - points[:, :2].mean(axis=0)
+    size, axes = np.linalg.eigh(centred.T @ centred)
+    travel = np.array([math.cos(waves[0]), math.sin(waves[0])]) if waves else np.zeros(2)
+    right: Array = axes[:, 1] if size[1] >= SLENDER**2 * size[0] and size[1] > 0.0 else travel
+    if not right.any():
+        return None
+    # Where a wave comes from abeam, or there is none: +x to the right, or +y.
+    sign = next((float(v) for v in (right @ travel, *right) if abs(v) > 1e-6), 1.0)
+    right = right * math.copysign(1.0, sign)
+    return math.degrees(math.atan2(right[0], -right[1])) % 360.0
 
 
 def corners_of(pairs: NDArray[np.int64], nodes: Array) -> Array:

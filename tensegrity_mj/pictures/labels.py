@@ -37,6 +37,7 @@ class Legend:
         tension: the colour scale; None without strings.
         slack, target, fixed, guided: whether these occur.
         grid: size of a cell [m]; None without a grid.
+        water: whether there is any.
     """
 
     tension: palette.TensionScale | None
@@ -45,6 +46,7 @@ class Legend:
     fixed: bool
     guided: bool
     grid: float | None
+    water: bool
 
 
 class Labels:
@@ -139,6 +141,8 @@ class Labels:
             entries.append(("fixed", _draw_box(palette.SUPPORT)))
         if legend.guided:
             entries.append(("guided", _draw_box(palette.GUIDE)))
+        if legend.water:
+            entries.append(("water", _draw_water))
         if legend.grid is not None:
             entries.append((f"grid {legend.grid:g} m", _draw_grid))
         for text, symbol in entries:
@@ -235,6 +239,14 @@ def _draw_grid(draw: ImageDraw.ImageDraw, wide: int, tall: int) -> None:
         draw.line((x, 0.0, x, tall), fill=color, width=FINE)
     for y in (0.25 * tall, 0.85 * tall):
         draw.line((0.1 * wide, y, 0.9 * wide, y), fill=color, width=FINE)
+
+
+def _draw_water(draw: ImageDraw.ImageDraw, wide: int, tall: int) -> None:
+    t = np.linspace(0.0, 1.0, 33)
+    points = [*zip(wide * (0.1 + 0.8 * t), tall * (0.35 - 0.14 * np.cos(2.0 * np.pi * t)), strict=True)]
+    body = palette.to_bytes(palette.mixed(palette.WATER, palette.BACKGROUND, 0.5))
+    draw.polygon([*points, (0.9 * wide, 0.95 * tall), (0.1 * wide, 0.95 * tall)], fill=body)
+    draw.line(points, fill=palette.to_bytes(palette.WATER_LINE), width=FINE, joint="curve")
 
 
 def _paste(

@@ -12,6 +12,8 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.scene import Scene, Target
 from tensegrity_mj.structure import Structure
 from tensegrity_mj.trajectory import Status, Trajectory
+from tensegrity_mj.water import sea_of
+from tensegrity_mj.waves import Sea
 
 Array = NDArray[np.float64]
 
@@ -41,6 +43,7 @@ class Motion:
         tensions, rest_lengths: (T, M) [N], [m].
         break_times: (M,) [s] when each string breaks, ∞ for never; it is not drawn from then on.
         floor: what it may land on: a point of it [m] and its unit normal, (3,) each, or None.
+        sea: the waves of the water that it is in, or None.
     """
 
     structure: Structure
@@ -57,6 +60,7 @@ class Motion:
     rest_lengths: Array
     break_times: Array
     floor: tuple[Array, Array] | None
+    sea: Sea | None
 
     @classmethod
     def of(cls, source: Trajectory | Scene) -> Motion:
@@ -98,6 +102,7 @@ class Motion:
             rest_lengths=np.nan_to_num(source.rest_lengths[:count], posinf=0.0, neginf=0.0),
             break_times=_break_times(source.scene),
             floor=_floor(source.scene),
+            sea=_sea(source.scene),
         )
 
     @classmethod
@@ -123,6 +128,7 @@ class Motion:
             rest_lengths=rest[None],
             break_times=_break_times(scene),
             floor=_floor(scene),
+            sea=_sea(scene),
         )
 
     @property
@@ -201,6 +207,10 @@ def _finite_samples(run: Trajectory) -> int:
 def _floor(scene: Scene) -> tuple[Array, Array] | None:
     contact = scene.contact
     return None if contact is None or contact.floor is None else (contact.floor * contact.up, contact.up)
+
+
+def _sea(scene: Scene) -> Sea | None:
+    return None if scene.water is None else sea_of(scene)
 
 
 def _down(scene: Scene) -> Array:

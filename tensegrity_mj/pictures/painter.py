@@ -15,6 +15,7 @@ from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera
 from tensegrity_mj.pictures.motion import Motion, Pose
 from tensegrity_mj.pictures.sag import slack_arcs
+from tensegrity_mj.pictures.surface import Surface
 from tensegrity_mj.pictures.traces import MAX_PIECES, Traces
 from tensegrity_mj.structure import Structure
 
@@ -88,11 +89,21 @@ class Sizes:
         )
 
 
-def make_model() -> Any:
-    """The MjModel that pictures are drawn with."""
+def make_model(surface: Surface | None = None) -> Any:
+    """The MjModel that pictures are drawn with; with water, it lends the renderer a skin for each of its meshes."""
     import mujoco
 
-    return mujoco.MjModel.from_xml_string(_MODEL)
+    if surface is None:
+        return mujoco.MjModel.from_xml_string(_MODEL)
+    specification = mujoco.MjSpec.from_string(_MODEL)
+    for faces in surface.faces:
+        count = int(faces.max()) + 1
+        # Where vertices are is said for each frame; here the triangles count, and that there is a bone.
+        skin = specification.add_skin()
+        skin.vert, skin.face = np.zeros(3 * count).tolist(), faces.ravel().tolist()
+        skin.bodyname, skin.bindpos, skin.bindquat = ["world"], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
+        skin.vertid, skin.vertweight = [list(range(count))], [[1.0] * count]
+    return specification.compile()
 
 
 class Painter:
@@ -118,6 +129,7 @@ class Painter:
         self.scene.flags[:] = 0
         self.scene.flags[mujoco.mjtRndFlag.mjRND_CULL_FACE.value] = 1
         self._option = mujoco.MjvOption()
+        self._option.flags[mujoco.mjtVisFlag.mjVIS_SKIN.value] = 0  # they are drawn here, where there are any
         self._perturb = mujoco.MjvPerturb()
         self._view = mujoco.MjvCamera()
         self._pixel_scale = pixel_scale
@@ -196,6 +208,21 @@ class Painter:
         geom = self._next()
         self._mujoco.mjv_initGeom(geom, kind, size, middle, frame.ravel(), _rgba(palette.FLOOR, 1.0))
         geom.emission, geom.specular = 0.12, 0.0
+
+    def water(self, surface: Surface, points: Array) -> None:
+        """The water whose surface has the vertices (I, J, 3) [m], for a model made with the same `surface`."""
+        # Drawn twice each, see MuJoCo's order of translucent geoms: in effect, opacity is 1 - (1 - alpha)².
+        looks = ((palette.WATER, 0.26, 0.3), (palette.WATER, 0.14, 0.2), (palette.WATER_LINE, 0.35, 0.5))
+        kind = self._mujoco.mjtGeom.mjGEOM_SKIN.value
+        for row, (mesh, (color, alpha, emission)) in enumerate(zip(surface.meshes(points), looks, strict=True)):
+            first = 3 * self.scene.skinvertadr[row]
+            for target, values in zip((self.scene.skinvert, self.scene.skinnormal), mesh, strict=True):
+                target[first : first + values.size] = values.ravel()
+            geom = self._next()
+            # A skin is in world coordinates: the place counts only for the order in which geoms are drawn.
+            middle = points[0, 0] + 0.5 * (points[-1, -1] - points[0, 0])
+            self._mujoco.mjv_initGeom(geom, kind, self._zero, middle, self._identity, _rgba(color, alpha))
+            geom.objid, geom.emission, geom.specular = row, emission, 0.0
 
     def supports(self, structure: Structure, nodes: Array, sizes: Sizes) -> None:
         """Dark cubes at fixed nodes and pinned points of rods; light ones where a rod is guided in some directions."""

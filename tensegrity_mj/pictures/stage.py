@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.mjcf import rotation_to
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera, corners_of, direction, fit
+from tensegrity_mj.pictures.camera import AFLOAT, FIELD_OF_VIEW, Camera, broadside, corners_of, direction, fit
 from tensegrity_mj.pictures.labels import Labels, Legend, Name
 from tensegrity_mj.pictures.motion import Motion, Pose
 from tensegrity_mj.pictures.opengl import MAX_BUFFER, MAX_SIZE, Canvas, choose_backend
@@ -27,7 +27,9 @@ from tensegrity_mj.pictures.painter import (
     slack_curves,
     supported_points,
 )
+from tensegrity_mj.pictures.surface import Surface
 from tensegrity_mj.pictures.traces import MAX_PIECES, Traces, moving_rows
+from tensegrity_mj.waves import Sea
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
@@ -38,6 +40,9 @@ LEVEL = 0.9999  # cosine of the angle within which a floor is horizontal
 FAR = 4.0  # times a structure's own extent: a run that travels farther is followed by the camera
 BLOWN_UP = 2.5  # times its extent at the start: what a diverging structure grows to beyond that is not framed
 TRACE_TOLERANCE = 0.4  # px
+LINE = 1.5  # px; of lines on water
+DEEP = 1.0  # times the extent: water is framed as far above and below the structure
+SUNK = 4.0  # times the extent: as far it is drawn at all
 MAX_GRID_LINES = 40  # a cell is at least 1/15 of the extent
 HALF_VIEW = math.tan(math.radians(FIELD_OF_VIEW) / 2.0)  # of the distance: what half a picture's height spans
 
@@ -126,6 +131,7 @@ class Stage:
         self.motions = [motion] if other is None else [motion, other]
         self.view = view
         self._split = other is not None and layout is Layout.SIDE_BY_SIDE
+        self._seas = self._seas_shown()
         self._ghost = other if not self._split else None
         self.start = min(m.start for m in self.motions)
         self.end = max(m.end for m in self.motions)
@@ -202,14 +208,55 @@ class Stage:
         extent = max(float(np.linalg.norm(np.ptp(nodes, axis=0))), 1e-9)
         self._sizes = [Sizes.of(m.structure, extent) for m in self.motions]
         margin = max(max(float(np.max(s.rod, initial=0.0)), 1.8 * s.support, s.point_mass) for s in self._sizes)
-        camera = direction(nodes, self._corners(), self.view.azimuth, self.view.elevation)
+        camera = self._direction(nodes)
         if self.view.distance is not None:
             camera = Camera(camera.azimuth, camera.elevation, distance=self.view.distance)
-        self._plan_grid(nodes, extent, camera)
-        self._points = np.concatenate([nodes, hanging, self._grid_corners()])
+        self._cell = palette.round_up(extent / 15.0, (1.0, 2.0, 5.0))
+        wet, sunk = self._plan_water(nodes, clouds, extent)
+        self._plan_grid(np.concatenate([nodes, wet]), extent, camera)
+        self._points = np.concatenate([nodes, hanging, wet, self._grid_corners()])
         self._camera = fit(camera, self._points, 1.4 * margin, aspect, keep_distance=self.view.distance is not None)
+        # What is too deep or too high to be framed is drawn as far as it shows.
+        self._points = np.concatenate([self._points, sunk])
         middle = np.array(self._camera.look_at)
         self._reach = float(np.max(np.linalg.norm(self._points - middle, axis=1))) + 4.0 * margin
+
+    def _seas_shown(self) -> list[Sea | None]:
+        """Of each motion's picture; a ghost over a run is in the run's own sea, or brings its."""
+        seas = [motion.sea for motion in self.motions]
+        return seas if self._split else [next((sea for sea in seas if sea is not None), None)]
+
+    def _direction(self, nodes: Array) -> Camera:
+        """Of the camera, which sees waves pass from the side."""
+        azimuth, elevation = self.view.azimuth, self.view.elevation
+        sea = next((sea for sea in self._seas if sea is not None), None)
+        if sea is not None:
+            highest = sea.direction[np.argsort(-sea.amplitude, kind="stable")]
+            azimuth = broadside(nodes, tuple(highest.tolist())) if azimuth is None else azimuth
+            elevation = AFLOAT if elevation is None else elevation
+        return direction(nodes, self._corners(), azimuth, elevation)
+
+    def _plan_water(self, nodes: Array, clouds: list[tuple[Array, Array]], extent: float) -> tuple[Array, Array]:
+        """Where the water lies; its corners (8, 3) [m], or none, as far as they are framed, and as far as drawn."""
+        self._surface: Surface | None = None
+        seas = [sea for sea in self._seas if sea is not None]
+        if not seas:
+            return np.zeros((0, 3)), np.zeros((0, 3))
+        low, high = float(nodes[:, 2].min()), float(nodes[:, 2].max())
+        # The camera that follows goes up and down with the structure, the water does not.
+        middles = np.concatenate([middle[:, 0, 2] for _, middle in clouds]) if self._follow else np.zeros(1)
+        world = low, high
+        if self._follow:
+            every = np.concatenate([paths[..., 2].ravel() for paths, _ in clouds])
+            world = float(every.min()), float(every.max())
+        self._surface = Surface.around(nodes, world, self._cell, seas)
+        lowest = self._surface.bottom - float(middles.max())
+        highest = self._surface.crest - float(middles.min())
+        framed, drawn = (
+            self._surface.corners(max(lowest, low - far * extent), min(max(highest, low), high + far * extent))
+            for far in (DEEP, SUNK)
+        )
+        return framed, drawn
 
     def _corners(self) -> Array:
         """Where members of the first structure meet, at a few instants; of very many, every so many."""
@@ -244,9 +291,11 @@ class Stage:
     def _plan_grid(self, points: Array, extent: float, camera: Camera) -> None:
         """A horizontal grid that everything stands on, for scale and depth; none where it would be seen edge-on."""
         floor = next((m.floor for m in self.motions if m.floor is not None), None)
+        if floor is None and self._surface is not None and self._surface.shallow:
+            floor = np.array([0.0, 0.0, self._surface.bottom]), np.array([0.0, 0.0, 1.0])
         level = floor is None or floor[1][2] > LEVEL
-        self._has_grid = camera.elevation < -2.0 and level
-        self._cell = palette.round_up(extent / 15.0, (1.0, 2.0, 5.0))
+        # Deep water has its grid on the surface.
+        self._has_grid = camera.elevation < -2.0 and level and (self._surface is None or floor is not None)
         low, high = points.min(axis=0), points.max(axis=0)
         low[2] = low[2] - 1.05 * max(s.support for s in self._sizes) if floor is None else floor[0][2]
         # Whole cells that hold everything; a line a cell is drawn, so that their number is bounded by the extent.
@@ -329,7 +378,8 @@ class Stage:
             target=self.view.target and any(m.target is not None for m in self.motions),
             fixed=3 in held,
             guided=any(h < 3 for h in held),
-            grid=self._cell if self._has_grid else None,
+            grid=self._cell if self._has_grid or self._surface is not None else None,
+            water=self._surface is not None,
         )
 
     def _clock_text(self, time: float) -> str:
@@ -343,13 +393,15 @@ class Stage:
 
     def _open(self) -> None:
         """OpenGL, painters, and everything that stays from frame to frame."""
-        model = make_model()
+        pixel = 2.0 * self._camera.distance * HALF_VIEW / self.view.size[1]
+        if self._surface is not None:
+            self._surface = self._surface.lined(LINE * pixel, self._camera)
+        model = make_model(self._surface)
         port = self._ports[0]
         canvas = Canvas(model, *self._drawn_size(port))
         self._canvas = self._stack.enter_context(canvas)
         needed = 2 * sum(geoms_needed(m.structure) for m in self.motions)
         capacity = needed + MAX_GRID_LINES + 2 * MAX_PIECES + 200
-        pixel = 2.0 * self._camera.distance * HALF_VIEW / self.view.size[1]
         self._painters, self._traces, self._drawn, self._colors = [], [], [], []
         for index in range(len(self._ports)):
             motion = self.motions[index]
@@ -389,7 +441,7 @@ class Stage:
         if self._follow:
             moved = np.array(camera.look_at) - np.array(self._camera.look_at)
             # A grid goes with what is seen, a floor stays at its height.
-            shift[:] = *np.round(moved[:2] / self._cell) * self._cell, moved[2] if self._plate is None else 0.0
+            shift[:] = *self._whole_cells(moved), moved[2] if self._plate is None else 0.0
         if self._plate is not None:
             low, high, frame = self._plate
             shift = shift - (shift @ frame[:, 2]) * frame[:, 2]
@@ -400,6 +452,9 @@ class Stage:
     def _draw_moving(self, painter: Painter, index: int, pose: Pose, time: float) -> None:
         motion, sizes = self.motions[index], self._sizes[index]
         painter.supports(motion.structure, pose.nodes, sizes)
+        sea = self._seas[index]
+        if self._surface is not None and sea is not None:
+            painter.water(self._surface, self._surface.points(sea, time, self._cells_moved(pose)))
         painter.structure(motion, pose, sizes, self._scale)
         if self._ghost is not None:
             painter.structure(self._ghost, self._ghost.pose(time), self._sizes[1], self._scale, Look.GHOST)
@@ -408,6 +463,13 @@ class Stage:
             if targets is not None:
                 aim = replace(pose, nodes=targets[0])
                 painter.structure(motion, aim, sizes, self._scale, Look.TARGET)
+
+    def _cells_moved(self, pose: Pose) -> Array:
+        """How far (2,) [m] the water goes with a structure that the camera follows."""
+        return self._whole_cells(self._middle(pose.nodes[None])[0]) if self._follow else np.zeros(2)
+
+    def _whole_cells(self, shift: Array) -> Array:
+        return np.asarray(np.round(shift[:2] / self._cell) * self._cell)
 
     @staticmethod
     def _middle(nodes: Array) -> Array:

@@ -15,16 +15,18 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.pictures.camera import Camera
 from tensegrity_mj.waves import Sea
 
 Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
 MARGIN = 0.15  # of the structure's extent: how far the block stands out around it
-BELOW = 0.1  # of the extent: how far it goes on below everything, trough and structure
+BELOW = 0.06  # of the extent: how far it goes on below everything, trough and structure
 BOTTOM = 0.3  # of the extent: a bottom that lies at most so much deeper than that is shown
 PIECES = 20  # of the shortest wave: chords are then within 1.3 % of its amplitude
 MOST_POINTS = 6000  # of the surface; waves too short for that many are coarse
+FLATTEST = 0.3  # lines lie on the water, and are widened no more where it is seen from lower
 MINOR = 0.05  # of the largest amplitude: components below do not ask for finer pieces
 
 
@@ -36,7 +38,7 @@ class Surface:
         x, y: (I,), (J,) of the surface's vertices, ascending [m].
         bottom: z of the lower edge of the walls [m].
         every: vertices from one line to the next.
-        line: half the width of the lines [m].
+        line: half the width of lines at the edges, of those along x, and of those along y [m].
         shallow: whether `bottom` is that of the water.
         crest: the highest that the surface can be [m].
     """
@@ -45,7 +47,7 @@ class Surface:
     y: Array
     bottom: float
     every: int
-    line: float
+    line: tuple[float, float, float]
     shallow: bool
     crest: float
 
@@ -71,11 +73,15 @@ class Surface:
         bottom = min(heights[0], -crest) - BELOW * extent
         depth = min(sea.depth for sea in seas)
         shallow = -depth >= bottom - BOTTOM * extent
-        return cls(x, y, -depth if shallow else bottom, every, 0.0, shallow, crest)
+        return cls(x, y, -depth if shallow else bottom, every, (0.0, 0.0, 0.0), shallow, crest)
 
-    def lined(self, width: float) -> Surface:
-        """The same with lines of a width [m]."""
-        return replace(self, line=0.5 * width)
+    def lined(self, width: float, camera: Camera) -> Surface:
+        """The same with lines that look about `width` [m] wide from where the camera looks, however low it is."""
+        along_x, along_y, _ = camera.axes[:2].T
+        across = abs(along_x[0] * along_y[1] - along_x[1] * along_y[0])
+        # What is a metre wide on the water looks `across` over the length of a metre of the line.
+        x, y = (0.5 * width / max(FLATTEST, across / max(float(np.linalg.norm(v)), 1e-9)) for v in (along_x, along_y))
+        return replace(self, line=(0.65 * width, x, y))
 
     def corners(self, low: float, high: float) -> Array:
         """(8, 3): of the block between two heights [m]."""
@@ -97,10 +103,10 @@ class Surface:
         for edge, normal in self._edges(points):
             walls += [edge * [1.0, 1.0, 0.0] + self.bottom * up, edge]
             outward += [np.broadcast_to(normal, edge.shape)] * 2
-            lines += [edge - 1.3 * self.line * up, edge + 1.3 * self.line * up]
-        for rows, across in ((points[:, :: self.every], 1), (points[:: self.every], 0)):
-            for row in np.moveaxis(rows, 1 - across, 1):
-                side = self.line * np.eye(3)[across]
+            lines += [edge - self.line[0] * up, edge + self.line[0] * up]
+        beside = np.array([[0.0, self.line[1], 0.0], [self.line[2], 0.0, 0.0]])
+        for rows, side in zip((points[:, :: self.every].swapaxes(0, 1), points[:: self.every]), beside, strict=True):
+            for row in rows:
                 lines += [row - side, row + side]
         drawn = np.concatenate(lines)
         return [

@@ -136,8 +136,8 @@ def _across(axis: int) -> Any:
 
 FIGURES: tuple[ThesisFigure, ...] = (
     ThesisFigure("C.2", 188, "The beam prior to and after form-finding", ("beams",), _configuration),
-    ThesisFigure("C.3", 190, "Axial stiffness in tension", ("tension",), _tension),
+    ThesisFigure("C.3", 190, "Axial stiffness in tension", ("tension", "beams"), _tension),
     ThesisFigure("C.4", 192, "Axial stiffness in compression", ("compression", "imperfect"), _compression),
-    ThesisFigure("C.6", 193, "Lateral stiffness, y-direction", ("lateral",), _across(1)),
-    ThesisFigure("C.7", 194, "Lateral stiffness, z-direction", ("lateral",), _across(2)),
+    ThesisFigure("C.6", 193, "Lateral stiffness, y-direction", ("lateral", "beams"), _across(1)),
+    ThesisFigure("C.7", 194, "Lateral stiffness, z-direction", ("lateral", "beams"), _across(2)),
 )

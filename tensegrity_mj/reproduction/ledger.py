@@ -67,12 +67,13 @@ class Row:
 
 def judge(statements: Sequence[Statement], computed: Computed) -> list[Row]:
     """A row for each statement that one of the engines is a column of."""
-    columns = [[engine for engine in computed.runs if engine in statement.columns] for statement in statements]
-    return [
-        Row(statement, {engine: _cell(statement, engine, computed) for engine in engines})
-        for statement, engines in zip(statements, columns, strict=True)
-        if engines
-    ]
+    rows = []
+    for statement in statements:
+        order = statement.columns if EngineName.STATICS in statement.columns else computed.runs
+        engines = [engine for engine in order if engine in computed.runs and engine in statement.columns]
+        if engines:
+            rows.append(Row(statement, {engine: _cell(statement, engine, computed) for engine in engines}))
+    return rows
 
 
 def verdict_of(statement: Statement, value: float) -> Verdict:

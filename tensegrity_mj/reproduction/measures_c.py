@@ -50,7 +50,7 @@ def spread(values: Sequence[float]) -> float:
     return max(values) / min(values) - 1.0
 
 
-def rises(values: Sequence[float]) -> bool:
+def rises(values: Sequence[float] | Array) -> bool:
     """Whether each is larger than the one before."""
     return bool(np.all(np.diff(values) > 0))
 
@@ -84,18 +84,24 @@ def largest_stress(runs: Sequence[BeamRun]) -> float:
 def buckling(run: BeamRun, label: str) -> Buckling:
     """Where the stiffness falls below half of what it was at zero load, or the deformation turns back."""
     K, w, F = (run.of(label, name).astype(float) for name in ("K", "w", "F"))
-    turned = run.of(label, "turned")
-    gone = np.flatnonzero(turned | (K / K[0] < DROPPED))
-    if not len(gone):
+    k = _stiff_points(run, label)
+    if k == len(K):
         return Buckling(math.nan, math.nan)
-    k = int(gone[0])
+    turned = run.of(label, "turned")
     part = 0.0 if turned[k] else float((K[k - 1] - DROPPED * K[0]) / (K[k - 1] - K[k]))
     return Buckling(float(w[k - 1] + part * (w[k] - w[k - 1])), float(F[k - 1] + part * (F[k] - F[k - 1])) / 1e3)
 
 
 def stiffest_before(run: BeamRun, label: str) -> float:
     """[kN/m] the largest stiffness before it buckles."""
-    return float(stiffness(run, label)[run.of(label, "w") <= buckling(run, label).deformation].max())
+    return float(stiffness(run, label)[: _stiff_points(run, label)].max())
+
+
+def _stiff_points(run: BeamRun, label: str) -> int:
+    """How many points there are before it buckles."""
+    K = stiffness(run, label)
+    gone = np.flatnonzero(run.of(label, "turned") | (K / K[0] < DROPPED))
+    return int(gone[0]) if len(gone) else len(K)
 
 
 def first_slack(run: BeamRun, label: str) -> float:

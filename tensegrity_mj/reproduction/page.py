@@ -85,13 +85,13 @@ that, and it was meant to where it fills more than half of the axis.
 """
 
 
-def markdown(rows: Sequence[Row], engines: Sequence[EngineName]) -> str:
+def markdown(rows: Sequence[Row]) -> str:
     """The text of docs/reproduction.md."""
     lines = [_INTRODUCTION, f"{summary(rows)}.", ""]
     for chapter in sorted({row.statement.chapter for row in rows}):
         own = [row for row in rows if row.statement.chapter == chapter]
         title = f"Chapter {chapter}" if chapter.isdigit() else f"Appendix {chapter}"
-        columns = [engine for engine in engines if any(engine in row.cells for row in own)]
+        columns = list(dict.fromkeys(engine for row in own for engine in row.cells))
         lines += [f"## {title}", "", *_markdown_head(columns)]
         lines += [markdown_row(row, columns) for row in own]
         causes = dict.fromkeys((row.cause, row.verdict) for row in own if row.cause)

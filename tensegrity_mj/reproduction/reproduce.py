@@ -109,7 +109,8 @@ def reproduce(
             able = [one for one in engines if all(name in computed.runs[one] for name in figure.needs)]
             if not able or (able[0] is not engines[0] and not set(figure.needs) <= set(WHOLES)):
                 continue  # its rows say why
-            order = [able[0], *(one for one in engines if one is not able[0])]
+            others = [one for one in engines if any(name in computed.runs[one] for name in figure.needs)]
+            order = [able[0], *(one for one in others if one is not able[0])]
             canvas = figure.draw({one: computed.runs[one] for one in order})
             path = save_figure(canvas, place / f"figure-{figure.number}.{picture_format}")
             files[figure.number] = path

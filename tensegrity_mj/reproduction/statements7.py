@@ -17,6 +17,7 @@ from tensegrity_mj.reproduction.statement import (
     KnownDifference,
     Measure,
     ReadFrom,
+    Runs,
     Statement,
     fills,
     near,
@@ -46,8 +47,9 @@ def _row(
     )  # fmt: skip
 
 
-def _run(runs: object) -> BeamRun:
-    return runs["tower-form"]  # type: ignore[index, no-any-return]
+def _run(runs: Runs) -> BeamRun:
+    found: BeamRun = runs["tower-form"]
+    return found
 
 
 def _mean_force(run: BeamRun, label: str) -> float:

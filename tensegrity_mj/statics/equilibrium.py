@@ -32,6 +32,7 @@ LEAST_REGULARIZATION = 1e-12
 MOST_REGULARIZATION = 1e8
 LONGEST_MOVE = 0.3  # of the mean member, of any node in one step
 ESCAPES = 12  # unstable states that are left before it gives up
+STRAIGHT = 100.0  # rods' forces, of strings' and loads', that only a singular place explains
 KICK = 1e-2  # of the mean member, along the softest motion
 
 
@@ -114,7 +115,7 @@ def _descend(model: StaticModel, x: Array, parameter: float, limit: int) -> tupl
             if mu > MOST_REGULARIZATION * stiffest:
                 if size <= 1e4 * rough:  # no step lowers an energy whose digits are spent
                     return x, forces, taken
-                raise _stuck(model, taken, size)
+                raise _stuck(model, taken, size, x, forces, parameter)
             matrix = linear_systems.saddle_matrix(
                 H + mu * sparse.eye_array(H.shape[0]),
                 sparse.csr_array(sparse.vstack([C, neutral])),
@@ -161,7 +162,7 @@ def _descend(model: StaticModel, x: Array, parameter: float, limit: int) -> tupl
                 )
                 break
             mu *= 4.0
-    raise _stuck(model, limit, size)
+    raise _stuck(model, limit, size, x, forces, parameter)
 
 
 def round_off(model: StaticModel, x: Array, parameter: float) -> float:
@@ -197,9 +198,18 @@ def _kicked(model: StaticModel, state: StaticState, motion: Array) -> Array:
     return min(tried, key=lambda one: one[:2])[2]
 
 
-def _stuck(model: StaticModel, taken: int, size: float) -> InfeasibleError:
+def _stuck(model: StaticModel, taken: int, size: float, x: Array, forces: Array, parameter: float) -> InfeasibleError:
+    what = f"'{model.scene.name}': no equilibrium after {taken} steps: {size:.3g} N are left. "
+    pulls = float(model.tensions(model.strings(x).lengths).max(initial=0.0))
+    pulls += float(np.abs(model.external(parameter)).max(initial=0.0))
+    if len(forces) and np.abs(forces).max() > STRAIGHT * pulls:
+        worst = int(np.abs(forces).argmax())
+        return InfeasibleError(
+            f"{what}Rod '{model.structure.rods[worst].name}' carries {forces[worst]:.3g} N, far more than strings and "
+            f"loads of at most {pulls:.3g} N: rods that pull themselves straight between held points have forces "
+            "without bound. Give the rods sections and use Rods.ELASTIC, or hold fewer nodes"
+        )
     return InfeasibleError(
-        f"'{model.scene.name}': no equilibrium after {taken} steps: {size:.3g} N are left. Is anything held by slack "
-        "strings alone, or does the structure fall without end? Give it supports or tension, more iterations, or a "
-        "start (nodes=...) that is nearer"
+        f"{what}Is anything held by slack strings alone, or does the structure fall without end? Give it supports or "
+        "tension, more iterations, or a start (nodes=...) that is nearer"
     )

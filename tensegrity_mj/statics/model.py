@@ -326,7 +326,8 @@ class StaticModel:
         _, singular, right = np.linalg.svd(np.vstack([*rows, np.zeros((6, 6))]), full_matrices=False)
         found = bodies @ right[singular < 1e-7].T
         left, singular, _ = np.linalg.svd(found, full_matrices=False)
-        return np.asarray(left[:, singular > 1e-9])  # nodes on one line: turning about it moves none
+        # Nodes on one line: turning about it moves none; nearly on one: as little as the bound above lets through.
+        return np.asarray(left[:, singular > 1e-6])
 
 
 def _members(pairs: IntArray, x: Array) -> Members:

@@ -382,17 +382,17 @@ class _Walk:
             else:
                 groups.append([place])
         turned = before.tangent.s * after.tangent.s < 0
-        flattest = min(groups, key=lambda group: abs(seen[group[0][0]].tangent.s)) if turned else None
+        flattest = min(groups, key=lambda group: abs(seen[group[0][1]].tangent.s)) if turned else None
         out = []
         for group in groups:
-            a, b, _ = group[0]
-            which = [place[2] for place in group]
+            _, a, b, _ = group[0]
+            which = [place[3] for place in group]
             steep = 1e-3 * abs(before.value(which[0]) - after.value(which[0]))
             out.append(self._crossing(seen[a], seen[b], steep, which, after.unstable == more, group is flattest))
         return out
 
-    def _enclosed(self, seen: dict[float, _Point], which: int) -> tuple[float, float]:
-        """Two arcs next to each other between which an eigenvalue changes sign; points looked at are added."""
+    def _enclosed(self, seen: dict[float, _Point], which: int) -> tuple[float, float, float]:
+        """Where an eigenvalue changes sign, and the arcs seen on both sides of it; points looked at are added."""
         from scipy.optimize import brentq
 
         before, after = seen[min(seen)], seen[max(seen)]
@@ -421,8 +421,8 @@ class _Walk:
         def enclosing() -> tuple[float, float]:
             return next((a, b) for a, b in pairwise(sorted(seen)) if is_above(a) != is_above(b))
 
-        brentq(value, *enclosing(), xtol=LOCATED * max(seen), maxiter=200, disp=False)
-        return enclosing()
+        root = brentq(value, *enclosing(), xtol=LOCATED * max(seen), maxiter=200, disp=False)
+        return (float(root), *enclosing())
 
     def _crossing(
         self, low: _Point, high: _Point, steep: float, which: list[int], rising: bool, turns: bool

@@ -1,0 +1,1 @@
+"""Towers in waves: how far they bend, over their own parameters and those of the sea."""

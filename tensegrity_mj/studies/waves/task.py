@@ -1,0 +1,118 @@
+"""What one run of a tower in waves gives: tasks of `run_many`, plain values in and out.
+
+A point has "tower", arguments of `tower_in_waves` with topology and weights by their values; "engine", "dae" or
+"mujoco", both with the classical Runge-Kutta method; "timestep" [s]; and "transient" [s], what is not counted for the
+steady measures.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.deformation import centres, distances_from_line, interconnections, rod_forces
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.families.tower import Topology
+from tensegrity_mj.families.tower_in_waves import tower_in_waves
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.trajectory import Status, Trajectory
+from tensegrity_mj.water import Weights
+
+Array = NDArray[np.float64]
+
+INTERVAL = 0.02  # s between recorded samples: the largest D of them is low by 3e-4 of itself at most
+SNAPSHOTS = 3  # over the last wave period, as figure 7.8
+AGREEMENT_DURATION = 5.001  # s, whole numbers of 3 ms and of 0.75 ms
+
+
+def scene_of(tower: dict[str, Any]) -> Scene:
+    """The scene of a point."""
+    given = dict(tower)
+    for name, kind in (("topology", Topology), ("weights", Weights)):
+        if name in given:
+            given[name] = kind(given[name])
+    return tower_in_waves(**given)
+
+
+def engine_of(name: str, timestep: float) -> Any:
+    """RK4 in one of the two engines."""
+    if name == "mujoco":
+        from tensegrity_mj.engines.mujoco import MuJoCo
+
+        return MuJoCo(timestep=timestep)
+    if name == "dae":
+        from tensegrity_mj.engines.dae import DAE
+        from tensegrity_mj.engines.integration import Method
+
+        return DAE(method=Method.RK4, timestep=timestep)
+    raise OptionError(f"engine = {name!r}; allowed: dae, mujoco")
+
+
+def in_waves(point: dict[str, Any]) -> dict[str, Any]:
+    """Simulate a point, and measure how the tower bends."""
+    from tensegrity_mj.simulation import simulate
+
+    scene, step = scene_of(point["tower"]), point["timestep"]
+    run = simulate(scene, None, engine_of(point["engine"], step), output_interval=INTERVAL)
+    return measured(run, point["transient"])
+
+
+def measured(run: Trajectory, transient: float) -> dict[str, Any]:
+    """D [m], forces [kN] and where the tower is, of a run that was completed.
+
+    Raises:
+        OptionError: where the run ends before the transient does, or stopped.
+    """
+    if run.status is not Status.COMPLETED or run.time[-1] <= transient:
+        raise OptionError(f"the run ended at {run.time[-1]:g} s ({run.status.value}); {transient:g} s are the transient")
+    points = centres(run.nodes, interconnections(run.scene.structure))
+    D, steady = distances_from_line(points), run.time > transient
+    forces, axis = rod_forces(run), points[:, -1] - points[:, 0]
+    rows = _snapshots(run)
+    return {
+        "largest": float(D.max()),
+        "at": float(run.time[D.max(axis=1).argmax()]),
+        "where": int(D.max(axis=0).argmax()) + 1,
+        "steady": float(D[steady].max()),
+        "mean_force": float(-forces.mean()) / 1e3,
+        "steady_force": float(-forces[steady].mean()) / 1e3,
+        "start_force": float(-forces[0].mean()) / 1e3,
+        "most_compressed": float(-forces.min()) / 1e3,
+        "slack": float(np.mean(run.tensions == 0)),
+        "steady_slack": float(np.mean(run.tensions[steady] == 0)),
+        "drift": (points[-1].mean(axis=0) - points[0].mean(axis=0)).tolist(),
+        "heading": float(np.degrees(np.arctan2(axis[-1, 1], axis[-1, 0]))),
+        "length": float(np.linalg.norm(axis[0])),
+        "time": run.time.tolist(),
+        "D": D.max(axis=1).tolist(),
+        "profile": D[steady].max(axis=0).tolist(),
+        "snapshots": {"time": run.time[rows].tolist(), "nodes": run.nodes[rows].tolist()},
+        "flow": run.reports.get("water"),
+    }
+
+
+def _snapshots(run: Trajectory) -> list[int]:
+    """Recorded times a third of a period apart, the last of them the end."""
+    from tensegrity_mj.water import sea_of
+
+    sea = sea_of(run.scene)
+    period = 2 * np.pi / float(sea.frequency.max()) if len(sea.frequency) else run.time[-1]
+    times = run.time[-1] - period * np.arange(SNAPSHOTS)[::-1] / SNAPSHOTS
+    return [int(np.argmin(np.abs(run.time - time))) for time in times]
+
+
+def agreement(point: dict[str, Any]) -> dict[str, Any]:
+    """How far MuJoCo's nodes [m] are from those of the DAE with error control, for each of "timesteps" [s]."""
+    from tensegrity_mj.engines.dae import DAE
+    from tensegrity_mj.simulation import simulate
+
+    scene, longest = scene_of(point["tower"]), max(point["timesteps"])
+    kept: dict[str, Any] = {"duration": AGREEMENT_DURATION, "output_interval": longest}
+    reference = simulate(scene, None, DAE(rtol=point["rtol"], atol=1e-2 * point["rtol"]), **kept)
+    errors = []
+    for step in point["timesteps"]:
+        run = simulate(scene, None, engine_of("mujoco", step), **kept)
+        errors.append(float(np.linalg.norm(run.nodes - reference.nodes, axis=-1).max()))
+    return {"errors": errors, "slack": bool((reference.tensions == 0).any())}
