@@ -109,6 +109,7 @@ _HOME = {
     "AboveLevel": "waves",
     "Sea": "waves",
     "Wave": "waves",
+    "winch_power": "winches",
 }
 _MODULES = ("controllers", "plots", "statics")
 
@@ -218,6 +219,7 @@ if TYPE_CHECKING:  # the same names, for type checkers and editors
     from tensegrity_mj.waves import AboveLevel as AboveLevel
     from tensegrity_mj.waves import Sea as Sea
     from tensegrity_mj.waves import Wave as Wave
+    from tensegrity_mj.winches import winch_power as winch_power
 
 
 def __getattr__(name: str) -> Any:

@@ -1,13 +1,12 @@
 """How far a tower is bent: the deformation measure of the thesis, section 7.2.3 and figure 7.7.
 
 Where two stages meet, six nodes stand in a hexagon: t of the one and b of the next. Their mean is the centre of that
-interconnection. D(i, j) is the distance of the i-th centre from the straight line through the first and the last one, at
-the j-th recorded time; the thesis compares runs by its infinity norm, which is here its largest entry.
+interconnection. D(i, j) is the distance of the i-th centre from the straight line through the first and the last one,
+at the j-th recorded time; the thesis compares runs by its infinity norm, which is here its largest entry.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -19,7 +18,10 @@ from tensegrity_mj.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-_NODE = re.compile(r"([bt])([1-9]\d*)_[123]")
+
+def is_tower(structure: Structure) -> bool:
+    """Whether nodes have the names of a tower's, of three stages or more."""
+    return _stages(structure) >= 3
 
 
 def interconnections(structure: Structure) -> list[list[int]]:
@@ -27,21 +29,26 @@ def interconnections(structure: Structure) -> list[list[int]]:
 
     Raises:
         OptionError: for a structure whose nodes do not have the names of a tower's, and a tower of fewer than three
-            stages, which has no more than one interconnection.
+            stages, which has no two interconnections.
     """
-    found: dict[tuple[str, int], list[int]] = {}
-    for number, name in enumerate(structure.node_names):
-        match = _NODE.fullmatch(name)
-        if match is None:
-            raise OptionError(
-                f"structure '{structure.name}', node '{name}': no tower has one of that name; give the groups of nodes "
-                "whose centres are wanted"
-            )
-        found.setdefault((match[1], int(match[2])), []).append(number)
-    stages = max((stage for _, stage in found), default=0)
+    stages = _stages(structure)
     if stages < 3:
-        raise OptionError(f"structure '{structure.name}': a tower of {stages} stages has no two interconnections")
-    return [found.get(("t", s), []) + found.get(("b", s + 1), []) for s in range(1, stages)]
+        raise OptionError(
+            f"structure '{structure.name}': it is no tower of three stages or more, whose nodes are b1_1, t1_1 and so "
+            "on; give the groups of nodes whose centres are wanted"
+        )
+    index = structure.node_index
+    names = [
+        [f"{kind}{s + upper}_{i}" for kind, upper in (("t", 0), ("b", 1)) for i in (1, 2, 3)] for s in range(1, stages)
+    ]
+    return [[index[name] for name in group] for group in names]
+
+
+def _stages(structure: Structure) -> int:
+    """Of a tower; 0 for any other structure."""
+    count, left = divmod(len(structure.nodes), 6)
+    wanted = {f"{kind}{s}_{i}" for s in range(1, count + 1) for kind in "bt" for i in (1, 2, 3)}
+    return count if not left and wanted == set(structure.nodes) else 0
 
 
 def centres(nodes: ArrayLike, groups: Sequence[Sequence[int]]) -> Array:

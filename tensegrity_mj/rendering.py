@@ -57,6 +57,9 @@ def render(
     multiples of speed / fps in simulated time, interpolated with the recorded velocities. The camera frames all of the
     run, and follows a structure that travels far. The file appears whole or not at all.
 
+    A scene with water shows it around the structure: the surface at its elevation at the frame's time, with a grid on
+    it, and what is under it tinted; a bottom that is near. It is seen from the side, waves passing to the right.
+
     Args:
         path: must end in .mp4.
         other: a second run: translucent over the first, or beside it, as `layout` says.

@@ -39,6 +39,7 @@ EXPECTED = {
     "truss_arm": (3, 14, 14, (0, 0, 0, 14), 6, 0, LOOPS),
     "dbar": (2, 4, 4, (0, 0, 0, 4), 2, 0, LOOPS),
     "tower": (225, 270, 315, (45, 0, 0, 0), 219, 0, OFF),
+    "tower_waves": (225, 270, 315, (45, 0, 0, 0), 219, 0, OFF),
     "tower_beam": (441, 531, 621, (87, 3, 0, 0), 444, 0, OFF),
 }
 # Joints that a forest of R rods leaves open. N nodes join 2 R ends by 2 R - N joints, and a rod hangs by one of them

@@ -338,8 +338,10 @@ def test_what_floats_is_seen_from_the_side():
     assert np.allclose(right(long[:, [1, 0, 2]]), [0, 1], atol=1e-9)
     # Abeam: the wave comes towards the viewer or goes away, and the long axis lies across all the same.
     assert np.allclose(right(long, math.pi / 2), [1, 0], atol=1e-9)
-    # Not long: with the highest wave.
-    assert np.allclose(right(round_, 2.2, 0.0), [math.cos(2.2), math.sin(2.2)], atol=1e-9)
+    # Not long: with the highest wave, to 2.5 degrees.
+    assert right(round_, 2.2, 0.0) @ [math.cos(2.2), math.sin(2.2)] > math.cos(math.radians(2.5))
+    tilted = long @ np.array([[1.0, 0.02, 0.0], [-0.02, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    assert np.allclose(right(tilted), [1, 0], atol=1e-9)
     assert broadside(round_, ()) is None
     assert broadside(np.zeros((3, 3)), ()) is None
 

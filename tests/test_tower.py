@@ -32,6 +32,7 @@ from tensegrity_mj.families.tower import (
     tower,
     tower_length,
 )
+from tensegrity_mj.families.tower_in_waves import tower_in_waves
 from tensegrity_mj.statics import find_equilibrium
 
 Array = NDArray[np.float64]
@@ -529,6 +530,7 @@ SHIPPED = {
     "tower_beam": lambda: appendix_beam(
         "TB1", damping=400.0, pinned_base=True, pluck=40.0, duration=10.0, name="tower_beam"
     ),
+    "tower_waves": lambda: tower_in_waves(duration=15.0, name="tower_waves"),
 }
 
 
@@ -542,7 +544,7 @@ def test_shipped_scenes_are_of_the_family(name: str) -> None:
     same = replace(made.structure, nodes=kept.structure.nodes, strings=kept.structure.strings)
     assert kept.structure == same
     assert [s.nodes for s in kept.structure.strings] == [s.nodes for s in made.structure.strings]
-    for item in ("name", "source", "gravity", "duration", "loads", "control"):
+    for item in ("name", "source", "gravity", "duration", "loads", "control", "water"):
         assert getattr(kept, item) == getattr(made, item)
 
 

@@ -25,9 +25,11 @@ examples:
   tensegrity-mj sweep pinned_rod --vary engine=mujoco,dae --set scene.duration=5
   tensegrity-mj sweep prism --draw plant.rods[*].mass=*uniform:0.8:1.2 --samples 20 --seed 1 --out study/
   tensegrity-mj sweep prism --set actuation=hold-rest-length --vary actuation.period=0.001,0.01 --out study/
+  tensegrity-mj sweep "tower_in_waves(stages=8)" --vary family.stiffness=1e4,2e4 --measures late_deformation
   tensegrity-mj sweep prism --zip structure.rods.mass=1,2 structure.strings.stiffness=*1,*2 --measures min_margin
 
 parameters, by their paths:
+  family.stages family.stiffness   arguments of the family's call that the scene is given by
   scene.gravity scene.gravity.z scene.duration scene.initial_nodes[NODE] scene.initial_velocities[NODE].x
   scene.target[NODE].x scene.loads.force.z scene.breaks[STRING].time scene.contact.friction
   structure.rods.mass structure.rods[rod1].mass structure.strings[s1,s2].stiffness structure.nodes[NODE].z

@@ -12,7 +12,7 @@ import inspect
 import re
 import types
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
@@ -22,6 +22,7 @@ from tensegrity_mj.textformat.table import closest
 
 _HOME = {
     "appendix_beam": "thesis_towers",
+    "beam_in_waves": "beam_in_waves",
     "cable": "cable",
     "chapter7_tower": "thesis_towers",
     "cross": "cross",
@@ -50,8 +51,11 @@ def is_family_call(text: str) -> bool:
     return _CALL.match(text) is not None and not text.endswith(".toml")
 
 
-def family_scene(text: str) -> Scene:
+def family_scene(text: str, changes: Mapping[str, Any] | None = None) -> Scene:
     """The scene that a call in a text makes.
+
+    Args:
+        changes: values of arguments that replace those of the text, or add to them.
 
     Raises:
         FormatError: for a text that is no such call, an unknown family, and arguments that it does not have.
@@ -70,11 +74,11 @@ def family_scene(text: str) -> Scene:
         known = family_names()
         raise FormatError(f"{shown}: unknown family '{name}'{closest(name, known)}; families: {', '.join(known)}")
     builder: Callable[..., Scene] = getattr(import_module(f"tensegrity_mj.families.{_HOME[name]}"), name)
-    return builder(**_arguments(name, call, builder))
+    return builder(**_arguments(name, call, builder, changes or {}))
 
 
-def _arguments(name: str, call: ast.Call, builder: Callable[..., Scene]) -> dict[str, Any]:
-    """The arguments of a call by name, as the family takes them."""
+def _arguments(name: str, call: ast.Call, builder: Callable[..., Scene], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """The arguments of a call and of changes to it by name, as the family takes them."""
     hints = typing.get_type_hints(builder)
     parameters = inspect.signature(builder).parameters
     places = [key for key, one in parameters.items() if one.kind is one.POSITIONAL_OR_KEYWORD]
@@ -95,18 +99,27 @@ def _arguments(name: str, call: ast.Call, builder: Callable[..., Scene]) -> dict
         if key in given:
             raise FormatError(f"{name}: argument '{key}' is given twice")
         given[key] = keyword.value
-    missing = [key for key, one in parameters.items() if one.default is one.empty and key not in given]
+    for key in changes:
+        if key not in parameters:
+            raise FormatError(
+                f"{name}: unknown argument '{key}'{closest(key, parameters)}; it has {', '.join(parameters)}"
+            )
+    known = given.keys() | changes.keys()
+    missing = [key for key, one in parameters.items() if one.default is one.empty and key not in known]
     if missing:
         raise FormatError(f"{name}: argument '{missing[0]}' is missing; it must be {_wanted(hints[missing[0]])}")
-    values = {}
+    values = dict(changes)
     for key, node in given.items():
+        if key in changes:
+            continue
         try:
-            value = ast.literal_eval(node)
+            values[key] = ast.literal_eval(node)
         except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError):
             raise FormatError(
                 f"{name}: {key} = {ast.unparse(node)} is no literal; write a number, a text in quotes, True, False, "
                 "None, or a tuple of them"
             ) from None
+    for key, value in values.items():
         try:
             values[key] = _fitted(value, hints[key])
         except _Unfit:

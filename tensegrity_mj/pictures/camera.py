@@ -17,6 +17,7 @@ FIELD_OF_VIEW = 30.0  # degrees, vertical; narrow, so that parallel members look
 AZIMUTH, ELEVATION = 125.0, -18.0  # degrees, in MuJoCo's sense; the azimuth is only the first that is considered
 TURN = 15.0  # degrees between azimuths that are considered
 AFLOAT = -10.0  # degrees: the elevation over water, low enough to see how high waves are
+BROADSIDE_TURN = 5.0  # degrees between azimuths over water
 SLENDER = 2.0  # length over width from which a structure in water is seen from the side
 FLAT = 1e-3  # thickness over extent below which a motion counts as planar
 
@@ -126,7 +127,9 @@ def broadside(points: Array, waves: tuple[float, ...]) -> float | None:
     # Where a wave comes from abeam, or there is none: +x to the right, or +y.
     sign = next((float(v) for v in (right @ travel, *right) if abs(v) > 1e-6), 1.0)
     right = right * math.copysign(1.0, sign)
-    return math.degrees(math.atan2(right[0], -right[1])) % 360.0
+    azimuth = math.degrees(math.atan2(right[0], -right[1]))
+    # Round angles: what lies all but along an axis is seen square on its water, too.
+    return BROADSIDE_TURN * round(azimuth / BROADSIDE_TURN) % 360.0
 
 
 def corners_of(pairs: NDArray[np.int64], nodes: Array) -> Array:

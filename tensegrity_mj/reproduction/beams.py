@@ -73,6 +73,7 @@ class BeamStudy:
         points: what the task is given, by the name of its values.
         tasks: a function of `beam_tasks` for each engine that computes it.
         of_mujoco: the points that MuJoCo is asked for; all of them where none are given.
+        sources: of the package, by patterns: what else decides what is found, besides engines and statics.
     """
 
     name: str
@@ -80,6 +81,7 @@ class BeamStudy:
     points: Mapping[str, Values]
     tasks: Mapping[EngineName, Callable[[dict[str, Any]], dict[str, Any]]]
     of_mujoco: tuple[str, ...] = ()
+    sources: tuple[str, ...] = ()
 
     @property
     def engines(self) -> tuple[EngineName, ...]:
@@ -98,7 +100,7 @@ class BeamStudy:
         started = time.perf_counter()
         chosen = self.of_mujoco if engine is EngineName.MUJOCO and self.of_mujoco else tuple(self.points)
         points = [self.points[label] for label in chosen]
-        identity = {"code": statics_digest(), "versions": versions()}
+        identity = {"code": statics_digest(self.sources), "versions": versions()}
         # A change of versions, code or settings is another study, in a folder of its own.
         told = hashlib.sha256(to_exact_json([identity, points]).encode()).hexdigest()[:8]
         study = run_many(
@@ -125,15 +127,16 @@ class BeamStudy:
 
 
 @functools.cache
-def statics_digest() -> str:
-    """A digest of the sources that decide what these studies find."""
+def statics_digest(others: tuple[str, ...] = ()) -> str:
+    """A digest of the sources that decide what these studies find, and of others by their patterns."""
     import tensegrity_mj
     from tensegrity_mj.reproduction.runs import code_digest
 
     package = Path(tensegrity_mj.__file__).parent
     digest = hashlib.sha256(code_digest().encode())
     names = ("section.py", "reproduction/beam_tasks.py")
-    for path in (*sorted(package.glob("statics/*.py")), *(package / name for name in names)):
+    more = (path for pattern in others for path in sorted(package.glob(pattern)))
+    for path in (*sorted(package.glob("statics/*.py")), *(package / name for name in names), *more):
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
 

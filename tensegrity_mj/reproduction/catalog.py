@@ -11,12 +11,14 @@ from tensegrity_mj.reproduction import (
     figures5,
     figures6,
     figures7,
+    figures7_waves,
     figures_c,
     statements3,
     statements4,
     statements5,
     statements6,
     statements7,
+    statements7_waves,
     statements_c,
 )
 from tensegrity_mj.reproduction.drawing import ThesisFigure
@@ -28,6 +30,7 @@ FIGURES: tuple[ThesisFigure, ...] = (
     *figures5.FIGURES,
     *figures6.FIGURES,
     *figures7.FIGURES,
+    *figures7_waves.FIGURES,
     *figures_c.FIGURES,
 )
 STATEMENTS: tuple[Statement, ...] = (
@@ -36,6 +39,7 @@ STATEMENTS: tuple[Statement, ...] = (
     *statements5.STATEMENTS,
     *statements6.STATEMENTS,
     *statements7.STATEMENTS,
+    *statements7_waves.STATEMENTS,
     *statements_c.STATEMENTS,
 )
 

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tensegrity_mj.deformation import deformation, is_tower, rod_forces
 from tensegrity_mj.trajectory import Trajectory
 
 
@@ -40,6 +41,22 @@ def _final_error(run: Trajectory) -> Any:
     return _last(run.target_error())
 
 
+def _bent(late: bool) -> Callable[[Trajectory], Any]:
+    """The largest D of a tower; that of the last quarter of the run."""
+
+    def largest(run: Trajectory) -> Any:
+        if not is_tower(run.scene.structure) or not len(run.time):
+            return None
+        rows = run.time >= (0.75 * run.scene.duration if late else 0.0)
+        return np.max(deformation(run)[rows]) if rows.any() else None
+
+    return largest
+
+
+def _mean_rod_force(run: Trajectory) -> Any:
+    return np.mean(rod_forces(run)) if run.rod_force_densities.size else None
+
+
 # Shown unless others are chosen.
 USUAL = ("final_error", "max_force_density", "min_margin", "energy_residual")
 
@@ -65,6 +82,9 @@ MEASURES: dict[str, Measure] = {
     "max_force_density": Measure("N/m", "largest u of a string", lambda run: _largest(run.force_densities)),
     "max_tension": Measure("N", "largest tension of a string", lambda run: _largest(run.tensions)),
     "max_compression": Measure("N/m", "largest compressive force density -Jλ/ℓ² of a rod", _compression),
+    "mean_rod_force": Measure("N", "internal force of rods, their mean over rods and time", _mean_rod_force),
+    "deformation": Measure("m", "of a tower: largest D, of the centres between stages from a line", _bent(False)),
+    "late_deformation": Measure("m", "the same in the last quarter of the scene's duration", _bent(True)),
     "min_margin": Measure(LAW, "smallest feasibility margin", lambda run: run.min_feasibility_margin),
     "min_margin_time": Measure("s", "when the feasibility margin is smallest", _margin_time),
     "final_lyapunov": Measure(LAW, "V at the end", lambda run: _last(run.lyapunov)),

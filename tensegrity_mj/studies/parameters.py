@@ -1,5 +1,6 @@
 """Parameters by name, such as `structure.rods[rod1].mass` and `law.decay_rate`, and the experiment that they describe.
 
+    family.stages, .stiffness, ...                       arguments of the family whose call the scene is given by
     scene.gravity, .duration                             also scene.gravity.x, .y, .z
     scene.initial_nodes[NODE], .initial_velocities[NODE] also with .x, .y, .z
     scene.target[NODE]                                   of a target that is one set-point; also with .x, .y, .z
@@ -22,7 +23,7 @@
     on_infeasible, output_interval                       stop, passive; [s]
 
 A value is a number, a text, a truth value, a list (vectors), or `Scaled(factor)`: that many times what it was. Changes
-are made in the order structure, scene, plant, all else; those of a whole before those of its parts.
+are made in the order family, structure, scene, plant, all else; those of a whole before those of its parts.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ from functools import partial
 from typing import Any
 
 from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible
-from tensegrity_mj.errors import OptionError
+from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.studies.parameter_values import Scaled as Scaled
 from tensegrity_mj.studies.parameter_values import choice_from, number_from, scaled, unknown
@@ -48,7 +49,7 @@ from tensegrity_mj.studies.scene_parameters import member_names as member_names
 
 ENGINES = {"mujoco": ("engines.mujoco", "MuJoCo"), "dae": ("engines.dae", "DAE"), "ode": ("engines.ode", "ODE")}
 # Changes of one point are made in this order, so that what belongs together does not depend on how they were given.
-ORDER = ("structure", "scene", "plant", "law", "engine", "actuation", "on_infeasible", "output_interval")
+ORDER = ("family", "structure", "scene", "plant", "law", "engine", "actuation", "on_infeasible", "output_interval")
 _EXAMPLE = {"structure": "structure.rods.mass", "scene": "scene.gravity", "plant": "plant.rods.mass"}
 
 
@@ -57,6 +58,7 @@ class Draft:
     """An experiment under change: a base, to which settings are applied one by one, then built."""
 
     scene: Scene
+    family: str = ""  # the call that makes the scene, if one does
     plant: Scene | None = None
     law: str | None = None  # None: the scene's; "none": no law
     law_maker: str | None = None
@@ -75,7 +77,10 @@ class Draft:
             OptionError: for a path that names nothing, or a value of the wrong kind.
             StructureError, SceneError: for a value that the structure or the scene cannot have.
         """
-        for path in sorted(settings, key=_rank):
+        arguments = {path: decoded(value) for path, value in settings.items() if _root(path) == "family"}
+        if arguments:
+            self.scene = _remade(self, arguments)
+        for path in sorted(settings.keys() - arguments.keys(), key=_rank):
             _setter(self, path)(decoded(settings[path]))
         return self
 
@@ -203,6 +208,25 @@ def _setter(draft: Draft, path: str) -> Callable[[Any], None]:
         case "actuation":
             return partial(_set_actuation, draft, rest, path)
     return partial(_set_plain, draft, root)
+
+
+def _remade(draft: Draft, arguments: Mapping[str, Any]) -> Scene:
+    """The family's scene for other arguments, path -> value."""
+    from tensegrity_mj.families.named import family_scene
+
+    for path, value in arguments.items():
+        if path == "family":
+            raise OptionError("family: name one of its arguments, such as family.stiffness")
+        if not draft.family:
+            raise OptionError(
+                f"{path}: scene '{draft.scene.name}' is not given by a call of a family, such as tower(stages=10)"
+            )
+        if isinstance(value, Scaled):
+            raise OptionError(f"{path}: arguments of a family take values, not factors; write the value itself")
+    try:
+        return family_scene(draft.family, {path.partition(".")[2]: value for path, value in arguments.items()})
+    except FormatError as error:
+        raise OptionError(str(error)) from None
 
 
 def _set_scene(draft: Draft, path: str, change: Change, value: Any) -> None:

@@ -12,6 +12,7 @@ from typing import Any, cast
 
 from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
+from tensegrity_mj.families.named import is_family_call
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.simulation import simulate, versions
 from tensegrity_mj.studies.attempt import WithFiles
@@ -32,7 +33,9 @@ class Sweep:
     """Simulations of a scene, one for every combination of values and every draw.
 
     Attributes:
-        scene: a scene, or the name or the path of one. Its loads must not be a Python function.
+        scene: a scene, or the name or the path of one, or a family's call in a text, such as "tower(stages=10)": then
+            `family.<argument>` is a parameter, and the family makes the scene anew for each value. Its loads must not
+            be a Python function.
         axes: `Vary` and `Together`; all combinations are run.
         draws: random parameters, drawn `samples` times at every combination.
         samples, seed: see `Grid`; a seed is needed where something is drawn.
@@ -42,6 +45,7 @@ class Sweep:
             by default the scene's law.
         actuation, on_infeasible, output_interval: as for `simulate`.
         keep_trajectories: keep every run as a .nc file in the study's folder.
+        family: the call; taken from `scene`.
     """
 
     scene: Scene | str | os.PathLike[str]
@@ -56,9 +60,12 @@ class Sweep:
     on_infeasible: OnInfeasible = OnInfeasible.STOP
     output_interval: float | None = None
     keep_trajectories: bool = False
+    family: str = ""
 
     def __post_init__(self) -> None:
         if not isinstance(self.scene, Scene):
+            if isinstance(self.scene, str) and is_family_call(self.scene):
+                object.__setattr__(self, "family", self.scene)
             object.__setattr__(self, "scene", load_scene(self.scene))
         axes, draws = tuple(self.axes), tuple(self.draws)
         for axis in axes:
@@ -101,6 +108,7 @@ class Sweep:
         """What all points share, as plain values: everything that the task needs besides their parameters."""
         engine, options = ("mujoco", {}) if self.engine is None else engine_settings(self.engine)
         return {
+            **({"family": self.family} if self.family else {}),
             "scene": scene_to_toml(cast(Scene, self.scene)),
             "law": None if self.law is None else task_name(self.law),
             "engine": {"name": engine, "options": options},
@@ -197,6 +205,7 @@ def drafted(common: Mapping[str, Any]) -> Draft:
     """The experiment of what all points of a sweep share."""
     return Draft(
         scene=_scene(common["scene"]),
+        family=common.get("family", ""),
         law_maker=common["law"],
         engine=common["engine"]["name"],
         engine_options=dict(common["engine"]["options"]),

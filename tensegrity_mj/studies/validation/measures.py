@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj import rods
-from tensegrity_mj.actuation import Mode
 from tensegrity_mj.dynamics.target import target_nodes
-from tensegrity_mj.native.plant import break_times
 from tensegrity_mj.structure import Structure
 from tensegrity_mj.trajectory import Trajectory
+from tensegrity_mj.winches import winch_increments
 
 Array = NDArray[np.float64]
 Values = dict[str, Any]
@@ -174,30 +173,6 @@ def switching(run: Trajectory, floor: ArrayLike = 0.0) -> Values:
         "strings": dict(zip(names, rates.tolist(), strict=True)),
         "threshold": threshold,
     }
-
-
-def winch_increments(run: Trajectory) -> Array:
-    """Work of each string's winch between samples, -∫ T dL0 [J], (T - 1, M); T is the elastic tension.
-
-    Exact where rest lengths or force densities are held and every control sample is recorded; else by the trapezoidal
-    rule, of second order in the recorded interval.
-    """
-    structure = run.scene.structure
-    k = structure.stiffness
-    L, L0 = structure.string_lengths(run.nodes), run.rest_lengths
-    elastic = run.force_densities * L
-    mode = (run.provenance.get("actuation") or {}).get("mode", Mode.CONTINUOUS.value)
-    intact = run.time[:, None] < break_times(run.scene)  # what a breaking string sets free is no winch's work
-    if mode == Mode.HOLD_REST_LENGTH.value:
-        # All of it at the sample, where the string's length does not change.
-        before, after = np.maximum(L[1:] - L0[:-1], 0.0), np.maximum(L[1:] - L0[1:], 0.0)
-        return np.asarray(intact[1:] * k / 2 * (after**2 - before**2))
-    if mode == Mode.HOLD_FORCE_DENSITY.value:
-        # u is held from sample to sample while the string moves, then jumps.
-        u = run.force_densities
-        between = -0.5 * u[:-1] * (1 - u[:-1] / k) * (L[1:] ** 2 - L[:-1] ** 2)
-        return np.asarray(between + intact[1:] * 0.5 * (u[1:] ** 2 - u[:-1] ** 2) * L[1:] ** 2 / k)
-    return np.asarray(-0.5 * (elastic[1:] + elastic[:-1]) * np.diff(L0, axis=0))
 
 
 def winch(run: Trajectory) -> Values:

@@ -18,7 +18,7 @@ from tensegrity_mj.families.tower import Topology
 from tensegrity_mj.families.tower_in_waves import tower_in_waves
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.trajectory import Status, Trajectory
-from tensegrity_mj.water import Weights
+from tensegrity_mj.water import Weights, sea_of
 
 Array = NDArray[np.float64]
 
@@ -62,19 +62,23 @@ def in_waves(point: dict[str, Any]) -> dict[str, Any]:
 def measured(run: Trajectory, transient: float) -> dict[str, Any]:
     """D [m], forces [kN] and where the tower is, of a run that was completed.
 
+    "times" and "nodes" are those of the largest D and of the snapshots.
+
     Raises:
         OptionError: where the run ends before the transient does, or stopped.
     """
     if run.status is not Status.COMPLETED or run.time[-1] <= transient:
-        raise OptionError(f"the run ended at {run.time[-1]:g} s ({run.status.value}); {transient:g} s are the transient")
+        raise OptionError(
+            f"the run ended at {run.time[-1]:g} s ({run.status.value}); {transient:g} s are the transient"
+        )
     points = centres(run.nodes, interconnections(run.scene.structure))
     D, steady = distances_from_line(points), run.time > transient
     forces, axis = rod_forces(run), points[:, -1] - points[:, 0]
-    rows = _snapshots(run)
+    rows, worst, structure = _snapshots(run), int(D.max(axis=1).argmax()), run.scene.structure
     return {
         "largest": float(D.max()),
-        "at": float(run.time[D.max(axis=1).argmax()]),
-        "where": int(D.max(axis=0).argmax()) + 1,
+        "at": float(run.time[worst]),
+        "where": int(D[worst].argmax()) + 1,
         "steady": float(D[steady].max()),
         "mean_force": float(-forces.mean()) / 1e3,
         "steady_force": float(-forces[steady].mean()) / 1e3,
@@ -88,18 +92,25 @@ def measured(run: Trajectory, transient: float) -> dict[str, Any]:
         "time": run.time.tolist(),
         "D": D.max(axis=1).tolist(),
         "profile": D[steady].max(axis=0).tolist(),
-        "snapshots": {"time": run.time[rows].tolist(), "nodes": run.nodes[rows].tolist()},
+        "height": points[:, :, 2].mean(axis=1).tolist(),
+        "period": _period(run),
+        "times": run.time[[worst, *rows]].tolist(),
+        "nodes": run.nodes[[worst, *rows]].tolist(),
+        "rods": structure.rod_nodes.tolist(),
+        "strings": structure.string_nodes.tolist(),
         "flow": run.reports.get("water"),
     }
 
 
+def _period(run: Trajectory) -> float:
+    """[s] of the wave; the whole run in still water."""
+    sea = sea_of(run.scene)
+    return 2 * np.pi / float(sea.frequency.max()) if len(sea.frequency) else float(run.time[-1])
+
+
 def _snapshots(run: Trajectory) -> list[int]:
     """Recorded times a third of a period apart, the last of them the end."""
-    from tensegrity_mj.water import sea_of
-
-    sea = sea_of(run.scene)
-    period = 2 * np.pi / float(sea.frequency.max()) if len(sea.frequency) else run.time[-1]
-    times = run.time[-1] - period * np.arange(SNAPSHOTS)[::-1] / SNAPSHOTS
+    times = run.time[-1] - _period(run) * np.arange(SNAPSHOTS)[::-1] / SNAPSHOTS
     return [int(np.argmin(np.abs(run.time - time))) for time in times]
 
 
