@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.linalg import eigh
+from test_reproduce import lines_of
 
 import tensegrity_mj as tmj
 from tensegrity_mj.actuation import OnInfeasible
@@ -19,7 +21,12 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.families.beam_in_waves import BeamEnd, BeamWeight, beam_in_waves, held_in_waves
 from tensegrity_mj.families.cross import cross
 from tensegrity_mj.families.tower import tower, tower_length
-from tensegrity_mj.reproduction import wave_tasks
+from tensegrity_mj.reproduction import beam_wave_studies, beam_wave_tasks, figures_c2, page, statements_c2
+from tensegrity_mj.reproduction.beam_wave_studies import DOUBLED, HEIGHTS, PRINTED, TWICE, label_of
+from tensegrity_mj.reproduction.beams import BY_PRESTRESS, BeamRun
+from tensegrity_mj.reproduction.experiments import EngineName
+from tensegrity_mj.reproduction.ledger import Verdict
+from tensegrity_mj.reproduction.reproduce import reproduce
 from tensegrity_mj.simulation import request_for
 from tensegrity_mj.statics import find_equilibrium, linear_systems
 from tensegrity_mj.statics.modes import mass_matrix
@@ -29,6 +36,7 @@ from tensegrity_mj.waves import Wave
 G, RHO, ADDED, INERTIA, SEGMENTS = 9.81, 1025.0, 0.7, 1.6, 2
 DEPTH, WAVELENGTH, CHI, PHASE = 2.0, 6.0, 1.2, 0.4
 ALL_ENDS = list(BeamEnd)
+DOC = Path(__file__).resolve().parent.parent / "docs" / "reproduction.md"
 
 
 @cache
@@ -154,7 +162,14 @@ def linear_motion(scene: tmj.Scene, amplitude: float, times: np.ndarray) -> np.n
             x, y, z = first + s * span
             # Velocity ω A e^{kz} (cos χ sin θ, sin χ sin θ, cos θ): sin θ = Re -i e^{iθ}, and a = iω v.
             turn = np.exp(1j * (PHASE - k * (x * math.cos(CHI) + y * math.sin(CHI))))
-            a = 1j * omega**2 * amplitude * math.exp(k * z) * turn * np.array([-1j * math.cos(CHI), -1j * math.sin(CHI), 1])
+            a = (
+                1j
+                * omega**2
+                * amplitude
+                * math.exp(k * z)
+                * turn
+                * np.array([-1j * math.cos(CHI), -1j * math.sin(CHI), 1])
+            )
             levers = {i: 1 - s, j: s}
             for node, lever in levers.items():
                 F[3 * node : 3 * node + 3] += lever * INERTIA * displaced * (P @ a)
@@ -208,7 +223,7 @@ def test_both_engines_agree_in_a_high_wave() -> None:
     from the DAE by no more than that.
     """
     scene = held(0.8, drag=1.0, tangential_drag=0.1)
-    step = 2e-3
+    step = 5e-3
     fine, coarse = (
         tmj.simulate(scene, None, tmj.DAE(method=Method.RK4, timestep=h), duration=2.0, output_interval=0.02)
         for h in (step / 2, step)
@@ -226,7 +241,7 @@ def test_both_engines_agree_in_a_high_wave() -> None:
 def test_amplitudes_are_half_of_the_swing_of_stages() -> None:
     """A made-up motion: stage s swings by (s + 1) cm along the waves and half of it upwards, about a mean of 0.3 m."""
     scene = held(0.1, segments=1)
-    omega = wave_tasks.frequency_of(scene)
+    omega = beam_wave_tasks.frequency_of(scene)
     time = np.arange(0.0, 90.0, 0.01)
     stage = np.repeat([0.01, 0.02, 0.03], 6)
     nodes = np.tile(scene.structure.positions, (len(time), 1, 1))
@@ -237,7 +252,7 @@ def test_amplitudes_are_half_of_the_swing_of_stages() -> None:
     run: Any = SimpleNamespace(
         scene=scene, time=time, nodes=nodes, tensions=tensions, status=SimpleNamespace(value="completed")
     )
-    found = wave_tasks.measured(run)
+    found = beam_wave_tasks.measured(run)
     # Samples are within 0.005 s of a crest: (ω 0.005)²/2 = 1.5e-4 of it are missed, of three times ω 1.3e-3.
     np.testing.assert_allclose(found["along"], [0.01, 0.02, 0.03, 0.03], rtol=2e-4)
     np.testing.assert_allclose(found["up"], [0.005, 0.01, 0.015, 0.015], rtol=1.5e-3)
@@ -246,3 +261,88 @@ def test_amplitudes_are_half_of_the_swing_of_stages() -> None:
     np.testing.assert_allclose(np.array(found["mean"])[:, 0], 0.3, atol=1e-4)
     assert found["settling"] < 1e-4
     assert found["slack"] == 4
+
+
+@cache
+def natural(end: str) -> dict[str, Any]:
+    return beam_wave_tasks.modes({"beam": {"which": "TB1", "end": end}})
+
+
+def test_added_mass_slows_the_beams() -> None:
+    """Of long bending motions, which are transverse to all rods but by their inclination.
+
+    A rod of direction b has C_a m_w of added mass across itself: 0.5 x 8.05 kg/m beside 24.05 kg/m, times
+    what of the motion is across the rods, between half of it and all.
+    """
+    for end in ("guided", "clamped"):
+        found = natural(end)
+        ratio = (np.array(found["in_air"][:2]) / found["in_water"][:2]) ** 2
+        most = 0.5 * RHO * math.pi * 0.05**2 / (7850 * math.pi * (0.05**2 - 0.03905**2))
+        assert np.all((ratio > 1 + 0.5 * most) & (ratio < 1 + most))
+        assert found["in_water"][0] == pytest.approx(found["in_water"][1], rel=1e-6)  # in both directions
+
+
+def test_the_matrix_of_added_mass_is_what_the_water_answers() -> None:
+    """Accelerations by the engine, of a beam that is pulled in water and in air: M + A against M, on free motions.
+
+    (M + A) a = f with rods rigid: virtual work of f - (M + A) a on every admissible motion is zero, to round-off of
+    forces of 5e3 N.
+    """
+    scene = held(0.0, BeamEnd.GUIDED)
+    node = scene.structure.node_names[-1]
+    pulled = scene.with_(loads=(*scene.loads, tmj.Load(node, (0.0, 700.0, -300.0))))  # type: ignore[misc]
+    a = accelerations(pulled, tmj.DAE()).ravel()
+    state = find_equilibrium(scene.with_(water=None, gravity=(0, 0, 0), loads=()))
+    moves = state.model.boundary.Z @ linear_systems.tangent_basis(state.model, state.x)
+    f = np.zeros(a.size)
+    f[-3:] = (0.0, 700.0, -300.0)
+    added = beam_wave_tasks.added_mass_matrix(scene)
+    left = moves.T @ (f - (mass_matrix(scene.structure) + added) @ a)
+    assert np.abs(left).max() < 1e-6
+    assert np.abs(moves.T @ (added @ a)).max() > 10.0  # what would be left without it
+
+
+@pytest.mark.study
+def test_figure_c8_is_what_the_doc_says(tmp_path: Path) -> None:
+    """Some seventy runs of beams: minutes."""
+    engines = (EngineName.STATICS, EngineName.MUJOCO, EngineName.DAE)
+    made = reproduce(["C.8"], tmp_path, engines=engines)
+    assert [one.statement.id for one in made.rows if one.verdict is Verdict.UNEXPLAINED] == []
+    written = lines_of(DOC.read_text(encoding="utf-8"))
+    for one in made.rows:
+        assert written[one.statement.id] == page.markdown_row(one, engines)
+    assert made.files["C.8"].read_bytes().startswith(b"\x89PNG")
+
+
+# ------------------------------------------------------------------------------------------- rows of made-up amplitudes
+
+
+def run_of(heights: tuple[float, ...], swing: Any) -> BeamRun:
+    values = {
+        label_of(beam, height): {"along": [0.1 * swing(number, height), swing(number, height)]}
+        for number, beam in enumerate(BY_PRESTRESS)
+        for height in heights
+    }
+    return BeamRun("", "", values)
+
+
+def test_rows_ask_what_the_sentences_say() -> None:
+    like_the_figure = run_of((2.0, 4.0, 6.0), lambda n, height: height - 0.1 * n * (height - 4.0))
+    assert statements_c2.grows(like_the_figure, (2.0, 4.0, 6.0))
+    assert not statements_c2.grows(like_the_figure, (6.0, 4.0))
+    assert [statements_c2.falls(like_the_figure, height) for height in (2.0, 4.0, 6.0)] == [False, False, True]
+    assert statements_c2.largest(like_the_figure) == 6.0
+    made = BeamRun("", "", {"x": {"in_water": [9.0, 9.0, math.sqrt(2 * math.pi * G / 21.0)]}})
+    assert statements_c2.resonant_height(made, "x", 1) == pytest.approx(3.0)  # a wave of 21 m is 3 m high
+
+
+def test_figure_c8_is_drawn_from_both_readings() -> None:
+    printed, doubled = (run_of(heights, lambda n, h: h) for heights in (HEIGHTS, TWICE))
+    confirmed = BeamRun("", "", {label: doubled.values[label] for label in beam_wave_studies.CONFIRMED})
+    all_runs = {EngineName.DAE: {PRINTED: printed, DOUBLED: doubled}, EngineName.MUJOCO: {DOUBLED: confirmed}}
+    (figure,) = figures_c2.FIGURES
+    left, right = figure.draw(all_runs).axes
+    assert len(left.get_lines()) == 4
+    assert len(right.get_lines()) == 8
+    assert [len(line.get_xdata()) for line in right.get_lines()[1::2]] == [1, 0, 0, 1]
+    assert "MPa" in left.get_legend().get_texts()[0].get_text()

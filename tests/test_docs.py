@@ -14,10 +14,12 @@ ROOT = Path(__file__).resolve().parents[1]
     "page",
     [
         "README.md",
+        "docs/beams_in_waves.md",
         "docs/cable.md",
         "docs/contact.md",
         "docs/engines.md",
         "docs/laws.md",
+        "docs/shape_control.md",
         "docs/speed.md",
         "docs/statics.md",
         "docs/validate.md",

@@ -19,6 +19,7 @@ import pytest
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.errors import FormatError, OptionError, TensegrityError
+from tensegrity_mj.families.beam_in_waves import BeamEnd, beam_in_waves
 from tensegrity_mj.families.cable import RopeMass, cable
 from tensegrity_mj.families.cross import cross
 from tensegrity_mj.families.named import _HOME, _fitted, family_names, is_family_call
@@ -27,7 +28,9 @@ from tensegrity_mj.families.planar_beam import planar_beam
 from tensegrity_mj.families.suspended_cable import suspended_cable
 from tensegrity_mj.families.thesis_towers import appendix_beam, chapter7_tower
 from tensegrity_mj.families.tower import Axis, Topology, tower
+from tensegrity_mj.families.tower_in_waves import tower_in_waves
 from tensegrity_mj.families.truss_arm import truss_arm
+from tensegrity_mj.water import Weights
 
 CALLS: dict[str, tuple[str, Any]] = {
     "places and names": ("truss_arm(6, braced=2, tension=5)", lambda: truss_arm(6, braced=2, tension=5)),
@@ -46,6 +49,14 @@ CALLS: dict[str, tuple[str, Any]] = {
     "a row of a table": (
         "appendix_beam('TB3', form_found=False)",
         lambda: appendix_beam("TB3", form_found=False),
+    ),
+    "afloat": (
+        "tower_in_waves(stages=3, weights='hermite', current=(0.1, 0.0, 0.0))",
+        lambda: tower_in_waves(stages=3, weights=Weights.HERMITE, current=(0.1, 0.0, 0.0)),
+    ),
+    "in waves": (
+        "beam_in_waves('TB1', 3, end='clamped')",
+        lambda: beam_in_waves("TB1", 3, end=BeamEnd.CLAMPED),
     ),
     "of the study": ("chapter7_tower(2e4, 0.15)", lambda: chapter7_tower(2e4, 0.15)),
 }
@@ -81,7 +92,7 @@ def test_every_default_can_be_written() -> None:
 
 
 WRONG: list[tuple[str, str]] = [
-    ("towr(3)", r"towr\(3\): unknown family 'towr' \(did you mean 'tower'\?\); families: appendix_beam, beam_in_waves, cable"),
+    ("towr(3)", r"towr\(3\): unknown family 'towr' \(did you mean 'tower'\?\); families: appendix_beam, beam"),
     ("os(3)", "unknown family 'os'"),
     ("tower()", "tower: argument 'stages' is missing; it must be an integer"),
     ("tower(2, 3)", r"tower: 2 arguments without a name, and it takes 1 \(stages\)"),

@@ -23,11 +23,12 @@ LOOPS = ("contact off", "autoreset off", "diagexact on")
 # Scene: degrees of freedom, nv, nq, (free, ball, slide, hinge), strings, pairs that may touch, flags. By hand:
 # pinned rod: two angles and the spin. Prism: 3 · 5 - 6 and three spins; its rods slide in 0, 2 and 1 directions. Cross:
 # two angles and a slide. Planar beam: 40 rods of 3, less 2 + 1 of two supports. T-bar: two angles. Falling prism: 3 · 5
-# and three spins, each of three rods with the floor. Towers: 5 and a spin for each of 45 or 87 free rods, 2 a pinned one.
+# and three spins, each of three rods with the floor. Towers: 5 and a spin for each of 45 or 87 free rods, 2 if pinned.
 EXPECTED = {
     "pinned_rod": (2, 3, 4, (0, 1, 0, 0), 3, 0, OFF),
     "pinned_rod_mirror": (2, 3, 4, (0, 1, 0, 0), 3, 0, OFF),
     "prism": (9, 12, 15, (0, 3, 3, 0), 12, 0, OFF),
+    "shape_control": (9, 12, 15, (0, 3, 3, 0), 12, 0, OFF),
     "cross": (3, 3, 3, (0, 0, 1, 2), 4, 0, OFF),
     "planar_beam": (117, 117, 117, (0, 0, 77, 40), 196, 0, OFF),
     "tbar": (2, 2, 2, (0, 0, 0, 2), 4, 0, OFF),

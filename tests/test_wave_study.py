@@ -22,8 +22,15 @@ from tensegrity_mj.deformation import (
 )
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.families.named import family_scene
+from tensegrity_mj.families.thesis_towers import PRESTRESS_MEASURES, STIFFNESSES
 from tensegrity_mj.families.tower import Axis, Topology, tower
 from tensegrity_mj.families.tower_in_waves import tower_in_waves
+from tensegrity_mj.reproduction import page, statements7_waves
+from tensegrity_mj.reproduction.beams import BeamRun
+from tensegrity_mj.reproduction.experiments import EngineName
+from tensegrity_mj.reproduction.ledger import Verdict, judge
+from tensegrity_mj.reproduction.reproduce import reproduce
+from tensegrity_mj.reproduction.runs import Computed
 from tensegrity_mj.studies.sweep import Sweep
 from tensegrity_mj.studies.waves import cases
 from tensegrity_mj.studies.waves.task import agreement, engine_of, in_waves, scene_of
@@ -239,6 +246,74 @@ def test_a_stiffer_and_a_tighter_tower_bends_less() -> None:
     }
     assert D[3e4, 0.1] < 0.95 * D[1e4, 0.1]
     assert D[1e4, 0.2] < 0.95 * D[1e4, 0.1]
+
+
+# The ledger
+
+
+# [m] what the thesis' percentages make of its 1.19 and 0.49 m; the middles of the first and the last row are free.
+THESIS = np.array(
+    [
+        [1.19, 1.0, 1.19 * (1 - 0.275)],
+        [1.19 * (1 - 0.259), 1.0 * (1 - 0.275), 1.19 * (1 - 0.259) * (1 - 0.301)],
+        [0.49 / (1 - 0.346), 0.6, 0.49],
+    ]
+)
+
+
+def made_up(scale: float = 1.0) -> dict[str, BeamRun]:
+    """A study whose D is the thesis', times a scale, and whose tower comes to float and repeats its motion."""
+    D = {(k, p): scale * THESIS[i, j] for i, k in enumerate(STIFFNESSES) for j, p in enumerate(PRESTRESS_MEASURES)}
+    time = np.linspace(0.0, 40.0, 2001)
+    values = {
+        cases.label_of(k, p): {
+            "largest": d,
+            "steady": d,
+            "mean_force": 1.45 if k == 1e4 else 8.68,
+            "period": 4.0,
+            "time": time,
+            "D": d * np.abs(np.sin(np.pi * time / 4.0)),
+            "height": np.where(time < 5, -1.0, 0.0),
+            "nodes": np.array([[[0, 0, 9.0]], [[0, 0, -1.4]], [[0, 0, 0.4]], [[0, 0, 0.0]]]),
+        }
+        for (k, p), d in D.items()
+    }
+    return {"waves": BeamRun("waves", "made up", values)}
+
+
+def verdicts(runs: dict[str, BeamRun]) -> dict[str, Verdict]:
+    computed = Computed({EngineName.DAE: runs})
+    return {row.statement.id: row.verdict for row in judge(statements7_waves.STATEMENTS, computed)}
+
+
+def test_rows_of_the_ledger_tell_the_thesis_from_what_is_not() -> None:
+    assert set(verdicts(made_up()).values()) == {Verdict.REPRODUCED}
+    twice = verdicts(made_up(2.0))  # percentages are the same
+    assert twice["7.9-soft"] is twice["7.9-stiff"] is Verdict.UNEXPLAINED
+    assert twice["7.9-stiffness-0.1"] is Verdict.REPRODUCED
+    soft, stiffer, tighter = (cases.label_of(*one) for one in ((1e4, 0.1), (2e4, 0.1), (1e4, 0.15)))
+    for label, change, name, other in (
+        (stiffer, {"largest": 1.2}, "7.9-falls-stiffness-largest", "7.9-falls-prestress-largest"),
+        (tighter, {"largest": 1.2}, "7.9-falls-prestress-largest", "7.9-falls-stiffness-largest"),
+        (stiffer, {"steady": 1.2}, "7.9-falls-stiffness-steady", "7.9-falls-stiffness-largest"),
+        (soft, {"height": np.full(2001, -1.0)}, "7.2.3-cyclic", "7.9-soft"),
+        (soft, {"D": np.linspace(0.0, 1.0, 2001)}, "7.2.3-cyclic", "7.9-soft"),  # by 10 % from period to period
+    ):
+        runs = made_up()
+        runs["waves"].values[label].update(change)  # type: ignore[attr-defined]
+        found = verdicts(runs)
+        assert (found[name], found[other]) == (Verdict.UNEXPLAINED, Verdict.REPRODUCED)
+
+
+@pytest.mark.slow
+@pytest.mark.study
+def test_the_study_is_what_the_doc_says(tmp_path: Path) -> None:
+    made = reproduce(["7.7", "7.8", "7.9"], tmp_path, engines=[EngineName.DAE, EngineName.MUJOCO])
+    assert {"7.7", "7.8", "7.9"} <= set(made.files)
+    text = (Path(__file__).resolve().parent.parent / "docs" / "reproduction.md").read_text(encoding="utf-8")
+    order = (EngineName.STATICS, EngineName.MUJOCO, EngineName.DAE)
+    for row in made.rows:
+        assert page.markdown_row(row, order) in text
 
 
 # The sweep over arguments of a family

@@ -13,6 +13,7 @@ from tensegrity_mj.reproduction import (
     figures7,
     figures7_waves,
     figures_c,
+    figures_c2,
     statements3,
     statements4,
     statements5,
@@ -20,6 +21,7 @@ from tensegrity_mj.reproduction import (
     statements7,
     statements7_waves,
     statements_c,
+    statements_c2,
 )
 from tensegrity_mj.reproduction.drawing import ThesisFigure
 from tensegrity_mj.reproduction.statement import Statement
@@ -32,6 +34,7 @@ FIGURES: tuple[ThesisFigure, ...] = (
     *figures7.FIGURES,
     *figures7_waves.FIGURES,
     *figures_c.FIGURES,
+    *figures_c2.FIGURES,
 )
 STATEMENTS: tuple[Statement, ...] = (
     *statements3.STATEMENTS,
@@ -41,6 +44,7 @@ STATEMENTS: tuple[Statement, ...] = (
     *statements7.STATEMENTS,
     *statements7_waves.STATEMENTS,
     *statements_c.STATEMENTS,
+    *statements_c2.STATEMENTS,
 )
 
 

@@ -59,7 +59,7 @@ def _measure(all_runs: AllRuns) -> Figure:
         panel.plot(places[:, 0], places[:, 2], style, color=palette.CYCLE[1], lw=1.0, ms=3.5)
     ends = np.array([points[most], foot])
     panel.plot(ends[:, 0], ends[:, 2], color=palette.CYCLE[2], lw=2.0)
-    panel.annotate(f"D = {D[most]:.2f} m", ends[0, [0, 2]], (6, 8), textcoords="offset points", fontsize=8.5)
+    panel.set_title(f"D({most + 1}, {float(run.of(SOFT, 'times')[0]):.2f} s) = {D[most]:.2f} m", fontsize=9)
     panel.set_xlabel("x [m]", fontsize=8.5)
     figure.supxlabel(f"{SOFT}; seen along y, where D has a part along the view too", fontsize=8, color=GREY)
     return figure
@@ -94,6 +94,7 @@ def _trend(all_runs: AllRuns) -> Figure:
         panel.set_ylabel("prestress measure [m]", fontsize=8)
         panel.set_zlabel("D [m]", fontsize=8)
         panel.view_init(22, 50)
+        panel.set_box_aspect(None, zoom=0.86)  # room for the label of the upright axis
         panel.tick_params(labelsize=7.5)
     return figure
 

@@ -14,7 +14,7 @@ from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.files import made_folder
 from tensegrity_mj.jsontext import to_json
 from tensegrity_mj.plots import save_figure
-from tensegrity_mj.reproduction import beams, page, waves
+from tensegrity_mj.reproduction import beam_wave_studies, beams, page, waves
 from tensegrity_mj.reproduction.catalog import selected
 from tensegrity_mj.reproduction.drawing import ThesisFigure
 from tensegrity_mj.reproduction.experiments import OF_MOTION, EngineName, experiment_of
@@ -25,7 +25,12 @@ from tensegrity_mj.studies.workers import Workers
 
 RUNS, FIGURES = "runs", "figures"
 # What is computed as a whole: the cables of chapter 3, the beams of chapter 7, also in waves, and of appendix C.
-WHOLES: Mapping[str, Any] = {**SERIES, **beams.STUDIES, **waves.STUDIES}
+WHOLES: Mapping[str, Any] = {
+    **SERIES,
+    **beams.STUDIES,
+    **waves.STUDIES,
+    **beam_wave_studies.STUDIES,
+}
 PAGE, DATA = "reproduction.html", "reproduction.json"
 
 

@@ -33,7 +33,15 @@ OPEN = (
     "the strings (180 are counted), the radius of a stage, the place in the wave and the length of a run are not told, "
     "and D depends on them by factors (docs/waves.md)"
 )
-SOFTER = "a softer tower bends more, and more so where it is softest: " + OPEN
+SHARES = (
+    f"{OPEN}. Of those tried, the full tower with R = 0.60 m gives 28.4, 26.9 and 60.4 % after 30 s where the thesis "
+    "has 25.9, 27.5 and 58.9, with a quarter of the D"
+)
+FLOATS = (
+    "tubes of half the water's weight float half out of it: with its axis near the surface, a tower one metre wide has "
+    "its top half a metre above it, and crests are half a metre high. How the thesis cuts off what is not under water "
+    "is not told"
+)
 FORCE = "the prestress that form-finding leaves depends on the strings and the radius alone: " + OPEN
 
 
@@ -107,6 +115,7 @@ def _rows() -> Iterator[Statement]:
     yield _row(
         "7.8-highest", "Fig. 7.8", 156, "30 kN/m, 0.10 m, within one period: highest node", "ticks from −1.5 to 0.5",
         axis, inside(0.0, 1.0), "within the ticks that would follow", _highest, "m",
+        KnownDifference(FLOATS, near(1.01, 0.03)),
     )
     for name, when in (("largest", "of the run"), ("steady", "after 30 s")):
         for along, what in ((0, "stiffness"), (1, "prestress")):
@@ -119,19 +128,19 @@ def _rows() -> Iterator[Statement]:
         yield _row(
             f"7.9-stiffness-{p:g}", "§7.2.3", 157, f"prestress {p:.2f} m: D is reduced from 10 to 20 kN/m by",
             f"{percent} %", text, near(percent, 3), "3 points", lambda runs, index=index: _reduced(  # type: ignore[misc]
-                runs, (0, index), (1, index)), "%", KnownDifference(SOFTER, near(ours, 1.5)),
+                runs, (0, index), (1, index)), "%", KnownDifference(SHARES, near(ours, 1.5)),
         )
     tighter = zip(range(3), STIFFNESSES, (27.5, 30.1, 34.6), (13.4, 19.9, 22.2), strict=True)
     for index, k, percent, ours in tighter:
         yield _row(
             f"7.9-prestress-{k / 1e3:g}", "§7.2.3", 157, f"{k / 1e3:g} kN/m: D is reduced from 0.10 to 0.20 m by",
             f"{percent} %", text, near(percent, 3), "3 points", lambda runs, index=index: _reduced(  # type: ignore[misc]
-                runs, (index, 0), (index, 2)), "%", KnownDifference(SOFTER, near(ours, 1.5)),
+                runs, (index, 0), (index, 2)), "%", KnownDifference(SHARES, near(ours, 1.5)),
         )
     yield _row(
         "7.9-extremes", "§7.2.3", 157, "D is reduced from the softest to the stiffest case by", "58.9 %", text,
         near(58.9, 3), "3 points", lambda runs: _reduced(runs, (0, 0), (2, 2)), "%",
-        KnownDifference(SOFTER, near(38.2, 1.5)),
+        KnownDifference(SHARES, near(38.2, 1.5)),
     )
     for name, where, value, ours in (("soft", (0, 0), 1.19, 0.708), ("stiff", (2, 2), 0.49, 0.438)):
         yield _row(
