@@ -87,7 +87,7 @@ def reproduce(
     if not statements:
         raise OptionError(
             f"engines: none of {', '.join(one.value for one in engines)} knows of {', '.join(figures)}; motions "
-            "(chapters 3 to 6) are computed in dae, mujoco and ode, equilibria (chapters 7 and C) in statics and mujoco"
+            "are computed in dae, mujoco and ode, equilibria (in chapters 7 and C) in statics and mujoco"
         )
     folder = made_folder(out)
     drawn_needs = [name for figure in chosen for name in figure.needs] if draw else []

@@ -32,6 +32,7 @@ LEAST_REGULARIZATION = 1e-12
 MOST_REGULARIZATION = 1e8
 LONGEST_MOVE = 0.3  # of the mean member, of any node in one step
 ESCAPES = 12  # unstable states that are left before it gives up
+SPENT = 1e-10  # of rods' forces: what is left of them where no step is better, near places where rods are in a line
 STRAIGHT = 100.0  # rods' forces, of strings' and loads', that only a singular place explains
 KICK = 1e-2  # of the mean member, along the softest motion
 
@@ -106,6 +107,7 @@ def _descend(model: StaticModel, x: Array, parameter: float, limit: int) -> tupl
         rough = round_off(model, x, parameter)
         if size <= rough:
             return x, forces, taken
+        spent = max(1e4 * rough, SPENT * float(np.abs(forces).max(initial=0.0)))
         H = sparse.csr_array(Z.T @ model.hessian(x, forces) @ Z)
         gap = model.rod_lengths - model.rods(x).lengths
         # What no stiffness resists would move far for a force of round-off: steps go across it.
@@ -113,7 +115,7 @@ def _descend(model: StaticModel, x: Array, parameter: float, limit: int) -> tupl
         right = np.concatenate([-left, np.where(elastic, 0.0, gap), np.zeros(neutral.shape[0])])
         while True:
             if mu > MOST_REGULARIZATION * stiffest:
-                if size <= 1e4 * rough:  # no step lowers an energy whose digits are spent
+                if size <= spent:  # no step lowers an energy whose digits are spent
                     return x, forces, taken
                 raise _stuck(model, taken, size, x, forces, parameter)
             matrix = linear_systems.saddle_matrix(
@@ -148,7 +150,7 @@ def _descend(model: StaticModel, x: Array, parameter: float, limit: int) -> tupl
                 C_there = model.rod_slopes(there) @ Z
                 now = float(np.abs(Z.T @ gradient_there + C_there.T @ forces_there).max(initial=0.0))
                 good, ratio = now < size, 1.0
-                if not good and size <= 1e4 * rough:
+                if not good and size <= spent:
                     return x, forces, taken
             else:
                 ratio = (energy_there - energy) / predicted

@@ -408,7 +408,7 @@ class _Problem:
             return np.ones(count, bool), True
         for row in range(count):
             limits = np.append(np.zeros(M), 1.0)
-            result = _program(wanted[row], np.vstack([kept, -wanted[row]]), limits)
+            result = _program(wanted[row], np.vstack([kept, -wanted[row]]), limits, bounds=(-FAR, FAR))
             found[row] = bool(result.fun < -0.5)
         return found, False
 

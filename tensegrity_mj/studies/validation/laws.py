@@ -172,7 +172,12 @@ def _built_in(law: Any, scene: Scene) -> Spec | None:
         if type(law) is not entry.law:
             continue
         fields = {item.name for item in dataclasses.fields(law)}
-        options = {key: _plain_option(getattr(law, key)) for key in entry.options if key in fields}
+        options = {key: _plain_option(getattr(law, key)) for key in entry.options if key in fields - {"water"}}
+        known = [one for one in controllers.KnownWater if one.of(scene.water) == law.water]
+        if not known:
+            return None
+        if known[0] is not controllers.KnownWater.ALL:
+            options["water"] = known[0].value
         try:
             if (law.structure, law.target, law.gravity) == (scene.structure, scene.target, scene.gravity):
                 again = controllers.from_scene(scene, name, **options)
