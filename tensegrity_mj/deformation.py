@@ -20,22 +20,22 @@ Array = NDArray[np.float64]
 
 
 def is_tower(structure: Structure) -> bool:
-    """Whether nodes have the names of a tower's, of three stages or more."""
-    return _stages(structure) >= 3
+    """Whether nodes have the names of a tower's, of four stages or more."""
+    return _stages(structure) >= 4
 
 
 def interconnections(structure: Structure) -> list[list[int]]:
     """Indices of the six nodes of each interconnection of a tower, from its base to its top.
 
     Raises:
-        OptionError: for a structure whose nodes do not have the names of a tower's, and a tower of fewer than three
-            stages, which has no two interconnections.
+        OptionError: for a structure whose nodes do not have the names of a tower's, and a tower of fewer than four
+            stages, which has no centre off the line through the first and the last.
     """
     stages = _stages(structure)
-    if stages < 3:
+    if stages < 4:
         raise OptionError(
-            f"structure '{structure.name}': it is no tower of three stages or more, whose nodes are b1_1, t1_1 and so "
-            "on; give the groups of nodes whose centres are wanted"
+            f"structure '{structure.name}': it is no tower of four stages or more, whose nodes are b1_1, t1_1 and so "
+            "on, with a centre between the first and the last; give the groups of nodes whose centres are wanted"
         )
     index = structure.node_index
     names = [

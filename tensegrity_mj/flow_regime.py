@@ -5,7 +5,7 @@ the moving rod meets it: that is what its drag and its added mass depend on. The
 is that of a structure that is held, gives the other pair.
 
     Rn = u d / ν        C_d = 1.2 and the like are those of subcritical flow, Rn <= 2e5
-    KC = u T / d        T the period of the component with the fastest orbits; §7.2.2 assumes 15 to 45
+    KC = u T / d        T the period of the component with the fastest orbits where the rod is; §7.2.2 assumes 15 to 45
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 
 LARGEST_REYNOLDS = 2e5
 KEULEGAN_CARPENTER = (15.0, 45.0)
+STEEPEST = np.pi / 7  # k A: a height of 1/7 of the length
+HIGHEST = 0.39  # A of the depth: a height of 0.78 of it
 _AT_ONCE = 200_000  # segments, whose places and velocities are held in memory together
 
 
@@ -32,7 +34,7 @@ class FlowNumbers:
     """What kind of flow the rods of a run were in.
 
     Attributes:
-        reynolds, keulegan_carpenter: (R,) of the flow that the rods meet; KC is NaN where there are no waves.
+        reynolds, keulegan_carpenter: (R,) of the flow that the rods meet; KC is NaN of rods that meet no waves.
         undisturbed_reynolds, undisturbed_keulegan_carpenter: (R,) of the flow as it would be without them moving.
         notes: what is outside the ranges of §7.2.2, in words.
     """
@@ -45,10 +47,10 @@ class FlowNumbers:
 
     def report(self) -> dict[str, Any]:
         """The largest Rn, the smallest and the largest KC (None without waves) and the notes, for JSON."""
-        waves = not np.isnan(self.keulegan_carpenter).any()
+        met = self.keulegan_carpenter[~np.isnan(self.keulegan_carpenter)]
         return {
             "reynolds": float(self.reynolds.max()),
-            "keulegan_carpenter": [float(f(self.keulegan_carpenter)) for f in (np.min, np.max)] if waves else None,
+            "keulegan_carpenter": [float(met.min()), float(met.max())] if len(met) else None,
             "notes": list(self.notes),
         }
 
@@ -63,7 +65,8 @@ def flow_numbers(run: Trajectory) -> FlowNumbers:
     if water is None:
         raise OptionError(f"flow_numbers: scene '{scene.name}' has no water")
     R = len(scene.structure.rods)
-    met, undisturbed = np.zeros(R), np.zeros(R)
+    d, sea = diameters(scene.structure, water), sea_of(scene)
+    met, undisturbed, orbits = np.zeros(R), np.zeros(R), np.zeros((R, len(sea.amplitude)))
     piece = max(1, _AT_ONCE // (R * water.segments))
     for first in range(0, len(run.time), piece):
         rows = slice(first, first + piece)
@@ -72,16 +75,19 @@ def flow_numbers(run: Trajectory) -> FlowNumbers:
             across = flow - np.sum(flow * wet.axes, axis=-1, keepdims=True) * wet.axes
             speed = np.where(wet.part > 0, np.linalg.norm(across, axis=-1), 0.0)
             np.maximum(most, speed.max(axis=(0, 2), initial=0.0), out=most)
-    d, sea = diameters(scene.structure, water), sea_of(scene)
-    period = np.nan
-    if np.any(sea.amplitude > 0):
-        period = 2 * np.pi / float(sea.frequency[np.argmax(sea.amplitude * sea.frequency)])
+        if orbits.size:
+            fast = np.where((wet.part > 0)[..., None], sea.orbit_speeds(wet.points[..., 2]), 0.0)
+            np.maximum(orbits, fast.max(axis=(0, 2)), out=orbits)
+    period = np.full(R, np.nan)
+    moved = orbits.max(axis=1, initial=0.0) > 0
+    if moved.any():
+        period[moved] = 2 * np.pi / sea.frequency[orbits[moved].argmax(axis=1)]
     numbers = [(speed * d / water.viscosity, speed * period / d) for speed in (met, undisturbed)]
     return FlowNumbers(*numbers[0], *numbers[1], _notes(run, *numbers[0]))
 
 
 def _notes(run: Trajectory, reynolds: Array, keulegan_carpenter: Array) -> tuple[str, ...]:
-    names, notes = [rod.name for rod in run.scene.structure.rods], []
+    names, notes = [rod.name for rod in run.scene.structure.rods], _beyond_linear_theory(run)
     fast = reynolds > LARGEST_REYNOLDS
     if fast.any():
         notes.append(
@@ -97,6 +103,27 @@ def _notes(run: Trajectory, reynolds: Array, keulegan_carpenter: Array) -> tuple
             f"{found.max():.3g}: coefficients of drag and added mass depend on them"
         )
     return tuple(notes)
+
+
+def _beyond_linear_theory(run: Trajectory) -> list[str]:
+    sea, notes = sea_of(run.scene), []
+    steepness = sea.number * sea.amplitude
+    if np.any(steepness > STEEPEST):
+        worst = int(steepness.argmax())
+        notes.append(
+            f"waves[{worst}] is {steepness[worst] / np.pi:.3g} of its length high; waves above 1/7 break, and linear "
+            "theory does not hold for them"
+        )
+    if np.any(sea.amplitude > HIGHEST * sea.depth):
+        worst = int(sea.amplitude.argmax())
+        notes.append(
+            f"waves[{worst}] has an amplitude of {sea.amplitude[worst]:g} m in {sea.depth:g} m of water; waves higher "
+            "than 0.78 of the depth break, and linear theory does not hold for them"
+        )
+    lowest = float(run.nodes[..., 2].min(initial=0.0))
+    if lowest < -sea.depth:
+        notes.append(f"a node is at z = {lowest:.3g} m, below the bottom at {-sea.depth:g} m, which nothing here stops")
+    return notes
 
 
 def _of(chosen: NDArray[np.bool_]) -> str:

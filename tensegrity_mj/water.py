@@ -169,7 +169,7 @@ class Segments:
     Attributes:
         part: under water, of each segment.
         place: s of its centre, along the rod.
-        points: that centre [m].
+        points: that centre [m]; of a dry segment, its height is at most 0.
         axes: (..., R, 1, 3) unit vectors of the rods.
         flow: velocity of the water against the rod there, u [m/s].
         undisturbed: velocity of the water there, v [m/s].
@@ -200,6 +200,8 @@ def segments_of(scene: Scene, time: Array | float, nodes: Array, velocities: Arr
     part, along = wet_parts(depth[..., :-1] / half, depth[..., 1:] / half)
     place = (np.arange(count) + along) / count
     points = x1 + place[..., None] * span
+    # Of a dry segment nothing counts, but high above the water the fields are beyond all floats.
+    points[..., 2] = np.where(part > 0, points[..., 2], np.minimum(points[..., 2], 0.0))
     undisturbed = sea.velocity(t, points)
     flow = undisturbed - v1 - place[..., None] * turn
     return Segments(part, place, points, axes, flow, undisturbed, sea.acceleration(t, points))

@@ -147,6 +147,12 @@ class Sea:
         size = self.frequency * self.amplitude
         return self.current + self._vector(size * across * np.sin(angle), size * up * np.cos(angle))
 
+    def orbit_speeds(self, heights: ArrayLike) -> Array:
+        """The largest speed (..., W) [m/s] of each component's orbits at heights z (...) [m]."""
+        z = np.asarray(heights, float)
+        _, across, _ = self._at(np.zeros_like(z), np.stack([np.zeros_like(z), np.zeros_like(z), z], axis=-1))
+        return np.asarray(self.frequency * self.amplitude * across)
+
     def acceleration(self, time: ArrayLike, points: ArrayLike) -> Array:
         """∂v/∂t (..., 3) [m/s²] (7.5), as `velocity`."""
         angle, across, up = self._at(time, points)

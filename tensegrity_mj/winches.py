@@ -24,7 +24,8 @@ def winch_increments(run: Trajectory) -> Array:
     """Work of each string's winch between samples, -∫ T dL0 [J], (T - 1, M); T is the elastic tension.
 
     Exact where rest lengths or force densities are held and every control sample is recorded; else by the trapezoidal
-    rule, of second order in the recorded interval.
+    rule, of second order in the recorded interval. Of the interval in which a string breaks, what its winch did is
+    known only where a sample is recorded at the break.
     """
     structure = run.scene.structure
     k = structure.stiffness

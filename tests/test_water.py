@@ -611,9 +611,10 @@ def test_reynolds_and_keulegan_carpenter_numbers() -> None:
 
     fast = tmj.simulate(scene.with_(water=replace(scene.water, waves=(replace(wave, amplitude=2.5),))), duration=4.0)
     notes = fast.reports["water"]["notes"]
-    assert len(notes) == 2
-    assert "Reynolds numbers of 1 of 1 rods are above 200000" in notes[0]
-    assert "Keulegan-Carpenter numbers of 1 of 1 rods are outside 15 to 45" in notes[1]
+    assert len(notes) == 3
+    assert "0.333 of its length high" in notes[0]
+    assert "Reynolds numbers of 1 of 1 rods are above 200000" in notes[1]
+    assert "Keulegan-Carpenter numbers of 1 of 1 rods are outside 15 to 45" in notes[2]
 
     # A free neutral rod goes with the water: what it meets is far less than what there is.
     free = one((0, 1, 0), (0, 0, -1.0), DISPLACED, water=tmj.Water(waves=(wave,)), duration=4.0)
@@ -627,3 +628,49 @@ def test_reynolds_and_keulegan_carpenter_numbers() -> None:
     assert np.isnan(tmj.flow_numbers(calm).keulegan_carpenter).all()
     with pytest.raises(tmj.OptionError, match="has no water"):
         tmj.flow_numbers(tmj.simulate(one().with_(water=None), engine=tmj.DAE()))
+
+
+def test_each_rod_has_the_period_of_the_waves_where_it_is() -> None:
+    """Short chop fades with e^(kz): at 5 m deep 3 m waves are e^(-10.5) of themselves, and say nothing of the flow.
+
+    In deep water the orbits are ω A e^(kz): 0.30 m/s of the long waves there, 2.5e-5 m/s of the chop, but 0.51 and
+    0.91 m/s at the surface. A rod in the air meets none, and has no number.
+    """
+    rod = tmj.Rod("r", ("a", "b"), 5.0, 0.05, tmj.Support.pinned(0.5))
+
+    def number(z: float) -> float:
+        structure = tmj.Structure("s", {"a": (0.0, -0.5, z), "b": (0.0, 0.5, z)}, (rod,))
+        waves = (tmj.Wave(0.5, 60.0), tmj.Wave(0.2, 3.0))
+        scene = tmj.Scene(structure, gravity=(0, 0, -9.81), water=tmj.Water(waves=waves))
+        run = tmj.simulate(scene, None, tmj.DAE(), duration=8.0, output_interval=0.05)
+        return float(tmj.flow_numbers(run).undisturbed_keulegan_carpenter[0])
+
+    k = 2 * np.pi / 60
+    # The speed's peak is met within half a sample's turn of the phase, 1e-3 of itself, and the chop adds 1e-4.
+    assert number(-5.0) == pytest.approx(2 * np.pi * 0.5 * np.exp(-5 * k) / 0.1, rel=2e-3)
+    assert np.isnan(number(5.0))
+
+
+def test_waves_beyond_linear_theory_are_told() -> None:
+    rod = tmj.Rod("r", ("a", "b"), 5.0, 0.05, tmj.Support.pinned(0.5))
+    structure = tmj.Structure("s", {"a": (0.0, -0.5, -3.0), "b": (0.0, 0.5, -3.0)}, (rod,))
+
+    def notes(water: tmj.Water) -> str:
+        scene = tmj.Scene(structure, gravity=(0, 0, -9.81), water=water)
+        run = tmj.simulate(scene, None, tmj.DAE(), duration=0.02)
+        return " ".join(tmj.flow_numbers(run).notes)
+
+    assert "waves above 1/7 break" in notes(tmj.Water(waves=(tmj.Wave(1.0, 13.9),)))
+    assert "1/7" not in notes(tmj.Water(waves=(tmj.Wave(1.0, 14.1),)))
+    assert "0.78 of the depth" in notes(tmj.Water(waves=(tmj.Wave(1.6, 60.0),), depth=4.0))
+    assert "below the bottom at -2 m" in notes(tmj.Water(depth=2.0))
+    assert notes(tmj.Water()) == ""
+
+
+def test_dry_rods_high_above_short_waves_feel_nothing() -> None:
+    rod = tmj.Rod("r", ("a", "b"), 5.0, 0.05)
+    structure = tmj.Structure("s", {"a": (0.0, -0.5, 80.0), "b": (0.0, 0.5, 80.0)}, (rod,))
+    scene = tmj.Scene(structure, gravity=(0, 0, -9.81), water=tmj.Water(waves=(tmj.Wave(0.01, 0.5),)))
+    forces, alpha = water_forces(scene, 0.0, scene.nodes0, scene.velocities0)
+    assert not forces.any()
+    assert not alpha.any()

@@ -152,11 +152,11 @@ def test_the_six_nodes_of_an_interconnection() -> None:
         assert np.hypot(away[:, 0], away[:, 1]) == pytest.approx([1.22 / math.sqrt(6)] * 6)
         angles = np.sort(np.degrees(np.arctan2(away[:, 1], away[:, 0])))
         assert np.diff(angles) == pytest.approx([60] * 5)
-    for other in (tower(2), tmj.load_scene("prism"), tmj.load_scene("planar_beam")):
+    for other in (tower(2), tower(3), tmj.load_scene("prism"), tmj.load_scene("planar_beam")):
         assert not is_tower(other.structure)
-        with pytest.raises(OptionError, match="no tower of three stages"):
+        with pytest.raises(OptionError, match="no tower of four stages"):
             interconnections(other.structure)
-    assert is_tower(tower(3, topology=Topology.REDUCED_B).structure)
+    assert is_tower(tower(4, topology=Topology.REDUCED_B).structure)
 
 
 def test_rod_forces_balance_the_strings_at_the_start() -> None:
@@ -320,7 +320,7 @@ def test_the_study_is_what_the_doc_says(tmp_path: Path) -> None:
 
 
 def test_a_sweep_makes_the_familys_scene_anew() -> None:
-    call = "tower_in_waves(stages=3, duration=0.3)"
+    call = "tower_in_waves(stages=4, duration=0.3)"
     sweep = Sweep(
         call,
         [tmj.Vary("family.stiffness", [1e4, 2e4])],
@@ -332,7 +332,7 @@ def test_a_sweep_makes_the_familys_scene_anew() -> None:
         study.points, *map(study.values, ("deformation", "late_deformation", "mean_rod_force")), strict=True
     ):
         k = point["parameters"]["family.stiffness"]
-        scene = tower_in_waves(k, stages=3, topology=Topology.REDUCED_A, duration=0.3).with_(gravity=(0, 0, -9.0))
+        scene = tower_in_waves(k, stages=4, topology=Topology.REDUCED_A, duration=0.3).with_(gravity=(0, 0, -9.0))
         run = tmj.simulate(scene, None, tmj.DAE())
         assert deformed == deformation(run).max()
         assert late == deformation(run)[run.time >= 0.225].max()

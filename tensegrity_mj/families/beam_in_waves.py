@@ -89,7 +89,7 @@ def beam_in_waves(
         OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such scene.
     """
     height = positive("beam_in_waves: wave_height", wave_height, "m")
-    wavelength = height / positive("beam_in_waves: steepness", steepness, "1")
+    wavelength = height / positive("beam_in_waves: steepness", steepness)
     tower = appendix_beam(which, damping=damping, duration=duration, name=name)
     water = Water(
         waves=(Wave(0.5 * height, wavelength, None, 0.5 * math.pi, finite("beam_in_waves: phase", phase, " [rad]")),),

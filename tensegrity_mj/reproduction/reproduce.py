@@ -110,11 +110,13 @@ def reproduce(
     if draw:
         place = made_folder(folder / FIGURES)
         for figure in chosen:
-            # The first engine that is drawn has all that is needed: chapter 3 asks some series of the DAE alone.
-            able = [one for one in engines if all(name in computed.runs[one] for name in figure.needs)]
+            # The first engine that is drawn has all that is needed: chapter 3 asks some series of the DAE alone. Where
+            # statics was asked, MuJoCo has only what confirms it.
+            ranked = sorted(engines, key=lambda one: one is not EngineName.STATICS)
+            able = [one for one in ranked if all(name in computed.runs[one] for name in figure.needs)]
             if not able or (able[0] is not engines[0] and not set(figure.needs) <= set(WHOLES)):
                 continue  # its rows say why
-            others = [one for one in engines if any(name in computed.runs[one] for name in figure.needs)]
+            others = [one for one in ranked if any(name in computed.runs[one] for name in figure.needs)]
             order = [able[0], *(one for one in others if one is not able[0])]
             canvas = figure.draw({one: computed.runs[one] for one in order})
             path = save_figure(canvas, place / f"figure-{figure.number}.{picture_format}")

@@ -279,6 +279,7 @@ class StaticModel:
                 f"'{self.scene.name}': weights and loads push the whole with ({force[0]:.6g}, {force[1]:.6g}, "
                 f"{force[2]:.6g}) N, and nothing holds it in that direction: there is no equilibrium; give the "
                 "structure a support, hold nodes, or take gravity out (gravity = (0, 0, 0))"
+                + ("; statics leaves the scene's water and its buoyancy out" if self.scene.water is not None else "")
             )
 
     def neutral_motions(self, x: Array, parameter: float = 1.0, rod_forces: Array | None = None) -> Array:
