@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import tensegrity_mj as tmj
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.families.random_linked import random_linked_structure
 from tensegrity_mj.families.random_taut import random_taut_structure
@@ -113,3 +114,20 @@ def test_it_says_what_does_not_come_to_rest() -> None:
         relax(tower(2, form_found=False, gravity=9.81))
     with pytest.raises(OptionError, match="tolerance"):
         relax(scene, tolerance=0.0)
+
+
+@pytest.mark.parametrize("name", ["pinned_rod", "pinned_rod_mirror"])
+def test_one_rod_alone_relaxes(name: str) -> None:
+    scene = tmj.load_scene(name)
+    structure = scene.structure.with_strings(rest_length=0.5 * scene.structure.string_lengths(scene.nodes0))
+    first, second = (find(scene.with_(structure=structure)) for find in (find_equilibrium, relax))
+    assert np.abs(first.nodes - second.nodes).max() < 1e-8
+
+
+def test_an_elastic_rod_takes_up_what_a_hold_moves_it_by() -> None:
+    """N = EA d / ℓ, to round-off of the length: 4e-16 of it against a stretch of 1e-6 is 4e-10."""
+    section = tmj.Section.solid(0.01, 70e9)
+    rod = tmj.Rod("r", ("a", "b"), 1.0, 0.01, tmj.Support.pinned(0.0), section)
+    structure = tmj.Structure("bar", {"a": (0.0, 0.0, 0.0), "b": (1.0, 0.0, 0.0)}, (rod,))
+    model = StaticModel.of(structure, rods=Rods.ELASTIC, holds=(Hold("b", None, (1e-6, 0.0, 0.0)),))
+    assert find_equilibrium(model).rod_forces[0] == pytest.approx(section.axial_stiffness * 1e-6, rel=1e-9)

@@ -488,3 +488,29 @@ def test_a_rod_that_is_bent_is_refused() -> None:
     both = np.array([[0.0, 3.0, 5.0], [0.0, -4.0, -5.0]])
     assert minimal_mass(flat, both, rods=UNIT, strings=UNIT).mass == pytest.approx(5.0, rel=1e-12)
     assert Scene(flat).structure is flat
+
+
+@pytest.mark.parametrize(("length", "load"), [(1.0, 1e-5), (1.0, 1e-2), (1.0, 1e6), (100.0, 1e-2), (100.0, 1e3)])
+def test_a_column_bears_itself(length: float, load: float) -> None:
+    """Half of its weight and the load press a column, P = F + M g/2, and buckling asks for M = c √P.
+
+    With c = 2 ρ ℓ² / √(π E) (a round bar: A = 2 ℓ √(P / π E)), M = c² g/4 + √((c² g/4)² + c² F); yield asks for less
+    here, but where F is far above c² g².
+    """
+    rod = Rod("r", ("a", "b"), 1.0, 0.01, Support.pinned(0.0))
+    structure = Structure("column", {"a": (0.0, 0.0, 0.0), "b": (0.0, 0.0, length)}, (rod,))
+    loads, g = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -load]]), 9.81
+    found = minimal_mass(structure, loads, rods=ALUMINIUM, strings=UHMWPE, gravity=(0, 0, -g))
+    c = 2 * ALUMINIUM.density * length**2 / np.sqrt(np.pi * ALUMINIUM.elasticity_modulus)
+    buckling = c**2 * g / 4 + np.sqrt((c**2 * g / 4) ** 2 + c**2 * load)
+    a = ALUMINIUM.density * length / ALUMINIUM.yield_stress
+    crushing = a * load / (1 - a * g / 2)
+    assert found.mass == pytest.approx(max(buckling, crushing), rel=2e-6)  # its own tolerance is 1e-6
+
+
+def test_loads_that_cannot_be_told_from_none_are_refused() -> None:
+    rod = Rod("r", ("a", "b"), 1.0, 0.01, Support.pinned(0.0))
+    structure = Structure("column", {"a": (0.0, 0.0, 0.0), "b": (0.0, 0.0, 100.0)}, (rod,))
+    loads = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1e-5]])
+    with pytest.raises(InfeasibleError, match="too small beside the own weight"):
+        minimal_mass(structure, loads, rods=ALUMINIUM, strings=UHMWPE, gravity=(0, 0, -9.81))

@@ -6,7 +6,7 @@ at first, d what the holds move by, and s the parameter of a path.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,7 +40,8 @@ class Hold:
     displacement: Vector = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        names = (self.nodes,) if isinstance(self.nodes, str) else tuple(self.nodes)
+        several = isinstance(self.nodes, Iterable) and not isinstance(self.nodes, str)
+        names = tuple(self.nodes) if several else (self.nodes,)
         if not names or not all(isinstance(name, str) for name in names):
             raise OptionError(f"hold: nodes = {self.nodes!r}; name one node or more")
         object.__setattr__(self, "nodes", names)

@@ -80,6 +80,10 @@ def placed(model: StaticModel, parameter: float) -> Array:
     """The start (3N,), with holds moved to where the parameter wants them and rods brought to their lengths."""
     x = model.start.ravel() + parameter * model.boundary.moved
     found = linear_systems.projected(model, x, model.rod_lengths)
+    if found is None and np.any(model.compliance > 0):
+        # Holds may stretch elastic rods.
+        lengths = np.where(model.compliance > 0, model.rods(x).lengths, model.rod_lengths)
+        found = linear_systems.projected(model, x, lengths)
     if found is None:
         gap = np.abs(model.rods(x).lengths / model.rod_lengths - 1) if len(model.rod_lengths) else np.zeros(1)
         worst = int(gap.argmax())

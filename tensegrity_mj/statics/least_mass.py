@@ -167,6 +167,10 @@ class Search:
             self.keep(point._replace(bar_masses=masses, mass=float(point.string_masses.sum() + masses.sum())))
         for _ in range(ROUNDS):
             found = self.along_tangents(point, 0.0) or self.along_tangents(point, NO_FORCE)
+            if found is None and self.best is None:
+                # Steep tangents make rods so heavy that they cannot bear themselves: try flatter ones.
+                tried = (self.along_tangents(point, 10.0**power) for power in range(-6, 7))
+                found = next((one for one in tried if one is not None), None)
             if found is None or not self.keep(found):
                 return
             point = found

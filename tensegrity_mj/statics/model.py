@@ -11,7 +11,7 @@ Stiffness is K = ∇²Π + Σ N ∇²L on the motions that keep the rods' length
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -108,6 +108,10 @@ class StaticModel:
         structure = scene.structure
         count, strings = len(structure.nodes), len(structure.strings)
         names = [string.name for string in structure.strings]
+        if isinstance(holds, Hold):
+            holds = (holds,)
+        if not isinstance(broken, Iterable):
+            raise OptionError(f"broken = {broken!r}; give names of strings")
         for name in (broken,) if isinstance(broken, str) else broken:
             if name not in names:
                 raise OptionError(f"broken: there is no string '{name}' in structure '{structure.name}'")

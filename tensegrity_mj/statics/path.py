@@ -532,7 +532,7 @@ def _bordered(
     row = np.concatenate([Z.T @ across.x / move**2, np.zeros(R)])
     last = float(moved @ across.x) / move**2 + across.s / span**2
     # The row is as large as the stiffness, so that it keeps its place among the others.
-    weight = model.scale[1] / (float(np.abs(row).max(initial=0.0)) or abs(last))
+    weight = model.scale[1] / max(float(np.abs(row).max(initial=0.0)), abs(last))
     saddle = linear_systems.saddle_matrix(sparse.csr_array(Z.T @ K @ Z), C, compliance)
     columns = sparse.csr_array(sparse.vstack([neutral.T, sparse.csr_array((R, p))]))
     with_s = np.concatenate([by_parameter, slopes @ moved])
@@ -609,6 +609,8 @@ def _start(
         return _start(found, model.loads if loads is None else loads, model.holds if holds is None else holds)
     if loads is None and holds is None:
         return start
+    if isinstance(holds, Hold):
+        holds = (holds,)
     model, shape = start.model, start.nodes.shape
     model = model.with_(
         start=np.array(start.nodes),

@@ -67,7 +67,7 @@ def relax(
         for taken in range(limit):
             gradient = model.gradient(x, parameter)
             C = sparse.csr_array(model.rod_slopes(x) @ Z)
-            reduced, light = Z.T @ gradient, C * (1.0 / masses)
+            reduced, light = Z.T @ gradient, sparse.csr_array(C @ sparse.diags_array(1.0 / masses))
             normal = splu(sparse.csc_array(light @ C.T) + _ridge(light, C))
             forces = -normal.solve(light @ reduced)
             left = reduced + C.T @ forces
@@ -119,7 +119,7 @@ def _masses(model: StaticModel, x: Array, forces: Array, parameter: float) -> Ar
 
 def _ridge(light: sparse.csr_array, C: sparse.csr_array) -> sparse.csc_array:
     """So little that redundant rods leave no singular matrix."""
-    size = float((light * C).sum(axis=1).max()) if C.shape[0] else 1.0
+    size = float((light * C).sum(axis=1).max(initial=0.0)) or 1.0
     return sparse.csc_array(linear_systems.RIDGE * size * sparse.eye_array(C.shape[0], format="csc"))
 
 

@@ -334,7 +334,15 @@ class _Task:
         least_tension = self.least_force_density * self.lengths[1]
         # Units in which the numbers are of the order of one.
         own = np.abs(weights) @ self.least_masses[:R]
-        force = max(*(float(np.abs(x).max(initial=0.0)) for x in (external, own, least_tension)), 1e-300)
+        # A column under its own weight alone, M = c √(M g / 2), carries about (c g)².
+        column = (c.max(initial=0.0) * np.abs(weights).max(initial=0.0)) ** 2
+        force = max(*(float(np.abs(x).max(initial=0.0)) for x in (external, own, least_tension, column)), 1e-300)
+        pressed = float(np.abs(external).max(initial=0.0))
+        if 0 < pressed < NO_FORCE * column and not own.any():
+            raise InfeasibleError(
+                f"structure '{structure.name}': loads of at most {pressed:.3g} N are too small beside the own weight "
+                f"of columns, about {column:.3g} N, to be told from none; leave gravity out, or give a least_radius"
+            )
         rates = np.concatenate([a_b, a_s, c / np.sqrt(force)])
         mass = force * float(rates.max(initial=0.0)) or 1.0
         keep = self._independent(np.hstack([bars, cords, weights * mass / force, external.T / force]))
