@@ -168,7 +168,7 @@ def test_scaling_tension_rest_length_and_force_density_of_a_string() -> None:
 @pytest.mark.parametrize(
     ("path", "value", "said"),
     [
-        ("foo", 1, "no kind of parameter 'foo'; allowed: structure, scene"),
+        ("foo", 1, "no kind of parameter 'foo'; allowed: family, structure, scene"),
         ("structur.rods.mass", 1, "did you mean 'structure'"),
         ("structure", 1, "name a part of it, such as structure.rods.mass"),
         ("structure.rod.mass", 1, "did you mean 'rods'"),
