@@ -630,8 +630,12 @@ def test_a_path_is_as_long_as_allowed() -> None:
 
 
 @pytest.mark.slow
-def test_a_beam_of_thirty_stages_buckles_and_drops_its_load() -> None:
-    """Appendix C's TB1 between fixed ends: two ways to bend at once, and a negative stiffness on the branch."""
+def test_a_beam_of_thirty_stages_buckles_and_bears_no_more() -> None:
+    """Appendix C's TB1 between fixed ends: two ways to bend at once, and hardly any stiffness once it is bent.
+
+    An elastica between hinges rises by P/(2 L) a length of shortening, L = 24.7 m here; a beam that is also soft in
+    shear by less. Straight, the beam has 10.4 kN/m.
+    """
     from tensegrity_mj.families.thesis_towers import appendix_beam
 
     state = find_equilibrium(appendix_beam("TB1"))
@@ -640,4 +644,6 @@ def test_a_beam_of_thirty_stages_buckles_and_drops_its_load() -> None:
     assert kinds(path) == [(Kind.BIFURCATION, 0, 2)]
     assert path.criticals[0].parameter * 1.2 == pytest.approx(1.030496, abs=2e-6)
     branch = follow(path.criticals[0].state, direction=path.criticals[0].mode, points=10, longest=0.3)
-    assert (branch.reaction_rate(top)[:, 0] / -1.2).min() < 0
+    rates = branch.reaction_rate(top)[1:, 0] / -1.2
+    load = -branch.reaction(top)[0, 0]
+    assert np.all((rates > 0) & (rates < load / 24.7 / 2))

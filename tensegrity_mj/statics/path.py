@@ -160,7 +160,8 @@ class Path:
         out = np.zeros((len(self.states), 3))
         for p, state in enumerate(self.states):
             change = _reaction_change(state, self.rates[p], float(self.parameter_rates[p]))
-            out[p] = change.reshape(-1, 3)[rows].sum(axis=0) / self.parameter_rates[p]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                out[p] = change.reshape(-1, 3)[rows].sum(axis=0) / self.parameter_rates[p]
         return out
 
     @property
