@@ -40,8 +40,8 @@ class Hold:
     displacement: Vector = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        several = isinstance(self.nodes, Iterable) and not isinstance(self.nodes, str)
-        names = tuple(self.nodes) if several else (self.nodes,)
+        named: Any = self.nodes
+        names = tuple(named) if isinstance(named, Iterable) and not isinstance(named, str) else (named,)
         if not names or not all(isinstance(name, str) for name in names):
             raise OptionError(f"hold: nodes = {self.nodes!r}; name one node or more")
         object.__setattr__(self, "nodes", names)
