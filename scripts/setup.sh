@@ -1,5 +1,5 @@
 # Sourced by demo.sh and test.sh, never run by itself. It sets `root` (the checkout) and `venv`, and defines
-#   set_up run|dev    make the virtual environment .venv, install the package in it, see to off-screen OpenGL
+#   set_up run|dev    make the virtual environment .venv, install the package in it, see to dm-control and to OpenGL
 # A second call with nothing changed installs nothing and needs no network.
 
 root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)"
@@ -12,15 +12,28 @@ die() {
     exit 1
 }
 
-is_new_enough() { "$1" -c 'import sys, venv; sys.exit(sys.version_info < (3, 11))' >/dev/null 2>&1; }
+is_python() { # python newest: whether it is Python 3.11 to 3.<newest>, and can make environments
+    "$1" -c 'import sys, venv
+sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, int(sys.argv[1])))' "$2" >/dev/null 2>&1
+}
 
 find_python() {
-    local candidate
-    for candidate in ${PYTHON:+"$PYTHON"} python3 python3.14 python3.13 python3.12 python3.11 python; do
-        if command -v "$candidate" >/dev/null && is_new_enough "$candidate"; then
-            command -v "$candidate"
-            return
+    local candidate newest
+    if [ -n "${PYTHON:-}" ]; then
+        if ! command -v "$PYTHON" >/dev/null || ! is_python "$PYTHON" 99; then
+            die "PYTHON=$PYTHON is no Python 3.11 or newer with the module venv; name another, or unset PYTHON"
         fi
+        command -v "$PYTHON"
+        return
+    fi
+    for newest in 14 99; do
+        for candidate in python3 python3.14 python3.13 python3.12 python3.11 python; do
+            if command -v "$candidate" >/dev/null && is_python "$candidate" "$newest"; then
+                if [ "$newest" = 99 ]; then say "$candidate is newer than 3.14, the newest that this was tried with"; fi
+                command -v "$candidate"
+                return
+            fi
+        done
     done
     die "Python 3.11 or newer is needed and was not found; install it, or name it: PYTHON=/path/to/python3"
 }
@@ -62,26 +75,59 @@ pip_install() { # python, then arguments of pip install
     fi
 }
 
-install_package() { # run|dev
-    local kind="$1" python wanted stamp="$venv/.installed-$1" requirement="$root"
-    python="$(find_python)" || exit 1
+install_package() { # python run|dev
+    local python="$1" kind="$2" wanted stamp="$venv/.installed-$2" requirement="$root" quiet=(--quiet)
     wanted="$(fingerprint "$python" "$kind")"
     if [ -x "$venv/bin/python" ] && [ "$(cat "$stamp" 2>/dev/null)" = "$wanted" ]; then
         return
     fi
     # An environment of another Python or another place cannot be mended, only made anew.
     if ! [ "$(cat "$venv/.made-for" 2>/dev/null)" = "$root $("$python" -c 'import sys; print(sys.version)' | tr '\n' ' ')" ] ||
-        ! is_new_enough "$venv/bin/python"; then
-        say "Making the virtual environment $venv"
+        ! is_python "$venv/bin/python" 99; then
+        say "Making the virtual environment $venv with $("$python" --version)"
         "$python" -m venv --clear --without-pip "$venv"
         printf '%s %s' "$root" "$("$python" -c 'import sys; print(sys.version)' | tr '\n' ' ')" >"$venv/.made-for"
     fi
     if [ "$kind" = dev ]; then requirement="$root[dev]"; fi
+    if [ -t 2 ]; then quiet=(); fi # pip's own progress, for whoever watches
     say "Installing the package and what it needs (once; a few minutes on a slow line)"
-    pip_install "$python" --quiet --disable-pip-version-check --editable "$requirement" >&2
+    pip_install "$python" "${quiet[@]}" --disable-pip-version-check --editable "$requirement" >&2
     printf '%s' "$wanted" >"$stamp"
+    rm -f "$venv/.dm-control-tried"
     # What the tests need includes what the demo needs.
     if [ "$kind" = dev ]; then fingerprint "$python" run >"$venv/.installed-run"; fi
+}
+
+# Requirements of tensegrity_mj.dm_control that are not met, one a line.
+missing_for_dm_control() {
+    "$venv/bin/python" -c 'from tensegrity_mj.dependencies import missing_for_dm_control as missing
+print(*missing(), sep="\n", end="")'
+}
+
+install_dm_control() { # python, then the requirements that are not met
+    local python="$1" pip=(pip_install "$1" --quiet --disable-pip-version-check) item needs=() alone=()
+    shift
+    for item in "$@"; do
+        if [[ "$item" = dm-control* ]]; then alone+=("$item"); else needs+=("$item"); fi
+    done
+    if [ "${#needs[@]}" -gt 0 ]; then "${pip[@]}" "${needs[@]}" >&2 || return 1; fi
+    if [ "${#alone[@]}" -gt 0 ]; then "${pip[@]}" --no-deps "${alone[@]}" >&2 || return 1; fi
+}
+
+# From Python 3.13 on pip cannot install dm-control as it is: it requires labmaze, which has no wheel there and which
+# nothing but dm_control.locomotion imports. It is tried without, once an environment.
+see_to_dm_control() { # python
+    local python="$1" missing
+    mapfile -t missing < <(missing_for_dm_control)
+    if [ "${#missing[@]}" -gt 0 ] && [ ! -e "$venv/.dm-control-tried" ]; then
+        touch "$venv/.dm-control-tried"
+        say "Installing dm-control without labmaze, which has no wheel for this Python"
+        if install_dm_control "$python" "${missing[@]}"; then mapfile -t missing < <(missing_for_dm_control); fi
+    fi
+    if [ "${#missing[@]}" -gt 0 ]; then
+        say "No tensegrity_mj.dm_control, since these could not be installed: ${missing[*]}. Everything else runs." \
+            "To try again: $venv/bin/tensegrity-mj doctor names the commands."
+    fi
 }
 
 can_draw() {
@@ -117,6 +163,9 @@ see_to_opengl() {
 }
 
 set_up() { # run|dev
-    install_package "$1"
+    local python
+    python="$(find_python)" || exit 1
+    install_package "$python" "$1"
+    see_to_dm_control "$python"
     see_to_opengl
 }

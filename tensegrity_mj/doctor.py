@@ -35,6 +35,15 @@ from OpenGL import GL
 print(f"{kind}: {(GL.glGetString(GL.GL_RENDERER) or b'unnamed').decode()}")
 """
 
+# Imports all that the adapter imports of dm_control, and makes a step.
+_DM_CONTROL_PROBE = """
+from importlib import metadata
+from tensegrity_mj.dm_control import TensegrityEntity, TensegrityTask, physics
+from dm_control.mujoco import Physics
+Physics.from_xml_string("<mujoco/>").step()
+print(f"{metadata.version('dm-control')}, steps a model")
+"""
+
 # Compiles a function anew and runs it.
 _COMPILER_PROBE = """
 import numba
@@ -69,6 +78,7 @@ def examine() -> list[Check]:
     return [
         check_python(),
         *check_packages(),
+        check_dm_control(),
         check_compiler(),
         check_numba_cache(),
         check_opengl(),
@@ -93,7 +103,10 @@ def check_packages() -> list[Check]:
     except metadata.PackageNotFoundError:
         remedy = "in the checkout: python -m pip install --editable ."
         return [Check("tensegrity-mj", False, "not installed", "everything", remedy=remedy)]
-    return [check_package(item.name, str(item.specifier)) for item in wanted if item.marker is None]
+    # Nothing but its adapter needs dm-control, which pip cannot install everywhere: it has a check of its own.
+    wanted = [item for item in wanted if item.name != "dm-control"]
+    here = [item for item in wanted if item.marker is None or item.marker.evaluate({"extra": ""})]
+    return [check_package(item.name, str(item.specifier)) for item in here]
 
 
 def check_package(name: str, specifier: str) -> Check:
@@ -109,6 +122,20 @@ def check_package(name: str, specifier: str) -> Check:
         remedy = f'python -m pip install "{name}{specifier}"'
         return Check(name, False, f"{version}, needed: {specifier}", "everything", remedy=remedy)
     return Check(name, True, version, "everything")
+
+
+def check_dm_control() -> Check:
+    """Whether `tensegrity_mj.dm_control` works: dm-control, what it needs, and a step beside this MuJoCo."""
+    from tensegrity_mj.dependencies import how_to_install, missing_for_dm_control
+
+    name, needed_for = "dm-control", "tensegrity_mj.dm_control, and nothing else"
+    missing = missing_for_dm_control()
+    if missing:
+        found = f"not installed: {', '.join(missing)}"
+        return Check(name, False, found, needed_for, required=False, remedy=how_to_install(missing))
+    works, found = _run_probe(_DM_CONTROL_PROBE)
+    remedy = "python -m pip install --force-reinstall --no-deps dm-control; if MUJOCO_GL is set, unset it"
+    return Check(name, works, found, needed_for, required=False, remedy="" if works else remedy)
 
 
 def check_compiler() -> Check:

@@ -52,5 +52,9 @@ class MissingLibraryError(TensegrityError, RuntimeError):
     """A system library or optional package that this machine lacks; the message says how to get it."""
 
 
+class MissingPackageError(MissingLibraryError, ModuleNotFoundError):
+    """A Python package that is not installed, found by the import of what needs it."""
+
+
 class StabilityWarning(UserWarning):
     """A run whose step is beyond the largest stable one, or too coarse for its contact, told before; it goes on."""

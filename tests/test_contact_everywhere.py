@@ -14,7 +14,6 @@ import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.contact import floor_gaps
 from tensegrity_mj.controllers import Replay
-from tensegrity_mj.dm_control import RandomStart, environment, tasks
 from tensegrity_mj.studies.stability.engines import NAMES
 from tensegrity_mj.studies.stability.report import study_stability
 
@@ -75,6 +74,7 @@ def test_an_episode_is_the_engines_run(scene: tmj.Scene) -> None:
 
     Only round-off differs, some 1e-16 m a step, which a landing amplifies by less than a hundredfold in 0.15 s.
     """
+    environment = pytest.importorskip("tensegrity_mj.dm_control").environment
     for command, held in (
         (tmj.Command.REST_LENGTH, tmj.Actuation.hold_rest_length(1e-2)),
         (tmj.Command.FORCE_DENSITY, tmj.Actuation.hold_force_density(1e-2)),
@@ -107,9 +107,12 @@ def test_random_starts_overlap_nothing(scene: tmj.Scene, monkeypatch: pytest.Mon
     """Of starts within half a metre a good part of those 0.3 m above the floor would be inside it."""
     contact = scene.contact
     assert contact is not None
+    dm_control = pytest.importorskip("tensegrity_mj.dm_control")
+    from tensegrity_mj.dm_control import tasks
 
     def starts(of: tmj.Scene, displacement: float, count: int) -> Any:
-        env = environment(of, time_limit=0.1, reward=height, start=RandomStart(displacement, 1.0, 3))
+        start = dm_control.RandomStart(displacement, 1.0, 3)
+        env = dm_control.environment(of, time_limit=0.1, reward=height, start=start)
         return np.array([env.reset().observation["nodes"] for _ in range(count)])
 
     drawn = starts(scene, 0.5, 20)

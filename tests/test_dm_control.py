@@ -13,11 +13,13 @@ import pytest
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
-from tensegrity_mj import Actuation, Integrator, OptionError
-from tensegrity_mj.dm_control import physics, repair
+from tensegrity_mj import Actuation, Integrator, OptionError, SceneError, StructureError
 from tensegrity_mj.families.random_structures import random_scene, random_structure
 from tensegrity_mj.mjcf import initial_velocities, scene_to_mjcf
 from tensegrity_mj.scene import Scene
+
+pytest.importorskip("tensegrity_mj.dm_control")
+from tensegrity_mj.dm_control import element, physics, repair
 
 Array = NDArray[np.float64]
 
@@ -129,6 +131,32 @@ def test_bad_options_are_refused() -> None:
         physics(scene, timestep=-1.0)
     with pytest.raises(OptionError, match="integrator"):
         physics(scene, integrator="rk4")  # type: ignore[arg-type]
+
+
+def test_scenes_that_it_cannot_hold_are_refused() -> None:
+    rod = tmj.Rod("r", ("a", "b"), 1.0, support=tmj.Support.pinned())
+    nodes = {"a": (0.0, 0.0, 0.0), "b": (0.0, 0.0, -1.0)}
+    structure = tmj.Structure("one", nodes, (rod,))
+    chain = tmj.Structure("two", {**nodes, "c": (0.0, 0.0, -2.0)}, (rod, tmj.Rod("s", ("b", "c"), 1.0)))
+    moved = (tmj.Motion.in_line("r", 0.1, 1.0, (1, 0, 0)),)
+    for scene, error, message in (
+        (Scene(chain), StructureError, "structures of class 1"),
+        (Scene(structure, motions=moved), SceneError, "supports that stand still; here 'r' moves"),
+        (Scene(structure, resistance=tmj.Resistance(viscous=1.0)), SceneError, "scenes without resistance"),
+        (Scene(structure, gravity=(0, 0, -9.81), water=tmj.Water()), SceneError, "scenes without water"),
+    ):
+        for call in (physics, element):
+            with pytest.raises(error, match=f"dm_control models are for {message}"):
+                call(scene)
+
+
+def test_a_scene_with_contact_touches_and_is_no_element() -> None:
+    scene = tmj.load_scene("prism_drop")
+    with pytest.raises(OptionError, match=r"has contact.*with_\(contact=None\)"):
+        element(scene)
+    held = physics(scene, timestep=1e-3)
+    held.step(500)
+    assert held.data.ptr.ncon > 0
 
 
 CODE = """

@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
 from tensegrity_mj import Command, ControllerError, Integrator, OptionError, StructureError
-from tensegrity_mj.dm_control import TensegrityEntity, adopt_options, element, physics, repair
 from tensegrity_mj.families.random_structures import random_rotation, random_scene, random_structure
 from tensegrity_mj.mjcf import initial_velocities, quaternion
 from tensegrity_mj.scene import Break, Scene
+
+pytest.importorskip("tensegrity_mj.dm_control")
+from tensegrity_mj.dm_control import TensegrityEntity, adopt_options, element, physics, repair
 
 repair()
 from dm_control import composer, mjcf  # noqa: E402 - after the repair, which keeps its import quiet

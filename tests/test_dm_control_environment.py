@@ -8,15 +8,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from absl.testing import absltest
-from dm_env import StepType, test_utils
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
 from tensegrity_mj import Actuation, Command, ControllerError, DivergenceError, Integrator, OptionError, StringLaw
-from tensegrity_mj.dm_control import PhysicsDivergence, RandomStart, environment, physics
 from tensegrity_mj.families.random_structures import random_scene, random_structure
 from tensegrity_mj.scene import Break, Scene
+
+pytest.importorskip("tensegrity_mj.dm_control")
+from absl.testing import absltest
+from dm_env import StepType, test_utils
+
+from tensegrity_mj.dm_control import PhysicsDivergence, RandomStart, environment, physics
 
 Array = NDArray[np.float64]
 

@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 
 import tensegrity_mj as tmj
-from tensegrity_mj.dm_control import RandomStart, environment, repair
 from tensegrity_mj.pictures.opengl import choose_backend
+
+pytest.importorskip("tensegrity_mj.dm_control")
+from tensegrity_mj.dm_control import RandomStart, environment, repair
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLE = ROOT / "examples" / "dm_control_environment.py"

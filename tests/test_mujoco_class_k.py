@@ -552,16 +552,7 @@ def test_more_rods_than_mujoco_reads_are_refused() -> None:
     assert tmj.MuJoCo().model(hanging_chain([0.01] * 490, [0.01] * 490, planar=True)).nbody == 491
 
 
-def test_contact_and_dm_control_are_for_class_1() -> None:
+def test_contact_is_for_class_1() -> None:
     scene = suspended(planar=False)
     with pytest.raises(SceneError, match="contact is for rods of class 1"):
         tmj.simulate(scene.with_(contact=Contact(floor=-5.0)), None, tmj.MuJoCo())
-    from tensegrity_mj import dm_control
-
-    for call in (dm_control.physics, dm_control.element):
-        with pytest.raises(StructureError, match="dm_control models are for structures of class 1"):
-            call(scene)
-    rod = tmj.Rod("r", ("a", "b"), 1.0, support=tmj.Support.pinned())
-    structure = tmj.Structure("one", {"a": (0.0, 0.0, 0.0), "b": (0.0, 0.0, -1.0)}, (rod,))
-    with pytest.raises(SceneError, match="dm_control models are for supports that stand still; here 'r' moves"):
-        dm_control.physics(Scene(structure, motions=(Motion.in_line("r", 0.1, 1.0, (1, 0, 0)),)))

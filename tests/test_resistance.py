@@ -11,7 +11,6 @@ from scipy.integrate import quad
 import tensegrity_mj as tmj
 from tensegrity_mj.actuation import Actuation, OnInfeasible
 from tensegrity_mj.commands.scenes import describe
-from tensegrity_mj.dm_control.models import physics
 from tensegrity_mj.families.cable import cable
 from tensegrity_mj.law import native_law
 from tensegrity_mj.native.plant import FORCES, LOADED, NODES, RESISTANCE, VELOCITIES, Plant, set_loads
@@ -400,5 +399,3 @@ def test_the_cable_takes_it_and_who_cannot_says_so():
         "bending of joints of two rods, 0.0001 N m and 1e-05 N m s"
     )
     assert any("resists motion" in reason for reason in found["needs"]["reasons"])
-    with pytest.raises(tmj.SceneError, match="dm_control models are for scenes without resistance"):
-        physics(single_rod(resistance=tmj.Resistance(viscous=1.0)))

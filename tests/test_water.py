@@ -14,7 +14,6 @@ from scipy.integrate import quad, solve_ivp
 import tensegrity_mj as tmj
 from tensegrity_mj.actuation import Actuation, OnInfeasible
 from tensegrity_mj.commands.scenes import describe
-from tensegrity_mj.dm_control.models import physics
 from tensegrity_mj.engines import mujoco_accelerations
 from tensegrity_mj.law import native_law
 from tensegrity_mj.mjcf import scene_to_mjcf
@@ -497,8 +496,6 @@ def test_what_cannot_be_in_water_says_so() -> None:
         pass
     with pytest.raises(tmj.SceneError, match=r"linearization, .* is for scenes without water"):
         tmj.linearize(scene, tmj.DAE())
-    with pytest.raises(tmj.SceneError, match="dm_control models are for scenes without water"):
-        physics(scene)
     nodes = {"a": (0, 0, -3), "b": (1, 0, -3), "c": (2, 0, -3)}
     linked = tmj.Structure("two", nodes, (tmj.Rod("p", ("a", "b"), 1.0), tmj.Rod("q", ("b", "c"), 1.0)))
     motion = tmj.Motion("rod", (tmj.Harmonic((0.1, 0, 0), 1.0, 0.0),))

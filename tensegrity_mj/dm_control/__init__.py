@@ -6,16 +6,22 @@
     env = tensegrity_mj.dm_control.environment(scene, Command.FORCE_DENSITY, control_timestep=0.01)
 
 See docs/dm_control.md. None of it installs a callback in MuJoCo: any number of them live side by side.
+
+Importing it raises `tensegrity_mj.errors.MissingPackageError` where dm-control, or a package that it needs, is missing.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from tensegrity_mj.dm_control.elements import adopt_options, element
-from tensegrity_mj.dm_control.environments import RandomStart, environment
-from tensegrity_mj.dm_control.models import physics
-from tensegrity_mj.dm_control.repairing import repair
+from tensegrity_mj.dependencies import require_dm_control
+
+require_dm_control()
+
+from tensegrity_mj.dm_control.elements import adopt_options, element  # noqa: E402 - after the check
+from tensegrity_mj.dm_control.environments import RandomStart, environment  # noqa: E402
+from tensegrity_mj.dm_control.models import physics  # noqa: E402
+from tensegrity_mj.dm_control.repairing import repair  # noqa: E402
 
 if TYPE_CHECKING:
     from tensegrity_mj.dm_control.entities import TensegrityEntity as TensegrityEntity

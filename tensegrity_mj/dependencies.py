@@ -1,0 +1,74 @@
+"""What `tensegrity_mj.dm_control` needs beside the rest of the package, and what of it is not installed.
+
+Below Python 3.13 pip installs dm-control with this package. From 3.13 on it cannot: dm-control requires labmaze, which
+has no wheel there, and which nothing but `dm_control.locomotion` imports. There dm-control is installed without its
+dependencies, and the others of them, the extra `dm-control-needs` of pyproject.toml, beside it.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import metadata
+from typing import TYPE_CHECKING
+
+from tensegrity_mj.errors import MissingPackageError
+
+if TYPE_CHECKING:
+    from packaging.requirements import Requirement
+
+EXTRA = "dm-control-needs"
+
+
+def requirements_of_dm_control() -> list[Requirement]:
+    """dm-control and what it needs here, as pyproject.toml names them; dm-control comes last."""
+    from packaging.requirements import Requirement
+
+    try:
+        lines = metadata.requires("tensegrity-mj") or []
+    except metadata.PackageNotFoundError:  # used from its sources
+        lines = ["dm-control"]
+    items = [Requirement(line) for line in lines]
+    needs = [item for item in items if item.marker and f'extra == "{EXTRA}"' in str(item.marker)]
+    return [*needs, *(item for item in items if item.name == "dm-control")]
+
+
+def missing_for_dm_control() -> list[str]:
+    """Requirements such as "dm-env" that no installed package meets; none where `tensegrity_mj.dm_control` works."""
+    missing = []
+    for item in requirements_of_dm_control():
+        try:
+            met = item.specifier.contains(metadata.version(item.name), prereleases=True)
+        except metadata.PackageNotFoundError:
+            met = False
+        if not met:
+            missing.append(f"{item.name}{item.specifier}")
+    return missing
+
+
+def how_to_install(missing: list[str], python: tuple[int, int] = sys.version_info[:2]) -> str:
+    """The commands that install what `missing_for_dm_control` names, in a Python of this version."""
+    alone = [name for name in missing if name.startswith("dm-control") and python >= (3, 13)]
+    others = [name for name in missing if name not in alone]
+    commands = [f"python -m pip install {_quoted(others)}"] if others else []
+    if alone:  # with its dependencies pip would look for labmaze
+        commands.append(f"python -m pip install --no-deps {_quoted(alone)}")
+    return " && ".join(commands)
+
+
+def require_dm_control() -> None:
+    """Check that `tensegrity_mj.dm_control` can work.
+
+    Raises:
+        MissingPackageError: naming the packages that are not installed, and the commands that install them.
+    """
+    missing = missing_for_dm_control()
+    if not missing:
+        return
+    raise MissingPackageError(
+        f"tensegrity_mj.dm_control needs packages that are not installed: {', '.join(missing)}; install them: "
+        f"{how_to_install(missing)} (all else of tensegrity_mj works without them; docs/dm_control.md has the reason)"
+    )
+
+
+def _quoted(names: list[str]) -> str:
+    return " ".join(f'"{name}"' for name in names)
