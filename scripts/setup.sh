@@ -91,7 +91,8 @@ install_package() { # python run|dev
     if [ "$kind" = dev ]; then requirement="$root[dev]"; fi
     if [ -t 2 ]; then quiet=(); fi # pip's own progress, for whoever watches
     say "Installing the package and what it needs (once; a few minutes on a slow line)"
-    pip_install "$python" "${quiet[@]}" --disable-pip-version-check --editable "$requirement" >&2
+    # Of what an earlier run installed only dm-control can conflict, by the labmaze that it is used without.
+    pip_install "$python" "${quiet[@]}" --disable-pip-version-check --no-warn-conflicts --editable "$requirement" >&2
     printf '%s' "$wanted" >"$stamp"
     rm -f "$venv/.dm-control-tried"
     # What the tests need includes what the demo needs.

@@ -4,6 +4,15 @@ from __future__ import annotations
 
 import signal
 
+import pytest
+
 # A shell that starts this in the background makes it deaf to SIGINT; tests of interrupts need to hear it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Studies take minutes each on an idle machine: their limit against hanging is longer."""
+    for item in items:
+        if item.get_closest_marker("study") and not item.get_closest_marker("timeout"):
+            item.add_marker(pytest.mark.timeout(3000))
