@@ -11,18 +11,17 @@ import math
 from dataclasses import replace
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.checks import finite, positive
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.law import FAILED, NO_SOLUTION, Command, NativeLaw, Report, native_law
+from tensegrity_mj.native.compiling import c_function, njit
 from tensegrity_mj.native.pointers import LAW_SIGNATURE, address_of, call_law, floats, integers
 from tensegrity_mj.structure import Structure
 
 Array = NDArray[np.float64]
-njit = numba.njit(cache=True, error_model="numpy")
 
 NOISY = "sensor noise is drawn anew for each control sample: run it sampled (hold force density or hold rest length)"
 DELAYED = "its delay is counted in control samples: run it sampled (hold force density or hold rest length)"
@@ -77,7 +76,7 @@ def add_noise(values: Any, std: float, moving: Any, sample: int, stream: int, se
                 values[row, 1] += radius * math.sin(turn)
 
 
-@numba.cfunc(LAW_SIGNATURE, cache=True, error_model="numpy")
+@c_function(LAW_SIGNATURE)
 def _noisy(t, nodes_at, velocities_at, context, command, report):  # type: ignore[no-untyped-def]
     table = integers(context, (8,))
     settings = floats(table[3], (3,))
@@ -91,7 +90,7 @@ def _noisy(t, nodes_at, velocities_at, context, command, report):  # type: ignor
     return call_law(table[0], t, table[4], table[5], table[1], command, report)
 
 
-@numba.cfunc(LAW_SIGNATURE, cache=True, error_model="numpy")
+@c_function(LAW_SIGNATURE)
 def _delayed(t, nodes, velocities, context, command_at, report_at):  # type: ignore[no-untyped-def]
     table = integers(context, (9,))
     size, samples = table[2], table[3]

@@ -16,7 +16,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -29,6 +28,7 @@ from tensegrity_mj.dynamics.target import PackedTarget, point_target, rod_target
 from tensegrity_mj.dynamics.wet_rods import wet_rod_accelerations
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.law import Command, NativeLaw, Report, check_made_for, native_law
+from tensegrity_mj.native.compiling import njit
 from tensegrity_mj.native.pointers import floats
 from tensegrity_mj.native.vectors import vector
 from tensegrity_mj.native.water import added_masses, immerse
@@ -38,7 +38,6 @@ from tensegrity_mj.validation import check_target
 from tensegrity_mj.water import Water
 
 Array = NDArray[np.float64]
-njit = numba.njit(cache=True, error_model="numpy")
 
 # Of K_p times a coordinate: what its error cannot be told from zero by. Strings can only pull, so that at a target that
 # needs none of them, noise of the wrong sign would have no solution.

@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.native.compiling import njit
 from tensegrity_mj.structure import Structure
 
 Array = NDArray[np.float64]
-njit = numba.njit(cache=True, error_model="numpy")
 
 
 @njit

@@ -20,7 +20,6 @@ from collections.abc import Mapping
 from functools import cached_property
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -42,6 +41,7 @@ from tensegrity_mj.dynamics.target import (
 from tensegrity_mj.dynamics.wet_rods import wet_rod_accelerations
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED, NativeLaw, Report, check_made_for
+from tensegrity_mj.native.compiling import c_function
 from tensegrity_mj.native.pointers import (
     LAW_SIGNATURE,
     STACK_LIMIT,
@@ -70,7 +70,6 @@ from tensegrity_mj.validation import check_target
 from tensegrity_mj.water import Water
 
 Array = NDArray[np.float64]
-njit = numba.njit(cache=True, error_model="numpy")
 
 SCALARS = [("scalars_z", "f8", (3,)), ("scalars_b", "f8", (3,))]
 # Gains in world components, and where a block's three matrices are multiples of one, the scalars x, y, z > 0 (else 0).
@@ -308,7 +307,7 @@ def _evaluate(
     return SOLVED if margin > 0.0 else NO_SOLUTION
 
 
-@numba.cfunc(LAW_SIGNATURE, cache=True, error_model="numpy")
+@c_function(LAW_SIGNATURE)
 def _law(t, nodes_at, velocities_at, context, command_at, report_at):  # type: ignore[no-untyped-def]
     table = integers(context, (TABLE_SIZE,))
     room = table[15] if table[15] else stack_doubles(_room(table[0], table[1], table[16]))

@@ -14,10 +14,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
-njit = numba.njit(cache=True, error_model="numpy")
+from tensegrity_mj.native.compiling import njit
 
 SETTLED, NO_POINT, UNSETTLED = 0, 1, 2
 

@@ -9,13 +9,13 @@ import os
 from functools import cached_property
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.checks import member, positive
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.law import SOLVED, Command, NativeLaw
+from tensegrity_mj.native.compiling import c_function
 from tensegrity_mj.native.pointers import LAW_SIGNATURE, address_of, floats, integers
 from tensegrity_mj.structure import Structure
 from tensegrity_mj.trajectory import Trajectory
@@ -23,7 +23,7 @@ from tensegrity_mj.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 
-@numba.cfunc(LAW_SIGNATURE, cache=True, error_model="numpy")
+@c_function(LAW_SIGNATURE)
 def _replay(t, nodes_at, velocities_at, context, command_at, report_at):  # type: ignore[no-untyped-def]
     table = integers(context, (4,))
     count, size = table[0], table[1]

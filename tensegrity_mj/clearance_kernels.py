@@ -18,7 +18,8 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj.segments import closest, njit
+from tensegrity_mj.native.compiling import njit
+from tensegrity_mj.segments import closest
 
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]

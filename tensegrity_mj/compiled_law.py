@@ -67,10 +67,12 @@ class CompiledLaw:
         import numba
         from numba.core.errors import NumbaError
 
+        from tensegrity_mj.native.compiling import adopt
         from tensegrity_mj.native.pointers import LAW_SIGNATURE, floats, integers
 
         given = self.function
         function: Any = given if hasattr(given, "py_func") else numba.njit(error_model="numpy")(given)
+        adopt(function)
 
         def law(t, nodes, velocities, context, command, report):  # type: ignore[no-untyped-def]
             table = integers(context, 5)

@@ -11,14 +11,13 @@ nearly parallel, and where s and t are beyond all precision there, an end is as 
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.native.compiling import njit
 
 Array = NDArray[np.float64]
-njit = numba.njit(cache=True, error_model="numpy")
 
 
 @njit

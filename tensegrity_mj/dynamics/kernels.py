@@ -8,13 +8,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
+from tensegrity_mj.native.compiling import njit
 from tensegrity_mj.native.pointers import borrowing, inlined
 from tensegrity_mj.native.vectors import ZERO, apply, dot, minus, plus, row_of, times, vector
-
-njit = numba.njit(cache=True, error_model="numpy")
 
 
 @njit

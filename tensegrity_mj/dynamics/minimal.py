@@ -18,17 +18,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.capabilities import require_class_1
 from tensegrity_mj.dynamics.kernels import accelerate_points, place_points, rod_forces, solve_spd
 from tensegrity_mj.dynamics.records import Records, StructureRecords
+from tensegrity_mj.native.compiling import njit
 from tensegrity_mj.structure import Structure
 
 Array = NDArray[np.float64]
-njit = numba.njit(cache=True, error_model="numpy")
 
 
 @dataclass(frozen=True, eq=False)

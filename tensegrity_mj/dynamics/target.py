@@ -7,17 +7,16 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.dynamics.records import StructureRecords
+from tensegrity_mj.native.compiling import njit
 from tensegrity_mj.native.pointers import address_of, borrowing, floats, inlined, integers, stack_doubles
 from tensegrity_mj.scene import Target
 from tensegrity_mj.structure import Structure
 
 Array = NDArray[np.float64]
-njit = numba.njit(cache=True, error_model="numpy")
 
 
 class TargetArrays(NamedTuple):

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
-
 from tensegrity_mj.dynamics.kernels import accelerate_points, across_rod, direction_of, rod_forces
 from tensegrity_mj.native.pointers import borrowing, inlined
 from tensegrity_mj.native.vectors import ZERO, dot, minus, plus, times
-
-njit = numba.njit(cache=True, error_model="numpy")
 
 
 @inlined

@@ -5,8 +5,6 @@ State y: q = (z, b) of every rod and point mass, q̇, and the work integrals of 
 
 from __future__ import annotations
 
-import numba
-
 from tensegrity_mj.dynamics.kernels import accelerations, normalize, place_nodes
 from tensegrity_mj.dynamics.records import POINT, ROD
 from tensegrity_mj.engines.integration_kernels import (
@@ -18,6 +16,7 @@ from tensegrity_mj.engines.integration_kernels import (
     pull_strings,
 )
 from tensegrity_mj.law import SOLVED
+from tensegrity_mj.native.compiling import c_function
 from tensegrity_mj.native.plant import FORCES, NODE_COUNT, NODES, TABLE_SIZE, VELOCITIES, set_loads
 from tensegrity_mj.native.pointers import floats, integers, records_reader
 
@@ -25,7 +24,7 @@ RODS, ROD_COUNT, POINTS, POINT_COUNT, Q_SIZE, CONSTANTS = range(MODEL_SLOTS, MOD
 _read_rods, _read_points = records_reader(ROD), records_reader(POINT)
 
 
-@numba.cfunc(RATES_SIGNATURE, cache=True, error_model="numpy")
+@c_function(RATES_SIGNATURE)
 def dae_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     table = integers(table_at, (TABLE_SIZE,))
     N, nq, size = table[NODE_COUNT], table[Q_SIZE], table[STATE_SIZE]
@@ -53,7 +52,7 @@ def dae_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     return status
 
 
-@numba.cfunc(STATE_SIGNATURE, cache=True, error_model="numpy")
+@c_function(STATE_SIGNATURE)
 def dae_place(y_at, table_at):  # type: ignore[no-untyped-def]
     table = integers(table_at, (TABLE_SIZE,))
     N, nq = table[NODE_COUNT], table[Q_SIZE]
@@ -64,7 +63,7 @@ def dae_place(y_at, table_at):  # type: ignore[no-untyped-def]
     return SOLVED
 
 
-@numba.cfunc(STATE_SIGNATURE, cache=True, error_model="numpy")
+@c_function(STATE_SIGNATURE)
 def dae_normalize(y_at, table_at):  # type: ignore[no-untyped-def]
     """(3.23)-(3.24) on the state."""
     table = integers(table_at, (TABLE_SIZE,))

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
-
 from tensegrity_mj.dynamics.joint_forces import joint_accelerations, largest_gap, project_linked
 from tensegrity_mj.dynamics.linked import place_linked
 from tensegrity_mj.engines.integration_kernels import (
@@ -22,6 +20,7 @@ from tensegrity_mj.engines.integration_kernels import (
     pull_strings,
 )
 from tensegrity_mj.law import SOLVED
+from tensegrity_mj.native.compiling import c_function
 from tensegrity_mj.native.plant import (
     FORCES,
     MOTION_COUNT,
@@ -86,7 +85,7 @@ def given(y: Any, dy: Any, table: Any) -> Any:
     )
 
 
-@numba.cfunc(RATES_SIGNATURE, cache=True, error_model="numpy")
+@c_function(RATES_SIGNATURE)
 def linked_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     """By joint forces, in O(K)."""
     table = integers(table_at, (TABLE_SIZE,))
@@ -97,7 +96,7 @@ def linked_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     return status
 
 
-@numba.cfunc(STATE_SIGNATURE, cache=True, error_model="numpy")
+@c_function(STATE_SIGNATURE)
 def linked_place(y_at, table_at):  # type: ignore[no-untyped-def]
     table = integers(table_at, (TABLE_SIZE,))
     y = floats(y_at, (table[STATE_SIZE],))
@@ -105,7 +104,7 @@ def linked_place(y_at, table_at):  # type: ignore[no-untyped-def]
     return SOLVED
 
 
-@numba.cfunc(STATE_SIGNATURE, cache=True, error_model="numpy")
+@c_function(STATE_SIGNATURE)
 def linked_project(y_at, table_at):  # type: ignore[no-untyped-def]
     """Lengths and closures of a state."""
     table = integers(table_at, (TABLE_SIZE,))

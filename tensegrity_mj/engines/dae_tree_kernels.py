@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import numba
-
 from tensegrity_mj.dynamics.tree_equations import dense_accelerations, full_accelerations
 from tensegrity_mj.engines.dae_linked_kernels import after, before, given
 from tensegrity_mj.engines.integration_kernels import RATES_SIGNATURE, STATE_SIZE
+from tensegrity_mj.native.compiling import c_function
 from tensegrity_mj.native.plant import TABLE_SIZE
 from tensegrity_mj.native.pointers import floats, integers
 
 
-@numba.cfunc(RATES_SIGNATURE, cache=True, error_model="numpy")
+@c_function(RATES_SIGNATURE)
 def dense_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     """By (3.19)-(3.22)."""
     table = integers(table_at, (TABLE_SIZE,))
@@ -22,7 +21,7 @@ def dense_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     return status
 
 
-@numba.cfunc(RATES_SIGNATURE, cache=True, error_model="numpy")
+@c_function(RATES_SIGNATURE)
 def full_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     """By (3.17)."""
     table = integers(table_at, (TABLE_SIZE,))

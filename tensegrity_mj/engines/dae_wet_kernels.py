@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import numba
-
 from tensegrity_mj.dynamics.kernels import place_nodes
 from tensegrity_mj.dynamics.records import POINT, ROD
 from tensegrity_mj.dynamics.wet_rods import wet_accelerations
 from tensegrity_mj.engines.dae_kernels import CONSTANTS, POINT_COUNT, POINTS, Q_SIZE, ROD_COUNT, RODS
 from tensegrity_mj.engines.integration_kernels import MULTIPLIERS, RATES_SIGNATURE, STATE_SIZE, pull_strings
+from tensegrity_mj.native.compiling import c_function
 from tensegrity_mj.native.plant import FORCES, NODE_COUNT, NODES, TABLE_SIZE, VELOCITIES, WATER, set_loads
 from tensegrity_mj.native.pointers import floats, integers, records_reader
 from tensegrity_mj.native.water import added_masses
@@ -16,7 +15,7 @@ from tensegrity_mj.native.water import added_masses
 read_rods, read_points = records_reader(ROD), records_reader(POINT)
 
 
-@numba.cfunc(RATES_SIGNATURE, cache=True, error_model="numpy")
+@c_function(RATES_SIGNATURE)
 def dae_wet_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     table = integers(table_at, (TABLE_SIZE,))
     N, nq, size = table[NODE_COUNT], table[Q_SIZE], table[STATE_SIZE]

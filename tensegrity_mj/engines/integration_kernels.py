@@ -14,12 +14,12 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
 from tensegrity_mj.law import SOLVED
+from tensegrity_mj.native.compiling import njit
 from tensegrity_mj.native.plant import (
     BREAKING,
     ENGINE_SLOTS,
@@ -36,8 +36,6 @@ from tensegrity_mj.native.plant import (
 )
 from tensegrity_mj.native.pointers import floats
 from tensegrity_mj.native.resistance import dissipated
-
-njit = numba.njit(cache=True, error_model="numpy")
 
 RATES, PLACE, PROJECT, GUARD, STATE_SIZE, MULTIPLIERS, MULTIPLIER_COUNT = range(ENGINE_SLOTS, ENGINE_SLOTS + 7)
 MODEL_SLOTS = ENGINE_SLOTS + 7  # a model's own slots start here

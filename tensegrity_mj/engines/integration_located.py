@@ -11,10 +11,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
-
 from tensegrity_mj.engines.integration_kernels import place, project, rates
 from tensegrity_mj.law import NO_SOLUTION, SOLVED
+from tensegrity_mj.native.compiling import njit
 from tensegrity_mj.native.plant import STRING_COUNT, set_rest_lengths
 from tensegrity_mj.native.slack import (
     ABOVE,
@@ -34,8 +33,6 @@ from tensegrity_mj.native.slack import (
     next_part,
     note,
 )
-
-njit = numba.njit(cache=True, error_model="numpy")
 
 
 @njit

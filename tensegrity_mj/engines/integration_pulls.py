@@ -8,19 +8,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.engines.integration_kernels import place
+from tensegrity_mj.native.compiling import njit
 from tensegrity_mj.native.plant import BROKEN, LENGTH, NODE_COUNT, REST, STRING_COUNT, VELOCITIES
 from tensegrity_mj.native.pointers import floats, integers
 
 Array = NDArray[np.float64]
 
 LOOKS = 16  # times within a step at which such a string is looked at, and again about its longest
-
-njit = numba.njit(cache=True, error_model="numpy")
 
 
 def pulls_within(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
 from tensegrity_mj.engines.integration_kernels import (
@@ -17,10 +16,9 @@ from tensegrity_mj.engines.integration_kernels import (
 )
 from tensegrity_mj.engines.integration_located import located_step, rk4_stages
 from tensegrity_mj.law import NO_SOLUTION, SOLVED
+from tensegrity_mj.native.compiling import njit
 from tensegrity_mj.native.plant import CONTINUOUS, MODE, PASSIVE, STATUS, STRING_COUNT, remember, start_ledger
 from tensegrity_mj.native.slack import SEARCH_SIZE, SEARCHED
-
-njit = numba.njit(cache=True, error_model="numpy")
 
 
 @njit

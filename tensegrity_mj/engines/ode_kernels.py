@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
 import numpy as np
 
 from tensegrity_mj.dynamics.minimal import minimal_accelerations, node_accelerations, place_minimal
@@ -27,6 +26,7 @@ from tensegrity_mj.engines.integration_kernels import (
     pull_strings,
 )
 from tensegrity_mj.law import SOLVED
+from tensegrity_mj.native.compiling import c_function, njit
 from tensegrity_mj.native.plant import (
     FORCES,
     MOTION_COUNT,
@@ -39,8 +39,6 @@ from tensegrity_mj.native.plant import (
     set_motions,
 )
 from tensegrity_mj.native.pointers import floats, integers, records_reader
-
-njit = numba.njit(cache=True, error_model="numpy")
 
 RODS, ROD_COUNT, POINTS, POINT_COUNT, Q_SIZE, CONSTANTS, LAST_SINGULAR, REASON = range(MODEL_SLOTS, MODEL_SLOTS + 8)
 CARRIED, BASES = MODEL_SLOTS + 8, MODEL_SLOTS + 9  # (m, 2) of each motion: rod row or -1, node row or -1; (m, 3) places
@@ -156,7 +154,7 @@ def power_of_supports(q: Any, rates: Any, accelerations: Any, table: Any) -> flo
     return power
 
 
-@numba.cfunc(RATES_SIGNATURE, cache=True, error_model="numpy")
+@c_function(RATES_SIGNATURE)
 def ode_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     """A fixed step cannot shorten itself: there every stage is held to what `ode_guard` asks of whole steps."""
     table = integers(table_at, (TABLE_SIZE,))
@@ -197,7 +195,7 @@ def ode_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     return max(status, singular)
 
 
-@numba.cfunc(STATE_SIGNATURE, cache=True, error_model="numpy")
+@c_function(STATE_SIGNATURE)
 def ode_place(y_at, table_at):  # type: ignore[no-untyped-def]
     table = integers(table_at, (TABLE_SIZE,))
     N, nq = table[NODE_COUNT], table[Q_SIZE]
@@ -212,7 +210,7 @@ def ode_place(y_at, table_at):  # type: ignore[no-untyped-def]
     return SOLVED
 
 
-@numba.cfunc(STATE_SIGNATURE, cache=True, error_model="numpy")
+@c_function(STATE_SIGNATURE)
 def ode_guard(y_at, table_at):  # type: ignore[no-untyped-def]
     table = integers(table_at, (TABLE_SIZE,))
     y = floats(y_at, (2 * table[Q_SIZE],))

@@ -22,6 +22,8 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np import arrayobj
 
+from tensegrity_mj.native.compiling import compiled
+
 LAW_SIGNATURE = types.int64(types.float64, types.int64, types.int64, types.int64, types.int64, types.int64)
 LAW_FUNCTION = ctypes.CFUNCTYPE(
     ctypes.c_int64,
@@ -106,9 +108,9 @@ STACK_LIMIT = 2**14  # numbers, 128 KiB: what a thread's stack has room for in a
 # Compiled code that owns no memory, only looks at it: numba then counts no references to arrays, which takes as long as
 # the law of a few rods. `borrowing` functions must not create arrays, nor copy slices; what they call inherits that,
 # unless it is `owning`. `inlined` is for the small ones that are called everywhere.
-borrowing = numba.njit(cache=True, error_model="numpy", _nrt=False)
-inlined = numba.njit(cache=True, error_model="numpy", _nrt=False, forceinline=True)
-owning = numba.njit(cache=True, error_model="numpy", _nrt=True)
+borrowing = compiled(_nrt=False)
+inlined = compiled(_nrt=False, forceinline=True)
+owning = compiled(_nrt=True)
 
 
 def records_reader(dtype: np.dtype[Any]) -> Any:

@@ -6,9 +6,10 @@ shading, and gives the same on every driver.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from tensegrity_mj.native.compiling import compiled
 
 Image = NDArray[np.uint8]
 
@@ -28,7 +29,7 @@ def shrink(source: Image, factor: float, result: Image) -> None:
         _shrink(source, int(factor), result)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True, error_model="python")
 def _halve(source: Image, result: Image) -> None:
     height, width, _ = result.shape
     last = source.shape[0] - 1
@@ -43,7 +44,7 @@ def _halve(source: Image, result: Image) -> None:
                 result[y, x, c] = (sums[6 * x + c] + sums[6 * x + 3 + c] + np.uint16(2)) >> np.uint16(2)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True, error_model="python")
 def _shrink(source: Image, factor: int, result: Image) -> None:
     height, width, _ = result.shape
     last = source.shape[0] - 1
@@ -67,7 +68,7 @@ def _shrink(source: Image, factor: int, result: Image) -> None:
                 result[y, x, c] = average[total]
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled(nogil=True, error_model="python")
 def _shrink_by_two_thirds(source: Image, result: Image) -> None:
     height, width, _ = result.shape
     last = source.shape[0] - 1

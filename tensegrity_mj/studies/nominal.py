@@ -9,15 +9,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numba
 import numpy as np
 
 from tensegrity_mj.law import SOLVED, Command, NativeLaw, native_law
+from tensegrity_mj.native.compiling import c_function
 from tensegrity_mj.native.pointers import LAW_SIGNATURE, address_of, call_law, floats, integers
 from tensegrity_mj.structure import Structure
 
 
-@numba.cfunc(LAW_SIGNATURE, cache=True, error_model="numpy")
+@c_function(LAW_SIGNATURE)
 def _nominal(t, nodes, velocities, context, command, report):  # type: ignore[no-untyped-def]
     table = integers(context, (4,))
     status = call_law(table[0], t, nodes, velocities, table[1], command, report)
