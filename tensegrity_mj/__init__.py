@@ -30,6 +30,7 @@ _HOME = {
     "Ensemble": "ensemble",
     "law_in": "ensemble",
     "simulate_many": "ensemble",
+    "ClusterError": "errors",
     "ControllerError": "errors",
     "DivergenceError": "errors",
     "FormatError": "errors",
@@ -140,6 +141,7 @@ if TYPE_CHECKING:  # the same names, for type checkers and editors
     from tensegrity_mj.ensemble import Ensemble as Ensemble
     from tensegrity_mj.ensemble import law_in as law_in
     from tensegrity_mj.ensemble import simulate_many as simulate_many
+    from tensegrity_mj.errors import ClusterError as ClusterError
     from tensegrity_mj.errors import ControllerError as ControllerError
     from tensegrity_mj.errors import DivergenceError as DivergenceError
     from tensegrity_mj.errors import FormatError as FormatError

@@ -56,5 +56,9 @@ class MissingPackageError(MissingLibraryError, ModuleNotFoundError):
     """A Python package that is not installed, found by the import of what needs it."""
 
 
+class ClusterError(TensegrityError, RuntimeError):
+    """A cluster that was lost while it computed a study; what was finished is kept."""
+
+
 class StabilityWarning(UserWarning):
     """A run whose step is beyond the largest stable one, or too coarse for its contact, told before; it goes on."""

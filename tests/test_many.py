@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -23,7 +24,7 @@ import numpy as np
 import pytest
 import study_tasks
 
-from tensegrity_mj.errors import FormatError, MissingLibraryError, OptionError
+from tensegrity_mj.errors import ClusterError, FormatError, MissingLibraryError, OptionError
 from tensegrity_mj.studies import store
 from tensegrity_mj.studies.many import Study, run_many, task_name
 from tensegrity_mj.studies.plain import canonical, difference, digest, plain
@@ -244,6 +245,91 @@ def test_troubles_are_data_and_the_result_is_the_same_on_a_cluster(tmp_path: Pat
     trace = next(outcome for _, outcome in records(tmp_path / "client") if outcome.get("error") == "ZeroDivisionError")
     assert "in troubled" in trace["traceback"]
     assert "attempt.py" not in trace["traceback"]
+
+
+@pytest.fixture
+def dask_processes(tmp_path: Path) -> Iterator[tuple[str, dict[str, subprocess.Popen[bytes]]]]:
+    """A scheduler and two workers of one thread, each a process of its own: (address, processes)."""
+    distributed = pytest.importorskip("distributed")
+    environment = {**os.environ, "PYTHONPATH": str(TESTS), "STUDY_LOG": str(tmp_path / "log")}
+    with contextlib.ExitStack() as stack:
+
+        def start(kind: str, options: str) -> subprocess.Popen[bytes]:
+            command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", *options.split()]
+            quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+            process = stack.enter_context(subprocess.Popen(command, env=environment, cwd=tmp_path, **quiet))
+            stack.callback(process.kill)
+            return process
+
+        file = tmp_path / "scheduler.json"
+        processes = {"scheduler": start("scheduler", "--scheduler-file scheduler.json --host 127.0.0.1 --port 0")}
+        wait_for(lambda: file.exists() and file.read_text().endswith("}"))
+        address = json.loads(file.read_text())["address"]
+        for name in ("worker0", "worker1"):
+            processes[name] = start("worker", f"{address} --no-nanny --nthreads 1 --no-dashboard")
+        with distributed.Client(address, set_as_default=False) as client:
+            client.wait_for_workers(2, timeout=DEADLINE)
+        yield address, processes
+
+
+SLOW_POINTS = [{"x": x, "seconds": 0.25} for x in range(16)]
+
+
+def test_a_lost_workers_points_are_done_again(tmp_path: Path, dask_processes: Any) -> None:
+    address, processes = dask_processes
+    lost = processes["worker0"]
+
+    def at_work() -> bool:
+        return any(pid == lost.pid for _, pid in computed(tmp_path / "log"))
+
+    killer = threading.Thread(target=lambda: (wait_for(at_work), lost.kill()))
+    killer.start()
+    study = run_many(study_tasks.noted, SLOW_POINTS, workers=Workers(backend=Backend.CLUSTER, address=address))
+    killer.join()
+    assert study.failed == []
+    assert study.values("third") == [point["x"] / 3 for point in SLOW_POINTS]
+    begun = Counter(key for key, _ in computed(tmp_path / "log"))
+    assert len(begun) == len(SLOW_POINTS)
+    # Begun twice: what the worker that was killed had begun, and a result that it still had.
+    assert 1 <= sum(begun.values()) - len(begun) <= 2
+
+
+@pytest.mark.parametrize(
+    ("names", "number", "said"),
+    [
+        (["scheduler"], signal.SIGKILL, "does not answer any more"),
+        (["scheduler"], signal.SIGSTOP, "does not answer any more"),
+        (["worker0", "worker1"], signal.SIGKILL, "has had no worker for 1 s"),
+    ],
+    ids=["scheduler killed", "scheduler frozen", "all workers killed"],
+)
+def test_a_lost_cluster_ends_the_study_and_what_is_finished_is_kept(
+    tmp_path: Path, dask_processes: Any, monkeypatch: pytest.MonkeyPatch, names: Any, number: Any, said: str
+) -> None:
+    from tensegrity_mj.studies import cluster
+
+    # As short as what is lost; what still lives has its usual time, however slow the machine is.
+    for limit in ["WORKER_TIMEOUT"] if "worker0" in names else ["ANSWER_TIMEOUT", "CLOSE_TIMEOUT"]:
+        monkeypatch.setattr(cluster, limit, 5 if limit == "ANSWER_TIMEOUT" else 1)
+    address, processes = dask_processes
+    folder = tmp_path / "study"
+
+    def end() -> None:
+        wait_for(lambda: len(records(folder)) >= 2)
+        for name in names:
+            processes[name].send_signal(number)
+
+    killer = threading.Thread(target=end)
+    killer.start()
+    with pytest.raises(ClusterError, match=said) as caught:
+        run_many(study_tasks.noted, SLOW_POINTS, folder, workers=Workers(backend=Backend.CLUSTER, address=address))
+    killer.join()
+    finished = len(records(folder))
+    assert 2 <= finished < len(SLOW_POINTS)
+    assert f"{finished} of 16 points are finished and kept in {folder}; run the same again" in str(caught.value)
+    study = run_many(study_tasks.noted, SLOW_POINTS, folder, workers=TWO)
+    assert study.computed == len(SLOW_POINTS) - finished
+    assert study.values("third") == [point["x"] / 3 for point in SLOW_POINTS]
 
 
 def test_a_cluster_that_cannot_import_the_task_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,6 +18,15 @@ from tensegrity_mj.studies.plain import plain
 DONE, FAILED = "done", "failed"
 WATCH_INTERVAL = 0.25  # s between looks whether the parent still lives
 
+DIED = to_exact_json(
+    {
+        "status": FAILED,
+        "error": "WorkerDied",
+        "reason": "the process that computed this point died, and so did one that computed it alone: "
+        "for lack of memory, or by a crash in compiled code",
+    }
+)
+
 # Threads of one process take turns: an engine may hold what a process has only once (MuJoCo's control callback).
 _TURN = threading.Lock()
 
@@ -61,6 +70,14 @@ def failure(error: BaseException) -> dict[str, Any]:
         below = trace.tb_next if trace is not None else None  # this module's own frame says nothing
         outcome["traceback"] = "".join(traceback.format_exception(type(error), error, below))
     return outcome
+
+
+def unable(task: Task, error: BaseException) -> OptionError:
+    """The error of workers that cannot even begin a task."""
+    return OptionError(
+        f"the workers cannot compute '{task.__name__}' ({type(error).__name__}: {error}); its module "
+        f"'{task.__module__}' and tensegrity_mj must be installed where they run"
+    )
 
 
 def settle(parent: int) -> None:

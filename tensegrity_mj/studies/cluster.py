@@ -1,27 +1,29 @@
-"""joblib's Dask backend, for studies: connected to a cluster, and told when a job is lost with its worker."""
+"""Points of a study on a Dask cluster: what a lost worker had is done again, a lost scheduler is an error."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+import queue
+import time
+from collections.abc import Generator, Iterator, Mapping
+from concurrent.futures import CancelledError
 from typing import Any
 
-from tensegrity_mj.errors import MissingLibraryError, OptionError
+from tensegrity_mj.errors import ClusterError, MissingLibraryError, OptionError
+from tensegrity_mj.studies.attempt import DIED, Answer, Task, attempt, unable
 
 try:
-    from distributed import Client, KilledWorker
-    from joblib._dask import DaskDistributedBackend
+    from distributed import Client, Future, KilledWorker
 except ImportError as error:
     raise MissingLibraryError(
         f"a cluster needs Dask, and '{error.name}' is missing: python -m pip install 'tensegrity-mj[cluster]'"
     ) from error
 
 CONNECT_TIMEOUT = 20  # s
-
-
-def death() -> Any:
-    """What Dask raises for a job that killed every worker that it was given to."""
-    return KilledWorker
+CLOSE_TIMEOUT = 10  # s
+LOOK_INTERVAL = 2  # s without a result, after which the cluster is looked at
+ANSWER_TIMEOUT = 30  # s for the scheduler to answer
+WORKER_TIMEOUT = 60  # s without any worker; one that died is often begun anew
 
 
 @contextlib.contextmanager
@@ -43,12 +45,15 @@ def connected(address: str | None, client: Any) -> Iterator[Any]:
             f"workers: no Dask scheduler answers at {address!r} ({type(error).__name__}: {error}); "
             "start one with `dask scheduler`, and give the address that it prints"
         ) from error
-    with own:
+    try:
         yield own
+    finally:
+        with contextlib.suppress(OSError):  # TimeoutError, too: a scheduler that is lost says no goodbye
+            own.close(timeout=CLOSE_TIMEOUT)
 
 
 def check_import(client: Any, module: str) -> None:
-    """Find out before any point that the cluster's workers can import what they need: Dask would wait for ever.
+    """Find out before any point that the cluster's workers can import what they need.
 
     Raises:
         OptionError: naming the module.
@@ -63,38 +68,102 @@ def check_import(client: Any, module: str) -> None:
             ) from error
 
 
-class _Lost:
-    """What a job is answered with that Dask gave up."""
+def compute(
+    client: Any, count: int | None, task: Task, points: Mapping[str, dict[str, Any]]
+) -> Generator[Answer, None, None]:
+    """Answers of the points as they are ready; a point whose worker dies is tried again alone, and is then given up.
 
-    def __init__(self, error: BaseException) -> None:
-        self.error = error
+    Args:
+        client: a `dask.distributed.Client`.
+        count: how many points at a time; by default all threads of all workers.
+        task, points: as in `run_many`, points by key.
 
-
-class CallsBack(DaskDistributedBackend):  # type: ignore[misc]
-    """joblib's Dask backend, which calls back for jobs that end without a result too.
-
-    joblib's own answers nobody when Dask gives a job up (its worker died, or cannot import the task), so that
-    `Parallel` would wait for it for ever.
+    Raises:
+        ClusterError: if the scheduler does not answer any more, or has no workers.
+        OptionError: if the workers cannot compute the task.
     """
+    watched = _Cluster(client)
+    suspects = {}
+    # Dask itself gives a point to other workers when its worker dies, and gives it up when several died with it; which
+    # of those under way there did it, only trying each alone tells.
+    for key, answer in watched.answers(count, task, points):
+        if answer is None:
+            suspects[key] = points[key]
+        else:
+            yield answer
+    for key, answer in watched.answers(1, task, suspects):
+        yield answer or (key, DIED, {})
 
-    def effective_n_jobs(self, n_jobs: int) -> int:
-        """Threads of all workers; at least two, since joblib would compute in this process for one."""
-        return max(2, super().effective_n_jobs(n_jobs))
 
-    def submit(self, func: Any, callback: Callable[[Any], None] | None = None) -> Any:
-        """Give a job to Dask."""
-        future = super().submit(func, callback)
+class _Cluster:
+    """A cluster that is looked at while nothing comes from it."""
 
-        def tell(done: Any) -> None:
-            error = done.exception()
-            if error is not None and callback is not None:
-                callback(_Lost(error))
+    def __init__(self, client: Any) -> None:
+        self.client = client
+        self.threads = 1
+        self.seen = time.monotonic()
+        self.look()
 
-        future.add_done_callback(tell)
-        return future
+    def look(self) -> None:
+        """Count the threads of all workers.
 
-    def retrieve_result_callback(self, out: Any) -> Any:
-        """The result of a job, or the error that ended it."""
-        if isinstance(out, _Lost):
-            raise out.error
-        return super().retrieve_result_callback(out)
+        Raises:
+            ClusterError: if the scheduler does not answer, or has had no workers for a while.
+        """
+        if self.client.status != "running":
+            raise _lost(f"its connection is {self.client.status}")
+        try:
+            workers = self.client.nthreads(callback_timeout=ANSWER_TIMEOUT)
+        except Exception as error:  # whatever a connection that breaks makes of it
+            raise _lost(f"{type(error).__name__}: {error}") from error
+        if workers:
+            self.threads, self.seen = max(1, sum(workers.values())), time.monotonic()
+        elif time.monotonic() - self.seen > WORKER_TIMEOUT:
+            raise ClusterError(
+                f"workers: the cluster has had no worker for {WORKER_TIMEOUT:.0f} s; start some with `dask worker`"
+            )
+
+    def answers(
+        self, count: int | None, task: Task, points: Mapping[str, dict[str, Any]]
+    ) -> Generator[tuple[str, Answer | None], None, None]:
+        """(key, answer) of each point as it ends, None where its worker died; `count` at a time, so that none waits."""
+        ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        left, running = iter(points.items()), {}
+        try:
+            while True:
+                while len(running) < (count or self.threads) and (following := next(left, None)) is not None:
+                    key, point = following
+                    future = self.client.submit(attempt, task, key, point, pure=False)
+                    running[future.key] = key, future
+                    future.add_done_callback(ended.put)
+                if not running:
+                    return
+                try:
+                    future = ended.get(timeout=LOOK_INTERVAL)
+                except queue.Empty:
+                    self.look()
+                    continue
+                answer = self._result(future, task)
+                key, _ = running.pop(future.key)
+                yield key, answer
+        finally:
+            for _, future in running.values():
+                future.release()
+
+    def _result(self, future: Future, task: Task) -> Answer | None:
+        while True:
+            try:
+                answer: Answer = future.result(timeout=LOOK_INTERVAL)
+                return answer
+            except TimeoutError:  # the worker that has it may be lost: Dask computes it again
+                self.look()
+            except KilledWorker:
+                return None
+            except CancelledError as error:
+                raise _lost(str(error)) from error
+            except Exception as error:
+                raise unable(task, error) from error
+
+
+def _lost(reason: str) -> ClusterError:
+    return ClusterError(f"workers: the scheduler of the cluster does not answer any more ({reason}); start it again")

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from tensegrity_mj.errors import OptionError
+from tensegrity_mj.errors import ClusterError, OptionError
 from tensegrity_mj.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.studies import store
 from tensegrity_mj.studies.attempt import DONE, Task
@@ -108,6 +108,8 @@ def run_many(
         OptionError: a task that is no function of a module, a point that is not plain, a folder that holds another
             study or is in use.
         MissingLibraryError: if workers need Dask and it is missing.
+        ClusterError: if the cluster's scheduler is lost, or all of its workers are; its message says as much as that of
+            KeyboardInterrupt. What one lost worker had is computed again by others.
         KeyboardInterrupt: on Ctrl-C or SIGTERM; its message says how much is finished, and how to go on.
     """
     name = task_name(task)
@@ -138,6 +140,8 @@ def run_many(
                         bar.update()
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(_stopped(len(outcomes), len(calls), place)) from None
+            except ClusterError as error:
+                raise ClusterError(f"{error}. {_stopped(len(outcomes), len(calls), place)}") from error
         result = Study(
             name, tuple(given), tuple(outcomes[key] for key in keys), shared, told, place, computed=len(missing)
         )

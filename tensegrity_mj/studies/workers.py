@@ -13,17 +13,7 @@ from typing import Any
 
 from tensegrity_mj.checks import member
 from tensegrity_mj.errors import OptionError, TensegrityError
-from tensegrity_mj.jsontext import to_exact_json
-from tensegrity_mj.studies.attempt import FAILED, Answer, Task, attempt, settle
-
-DIED = to_exact_json(
-    {
-        "status": FAILED,
-        "error": "WorkerDied",
-        "reason": "the process that computed this point died, and so did one that computed it alone: "
-        "for lack of memory, or by a crash in compiled code",
-    }
-)
+from tensegrity_mj.studies.attempt import DIED, Answer, Task, attempt, settle, unable
 
 
 class Backend(enum.Enum):
@@ -69,18 +59,18 @@ class Workers:
 
         Raises:
             MissingLibraryError: if Dask is wanted and missing.
-            OptionError: if no scheduler answers, or the cluster cannot import the task.
+            OptionError: if no scheduler answers, or the workers cannot import the task.
         """
         if self.backend is Backend.THIS_PROCESS:
             yield _here
         elif self.backend is Backend.PROCESSES:
-            yield _Pool(self.count or _cores(), _processes, _terminated())
+            yield partial(_processes, self.count or _cores())
         else:
             from tensegrity_mj.studies import cluster
 
             with cluster.connected(self.address, self.client) as client:
                 cluster.check_import(client, task.__module__)
-                yield _Pool(self.count, partial(_cluster, client), cluster.death())
+                yield partial(cluster.compute, client, self.count)
 
 
 # Answers of the points given by key, as they are ready; a generator, whose `close` stops the workers.
@@ -92,91 +82,73 @@ def _here(task: Task, points: Mapping[str, dict[str, Any]]) -> Generator[Answer,
         yield attempt(task, key, point)
 
 
-class _Pool:
-    """Points through joblib, one a job; a point whose worker dies is tried again alone, and is then given up."""
+def _processes(count: int, task: Task, points: Mapping[str, dict[str, Any]]) -> Generator[Answer, None, None]:
+    """Points in processes of this machine; one whose process dies is tried again alone, and is then given up."""
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-    def __init__(self, count: int | None, parallel: Callable[[int | None], Any], death: type[Exception]) -> None:
-        self.count, self.parallel, self.death = count, parallel, death
-
-    def __call__(self, task: Task, points: Mapping[str, dict[str, Any]]) -> Generator[Answer, None, None]:
-        missing = dict(points)
-        while missing:
-            begun: list[str] = []
-            try:
-                with contextlib.closing(self._run(task, missing, begun)) as answers:
-                    for answer in answers:
-                        del missing[answer[0]]
-                        yield answer
-                return
-            except self.death:
-                pass
-            # Of the points that were under way, which one it was only trying tells.
-            for key in [key for key in begun if key in missing]:
-                point = missing.pop(key)
-                try:
-                    with contextlib.closing(self._run(task, {key: point}, [])) as answers:
-                        yield from answers
-                except self.death:
-                    yield key, DIED, {}
-
-    def _run(self, task: Task, points: Mapping[str, dict[str, Any]], begun: list[str]) -> Generator[Answer, None, None]:
-        from joblib import delayed
-
-        def jobs() -> Iterator[Any]:
-            for key, point in list(points.items()):
-                begun.append(key)
-                yield delayed(attempt)(task, key, point)
-
-        answers = None
+    missing = dict(points)
+    while missing:
+        begun: list[str] = []
         try:
-            answers = self.parallel(self.count)(jobs())
-            # Not `yield from`: it would close the answers before the warnings are silenced.
-            for answer in answers:  # noqa: UP028
-                yield answer
-        except (self.death, TensegrityError):
-            raise
-        except Exception as error:
-            raise OptionError(
-                f"the workers cannot compute '{task.__name__}' ({type(error).__name__}: {error}); its module "
-                f"'{task.__module__}' and tensegrity_mj must be installed where they run"
-            ) from error
-        finally:
-            if answers is not None:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # that work was cancelled is what was wanted
-                    answers.close()
+            with contextlib.closing(_run(count, task, missing, begun)) as answers:
+                for answer in answers:
+                    del missing[answer[0]]
+                    yield answer
+            return
+        except TerminatedWorkerError:
+            pass
+        # Of the points that were under way, which one it was only trying tells.
+        for key in [key for key in begun if key in missing]:
+            point = missing.pop(key)
+            try:
+                with contextlib.closing(_run(count, task, {key: point}, [])) as answers:
+                    yield from answers
+            except TerminatedWorkerError:
+                yield key, DIED, {}
+
+
+def _run(
+    count: int, task: Task, points: Mapping[str, dict[str, Any]], begun: list[str]
+) -> Generator[Answer, None, None]:
+    """Answers of the points by joblib, one a job; `begun` gets the keys of those that were given out."""
+    from joblib import Parallel, delayed, parallel_config
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    def jobs() -> Iterator[Any]:
+        for key, point in list(points.items()):
+            begun.append(key)
+            yield delayed(attempt)(task, key, point)
+
+    # joblib computes in this process where one worker is asked for, and a crash would take it down: two processes
+    # then, of which one works at a time. One point a job, and none waiting in a worker's queue: what is lost by a
+    # crash is what was being computed.
+    begin = {"initializer": settle, "initargs": (os.getpid(),)}
+    with parallel_config(backend="loky", inner_max_num_threads=1, **begin):
+        parallel = Parallel(
+            n_jobs=max(2, count),
+            pre_dispatch=count,
+            batch_size=1,
+            return_as="generator_unordered",
+            max_nbytes=None,
+        )
+    answers = None
+    try:
+        answers = parallel(jobs())
+        # Not `yield from`: it would close the answers before the warnings are silenced.
+        for answer in answers:  # noqa: UP028
+            yield answer
+    except (TerminatedWorkerError, TensegrityError):
+        raise
+    except Exception as error:
+        raise unable(task, error) from error
+    finally:
+        if answers is not None:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # that work was cancelled is what was wanted
+                answers.close()
 
 
 def _cores() -> int:
     from joblib import cpu_count
 
     return int(cpu_count())
-
-
-def _terminated() -> Any:
-    from joblib.externals.loky.process_executor import TerminatedWorkerError
-
-    return TerminatedWorkerError
-
-
-# One point a job, and none waiting in a worker's queue: what is lost by a crash is what was being computed.
-_ONE_BY_ONE = {"batch_size": 1, "return_as": "generator_unordered", "max_nbytes": None}
-
-
-def _processes(count: int | None) -> Any:
-    from joblib import Parallel, parallel_config
-
-    assert count is not None
-    # joblib computes in this process where one worker is asked for, and a crash would take it down: two processes
-    # then, of which one works at a time.
-    begin = {"initializer": settle, "initargs": (os.getpid(),)}
-    with parallel_config(backend="loky", inner_max_num_threads=1, **begin):
-        return Parallel(n_jobs=max(2, count), pre_dispatch=count, **_ONE_BY_ONE)
-
-
-def _cluster(client: Any, count: int | None) -> Any:
-    from joblib import Parallel
-
-    from tensegrity_mj.studies.cluster import CallsBack
-
-    return Parallel(backend=CallsBack(client=client), pre_dispatch=count or "n_jobs", **_ONE_BY_ONE)
