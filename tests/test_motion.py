@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
@@ -445,17 +445,33 @@ def random_web(rng: np.random.Generator, rods: int, loops: int, moved: int) -> t
     return made, motions
 
 
-def broken(structure: Structure, nodes: Array, velocities: Array, motions: list[Motion]) -> float:
-    """By how much velocities miss what rods and supports ask for [m/s], from what these are."""
+def misses(structure: Structure, nodes: Array, velocities: Array, motions: list[Motion]) -> Array:
+    """By how much velocities miss each thing that rods and supports require [m/s], from what these are."""
     rates = {motion.support: motion.at(0.0)[1] for motion in motions}
-    worst = 0.0
+    found = []
     for rod, (i, j) in zip(structure.rods, structure.rod_nodes, strict=True):
         b = nodes[j] - nodes[i]
-        worst = max(worst, abs(float(b @ (velocities[j] - velocities[i]))) / float(np.linalg.norm(b)))
+        found.append([b @ (velocities[j] - velocities[i]) / np.linalg.norm(b)])
         r = (1 - rod.support.sigma) * velocities[i] + rod.support.sigma * velocities[j]
         D = np.array(rod.support.directions).reshape(-1, 3)
-        worst = max(worst, float(np.abs(D @ (r - rates.get(rod.name, np.zeros(3)))).max(initial=0.0)))
-    return worst
+        found.append(D @ (r - rates.get(rod.name, np.zeros(3))))
+    return np.concatenate(found)
+
+
+def broken(structure: Structure, nodes: Array, velocities: Array, motions: list[Motion]) -> float:
+    return float(np.abs(misses(structure, nodes, velocities, motions)).max())
+
+
+def least_miss(structure: Structure, nodes: Array, motions: list[Motion]) -> float:
+    """By how much the best velocities miss it [m/s]: 0 but where the web is too stiff to follow its supports.
+
+    What is missed is linear in the velocities: its columns are those of single velocities of 1 m/s.
+    """
+    zero = misses(structure, nodes, np.zeros(nodes.shape), motions)
+    units = np.eye(nodes.size).reshape(-1, *nodes.shape)
+    columns = np.array([misses(structure, nodes, unit, motions) - zero for unit in units]).T
+    best = np.linalg.lstsq(columns, -zero, rcond=1e-12)[0]
+    return float(np.abs(columns @ best + zero).max())
 
 
 def kinetic_energy(structure: Structure, velocities: Array) -> float:
@@ -467,11 +483,19 @@ def kinetic_energy(structure: Structure, velocities: Array) -> float:
 
 @settings(derandomize=True, max_examples=40, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.integers(3, 8), st.integers(0, 2), st.integers(1, 2), st.booleans())
+@example(seed=0, rods=3, loops=2, moved=2, given_some=True)  # too stiff to follow
 def test_velocities_fit_and_change_least(seed: int, rods: int, loops: int, moved: int, given_some: bool) -> None:
     rng = np.random.default_rng(seed)
     structure, motions = random_web(rng, rods, loops, moved)
     nodes = structure.positions
     start = rng.normal(size=nodes.shape) if given_some else None
+    # Loops may make a web rigid between two supports that move apart: the draws are a number of order 1 or round-off of
+    # 1e-16 times a condition number below 1e5, and one between these limits is as good as impossible.
+    if (least := least_miss(structure, nodes, motions)) > 1e-6:
+        with pytest.raises(SceneError, match="start at velocities that the rods between them cannot follow"):
+            velocities_with_supports(structure, nodes, motions, start)
+        return
+    assert least < 1e-10
     found = velocities_with_supports(structure, nodes, motions, start)
     # Round-off of a least-squares problem whose condition number here stays below 1e5.
     assert broken(structure, nodes, found, motions) < 1e-10
