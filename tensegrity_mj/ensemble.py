@@ -18,7 +18,7 @@ from tensegrity_mj.engines.run import Request
 from tensegrity_mj.errors import ControllerError, DivergenceError, InfeasibleError, OptionError, TensegrityError
 from tensegrity_mj.law import FAILED, NO_SOLUTION, NOT_FINITE, Law, NativeLaw
 from tensegrity_mj.scene import Scene
-from tensegrity_mj.simulation import cost_of_law, provenance_of, request_for
+from tensegrity_mj.simulation import provenance_of, request_for
 from tensegrity_mj.trajectory import Status, Trajectory
 
 if TYPE_CHECKING:
@@ -66,7 +66,6 @@ class Ensemble(Sequence[Trajectory]):
         if number not in self._outcomes:
             try:
                 run = self._run.members[number].conclude(self._run.seconds / len(self))
-                run.cost.update(cost_of_law(self._requests[number]))
                 run.provenance.update(provenance_of(self._requests[number]))
                 run.provenance["engine"]["one_of"] = len(self)
                 self._outcomes[number] = run
@@ -178,9 +177,6 @@ def simulate_many(
     from tensegrity_mj.engines.mujoco_ensemble import MuJoCoEnsemble
 
     stability.warn_before_run(scenes[0], engine, requests[0].law, requests[0].actuation)
-    for request in requests:
-        if request.law.spent is not None:
-            request.law.spent[:] = [0.0, 0.0]  # of the run alone
     with interrupts.deferred():
         run = MuJoCoEnsemble(engine, requests, int(threads))
         run.run()

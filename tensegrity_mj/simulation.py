@@ -78,12 +78,9 @@ def simulate(
     request = request_for(scene, controller, duration, actuation, on_infeasible, output_interval, progress)
     law, actuation = request.law, request.actuation
     checked = stability.warn_before_run(scene, engine, law, actuation)
-    if law.spent is not None:
-        law.spent[:] = [0.0, 0.0]  # of the run alone
     try:
         with interrupts.deferred():
             run = engine.run(request)
-        run.cost.update(cost_of_law(request))
     except DivergenceError as error:
         if checked is not None and isinstance(error.trajectory, Trajectory):
             error.trajectory.reports["stability"] = checked
@@ -137,14 +134,6 @@ def request_for(
             "use that period"
         )
     return Request(scene, law, actuation, on_infeasible, total, output_interval, progress)
-
-
-def cost_of_law(request: Request) -> dict[str, float]:
-    """How often a law in Python was called, and its part of the wall time [s]; nothing for a compiled one."""
-    if request.law.spent is None:
-        return {}
-    calls, seconds = request.law.spent
-    return {"law_calls": calls, "law_time": seconds}
 
 
 def provenance_of(request: Request) -> dict[str, Any]:

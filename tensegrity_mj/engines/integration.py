@@ -220,7 +220,7 @@ class IntegratedRun:
         remedy = f"reduce the time step (h = {step:g} s), or use Method.RADAU where strings are stiff"
         arguments = (grid.count, grid.stride, grid.ratio, rows, self.options.locate_slack)
         rk4_steps(self.table, self.y.copy(), step, 1, 0, *arguments)  # compiles
-        clock = Stopwatch()
+        clock = Stopwatch(self.request)
         with Progress(self.request, f"{self.name} RK4") as progress:
             for first, count in chunks(grid.count):
                 reached, status, evaluations = rk4_steps(self.table, self.y, step, first, count, *arguments)

@@ -111,7 +111,7 @@ class ErrorControlled:
             DivergenceError: where the solver cannot go on, or energy comes from nowhere.
         """
         rates(0.0, self.y, np.empty(len(self.y)), self.table)  # compiles
-        self.clock = Stopwatch()
+        self.clock = Stopwatch(self.request)
         # DOP853's dense output has a local error of the order of the method's global one; Radau's has not, so there
         # the solver steps onto the output times.
         marks = _marks(self.request, self.times, with_outputs=self.kind is Radau)

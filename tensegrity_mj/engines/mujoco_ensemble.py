@@ -93,7 +93,7 @@ class MuJoCoEnsemble:
         label = f"MuJoCo {self.options.integrator.value}, {len(self.members)} runs"
         running = np.ones(len(self.members), bool)
         with Progress(request, label) as progress, callback.installed(self.guide.table, many.many_runs):
-            clock = Stopwatch()
+            clock = Stopwatch(*(member.request for member in self.members))
             for first, count in chunks(grid.count):
                 self._advance(running, lambda ids, count=count: self.batch.step(ids, nstep=count))
                 self._judge(running, first + count)

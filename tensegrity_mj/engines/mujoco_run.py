@@ -183,7 +183,7 @@ class MuJoCoRun:
         label = f"MuJoCo {options.integrator.value}"
         with Progress(self.request, label) as progress, callback.installed(self.plant.table) as texts:
             self._warm_up()
-            clock = Stopwatch()
+            clock = Stopwatch(self.request)
             for first, count in chunks(grid.count):
                 self._advance(first, count)
                 progress.reached(min(first + count, int(counters[callback.STEP])) * options.timestep)

@@ -132,9 +132,12 @@ def check_rows(count: float, width: int = 1) -> None:
 
 
 class Stopwatch:
-    """Wall time of the integration alone: not of compiling, loading or drawing."""
+    """Wall time of the integration alone, not of compiling, loading or drawing; that of laws in Python likewise."""
 
-    def __init__(self) -> None:
+    def __init__(self, *requests: Request) -> None:
+        for request in requests:
+            if request.law.spent is not None:
+                request.law.spent[:] = [0.0, 0.0]  # they were called to compile, and by earlier runs
         self.start = time.perf_counter()
 
     @property
@@ -244,12 +247,20 @@ def make_trajectory(
         status=status,
         message=message,
         engine=engine,
-        cost=cost,
+        cost=cost | cost_of_law(request),
         provenance=provenance
         | {"actuation": {"mode": request.actuation.mode.value, "period": request.actuation.period}},
     )
     trajectory.reports.update(_reports(request, trajectory), **(reports or {}))
     return trajectory
+
+
+def cost_of_law(request: Request) -> dict[str, float]:
+    """How often a law in Python was called, and its part of the wall time [s]; nothing for a compiled one."""
+    if request.law.spent is None:
+        return {}
+    calls, seconds = request.law.spent
+    return {"law_calls": calls, "law_time": seconds}
 
 
 def _reports(request: Request, run: Trajectory) -> dict[str, Any]:
