@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,9 @@ from tensegrity_mj.structure import Structure, Vector
 
 Array = NDArray[np.float64]
 
+Matrix = Array | sparse.csr_array
+
+SMALL = 240  # coordinates 3N up to which matrices are dense
 RANK = 1e-10  # of a block's largest singular value: rows below it say what others say already
 
 
@@ -84,6 +88,16 @@ class Boundary:
     rows: sparse.csr_array
     Z: sparse.csr_array
     moved: Array
+
+    @property
+    def is_small(self) -> bool:
+        """Whether dense arrays are faster: a sparse matrix takes some tens of microseconds, whatever its size."""
+        return self.Z.shape[0] <= SMALL
+
+    @cached_property
+    def quick(self) -> tuple[Matrix, Matrix]:
+        """G and Z, as dense arrays if they are small."""
+        return (self.rows.toarray(), self.Z.toarray()) if self.is_small else (self.rows, self.Z)
 
     @classmethod
     def of(cls, structure: Structure, holds: Sequence[Hold] = ()) -> Boundary:

@@ -20,6 +20,7 @@ from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.families.arguments import whole
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.statics import linear_systems
+from tensegrity_mj.statics.body_motions import neutral_motions, require_held
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.state import StaticState
 from tensegrity_mj.structure import Structure
@@ -57,7 +58,7 @@ def find_equilibrium(
     limit = whole("iterations", iterations, 1)
     if not np.isfinite(parameter):
         raise OptionError(f"parameter = {parameter!r}; it must be a finite number")
-    model.require_held(parameter)
+    require_held(model, parameter)
     x = placed(model, parameter)
     used = 0
     for _ in range(ESCAPES):
@@ -109,14 +110,14 @@ def _descend(model: StaticModel, x: Array, parameter: float, limit: int) -> tupl
         C = sparse.csr_array(model.rod_slopes(x) @ Z)
         left = Z.T @ gradient + C.T @ forces
         size = float(np.abs(left).max(initial=0.0))
-        rough = round_off(model, x, parameter)
+        rough = round_off(model, x, parameter, forces)
         if size <= rough:
             return x, forces, taken
         spent = max(1e4 * rough, SPENT * float(np.abs(forces).max(initial=0.0)))
         H = sparse.csr_array(Z.T @ model.hessian(x, forces) @ Z)
         gap = model.rod_lengths - model.rods(x).lengths
         # What no stiffness resists would move far for a force of round-off: steps go across it.
-        neutral = sparse.csr_array((Z.T @ model.neutral_motions(x, parameter, forces)).T)
+        neutral = sparse.csr_array((Z.T @ neutral_motions(model, x, parameter, forces)).T)
         right = np.concatenate([-left, np.where(elastic, 0.0, gap), np.zeros(neutral.shape[0])])
         while True:
             if mu > MOST_REGULARIZATION * stiffest:
@@ -172,13 +173,18 @@ def _descend(model: StaticModel, x: Array, parameter: float, limit: int) -> tupl
     raise _stuck(model, limit, size, x, forces, parameter)
 
 
-def round_off(model: StaticModel, x: Array, parameter: float) -> float:
-    """[N] what round-off leaves of forces that cancel: of lengths times stiffness of strings and elastic rods."""
-    elastic = model.compliance > 0
-    largest = float(np.max(model.stiffness * model.strings(x).lengths, initial=0.0))
-    largest += float(np.max(model.rod_lengths[elastic] / model.compliance[elastic], initial=0.0))
-    largest += float(np.abs(model.external(parameter)).max(initial=0.0))
-    return 8 * EPS * max(largest, 1e-290)
+def round_off(model: StaticModel, x: Array, parameter: float, rod_forces: Array) -> float:
+    """[N] what round-off leaves of forces that cancel at x (3N,), under axial forces N (R,) of the rods.
+
+    Lengths and directions have errors of some ε, which strings' and elastic rods' stiffness times their length, joints'
+    bending stiffness over their rods' lengths, and all forces multiply. Positions have errors of ε times how far they
+    are from the origin, which stiffness multiplies.
+    """
+    strained, stiffness = model.stiffest
+    pulled = float(np.max(model.stiffness * model.strings(x).lengths, initial=0.0))
+    forces = (rod_forces, model.external(parameter))
+    largest = strained + pulled + sum(float(np.abs(part).max(initial=0.0)) for part in forces)
+    return EPS * max(8 * largest + stiffness * float(np.abs(x).max(initial=0.0)), 1e-290)
 
 
 def _energy_round_off(model: StaticModel, x: Array, forces: Array, parameter: float) -> float:

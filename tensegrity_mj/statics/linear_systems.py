@@ -10,6 +10,7 @@ from scipy import sparse
 from scipy.linalg import eigh, qr
 from scipy.sparse.linalg import LinearOperator, MatrixRankWarning, eigsh, splu
 
+from tensegrity_mj.statics.linearized import Linearized
 from tensegrity_mj.statics.model import StaticModel
 
 Array = NDArray[np.float64]
@@ -28,13 +29,13 @@ def saddle_matrix(H: sparse.csr_array, C: sparse.csr_array, compliance: Array) -
     return sparse.csc_array(sparse.block_array([[H, C.T], [C, -sparse.diags_array(compliance)]]))
 
 
-def solve(matrix: sparse.csc_array, right: Array) -> Array | None:
+def solve(matrix: sparse.csc_array | Array, right: Array) -> Array | None:
     """The solution, or None where the matrix is singular."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", MatrixRankWarning)
         try:
-            found = splu(matrix).solve(right)
-        except (RuntimeError, MatrixRankWarning):
+            found = np.linalg.solve(matrix, right) if isinstance(matrix, np.ndarray) else splu(matrix).solve(right)
+        except (RuntimeError, MatrixRankWarning, np.linalg.LinAlgError):
             return None
     return found if np.all(np.isfinite(found)) else None
 
@@ -87,53 +88,47 @@ def projected(model: StaticModel, x: Array, lengths: Array) -> Array | None:
 
 def reduced_stiffness(model: StaticModel, x: Array, forces: Array) -> sparse.csr_array:
     """Zᵀ (∇²Π + Σ N ∇²L + Cᵀ (EA/ℓ) C) Z (q, q) [N/m]; rigid rods' lengths are not in it."""
-    Z = model.boundary.Z
-    K = model.hessian(x, forces)
-    elastic = np.flatnonzero(model.compliance > 0)
-    if len(elastic):
-        C = model.rod_slopes(x)[elastic]
-        K = K + C.T @ sparse.diags_array(1.0 / model.compliance[elastic]) @ C
-    return sparse.csr_array(Z.T @ K @ Z)
+    return sparse.csr_array(Linearized(model, x, 0.0, forces).stiffness)
 
 
 def held_lengths(model: StaticModel, x: Array) -> sparse.csr_array:
     """(rigid rods, q): how the lengths of rigid rods change."""
-    rigid = np.flatnonzero(model.compliance == 0)
-    return sparse.csr_array(model.rod_slopes(x)[rigid] @ model.boundary.Z)
+    return sparse.csr_array(Linearized(model, x, 0.0, np.zeros(len(model.rod_lengths))).held_lengths)
 
 
 def tangent_basis(model: StaticModel, x: Array, without: Array | None = None) -> Array:
     """Orthonormal motions (q, t) of the free coordinates that keep rigid rods' lengths, across the given (3N, p)."""
-    rows = [held_lengths(model, x).toarray()]
+    return _tangent_basis(Linearized(model, x, 0.0, np.zeros(len(model.rod_lengths))), without)
+
+
+def _tangent_basis(at: Linearized, without: Array | None) -> Array:
+    Z, held = at.Z, at.held_lengths
+    rows = [held if isinstance(held, np.ndarray) else held.toarray()]
     if without is not None and without.shape[1]:
-        rows.append((model.boundary.Z.T @ without).T)
+        rows.append((Z.T @ without).T)
     matrix = np.vstack(rows)
-    q = model.boundary.Z.shape[1]
     if not len(matrix):
-        return np.eye(q)
+        return np.eye(Z.shape[1])
     Q, R, _ = qr(matrix.T, mode="full", pivoting=True)
     size = np.abs(np.diag(R))
     return np.asarray(Q[:, int(np.sum(size > RANK * size.max(initial=0.0))) :])
 
 
-def lowest_stiffness(
-    model: StaticModel, x: Array, forces: Array, count: int = 1, without: Array | None = None
-) -> tuple[Array, Array]:
+def lowest_stiffness(at: Linearized, count: int = 1, without: Array | None = None) -> tuple[Array, Array]:
     """The lowest eigenvalues (m,) [N/m], m <= count, ascending, of the stiffness on admissible motions, and these.
 
     Motions (3N, m) are orthonormal, and across those of `without`. Beyond `DENSE` coordinates the eigenvalues nearest
     to zero are found.
     """
-    Z = model.boundary.Z
+    model, Z, K = at.model, at.Z, at.stiffness
     if Z.shape[1] <= DENSE:
-        T = tangent_basis(model, x, without)
+        T = _tangent_basis(at, without)
         if not T.shape[1]:
-            return np.zeros(0), np.zeros((len(x), 0))
-        K = T.T @ (reduced_stiffness(model, x, forces) @ T)
+            return np.zeros(0), np.zeros((len(at.x), 0))
+        K = T.T @ (K @ T)
         values, vectors = eigh(0.5 * (K + K.T), subset_by_index=[0, min(count, len(K)) - 1])
         return values, np.asarray(Z @ (T @ vectors))
-    K = reduced_stiffness(model, x, forces)
-    rows = [held_lengths(model, x)]
+    rows = [at.held_lengths]
     if without is not None and without.shape[1]:
         rows.append(sparse.csr_array((Z.T @ without).T))
     C = sparse.csr_array(sparse.vstack(rows))

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from tensegrity_mj.checks import member, real_array
-from tensegrity_mj.errors import InfeasibleError, OptionError, StructureError
+from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.resistance import bending_joints
 from tensegrity_mj.rods import lumped_masses
 from tensegrity_mj.scene import Scene
@@ -161,38 +161,63 @@ class StaticModel:
 
     @cached_property
     def scale(self) -> tuple[float, float]:
-        """A length [m] and a stiffness [N/m] that are typical: the mean member, and the stiffest string or weight."""
+        """A typical length [m] and stiffness [N/m]: of the mean member, and of the stiffest string, joint or load."""
         span = np.concatenate([self.rod_lengths, self.structure.string_lengths(self.start)])
         length = float(span.mean()) if span.size else 1.0
         weight = float(np.abs(self.forces).max(initial=0.0) + np.abs(self.loads).max(initial=0.0))
-        return length, max(float(self.stiffness.max(initial=0.0)), weight / length) or 1.0
+        bent = 0.0 if self.bending_stiffness is None else float(self.bending_stiffness.diagonal().max())
+        return length, max(float(self.stiffness.max(initial=0.0)), bent, weight / length) or 1.0
 
     @cached_property
-    def _bending(self) -> sparse.csr_array | None:
-        """The (constant) Hessian of the bent joints' energy."""
+    def stiffest(self) -> tuple[float, float]:
+        """What resists most: [N] a strain of 1 of an elastic rod and a bend of 1 rad of a joint; [N/m] any member."""
+        axial = 1.0 / self.compliance[self.compliance > 0]
+        strained = float(np.max(self.rod_lengths[self.compliance > 0] * axial, initial=0.0))
+        stiffness = max(float(np.max(part, initial=0.0)) for part in (self.stiffness, axial))
+        if self.bends is None or self.bending_stiffness is None:
+            return strained, stiffness
+        bent = float(np.max(self.bends.data**2 * self.rod_lengths[self.bends.indices // 3]))
+        return strained + bent, max(stiffness, float(self.bending_stiffness.diagonal().max()))
+
+    @cached_property
+    def bends(self) -> sparse.csr_array | None:
+        """(3J, 3R) [√(N m)/m]: from the spans of the rods to √κ e of the J bent joints; None without bending stiffness.
+
+        It acts on spans, not on positions: rods far from the origin then bend as exactly as those near it.
+        """
         bending = None if self.scene.resistance is None else self.scene.resistance.bending
         joints = bending_joints(self.structure, bending)
         if bending is None or not joints or bending.stiffness == 0:
             return None
-        n = 3 * len(self.structure.nodes)
-        e = sparse.lil_array((3 * len(joints), n))
+        out = sparse.lil_array((3 * len(joints), 3 * len(self.rod_lengths)))
         for row, joint in enumerate(joints):
-            outer, node, other = joint.nodes
-            a, b = (1.0 / self.rod_lengths[rod] for rod in joint.rods)
-            for k in range(3):
-                e[3 * row + k, 3 * node + k] = a + b
-                e[3 * row + k, 3 * outer + k] = -a
-                e[3 * row + k, 3 * other + k] = -b
-        e = sparse.csr_array(e)
-        return sparse.csr_array(bending.stiffness * (e.T @ e))
+            for rod, tail, side in zip(joint.rods, joint.nodes[:2], (1.0, -1.0), strict=True):
+                # Along the two rods: to the joint, and away from it.
+                along = side if self.structure.rod_nodes[rod, 0] == tail else -side
+                for k in range(3):
+                    out[3 * row + k, 3 * rod + k] = along * np.sqrt(bending.stiffness) / self.rod_lengths[rod]
+        return sparse.csr_array(out)
 
     @cached_property
-    def _string_blocks(self) -> tuple[IntArray, IntArray]:
-        return _block_places(self.structure.string_nodes)
+    def bending_stiffness(self) -> sparse.csr_array | None:
+        """(3N, 3N) [N/m] the Hessian of the bent joints' energy, which is constant; None without."""
+        if self.bends is None:
+            return None
+        count = len(self.rod_lengths)
+        ends = sparse.csr_array(
+            (np.tile([-1.0, 1.0], count), (np.repeat(np.arange(count), 2), self.structure.rod_nodes.ravel())),
+            shape=(count, len(self.structure.nodes)),
+        )
+        rates = sparse.csr_array(self.bends @ sparse.kron(ends, sparse.eye_array(3)))
+        return sparse.csr_array(rates.T @ rates)
 
     @cached_property
-    def _rod_blocks(self) -> tuple[IntArray, IntArray]:
-        return _block_places(self.structure.rod_nodes)
+    def _blocks(self) -> tuple[IntArray, IntArray]:
+        return _block_places(np.concatenate([self.structure.string_nodes, self.structure.rod_nodes]))
+
+    def _spans(self, x: Array) -> Array:
+        nodes, pairs = x.reshape(-1, 3), self.structure.rod_nodes
+        return (nodes[pairs[:, 1]] - nodes[pairs[:, 0]]).ravel()
 
     # ---------------------------------------------------------------------------------------------- at given nodes
 
@@ -215,7 +240,7 @@ class StaticModel:
     def energy(self, x: Array, parameter: float = 1.0) -> float:
         """Π [J] at x (3N,): strings, bent joints and external forces, without elastic rods."""
         stretch = np.maximum(0.0, self.strings(x).lengths - self.rest_lengths)
-        bent = 0.0 if self._bending is None else 0.5 * float(x @ (self._bending @ x))
+        bent = 0.0 if self.bends is None else 0.5 * float(np.sum((self.bends @ self._spans(x)) ** 2))
         # From the start, so that heavy things far from the origin leave digits for the rest.
         work = float(self.external(parameter) @ (x - self.start.ravel()))
         return 0.5 * float(self.stiffness @ stretch**2) + bent - work
@@ -228,36 +253,60 @@ class StaticModel:
 
     def gradient(self, x: Array, parameter: float = 1.0) -> Array:
         """∇Π (3N,) [N]."""
+        out = -self.external(parameter)
         lengths, directions = self.strings(x)
-        out = -self.external(parameter).reshape(-1, 3)
-        pull = self.tensions(lengths)[:, None] * directions
-        np.add.at(out, self.structure.string_nodes[:, 1], pull)
-        np.add.at(out, self.structure.string_nodes[:, 0], -pull)
-        return out.ravel() if self._bending is None else out.ravel() + self._bending @ x
+        _add_spans(out, self.structure.string_nodes, self.tensions(lengths)[:, None] * directions)
+        if self.bends is not None:
+            bent = self.bends.T @ (self.bends @ self._spans(x))
+            _add_spans(out, self.structure.rod_nodes, bent.reshape(-1, 3))
+        return out
+
+    def rod_pulls(self, x: Array, rod_forces: Array) -> Array:
+        """Cᵀ N (3N,) [N] for axial forces N (R,)."""
+        out = np.zeros_like(x)
+        _add_spans(out, self.structure.rod_nodes, rod_forces[:, None] * self.rods(x).directions)
+        return out
 
     def hessian(self, x: Array, rod_forces: Array) -> sparse.csr_array:
         """∇²Π + Σ N ∇²L (3N, 3N) [N/m] for axial forces N (R,) of the rods."""
+        values, places = self._hessian_entries(x, rod_forces)
+        K = sparse.csr_array(sparse.coo_array((values, places), shape=(len(x), len(x))))
+        return K if self.bending_stiffness is None else sparse.csr_array(K + self.bending_stiffness)
+
+    def dense_hessian(self, x: Array, rod_forces: Array) -> Array:
+        """The same as a dense array, sooner for few nodes."""
         n = len(x)
+        values, (rows, columns) = self._hessian_entries(x, rod_forces)
+        K = np.bincount(rows * n + columns, values, n * n).reshape(n, n)
+        return K if self.bending_stiffness is None else K + self.bending_stiffness.toarray()
+
+    def _hessian_entries(self, x: Array, rod_forces: Array) -> tuple[Array, tuple[IntArray, IntArray]]:
+        """What strings and rods add up to, and where; without bending."""
         lengths, s = self.strings(x)
-        along = np.einsum("mi,mj->mij", s, s)
-        tension = self.tensions(lengths)
-        taut = np.where(lengths > self.rest_lengths, self.stiffness, 0.0)
-        across = (tension / np.where(lengths > 0, lengths, 1.0))[:, None, None] * (np.eye(3) - along)
-        blocks = taut[:, None, None] * along + across
+        along = s[:, :, None] * s[:, None, :]
+        taut = np.where(lengths > self.rest_lengths, self.stiffness, 0.0)[:, None, None]
+        across = (self.tensions(lengths) / np.where(lengths > 0, lengths, 1.0))[:, None, None]
+        blocks = (taut - across) * along + across * np.eye(3)
         lengths, b = self.rods(x)
-        turned = (rod_forces / lengths)[:, None, None] * (np.eye(3) - np.einsum("mi,mj->mij", b, b))
-        rows, columns = (np.concatenate(pair) for pair in zip(self._string_blocks, self._rod_blocks, strict=True))
-        values = np.concatenate([_block_values(blocks), _block_values(turned)])
-        K = sparse.csr_array(sparse.coo_array((values, (rows, columns)), shape=(n, n)))
-        return K if self._bending is None else sparse.csr_array(K + self._bending)
+        turned = (rod_forces / lengths)[:, None, None] * (np.eye(3) - b[:, :, None] * b[:, None, :])
+        return np.concatenate([_block_values(blocks), _block_values(turned)]), self._blocks
 
     def rod_slopes(self, x: Array) -> sparse.csr_array:
         """C (R, 3N): how the rods' lengths change."""
+        values, (rows, columns) = self._slope_entries(x)
+        return sparse.csr_array((values, (rows, columns)), shape=(len(self.rod_lengths), len(x)))
+
+    def dense_rod_slopes(self, x: Array) -> Array:
+        """The same as a dense array."""
+        values, places = self._slope_entries(x)
+        C = np.zeros((len(self.rod_lengths), len(x)))
+        C[places] = values
+        return C
+
+    def _slope_entries(self, x: Array) -> tuple[Array, tuple[IntArray, IntArray]]:
         pairs, b = self.structure.rod_nodes, self.rods(x).directions
-        count = len(pairs)
-        rows = np.repeat(np.arange(count), 6)
         columns = (3 * pairs[:, :, None] + np.arange(3)).reshape(-1)
-        return sparse.csr_array((np.stack([-b, b], axis=1).reshape(-1), (rows, columns)), shape=(count, len(x)))
+        return np.stack([-b, b], axis=1).reshape(-1), (np.repeat(np.arange(len(pairs)), 6), columns)
 
     def rod_forces_from_lengths(self, x: Array, rod_forces: Array) -> Array:
         """N (R,): of elastic rods from their lengths, of rigid ones as given."""
@@ -268,71 +317,7 @@ class StaticModel:
 
     def reactions(self, x: Array, rod_forces: Array, parameter: float = 1.0) -> Array:
         """(N, 3) [N]: what supports and holds push the nodes with, in equilibrium."""
-        return np.asarray((self.gradient(x, parameter) + self.rod_slopes(x).T @ rod_forces).reshape(-1, 3))
-
-    def require_held(self, parameter: float = 1.0) -> None:
-        """Raise InfeasibleError where weights and loads push the whole along a straight line that nothing holds."""
-        G, count = self.boundary.rows, len(self.structure.nodes)
-        shifts = np.tile(np.eye(3), (count, 1))
-        _, singular, right = np.linalg.svd(np.vstack([np.zeros((3, 3)), G @ shifts]))
-        free = right[singular < 1e-9]
-        force = free.T @ (free @ (self.external(parameter) @ shifts)) if len(free) else np.zeros(3)
-        total = np.abs(self.external(parameter)).sum()
-        if np.linalg.norm(force) > 1e-9 * total:
-            raise InfeasibleError(
-                f"'{self.scene.name}': weights and loads push the whole with ({force[0]:.6g}, {force[1]:.6g}, "
-                f"{force[2]:.6g}) N, and nothing holds it in that direction: there is no equilibrium; give the "
-                "structure a support, hold nodes, or take gravity out (gravity = (0, 0, 0))"
-                + ("; statics leaves the scene's water and its buoyancy out" if self.scene.water is not None else "")
-            )
-
-    def neutral_motions(self, x: Array, parameter: float = 1.0, rod_forces: Array | None = None) -> Array:
-        """Orthonormal motions (3N, p) of the whole as one body that change no energy: what no stiffness resists.
-
-        Translations across the external forces, and turns about an axis to which all of these are parallel, as far as
-        supports and holds leave them, and as far as these keep them on their way: a node that a guide holds on a
-        straight line leaves the circle about an axis at once, and the reaction of the guide resists.
-
-        Args:
-            x: (3N,) [m].
-            parameter: of the path.
-            rod_forces: N (R,) [N] there; by default those that leave least.
-        """
-        from tensegrity_mj.statics.linear_systems import rod_forces as least
-
-        nodes, Z = x.reshape(-1, 3), self.boundary.Z
-        center = nodes.mean(axis=0)
-        size = float(np.abs(nodes - center).max()) or 1.0
-        shifts = [np.broadcast_to(axis, nodes.shape) for axis in np.eye(3)]
-        turns = [np.cross(axis, (nodes - center) / size) for axis in np.eye(3)]
-        bodies = np.array([motion.ravel() for motion in (*shifts, *turns)]).T
-        forces = self.external(parameter)
-        largest = float(np.abs(forces).max(initial=0.0))
-        rows = [np.asarray(self.boundary.rows @ bodies)]
-
-        def turned(force: Array) -> Array:
-            """What turning does to forces (3N,), on the free coordinates (q, 6)."""
-            out = np.zeros((len(forces), 6))
-            for k, axis in enumerate(np.eye(3)):
-                out[:, 3 + k] = np.cross(axis, force.reshape(-1, 3)).ravel()
-            return np.asarray(Z.T @ out)
-
-        if largest > 0:
-            free = Z @ (Z.T @ forces) / largest
-            rows += [(free @ bodies)[None], turned(free)]
-        if self.boundary.rows.shape[0]:
-            inside = self.gradient(x, parameter)
-            N = least(self, x, inside) if rod_forces is None else rod_forces
-            carried = np.concatenate([self.tensions(self.strings(x).lengths), N])
-            scale = float(np.abs(carried).max(initial=0.0)) + largest
-            held = inside + self.rod_slopes(x).T @ N
-            if scale > 0:
-                rows.append(turned((held - Z @ (Z.T @ held)) / scale))
-        _, singular, right = np.linalg.svd(np.vstack([*rows, np.zeros((6, 6))]), full_matrices=False)
-        found = bodies @ right[singular < 1e-7].T
-        left, singular, _ = np.linalg.svd(found, full_matrices=False)
-        # Nodes on one line: turning about it moves none; nearly on one: as little as the bound above lets through.
-        return np.asarray(left[:, singular > 1e-6])
+        return np.asarray((self.gradient(x, parameter) + self.rod_pulls(x, rod_forces)).reshape(-1, 3))
 
 
 def _members(pairs: IntArray, x: Array) -> Members:
@@ -341,6 +326,13 @@ def _members(pairs: IntArray, x: Array) -> Members:
     lengths = np.sqrt(np.einsum("mi,mi->m", span, span))
     # Nodes that coincide pull in no direction.
     return Members(lengths, span / np.where(lengths > 0, lengths, 1.0)[:, None])
+
+
+def _add_spans(out: Array, pairs: IntArray, pulls: Array) -> None:
+    """Add to (3N,) forces that grow with the spans of members: plus at the second node, minus at the first."""
+    places = out.reshape(-1, 3)
+    np.add.at(places, pairs[:, 1], pulls)
+    np.subtract.at(places, pairs[:, 0], pulls)
 
 
 def _block_places(pairs: IntArray) -> tuple[IntArray, IntArray]:

@@ -17,6 +17,7 @@ from tensegrity_mj.errors import InfeasibleError
 from tensegrity_mj.families.arguments import whole
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.statics import linear_systems
+from tensegrity_mj.statics.body_motions import require_held
 from tensegrity_mj.statics.equilibrium import placed, round_off
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.state import StaticState
@@ -53,7 +54,7 @@ def relax(
     """
     model = scene if isinstance(scene, StaticModel) else StaticModel.of(scene)
     part, limit = positive("tolerance", tolerance), whole("iterations", iterations, 1)
-    model.require_held(parameter)
+    require_held(model, parameter)
     x = placed(model, parameter)
     target = np.array(model.rod_lengths)
     Z = model.boundary.Z
@@ -73,7 +74,7 @@ def relax(
             left = reduced + C.T @ forces
             forces -= normal.solve(light @ left)  # refined: normal equations lose digits
             left = reduced + C.T @ forces
-            size, rough = float(np.abs(left).max(initial=0.0)), round_off(model, x, parameter)
+            size, rough = float(np.abs(left).max(initial=0.0)), round_off(model, x, parameter, forces)
             lengthened = target - (model.rod_lengths + model.compliance * forces)
             settled = float(np.abs(lengthened).max(initial=0.0)) <= 1e-13 * model.scale[0]
             if size <= max(part * _largest(model, x, forces, parameter), 4 * rough) and settled:

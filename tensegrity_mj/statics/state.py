@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.statics import linear_systems
+from tensegrity_mj.statics.body_motions import neutral_motions
+from tensegrity_mj.statics.linearized import Linearized
 from tensegrity_mj.statics.model import StaticModel
 
 Array = NDArray[np.float64]
@@ -68,7 +70,7 @@ class StaticState:
     @cached_property
     def residual(self) -> float:
         """[N]: the largest force that is left on a free coordinate."""
-        left = self.model.gradient(self.x, self.parameter) + self.model.rod_slopes(self.x).T @ self.rod_forces
+        left = self.model.gradient(self.x, self.parameter) + self.model.rod_pulls(self.x, self.rod_forces)
         return float(np.abs(self.model.boundary.Z.T @ left).max(initial=0.0))
 
     @cached_property
@@ -84,7 +86,7 @@ class StaticState:
     @cached_property
     def neutral_motions(self) -> Array:
         """(3N, p) orthonormal: motions of the whole as one body that nothing resists."""
-        return self.model.neutral_motions(self.x, self.parameter, self.rod_forces)
+        return neutral_motions(self.model, self.x, self.parameter, self.rod_forces)
 
     @cached_property
     def lowest_stiffness(self) -> float:
@@ -99,7 +101,8 @@ class StaticState:
 
     def softest(self, count: int = 6) -> tuple[Array, Array]:
         """The lowest eigenvalues (m,) [N/m] of the stiffness, and their motions (3N, m), neutral ones left out."""
-        return linear_systems.lowest_stiffness(self.model, self.x, self.rod_forces, count, self.neutral_motions)
+        at = Linearized(self.model, self.x, self.parameter, self.rod_forces)
+        return linear_systems.lowest_stiffness(at, count, self.neutral_motions)
 
     def stiffness(self) -> Array:
         """K (t, t) [N/m] on the motions of `motions()`."""

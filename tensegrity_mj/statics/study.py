@@ -289,7 +289,7 @@ def _unbalanced(model: StaticModel) -> tuple[float, bool]:
     x = model.start.ravel()
     gradient = model.gradient(x, 0.0)
     forces = model.rod_forces_from_lengths(x, linear_systems.rod_forces(model, x, gradient))
-    left = model.boundary.Z.T @ (gradient + model.rod_slopes(x).T @ forces)
+    left = model.boundary.Z.T @ (gradient + model.rod_pulls(x, forces))
     largest = max(
         float(np.abs(part).max(initial=0.0))
         for part in (model.tensions(model.strings(x).lengths), forces, model.external(0.0))

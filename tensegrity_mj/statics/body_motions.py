@@ -1,0 +1,96 @@
+"""Motions of a whole structure as one body: which of them loads drive, and which nothing resists."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.errors import InfeasibleError
+from tensegrity_mj.statics import linear_systems
+from tensegrity_mj.statics.model import StaticModel
+
+Array = NDArray[np.float64]
+
+CROSS = np.zeros((3, 3, 3))  # (e_k × v)_a = Σ_b CROSS[a, k, b] v_b
+for _k in range(3):
+    CROSS[:, _k] = np.cross(np.eye(3)[_k], np.eye(3)).T
+
+
+def body_motions(nodes: Array) -> Array:
+    """(3N, 6) three shifts, and three turns about the nodes' mean whose largest move is about that of a shift."""
+    offsets = nodes - nodes.mean(axis=0)
+    size = float(np.abs(offsets).max()) or 1.0
+    return np.hstack([np.tile(np.eye(3), (len(nodes), 1)), turned(offsets / size)])
+
+
+def turned(vectors: Array) -> Array:
+    """(3N, 3): e_k × v for the three axes k of the world and vectors (N, 3)."""
+    return np.einsum("akb,nb->nak", CROSS, vectors).reshape(-1, 3)
+
+
+def driven(model: StaticModel, parameter: float = 1.0) -> Array:
+    """(3,) [N]: weights and loads along the straight lines on which nothing holds the whole; zero in equilibrium."""
+    G, count = model.boundary.rows, len(model.structure.nodes)
+    shifts = np.tile(np.eye(3), (count, 1))
+    _, singular, right = np.linalg.svd(np.vstack([np.zeros((3, 3)), G @ shifts]))
+    free = right[singular < 1e-9]
+    external = model.external(parameter)
+    force = free.T @ (free @ (external @ shifts))
+    return force if np.linalg.norm(force) > 1e-9 * np.abs(external).sum() else np.zeros(3)
+
+
+def require_held(model: StaticModel, parameter: float = 1.0) -> None:
+    """Raise InfeasibleError where weights and loads push the whole along a straight line that nothing holds."""
+    force = driven(model, parameter)
+    if not np.any(force):
+        return
+    scene = model.scene
+    floor = "; statics leaves the scene's contact out" if scene.contact is not None else ""
+    water = "; statics leaves the scene's water and its buoyancy out" if scene.water is not None else ""
+    raise InfeasibleError(
+        f"'{scene.name}': weights and loads push the whole with ({force[0]:.6g}, {force[1]:.6g}, {force[2]:.6g}) N, "
+        "and nothing holds it in that direction: there is no equilibrium; take gravity out (gravity = (0, 0, 0), "
+        f"--no-gravity) to see it as it falls freely, or hold nodes (holds, --hold) to see it stand{floor}{water}"
+    )
+
+
+def neutral_motions(model: StaticModel, x: Array, parameter: float = 1.0, rod_forces: Array | None = None) -> Array:
+    """Orthonormal motions (3N, p) of the whole as one body that change no energy: what no stiffness resists.
+
+    Translations across the external forces, and turns about an axis to which all of these are parallel, as far as
+    supports and holds leave them, and as far as these keep them on their way: a node that a guide holds on a
+    straight line leaves the circle about an axis at once, and the reaction of the guide resists.
+
+    Args:
+        model: the problem.
+        x: (3N,) [m].
+        parameter: of the path.
+        rod_forces: N (R,) [N] there; by default those that leave least.
+    """
+    G, Z = model.boundary.quick
+    bodies = body_motions(x.reshape(-1, 3))
+    forces = model.external(parameter)
+    largest = float(np.abs(forces).max(initial=0.0))
+    rows = [np.zeros((6, 6)), np.asarray(G @ bodies)]
+
+    def by_turning(force: Array) -> Array:
+        """What turning does to forces (3N,), on the free coordinates (q, 6)."""
+        change = np.asarray(Z.T @ turned(force.reshape(-1, 3)))
+        return np.hstack([np.zeros_like(change), change])
+
+    if largest > 0:
+        free = Z @ (Z.T @ forces) / largest
+        rows += [(free @ bodies)[None], by_turning(free)]
+    if G.shape[0]:
+        inside = model.gradient(x, parameter)
+        N = linear_systems.rod_forces(model, x, inside) if rod_forces is None else rod_forces
+        carried = np.concatenate([model.tensions(model.strings(x).lengths), N])
+        scale = float(np.abs(carried).max(initial=0.0)) + largest
+        held = inside + model.rod_pulls(x, N)
+        if scale > 0:
+            rows.append(by_turning((held - Z @ (Z.T @ held)) / scale))
+    _, singular, right = np.linalg.svd(np.vstack(rows), full_matrices=False)
+    found = bodies @ right[singular < 1e-7].T
+    left, singular, _ = np.linalg.svd(found, full_matrices=False)
+    # Nodes on one line: turning about it moves none; nearly on one: as little as the bound above lets through.
+    return np.asarray(left[:, singular > 1e-6])

@@ -1,0 +1,244 @@
+"""Steps along a curve of equilibria: along its tangent, then by Newton's method across it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from tensegrity_mj.statics import linear_systems
+from tensegrity_mj.statics.body_motions import neutral_motions
+from tensegrity_mj.statics.equilibrium import round_off
+from tensegrity_mj.statics.linearized import Linearized
+from tensegrity_mj.statics.model import StaticModel
+from tensegrity_mj.statics.state import StaticState
+
+Array = NDArray[np.float64]
+
+CORRECTIONS = 8  # of Newton's method, before a step is halved
+NEARLY = 1e-6  # of the forces at first: corrections after that only take away round-off
+SHARPEST = 0.8  # cosine of the angle between two tangents, below which a step is halved
+EIGENVALUES = 4  # at every point, and as many more as are negative
+ZERO = 1e-10  # of the stiffest string or joint, and
+ROUGH = 1e-13  # of the stiffest rod: an eigenvalue of less counts as none
+
+
+class Tangent(NamedTuple):
+    """A direction of the curve."""
+
+    x: Array  # (n,)
+    s: float
+    forces: Array  # (R,)
+
+
+class Solution(NamedTuple):
+    """Of the bordered equations."""
+
+    step: Tangent
+    pushed: float  # force by the parameter along the motions that were left out, as a part of all of it
+
+
+class Point(NamedTuple):
+    """An equilibrium on the curve."""
+
+    state: StaticState
+    tangent: Tangent
+    values: Array  # lowest eigenvalues [N/m] of the stiffness at constant parameter, all that are negative among them
+    modes: Array  # (n, of them)
+    effort: int  # corrections until forces were nearly balanced
+
+    @classmethod
+    def of(cls, state: StaticState, at: Linearized, tangent: Tangent, effort: int = 0, expected: int = 0) -> Point:
+        """With its eigenvalues, of which so many are expected to be negative."""
+        count = EIGENVALUES + expected
+        while True:
+            values, modes = linear_systems.lowest_stiffness(at, count, state.neutral_motions)
+            if len(values) < count or values[-1] >= -zero(state.model):
+                return cls(state, tangent, values, modes, effort)
+            count *= 2
+
+    @property
+    def unstable(self) -> int:
+        """How many independent motions are unstable at constant parameter."""
+        return int(np.sum(self.values < -zero(self.state.model)))
+
+    def value(self, which: int) -> float:
+        """[N/m] the eigenvalue of that number, from 0; ∞ where there are fewer."""
+        values = self.values if which < len(self.values) else self.state.softest(which + 1)[0]
+        return float(values[which]) if which < len(values) else np.inf
+
+
+class Walk:
+    """Steps along a curve; arc is measured by a move [m] and a span of the parameter."""
+
+    def __init__(self, model: StaticModel, move: float, span: float) -> None:
+        self.model, self.move, self.span = model, move, span
+
+    def step(self, at: Point, arc: float, *, bend: float = SHARPEST, idle: Array | None = None) -> Point | None:
+        """The point so far ahead, or None where it is not found or the curve bends too much.
+
+        Args:
+            at: where to start.
+            arc: how far to go.
+            bend: the least cosine of the angle between the tangents here and there.
+            idle: (n, p) motions that the correction does not make.
+        """
+        t = at.tangent
+        x, s, forces = at.state.x + arc * t.x, at.state.parameter + arc * t.s, at.state.rod_forces + arc * t.forces
+        return self._arrived(at, x, s, forces, t, bend, idle)
+
+    def corner(self, at: Point, arc: float) -> Point | None:
+        """The point so far ahead, around a corner: where strings that the tangent slackens, or pulls taut, are so."""
+        model, t = self.model, at.tangent
+        x, s, forces = at.state.x + arc * t.x, at.state.parameter + arc * t.s, at.state.rod_forces + arc * t.forces
+        slack = model.tensions(model.strings(x).lengths) <= 0
+        changed = np.flatnonzero(slack != at.state.slack)
+        if not len(changed):
+            return None
+        here = Linearized(model, x, s, forces)
+        tangent = self.tangent(here, neutral_motions(model, x, s, forces), t)
+        if tangent is None:
+            return None
+        # Of the two ways along it the one on which these strings go on to lengthen, or shorten, as they did.
+        lengthened = _lengthening(model, x, tangent.x)[changed] @ _lengthening(model, x, t.x)[changed]
+        if lengthened < 0:
+            tangent = Tangent(-tangent.x, -tangent.s, -tangent.forces)
+        there = self._arrived(at, x, s, forces, tangent, -np.inf)
+        return None if there is None or np.any(there.state.slack != slack) else there
+
+    def at_parameter(self, before: Point, after: Point, goal: float) -> Point | None:
+        """The point at a value of the parameter between two points."""
+        part = (goal - before.state.parameter) / (after.state.parameter - before.state.parameter)
+        x = before.state.x + part * (after.state.x - before.state.x)
+        forces = before.state.rod_forces + part * (after.state.rod_forces - before.state.rod_forces)
+        found = self._corrected(x, goal, forces, Tangent(np.zeros_like(x), 1.0, np.zeros_like(forces)))
+        if found is None:
+            return None
+        state, at, effort = found
+        tangent = self.tangent(at, state.neutral_motions, before.tangent)
+        return None if tangent is None else Point.of(state, at, tangent, effort, before.unstable)
+
+    def tangent(self, at: Linearized, neutral: Array, before: Tangent) -> Tangent | None:
+        """The tangent of the curve, of arc one, towards `before`."""
+        nothing = (np.zeros(at.Z.shape[1]), np.zeros_like(at.forces), 1.0)
+        found = bordered(at, nothing, before, self.move, self.span, neutral)
+        return None if found is None else scaled(found.step, self.move, self.span, 1.0)
+
+    def along(self, t: Tangent, dx: Array, ds: float) -> float:
+        """Arc of a step by its part along a tangent."""
+        return float(t.x @ dx) / self.move**2 + t.s * ds / self.span**2
+
+    def _arrived(
+        self, before: Point, x: Array, s: float, forces: Array, across: Tangent, bend: float, idle: Array | None = None
+    ) -> Point | None:
+        """The point across a tangent from a place ahead of another point."""
+        found = self._corrected(x, s, forces, across, idle)
+        if found is None:
+            return None
+        state, at, effort = found
+        tangent = self.tangent(at, state.neutral_motions, across)
+        if tangent is None or self.along(across, tangent.x, tangent.s) < bend:
+            return None
+        return Point.of(state, at, tangent, effort, before.unstable)
+
+    def _corrected(
+        self, x: Array, s: float, forces: Array, across: Tangent, idle: Array | None = None
+    ) -> tuple[StaticState, Linearized, int] | None:
+        """By Newton's method across a tangent and idle motions; and after how many steps it was nearly there."""
+        model, length = self.model, self.model.scale[0]
+        best, first, effort = np.inf, 0.0, 0
+        without: Array | None = None
+        for used in range(CORRECTIONS + 1):
+            at = Linearized(model, x, s, forces)
+            size = float(np.abs(at.left).max(initial=0.0))
+            off = float(np.abs(at.gaps).max(initial=0.0)) / length
+            rough = 4 * round_off(model, x, s, forces)
+            first = max(first, size)
+            spent = used > 2 and size <= 1e3 * rough and off <= 1e-12 and size >= 0.3 * best
+            if spent or (size <= rough and off <= 1e-14):
+                return StaticState(model, x.reshape(-1, 3).copy(), forces.copy(), s, used), at, effort
+            if not np.isfinite(size) or off > 1.0:
+                return None
+            best = min(best, size)
+            if size > NEARLY * first or off > NEARLY:
+                effort = used + 1
+            if without is None:
+                without = neutral_motions(model, x, s, forces)
+                if idle is not None:
+                    without = np.hstack([without, idle])
+            found = bordered(at, (-at.left, -at.gaps, 0.0), across, self.move, self.span, without)
+            if found is None or float(np.abs(found.step.x).max(initial=0.0)) > length:
+                return None
+            x, s, forces = x + found.step.x, s + found.step.s, forces + found.step.forces
+        return None
+
+
+def bordered(
+    at: Linearized, right: tuple[Array, Array, float], across: Tangent, move: float, span: float, without: Array
+) -> Solution | None:
+    """The step that takes away forces (q,) and gaps (R,), along a tangent by so much, and across motions (n, p)."""
+    model = at.model
+    Z, moved = at.Z, model.boundary.moved
+    q, R, p = Z.shape[1], len(at.forces), without.shape[1]
+    compliance = model.compliance + linear_systems.proximal(model) * (model.compliance == 0)
+    by_parameter, stretched = at.by_parameter
+    row = np.concatenate([Z.T @ across.x / move**2, np.zeros(R)])
+    last = float(moved @ across.x) / move**2 + across.s / span**2
+    # The row is as large as the stiffness, so that it keeps its place among the others.
+    weight = model.scale[1] / max(float(np.abs(row).max(initial=0.0)), abs(last))
+    neutral = np.asarray(Z.T @ without)
+    with_s = np.concatenate([by_parameter, stretched])
+    matrix: Array | sparse.csc_array
+    if at.small:
+        matrix = np.zeros((q + R + p + 1,) * 2)
+        matrix[:q, :q] = at.free_hessian
+        matrix[q : q + R, :q] = at.free_slopes
+        matrix[:q, q : q + R] = at.free_slopes.T
+        matrix[q : q + R, q : q + R] = -np.diag(compliance)
+        matrix[:q, q + R : -1] = neutral
+        matrix[q + R : -1, :q] = neutral.T
+        matrix[: q + R, -1] = with_s
+        matrix[-1, : q + R], matrix[-1, -1] = weight * row, weight * last
+    else:
+        saddle = linear_systems.saddle_matrix(at.free_hessian, at.free_slopes, compliance)
+        columns = sparse.vstack([sparse.csr_array(neutral), sparse.csr_array((R, p))])
+        matrix = sparse.csc_array(
+            sparse.block_array(
+                [
+                    [saddle, columns, sparse.csr_array(with_s[:, None])],
+                    [columns.T, None, sparse.csr_array((p, 1))],
+                    [
+                        sparse.csr_array(weight * row[None]),
+                        sparse.csr_array((1, p)),
+                        sparse.csr_array([[weight * last]]),
+                    ],
+                ]
+            )
+        )
+    found = linear_systems.solve(matrix, np.concatenate([right[0], right[1], np.zeros(p), [weight * right[2]]]))
+    if found is None:
+        return None
+    ds = float(found[-1])
+    held = np.abs(found[q + R : -1]).max(initial=0.0) / (np.abs(by_parameter).max(initial=0.0) * abs(ds) or 1.0)
+    return Solution(Tangent(Z @ found[:q] + ds * moved, ds, found[q : q + R]), float(held))
+
+
+def scaled(tangent: Tangent, move: float, span: float, sense: float) -> Tangent:
+    """The same direction, of arc one."""
+    size = float(np.sqrt(tangent.x @ tangent.x / move**2 + (tangent.s / span) ** 2))
+    return Tangent(sense * tangent.x / size, sense * tangent.s / size, sense * tangent.forces / size)
+
+
+def zero(model: StaticModel) -> float:
+    """[N/m] of an eigenvalue that counts as none."""
+    elastic = model.compliance > 0
+    return ZERO * model.scale[1] + ROUGH * float(np.max(1.0 / model.compliance[elastic], initial=0.0))
+
+
+def _lengthening(model: StaticModel, x: Array, motion: Array) -> Array:
+    """(M,): how strings lengthen in a motion (3N,)."""
+    i, j = model.structure.string_nodes.T
+    moved = motion.reshape(-1, 3)
+    return np.einsum("mk,mk->m", model.strings(x).directions, moved[j] - moved[i])
