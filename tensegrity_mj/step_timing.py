@@ -4,14 +4,21 @@ Everything is measured side by side: models take turns, each steps the same numb
 least of several rounds counts. On a busy machine times wander all the same; ratios do less.
 
 The parts are MuJoCo's own timers, read with a clock in C; its cost is within a few per cent of a step, and they are
-given as shares. What the law, the ledger and recording add is the difference of whole runs.
+given as shares.
+
+What a further step of a run costs, with ledger, recording and law, is timed in pieces of .2 ms of one run from the
+scene's start, of which the median counts. What a run costs but once (set-up, its first piece) is in none of them. Such
+pieces are shorter than a process' turn: whatever else runs on the machine disturbs few of them, while a whole run of
+some milliseconds would count the turns of others.
 """
 
 from __future__ import annotations
 
 import contextlib
 import ctypes
+import statistics
 import time
+import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -23,14 +30,22 @@ import numpy as np
 
 from tensegrity_mj.actuation import Actuation
 from tensegrity_mj.contact import rod_gaps
+from tensegrity_mj.controllers import from_scene
+from tensegrity_mj.engines import mujoco_callback as callback
 from tensegrity_mj.engines.mujoco import MuJoCo
+from tensegrity_mj.engines.mujoco_run import MuJoCoRun
+from tensegrity_mj.engines.run import OnInfeasible, Request
 from tensegrity_mj.errors import StructureError, TensegrityError
 from tensegrity_mj.law import native_law
 from tensegrity_mj.mjcf import scene_to_mjcf
 from tensegrity_mj.scene import Scene
+from tensegrity_mj.simulation import request_for
 from tensegrity_mj.stability import stable_step
 
 ROUNDS = 60
+PIECE = 2e-4  # s: what a run is timed in: as short as leaves the clock below a part in a thousand
+PIECES = 200  # of a run, about
+FEWEST = 3  # that are enough to say what a step costs
 SLICE = 1e-3  # s: what a model steps for in a round, about: short, so that some slices are not disturbed
 
 _TIMERS = mujoco.mjtTimer
@@ -62,13 +77,16 @@ class Extra:
 
 @dataclass(frozen=True)
 class StepTiming:
-    """Times of one step of MuJoCo's RK4 from the scene's start; each the least of several rounds.
+    """Times of one step of MuJoCo's RK4 from the scene's start.
 
     Attributes:
-        step: of the bare model, without a law [s].
+        step: of the bare model, without a law [s]; the least of several rounds.
         shares: parts of it, which sum to 1.
-        passive_run: a step of a whole run without a law, with ledger and recording [s]; None where none succeeds.
+        passive_run: of a further step of a run without a law, with ledger and recording, without set-up [s]: the
+            median of pieces of the run; None where none succeeds.
         closed_loop: the same under the scene's law, sampled where it must be; None without one, or where none succeeds.
+        run_time: how far the longer of these runs went [s]; 0 where none succeeds.
+        timestep: of all [s].
         extras: what other things would cost, and contact where it is there.
     """
 
@@ -76,6 +94,8 @@ class StepTiming:
     shares: dict[str, float]
     passive_run: float | None
     closed_loop: float | None
+    run_time: float
+    timestep: float
     extras: tuple[Extra, ...] = field(default_factory=tuple)
 
 
@@ -101,8 +121,13 @@ def measure(scene: Scene, rounds: int = ROUNDS) -> StepTiming:
         Extra(what, step / other if what == CONTACT else other / step, needed=what == CONTACT)
         for what, other in least.items()
     ]
-    passive, closed = _runs(scene, step, timestep)
-    return StepTiming(step, shares, passive, closed, tuple(extras))
+    engine, size = MuJoCo(timestep), max(1, round(PIECE / step))
+    passive, went = _further_step(scene, None, engine, size)
+    closed: float | None = None
+    if scene.control is not None:
+        closed, further = _further_step(scene, from_scene(scene), engine, size)
+        went = max(went, further)
+    return StepTiming(step, shares, passive, closed, went, timestep, tuple(extras))
 
 
 def _race(models: dict[str, mujoco.MjModel], rounds: int) -> tuple[dict[str, float], int]:
@@ -146,32 +171,43 @@ def _shares(model: mujoco.MjModel, steps: int, rounds: int) -> dict[str, float]:
     return shares | {REST: 1.0 - sum(shares.values())}
 
 
-def _runs(scene: Scene, step: float, timestep: float) -> tuple[float | None, float | None]:
-    """Time of a step [s] of whole runs without and with the scene's law, in turns; None where there is none."""
-    import warnings
+class _PieceRun(MuJoCoRun):
+    """A run that is timed piece by piece."""
 
-    from tensegrity_mj.controllers import from_scene
-    from tensegrity_mj.simulation import simulate
+    size = 1  # steps of a piece
 
-    engine = MuJoCo(timestep)
-    laws: list[Any] = [None] if scene.control is None else [None, from_scene(scene)]
-    count = max(10, min(400, round(5 * SLICE / step)))
-    least: list[float | None] = [None, None]
-    scene = scene.with_(breaks=())
-    with warnings.catch_warnings():
+    def __init__(self, engine: MuJoCo, request: Request, size: int) -> None:
+        super().__init__(engine, request)
+        self.size, self.pieces = size, list[float]()
+
+    def _advance(self, first: int, count: int) -> None:
+        for done in range(0, count, self.size):
+            steps = min(self.size, count - done)
+            start = time.perf_counter()
+            super()._advance(first + done, steps)
+            spent = time.perf_counter() - start
+            # The first piece has what is done but once; a chunk's last one may be short, and the law may stop the run.
+            if first + done > 0 and steps == self.size and self.counters[callback.STEP] == first + done + steps:
+                self.pieces.append(spent / steps)
+
+
+def _further_step(scene: Scene, law: Any, engine: MuJoCo, size: int) -> tuple[float | None, float]:
+    """What a further step takes in a run [s], or None where no run succeeds, and how far the run went [s]."""
+    sampled = law is not None and native_law(law, scene.structure).discontinuous
+    actuation = Actuation.hold_force_density(10 * engine.timestep) if sampled else None
+    count = min((PIECES + 1) * size, int(scene.duration / engine.timestep * (1 + 1e-12)))
+    count = max(10, 10 * (count // 10))
+    duration = count * engine.timestep
+    run = None
+    # Where none succeeds, the scene is described all the same.
+    with warnings.catch_warnings(), contextlib.suppress(TensegrityError):
         warnings.simplefilter("ignore")
-        for _ in range(3):
-            for row, law in enumerate(laws):
-                sampled = law is not None and native_law(law, scene.structure).discontinuous
-                actuation = Actuation.hold_force_density(10 * timestep) if sampled else None
-                try:
-                    run = simulate(scene, law, engine, duration=count * timestep, actuation=actuation)
-                except TensegrityError:  # the scene is described all the same
-                    continue
-                if run.cost["steps"]:
-                    seconds, best = run.cost["wall_time"] / run.cost["steps"], least[row]
-                    least[row] = seconds if best is None else min(best, seconds)
-    return least[0], least[1]
+        request = request_for(scene.with_(breaks=()), law, duration, actuation, OnInfeasible.STOP, None, False)
+        run = _PieceRun(engine, request, min(size, max(1, count // (FEWEST + 1))))
+        run.run()
+    if run is None or not run.pieces:
+        return None, 0.0
+    return statistics.median(run.pieces), int(run.counters[callback.STEP]) * engine.timestep
 
 
 @cache

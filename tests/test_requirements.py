@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from dataclasses import replace
 
 import mujoco
@@ -10,8 +11,10 @@ import numpy as np
 import pytest
 
 import tensegrity_mj as tmj
+from tensegrity_mj import step_timing
 from tensegrity_mj.cli import main
 from tensegrity_mj.contact import Contact
+from tensegrity_mj.engines.mujoco_run import MuJoCoRun
 from tensegrity_mj.families.random_structures import random_scene, random_structure
 from tensegrity_mj.mjcf import scene_to_mjcf
 from tensegrity_mj.scene_requirements import JOINTS, degrees_of_freedom
@@ -199,6 +202,28 @@ def test_timing_says_what_it_must() -> None:
     assert mujoco.get_mjcb_time() is None
 
 
+def test_a_further_step_is_what_a_longer_run_takes_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a clock that only the steps of runs advance: what is done but once, or by others, is not of a step."""
+    now, passive, closed, once, others = [0.0], 20e-6, 30e-6, 0.05, 0.025
+    advance, pieces = MuJoCoRun._advance, [0]
+
+    def advanced(run: MuJoCoRun, first: int, count: int) -> None:
+        advance(run, first, count)
+        pieces[0] += 1
+        now[0] += count * (passive if run.request.law.address == 0 else closed)
+        now[0] += once if first == 0 else 0.0
+        now[0] += others if pieces[0] % 5 == 0 else 0.0  # another process had its turn
+
+    monkeypatch.setattr(MuJoCoRun, "_advance", advanced)
+    monkeypatch.setattr(step_timing, "_race", lambda models, rounds: (dict.fromkeys(models, passive), 10))
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+    timing = measure(tmj.load_scene("pinned_rod"), rounds=2)
+    assert timing.passive_run == pytest.approx(passive, rel=1e-9)  # a clock of seconds has digits for 1e-11 of a step
+    assert timing.closed_loop == pytest.approx(closed, rel=1e-9)
+    assert 0 < timing.run_time <= tmj.load_scene("pinned_rod").duration
+    assert timing.timestep == pytest.approx(1e-3)
+
+
 def test_a_scene_that_no_run_of_the_usual_step_survives_is_measured_all_the_same(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     prism, drop = tmj.load_scene("prism"), tmj.load_scene("prism_drop").with_(contact=None)
@@ -226,7 +251,13 @@ def test_the_command_prints_it(capsys: pytest.CaptureFixture[str]) -> None:
     assert timing["step"] > 0
     assert main(["scenes", "prism_drop"]) == 0
     text = capsys.readouterr().out
-    for part in ("nv = 18", "3 pairs may touch", "the scene has a floor", "µs", "it is here"):
+    for part in (
+        "nv = 18",
+        "3 pairs may touch",
+        "the scene has a floor",
+        "it is here",
+        "µs without a law; ledger and rec",
+    ):
         assert part in text
 
 

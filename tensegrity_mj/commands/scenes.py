@@ -214,18 +214,21 @@ def _costs(timing: dict[str, Any] | None) -> list[tuple[str, str]]:
     if timing is None:
         return []
     micro = 1e6
-    passive, closed = timing["passive_run"], timing["closed_loop"]
+    found = {"without a law": timing["passive_run"], "with the law": timing["closed_loop"]}
+    further = " and ".join(f"{micro * value:.3g} µs {which}" for which, value in found.items() if value is not None)
     shares = [f"{share:.0%} {part}" for part, share in timing["shares"].items()]
     extras = [
         f"{extra['what']}: {'it is here, ' if extra['needed'] else ''}{extra['ratio']:.2f} x"
         for extra in timing["extras"]
     ]
     return [
-        ("a step (RK4)", f"{micro * timing['step']:.3g} µs: {', '.join(shares)}"),
+        ("a step of the bare model", f"{micro * timing['step']:.3g} µs: {', '.join(shares)}"),
         (
-            "in a run",
-            ("no run succeeds" if passive is None else f"{micro * passive:.3g} µs with ledger and recording")
-            + ("" if closed is None else f", {micro * closed:.3g} µs with the law"),
+            "a further step of a run",
+            f"{further}; ledger and recording included, set-up not; median over the first {timing['run_time']:.3g} s, "
+            f"h = {timing['timestep']:.3g} s"
+            if further
+            else "no run succeeds",
         ),
         *[("" if row else "what else would cost", text) for row, text in enumerate(extras)],
     ]
