@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.errors import SceneError, StructureError
-from tensegrity_mj.mjcf_bodies import DRIVE, FLOOR, Names, add_bodies, hardness, size
-from tensegrity_mj.mjcf_frames import numbers
+from tensegrity_mj.mjcf_bodies import DRIVE, FLOOR, Names, add_bodies, add_site, hardness, size
+from tensegrity_mj.mjcf_frames import must_turn, numbers
 from tensegrity_mj.mjcf_frames import quaternion as quaternion
 from tensegrity_mj.mjcf_frames import rotation_to as rotation_to
 from tensegrity_mj.mjcf_tree import BodyTree, body_tree, distinct
@@ -117,7 +117,7 @@ def scene_to_mjcf(scene: Scene, timestep: float = 1e-3, integrator: str = "RK4")
     for name in structure.fixed_nodes:
         if name not in moved:
             position = scene.nodes0[structure.node_index[name]]
-            ET.SubElement(world, "site", name=name, pos=numbers(position), **site)
+            add_site(world, name, position, site)
     names = Names(scene, tree)
     add_bodies(world, scene, tree, names, thickness)
     if structure.strings:
@@ -135,10 +135,10 @@ def _floor(world: ET.Element, scene: Scene) -> None:
     if contact is None or contact.floor is None:
         return
     # Endless: the size is for viewers, its last number a spacing of lines.
-    place: dict[str, Any] = {
-        "pos": numbers(contact.floor * contact.up),
-        "quat": numbers(quaternion(rotation_to(contact.up))),
-    }
+    origin, rotation = contact.floor * contact.up, rotation_to(contact.up)
+    if must_turn(origin, [np.zeros(3)], 0.0):
+        rotation = rotation @ np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # about its normal
+    place: dict[str, Any] = {"pos": numbers(origin), "quat": numbers(quaternion(rotation))}
     name = distinct(["floor"], taken={rod.name for rod in scene.structure.rods})[0]
     bits: dict[str, Any] = {"contype": str(FLOOR), "conaffinity": "0"}
     look: dict[str, Any] = {"size": numbers([0, 0, 0.1 * size(scene)]), "rgba": "0.8 0.82 0.84 1"}
@@ -226,5 +226,5 @@ def _remarks(scene: Scene) -> str:
 def _visual(root: ET.Element, scene: Scene) -> None:
     nodes = scene.nodes0
     center = 0.5 * (nodes.min(axis=0) + nodes.max(axis=0))
-    extent = max(float(np.linalg.norm(np.ptp(nodes, axis=0))), 1e-3)
+    extent = float(np.linalg.norm(np.ptp(nodes, axis=0))) or 1e-3
     ET.SubElement(root, "statistic", center=numbers(center), extent=numbers([extent]))

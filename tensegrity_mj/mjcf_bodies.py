@@ -6,10 +6,10 @@ import xml.etree.ElementTree as ET
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.contact import Contact
-from tensegrity_mj.mjcf_frames import numbers, quaternion
+from tensegrity_mj.mjcf_frames import TURNED_AXIS, TURNED_SITE, must_turn, numbers, quaternion
 from tensegrity_mj.mjcf_tree import BodyTree, Turn, distinct
 from tensegrity_mj.scene import Scene
 
@@ -106,12 +106,15 @@ def _rod_body(
     # MuJoCo takes none below mjMINVAL; a part of up to 1e-2 changes no motion either.
     axial = max(axial, min(1e-2 * transverse, LEAST_INERTIA))
     back, ahead = -sigma * length, (1 - sigma) * length
+    center = (0.0, 0.0, (0.5 - sigma) * length)
+    turned: dict[str, Any] = {"quat": TURNED_AXIS} if must_turn(center, [np.zeros(3)], length) else {}
     ET.SubElement(
         body,
         "inertial",
-        pos=numbers([0, 0, (0.5 - sigma) * length]),
+        pos=numbers(center),
         mass=numbers([rod.mass]),
         diaginertia=numbers([transverse, transverse, axial]),
+        **turned,
     )
     ET.SubElement(
         body,
@@ -129,10 +132,23 @@ def _rod_body(
     for name, height in zip(rod.nodes, (back, ahead), strict=True):
         node = structure.node_index[name]
         if tree.forest.owner[node] == number:
-            ET.SubElement(body, "site", name=name, pos=numbers([0, 0, height]), **site)
+            add_site(body, name, [0, 0, height], site, center, length)
         elif node in own:
-            ET.SubElement(body, "site", name=own[node], pos=numbers([0, 0, height]), **site)
+            add_site(body, own[node], [0, 0, height], site, center, length)
     return body
+
+
+def add_site(
+    body: ET.Element,
+    name: str,
+    place: ArrayLike,
+    look: dict[str, Any],
+    center: ArrayLike = (0, 0, 0),
+    size: float = 0.0,
+) -> None:
+    """A site at a place (3,) of a body whose center of mass is at `center` (3,) and which is of this size [m]."""
+    turned: dict[str, Any] = {"quat": TURNED_SITE} if must_turn(place, [np.zeros(3), center], size) else {}
+    ET.SubElement(body, "site", name=name, pos=numbers(np.asarray(place, float)), **turned, **look)
 
 
 def _frame(scene: Scene, tree: BodyTree, number: int) -> tuple[Array, Array]:
@@ -206,5 +222,5 @@ def hardness(contact: Contact) -> dict[str, Any]:
 
 
 def size(scene: Scene) -> float:
-    """Of the structure at the start [m]."""
-    return float(np.max(np.ptp(scene.nodes0, axis=0), initial=1e-3))
+    """Of the structure at the start [m]; 1 mm for what is a point."""
+    return float(np.max(np.ptp(scene.nodes0, axis=0), initial=0.0)) or 1e-3

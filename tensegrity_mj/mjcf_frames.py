@@ -6,9 +6,26 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+
+# Two parallel frames whose places differ by less than 1e-6 m along each axis are one frame to MuJoCo's compiler: what
+# stands 9e-7 m from its body's origin, or from its center of mass, then stands there. Frames that are not parallel stay
+# apart, so what comes this near is turned, about an axis that does not matter to it. (The limit with some room.)
+SNAP = 2e-6  # m
+SAME = 1e-14  # of a size: what differs by less stands there, but for round-off
+TURNED_SITE = "0.7071067811865476 0.7071067811865476 0 0"  # a site is a point: about x
+TURNED_AXIS = "0.7071067811865476 0 0 0.7071067811865476"  # what is round about z: about z, and not as sites
+
+
+def must_turn(place: ArrayLike, frames: Iterable[ArrayLike], size: float) -> bool:
+    """Whether MuJoCo would move a parallel frame at a place (3,) [m] onto one of these, which are elsewhere.
+
+    Places are in the frame of the body; `size` [m] is that of the body, whose round-off is no distance.
+    """
+    gaps = [float(np.max(np.abs(np.asarray(place, float) - np.asarray(frame, float)))) for frame in frames]
+    return any(SAME * size < gap < SNAP for gap in gaps)
 
 
 def rotation_to(b: Array) -> Array:

@@ -183,7 +183,8 @@ class Trajectory:
         """Read what `save` wrote, exactly.
 
         Raises:
-            FormatError: if the file is absent, damaged, or no trajectory; it says which.
+            FormatError: if the file is absent, damaged, or no trajectory, or where its times do not rise or its values
+                are not finite (what a law reports may be NaN); it says which.
         """
         import h5netcdf
 
@@ -222,6 +223,7 @@ class Trajectory:
                     f"{path}: {name} has shape {arrays[name].shape}; for its scene '{scene.name}' and its times it "
                     f"must be {shape}, ({', '.join(dimensions)})"
                 )
+        _check_values(str(path), arrays)
         return cls(scene, **arrays, status=status, message=texts["message"], engine=texts["engine"], **extra)
 
     def until(self, count: int) -> Trajectory:
@@ -242,6 +244,28 @@ def _sizes(scene: Scene, samples: int) -> dict[str, int]:
         "string": len(structure.strings),
         "rod": len(structure.rods),
     }
+
+
+def _check_values(path: str, arrays: dict[str, Array]) -> None:
+    """Raise FormatError where times do not rise, or where what every run has is not finite."""
+    for name, (dimensions, unit, _) in VARIABLES.items():
+        finite = np.isfinite(arrays[name])
+        if name in LAW_REPORTS or finite.all():
+            continue
+        place = np.argwhere(~finite)[0].tolist()
+        at = ", ".join(f"{dimension} {number}" for dimension, number in zip(dimensions, place, strict=True))
+        raise FormatError(
+            f"{path}: {name} is {arrays[name][tuple(place)]} {unit} at {at} (counted from 0); it must be finite: the "
+            "file is damaged or was changed, write it anew"
+        )
+    time = arrays["time"]
+    back = np.flatnonzero(np.diff(time) <= 0)
+    if len(back):
+        row = int(back[0])
+        raise FormatError(
+            f"{path}: time {row + 1} (counted from 0) is {time[row + 1]:.9g} s after {time[row]:.9g} s; times must "
+            "rise: the file is damaged or was changed, write it anew"
+        )
 
 
 def _without_functions(scene: Scene, time: Array) -> Scene:

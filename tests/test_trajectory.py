@@ -179,6 +179,55 @@ def test_a_trajectory_with_a_wrong_attribute_is_refused(attribute, value, compla
         tmj.Trajectory.load(path)
 
 
+def changed_file(run, path, name, place, value):
+    """A saved run with one number replaced."""
+    run.save(path)
+    with h5netcdf.File(path, "a") as file:
+        values = np.array(file.variables[name][...])
+        values[place] = value
+        file.variables[name][...] = values
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "value", "complaint"),
+    [
+        ("nodes", (7, 2, 1), math.nan, r"nodes is nan m at time 7, node 2, axis 1 .*must be finite"),
+        ("tensions", (0, 3), math.inf, r"tensions is inf N at time 0, string 3"),
+        ("kinetic_energy", 50, -math.inf, r"kinetic_energy is -inf J at time 50"),
+        ("time", 4, math.nan, "time is nan s at time 4"),
+        ("time", 5, 0.02, r"time 5 .* is 0\.02 s after 0\.04 s; times must rise"),
+        ("time", 5, 0.04, r"time 5 .* is 0\.04 s after 0\.04 s; times must rise"),
+    ],
+)
+def test_a_trajectory_whose_numbers_are_none_or_run_backwards_is_refused(name, place, value, complaint, run, tmp_path):
+    from tensegrity_mj.cli import main
+
+    good, bad = run.save(tmp_path / "good.nc"), changed_file(run, tmp_path / "bad.nc", name, place, value)
+    with pytest.raises(tmj.FormatError, match=rf"bad\.nc: {complaint}"):
+        tmj.Trajectory.load(bad)
+    assert main(["compare", str(good), str(good)]) == 0
+    for files in ((good, bad), (bad, good), (bad, bad)):
+        assert main(["compare", *map(str, files)]) == 2
+
+
+def test_what_a_law_does_not_report_stays_nan_in_a_file(run, tmp_path):
+    quiet = replace(run, lyapunov=np.full_like(run.lyapunov, np.nan))
+    assert np.isnan(tmj.Trajectory.load(quiet.save(tmp_path / "quiet.nc")).lyapunov).all()
+
+
+def test_a_saved_run_says_how_it_ended_and_what_its_arrays_are(run, tmp_path):
+    """Read without this package: the message of a run that stopped, and a unit and a meaning of every array."""
+    stopped = replace(run, status=tmj.Status.INFEASIBLE, message="no admissible solution at t = 0.5 s")
+    path = stopped.save(tmp_path / "stopped.nc")
+    with h5netcdf.File(path) as file:
+        assert (file.attrs["status"], file.attrs["message"]) == ("infeasible", "no admissible solution at t = 0.5 s")
+        for name, (_, unit, meaning) in VARIABLES.items():
+            attributes = file.variables[name].attrs
+            assert (attributes["units"], attributes["long_name"]) == (unit, meaning), name
+    assert tmj.Trajectory.load(path).message == "no admissible solution at t = 0.5 s"
+
+
 @pytest.mark.parametrize("content", [None, b"", b"not a file of that kind"])
 def test_files_that_are_no_trajectories_are_refused(content, tmp_path):
     path = tmp_path / "x.nc"
@@ -239,6 +288,33 @@ def test_only_common_times_are_compared_and_none_is_made_up(run):
     odd = tmj.simulate(scene, from_scene(scene), tmj.MuJoCo(7e-3), duration=0.49, output_interval=0.245)
     with pytest.raises(tmj.OptionError, match="output_interval"):
         tmj.compare(odd.until(2), coarse.until(2).__class__(**{**vars(coarse), "time": coarse.time + 1e-3}))
+
+
+def test_times_that_differ_by_more_than_round_off_are_not_common(run):
+    """Samples each 10 ms: what is 3 ms, or 1 µs, apart is another time; 1e-12 s is the round-off of a sum of steps."""
+    for shift in (3e-3, -3e-3, 1e-6, -1e-6):
+        with pytest.raises(tmj.OptionError, match="share 0 output times"):
+            tmj.compare(run, replace(run, time=run.time + shift))
+    assert len(tmj.compare(run, replace(run, time=run.time + 1e-12)).time) == len(run.time)
+    # One sample moved: all others are still compared, that one is not.
+    time = run.time.copy()
+    time[20] += 3e-3
+    assert np.array_equal(tmj.compare(run, replace(run, time=time)).time, np.delete(run.time, 20))
+
+
+def test_a_difference_of_rod_forces_is_that_of_force_densities_times_the_length():
+    """0.01 N/m more is 0.01 ℓ N more, of rods that are not 1 m long."""
+    scene = random_scene(np.random.default_rng(1), random_structure(np.random.default_rng(1), rods=3), duration=0.5)
+    run = tmj.simulate(scene, None, tmj.MuJoCo(1e-2))
+    lengths = run.scene.structure.rod_lengths
+    assert np.all(np.abs(lengths - 1) > 1e-3)
+    for rod, length in enumerate(lengths):
+        densities = run.rod_force_densities.copy()
+        densities[30, rod] += 0.01
+        other = tmj.compare(replace(run, rod_force_densities=densities), run, tolerance=1e-9)
+        # Relative round-off of densities near 1 N/m in a difference of 0.01 N/m.
+        assert other.max_rod_force_error == pytest.approx(0.01 * length, rel=1e-12)
+        assert other.first_exceeded["rod_force_error"] == run.time[30]
 
 
 def test_runs_of_different_structures_are_not_compared(run):

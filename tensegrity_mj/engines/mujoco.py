@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 from tensegrity_mj.checks import member, positive
 from tensegrity_mj.engines import mujoco_callback as callback
 from tensegrity_mj.engines.accuracy import check_accuracy
-from tensegrity_mj.engines.run import (
-    Accelerations,
-    Request,
-)
+from tensegrity_mj.engines.mujoco_places import check_places
+from tensegrity_mj.engines.run import Accelerations, Request
 from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.mjcf import scene_to_mjcf
 from tensegrity_mj.scene import Scene
@@ -89,7 +87,8 @@ class MuJoCo:
         """The compiled model of a scene.
 
         Raises:
-            StructureError: for masses, sizes or depths that MuJoCo cannot hold.
+            StructureError: for masses, sizes or depths that MuJoCo cannot hold, and where it compiles a node, a center
+                of mass or a capsule to another place than the structure's.
             SceneError: where rods that share nodes may touch something.
             OptionError: where a control callback that is not this package's hinders MuJoCo.
         """
@@ -102,7 +101,7 @@ class MuJoCo:
             )
         text = scene_to_mjcf(scene, self.timestep, self.word)
         try:
-            return mujoco.MjModel.from_xml_string(text)
+            model = mujoco.MjModel.from_xml_string(text)
         except ValueError as error:
             if mujoco.get_mjcb_control() is not None and not callback.ACTIVE[0]:
                 raise OptionError(
@@ -114,6 +113,8 @@ class MuJoCo:
                 f"structure '{scene.structure.name}': MuJoCo cannot hold it ({reason}); masses [kg] and moments of "
                 f"inertia [kg m²] must be above {mujoco.mjMINVAL:g}: use units of the structure's own size, or the DAE"
             ) from error
+        check_places(scene, model)
+        return model
 
     @property
     def stages(self) -> int:
