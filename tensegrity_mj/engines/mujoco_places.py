@@ -62,6 +62,6 @@ def _compare(kind: str, names: tuple[str, ...], found: Array, wanted: Array, all
     worst = int(np.argmax(gaps))
     raise StructureError(
         f"{kind} '{names[worst]}' is {gaps[worst]:.3g} m off its place {wanted[worst].tolist()} m in the compiled "
-        f"MuJoCo model (allowed: {allowed:.3g} m); MuJoCo takes frames nearer than {0.5 * SNAP:g} m for one: use larger "
-        "units of length, or the DAE"
+        f"MuJoCo model (allowed: {allowed:.3g} m); MuJoCo takes frames nearer than {0.5 * SNAP:g} m for one: use "
+        "larger units of length, or the DAE"
     )
