@@ -67,7 +67,7 @@ def flow_numbers(run: Trajectory) -> FlowNumbers:
     R = len(scene.structure.rods)
     d, sea = diameters(scene.structure, water), sea_of(scene)
     met, undisturbed, orbits = np.zeros(R), np.zeros(R), np.zeros((R, len(sea.amplitude)))
-    piece = max(1, _AT_ONCE // (R * water.segments))
+    piece = max(1, _AT_ONCE // (R * scene.water_segments.count))
     for first in range(0, len(run.time), piece):
         rows = slice(first, first + piece)
         wet = segments_of(scene, run.time[rows], run.nodes[rows], run.velocities[rows])

@@ -23,6 +23,7 @@ from tensegrity_mj.redundancy import Redundancy, redundancy
 from tensegrity_mj.resistance import Bending, Drag, Resistance
 from tensegrity_mj.structure import Structure, Vector
 from tensegrity_mj.water import Water
+from tensegrity_mj.water_segments import SegmentCount, segment_count
 from tensegrity_mj.waves import Wave
 
 Array = NDArray[np.float64]
@@ -248,6 +249,11 @@ class Scene:
         """Rods whose forces are not unique, and those that make the start singular."""
         return redundancy(self.structure, self.nodes0)
 
+    @cached_property
+    def water_segments(self) -> SegmentCount:
+        """The segments of each rod, of a scene that has water: given, or chosen for its waves."""
+        return segment_count(self)
+
     def nodal_forces(self, time: float) -> Array:
         """External forces (N, 3) [N] at a time [s]; neither gravity nor resistance nor water is among them."""
         if callable(self.loads):
@@ -305,7 +311,7 @@ def _plain_water(water: Water) -> Water:
         float(water.tangential_drag),
         float(water.added_mass),
         _plain(water.inertia),
-        int(water.segments),
+        None if water.segments is None else int(water.segments),
         water.weights,
         _plain(water.diameter),
         water.above,

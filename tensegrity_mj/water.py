@@ -19,7 +19,8 @@ act on the axis: the couple of a buoyancy off the axis, (d/ℓ)² of those that 
 
 The loads of a segment at the distance s ℓ from the first node go to the two nodes with weights that add up to one:
 1 - s and s, which keep force and moment of a rigid rod, or the thesis' (7.11)-(7.12), those of a clamped beam. Segments
-are taken at their centres, so that moments of what turns a rod are off by 1/L² of themselves.
+are taken at their centres: moments of what turns a rod are off by 1/L² of themselves, and loads of waves by no more
+than `water_segments` states, which also chooses L.
 
 Added mass is implicit: the accelerations a_i of the nodes of each rod are found with it, as the forces
 
@@ -80,7 +81,7 @@ class Water:
         tangential_drag: C_t >= 0, on the circumference, along rods.
         added_mass: C_a >= 0.
         inertia: C_M >= 0; None for 1 + C_a, added mass and Froude-Krylov together.
-        segments: L of each rod, >= 1.
+        segments: L of each rod, >= 1; None for as many as its waves need, at least 5, see `water_segments`.
         weights: see `Weights`.
         diameter: d [m] of every rod, > 0; None for twice each rod's own radius.
         above: the waves' fields above the still surface, see `AboveLevel`.
@@ -95,7 +96,7 @@ class Water:
     tangential_drag: float = 0.0
     added_mass: float = 1.0
     inertia: float | None = None
-    segments: int = 5
+    segments: int | None = None
     weights: Weights = Weights.RIGID
     diameter: float | None = None
     above: AboveLevel = AboveLevel.EXPONENTIAL
@@ -189,7 +190,7 @@ def segments_of(scene: Scene, time: Array | float, nodes: Array, velocities: Arr
     """The wet parts of segments at times (...) [s], positions and velocities (..., N, 3) that go with them."""
     water, structure, sea = scene.water, scene.structure, sea_of(scene)
     assert water is not None
-    pairs, count = structure.rod_nodes, water.segments
+    pairs, count = structure.rod_nodes, scene.water_segments.count
     x1, v1 = nodes[..., pairs[:, 0], None, :], velocities[..., pairs[:, 0], None, :]
     span, turn = nodes[..., pairs[:, 1], None, :] - x1, velocities[..., pairs[:, 1], None, :] - v1
     t = np.asarray(time, float)[..., None, None]
@@ -223,7 +224,7 @@ def water_forces(scene: Scene, time: Array | float, nodes: Array, velocities: Ar
     if water is None or not len(structure.rods):
         return out, alpha
     wet = segments_of(scene, time, nodes, velocities)
-    d, length = diameters(structure, water)[:, None], structure.rod_lengths[:, None] / water.segments
+    d, length = diameters(structure, water)[:, None], structure.rod_lengths[:, None] / scene.water_segments.count
     mass = water.density * np.pi * d**2 / 4 * length * wet.part
     surface = 0.5 * water.density * d * length * wet.part
 

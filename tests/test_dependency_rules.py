@@ -37,6 +37,7 @@ CORE = {
         "joints",
         "resistance",
         "water",
+        "water_segments",
         "waves",
         "redundancy",
         "section",

@@ -171,6 +171,8 @@ def _flow(told: dict[str, Any]) -> str:
     text = f"Rn up to {told['reynolds']:.3g}"
     if told["keulegan_carpenter"] is not None:
         text += ", KC {:.3g} to {:.3g}".format(*told["keulegan_carpenter"])
+    count = told["segments"]
+    text += f"; {count['count']} segments a rod" + (", chosen" if count["chosen"] else ", given")
     return "; ".join([text, *told["notes"]])
 
 

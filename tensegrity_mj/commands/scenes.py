@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.scene import Scene
     from tensegrity_mj.structure import Rod
     from tensegrity_mj.water import Water
+    from tensegrity_mj.water_segments import SegmentCount
 
 HELP = "list the shipped scenes, or describe one"
 EXAMPLES = """\
@@ -102,7 +103,8 @@ def describe(scene: Scene, timing: bool = False) -> dict[str, Any]:
         "contact": None if scene.contact is None else vars(scene.contact),
         "motions": {motion.support: motion_text(motion) for motion in scene.motions},
         "resistance": None if scene.resistance is None else resistance_text(scene.resistance),
-        "water": None if scene.water is None else water_text(scene.water),
+        "water": None if scene.water is None else water_text(scene.water, scene.water_segments),
+        "water_segments": None if scene.water is None else scene.water_segments.report(),
         "loads": "a function" if callable(scene.loads) else len(scene.loads),
         "target": None if scene.target is None else {"waypoints": len(scene.target.times), "times": scene.target.times},
         "control": None if scene.control is None else {"law": scene.control.law, **scene.control.options},
@@ -177,7 +179,7 @@ def resistance_text(resistance: Resistance) -> str:
     return "; ".join(parts + wind)
 
 
-def water_text(water: Water) -> str:
+def water_text(water: Water, segments: SegmentCount) -> str:
     """Water, waves and current, in words."""
     parts = [f"{water.density:g} kg/m³, " + ("deep" if water.depth is None else f"{water.depth:g} m deep")]
     for wave in water.waves:
@@ -187,8 +189,8 @@ def water_text(water: Water) -> str:
         parts.append(f"current {water.current} m/s")
     tangential = f" and {water.tangential_drag:g} along rods" if water.tangential_drag else ""
     inertia = f"C_a = {water.added_mass:g}, C_M = {water.inertia_coefficient:g}"
-    parts.append(f"drag {water.drag:g} across{tangential}, {inertia}, {water.segments} segments a rod")
-    return "; ".join(parts)
+    parts.append(f"drag {water.drag:g} across{tangential}, {inertia}, {segments.text()}")
+    return "; ".join([*parts, *segments.warnings])
 
 
 def _needs(needs: dict[str, Any]) -> list[tuple[str, str]]:

@@ -338,7 +338,8 @@ def _reports(request: Request, run: Trajectory) -> dict[str, Any]:
     if run.scene.water is not None and len(run.time):
         from tensegrity_mj.flow_regime import flow_numbers
 
-        reports["water"] = flow_numbers(run).report()
+        reports["water"] = flow_numbers(run).report() | {"segments": run.scene.water_segments.report()}
+        warnings.extend(run.scene.water_segments.warnings)
     if request.sampled:
         # A held rest length adds a viscosity of the order of k H (docs/laws.md): right only where this ratio is small.
         period = request.actuation.period or 0.0

@@ -65,7 +65,7 @@ def beam_in_waves(
     tangential_drag: float = TANGENTIAL_DRAG,
     added_mass: float = ADDED_MASS,
     inertia: float | None = INERTIA,
-    segments: int = 3,
+    segments: int | None = 3,
     phase: float = 0.0,
     duration: float = 60.0,
     name: str = "",
@@ -80,7 +80,8 @@ def beam_in_waves(
         end, weight: see `BeamEnd` and `BeamWeight`.
         damping: of every string [N s/m]; the thesis damps numerically, with α = -0.05 of Hilber, Hughes and Taylor.
         drag, tangential_drag, added_mass, inertia: of the rods, see `Water`.
-        segments: of each rod; of more than three, motions differ by less than a thousandth.
+        segments: of each rod; of more than three, motions in waves of 6 m differ by less than a thousandth. None for
+            as many as the waves need.
         phase: ε of the wave [rad]; its elevation at the beam is A sin(ω t + ε).
         duration: [s].
         name: of scene and structure; by default that of the row.

@@ -42,7 +42,7 @@ def tower_in_waves(
     drag: float = 1.2,
     tangential_drag: float = 0.0,
     added_mass: float = 1.0,
-    segments: int = 5,
+    segments: int | None = None,
     weights: Weights = Weights.RIGID,
     start_depth: float = START_DEPTH,
     duration: float = 40.0,
@@ -66,7 +66,7 @@ def tower_in_waves(
         water_depth: [m]; None for deep water.
         current: [m/s].
         drag, tangential_drag, added_mass: C_d, C_t, C_a of the rods.
-        segments, weights: how loads are gathered along a rod, see `Water`.
+        segments, weights: how loads are gathered along a rod, see `Water`; None for as many as the wave needs.
         start_depth: of the tower's axis below the still surface [m]; below zero above it.
         duration: [s].
         name: of scene and structure.

@@ -55,7 +55,8 @@ class PackedWater:
         structure, water, sea = scene.structure, scene.water, sea_of(scene)
         assert water is not None
         rods, d = np.zeros(len(structure.rods), ROD), diameters(structure, water)
-        length = structure.rod_lengths / water.segments
+        count = scene.water_segments.count
+        length = structure.rod_lengths / count
         rods["nodes"], rods["half"] = structure.rod_nodes, 0.5 * d
         rods["mass"] = water.density * np.pi * d**2 / 4 * length
         rods["drag"] = 0.5 * water.density * water.drag * d * length
@@ -69,7 +70,7 @@ class PackedWater:
         self._arrays = (rods, waves, numbers, np.zeros((len(rods), 4)))
         at = [address_of(array) for array in self._arrays]
         hermite, constant = water.weights is Weights.HERMITE, water.above is AboveLevel.CONSTANT
-        sizes = (water.segments, hermite, constant)
+        sizes = (count, hermite, constant)
         self.table = np.array([len(rods), at[0], len(waves), at[1], at[2], *sizes, at[3]], np.int64)
 
     @property

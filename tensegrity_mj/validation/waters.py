@@ -9,12 +9,11 @@ import numpy as np
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.validation.values import check_number, check_vector, sequence_of
 from tensegrity_mj.water import Water, Weights
+from tensegrity_mj.water_segments import MOST_SEGMENTS
 from tensegrity_mj.waves import AboveLevel, Wave
 
 if TYPE_CHECKING:
     from tensegrity_mj.scene import Scene
-
-MOST_SEGMENTS = 1000
 
 
 def check_water(scene: Scene) -> None:
@@ -36,8 +35,11 @@ def check_water(scene: Scene) -> None:
         _at_least_zero("inertia", water.inertia, ", or None for 1 + added_mass")
     count = water.segments
     whole = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
-    if not whole or not 1 <= count <= MOST_SEGMENTS:
-        raise SceneError(f"water: segments = {count!r}; it must be an integer from 1 to {MOST_SEGMENTS}")
+    if count is not None and (not whole or not 1 <= count <= MOST_SEGMENTS):
+        raise SceneError(
+            f"water: segments = {count!r}; it must be an integer from 1 to {MOST_SEGMENTS}, or None for as many as the "
+            "waves need"
+        )
     for name, kind in (("weights", Weights), ("above", AboveLevel)):
         if not isinstance(getattr(water, name), kind):
             members = ", ".join(str(member) for member in kind)
