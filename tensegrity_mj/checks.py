@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.texts import value_text
 
 
 def positive(what: str, value: Any, unit: str = "") -> float:
@@ -21,7 +22,7 @@ def positive(what: str, value: Any, unit: str = "") -> float:
     """
     number = finite(what, value, f" > 0{unit and ' ' + unit}")
     if not number > 0:
-        raise OptionError(f"{what} = {value!r}; it must be a finite number > 0{unit and ' ' + unit}")
+        raise OptionError(f"{what} = {value_text(value)}; it must be a finite number > 0{unit and ' ' + unit}")
     return number
 
 
@@ -36,7 +37,7 @@ def finite(what: str, value: Any, more: str = "") -> float:
             number = float(value)
             if math.isfinite(number):
                 return number
-    raise OptionError(f"{what} = {value!r}; it must be a finite number{more}")
+    raise OptionError(f"{what} = {value_text(value)}; it must be a finite number{more}")
 
 
 def real_array(
@@ -56,9 +57,9 @@ def real_array(
         array = np.broadcast_to(array.astype(float), shape)
     except (TypeError, ValueError):
         allowed = f"{'a number or ' if scalar else ''}an array of shape {shape}"
-        raise OptionError(f"{what} = {value!r}; it must be {allowed}{unit and ' [' + unit + ']'}") from None
+        raise OptionError(f"{what} = {value_text(value)}; it must be {allowed}{unit and ' [' + unit + ']'}") from None
     if not np.all(np.isfinite(array)):
-        raise OptionError(f"{what} = {value!r}; every number must be finite")
+        raise OptionError(f"{what} = {value_text(value)}; every number must be finite")
     return array
 
 
@@ -83,4 +84,4 @@ def member(what: str, value: Any, kind: type) -> None:
     """Raise OptionError unless the value is a member of an enum."""
     if not isinstance(value, kind):
         allowed = ", ".join(f"{kind.__name__}.{one.name}" for one in kind)  # type: ignore[attr-defined]
-        raise OptionError(f"{what} = {value!r}; allowed: {allowed}")
+        raise OptionError(f"{what} = {value_text(value)}; allowed: {allowed}")

@@ -10,6 +10,7 @@ import traceback
 from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn
 
+from tensegrity_mj import texts
 from tensegrity_mj.commands import (
     benchmark,
     clearance,
@@ -117,7 +118,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             parser.error(f"name a command: {', '.join(COMMANDS)}")
         with _stdout_to_stderr():
             outcome: Outcome = options.execute(options)
-        answer = to_json(outcome.data) if as_json else outcome.text
+        answer = to_json(outcome.data) if as_json else texts.printable(outcome.text, keep="\n")
     except UsageError as error:
         print(error.usage, end="", file=sys.stderr)
         return _fail(ExitCode.BAD_INPUT, str(error), as_json)
@@ -158,6 +159,7 @@ _STATUS = {
 
 
 def _fail(code: ExitCode, message: str, as_json: bool) -> int:
+    message = texts.message(message)
     print(f"tensegrity-mj: {message}", file=sys.stderr)
     if as_json:
         data: dict[str, Any] = {"status": _STATUS.get(code, "error"), "error": message}

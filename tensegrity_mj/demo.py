@@ -13,7 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.errors import InfeasibleError, MissingLibraryError, OptionError
+from tensegrity_mj.files import made_folder
 from tensegrity_mj.jsontext import to_json
+from tensegrity_mj.texts import file_name, printable
 
 if TYPE_CHECKING:
     from tensegrity_mj.comparison import Comparison
@@ -68,13 +70,13 @@ def run_demo(out: str | os.PathLike[str] = "results", scene: str = "prism", *, p
         )
     law = controllers.from_scene(experiment)
     folder = _writable_folder(out)
-    name = experiment.name
+    name = file_name(experiment.name)
 
     def tell(text: str) -> None:
         if progress:
             print(text, file=sys.stderr)
 
-    tell(f"1/4 Simulating {name} in both engines")
+    tell(f"1/4 Simulating {printable(experiment.name)} in both engines")
     runs, reference = _simulate(experiment, law, progress)
     for trajectory in (reference, *runs.values()):
         if trajectory.status is not Status.COMPLETED:
@@ -209,9 +211,8 @@ def _write_numbers(demo: Demo, path: Path) -> None:
 
 def _writable_folder(out: str | os.PathLike[str]) -> Path:
     """The folder, made if absent, once a file could be made in it."""
-    folder = Path(out)
+    folder = made_folder(out)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OSError as error:

@@ -5,9 +5,17 @@ Every message names the offending item, its value, what is allowed, and what to 
 
 from __future__ import annotations
 
+from tensegrity_mj import texts
+
 
 class TensegrityError(Exception):
-    """Root of all errors that this package raises on purpose."""
+    """Root of all errors that this package raises on purpose.
+
+    Its message may quote a file: it is kept on one line of printable characters, and of a few hundred at most.
+    """
+
+    def __init__(self, message: object = "") -> None:
+        super().__init__(texts.message(str(message)))
 
 
 class StructureError(TensegrityError, ValueError):

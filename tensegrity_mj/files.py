@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import stat
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -38,11 +39,43 @@ def checked(path: str | os.PathLike[str], suffixes: Sequence[str], what: str) ->
         # Only trying tells: rights say nothing of file systems that take no new files.
         with tempfile.TemporaryFile(dir=folder):
             pass
-    except (OSError, RuntimeError) as error:  # RuntimeError: links in a circle
+    except OptionError:
+        raise
+    except (OSError, RuntimeError, ValueError) as error:  # links in a circle; a null character
         if isinstance(error, PermissionError):
             raise OptionError(f"{what} {path}: you may not write in its folder; choose another") from error
         raise OptionError(f"{what} {path}: no file can be written there ({_reason(error)}); choose another") from error
     return destination
+
+
+def content_of(path: Path, most_bytes: int) -> bytes:
+    """The content of a regular file of at most so many bytes.
+
+    Devices and pipes are refused before they are opened: reading from them may never end.
+
+    Raises:
+        FormatError: if there is no such file, or it is larger, of another kind, or cannot be read.
+    """
+    try:
+        mode = path.stat().st_mode
+        if stat.S_ISDIR(mode):
+            raise FormatError(f"{path}: that is a folder; name a file in it")
+        if not stat.S_ISREG(mode):
+            raise FormatError(f"{path}: that is no regular file (a device, a pipe or a socket); name a file")
+        # Non-blocking: a pipe may have come in its place meanwhile.
+        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
+            content = file.read(most_bytes + 1)
+    except FormatError:
+        raise
+    except FileNotFoundError:
+        raise FormatError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:  # ValueError: a path with a null character
+        raise FormatError(f"{path}: cannot be read ({_reason(error)})") from error
+    if len(content) > most_bytes:
+        raise FormatError(
+            f"{path}: the file has more than {most_bytes / 1e6:g} MB, the most that is read; make it smaller"
+        )
+    return content
 
 
 def made_folder(path: str | os.PathLike[str]) -> Path:
@@ -54,7 +87,7 @@ def made_folder(path: str | os.PathLike[str]) -> Path:
     folder = Path(path)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
+    except (OSError, ValueError) as error:  # ValueError: a null character
         raise OptionError(f"{folder}: no folder can be made there ({_reason(error)}); choose another") from error
     return folder
 

@@ -21,6 +21,7 @@ CORE = {
         "checks",
         "strings",
         "errors",
+        "texts",
         "validation",
         "validation.values",
         "validation.geometry",

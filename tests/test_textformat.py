@@ -272,7 +272,7 @@ def test_a_scene_may_name_the_file_of_its_structure(tmp_path: Path) -> None:
 def test_files_that_are_none(tmp_path: Path) -> None:
     with pytest.raises(FormatError, match=r"absent\.toml: no such file"):
         load_scene("absent.toml")
-    with pytest.raises(FormatError, match=r"cannot be read \(Is a directory\)"):
+    with pytest.raises(FormatError, match=r"that is a folder; name a file in it"):
         load_scene(tmp_path)
     (tmp_path / "latin.toml").write_bytes(b'name = "\xe9"')
     with pytest.raises(FormatError, match=r"latin\.toml: not a text in UTF-8 .*byte 8"):

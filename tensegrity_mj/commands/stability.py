@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.commands.common import Outcome, output_file
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.files import made_folder
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -54,9 +55,7 @@ def execute(options: argparse.Namespace) -> Outcome:
 
     folder = None if options.out is None else Path(options.out)
     if folder is not None:
-        if folder.exists() and not folder.is_dir():
-            raise OptionError(f"--out {folder}: it is a file; name a folder")
-        folder.mkdir(parents=True, exist_ok=True)
+        made_folder(folder)
         output_file(str(folder / "stability.json"), "--out", (".json",))
     if options.seed < 0:
         raise OptionError(f"--seed {options.seed}: it must be >= 0")

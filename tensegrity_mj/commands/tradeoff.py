@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.commands.common import Outcome, positive
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.texts import file_name
 
 if TYPE_CHECKING:
     from tensegrity_mj.studies.tradeoff.options import TradeoffOptions
@@ -79,15 +80,15 @@ def execute(options: argparse.Namespace) -> Outcome:
 
     chosen = _options(options)
     scenes = [load_scene(name) for name in options.scenes]
-    names = [scene.name for scene in scenes]
+    names = [file_name(scene.name) for scene in scenes]
     if len(set(names)) < len(names):
         raise OptionError(f"scenes {', '.join(names)}: each must have a name of its own")
     if options.docs is not None and not (Path(options.docs) / TEXT).is_file():
         raise OptionError(f"--docs {options.docs}: there is no {TEXT} in it; name the folder of the documentation")
     found: list[dict[str, Any]] = []
     lines: list[str] = []
-    for scene in scenes:
-        folder = None if options.out is None else Path(options.out) / scene.name
+    for scene, name in zip(scenes, names, strict=True):
+        folder = None if options.out is None else Path(options.out) / name
         study = tradeoff(scene, options.law, folder=folder, options=chosen, progress=True)
         found.append(study.data)
         lines += [f"{scene.name}:", *(f"  {text}" for text in sentences(study.data)), ""]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.checks import finite, member, positive
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.families.arguments import whole
+from tensegrity_mj.families.arguments import MOST_FOUND, check_nodes, whole
 from tensegrity_mj.families.cross import THESIS
 from tensegrity_mj.motion import Motion
 from tensegrity_mj.moved_supports import velocities_with_supports
@@ -207,7 +207,7 @@ def cable(
     Raises:
         OptionError, StructureError, SceneError: for parameters that make no such scene.
     """
-    whole("cable: elements", elements, 3)
+    check_nodes("cable: elements", elements, whole("cable: elements", elements, 3) + 1, MOST_FOUND)
     for what, value, kind in (
         ("rope_mass", rope_mass, RopeMass),
         ("excitation", excitation, Excitation),

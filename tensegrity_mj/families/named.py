@@ -33,6 +33,7 @@ _HOME = {
     "tower_in_waves": "tower_in_waves",
     "truss_arm": "truss_arm",
 }
+MOST_LETTERS = 10_000  # of a call
 _CALL = re.compile(r"\s*[^\W\d]\w*\s*\(")
 _PLAIN = {float: "a number", int: "an integer", bool: "True or False", str: "a text in quotes", types.NoneType: "None"}
 
@@ -62,6 +63,8 @@ def family_scene(text: str, changes: Mapping[str, Any] | None = None) -> Scene:
         OptionError, InfeasibleError, StructureError, SceneError: from the family, for what it cannot build.
     """
     shown = text if len(text) <= 80 else text[:77] + "..."
+    if len(text) > MOST_LETTERS:
+        raise FormatError(f"{shown}: a call of {len(text)} characters; at most {MOST_LETTERS} are read")
     try:
         call = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:

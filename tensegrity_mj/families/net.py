@@ -9,7 +9,7 @@ import numpy as np
 
 from tensegrity_mj.checks import finite, member, positive
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.families.arguments import whole
+from tensegrity_mj.families.arguments import MOST_FOUND, check_nodes, whole
 from tensegrity_mj.families.cable import GRAVITY, ROPE_ELEMENT_MASS, ROPE_RADIUS
 from tensegrity_mj.families.cross import THESIS
 from tensegrity_mj.families.hanging import hang
@@ -60,6 +60,7 @@ def net(
         raise OptionError(f"net: cells = {cells!r}; it must be two numbers of cells, along x and along y")
     member("net: held", held, Held)
     across, along = (whole("net: cells", value, 1) for value in cells)
+    check_nodes("net: cells", cells, (across + 1) * (along + 1), MOST_FOUND)
     positive("net: spacing", spacing, "m")
     positive("net: rod_mass", rod_mass, "kg")
     if not 0 < finite("net: slack", slack) < 1:

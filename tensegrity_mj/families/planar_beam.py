@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 from tensegrity_mj.checks import finite, positive
 from tensegrity_mj.curve import chebyshev_points
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.families.arguments import MOST_NODES, check_nodes
 from tensegrity_mj.families.cross import HINGE, PLANE, SLIDER, THESIS
 from tensegrity_mj.scene import ControlSpec, Scene, Target
 from tensegrity_mj.structure import Rod, String, Structure, Support
+from tensegrity_mj.texts import value_text
 from tensegrity_mj.validation import sequence_of
 
 Array = NDArray[np.float64]
@@ -96,12 +98,14 @@ def planar_beam(
         OptionError, StructureError, SceneError: for parameters that make no such scene.
     """
     if isinstance(cells, bool) or not isinstance(cells, (int, np.integer)) or cells < 3 or cells % 2 == 0:
-        raise OptionError(f"planar_beam: cells = {cells!r}; it must be an odd number >= 3")
+        raise OptionError(f"planar_beam: cells = {value_text(cells)}; it must be an odd number >= 3")
+    check_nodes("planar_beam: cells", cells, 2 * (int(cells) + 1))
     positive("planar_beam: height", height, "m")
     if not positive("planar_beam: rod_length", rod_length, "m") > height:
         raise OptionError(f"planar_beam: rod_length = {rod_length!r} m; it must exceed the height of {height!r} m")
     if isinstance(shapes, bool) or not isinstance(shapes, (int, np.integer)) or shapes < 2:
-        raise OptionError(f"planar_beam: shapes = {shapes!r}; it must be an integer >= 2")
+        raise OptionError(f"planar_beam: shapes = {value_text(shapes)}; it must be an integer >= 2")
+    check_nodes("planar_beam: shapes", shapes, 2 * (int(cells) + 1) * int(shapes), 10 * MOST_NODES)  # in all of them
     pair = sequence_of("planar_beam: angle", angle, OptionError)
     if len(pair) != 2:
         raise OptionError(f"planar_beam: angle = {angle!r}; it must be two angles [rad], at the start and at the end")

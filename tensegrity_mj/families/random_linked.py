@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj.families.arguments import whole
+from tensegrity_mj.families.arguments import MOST_FOUND, check_nodes, whole
 from tensegrity_mj.structure import Rod, String, Structure, Support, Vector, null_space_basis
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ def random_linked_structure(
     Raises:
         OptionError: for less than one rod or string.
     """
-    whole("random_linked_structure: rods", rods, 1)
+    check_nodes("random_linked_structure: rods", rods, whole("random_linked_structure: rods", rods, 1) + 2, MOST_FOUND)
     whole("random_linked_structure: strings", strings, 1)
     normal = _unit(rng.normal(size=3)) if planar else None
     basis: Array = np.eye(3) if normal is None else null_space_basis(normal[None])

@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.families.arguments import MOST_FOUND, check_nodes, whole
 from tensegrity_mj.moved_supports import velocities_with_supports
 from tensegrity_mj.scene import ControlSpec, Load, Scene, Target
 from tensegrity_mj.strings import StringLaw
@@ -56,7 +57,16 @@ def random_structure(
         stiffness, damping: ranges [N/m], [N s/m].
         sigma: of every rod; None for random ones in [0, 1], the ends among them.
         size: [m] length of everything.
+
+    Raises:
+        OptionError: for numbers of members that are none, or too many.
     """
+    for what, number in (("rods", rods), ("fixed_nodes", fixed_nodes), ("point_masses", point_masses)):
+        whole(f"random_structure: {what}", number, 0)
+    counts = (rods, fixed_nodes, point_masses)
+    check_nodes(
+        "random_structure: (rods, fixed_nodes, point_masses)", counts, 2 * rods + fixed_nodes + point_masses, MOST_FOUND
+    )
     normal = _unit(rng.normal(size=3)) if planar else None
     basis = np.eye(3) if normal is None else null_space_basis(normal[None])
     origin = size * rng.uniform(-1, 1, 3)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.checks import positive
 from tensegrity_mj.errors import InfeasibleError, OptionError
+from tensegrity_mj.families.arguments import MOST_FOUND, check_nodes, whole
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.structure import Structure, Support
 from tensegrity_mj.vibration import SLOTS, Bodies, Vibration, vibration
@@ -59,8 +60,7 @@ def random_taut_structure(
         OptionError: for options out of range.
         InfeasibleError: if no attempt ends in a stable equilibrium without very short strings (not seen so far).
     """
-    if not isinstance(rods, int) or isinstance(rods, bool) or rods < 1:
-        raise OptionError(f"rods = {rods!r}; it must be an integer >= 1")
+    check_nodes("random_taut_structure: rods", rods, 2 * whole("random_taut_structure: rods", rods, 1), MOST_FOUND)
     low, high = prestrain
     if not 0 < low <= high < 1:
         raise OptionError(f"prestrain = {prestrain!r}; it must be a range within (0, 1)")

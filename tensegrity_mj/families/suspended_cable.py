@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.checks import finite, positive
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.families.arguments import whole
+from tensegrity_mj.families.arguments import MOST_FOUND, check_nodes, whole
 from tensegrity_mj.families.cable import GRAVITY, ROPE_LENGTH, ROPE_RADIUS, RopeMass
 from tensegrity_mj.families.cross import THESIS
 from tensegrity_mj.families.hanging import hang
@@ -73,6 +73,7 @@ def suspended_cable(
         OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such scene.
     """
     count = whole("suspended_cable: elements", elements, 3)
+    check_nodes("suspended_cable: elements", elements, count + 1, MOST_FOUND)
     total = positive("suspended_cable: length", length, "m")
     reach = positive("suspended_cable: span", span, "m")
     height = finite("suspended_cable: rise", rise, " [m]")

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.checks import finite, member, positive, real_array
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.families.arguments import whole
+from tensegrity_mj.families.arguments import MOST_FOUND, MOST_NODES, check_nodes, whole
 from tensegrity_mj.families.cross import THESIS
 from tensegrity_mj.scene import Load, Scene
 from tensegrity_mj.section import Section
@@ -106,6 +106,7 @@ def tower(
         OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such tower.
     """
     count = whole("tower: stages", stages, 1)
+    check_nodes("tower: stages", stages, 6 * count, MOST_FOUND if form_found is True else MOST_NODES)
     member("tower: topology", topology, Topology)
     member("tower: axis", axis, Axis)
     for what, flag in (

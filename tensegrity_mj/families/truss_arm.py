@@ -6,7 +6,7 @@ import math
 
 from tensegrity_mj.checks import finite, positive
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.families.arguments import whole
+from tensegrity_mj.families.arguments import check_nodes, whole
 from tensegrity_mj.families.cable import GRAVITY
 from tensegrity_mj.families.cross import PLANE
 from tensegrity_mj.scene import Scene
@@ -50,6 +50,7 @@ def truss_arm(
         OptionError, StructureError, SceneError: for parameters that make no such scene.
     """
     count = whole("truss_arm: cells", cells, 1)
+    check_nodes("truss_arm: cells", cells, 2 * (count + 1))
     if whole("truss_arm: braced", braced, 0) > count:
         raise OptionError(f"truss_arm: braced = {braced!r}; it must be at most the number of cells, {count}")
     step, rise = positive("truss_arm: cell_length", cell_length, "m"), positive("truss_arm: height", height, "m")

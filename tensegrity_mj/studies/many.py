@@ -20,6 +20,7 @@ from tensegrity_mj.studies import store
 from tensegrity_mj.studies.attempt import DONE, Task
 from tensegrity_mj.studies.plain import digest, plain
 from tensegrity_mj.studies.workers import Backend, Workers
+from tensegrity_mj.texts import file_name
 
 Values = dict[str, Any]
 
@@ -179,7 +180,7 @@ def _point(number: int, point: Any, shared: Values) -> Values:
 
 
 def _file_name(number: int, name: str) -> str:
-    return f"{number:06d}-{name}"
+    return f"{number:06d}-{file_name(name)}"
 
 
 def _stopped(finished: int, total: int, folder: Path | None) -> str:

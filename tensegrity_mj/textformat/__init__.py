@@ -4,7 +4,8 @@ Numbers are written with the fewest digits that read back to the same float. The
 (`FormatError`: what no file of this format may hold; `StructureError`, `SceneError`: what is well written but
 not valid), always with the file first.
 
-keys               what each table may hold
+keys               what each table may hold, and how much a file may
+parsing            TOML into tables, in bounded time
 table              reads the keys of a table with their types
 structures, scenes make members and parts of what tables hold
 sources, reading   texts and files in

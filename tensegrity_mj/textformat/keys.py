@@ -1,10 +1,16 @@
-"""The keys of every table of the format. docs/format.md tells what each holds."""
+"""The keys of every table of the format. docs/format.md describes them."""
 
 from __future__ import annotations
 
 from tensegrity_mj.structure import LIMITS
 
 FORMAT = 1
+
+# What a file may have at most, so that each is read in seconds, whoever wrote it: its size, a structure of about 25,000
+# rods and three times as many strings; the parts of a dotted key, and how deep values stand in each other, where the
+# format needs 5.
+MOST_BYTES = 10_000_000
+MOST_DEPTH = 16
 
 FILE_KEYS = ("format", "name", "source", "structure", "scene")
 STRUCTURE_KEYS = ("name", "string_law", "fixed_nodes", "nodes", "rods", "strings", "point_masses")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -12,6 +11,7 @@ from tensegrity_mj.errors import FormatError, SceneError, StructureError
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.structure import Structure
 from tensegrity_mj.textformat.keys import FILE_KEYS, FORMAT, SCENE_KEYS, STRUCTURE_KEYS
+from tensegrity_mj.textformat.parsing import parse
 from tensegrity_mj.textformat.scenes import scene_of
 from tensegrity_mj.textformat.sources import find, read
 from tensegrity_mj.textformat.structures import structure_of
@@ -75,10 +75,7 @@ def _called(name_or_path: str | os.PathLike[str]) -> Scene | None:
 
 
 def _top(text: str, where: str) -> Table:
-    try:
-        data = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError; numbers of thousands of digits; deep nesting
-        raise FormatError(f"{where}: not valid TOML: {error}") from error
+    data = parse(text, where)
     if "format" not in data:
         raise FormatError(f"{where}: 'format' is missing; a file of this format starts with: format = {FORMAT}")
     if type(data["format"]) is not int or data["format"] != FORMAT:

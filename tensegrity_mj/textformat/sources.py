@@ -7,6 +7,8 @@ import os
 from pathlib import Path
 
 from tensegrity_mj.errors import FormatError
+from tensegrity_mj.files import content_of
+from tensegrity_mj.textformat.keys import MOST_BYTES
 from tensegrity_mj.textformat.table import closest
 
 
@@ -18,7 +20,14 @@ def scene_names() -> list[str]:
 
 def find(name_or_path: str | os.PathLike[str]) -> tuple[str, str, Path]:
     """The text of a file or of a scene of the package, what to call it, and the folder it stands in; or FormatError."""
-    given = os.fspath(name_or_path)
+    try:
+        given = os.fspath(name_or_path)
+    except TypeError:
+        given = b""
+    if not isinstance(given, str):
+        raise FormatError(
+            f"scene = {name_or_path!r}; it must be the name of a scene, the path of a .toml file, or a family's call"
+        )
     if isinstance(name_or_path, str) and not given.endswith(".toml") and not set(given) & {"/", os.sep}:
         if given not in scene_names():
             raise FormatError(
@@ -32,12 +41,8 @@ def find(name_or_path: str | os.PathLike[str]) -> tuple[str, str, Path]:
 
 
 def read(path: Path) -> str:
-    """The text of a file, or FormatError."""
+    """The text of a regular file of at most `MOST_BYTES`, or FormatError."""
     try:
-        return path.read_bytes().decode("utf-8-sig")
-    except FileNotFoundError:
-        raise FormatError(f"{path}: no such file") from None
-    except OSError as error:
-        raise FormatError(f"{path}: cannot be read ({error.strerror})") from error
+        return content_of(path, MOST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise FormatError(f"{path}: not a text in UTF-8 ({error.reason} at byte {error.start})") from error

@@ -13,14 +13,14 @@ import tomli_w
 from numpy.typing import NDArray
 
 from tensegrity_mj.contact import Contact
-from tensegrity_mj.errors import SceneError
+from tensegrity_mj.errors import FormatError, SceneError
 from tensegrity_mj.files import replacing
 from tensegrity_mj.motion import Motion
 from tensegrity_mj.resistance import Resistance
 from tensegrity_mj.scene import Scene, Target
 from tensegrity_mj.strings import StringLaw
 from tensegrity_mj.structure import Rod, String, Structure, Support
-from tensegrity_mj.textformat.keys import FORMAT, MOTION_DATA
+from tensegrity_mj.textformat.keys import FORMAT, MOST_BYTES, MOTION_DATA
 from tensegrity_mj.water import Water
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
 
     Raises:
         SceneError: if its loads or a motion are a Python function, which no file can hold.
-        FormatError: if the file cannot be written.
+        FormatError: if the file cannot be written, or would be too large to be read back.
     """
     return _write(path, scene_to_toml(scene))
 
@@ -43,7 +43,7 @@ def save_structure(structure: Structure, path: str | os.PathLike[str]) -> Path:
     """Write a structure, atomically; returns the path.
 
     Raises:
-        FormatError: if the file cannot be written.
+        FormatError: if the file cannot be written, or would be too large to be read back.
     """
     return _write(path, structure_to_toml(structure))
 
@@ -216,6 +216,12 @@ def _given(table: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _write(path: str | os.PathLike[str], text: str) -> Path:
+    content = text.encode()
+    if len(content) > MOST_BYTES:
+        raise FormatError(
+            f"{path}: the text has {len(content) / 1e6:.3g} MB, and files of more than {MOST_BYTES / 1e6:g} MB are not "
+            "read back: save a smaller structure"
+        )
     with replacing(path) as part:
-        part.write_text(text, encoding="utf-8", newline="\n")
+        part.write_bytes(content)
     return Path(path)

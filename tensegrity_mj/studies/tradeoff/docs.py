@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from tensegrity_mj.errors import FormatError, OptionError
-from tensegrity_mj.files import checked, replacing
+from tensegrity_mj.files import checked, made_folder, replacing
 from tensegrity_mj.studies.tradeoff import sentence
 from tensegrity_mj.studies.tradeoff.figure import Cost, diagram, has_diagram
 from tensegrity_mj.studies.tradeoff.settings import BUDGET
+from tensegrity_mj.texts import file_name
 
 Data = Mapping[str, Any]
 
@@ -33,11 +34,11 @@ def write_docs(folder: str | os.PathLike[str], studies: Sequence[Data]) -> list[
     text_path = checked(place / TEXT, (".md",), "docs")
     if not text_path.is_file():
         raise OptionError(f"--docs {folder}: there is no {TEXT} in it; name the folder of the documentation")
-    (place / PICTURES).mkdir(exist_ok=True)
+    made_folder(place / PICTURES)
     text = text_path.read_text(encoding="utf-8")
     written = []
     for data in studies:
-        name = data["scene"]["name"]
+        name = file_name(data["scene"]["name"])
         picture = None
         if has_diagram(data):
             picture = place / PICTURES / f"{name}.png"
@@ -68,7 +69,7 @@ def replaced(text: str, name: str, own: str, where: str) -> str:
 
 def part(data: Data, has_picture: bool) -> str:
     """A scene's heading, picture, sentences and table."""
-    name = data["scene"]["name"]
+    name = file_name(data["scene"]["name"])
     lines = [f"## {name}", ""]
     if has_picture:
         lines += [f"![Error against wall time of scene {name}]({PICTURES}/{name}.png)", ""]
