@@ -14,6 +14,7 @@ follows from the mass that the contact feels, so that heavy and light structures
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,6 +64,9 @@ class Contact:
         return normal / float(np.linalg.norm(normal))
 
 
+PIECE = 1_000_000  # pairs of boxes that are looked at together
+
+
 def floor_gaps(structure: Structure, contact: Contact, nodes: Array) -> Array:
     """(N,) [m]: how far each node's ball is above the floor, negative inside it; ∞ for fixed nodes, or without one."""
     gaps = np.full(len(structure.nodes), np.inf)
@@ -78,13 +82,49 @@ def floor_gaps(structure: Structure, contact: Contact, nodes: Array) -> Array:
 
 
 def rod_gaps(structure: Structure, nodes: Array) -> tuple[NDArray[np.int64], Array]:
-    """Every pair of rods (P, 2), and how far apart their surfaces are (P,) [m], negative where they overlap."""
-    first, second = np.triu_indices(len(structure.rods), 1)
-    pairs = np.stack([first, second], axis=1).astype(np.int64)
+    """Pairs of rods (P, 2) that may touch, and how far apart their surfaces are (P,) [m], negative where they overlap.
+
+    The pairs are those whose boxes along the axes touch; all others are apart.
+    """
     start, end = nodes[structure.rod_nodes[:, 0]], nodes[structure.rod_nodes[:, 1]]
     radii = np.array([rod.radius for rod in structure.rods], float)
-    apart = segment_distances(start[first], end[first], start[second], end[second])
-    return pairs, apart - radii[first] - radii[second]
+    low, high = np.minimum(start, end) - radii[:, None], np.maximum(start, end) + radii[:, None]
+    found: list[tuple[NDArray[np.int64], Array]] = []
+    for first, second in touching_boxes(low, high):
+        apart = segment_distances(start[first], end[first], start[second], end[second])
+        found.append((np.stack([first, second], axis=1), apart - radii[first] - radii[second]))
+    pairs = np.concatenate([np.zeros((0, 2), np.int64), *(pairs for pairs, _ in found)])
+    gaps = np.concatenate([np.zeros(0), *(gaps for _, gaps in found)])
+    order = np.lexsort((pairs[:, 1], pairs[:, 0]))
+    return pairs[order], gaps[order]
+
+
+def touching_boxes(low: Array, high: Array) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Pairs of boxes from `low` to `high` (B, 3) that touch, each once with the lower number first, in pieces.
+
+    Boxes are swept along the axis on which fewest overlap: boxes that lie beside each other take time in proportion
+    to their number, and pieces keep memory small however many overlap.
+    """
+    if len(low) < 2:
+        return
+    counts = []
+    for axis in range(3):
+        begins = np.sort(low[:, axis])
+        counts.append(int(np.searchsorted(begins, high[:, axis], side="right").sum()))
+    axis = int(np.argmin(counts))
+    order = np.argsort(low[:, axis], kind="stable")
+    low, high = low[order], high[order]
+    # Those that begin before a box ends, and after it in the order, overlap it along this axis.
+    ends = np.searchsorted(low[:, axis], high[:, axis], side="right")
+    many = np.maximum(ends - np.arange(len(low)) - 1, 0)
+    pieces = np.flatnonzero(np.diff(np.cumsum(many) // PIECE, prepend=-1)).tolist()
+    for begin, stop in zip(pieces, [*pieces[1:], len(low)], strict=True):
+        own = np.repeat(np.arange(begin, stop), many[begin:stop])
+        along = np.arange(len(own)) - np.repeat(np.cumsum(many[begin:stop]) - many[begin:stop], many[begin:stop])
+        other = own + 1 + along
+        touch = np.all((low[other] <= high[own]) & (low[own] <= high[other]), axis=1)
+        first, second = order[own[touch]], order[other[touch]]
+        yield np.minimum(first, second), np.maximum(first, second)
 
 
 def segment_distances(a: Array, b: Array, c: Array, d: Array) -> Array:

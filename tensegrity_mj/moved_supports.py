@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 # A direction, or a velocity, counts as held where it is off by less than this part.
 TOLERANCE = 1e-9
+MOST_JOINED = 3000  # rods of a cluster for which velocities are found: some matrices of 10^8 numbers, a minute
 # A function's velocity and acceleration are compared with its differences over this time [s], at this many instants
 # of the scene, to this part of the largest of them: coarse, since it is mistakes that are to be found, not round-off.
 DIFFERENCE, INSTANTS, AGREEMENT = 1e-5, 9, 1e-2
@@ -27,7 +28,7 @@ DIFFERENCE, INSTANTS, AGREEMENT = 1e-5, 9, 1e-2
 def check_motions(scene: Scene) -> None:
     """Raise SceneError unless each motion is one that its support can make."""
     structure = scene.structure
-    rods = {rod.name: rod for rod in structure.rods}
+    rods, fixed = {rod.name: rod for rod in structure.rods}, set(structure.fixed_nodes)
     seen: set[str] = set()
     for number, motion in enumerate(scene.motions):
         if not isinstance(motion, Motion):
@@ -40,9 +41,9 @@ def check_motions(scene: Scene) -> None:
         if name in seen:
             raise SceneError(f"{what}: it is given twice; give one motion a support, with the harmonics of both")
         seen.add(name)
-        if name in rods and name in structure.fixed_nodes:
+        if name in rods and name in fixed:
             raise SceneError(f"{what}: a rod and a fixed node both have that name; rename one of them")
-        if name not in rods and name not in structure.fixed_nodes:
+        if name not in rods and name not in fixed:
             raise SceneError(f"{what}: {_unknown(structure)}")
         displacements = _displacements(scene, motion)
         if name in rods:
@@ -150,6 +151,11 @@ def _projected(
     structure: Structure, nodes: Array, cluster: Sequence[int], rows: list[int], starts: dict[str, Array], given: Array
 ) -> Array:
     """The velocities (n, 3) of a cluster nearest to those given, in its kinetic energy, that keep its constraints."""
+    if len(cluster) > MOST_JOINED:
+        raise SceneError(
+            f"motions: {len(cluster)} rods hang together on supports that do not start alike; the velocities that fit "
+            f"are found for at most {MOST_JOINED} rods: let all supports start with the same velocity"
+        )
     place = {row: k for k, row in enumerate(rows)}
     size = 3 * len(rows)
     mass = np.zeros((len(rows), len(rows)))  # the same for each component

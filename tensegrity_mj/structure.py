@@ -363,6 +363,7 @@ class Structure:
     def clusters(self) -> tuple[tuple[int, ...], ...]:
         """Rows of the rods that hang together through joints, a cluster each, in the order of their first rods."""
         seen: set[int] = set()
+        left = dict(self.rods_at)  # each node is looked at once, however many rods it has
         found = []
         for first in range(len(self.rods)):
             if first in seen:
@@ -370,7 +371,7 @@ class Structure:
             cluster, todo = {first}, [first]
             while todo:
                 for name in self.rods[todo.pop()].nodes:
-                    new = [row for row in self.rods_at[name] if row not in cluster]
+                    new = [row for row in left.pop(name, ()) if row not in cluster]
                     cluster.update(new)
                     todo.extend(new)
             seen |= cluster

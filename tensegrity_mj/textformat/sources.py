@@ -20,10 +20,7 @@ def scene_names() -> list[str]:
 
 def find(name_or_path: str | os.PathLike[str]) -> tuple[str, str, Path]:
     """The text of a file or of a scene of the package, what to call it, and the folder it stands in; or FormatError."""
-    try:
-        given = os.fspath(name_or_path)
-    except TypeError:
-        given = b""
+    given = os.fspath(name_or_path) if isinstance(name_or_path, (str, os.PathLike)) else None
     if not isinstance(given, str):
         raise FormatError(
             f"scene = {name_or_path!r}; it must be the name of a scene, the path of a .toml file, or a family's call"

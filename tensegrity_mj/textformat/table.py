@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.structure import Structure
+from tensegrity_mj.validation.members import names_of
 
 Array = NDArray[np.float64]
 
@@ -90,7 +91,7 @@ class Table:
             if name not in structure.node_index:
                 known = structure.node_names
                 raise FormatError(
-                    f"{self.where}: unknown node '{name}'{closest(name, known)}; the nodes are {', '.join(known)}"
+                    f"{self.where}: unknown node '{name}'{closest(name, known)}; the nodes are {names_of(known)}"
                 )
             rows[structure.node_index[name]] = self.vector(name)
         return rows

@@ -129,6 +129,6 @@ def check_initial_velocities(scene: Scene, moved: Mapping[str, Array]) -> None:
 
 def check_no_vanishing_string(scene: Scene) -> None:
     lengths = scene.structure.string_lengths(scene.nodes0)
-    for string, length in zip(scene.structure.strings, lengths, strict=True):
-        if length <= 1e-12 * size_of(scene.structure):
-            raise SceneError(f"initial_nodes: string '{string.name}' has length {length:.3g} m; it must be longer")
+    for row in np.flatnonzero(lengths <= 1e-12 * size_of(scene.structure))[:1]:
+        name = scene.structure.strings[row].name
+        raise SceneError(f"initial_nodes: string '{name}' has length {lengths[row]:.3g} m; it must be longer")

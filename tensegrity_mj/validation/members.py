@@ -129,6 +129,11 @@ def unknown_node(name: object, structure: Structure) -> str:
 
 
 def names_of_nodes(structure: Structure) -> str:
-    names = list(structure.nodes)
+    return names_of(structure.nodes)
+
+
+def names_of(members: Iterable[str]) -> str:
+    """The first dozen names of members, and how many there are."""
+    names = list(members)
     shown = ", ".join(f"'{name}'" for name in names[:12])
     return shown if len(names) <= 12 else f"{shown}, ... ({len(names)} in all)"

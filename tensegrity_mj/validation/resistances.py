@@ -9,6 +9,7 @@ import numpy as np
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.resistance import Bending, Drag, Resistance, bending_joints, shared_node
 from tensegrity_mj.structure import Structure
+from tensegrity_mj.validation.members import names_of
 from tensegrity_mj.validation.values import check_number, check_vector, sequence_of
 
 
@@ -57,7 +58,7 @@ def _check_pairs(structure: Structure, pairs: Any) -> None:
             raise SceneError(f"{what} = {pair!r}; it must name two rods")
         for name in names:
             if name not in rods:
-                raise SceneError(f"{what}: unknown rod '{name}'; the rods are {', '.join(rods)}")
+                raise SceneError(f"{what}: unknown rod '{name}'; the rods are {names_of(rods)}")
         if names[0] == names[1] or shared_node(structure, rods[names[0]], rods[names[1]]) is None:
             raise SceneError(f"{what}: rods '{names[0]}' and '{names[1]}' must be two that share exactly one node")
         if frozenset(names) in seen:

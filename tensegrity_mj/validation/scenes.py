@@ -18,7 +18,7 @@ from tensegrity_mj.validation.configurations import (
     check_node_array,
 )
 from tensegrity_mj.validation.contacts import check_contact
-from tensegrity_mj.validation.members import unknown_node
+from tensegrity_mj.validation.members import names_of, unknown_node
 from tensegrity_mj.validation.resistances import check_resistance
 from tensegrity_mj.validation.targets import check_target
 from tensegrity_mj.validation.values import check_number, check_text, check_vector
@@ -105,13 +105,16 @@ def _check_option(what: str, value: Any) -> None:
 
 
 def _check_breaks(scene: Scene) -> None:
-    known = [string.name for string in scene.structure.strings]
+    known = {string.name for string in scene.structure.strings}
+    broken: set[str] = set()
     for number, event in enumerate(scene.breaks):
         if not isinstance(event, Break):
             raise SceneError(f"breaks[{number}] = {event!r}: it must be a Break(string, time)")
         if event.string not in known:
-            raise SceneError(f"breaks[{number}]: unknown string '{event.string}'; the strings are {', '.join(known)}")
+            names = names_of(string.name for string in scene.structure.strings)
+            raise SceneError(f"breaks[{number}]: unknown string '{event.string}'; the strings are {names}")
         what = f"breaks[{number}] of string '{event.string}': time"
         check_number(what, event.time, ">= 0 s", lambda x: x >= 0, SceneError)
-        if event.string in [other.string for other in scene.breaks[:number]]:
+        if event.string in broken:
             raise SceneError(f"breaks[{number}]: string '{event.string}' breaks twice; give one time for each string")
+        broken.add(event.string)
