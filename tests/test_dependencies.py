@@ -65,7 +65,7 @@ import sys
 sys.modules["labmaze"] = None
 import tensegrity_mj as tmj
 from tensegrity_mj.dm_control import TensegrityEntity, TensegrityTask, environment
-from dm_control import composer, mjcf, viewer
+from dm_control import composer, mjcf
 env = environment(tmj.load_scene("pinned_rod"), time_limit=0.01)
 env.reset()
 assert env.step(env.action_spec().minimum).last()

@@ -22,7 +22,11 @@ def repair() -> list[str]:
         warnings.simplefilter("ignore")  # dm_control looks for a display when imported
         try:
             from dm_control.mujoco.wrapper.mjbindings import sizes
-        except (ImportError, RuntimeError) as error:  # RuntimeError: MUJOCO_GL names a kind of OpenGL that is none
+        except (
+            ImportError,
+            AttributeError,
+            RuntimeError,
+        ) as error:  # what dm_control and PyOpenGL raise without OpenGL
             raise MissingLibraryError(
                 f"dm_control cannot be imported: {type(error).__name__}: {error}; `tensegrity-mj doctor` checks what "
                 "it needs, and MUJOCO_GL chooses its OpenGL"
