@@ -114,7 +114,8 @@ class Target:
             raise SceneError(f"target: along = {self.along!r}; use Target.curve(times, values, parameters, shapes)")
         try:
             times = tuple(float(t) for t in self.times)
-            nodes = np.array(self.nodes if self.along is None else self.along.nodes(self.along.values), float)
+            given = self.nodes if self.along is None else self.along.nodes(self.along.values)
+            nodes = np.array(given, float, order="C")
         except (TypeError, ValueError) as error:
             raise SceneError(f"target: times and node positions must be arrays of numbers ({error})") from None
         nodes.flags.writeable = False
@@ -197,7 +198,7 @@ class Scene:
             value = getattr(self, name)
             if value is not None:
                 try:
-                    value = np.array(value, float)
+                    value = np.array(value, float, order="C")  # compiled code reads them row by row
                 except (TypeError, ValueError):
                     value = np.array([])  # check_scene reports the shape
                 value.flags.writeable = False

@@ -126,5 +126,6 @@ def copy(source: Any, target: Any) -> None:
 
 
 def address_of(array: np.ndarray[Any, Any]) -> int:
-    """Address of the first element; the caller keeps the array alive."""
+    """Address of the first element; the caller keeps the array alive. Its rows must follow each other."""
+    assert array.flags.c_contiguous, "compiled code reads arrays row by row"
     return int(array.ctypes.data)
