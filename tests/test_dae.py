@@ -6,6 +6,7 @@ bᵀb = 1 as rows of a saddle-point system, solved densely. It shares no formula
 
 from __future__ import annotations
 
+import natural_coordinates as natural
 import numpy as np
 import pytest
 
@@ -96,6 +97,38 @@ def test_drift_treatments_reduce_the_drift_and_keep_the_motion(spinning):
     for run in runs.values():
         # A treatment acts at the order of the method's own error: it may not make the motion worse by much.
         assert tmj.compare(run, exact).max_node_error <= 5 * monitored
+
+
+@pytest.mark.parametrize("damping", [0.5, 1.0, 2.0])
+def test_baumgarte_s_gains_are_those_of_its_options(damping):
+    """A length that is off: φ = (‖b‖² - 1)/2 obeys φ̈ + 2 ζ ω φ̇ + ω² φ = 0 exactly, by (3.25) with (3.26)."""
+    omega, off = 8.0, 1e-3
+    nodes = {"a": (0.0, 0.0, 0.0), "b": (1.0, 0.0, 0.0)}
+    structure = tmj.Structure("rod", nodes, (tmj.Rod("rod", ("a", "b"), 2.0),))
+    scene = tmj.Scene(structure, initial_velocities=np.array([[0, 0, 0], [0, 1.5, 0]]), duration=1.0)
+    engine = tmj.DAE(
+        tmj.Method.RK4,
+        timestep=1e-3,
+        drift=tmj.Drift.BAUMGARTE,
+        baumgarte_frequency=omega,
+        baumgarte_damping=damping,
+    )
+    run, _ = engine._prepared(natural.request(scene))
+    run.y[3:6] *= 1 + off  # b of the one rod, after its centre
+    made = run.integrate()
+    spans = made.nodes[:, 1] - made.nodes[:, 0]
+    found = (np.sum(spans**2, axis=1) - 1) / 2
+    # φ(0) = off + off²/2 and φ̇(0) = b·ḃ = 0: b was made longer along itself, and ḃ is normal to it.
+    start, roots = off + off**2 / 2, np.roots([1.0, 2 * damping * omega, omega**2]).astype(complex)
+    if damping == 1.0:
+        expected = start * np.exp(-omega * made.time) * (1 + omega * made.time)
+    else:
+        first, second = roots
+        rows = first * np.exp(second * made.time) - second * np.exp(first * made.time)
+        expected = (start * rows / (first - second)).real
+    # RK4: (λ h)⁵/120 of φ a step for |λ| up to 2 (1 + √3/2) ω = 30/s, 1000 steps: 2e-7 of φ(0); and of the turning rod,
+    # 1.5 rad/s, (1.5 h)⁵/120 a step of b, 6e-14 after all.
+    np.testing.assert_allclose(found, expected, rtol=0, atol=3e-7 * start)
 
 
 @pytest.mark.parametrize("drift", list(tmj.Drift))

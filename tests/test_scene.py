@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+import tomllib
 from collections.abc import Callable
 from typing import Any
 
@@ -21,6 +22,7 @@ from tensegrity_mj.families.random_structures import (
 )
 from tensegrity_mj.scene import ControlSpec, Load, Scene, Target
 from tensegrity_mj.structure import PointMass, Rod, String, Structure, Support
+from tensegrity_mj.textformat import scene_from_toml, scene_to_toml
 
 NAN = math.nan
 
@@ -267,3 +269,13 @@ def test_random_motions_keep_supports_and_rods(seed: int, planar: bool) -> None:
     later = start + h * velocities
     # Lengths change by (h ω)² / 2 < 1e-12 m only, and by round-off.
     np.testing.assert_allclose(np.linalg.norm(later[j] - later[i], axis=1), structure.rod_lengths, atol=1e-11)
+
+
+def test_nodes_of_a_start_are_written_under_their_own_names() -> None:
+    nodes = {"z": (0.0, 0.0, 0.0), "a": (1.0, 0.0, 0.0), "m": (0.0, 2.0, 0.0), "b": (0.0, 2.0, 3.0)}
+    made = Structure("names", nodes, (Rod("r1", ("z", "a"), 1.0), Rod("r2", ("m", "b"), 1.0)))
+    start = made.positions + np.array([[0, 0, 0.5], [0, 0, 0.5], [0.25, 0, 0], [0.25, 0, 0]])
+    text = scene_to_toml(Scene(made, initial_nodes=start))
+    written = tomllib.loads(text)["scene"]["initial_nodes"]
+    assert written == dict(zip(nodes, start.tolist(), strict=True))
+    assert np.array_equal(scene_from_toml(text).nodes0, start)

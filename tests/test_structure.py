@@ -457,3 +457,12 @@ def test_random_structures_are_valid_at_any_size_and_place(seed: int, planar: bo
     structure = random_structure(rng, rods=3, planar=planar, own_planes=0.5, fixed_nodes=2, point_masses=1, size=size)
     turned = moved(structure, random_rotation(rng), size * rng.normal(size=3))
     np.testing.assert_allclose(turned.rod_lengths, structure.rod_lengths, rtol=1e-12)
+
+
+def test_rows_are_in_the_order_of_the_names_given_not_of_the_alphabet() -> None:
+    nodes = {"z": (0.0, 0.0, 0.0), "n10": (1.0, 0.0, 0.0), "n9": (0.0, 2.0, 0.0), "a": (0.0, 2.0, 3.0)}
+    made = Structure("names", nodes, (Rod("r1", ("z", "n10"), 1.0), Rod("r2", ("a", "n9"), 1.0)))
+    assert made.node_names == ("z", "n10", "n9", "a")
+    assert [made.node_index[name] for name in made.node_names] == [0, 1, 2, 3]
+    assert [tuple(made.positions[made.node_index[name]]) for name in made.node_names] == list(nodes.values())
+    assert made.rod_nodes.tolist() == [[0, 1], [3, 2]]

@@ -26,6 +26,14 @@ def sea(depth=None, **options):
     return tmj.Sea.of(COMPONENTS, G, depth, **options)
 
 
+def test_a_sea_has_the_gravity_of_the_thesis_by_default() -> None:
+    """9.81 m/s²; g = 9.80 would shorten waves of a given frequency by a thousandth."""
+    one = tmj.Sea.of(COMPONENTS)
+    assert one.gravity == 9.81
+    assert one.number[1] == pytest.approx(2.0**2 / 9.81, rel=1e-15)  # deep water: ω² = g k
+    assert one.frequency[0] == pytest.approx(math.sqrt(9.81 * 2 * math.pi / 15.0), rel=1e-15)
+
+
 def samples(depth, count=40):
     """Times and points within the water."""
     rng = np.random.default_rng(5)
