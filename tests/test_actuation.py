@@ -18,11 +18,6 @@ ENGINES = [
 NAMES = ["MuJoCo", "DAE RK4", "DAE DOP853", "ODE RK4", "ODE DOP853"]
 
 
-@pytest.fixture(scope="module")
-def prism():
-    return tmj.load_scene("prism")
-
-
 @pytest.mark.parametrize("engine", ENGINES, ids=NAMES)
 def test_what_is_held_is_held(prism, engine):
     law = from_scene(prism)

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ledger_lines import lines_of
 from scipy.linalg import eigh
-from test_reproduce import lines_of
 
 import tensegrity_mj as tmj
 from tensegrity_mj.actuation import OnInfeasible

@@ -17,16 +17,6 @@ TIGHT = tmj.DAE(rtol=1e-12, atol=1e-13)
 
 
 @pytest.fixture(scope="module")
-def prism():
-    return tmj.load_scene("prism")
-
-
-@pytest.fixture(scope="module")
-def pinned_rod():
-    return tmj.load_scene("pinned_rod")
-
-
-@pytest.fixture(scope="module")
 def prism_dae(prism):
     return tmj.simulate(prism, from_scene(prism), TIGHT)
 

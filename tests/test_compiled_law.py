@@ -29,11 +29,6 @@ PARAMETERS = (0.05, 0.5, 0.35)
 
 
 @pytest.fixture(scope="module")
-def prism() -> tmj.Scene:
-    return tmj.load_scene("prism")
-
-
-@pytest.fixture(scope="module")
 def law(prism: tmj.Scene) -> tmj.CompiledLaw:
     return tmj.CompiledLaw(damp, prism.structure, PARAMETERS)
 

@@ -16,11 +16,6 @@ PERIOD = 2e-3
 HOLD = tmj.Actuation.hold_force_density(PERIOD)
 
 
-@pytest.fixture(scope="module")
-def prism() -> Any:
-    return tmj.load_scene("prism")
-
-
 class Recorder:
     """A Python law that notes what it is given and answers with it: u of string m is 0.05 + 0.01 sin(t + m)."""
 

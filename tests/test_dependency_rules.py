@@ -217,3 +217,18 @@ def test_importing_the_dae_leaves_mujoco_out() -> None:
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert child.returncode == 0, child.stderr
+
+
+def test_tests_import_nothing_from_other_tests() -> None:
+    """What two of them need is a fixture of conftest.py or a module without `test_`; no fixture stands copied."""
+    files = sorted((ROOT / "tests").glob("test_*.py"))
+    assert len(files) > 90
+    places: dict[str, list[str]] = {}
+    for path in files:
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        imported = imports_of(path.read_text(encoding="utf-8"), path.stem, False)
+        assert not [name for name in imported if name.startswith("test_")], path.name
+        for node in tree.body:
+            if isinstance(node, ast.FunctionDef) and any("fixture" in ast.dump(one) for one in node.decorator_list):
+                places.setdefault(ast.dump(ast.Module(node.body, [])), []).append(f"{path.name}: {node.name}")
+    assert not [where for where in places.values() if len(where) > 1]

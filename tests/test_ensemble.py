@@ -24,11 +24,6 @@ RK4, EULER = tmj.MuJoCo(STEP), tmj.MuJoCo(STEP, tmj.Integrator.EULER)
 
 
 @pytest.fixture(scope="module")
-def prism() -> tmj.Scene:
-    return tmj.load_scene("prism")
-
-
-@pytest.fixture(scope="module")
 def law(prism: tmj.Scene) -> Any:
     return tmj.controllers.from_scene(prism)
 

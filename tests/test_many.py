@@ -6,14 +6,11 @@ import contextlib
 import json
 import math
 import os
-import random
 import re
 import signal
 import subprocess
 import sys
-import textwrap
 import threading
-import time
 from collections import Counter
 from collections.abc import Iterator
 from io import StringIO
@@ -23,6 +20,18 @@ from typing import Any
 import numpy as np
 import pytest
 import study_tasks
+from killed_studies import (
+    DEADLINE,
+    TESTS,
+    computed,
+    is_alive,
+    kill_and_resume,
+    records,
+    result,
+    size_of,
+    study_process,
+    wait_for,
+)
 
 from tensegrity_mj.errors import ClusterError, FormatError, MissingLibraryError, OptionError
 from tensegrity_mj.studies import store
@@ -30,95 +39,9 @@ from tensegrity_mj.studies.many import Study, run_many, task_name
 from tensegrity_mj.studies.plain import canonical, difference, digest, plain
 from tensegrity_mj.studies.workers import Backend, Workers
 
-TESTS = Path(__file__).resolve().parent
 HERE = Workers(backend=Backend.THIS_PROCESS)
 TWO = Workers(2)
 POINTS = [{"x": x} for x in range(6)]
-DEADLINE = 60  # s, for what must come about, however slow the machine is
-
-
-def records(folder: Path) -> list[tuple[str, dict[str, Any]]]:
-    """The whole records on disk."""
-    content = (folder / store.POINTS).read_bytes() if (folder / store.POINTS).exists() else b""
-    found = [store.record_of(line) for line in content.splitlines(keepends=True) if line.endswith(b"\n")]
-    return [record for record in found if record is not None]
-
-
-def result(folder: Path) -> bytes:
-    return (folder / store.RESULT).read_bytes()
-
-
-@contextlib.contextmanager
-def study_process(code: str, folder: Path, log: Path) -> Iterator[subprocess.Popen[str]]:
-    """A study in a process of its own; `code` finds its folder in `folder`."""
-    lines = ["import study_tasks", "from tensegrity_mj.studies.many import run_many"]
-    lines += ["from tensegrity_mj.studies.workers import Workers", f"folder = {str(folder)!r}", textwrap.dedent(code)]
-    environment = {**os.environ, "PYTHONPATH": str(TESTS), "STUDY_LOG": str(log)}
-    with subprocess.Popen(
-        [sys.executable, "-c", "\n".join(lines)], stderr=subprocess.PIPE, text=True, env=environment
-    ) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
-
-
-def wait_for(condition: Any) -> None:
-    end = time.monotonic() + DEADLINE
-    while not condition():
-        assert time.monotonic() < end, "it did not come about"
-        time.sleep(0.002)
-
-
-def size_of(path: Path) -> int:
-    return path.stat().st_size if path.exists() else 0
-
-
-def computed(log: Path) -> list[tuple[str, int]]:
-    """Points and processes that a log holds."""
-    lines = log.read_text().splitlines() if log.exists() else []
-    return [(line.split()[0], int(line.split()[1])) for line in lines]
-
-
-def is_alive(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
-
-
-def kill_and_resume(code: str, folder: Path, tmp_path: Path, kills: int, seed: int, pause: float) -> int:
-    """Start, kill -9 at a random moment, look what was finished, start again, ...; then let it end.
-
-    Nothing that was finished before a start may be computed after it. Returns how many kills hit a study that had
-    begun to compute and had not ended.
-    """
-    generator = random.Random(seed)
-    pids: set[int] = set()
-    hits = 0
-    for number in range(kills + 1):
-        log = tmp_path / f"log{number}"
-        finished = {canonical(outcome) for _, outcome in records(folder)}
-        before = size_of(folder / store.POINTS)
-        with study_process(code, folder, log) as process:
-            if number < kills:
-                if generator.random() < 0.25:
-                    time.sleep(generator.uniform(0.0, 1.0))  # anywhere, starting up included
-                else:
-                    wait_for(
-                        lambda at=before, one=process: size_of(folder / store.POINTS) > at or one.poll() is not None
-                    )
-                    time.sleep(generator.uniform(0.0, pause))
-                process.kill()
-            _, err = process.communicate()
-        if number == kills:
-            assert process.returncode == 0, err
-        hits += process.returncode == -signal.SIGKILL and size_of(folder / store.POINTS) > before
-        again = {name for name, _ in computed(log)} & {known_name(text) for text in finished}
-        assert not again, f"start {number} computed finished points again: {sorted(again)[:5]}"
-        pids |= {pid for _, pid in computed(log)}
-    wait_for(lambda: not any(map(is_alive, pids)))  # killed parents leave no workers behind
-    return hits
 
 
 def known_name(outcome: str) -> str:
@@ -129,7 +52,7 @@ def known_name(outcome: str) -> str:
 def test_kill_9_twenty_times(tmp_path: Path) -> None:
     code = "run_many(study_tasks.noted, [{'x': x, 'seconds': 0.01} for x in range(600)], folder, workers=Workers(2))"
     folder = tmp_path / "study"
-    hits = kill_and_resume(code, folder, tmp_path, kills=20, seed=3, pause=0.05)
+    hits = kill_and_resume(code, folder, tmp_path, kills=20, seed=3, pause=0.05, name_of=known_name)
     assert hits >= 10  # the others came before the first new point
     counted = Counter(key for key, _ in records(folder))
     assert len(counted) == 600

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from caught_mass import GRAVITY, REST, STIFFNESS, bob, bob_at
 from linked_scenes import everything_moves
-from test_located_slack import GRAVITY, REST, STIFFNESS, bob, bob_at
 
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main

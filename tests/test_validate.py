@@ -26,11 +26,6 @@ LAWS = Path(__file__).with_name("validated_laws.py")
 
 
 @pytest.fixture(scope="module")
-def pinned_rod() -> Any:
-    return tmj.load_scene("pinned_rod")
-
-
-@pytest.fixture(scope="module")
 def report(pinned_rod: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
     """Every section, in every engine; runs of 6 s with steps of 5 ms."""
     folder = tmp_path_factory.mktemp("report")

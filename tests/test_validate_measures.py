@@ -19,11 +19,6 @@ HOLD_U, HOLD_L0 = tmj.Actuation.hold_force_density(5e-3), tmj.Actuation.hold_res
 
 
 @pytest.fixture(scope="module")
-def prism() -> Any:
-    return tmj.load_scene("prism")
-
-
-@pytest.fixture(scope="module")
 def run(prism: Any) -> Any:
     law = tmj.controllers.from_scene(prism)
     return tmj.simulate(prism, law, tmj.MuJoCo(1e-3), duration=3.0, output_interval=1e-3)

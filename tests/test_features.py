@@ -1,0 +1,168 @@
+"""Whatever may act on a structure, in every engine that has it: the same motion, and an energy ledger that closes.
+
+The engines share no equation of motion, and each integrates the work of forces beside its state. What one of them left
+out of the motion would show between them; what it left out of the ledger would show as a residual. Both must fall with
+the step as its order says, and each feature must matter, or the test is empty.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from linked_scenes import everything_moves, suspended
+from numpy.typing import NDArray
+
+import tensegrity_mj as tmj
+
+REFERENCE = tmj.DAE(rtol=1e-12, atol=1e-13)
+RESISTANCE = tmj.Resistance(0.3, tmj.Bending(2.0, 0.1), tmj.Drag(1.1, 0.2, 30.0), (1.0, 2.0, -0.5))
+DURATION = 0.5  # s
+# What the reference's own tolerance leaves of motions of 1 m and energies of 10 J: some ten times rtol of each.
+FLOOR, ENERGY_FLOOR = 2e-11, 2e-10
+
+
+def hung() -> tmj.Scene:
+    """Six rods in a chain from a pin, on damped strings that stay taut: loops would cost MuJoCo's RK4 its order."""
+    scene = suspended(planar=False)
+    *others, last = scene.structure.rods
+    return scene.with_(structure=replace(scene.structure, rods=(*others, replace(last, support=tmj.Support.free()))))
+
+
+def moved() -> tmj.Scene:
+    pivot, _, node = everything_moves(planar=False).motions
+    return hung().with_(motions=(pivot, node))
+
+
+def in_water(depth: float = 3.0, weights: tmj.Weights = tmj.Weights.RIGID) -> tmj.Scene:
+    """Two rods in a sea of waves of 0.6 m, joined by taut strings: at 3 m below the surface they stay under water."""
+    places = {"a": (0, 0, 0.0), "b": (1, 0, -0.2), "c": (0.2, 1, -0.5), "d": (1.1, 1.2, -0.1)}
+    nodes = {name: (x, y, z - depth) for name, (x, y, z) in places.items()}
+    rods = (tmj.Rod("r1", ("a", "b"), 2.0, 0.03, tmj.Support.pinned()), tmj.Rod("r2", ("c", "d"), 3.0, 0.03))
+    ends = (("a", "c"), ("b", "d"), ("a", "d"), ("b", "c"))
+    strings = tuple(tmj.String(f"s{n}", pair, 60.0, 2.0, rest_length=0.1) for n, pair in enumerate(ends))
+    waves = (tmj.Wave(0.4, 9.0, direction=0.3), tmj.Wave(0.2, 5.0, direction=1.5, phase=0.7))
+    water = tmj.Water(1025.0, None, waves, (0.3, -0.2, 0.0), 1.2, 0.1, 0.7, segments=5, weights=weights)
+    structure = tmj.Structure("wet", nodes, rods, strings)
+    return tmj.Scene(structure, gravity=(0, 0, -9.81), water=water)
+
+
+def in_air(scene: tmj.Scene) -> tmj.Scene:
+    return scene.with_(water=None)
+
+
+def loaded() -> tmj.Scene:
+    return hung().with_(loads=(tmj.Load("n3", (0.5, 1.0, 2.0), 9.0), tmj.Load("n2", (0.0, -1.0, 0.0))))
+
+
+@dataclass(frozen=True)
+class Feature:
+    """One thing that acts.
+
+    Attributes:
+        scene: with it.
+        without: the same scene without it.
+        order: of RK4's error. A step ends where a string breaks, and a rod comes out of the water bit by bit; a contact's
+            force begins and ends within a step, which costs the order.
+        in_dae: whether the reference engine has it; else MuJoCo with an eighth of the step is the reference.
+        steps: [s], the second half of the first.
+    """
+
+    scene: Callable[[], tmj.Scene]
+    without: Callable[[tmj.Scene], tmj.Scene]
+    order: int = 4
+    in_dae: bool = True
+    steps: tuple[float, float] = (2e-3, 1e-3)
+
+
+FEATURES = {
+    "dampers": Feature(hung, lambda scene: scene.with_(structure=scene.structure.with_strings(damping=0.0))),
+    "loads": Feature(loaded, lambda scene: scene.with_(loads=())),
+    "moved supports": Feature(moved, lambda scene: scene.with_(motions=())),
+    "breaks": Feature(lambda: hung().with_(breaks=(tmj.Break("s1", 0.2),)), lambda scene: scene.with_(breaks=())),
+    "resistance": Feature(lambda: hung().with_(resistance=RESISTANCE), lambda _: hung()),
+    "water": Feature(in_water, in_air),
+    "water, Hermite": Feature(lambda: in_water(weights=tmj.Weights.HERMITE), in_air),
+    "surface": Feature(lambda: in_water(depth=0.2), in_air),
+    "contact": Feature(
+        lambda: tmj.load_scene("prism_drop"), lambda scene: scene.with_(contact=None), 1, False, (1e-3, 5e-4)
+    ),
+}
+ENGINES: dict[str, Callable[[float], tmj.DAE | tmj.MuJoCo]] = {
+    "dae": lambda step: tmj.DAE(method=tmj.Method.RK4, timestep=step),
+    "mujoco": lambda step: tmj.MuJoCo(timestep=step),
+}
+
+
+@functools.cache
+def run(name: str, engine: tmj.DAE | tmj.MuJoCo, within: bool = True) -> tmj.Trajectory:
+    feature = FEATURES[name]
+    scene = feature.scene() if within else feature.without(feature.scene())
+    return tmj.simulate(scene, None, engine, duration=DURATION, output_interval=0.02)
+
+
+def reference(name: str, within: bool = True) -> tmj.Trajectory:
+    return run(name, REFERENCE if FEATURES[name].in_dae else tmj.MuJoCo(timestep=FEATURES[name].steps[1] / 8), within)
+
+
+def falls(first: float, second: float, order: int, floor: float) -> bool:
+    """Whether half the step leaves what an order says, or nothing beyond a floor.
+
+    The next term of the error is h ω times the leading one, 0.05 for the fastest turn of about 25 /s at the coarser
+    step: that and kinks of |u| u are within the half of an order that is allowed.
+    """
+    return second <= max(first / 2 ** (order - 0.5), floor)
+
+
+CASES = [(name, engine) for name in FEATURES for engine in ENGINES if engine == "mujoco" or FEATURES[name].in_dae]
+
+
+@pytest.mark.parametrize("name", FEATURES)
+def test_it_matters(name: str) -> None:
+    moved = np.abs(reference(name).nodes - reference(name, within=False).nodes).max()
+    assert moved > 1e-3
+
+
+@pytest.mark.parametrize(("name", "engine"), CASES)
+def test_engines_agree(name: str, engine: str) -> None:
+    errors = [
+        tmj.compare(run(name, ENGINES[engine](step)), reference(name)).max_node_error for step in FEATURES[name].steps
+    ]
+    print(f"{name}, {engine}: {errors} m")
+    assert falls(*errors, FEATURES[name].order, FLOOR)
+    assert errors[0] < 1e-2
+
+
+def exchanged(found: tmj.Trajectory) -> float:
+    """The largest change of any term of the ledger [J]."""
+    terms: tuple[NDArray[np.float64], ...] = (
+        found.kinetic_energy,
+        found.gravity_energy,
+        found.string_energy,
+        found.external_work,
+        found.dissipation,
+    )
+    return max(float(np.ptp(term)) for term in terms)
+
+
+@pytest.mark.parametrize(("name", "engine"), CASES)
+def test_the_ledger_closes(name: str, engine: str) -> None:
+    coarse, fine = (run(name, ENGINES[engine](step)) for step in FEATURES[name].steps)
+    print(f"{name}, {engine}: {coarse.energy_residual} and {fine.energy_residual} of {exchanged(fine)} J")
+    assert falls(coarse.energy_residual, fine.energy_residual, FEATURES[name].order, ENERGY_FLOOR)
+    assert coarse.energy_residual < 1e-2 * exchanged(coarse)
+    if FEATURES[name].in_dae:
+        assert reference(name).energy_residual <= ENERGY_FLOOR
+        for term in ("external_work", "dissipation"):
+            assert getattr(fine, term) == pytest.approx(getattr(reference(name), term), abs=1e-5 * exchanged(fine))
+
+
+@pytest.mark.parametrize("name", [name for name in FEATURES if FEATURES[name].in_dae])
+def test_an_implicit_method_gives_the_same(name: str) -> None:
+    """Radau with error control: its global error is at most some hundred times its tolerance of 1e-9."""
+    found = run(name, tmj.DAE(method=tmj.Method.RADAU, rtol=1e-9, atol=1e-11))
+    assert tmj.compare(found, reference(name)).max_node_error < 1e-7
+    assert found.energy_residual < 1e-7 * exchanged(found)
