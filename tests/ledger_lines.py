@@ -1,8 +1,11 @@
-"""A Markdown ledger as data."""
+"""The ledger of docs/reproduction.md as data."""
 
 from __future__ import annotations
 
 import re
+from pathlib import Path
+
+DOC = Path(__file__).resolve().parents[1] / "docs" / "reproduction.md"
 
 
 def lines_of(text: str) -> dict[str, str]:

@@ -65,8 +65,8 @@ class Feature:
     Attributes:
         scene: with it.
         without: the same scene without it.
-        order: of RK4's error. A step ends where a string breaks, and a rod comes out of the water bit by bit; a contact's
-            force begins and ends within a step, which costs the order.
+        order: of RK4's error. A step ends where a string breaks, and a rod comes out of the water bit by bit; a
+            contact's force begins and ends within a step, which costs the order.
         in_dae: whether the reference engine has it; else MuJoCo with an eighth of the step is the reference.
         steps: [s], the second half of the first.
     """

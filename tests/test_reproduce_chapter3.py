@@ -231,7 +231,7 @@ def test_what_splits_the_peak_at_the_input() -> None:
 @pytest.mark.study
 def test_all_rows_of_chapter_3_are_reproduced_or_explained(tmp_path: Path) -> None:
     """Everything, in both engines; known differences are still there; the doc has the same values."""
-    from test_reproduce import DOC, lines_of
+    from ledger_lines import DOC, lines_of
 
     from tensegrity_mj.reproduction import page
 
