@@ -13,21 +13,29 @@ from numpy.typing import NDArray
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.texts import value_text
 
+# Magnitudes of numbers, other than zero, that a scene or an option may have: the product of any three of them is a
+# float with all its digits (1e±300; floats end at 1.8e308, and have fewer digits below 2.2e-308).
+SMALLEST, LARGEST = 1e-100, 1e100
+MAGNITUDES = f"of a magnitude from {SMALLEST:g} to {LARGEST:g}"
+
 
 def positive(what: str, value: Any, unit: str = "") -> float:
-    """The value as a finite float > 0.
+    """The value as a finite float > 0, from `SMALLEST` to `LARGEST`.
 
     Raises:
         OptionError: naming what it is and its value.
     """
-    number = finite(what, value, f" > 0{unit and ' ' + unit}")
+    more = f" > 0{unit and ' ' + unit}"
+    number = finite(what, value, more)
     if not number > 0:
-        raise OptionError(f"{what} = {value_text(value)}; it must be a finite number > 0{unit and ' ' + unit}")
+        raise OptionError(f"{what} = {value_text(value)}; it must be a finite number{more}")
+    if number < SMALLEST:
+        raise OptionError(f"{what} = {value_text(value)}; it must be a number{more}, and {MAGNITUDES}")
     return number
 
 
 def finite(what: str, value: Any, more: str = "") -> float:
-    """The value as a finite float; numbers of any library pass, bools and texts do not.
+    """The value as a finite float of at most `LARGEST`; numbers of any library pass, bools and texts do not.
 
     Raises:
         OptionError: naming what it is and its value.
@@ -35,8 +43,10 @@ def finite(what: str, value: Any, more: str = "") -> float:
     if isinstance(value, numbers.Real) and not isinstance(value, (bool, np.bool_)):
         with contextlib.suppress(OverflowError):  # of an integer beyond all floats
             number = float(value)
-            if math.isfinite(number):
+            if abs(number) <= LARGEST:
                 return number
+            if math.isfinite(number):
+                raise OptionError(f"{what} = {value_text(value)}; it must be a number{more}, and {MAGNITUDES}")
     raise OptionError(f"{what} = {value_text(value)}; it must be a finite number{more}")
 
 

@@ -13,10 +13,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tensegrity_mj.checks import finite, positive, real_array
+from tensegrity_mj.checks import LARGEST, finite, positive, real_array
 from tensegrity_mj.errors import OptionError, SceneError
 
 Array = NDArray[np.float64]
+MOST_SHAPES = 1000  # of a curve: its polynomial takes a dense matrix of that size
 
 
 def quintic(span: float, start: ArrayLike, end: ArrayLike) -> Array:
@@ -95,8 +96,10 @@ class Curve:
             if len(getattr(self, name)) != W:
                 raise SceneError(f"target: {len(getattr(self, name))} {name} for {W} values; give one a value")
         for name in ("values", "parameters", "rates", "accelerations"):
-            if not np.all(np.isfinite(getattr(self, name))):
-                raise SceneError(f"target: {name} {list(getattr(self, name))} must be finite")
+            if not np.all(np.abs(getattr(self, name)) <= LARGEST):  # NaN is not
+                raise SceneError(f"target: {name} {list(getattr(self, name))} must be finite, and at most {LARGEST:g}")
+        if P > MOST_SHAPES:
+            raise SceneError(f"target: {P} shapes; the polynomial of a curve goes through at most {MOST_SHAPES}")
         if P < 2 or np.any(np.diff(self.parameters) <= 0):
             raise SceneError(f"target: parameters {list(self.parameters)}; they must be two or more, and increase")
         if self.shapes.ndim != 3 or len(self.shapes) != P:

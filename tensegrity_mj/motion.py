@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tensegrity_mj.checks import LARGEST
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.structure import Vector, null_space_basis
 
@@ -164,7 +165,7 @@ class Motion:
             if size != count:
                 raise SceneError(f"{what}: {count} times and {size} {name}; there must be one a time")
         with np.errstate(all="ignore"):
-            if count and not np.all(np.isfinite(self.pieces)):
+            if count and not np.all(np.abs(self.pieces) <= LARGEST):
                 raise SceneError(f"{what}: its times lie too close to each other, or its data are too large")
 
     def at(self, time: float) -> Array:
@@ -314,7 +315,8 @@ def _plain_harmonic(what: str, item: Any) -> Harmonic:
     omega = _number(f"{what}: angular_frequency", item.angular_frequency)
     with np.errstate(over="ignore", invalid="ignore"):
         acceleration = np.float64(omega) ** 2 * np.array(amplitude)
-    if not np.all(np.isfinite(acceleration)):
+    # NaN does not compare.
+    if not (np.all(np.abs(acceleration) <= LARGEST) and max(map(abs, amplitude)) <= LARGEST):
         raise SceneError(
             f"{what}: amplitude {list(amplitude)} m at {omega:g} rad/s has no finite acceleration; make both smaller"
         )

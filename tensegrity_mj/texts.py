@@ -37,14 +37,12 @@ def message(text: str) -> str:
 
 
 def value_text(value: object) -> str:
-    """The value as Python writes it, or of a long one the beginning; of a long integer how many bits it has."""
-    if isinstance(value, int) and value.bit_length() > 128:
-        return f"an integer of {value.bit_length()} bits"
+    """The value as Python writes it, or of a long one the beginning."""
     try:
         text = repr(value)
     except ValueError:  # Python writes no integers of more than some thousand digits
-        return f"a {type(value).__name__} of numbers beyond all floats"
-    return text if len(text) <= 120 else f"{text[:117]}..."
+        text = f"an integer of {value.bit_length()} bits" if isinstance(value, int) else f"a {type(value).__name__}"
+    return text if len(text) <= 100 else f"{text[:97]}..."
 
 
 def file_name(text: str) -> str:

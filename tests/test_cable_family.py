@@ -243,7 +243,7 @@ def test_many_rods_hang_as_a_catenary() -> None:
 
 @pytest.mark.parametrize(
     ("count", "span", "rise"),
-    [(2000, 2.0, 0.3), (22, 1e-300, 0.0), (21, 1e-3, 0.0), (40, 0.1, -2.6), (22, 2.75 - 1e-9, 0.0)],
+    [(2000, 2.0, 0.3), (22, 1e-100, 0.0), (21, 1e-3, 0.0), (40, 0.1, -2.6), (22, 2.75 - 1e-9, 0.0)],
 )
 def test_fine_folded_steep_and_taut_cables_hang(count: int, span: float, rise: float) -> None:
     scene = suspended_cable(count, span=span, rise=rise, amplitude=0.0)
@@ -548,9 +548,9 @@ REFUSED: dict[str, tuple[Callable[[], object], type[TensegrityError], tuple[str,
     "bending": (lambda: cable(bending_stiffness=-1.0), OptionError, ("cable: bending_stiffness = -1.0", ">= 0")),
     "drag": (lambda: cable(drag=np.ones(2)), OptionError, ("cable: drag = array",)),  # type: ignore[arg-type]
     "cells that are none": (lambda: net(None), OptionError, ("net: cells = None", "two numbers")),  # type: ignore[arg-type]
-    "very fast": (lambda: cable(frequency=1e200), SceneError, ("6.28319e+200 rad/s", "no finite acceleration")),
-    "very long": (lambda: suspended_cable(length=1e300), StructureError, ("rod 'rod1' has length inf m", "finite")),
-    "very long cells": (lambda: truss_arm(cell_length=1e300), StructureError, ("length inf m", "finite")),
+    "very fast": (lambda: cable(frequency=1e60), SceneError, ("6.28319e+60 rad/s", "no finite acceleration")),
+    "very long": (lambda: suspended_cable(length=1e300), OptionError, ("length = 1e+300", "magnitude")),
+    "very long cells": (lambda: truss_arm(cell_length=1e300), OptionError, ("cell_length = 1e+300", "magnitude")),
     "truss cells": (lambda: truss_arm(0), OptionError, ("truss_arm: cells = 0", ">= 1")),
     "braced": (lambda: truss_arm(2, 3), OptionError, ("braced = 3", "at most", "2")),
     "line mass": (lambda: truss_arm(line_mass=0.0), OptionError, ("line_mass = 0.0", "> 0 kg/m")),

@@ -550,7 +550,7 @@ def test_a_diverged_run_gives_4_and_keeps_what_it_has(tmp_path: Path, capsys: py
 
 def test_a_run_that_diverges_where_it_begins_gives_4(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "d.nc"
-    words = ("run", "pinned_rod", "--duration", "0.2", "--decay-rate", "1e300", "--out", out)
+    words = ("run", "pinned_rod", "--duration", "0.2", "--decay-rate", "1e100", "--out", out)
     code, answer, err = ask(capsys, *words, "--plot", tmp_path / "d.png")
     assert code == 4, err
     assert (answer["status"], answer["samples"], answer["duration"]) == ("diverged", 0, 0.0)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tensegrity_mj.cli import main
-from tensegrity_mj.errors import FormatError, OptionError, TensegrityError
+from tensegrity_mj.errors import FormatError, OptionError, SceneError, TensegrityError
 from tensegrity_mj.families.named import family_names
 from tensegrity_mj.families.random_linked import random_linked_structure
 from tensegrity_mj.families.random_structures import random_structure
@@ -313,3 +313,49 @@ def test_random_families_refuse_absurd_sizes() -> None:
 def test_calls_of_endless_text_are_refused() -> None:
     with pytest.raises(FormatError, match="at most 10000 are read"):
         load_scene("tower(" + "(" * 10**6)
+
+
+# Numbers ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("value", ["1e-320", "1e-161", "2.2e-308", "1e-101", "1.1e100", "1e306"])
+@pytest.mark.parametrize("item", ["duration", "mass", "radius", "length", "gravity", "force", "place"])
+def test_numbers_whose_products_are_none_are_refused(item: str, value: str, tmp_path: Path) -> None:
+    """1e-320 has a digit or two left; of 1e-161 the square is zero; of 1e306 it is infinite."""
+    small = value.startswith(("1e-", "2"))
+    changes = {
+        "duration": ("[structure]", f"scene.duration = {value}\n[structure]"),
+        "mass": ("mass = 1.0", f"mass = {value}"),
+        "radius": ("mass = 1.0", f"mass = 1.0, radius = {value}"),
+        "length": ("[1, 0, 0]", f"[{value}, 0, 0]"),
+        "gravity": ("[structure]", f"scene.gravity = [0, 0, {value}]\n[structure]"),
+        "force": ("[structure]", f'scene.loads = [{{ node = "b", force = [0, 0, {value}] }}]\n[structure]'),
+        "place": ("[0, 0, 0]", f"[0, 0, {value}]"),
+    }
+    path = written(tmp_path, SMALL.replace(*changes[item]))
+    if small and item in ("gravity", "force", "place"):  # next to nothing, which these may be
+        load_scene(path)
+        return
+    with pytest.raises(TensegrityError, match=r"magnitude from 1e-100 to 1e\+100|at most 1e\+100|length 0 m"):
+        load_scene(path)
+
+
+@pytest.mark.parametrize("option", ["--duration", "--timestep"])
+def test_options_have_the_magnitudes_of_scenes(option: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for value in ("1e-320", "1e300"):
+        assert main(["run", "pinned_rod", option, value]) == 2
+        assert "magnitude from 1e-100 to 1e+100" in capsys.readouterr().err
+
+
+def test_a_target_has_at_most_a_million_positions(tmp_path: Path) -> None:
+    times = ", ".join(f"{{ time = {number} }}" for number in range(20_000))
+    path = tmp_path / "tower.toml"
+    save_scene(load_scene("tower(stages=10, form_found=False)"), path)
+    text = path.read_text(encoding="utf-8")
+    path.write_text(f"{text}\n[scene.target]\nwaypoints = [{times}]\n", encoding="utf-8")
+    with pytest.raises(FormatError, match="at most 1000000 positions are read"):
+        load_scene(path)
+    shapes = ", ".join(f"{{ parameter = {number} }}" for number in range(1001))
+    path.write_text(f"{text}\n[scene.target]\nshapes = [{shapes}]\ntimes = [0, 1]\nvalues = [0, 1]\n", encoding="utf-8")
+    with pytest.raises(SceneError, match="goes through at most 1000"):
+        load_scene(path)

@@ -357,7 +357,10 @@ def test_files_keep_it_and_trajectories_of_files_know_their_energy(tmp_path):
         (tmj.Resistance(bending=2.0), "use Bending"),
         (tmj.Resistance(bending=tmj.Bending(-1.0)), "bending: stiffness = -1.0; it must be >= 0 N m"),
         (tmj.Resistance(bending=tmj.Bending(1.0, "x")), "bending: damping = 'x'"),
-        (tmj.Resistance(bending=tmj.Bending(1.0, 0.0, (("r0", "r9"),))), "unknown rod 'r9'; the rods are r0, r1, r2"),
+        (
+            tmj.Resistance(bending=tmj.Bending(1.0, 0.0, (("r0", "r9"),))),
+            "unknown rod 'r9'; the rods are 'r0', 'r1', 'r2'",
+        ),
         (tmj.Resistance(bending=tmj.Bending(1.0, 0.0, (("r0", "r2"),))), "must be two that share exactly one node"),
         (tmj.Resistance(bending=tmj.Bending(1.0, 0.0, (("r0", "r0"),))), "must be two that share exactly one node"),
         (tmj.Resistance(bending=tmj.Bending(1.0, 0.0, (("r0",),))), "it must name two rods"),

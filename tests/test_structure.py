@@ -114,7 +114,7 @@ INVALID: dict[str, tuple[Callable[[], Structure], tuple[str, ...]]] = {
         ("rods 'r1' and 'r3'", "in space", "the plane of normal (0.0, 1.0, 0.0)", "one plane"),
     ),
     "zero-length rod": (lambda: with_node(b=(0, 0, 0)), ("rod 'r1'", "length 0 m", "'a'", "'b'", "longer")),
-    "rod of endless length": (lambda: with_node(b=(1e200, 0, 0)), ("rod 'r1'", "length inf", "finite")),
+    "rod of endless length": (lambda: with_node(b=(1e200, 0, 0)), ("node 'b'", "1e+200", "at most 1e+100")),
     "mass zero": (lambda: with_rod(mass=0.0), ("rod 'r1'", "mass = 0.0", "> 0 kg")),
     "negative mass": (lambda: with_rod(mass=np.float64(-2.0)), ("rod 'r1'", "mass = -2.0;", "> 0 kg")),
     "mass NaN": (lambda: with_rod(mass=NAN), ("rod 'r1'", "mass = nan", "> 0 kg")),

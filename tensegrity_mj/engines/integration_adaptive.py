@@ -69,6 +69,14 @@ VANISHING_MARGIN = (
 )
 
 
+REMEDY = "use Method.RADAU for stiff strings, loosen the tolerances, or run a discontinuous law sampled"
+BEYOND_FLOATS = (
+    "accelerations or their derivatives are beyond double precision",
+    "give masses, lengths, stiffnesses and forces that are nearer to 1 in SI units",
+)
+MOST_SAMPLES = 10_000_000  # of a law in a run: their times are laid out beforehand, in some gigabytes
+
+
 class _Stopped(Exception):
     """The law has no solution, and the caller wants to stop there."""
 
@@ -238,12 +246,18 @@ class ErrorControlled:
                     self.solver = self._new_solver(mark)
                 elif self.solver.t_bound != mark:
                     self.solver.t_bound, self.solver.status = mark, "running"
+                if not math.isfinite(self.solver.h_abs):  # SciPy would try such a step for ever
+                    self._give_up(*BEYOND_FLOATS)
                 return self.solver.step()
+            except (ValueError, np.linalg.LinAlgError):  # Radau's matrices
+                if self.solver is None or np.all(np.isfinite(self._rhs(self.solver.t, self.solver.y))):
+                    raise
+                self._give_up(*BEYOND_FLOATS)
             except _Outside:
                 tried = self.first_step if self.solver is None else self.solver.h_abs
                 self.first_step = RETREAT * min(tried or math.inf, mark - self.t)
                 self.solver = None
-                if self.first_step < 16 * math.ulp(max(self.t, 1e-3 * mark)):
+                if not self.first_step >= 16 * math.ulp(max(self.t, 1e-3 * mark)):
                     raise _Singular from None
 
     def _step(self, mark: float, keep_last: bool) -> None:
@@ -357,7 +371,7 @@ class ErrorControlled:
             time, self.rows[: len(time)], status, message, self.clock.seconds, switches=self.switches
         )
 
-    def _give_up(self, cause: str) -> None:
+    def _give_up(self, cause: str, remedy: str = REMEDY) -> None:
         t = float(self.solver.t)
         margin = float(self.run.plant[REPORT][Report.FEASIBILITY_MARGIN])
         recorded = self.rows[: self.next, self._margin_column]
@@ -365,7 +379,6 @@ class ErrorControlled:
         away = ~(self.rows[: self.next, self._margin_column + Report.LYAPUNOV] <= V_ROUND_OFF) & np.isfinite(recorded)
         if self.continuous and margin < VANISHING_MARGIN * np.max(np.abs(recorded[away]), initial=0.0):
             cause += f", where the law's margin max(v/α) tends to zero ({margin:.2g}) and so its u to infinity"
-        remedy = "use Method.RADAU for stiff strings, loosen the tolerances, or run a discontinuous law sampled"
         partial = self.run.finish(
             self.times[: self.next], self.rows[: self.next], Status.DIVERGED, cause, self.clock.seconds
         )
@@ -385,9 +398,14 @@ def output_times(request: Request) -> Array:
 
 
 def _bisect(holds: Callable[[float], bool], start: float, end: float) -> tuple[float, float]:
-    """Two times, SWITCH_TOLERANCE apart, between which something ends that holds at `start` and not at `end`."""
+    """Two times between which something ends that holds at `start` and not at `end`.
+
+    They are SWITCH_TOLERANCE apart or, where times are coarser, neighbours.
+    """
     while end - start > SWITCH_TOLERANCE:
         middle = 0.5 * (start + end)
+        if not start < middle < end:
+            break
         if holds(middle):
             start = middle
         else:
@@ -409,7 +427,13 @@ def _marks(request: Request, times: Array, with_outputs: bool) -> list[tuple[flo
     if request.sampled:
         period = request.actuation.period
         assert period is not None
-        for number in range(1, math.floor(request.duration / period * (1 + 1e-12)) + 1):
+        count = request.duration / period * (1 + 1e-12)
+        if count > MOST_SAMPLES:
+            raise OptionError(
+                f"control period = {period:g} s: a run of {request.duration:g} s samples the law {count:.3g} times; at "
+                f"most {MOST_SAMPLES} samples are taken: choose a longer period or a shorter run"
+            )
+        for number in range(1, math.floor(count) + 1):
             add(number * period, 1e-9 * period, is_sample=True)
     for time in break_times(request.scene):
         if 0 < time <= request.duration:

@@ -11,6 +11,9 @@ FORMAT = 1
 # format needs 5.
 MOST_BYTES = 10_000_000
 MOST_DEPTH = 16
+MOST_POSITIONS = (
+    1_000_000  # of nodes in all waypoints or shapes of a target: a table that names no node has all of them
+)
 
 FILE_KEYS = ("format", "name", "source", "structure", "scene")
 STRUCTURE_KEYS = ("name", "string_law", "fixed_nodes", "nodes", "rods", "strings", "point_masses")

@@ -24,6 +24,7 @@ from tensegrity_mj.textformat.keys import (
     DRAG_KEYS,
     HARMONIC_KEYS,
     LOAD_KEYS,
+    MOST_POSITIONS,
     MOTION_DATA,
     MOTION_KEYS,
     RESISTANCE_KEYS,
@@ -202,7 +203,13 @@ def _node_tables(
 ) -> tuple[list[float], list[Array]]:
     """The numbers called `title` and the node positions of an array of tables."""
     numbers, positions = [], []
-    for item in table.tables(key, keys):
+    items = table.tables(key, keys)
+    if len(items) * len(structure.nodes) > MOST_POSITIONS:
+        raise FormatError(
+            f"{table.where}: {key} has {len(items)} tables for {len(structure.nodes)} nodes each; at most "
+            f"{MOST_POSITIONS} positions are read: give fewer"
+        )
+    for item in items:
         rows = item.table("nodes", None) or Table({}, item.file, item.path, None)
         numbers.append(item.number(title))
         positions.append(rows.node_rows(structure, structure.positions))

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.checks import LARGEST
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.structure import Structure
@@ -22,9 +23,13 @@ def check_node_array(structure: Structure, what: str, value: Array) -> None:
         raise SceneError(
             f"{what}: shape {value.shape}; it must be ({count}, 3), a row for each of {names_of_nodes(structure)}"
         )
-    if not np.all(np.isfinite(value)):
-        row = int(np.argwhere(~np.isfinite(value))[0][0])
-        raise SceneError(f"{what}: node '{structure.node_names[row]}' has {value[row].tolist()}; it must be finite")
+    fits = np.abs(value) <= LARGEST  # NaN does not
+    if not np.all(fits):
+        row = int(np.argwhere(~fits)[0][0])
+        raise SceneError(
+            f"{what}: node '{structure.node_names[row]}' has {value[row].tolist()}; it must be finite, and at most "
+            f"{LARGEST:g}"
+        )
 
 
 def check_configuration(

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tensegrity_mj.checks import LARGEST, MAGNITUDES, SMALLEST
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.section import Section
 from tensegrity_mj.structure import Rod, String, Structure, Support
@@ -22,10 +23,7 @@ def check_rod(structure: Structure, rod: Rod, size: float) -> None:
     a, b = (np.array(structure.nodes[name], float) for name in rod.nodes)
     length = distance(a, b)
     # Below this part of the coordinates, their round-off decides where a rod points.
-    if not 1e-12 * max(float(np.abs(a).max()), float(np.abs(b).max())) < length < np.inf:
-        raise StructureError(
-            f"{what} has length {length:.3g} m between {pair_of(rod)}; it must be longer than zero, and finite"
-        )
+    check_length(what, rod, length, 1e-12 * max(float(np.abs(a).max()), float(np.abs(b).max())))
     if rod.section is not None:
         if not isinstance(rod.section, Section):
             raise StructureError(f"{what}: section = {rod.section!r}; use Section, Section.tube or Section.solid")
@@ -85,10 +83,17 @@ def check_string(structure: Structure, string: String, size: float) -> None:
             check_number(f"{what}: {name}", getattr(string, name), f"> 0 {unit}, or absent", lambda x: x > 0)
     a, b = (np.array(structure.nodes[name], float) for name in string.nodes)
     length = distance(a, b)
-    if not 1e-12 * size < length < np.inf:
+    check_length(what, string, length, 1e-12 * size)
+
+
+def check_length(what: str, member: Rod | String, length: float, limit: float) -> None:
+    """Raise StructureError unless a length [m] is above the limit that round-off sets, and of a magnitude that fits."""
+    if not limit < length < np.inf:
         raise StructureError(
-            f"{what} has length {length:.3g} m between {pair_of(string)}; it must be longer than zero, and finite"
+            f"{what} has length {length:.3g} m between {pair_of(member)}; it must be longer than zero, and finite"
         )
+    if not SMALLEST <= length <= LARGEST:
+        raise StructureError(f"{what} has length {length:.3g} m between {pair_of(member)}; it must be {MAGNITUDES} m")
 
 
 def check_ends(what: str, nodes: Sequence[str], structure: Structure) -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.checks import LARGEST
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.scene import Target
 from tensegrity_mj.structure import Structure
@@ -26,8 +27,8 @@ def check_target(structure: Structure, target: Any) -> None:
             f"it needs nodes (W, {count}, 3), one set of them a time"
         )
     times = np.array(target.times, float)
-    if len(times) == 0 or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
-        raise SceneError(f"target: times {list(target.times)} must be finite and increase")
+    if len(times) == 0 or not np.all(np.abs(times) <= LARGEST) or np.any(np.diff(times) <= 0):
+        raise SceneError(f"target: times {list(target.times)} must be finite, at most {LARGEST:g}, and increase")
     if target.along is not None:
         _check_curve(structure, target)
         return

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tensegrity_mj.checks import LARGEST, MAGNITUDES, SMALLEST
 from tensegrity_mj.errors import StructureError
+from tensegrity_mj.texts import value_text
 from tensegrity_mj.validation.geometry import distance, unit_rows
 
 Array = NDArray[np.float64]
@@ -62,30 +64,37 @@ def sequence_of(what: str, values: Any, error: type[Exception] = StructureError)
 
 
 def check_number(what: str, value: Any, allowed: str, test: Any, error: type[Exception] = StructureError) -> None:
-    """Raise `error` unless the value is a finite number that passes the test; `allowed` says in words which do."""
+    """Raise `error` unless the value is a finite number that passes the test; `allowed` says in words which do.
+
+    It must be no further from zero than `LARGEST` and, where the test refuses zero, no nearer to it than `SMALLEST`.
+    """
     number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
     try:
         valid = number and np.isfinite(float(value)) and test(value)
     except OverflowError:  # an integer beyond the floats
         valid = False
     if not valid:
-        raise error(f"{what} = {shown(value)!r}; it must be {allowed}")
+        raise error(f"{what} = {value_text(shown(value))}; it must be {allowed}")
+    if abs(float(value)) > LARGEST or (abs(float(value)) < SMALLEST and not test(0.0)):
+        raise error(f"{what} = {value_text(shown(value))}; it must be {allowed}, and {MAGNITUDES}")
 
 
 def check_vector(what: str, value: Any, error: type[Exception] = StructureError, unit: str = "m") -> None:
-    """Raise `error` unless the value is three finite numbers."""
+    """Raise `error` unless the value is three finite numbers, none beyond `LARGEST`."""
     try:
         array = np.array(value, float)
     except (TypeError, ValueError, OverflowError):
         array = np.array([])
-    if array.shape != (3,) or not np.all(np.isfinite(array)):
-        raise error(f"{what} = {shown(value)!r}; it must be three finite numbers [{unit}]")
+    if array.shape != (3,) or not np.all(np.abs(array) <= LARGEST):  # NaN is not
+        raise error(
+            f"{what} = {value_text(shown(value))}; it must be three finite numbers [{unit}] of at most {LARGEST:g}"
+        )
 
 
 def check_normal(what: str, plane: ArrayLike, error: type[Exception] = StructureError) -> Array:
     check_vector(f"{what}: plane normal", plane, error)
     if not 0.0 < distance(np.zeros(3), np.array(plane, float)) < np.inf:
-        raise error(f"{what}: plane normal = {shown(plane)!r}; its length must be neither zero nor infinite")
+        raise error(f"{what}: plane normal = {value_text(shown(plane))}; its length must be neither zero nor infinite")
     return unit_rows(np.array([plane], float))[0]
 
 
@@ -93,7 +102,7 @@ def check_text(what: str, value: Any, error: type[Exception]) -> None:
     try:
         value.encode()
     except (AttributeError, UnicodeEncodeError):
-        raise error(f"{what} = {value!r}; it must be a text that UTF-8 can hold") from None
+        raise error(f"{what} = {value_text(value)}; it must be a text that UTF-8 can hold") from None
 
 
 def shown(value: Any) -> Any:
