@@ -45,14 +45,15 @@ class Replay:
 
     Args:
         times: (T,) increasing [s], T >= 2; before the first and after the last the values stand still.
-        values: (T, M) force densities [N/m] or rest lengths [m], finite.
+        values: (T, M) force densities [N/m], not negative, or rest lengths [m], above zero.
         command: which of the two.
         held: values stand from each time to the next (what a sampled run did); such a replay jumps and runs
             sampled only. Otherwise they are interpolated by a not-a-knot cubic spline.
         period: the control period [s] that held values must be played with; None allows any.
 
     Raises:
-        OptionError: for shapes that do not match, times that do not increase, or values that are not finite.
+        OptionError: for shapes that do not match, times that do not increase, or values that are not finite or that no
+            winch can set.
     """
 
     def __init__(
@@ -83,6 +84,15 @@ class Replay:
             raise OptionError(
                 f"replay: value {self.values[row, column]} of string number {column} at t = {self.times[row]} s; "
                 "all values must be finite"
+            )
+        lengths = command is Command.REST_LENGTH
+        bad = self.values <= 0 if lengths else self.values < 0
+        if bad.any():
+            row, column = np.argwhere(bad)[0]
+            what, allowed = ("rest length", "> 0 m") if lengths else ("force density", ">= 0 N/m: a winch cannot push")
+            raise OptionError(
+                f"replay: {what} {self.values[row, column]:g} of string number {column} at t = {self.times[row]:g} s; "
+                f"it must be {allowed}" + ("; where u >= k made it so, replay Command.FORCE_DENSITY" if lengths else "")
             )
 
     @classmethod

@@ -10,7 +10,7 @@ import pytest
 import tensegrity_mj as tmj
 from tensegrity_mj import rods
 from tensegrity_mj.controllers import from_scene
-from tensegrity_mj.engines.run import energy_exchanged
+from tensegrity_mj.engines.divergence import energy_exchanged
 from tensegrity_mj.families.random_structures import random_scene, random_structure
 from tensegrity_mj.families.random_taut import random_taut_structure
 

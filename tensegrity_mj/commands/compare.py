@@ -91,6 +91,8 @@ def execute(options: argparse.Namespace) -> Outcome:
     for run in (first, second):
         if "accuracy" in run.reports and not run.reports["accuracy"]["met"]:
             print(f"warning: {run.engine}: {run.reports['accuracy']['reason']}", file=sys.stderr)
+        for warning in run.reports.get("warnings", []):
+            print(f"warning: {run.engine}: {warning}", file=sys.stderr)
     for path, run in zip(files.values(), (first, second), strict=False):
         run.save(path)
     if code and min(len(first.time), len(second.time)) < 2:

@@ -11,7 +11,7 @@ from dm_control.rl.control import PhysicsError
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.dm_control.readings import Loads, StringActuators, point_velocities
-from tensegrity_mj.engines.run import BEYOND
+from tensegrity_mj.engines.divergence import BEYOND
 from tensegrity_mj.errors import ControllerError, DivergenceError
 from tensegrity_mj.law import Command
 from tensegrity_mj.mjcf import initial_velocities

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tensegrity_mj.checks import member, positive
 from tensegrity_mj.engines import integration_kernels as kernels
 from tensegrity_mj.engines.accuracy import check_accuracy
+from tensegrity_mj.engines.divergence import blame_divergence, check_energy
 from tensegrity_mj.engines.integration_kernels import SINGULAR
 from tensegrity_mj.engines.integration_rk4 import rk4_steps
 from tensegrity_mj.engines.run import (
@@ -20,15 +21,14 @@ from tensegrity_mj.engines.run import (
     Request,
     Stopwatch,
     allocate_rows,
-    blame_divergence,
-    check_energy,
     chunks,
     make_trajectory,
 )
 from tensegrity_mj.errors import DivergenceError, InfeasibleError, OptionError, TensegrityError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED
-from tensegrity_mj.native.plant import HELD, STATUS, Plant, row_width
+from tensegrity_mj.native.plant import HELD, RESOLUTION, RESOLUTION_KIND, STATUS, WATCHED, Plant, row_width
 from tensegrity_mj.native.pointers import address_of
+from tensegrity_mj.native.resolution import STAGES
 from tensegrity_mj.trajectory import Status, Trajectory
 
 Array = NDArray[np.float64]
@@ -208,6 +208,8 @@ class IntegratedRun:
             cost={"wall_time": seconds, "steps": self.steps, "evaluations": self.evaluations},
             provenance={"engine": {"name": self.name, **options}},
             reports=reports,
+            plant=self.plant,
+            step=self.options.timestep,
         )
 
     def _fixed_step(self) -> Trajectory:
@@ -220,6 +222,9 @@ class IntegratedRun:
         remedy = f"reduce the time step (h = {step:g} s), or use Method.RADAU where strings are stiff"
         arguments = (grid.count, grid.stride, grid.ratio, rows, self.options.locate_slack)
         rk4_steps(self.table, self.y.copy(), step, 1, 0, *arguments)  # compiles
+        self.plant[WATCHED][:] = 0.0
+        self.plant[RESOLUTION][:] = 0.0
+        self.table[RESOLUTION_KIND] = STAGES
         clock = Stopwatch(self.request)
         with Progress(self.request, f"{self.name} RK4") as progress:
             for first, count in chunks(grid.count):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.integrate import DOP853, Radau
 
 from tensegrity_mj import interrupts
+from tensegrity_mj.engines.divergence import check_energy
 from tensegrity_mj.engines.integration import IntegratedRun, Method
 from tensegrity_mj.engines.integration_kernels import (
     SINGULAR,
@@ -24,14 +25,13 @@ from tensegrity_mj.engines.integration_kernels import (
     sample_law,
 )
 from tensegrity_mj.engines.integration_pulls import LOOKS, pulls_within
+from tensegrity_mj.engines.reports import V_ROUND_OFF
 from tensegrity_mj.engines.run import (
     DEFAULT_INTERVAL,
-    V_ROUND_OFF,
     Progress,
     Request,
     Stopwatch,
     allocate_rows,
-    check_energy,
     check_rows,
 )
 from tensegrity_mj.errors import DivergenceError, OptionError
@@ -52,6 +52,7 @@ from tensegrity_mj.native.plant import (
     row_width,
     start_ledger,
 )
+from tensegrity_mj.native.watch import watch_strings
 from tensegrity_mj.trajectory import Status, Trajectory
 
 Array = NDArray[np.float64]
@@ -155,6 +156,7 @@ class ErrorControlled:
         if self.request.sampled:
             self._sample()
         status = self._evaluate(0.0, self.y)
+        watch_strings(self.table, 0.0, self.continuous and status == SOLVED)
         start_ledger(self.table)
         if self.continuous and status == NO_SOLUTION:
             self._suspend()
@@ -165,6 +167,7 @@ class ErrorControlled:
     def _sample(self) -> None:
         status = int(sample_law(self.t, self.y, self.table))
         self.run.plant.raise_if_failed(status, self.t)
+        watch_strings(self.table, self.t, status == SOLVED)
         if status == NO_SOLUTION and not self.table[PASSIVE]:
             raise _Stopped
         self.solver = None  # what is held has jumped
@@ -312,6 +315,7 @@ class ErrorControlled:
                 solver.f = self._rhs(self.t, self.y)
             if self.continuous and not self.table[SUSPENDED]:
                 self._evaluate(self.t, self.y)
+                watch_strings(self.table, self.t, True)
                 remember(self.table)
 
     def _feasible(self, t: float, y: Array) -> bool:
@@ -344,7 +348,8 @@ class ErrorControlled:
     def _record(self, t: float, y: Array, while_before: float) -> None:
         """Write rows for the output times before a limit, all with this state."""
         while self.next < len(self.times) and self.times[self.next] < while_before:
-            self._evaluate(t, y)
+            status = self._evaluate(t, y)
+            watch_strings(self.table, t, self.continuous and not self.table[SUSPENDED] and status == SOLVED)
             if self.table[SUSPENDED]:
                 ask_law(self.table, t)  # for its margin and V; what it holds stays held
             observe(y, self.table, self.rows[self.next])

@@ -14,7 +14,8 @@ from typing import Any
 from tensegrity_mj.engines.integration_kernels import place, project, rates
 from tensegrity_mj.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.native.compiling import njit
-from tensegrity_mj.native.plant import STRING_COUNT, set_rest_lengths
+from tensegrity_mj.native.plant import RESOLUTION_KIND, STRING_COUNT, set_rest_lengths
+from tensegrity_mj.native.resolution import resolve_stage, resolve_start
 from tensegrity_mj.native.slack import (
     ABOVE,
     HIGH,
@@ -43,13 +44,17 @@ def rk4_stages(table: Any, t: float, h: float, y: Any, k1: Any, k2: Any, k3: Any
         x[i] = y[i] + 0.5 * h * k1[i]
     worst = rates(t + 0.5 * h, x, k2, table)
     if worst <= NO_SOLUTION:
+        resolve_stage(table, 1, h)
         for i in range(size):
             x[i] = y[i] + 0.5 * h * k2[i]
         worst = rates(t + 0.5 * h, x, k3, table)
     if worst <= NO_SOLUTION:
+        resolve_stage(table, 2, h)
         for i in range(size):
             x[i] = y[i] + h * k3[i]
         worst = rates(t + h, x, k4, table)
+    if worst <= NO_SOLUTION:
+        resolve_stage(table, 3, h)
     if worst <= NO_SOLUTION:
         for i in range(size):
             x[i] = y[i] + h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])
@@ -131,7 +136,9 @@ def located_step(
             return worst, evaluations, reuse, answer
         keep_slack(table, slack)
         begin_search(strings, part, search)
+        kind, table[RESOLUTION_KIND] = table[RESOLUTION_KIND], 0  # the whole step's estimate counts, not the search's
         part, took = _instant(table, t, left, z, k1, k2, k3, k4, found, k_end, strings, pulled, slack, search)
+        table[RESOLUTION_KIND] = kind
         let_go(table)
         evaluations += took
         if part == 0.0:
@@ -144,6 +151,7 @@ def located_step(
             x[:] = z
             return worst, evaluations, False, SOLVED
         worst = rates(t, z, k1, table)
+        resolve_start(table, left)
         evaluations += 1
         if worst > NO_SOLUTION:
             return worst, evaluations, False, SOLVED

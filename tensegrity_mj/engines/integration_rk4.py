@@ -18,7 +18,9 @@ from tensegrity_mj.engines.integration_located import located_step, rk4_stages
 from tensegrity_mj.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.native.compiling import njit
 from tensegrity_mj.native.plant import CONTINUOUS, MODE, PASSIVE, STATUS, STRING_COUNT, remember, start_ledger
+from tensegrity_mj.native.resolution import resolve_start
 from tensegrity_mj.native.slack import SEARCH_SIZE, SEARCHED
+from tensegrity_mj.native.watch import watch_strings
 
 
 @njit
@@ -61,6 +63,8 @@ def rk4_steps(
             evaluations += 1
         if asked > NO_SOLUTION:
             status = asked
+        watch_strings(table, t, n % ratio == 0 and status == SOLVED if ratio else asked == SOLVED)
+        resolve_start(table, h)
         if n == 0 and ratio == 0:
             start_ledger(table)
         if ratio == 0:
@@ -97,6 +101,8 @@ def rk4_steps(
         if ratio > 0 and n % ratio == 0:
             status = sample_law(t, y, table)
         asked = rates(t, y, k1, table)
+        watch_strings(table, t, n % ratio == 0 and status == SOLVED if ratio else asked == SOLVED)
+        resolve_start(table, h)
         if ratio == 0:
             status = asked
         observe(y, table, rows[len(rows) - 1])

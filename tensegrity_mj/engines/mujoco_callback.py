@@ -21,6 +21,7 @@ import numba
 import numpy as np
 from numba import types
 
+from tensegrity_mj.engines.divergence import BEYOND
 from tensegrity_mj.engines.mujoco_clock import profiler_off
 from tensegrity_mj.engines.mujoco_contact import (
     keep_stage,
@@ -39,7 +40,6 @@ from tensegrity_mj.engines.mujoco_motion import (
 )
 from tensegrity_mj.engines.mujoco_water import SIZE as WET_SIZE
 from tensegrity_mj.engines.mujoco_water import add_mass
-from tensegrity_mj.engines.run import BEYOND
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.mjcf import UNLIMITED
@@ -83,7 +83,9 @@ from tensegrity_mj.native.plant import (
 )
 from tensegrity_mj.native.pointers import address_of, borrowing, copy, floats, inlined, integers
 from tensegrity_mj.native.resistance import dissipated, held_powers
+from tensegrity_mj.native.resolution import resolve_stage, resolve_start
 from tensegrity_mj.native.vectors import minus, row_of
+from tensegrity_mj.native.watch import watch_strings
 
 # Addresses of MjData's arrays, and of ours.
 (
@@ -337,6 +339,10 @@ def control_stage(table: Any) -> None:
     if not read_nodes(table):
         counters[ENDED], counters[END_STEP] = LOST, step
         return
+    if stage == 0:
+        resolve_start(table, h)
+    elif stages == 4:
+        resolve_stage(table, stage, h)
     if table[MOTION_COUNT] > 0:
         move_supports(table, t, stage == 0)
         if table[CONSTRAINED]:
@@ -382,6 +388,11 @@ def control_stage(table: Any) -> None:
             start_ledger(table)
             if table[MOTION_COUNT] > 0:
                 work[2] -= carried(supports, table[MOVED], table[VELOCITIES])
+        if M > 0:
+            sampled = table[RATIO] > 0
+            answer = status if sampled else asked
+            fresh = step % table[RATIO] == 0 if sampled else table[MODE] == CONTINUOUS
+            watch_strings(table, t, fresh and answer == SOLVED)
         if table[RATIO] == 0:
             status = asked
             if status == SOLVED and table[MODE] == CONTINUOUS:

@@ -42,6 +42,7 @@ from tensegrity_mj.native.plant import (
     MOTION_COUNT,
     MOVED,
     NO_LAW,
+    RESOLUTION,
     STRING_COUNT,
     measure_strings,
     set_rest_lengths,
@@ -181,7 +182,13 @@ class LocatedRun(MuJoCoRun):
         self._pulled, self._slack = np.zeros((2, M), np.bool_)
         self._powers, self._begins = np.zeros(3), np.zeros(1)  # [W], and [s] where a part of a step begins
         table[POWERS] = address_of(self._powers)
-        own = (self.counters, self.keep[WORK_INTEGRALS], self.keep[STEP_SIZE], self._powers)
+        own = (
+            self.counters,
+            self.keep[WORK_INTEGRALS],
+            self.keep[STEP_SIZE],
+            self._powers,
+            self.plant[RESOLUTION].reshape(-1),
+        )
         sources = (data.qpos, data.qvel, data.qacc, data.qacc_warmstart, *own)
         self._copies = [np.zeros((2, len(source)), source.dtype) for source in sources]
         self._kept = np.array(

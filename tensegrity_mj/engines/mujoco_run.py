@@ -12,27 +12,26 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.capabilities import require_wet_rods
 from tensegrity_mj.engines import mujoco_callback as callback
+from tensegrity_mj.engines.divergence import BEYOND, blame_divergence, check_energy
 from tensegrity_mj.engines.mujoco_contact import ContactTable
 from tensegrity_mj.engines.mujoco_joints import JointForces
 from tensegrity_mj.engines.mujoco_motion import SupportTable
 from tensegrity_mj.engines.mujoco_water import WaterTable
 from tensegrity_mj.engines.run import (
-    BEYOND,
     Grid,
     Progress,
     Request,
     Stopwatch,
     allocate_rows,
-    blame_divergence,
-    check_energy,
     chunks,
     make_trajectory,
 )
 from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.mjcf_tree import BodyTree, body_tree, joint_coordinates
-from tensegrity_mj.native.plant import LENGTH, RATE, STATUS, Plant, row_width
+from tensegrity_mj.native.plant import LENGTH, RATE, RESOLUTION_KIND, STATUS, Plant, row_width
 from tensegrity_mj.native.pointers import address_of
+from tensegrity_mj.native.resolution import DISCRETE, SEMI_IMPLICIT, STAGES
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.trajectory import Status, Trajectory
 
@@ -48,6 +47,10 @@ _WARNINGS = {
     "a bad acceleration": int(mujoco.mjtWarning.mjWARN_BADQACC),
     "a bad control": int(mujoco.mjtWarning.mjWARN_BADCTRL),
 }
+
+
+# Rules of `native.resolution`.
+KINDS = {"rk4": STAGES, "discrete": DISCRETE}
 
 
 def warned(counts: Sequence[int]) -> list[str]:
@@ -137,6 +140,7 @@ class MuJoCoRun:
         table[callback.STRIDE], table[callback.RATIO] = self.grid.stride, self.grid.ratio
         table[callback.TOTAL] = self.grid.count
         table[callback.STAGES] = options.stages
+        table[RESOLUTION_KIND] = KINDS.get(options.integrator.value, SEMI_IMPLICIT)
         table[callback.ROD_COUNT] = len(structure.rods)
         table[callback.CONSTRAINED] = scene.contact is not None or bool(self.tree.forest.closures)
         if self.supports is not None:
@@ -303,6 +307,8 @@ class MuJoCoRun:
             contact_forces=forces,
             multipliers=multipliers,
             reports=reports,
+            plant=self.plant,
+            step=self.options.timestep,
             engine=str(self.options),
             status=status,
             message=message,

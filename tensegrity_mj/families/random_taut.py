@@ -130,7 +130,6 @@ def _drawn(
             pairs,
             rod_mass=1.0,
             stiffness=1.0,
-            rest_length=0.0,
             supports=supports,
             fixed_nodes=range(2 * rods, len(nodes)),
         )

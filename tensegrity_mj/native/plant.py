@@ -52,10 +52,13 @@ COMPLIANCE = 40  # 1/k
 MOTION_COUNT, MOTIONS, MOVED = 41, 42, 43  # moved supports, their `PackedMotions`, and d, ḋ, d̈ of each (m, 3, 3)
 RESISTANCE = 44  # the table of a `PackedResistance`, 0 for none
 WATER = 45  # the table of a `PackedWater`, 0 for none
-ENGINE_SLOTS = 46  # an engine's own slots start here
+WATCHED = 46  # what `watch` counts
+RESOLUTION, RESOLUTION_KIND = 47, 48  # what `resolution` adds up, and by which rule
+ENGINE_SLOTS = 49  # an engine's own slots start here
 TABLE_SIZE = 96
 
 REPORT_SIZE = len(Report)
+WATCHED_SIZE, RESOLUTION_SIZE = 6, 22  # numbers a string, a node
 
 NO_LAW, CONTINUOUS, HOLD_FORCE_DENSITY, HOLD_REST_LENGTH = range(4)
 _MODES = {
@@ -407,6 +410,8 @@ class Plant:
             BREAK_TIMES: break_times(scene),
             BROKEN: np.zeros(M, np.int64),
             MOVED: np.zeros((len(scene.motions), 3, 3)),
+            WATCHED: np.zeros((M, WATCHED_SIZE)),
+            RESOLUTION: np.zeros((N, RESOLUTION_SIZE)),
             **{slot: np.zeros(M) for slot in (COMMAND, LENGTH, RATE, TENSION, ELASTIC, SAMPLED_LENGTH)},
         }
         self.table = np.zeros(TABLE_SIZE, np.int64)

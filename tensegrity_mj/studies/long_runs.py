@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from tensegrity_mj import rods
 from tensegrity_mj.checks import positive
 from tensegrity_mj.engines.dae import DAE
-from tensegrity_mj.engines.run import energy_exchanged
+from tensegrity_mj.engines.divergence import energy_exchanged
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.families.random_structures import random_velocities
 from tensegrity_mj.files import made_folder, replacing

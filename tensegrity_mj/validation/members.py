@@ -75,8 +75,10 @@ def check_string(structure: Structure, string: String, size: float) -> None:
     if len(given) > 1:
         raise StructureError(f"{what}: {' and '.join(given)} are given; give at most one of them")
     for name in given:
-        limit = "a finite number" if name == "rest_length" else ">= 0"
-        check_number(f"{what}: {name}", getattr(string, name), limit, lambda x, n=name: n == "rest_length" or x >= 0)
+        limit = "> 0 m, as no line is shorter than nothing" if name == "rest_length" else ">= 0"
+        check_number(
+            f"{what}: {name}", getattr(string, name), limit, lambda x, n=name: x > 0 if n == "rest_length" else x >= 0
+        )
     units = {"max_force_density": "N/m", "min_rest_length": "m", "winch_speed": "m/s", "strength": "N"}
     for name, unit in units.items():
         if getattr(string, name) is not None:
@@ -84,6 +86,14 @@ def check_string(structure: Structure, string: String, size: float) -> None:
     a, b = (np.array(structure.nodes[name], float) for name in string.nodes)
     length = distance(a, b)
     check_length(what, string, length, 1e-12 * size)
+    for name, most, unit in (("tension", string.stiffness * length, "N"), ("force_density", string.stiffness, "N/m")):
+        value = getattr(string, name)
+        if value is not None and value >= most:
+            raise StructureError(
+                f"{what}: {name} = {value:g} {unit} leaves it a rest length of {length * (1 - value / most):.3g} m, by "
+                f"L0 = L (1 - u/k); it must be below {most:g} {unit} for a rest length above zero: use a stiffer "
+                "string, or less prestress"
+            )
 
 
 def check_length(what: str, member: Rod | String, length: float, limit: float) -> None:

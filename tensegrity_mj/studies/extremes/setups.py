@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.actuation import Actuation, Mode
+from tensegrity_mj.engines.reports import NO_LINE, NO_PUSH
 from tensegrity_mj.simulation import simulate
 from tensegrity_mj.studies.extremes.experiment import Experiment, Kind, log_uniform
 from tensegrity_mj.studies.extremes.kinds import FIXED_STEP, draw
@@ -157,5 +158,6 @@ def caught(run: Callable[[], Trajectory]) -> Attempt:
     # Words for the user, not what numpy says of an overflow on the way.
     words = [str(w.message) for w in heard if issubclass(w.category, UserWarning) or str(w.message)[:7] == "MuJoCo:"]
     if found is not None:
-        words += found.reports.get("warnings", [])
+        told = found.reports.get("warnings", [])
+        words += [text for text in told if NO_LINE not in text and NO_PUSH not in text]
     return Attempt(found, error, tuple(words))

@@ -12,7 +12,7 @@ import numpy as np
 
 from tensegrity_mj.actuation import Mode
 from tensegrity_mj.dynamics.target import target_nodes
-from tensegrity_mj.engines.run import DECAY_WARNING
+from tensegrity_mj.engines.reports import DECAY_WARNING
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.studies.attempt import DONE
 from tensegrity_mj.studies.validation.sections import SECTIONS, Case, Setup
