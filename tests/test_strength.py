@@ -18,7 +18,14 @@ from tensegrity_mj.prestress import static_forces, with_prestress
 from tensegrity_mj.scene import Break, Scene
 from tensegrity_mj.section import Section
 from tensegrity_mj.statics.equilibrium import find_equilibrium
-from tensegrity_mj.statics.strength import Criterion, SlackInterval, check_members, check_state, check_trajectory
+from tensegrity_mj.statics.strength import (
+    Criterion,
+    MemberLoads,
+    SlackInterval,
+    check_members,
+    check_state,
+    check_trajectory,
+)
 from tensegrity_mj.structure import Rod, String, Structure, Support
 from tensegrity_mj.trajectory import Trajectory
 
@@ -53,14 +60,21 @@ def test_every_number_of_two_pipes() -> None:
     assert loads.euler_loads[0] == pytest.approx(euler, rel=1e-12)
     assert loads.euler_loads[0, 0] == pytest.approx(3189e3, rel=2e-3)  # Table C.1
     assert loads.yielding[0] == pytest.approx(np.array([3e5, 4e5]) / (200e6 * AREA), rel=1e-12)
-    assert loads.buckling[0] == pytest.approx([3e5 / euler[0], 0.0], rel=1e-12)
+    assert loads.buckling[0] == pytest.approx([3e5 / euler[0], math.nan], rel=1e-12, nan_ok=True)
     assert loads.breaking[0] == pytest.approx([0.3, 0.0], rel=1e-15)
     assert check.slack == ("t",)
     assert check.ok
     assert (check.worst.member, check.worst.criterion) == ("long", Criterion.YIELD)
     assert check.worst.utilisation == pytest.approx(4e5 / (200e6 * AREA), rel=1e-12)
     assert [use.utilisation for use in check.uses] == sorted((use.utilisation for use in check.uses), reverse=True)
-    assert len(check.uses) == 6  # two criteria a rod, one a string
+    # Two criteria of the rod in compression, one of that in tension and of each string.
+    assert sorted((use.member, use.criterion.value) for use in check.uses) == [
+        ("long", "yield"),
+        ("s", "strength"),
+        ("short", "buckling"),
+        ("short", "yield"),
+        ("t", "strength"),
+    ]
 
 
 def test_rods_are_as_long_as_they_are() -> None:
@@ -83,7 +97,7 @@ def test_who_is_beyond_a_limit(rods: Any, tensions: Any, member: str, criterion:
     assert [(use.member, use.criterion) for use in check.violations] == [(member, criterion)]
     assert check.worst.utilisation == pytest.approx(1.01, rel=1e-12)
     lines = check.describe()
-    assert lines[0] == "not ok: 1 members are beyond a limit"
+    assert lines[0] == "not ok: 1 member is beyond a limit"
     assert f"'{member}' is at 101 % of its {criterion.value} limit" in lines[1]
 
 
@@ -125,6 +139,30 @@ def test_slack_below_a_tension() -> None:
     assert checked([0.0, 0.0], [1e-9, 1.0]).slack == ()
     assert checked([0.0, 0.0], [1e-9, 1.0], slack_below=1e-8).slack == ("s",)
     assert "1 slack: 's'" in checked([0.0, 0.0], [1e-9, 1.0], slack_below=1e-8).describe()
+
+
+def test_a_rod_in_tension_does_not_buckle() -> None:
+    """Whatever its force: Euler's load is no limit of it, and nothing says that some part of it is used."""
+    slender = Section(1e-4, 1e-9, 210e9)  # no yield stress
+    limit = math.pi**2 * 210e9 * 1e-9 / 2.0
+    structure = pair((slender, slender), (None, None))
+    pulled = checked([35478.0, 0.5 * limit], [0.0, 0.0], structure)
+    assert pulled.uses == ()
+    assert pulled.worst is None
+    assert not pulled.ok
+    assert (
+        pulled.describe()[0] == "no rod with a section is in compression, so that none buckles; no other limit is known"
+    )
+    assert not any("%" in line for line in pulled.describe())
+    assert pulled.to_dict()["rods"]["short"]["buckling"] is None
+    pushed = checked([35478.0, -0.25 * limit], [0.0, 0.0], structure)
+    (use,) = pushed.uses
+    assert (use.member, use.criterion, use.utilisation) == ("long", Criterion.BUCKLING, pytest.approx(0.5, rel=1e-12))
+    # Both over time: in compression once, it counts as far as it was.
+    both = MemberLoads(
+        structure, np.array([[-0.1 * limit, 1.0], [35478.0, 2.0]]), np.full((2, 2), math.sqrt(2)), np.zeros((2, 2))
+    )
+    assert [(one.member, one.utilisation) for one in both.largest()] == [("short", pytest.approx(0.1, rel=1e-12))]
 
 
 def test_plain_values() -> None:

@@ -4,7 +4,8 @@
              -N ≤ π² E I / ℓ²              it buckles beyond, as a straight bar between two ball joints (Euler)
     string:  T ≤ strength                  it breaks beyond;  T = 0: it is slack
 
-Utilisation is the left side over the right one: at 1 a member is at its limit. The two limits of a rod are looked at
+Utilisation is the left side over the right one: at 1 a member is at its limit. A rod in tension has none by buckling,
+whatever its force: it does not buckle. The two limits of a rod are looked at
 one by one; a bar that is not straight, or loaded between its ends, fails before either. A rod's weight and inertia make
 its axial force vary along it: N is the mean over its length, in statics and in what engines record.
 
@@ -132,8 +133,8 @@ class MemberLoads:
 
     @cached_property
     def buckling(self) -> Array:
-        """Utilisation (T, R) of the rods by buckling, 0 in tension; NaN where unknown."""
-        return np.asarray(np.maximum(0.0, -self.rod_forces) / self.euler_loads)
+        """Utilisation (T, R) of the rods by buckling; NaN where unknown, and in tension, where there is none."""
+        return np.asarray(np.where(self.rod_forces > 0, np.nan, np.abs(self.rod_forces) / self.euler_loads))
 
     @cached_property
     def breaking(self) -> Array:
@@ -153,7 +154,10 @@ class MemberLoads:
         return tuple(found)
 
     def largest(self, start: int = 0, end: int | None = None) -> list[Use]:
-        """The largest use of every member by every criterion that it has, over those rows; the largest first."""
+        """The largest use of every member by every criterion that it has, over those rows; the largest first.
+
+        A rod that is in tension throughout has none by buckling.
+        """
         rods, strings = ([member.name for member in kind] for kind in (self.structure.rods, self.structure.strings))
         yields = np.broadcast_to(self.yield_loads, self.rod_forces.shape)
         breaks = np.broadcast_to(self.strengths, self.tensions.shape)
@@ -165,8 +169,8 @@ class MemberLoads:
         ):
             rows = start + np.argmax(np.where(np.isnan(use), -np.inf, use)[start:end], axis=0)
             for column, (name, row) in enumerate(zip(names, rows.tolist(), strict=True)):
-                if np.isfinite(limit[row, column]):
-                    at = (row, column)
+                at = (row, column)
+                if np.isfinite(use[at]):
                     time = None if self.times is None else float(self.times[row])
                     found.append(Use(name, criterion, float(force[at]), float(limit[at]), float(use[at]), time))
         return sorted(found, key=lambda one: -one.utilisation)
@@ -184,7 +188,8 @@ class MemberCheck:
 
     Attributes:
         loads: forces, limits and utilisations of all members, in arrays of one row.
-        uses: every criterion of every member that has one, the largest utilisation first.
+        uses: every criterion of every member that has one, the largest utilisation first; buckling of rods in
+            compression alone.
         violations: those of `uses` beyond 1.
         slack: names of the strings without tension.
         unchecked: which members have no limit, by which criterion.
@@ -198,7 +203,7 @@ class MemberCheck:
 
     @property
     def worst(self) -> Use | None:
-        """The largest use; None where nothing can be checked."""
+        """The largest use; None where there is nothing to compare, as for rods in tension without yield stress."""
         return self.uses[0] if self.uses else None
 
     @property
@@ -209,7 +214,7 @@ class MemberCheck:
     def describe(self) -> tuple[str, ...]:
         """Lines for people."""
         return (
-            *_verdict(self.worst, self.violations, self.unchecked),
+            *_verdict(self.loads, self.worst, self.violations, self.unchecked),
             *(one.describe() for one in self.violations[1:SHOWN]),
             *([f"{len(self.slack)} slack: {_listed(map(repr, self.slack))}"] if self.slack else []),
         )
@@ -274,7 +279,7 @@ class TrajectoryCheck:
 
     @property
     def worst(self) -> Use | None:
-        """The largest use of the run; None where nothing can be checked."""
+        """The largest use of the run; None where there is nothing to compare, as for rods in tension without yield stress."""
         return self.uses[0] if self.uses else None
 
     @property
@@ -284,7 +289,7 @@ class TrajectoryCheck:
 
     def describe(self) -> tuple[str, ...]:
         """Lines for people."""
-        lines = list(_verdict(self.worst, self.violations, self.unchecked))
+        lines = list(_verdict(self.loads, self.worst, self.violations, self.unchecked))
         if self.first_violation is not None:
             lines.append(f"the first beyond its limit: {self.first_violation.describe()}")
         lines += [one.describe() for one in self.violations[1:SHOWN]]
@@ -409,13 +414,19 @@ def _or_none(row: Array) -> list[float | None]:
     return [float(value) if np.isfinite(value) else None for value in row]
 
 
-def _verdict(worst: Use | None, violations: tuple[Use, ...], unchecked: tuple[str, ...]) -> list[str]:
+def _verdict(
+    loads: MemberLoads, worst: Use | None, violations: tuple[Use, ...], unchecked: tuple[str, ...]
+) -> list[str]:
     """The verdict, the worst member, and what could not be checked."""
     if violations:
-        members = {(use.member, use.criterion is Criterion.STRENGTH) for use in violations}
-        head = f"not ok: {len(members)} members are beyond a limit"
+        count = len({(use.member, use.criterion is Criterion.STRENGTH) for use in violations})
+        head = f"not ok: {count} member{'s are' if count > 1 else ' is'} beyond a limit"
+    elif worst is None and unchecked:
+        head = "nothing can be checked: no rod has a section, and no string a strength"
+        if np.any(np.isfinite(loads.euler_loads)):
+            head = "no rod with a section is in compression, so that none buckles; no other limit is known"
     elif unchecked:
-        head = "nothing can be checked" if worst is None else "no limit is exceeded, as far as limits are known"
+        head = "no limit is exceeded, as far as limits are known"
     else:
         head = "ok: every member was checked, and none is beyond a limit"
     lines = [head] if worst is None else [head, f"the worst: {worst.describe()}"]

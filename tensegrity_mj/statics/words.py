@@ -220,9 +220,9 @@ def _stresses(study: StaticStudy) -> Array:
 
 
 def _members(check: MemberCheck) -> tuple[str, ...]:
-    if check.worst is None:
-        return ("nothing can be checked: no rod has a section, and no string a strength",)
-    return check.describe()[:-1] if check.slack else check.describe()
+    """Without the slack strings, which have a line of their own, and what is unchecked where that is everything."""
+    lines = check.describe()[:-1] if check.slack else check.describe()
+    return lines if check.worst is not None else lines[:1]
 
 
 def _held_by_nothing(state: StaticState) -> bool:
