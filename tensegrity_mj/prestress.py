@@ -249,12 +249,23 @@ def prestress(
         raise OptionError(f"level = {level!r}; it must be a number > 0 N/m")
     tight = ~_chosen(structure, slack)
     positions = _nodes(structure, nodes)
-    matrix, external = _equations(structure, positions, free_motions(structure, positions), gravity, loads)
+    motions, forces = free_motions(structure, positions), _loads(structure, gravity, loads)
+    matrix, external = _equations(structure, positions, motions, gravity, loads)
     states = _solve(matrix[:, tight], external)
     # Not the norm of `external`: supports may take all of the weight, and leave its round-off.
-    weight = float(np.linalg.norm(_loads(structure, gravity, loads)))
+    weight = float(np.linalg.norm(forces))
     unbalanced = float(np.linalg.norm(states.residual))
     if unbalanced > RANK_TOLERANCE * weight:
+        push, masses = _driven(motions, forces), lumped_masses(structure)
+        falling = forces - masses[:, None] * push / masses.sum()
+        if np.any(push) and np.linalg.norm(_solve(matrix[:, tight], motions.T @ falling.ravel()).residual) < (
+            RANK_TOLERANCE * weight
+        ):
+            sizes = ", ".join(f"{size:.6g}" for size in push)
+            raise InfeasibleError(
+                f"structure '{structure.name}': gravity and loads push the whole with ({sizes}) N, and nothing holds "
+                "it; leave gravity out (gravity=None) where it falls freely, or give it supports where it stands"
+            )
         raise InfeasibleError(
             f"structure '{structure.name}': {unbalanced:.3g} N of gravity and loads push along motions that no string "
             "resists; add strings or supports against them"
@@ -445,6 +456,16 @@ def _rigid_motions(positions: Array, motions: Array) -> int:
     span, _ = np.linalg.qr(motions)
     outside = np.linalg.svd(bodies - span @ (span.T @ bodies), compute_uv=False)
     return int(np.sum(outside < 1e-7))  # an orthonormal basis: 0 inside the span, up to 1 outside
+
+
+def _driven(motions: Array, forces: Array) -> Array:
+    """(3,) [N]: forces (N, 3) along the straight lines on which motions (3N, q) let the whole go; zero for none."""
+    shifts = np.tile(np.eye(3), (len(forces), 1)) / np.sqrt(len(forces))
+    span, _ = np.linalg.qr(motions)
+    _, outside, right = np.linalg.svd(shifts - span @ (span.T @ shifts))
+    free = right[outside < 1e-7]
+    push = free.T @ (free @ forces.sum(axis=0))
+    return np.where(np.abs(push) > RANK_TOLERANCE * np.linalg.norm(forces), push, 0.0)
 
 
 def _string_forces(structure: Structure, positions: Array) -> Array:

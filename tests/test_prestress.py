@@ -498,9 +498,17 @@ def test_strings_that_would_push_are_named() -> None:
 
 
 def test_weight_that_nothing_holds() -> None:
-    # A free prism falls: 3 rods of 1 kg, whole-body motion straight down. √3 · g: each rod's coordinate gets 1 g.
-    with pytest.raises(InfeasibleError, match=r"17 N of gravity and loads push along motions that no string resists"):
+    # A free prism falls, of 3 rods of 1 kg: it needs no supports to be prestressed as it does.
+    with pytest.raises(InfeasibleError, match=r"push the whole with \(.*, -29.43\) N.*gravity=None.*falls freely"):
         prestress(free_prism(), gravity=GRAVITY)
+    # A couple on it pushes along no straight line, and a force besides leaves more than a fall.
+    twist = np.zeros((6, 3))
+    twist[0], twist[1] = (0.0, 0.0, 1.0), (0.0, 0.0, -1.0)
+    for gravity in (None, GRAVITY):
+        with pytest.raises(
+            InfeasibleError, match=r"push along motions that no string resists; add strings or supports"
+        ):
+            prestress(free_prism(), gravity=gravity, loads=twist)
 
 
 def test_a_structure_without_strings() -> None:

@@ -113,18 +113,21 @@ def describe(scene: Scene, timing: bool = False) -> dict[str, Any]:
 
 
 def statics(scene: Scene) -> dict[str, Any]:
-    """Self-stress and redundant rods at the start; where no law moves it, whether its strings hold it there."""
+    """Self-stress and redundant rods at the start; where no law moves it, whether its strings hold it there.
+
+    A structure that nothing holds against gravity falls freely, where its weight pulls nothing: it is left out.
+    """
     import numpy as np
 
     from tensegrity_mj.errors import InfeasibleError
-    from tensegrity_mj.prestress import equilibrium_residual, prestress, self_stress
+    from tensegrity_mj.prestress import prestress, self_stress
     from tensegrity_mj.resistance import resisting_forces
-    from tensegrity_mj.strings import force_density
+    from tensegrity_mj.statics.balance import balance, falling, fluid_forces
+    from tensegrity_mj.statics.model import StaticModel
     from tensegrity_mj.water import water_forces
 
-    structure, nodes, gravity = scene.structure, scene.nodes0, scene.gravity
+    structure, nodes = scene.structure, scene.nodes0
     still = np.zeros_like(nodes)
-    loads = scene.nodal_forces(0.0) + resisting_forces(scene, nodes, still) + water_forces(scene, 0.0, nodes, still)[0]
     stress, twice = self_stress(structure, nodes), scene.redundancy
     found: dict[str, Any] = {
         "self_stress_modes": len(stress.modes),
@@ -135,8 +138,18 @@ def statics(scene: Scene) -> dict[str, Any]:
     }
     if scene.control is not None:
         return found
-    u = force_density(structure.stiffness, structure.string_lengths(nodes), structure.rest_lengths)
-    found["unbalanced_force"] = float(np.linalg.norm(equilibrium_residual(structure, nodes, u, gravity, loads)))
+    falls = falling(scene)
+    gravity = np.array(scene.gravity) - falls
+    there = balance(StaticModel.of(scene.with_(gravity=tuple(gravity.tolist()))), fluid_forces(scene))
+    found |= {
+        "falls_freely": bool(np.any(falls)),
+        "unbalanced_force": there.unbalanced,
+        "unbalanced": there.describe(),
+        "in_equilibrium": there.is_equilibrium,
+    }
+    if not structure.strings:
+        return found | {"can_be_prestressed": False, "why_not": "there are no strings"}
+    loads = scene.nodal_forces(0.0) + resisting_forces(scene, nodes, still) + water_forces(scene, 0.0, nodes, still)[0]
     try:
         prestress(structure, nodes=nodes, gravity=gravity, loads=loads)
         found |= {"can_be_prestressed": True, "why_not": ""}
@@ -236,6 +249,21 @@ def _costs(timing: dict[str, Any] | None) -> list[tuple[str, str]]:
     ]
 
 
+def _balance(data: dict[str, Any]) -> list[tuple[str, str]]:
+    """Whether strings hold the scene where it starts, in words."""
+    fluids = ", wind and water included" if data["water"] or "wind" in (data["resistance"] or "") else ""
+    falls = (
+        [("falls freely", "nothing holds it against gravity, which is left out of the two lines below, as is contact")]
+        if data["falls_freely"]
+        else []
+    )
+    return [
+        *falls,
+        ("unbalanced force", f"{data['unbalanced']}; at the scene's start{fluids}"),
+        ("prestress", "possible with every string in tension" if data["can_be_prestressed"] else data["why_not"]),
+    ]
+
+
 def _text(data: dict[str, Any]) -> str:
     control, contact = data["control"], data["contact"]
     head = [
@@ -258,8 +286,7 @@ def _text(data: dict[str, Any]) -> str:
         ),
         *([("forces not unique", ", ".join(data["undetermined_forces"]))] if data["undetermined_forces"] else []),
         *([("singular start", ", ".join(data["singular"]))] if data["singular"] else []),
-        *([("unbalanced force at rest", number(data["unbalanced_force"], "N"))] if control is None else []),
-        *([("prestress", "possible" if data["can_be_prestressed"] else data["why_not"])] if control is None else []),
+        *(_balance(data) if control is None else []),
         *_needs(data["needs"]),
         *_costs(data.get("timing")),
         ("gravity", "none" if not any(data["gravity"]) else f"{data['gravity']} m/s²"),

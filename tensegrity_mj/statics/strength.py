@@ -203,7 +203,7 @@ class MemberCheck:
 
     @property
     def worst(self) -> Use | None:
-        """The largest use; None where there is nothing to compare, as for rods in tension without yield stress."""
+        """The largest use; None where there is nothing to compare, as for rods in tension."""
         return self.uses[0] if self.uses else None
 
     @property
@@ -279,7 +279,7 @@ class TrajectoryCheck:
 
     @property
     def worst(self) -> Use | None:
-        """The largest use of the run; None where there is nothing to compare, as for rods in tension without yield stress."""
+        """The largest use of the run; None where there is nothing to compare, as for rods in tension."""
         return self.uses[0] if self.uses else None
 
     @property

@@ -16,7 +16,7 @@ from tensegrity_mj.checks import member, real_array
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.families.arguments import whole
 from tensegrity_mj.scene import Scene
-from tensegrity_mj.statics import linear_systems
+from tensegrity_mj.statics.balance import Balance, balance
 from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.equilibrium import find_equilibrium
 from tensegrity_mj.statics.materials import Material
@@ -42,7 +42,6 @@ Array = NDArray[np.float64]
 FORMAT = 1
 DATA, PAGE = "statics.json", "statics.html"  # what a folder holds
 EDGE = 1e-9  # of a string's length: nearer than that to its rest length, it is neither slack nor taut
-BALANCED = 1e-9  # of the largest force in a member or load: less than that is left in equilibrium
 
 
 class Search(enum.Enum):
@@ -69,8 +68,7 @@ class StaticStudy:
     Attributes:
         model: the problem, with further loads at their full size.
         search: how the equilibrium was found.
-        unbalanced: [N] the largest force that is left at the scene's start, without further loads.
-        starts_at_rest: whether that is an equilibrium.
+        start: what neither rods nor supports can balance at the scene's start, without further loads.
         state: the equilibrium under further loads and holds, on a path its last point; None where there is none.
         failure: why there is none.
         other: by dynamic relaxation, where both searches were asked for.
@@ -84,8 +82,7 @@ class StaticStudy:
 
     model: StaticModel
     search: Search
-    unbalanced: float
-    starts_at_rest: bool
+    start: Balance
     state: StaticState | None
     failure: str = ""
     other: StaticState | None = None
@@ -231,7 +228,7 @@ def analyse(
         require_rigid_and_free(model)
     checked = None if run is None else _checked(run, structure)
     sizing = None if materials is None else _sized(model, materials)
-    unbalanced, balanced = _unbalanced(model)
+    start = balance(model)
     states: list[StaticState] = []
     response, failure = None, ""
     try:
@@ -248,16 +245,13 @@ def analyse(
             raise
         failure = str(error)
     if failure:
-        return StaticStudy(
-            model, search, unbalanced, balanced, None, failure, sizing=sizing, run=checked, notes=_notes(model)
-        )
+        return StaticStudy(model, search, start, None, failure, sizing=sizing, run=checked, notes=_notes(model))
     state = states[0]
     natural = natural_modes(state, count)
     return StaticStudy(
         model=model,
         search=search,
-        unbalanced=unbalanced,
-        starts_at_rest=balanced,
+        start=start,
         state=state,
         other=states[1] if len(states) > 1 else None,
         modes=natural,
@@ -282,20 +276,6 @@ def _prestressability(state: StaticState) -> Prestressability:
     if np.any(state.tensions > 0) or np.any(state.rod_forces != 0):
         return prestressability(state)
     return prestressability(state.model, nodes=state.nodes)
-
-
-def _unbalanced(model: StaticModel) -> tuple[float, bool]:
-    """[N] the largest force that is left at the start without further loads, and whether that is none."""
-    x = model.start.ravel()
-    gradient = model.gradient(x, 0.0)
-    forces = model.rod_forces_from_lengths(x, linear_systems.rod_forces(model, x, gradient))
-    left = model.boundary.Z.T @ (gradient + model.rod_pulls(x, forces))
-    largest = max(
-        float(np.abs(part).max(initial=0.0))
-        for part in (model.tensions(model.strings(x).lengths), forces, model.external(0.0))
-    )
-    size = float(np.abs(left).max(initial=0.0))
-    return size, size <= BALANCED * largest
 
 
 def _loads(structure: Structure, loads: Mapping[str, Sequence[float]] | ArrayLike | None) -> ArrayLike | None:

@@ -25,9 +25,8 @@ def describe(study: StaticStudy) -> list[tuple[str, str]]:
     """Names and what there is to say, a line each."""
     scene = study.model.scene
     rows = [("scene", scene.name)]
-    unbalanced = f"no equilibrium: {_number(study.unbalanced, 'N')} are unbalanced"
     without = ", without the further loads" if np.any(study.model.loads) else ""
-    rows.append(("its start", ("an equilibrium" if study.starts_at_rest else unbalanced) + without))
+    rows.append(("unbalanced force", f"{study.start.describe()}; at the scene's start{without}"))
     state = study.state
     if state is None:
         rows.append(("equilibrium", f"none: {study.failure}"))
@@ -125,8 +124,9 @@ def to_dict(study: StaticStudy) -> dict[str, Any]:
             "path": study.response is not None,
         },
         "start": {
-            "unbalanced": study.unbalanced,
-            "equilibrium": study.starts_at_rest,
+            "unbalanced": study.start.unbalanced,
+            "node": study.start.node,
+            "equilibrium": study.start.is_equilibrium,
             "extent": extent(model.scene.nodes0).tolist(),
         },
         "failure": study.failure,

@@ -1,0 +1,106 @@
+"""How far a structure is from equilibrium where it stands: one definition, for all that says so.
+
+Of the forces on the nodes (strings, bent joints, weights, a rod's half at either end, and loads), axial forces of the
+rods and reactions of supports and holds take away as much as they can. What is left, r (N, 3), is the least there is in
+the sum of its squares: the part of the forces along motions that keep rods' lengths and supports. The unbalanced force
+is the largest magnitude of it on a node,
+
+    max_n ‖r_n‖₂        r = -Z Zᵀ (∇Π + Cᵀ N),   N: those that leave the least
+
+which is zero in equilibrium, and the same in any system of coordinates. Elastic rods carry what their lengths say.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.resistance import resisting_forces
+from tensegrity_mj.scene import Scene
+from tensegrity_mj.statics import linear_systems
+from tensegrity_mj.statics.equilibrium import round_off
+from tensegrity_mj.statics.model import StaticModel
+from tensegrity_mj.structure import null_space_basis
+from tensegrity_mj.water import water_forces
+
+Array = NDArray[np.float64]
+
+BALANCED = 1e-9  # of the largest force in a member or load: less than that is left in equilibrium
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """What neither rods nor supports can balance.
+
+    Attributes:
+        left: r (N, 3) [N].
+        node: the name of the node with the largest of it.
+        is_equilibrium: whether that is none, within round-off and `BALANCED` of the largest force.
+    """
+
+    left: Array
+    node: str
+    is_equilibrium: bool
+
+    @property
+    def unbalanced(self) -> float:
+        """[N] its largest magnitude on a node."""
+        return float(np.linalg.norm(self.left, axis=1).max(initial=0.0))
+
+    def describe(self) -> str:
+        """In words."""
+        size = f"{self.unbalanced:.5g} N"
+        if self.is_equilibrium:
+            return f"{size}, round-off: an equilibrium" if self.unbalanced > 0 else "none: an equilibrium"
+        return f"{size} on node '{self.node}', the largest that neither rods nor supports can balance"
+
+
+def balance(model: StaticModel, further: Array | None = None) -> Balance:
+    """Of a model at its start, without what the parameter of a path multiplies.
+
+    Args:
+        model: the problem.
+        further: (N, 3) [N] forces besides.
+    """
+    if further is not None:
+        model = model.with_(forces=model.forces + further)
+    x, Z = model.start.ravel(), model.boundary.Z
+    gradient = model.gradient(x, 0.0)
+    forces = linear_systems.rod_forces(model, x, gradient)
+    left = -(Z @ (Z.T @ (gradient + model.rod_pulls(x, forces)))).reshape(-1, 3)
+    parts = (model.tensions(model.strings(x).lengths), forces, model.external(0.0))
+    largest = max(float(np.abs(part).max(initial=0.0)) for part in parts)
+    sizes = np.linalg.norm(left, axis=1)
+    threshold = max(BALANCED * largest, round_off(model, x, 0.0, forces))
+    worst = model.structure.node_names[int(sizes.argmax())] if len(sizes) else ""
+    return Balance(left, worst, bool(sizes.max(initial=0.0) <= threshold))
+
+
+def fluid_forces(scene: Scene) -> Array:
+    """(N, 3) [N]: what wind and water push still rods with at t = 0."""
+    still = np.zeros_like(scene.nodes0)
+    out = water_forces(scene, 0.0, scene.nodes0, still)[0]
+    resistance = scene.resistance
+    if resistance is not None and (resistance.viscous or resistance.drag is not None):
+        rigid = scene.with_(resistance=replace(resistance, bending=None))  # joints that are bent are of the model
+        out = out + resisting_forces(rigid, scene.nodes0, still)
+    return out
+
+
+def falling(scene: Scene) -> Array:
+    """(3,) [m/s²]: the part of gravity along straight lines on which nothing holds the structure, nor could.
+
+    Zero where supports hold it, and in water, where it may float. Contact holds it only where it touches, and is left
+    out: a robot above its floor falls.
+    """
+    gravity = np.array(scene.gravity)
+    if scene.water is not None or not np.any(gravity):
+        return np.zeros(3)
+    count = len(scene.structure.nodes)
+    held = StaticModel.of(scene).boundary.rows @ np.tile(np.eye(3), (count, 1))
+    held = held[np.linalg.norm(held, axis=1) > 1e-9]
+    free = null_space_basis(held) if len(held) else np.eye(3)
+    falls = free @ (free.T @ gravity)
+    return falls if np.linalg.norm(falls) > 1e-9 * np.linalg.norm(gravity) else np.zeros(3)
