@@ -91,7 +91,8 @@ def estimate_error(runs: Sequence[Trajectory], steps: Sequence[float], order: in
     differences = [node_difference(a, b) for a, b in itertools.pairwise(runs)]
     nodes = runs[-1].nodes
     extent = float(np.max(np.abs(nodes), initial=1e-300)) if nodes.size else 1.0
-    return judge(differences, steps, order, ROUND_OFF * extent, highest_order(runs[-1], order))
+    last = runs[-1]
+    return judge(differences, steps, order, ROUND_OFF * extent, highest_order(last, order), has_kinks(last))
 
 
 def highest_order(run: Trajectory, order: int) -> int:
@@ -114,21 +115,20 @@ def has_kinks(run: Trajectory) -> bool:
     return bool(_at_times(run.tensions != 0).any())
 
 
-def count_kinks(run: Trajectory) -> int:
-    """Between how many pairs of recorded times strings begin or cease to pull."""
-    pulls = run.tensions != 0
-    return int(np.count_nonzero((pulls[1:] != pulls[:-1]).any(axis=1)))
-
-
 def _at_times(true: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Columns that are true at some times, and not at others."""
     return np.asarray(true.any(axis=0) & ~true.all(axis=0))
 
 
 def judge(
-    differences: Sequence[float], steps: Sequence[float], order: int, floor: float, highest: int | None = None
+    differences: Sequence[float],
+    steps: Sequence[float],
+    order: int,
+    floor: float,
+    highest: int | None = None,
+    kinks: bool = False,
 ) -> Estimate:
-    """`estimate_error` from the differences [m] of neighbouring runs, of which the last two count.
+    """`estimate_error` from the differences [m] of neighbouring runs, of which the last two count, or three with kinks.
 
     Args:
         differences: one fewer than steps.
@@ -136,6 +136,8 @@ def judge(
         order: of the method on smooth motion.
         floor: differences below it are taken for round-off [m].
         highest: order that the motion allows, see `highest_order`; the method's by default. More is by chance.
+        kinks: whether forces have kinks. The error then depends on where in the steps these lie, so that differences
+            fall unevenly: two runs are no evidence, and no order counts that was not seen twice running.
     """
     d, ratio = differences[-1], steps[-2] / steps[-1]
     if not math.isfinite(d):
@@ -145,6 +147,8 @@ def judge(
     if len(differences) == 1 or not math.isfinite(differences[-2]):
         # No order is known yet: that of 1 is assumed, however high the method's, which leaves room where it is higher.
         value = d / (ratio - 1) * (SAFETY if order == 1 else 1.0)
+        if kinks:
+            return Estimate(value, False, f"two runs differ by {d:.2g} m, and may do so by chance as forces have kinks")
         return Estimate(value, True, f"two runs differ by {d:.2g} m; an order of 1 is assumed")
     before, ratio_before = differences[-2], steps[-3] / steps[-2]
     observed = observed_order(before / d, ratio_before, ratio, order)
@@ -154,31 +158,44 @@ def judge(
             False,
             f"runs differ by {before:.2g} m and then by {d:.2g} m: the difference does not fall with the step",
         )
-    told = f"runs differ by {before:.2g} m and then by {d:.2g} m"
-    if observed >= order + 1:
-        # Faster than the method can: the coarsest run was beyond what orders describe, and tells nothing of the others.
-        return Estimate(d / (ratio - 1) * (SAFETY if order == 1 else 1.0), True, f"{told}; an order of 1 is assumed")
     allowed = order if highest is None else highest
     # Two runs may agree by chance, most easily about a kink: the last difference cannot be less than what the one
     # before becomes at full order, or at one order more than the motion allows.
     full = min(order, allowed + 1)
     expected = before * (ratio**full - 1) / (ratio_before**full - 1) * ratio**-full
-    used = min(observed, float(allowed))
+    used, words = min(observed, float(allowed)), f"an order of {observed:.2g}"
+    if observed >= order + 1:
+        # The coarsest run was beyond what orders describe, and says nothing of the others; or they agree by chance.
+        used, words = 1.0, "faster than the method can; an order of 1 is assumed"
+        expected = expected if kinks else d
+    elif kinks:
+        seen = 1.0
+        if len(differences) > 2 and math.isfinite(differences[-3]):
+            seen = observed_order(differences[-3] / before, steps[-4] / steps[-3], ratio_before, order)
+        if seen < used:
+            used = max(seen, LEAST_ORDER)
+            words += f", of which {used:.2g} counts as forces have kinks"
     value = SAFETY * max(d, expected) / (ratio**used - 1)
-    return Estimate(value, True, f"{told}: an order of {observed:.2g}")
+    return Estimate(value, True, f"runs differ by {before:.2g} m and then by {d:.2g} m: {words}")
 
 
-def judge_tolerances(differences: Sequence[float], floor: float) -> Estimate:
+def judge_tolerances(differences: Sequence[float], floor: float, tolerance: float = 0.0) -> Estimate:
     """The same for a method that controls its own error, from runs of tolerances that fall tenfold or more.
 
     Its error follows the tolerance by no fixed order. The last difference is the error of the run before the last, and
-    so an upper estimate of that of the last, which is usually many times less.
+    so an upper estimate of that of the last, which is usually many times less. It cannot be less than what the last
+    run was free to be wrong by in a step: where samples of a law or breaks end the steps, runs of two tolerances take
+    the same ones, and have the same errors.
+
+    Args:
+        tolerance: [m] of the last run.
     """
     d = differences[-1]
     if not math.isfinite(d):
         return Estimate(math.inf, False, "the two finest runs end differently")
     if d <= floor:
-        return Estimate(2 * d + floor / 10, True, f"the two finest runs differ by round-off, {d:.2g} m")
+        value = max(2 * d + floor / 10, tolerance)
+        return Estimate(value, True, f"the two finest runs differ by round-off, {d:.2g} m")
     if len(differences) > 1 and differences[-2] < FALL_OF_TOLERANCES * d:
         return Estimate(
             SAFETY * max(d, differences[-2]),
@@ -186,7 +203,8 @@ def judge_tolerances(differences: Sequence[float], floor: float) -> Estimate:
             f"runs differ by {differences[-2]:.2g} m and then by {d:.2g} m: the difference does not fall with the "
             "tolerance",
         )
-    return Estimate(d, True, f"two runs of different tolerance differ by {d:.2g} m, the error of the coarser")
+    reason = f"two runs of different tolerance differ by {d:.2g} m, the error of the coarser"
+    return Estimate(max(d, tolerance), True, reason)
 
 
 def observed_order(fall: float, ratio_before: float, ratio: float, order: int) -> float:

@@ -15,8 +15,9 @@ from scipy.integrate import solve_ivp
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.convergence import node_difference
-from tensegrity_mj.engines.accuracy_steps import Steps, common_divisor, fastest_rate
+from tensegrity_mj.engines.accuracy_steps import Steps, common_divisor
 from tensegrity_mj.engines.integration_accuracy import RK4_ORDER
+from tensegrity_mj.engines.motion_rates import Rates, rates_along, rates_at_start, string_rates
 from tensegrity_mj.engines.mujoco_accuracy import LOOP_ORDER, ORDER
 from tensegrity_mj.engines.run import Request
 from tensegrity_mj.jsontext import to_exact_json
@@ -227,12 +228,14 @@ def test_common_divisors(times: list[float], expected: float | None) -> None:
     assert found is None if expected is None else found == pytest.approx(expected, rel=1e-9)
 
 
+def request_of(scene: tmj.Scene) -> Request:
+    law = native_law(None, scene.structure)
+    return Request(scene, law, tmj.Actuation.continuous(), tmj.OnInfeasible.STOP, scene.duration, None, progress=False)
+
+
 def test_every_run_records_multiples_of_the_unit() -> None:
-    scene = pendulum(3.0)
-    request = Request(
-        scene, native_law(None, scene.structure), tmj.Actuation.continuous(), tmj.OnInfeasible.STOP, 3.0, None, False
-    )
-    steps = Steps.of(request, 0.0)
+    request = request_of(pendulum(3.0))
+    steps = Steps.of(request, math.inf)
     assert steps.unit == pytest.approx(0.1)
     for wanted in (0.1, 0.04, 0.013, 0.0031, 1e-4):
         k = steps.divisions(wanted)
@@ -241,15 +244,56 @@ def test_every_run_records_multiples_of_the_unit() -> None:
         assert abs(steps.unit / interval - round(steps.unit / interval)) < 1e-9
         assert abs(interval / steps.step(k) - round(interval / steps.step(k))) < 1e-9
         assert interval <= max(0.01, steps.step(k)) * (1 + 1e-9)
+        coarser = steps.recorded_each(max(1, k // 2))
+        assert abs(coarser / interval - round(coarser / interval)) < 1e-9
 
 
-def test_the_fastest_rate_bounds_the_linearized_frequencies() -> None:
+def test_the_rates_of_strings_bound_the_linearized_frequencies() -> None:
     scene = tmj.load_scene("prism")
     A = tmj.linearize(scene, engine=tmj.DAE()).A
     omega = np.max(np.abs(np.linalg.eigvals(A).imag))
-    bound = fastest_rate(scene.structure, scene.nodes0, with_stiffness=True)
+    bound, decay = string_rates(scene.structure, scene.nodes0)
     # The power iteration is good to some percent; geometric stiffness and supports change less than a factor of 2 here.
     assert 0.97 * omega <= bound <= 2 * omega
+    assert decay == 0.0
+    damped = scene.structure.with_strings(damping=scene.structure.stiffness)
+    assert string_rates(damped, scene.nodes0)[1] == pytest.approx(bound**2, rel=1e-9)  # D = K, so λ = ω²
+
+
+def test_the_rates_of_a_short_rod_and_of_a_spin() -> None:
+    """A short rod between two strings that pull with T along its axis swings with ω² = 6 (T + T) / m l."""
+    length, mass, pull = 1e-3, 0.5, 3.0
+    structure = tmj.Structure(
+        "short",
+        {"a": (0.0, 0.0, 0.0), "b": (length, 0.0, 0.0), "f": (-1.0, 0.0, 0.0), "g": (1.0, 0.0, 0.0)},
+        rods=(tmj.Rod("rod", ("a", "b"), mass, 1e-4),),
+        strings=(
+            tmj.String("s", ("f", "a"), 1.0, tension=pull),
+            tmj.String("t", ("b", "g"), 1.0, tension=pull),
+        ),
+        fixed_nodes=("f", "g"),
+    )
+    scene = tmj.Scene(structure, duration=1e-2)
+    omega = np.max(np.abs(np.linalg.eigvals(tmj.linearize(scene, engine=tmj.DAE()).A).imag))
+    found = rates_at_start(request_of(scene))
+    # Strings of 1 m give way by 1 / 1000 of what the rod's ends move; their stiffness of 1 N/m adds as little.
+    assert found.turn == pytest.approx(omega, rel=1e-2)
+    run = tmj.simulate(scene, None, tmj.DAE(method=tmj.Method.RK4, timestep=1e-3))
+    assert rates_along(run, request_of(scene)).turn == pytest.approx(omega, rel=1e-2)
+    spinning = scene.with_(initial_velocities=[(0, 0, -0.5), (0, 0, 0.5), (0, 0, 0), (0, 0, 0)])
+    assert rates_at_start(request_of(spinning)).turn == pytest.approx(1 / length)
+
+
+def test_a_step_resolves_what_it_leaves_a_vibration() -> None:
+    """RK4 multiplies x' = i ω x by R(z) a step: |R|^(ω T / z) >= 1/e, with log |R| = -z⁶/144 (1 - z²/8 + ...)."""
+    for turns in (10.0, 1e3, 1e6):
+        z = Rates(turns, 0.0).resolving_step(1.0, 4) * turns
+        left = abs(1 + 1j * z - z**2 / 2 - 1j * z**3 / 6 + z**4 / 24) ** (turns / z)
+        assert left >= math.exp(-1)
+        assert z == 1.0 or left == pytest.approx(math.exp(-1), rel=math.exp(z**2 / 8) - 1)
+    assert Rates(10.0, 400.0).resolving_step(1.0, 4) == pytest.approx(1 / 400)
+    assert Rates(10.0, 400.0).resolving_step(1.0, 1, damped=False) == pytest.approx(0.1)
+    assert Rates(0.0, 0.0).resolving_step(1.0, 4) == math.inf
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "dae", "ode"])
@@ -263,7 +307,7 @@ def test_the_command_line(engine: str, capsys: pytest.CaptureFixture[str]) -> No
     assert "--timestep is chosen by --accuracy" in capsys.readouterr().out
 
 
-def test_compare_tells_both_estimates(capsys: pytest.CaptureFixture[str]) -> None:
+def test_compare_reports_both_estimates(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["compare", "pinned_rod", "--accuracy", "1e-6", "--duration", "0.5", "--json"]) == 0
     answer = json.loads(capsys.readouterr().out)
     assert answer["first_error_estimate"] <= 1e-6

@@ -99,7 +99,7 @@ def test_kinks_leave_no_more_than_an_order_of_2() -> None:
 
     With kinks no more than a fall by 8 is believed, so that the 16 before leave 2.
     """
-    smooth, kinked = (judge([16.0, 1.0], [4.0, 2.0, 1.0], 4, 0.0, kinks) for kinks in (None, 2))
+    smooth, kinked = (judge([16.0, 1.0], [4.0, 2.0, 1.0], 4, 0.0, highest) for highest in (None, 2))
     assert smooth.value == pytest.approx(1.25 / 15)
     assert kinked.value == pytest.approx(1.25 * 2 / 3)
 
@@ -118,7 +118,22 @@ def test_a_chance_agreement_is_not_believed() -> None:
 def test_what_falls_faster_than_the_method_can_says_nothing_of_its_order() -> None:
     found = judge([1e6, 1.0], [4.0, 2.0, 1.0], 4, 0.0)
     assert found.settled
-    assert found.value == pytest.approx(1.0)
+    assert found.value == pytest.approx(1.25)
+    # About kinks it is chance, and 1/16 of the difference before counts.
+    assert judge([1e6, 1.0], [4.0, 2.0, 1.0], 4, 0.0, kinks=True).value == pytest.approx(1.25 * 1e6 / 16)
+
+
+def test_about_kinks_an_order_counts_that_was_seen_twice() -> None:
+    """Differences 8, 4, 0.5: an order of 1 and then of 3, by chance. Smooth runs would be within 1.25 * 0.5 / 7."""
+    steps = [8.0, 4.0, 2.0, 1.0]
+    assert not judge([8.0], steps[:2], 4, 0.0, kinks=True).settled
+    assert judge([4.0, 0.5], steps[1:], 4, 0.0).value == pytest.approx(1.25 * 0.5 / 7)
+    # Of the first three runs alone, an order of 1 is all that counts.
+    assert judge([4.0, 0.5], steps[1:], 4, 0.0, kinks=True).value == pytest.approx(1.25 * 0.5)
+    assert judge([8.0, 4.0, 0.5], steps, 4, 0.0, kinks=True).value == pytest.approx(1.25 * 0.5)
+    assert judge([32.0, 4.0, 0.5], steps, 4, 0.0, kinks=True).value == pytest.approx(1.25 * 0.5 / 7)
+    # One that did not fall before leaves half an order.
+    assert judge([1.0, 4.0, 0.5], steps, 4, 0.0, kinks=True).value == pytest.approx(1.25 * 0.5 / (2**0.5 - 1))
 
 
 @pytest.mark.parametrize("before", [1.0, 0.3, 1.3])
@@ -146,6 +161,9 @@ def test_tolerances_are_judged_by_the_last_difference() -> None:
     assert judge_tolerances([1e-5, 1e-7], 0.0).value == pytest.approx(1e-7)
     assert not judge_tolerances([1e-7, 1e-7], 0.0).settled
     assert judge_tolerances([1e-14], 1e-12).settled
+    # Runs that took the same steps do not differ, and may be as wrong as the finer tolerance allows.
+    assert judge_tolerances([0.0], 1e-12, 3e-5).value == 3e-5
+    assert judge_tolerances([1e-9], 1e-12, 3e-5).value == 3e-5
 
 
 def test_trajectories_of_known_errors() -> None:

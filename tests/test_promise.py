@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
+from multipliers import nodes_of
 
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.studies import promise_truth
 from tensegrity_mj.studies.promise import BEYOND, Promise, measure
-from tensegrity_mj.studies.promise_experiments import draw
+from tensegrity_mj.studies.promise_experiments import Kind, draw
 from tensegrity_mj.studies.promise_page import write_promise
 
 
@@ -26,6 +29,7 @@ def row(number: int, **changes: Any) -> dict[str, Any]:
         "engine": "DAE",
         "requested": 1e-6,
         "estimate": 9e-7,
+        "moved": 1e-3,
         "error": 5e-7,
         "settled": True,
         "met": True,
@@ -38,32 +42,38 @@ def row(number: int, **changes: Any) -> dict[str, Any]:
     return kept | changes
 
 
+def without(whole: dict[str, Any], *names: str) -> dict[str, Any]:
+    return {name: value for name, value in whole.items() if name not in names}
+
+
 ROWS = (
     row(0),
-    row(1, error=2e-6),  # beyond, by less than three times
+    without(row(1, error=2e-6), "cost_ratio", "lucky_ratio"),  # beyond, by less than three times; not swept
     row(2, error=BEYOND * 1e-6 * 1.01),  # silently beyond
     row(3, error=1e-3, settled=False, met=False, estimate=1e-3),  # beyond, but says so; smooth
-    row(4, cost_ratio=7.0, smooth=False),
+    row(4, cost_ratio=7.0, smooth=False, moved=9e-6),  # by less than ten times the request
     row(5, settled=False, met=False, smooth=False),
     {"number": 6, "experiment": "made up", "engine": "ODE", "outcome": "stopped", "cause": "at a pole"},
     {"number": 7, "outcome": "failed", "cause": "a bug"},
+    {"number": 8, "outcome": "no truth", "cause": "two references differ"},
 )
 
 
 def test_how_promises_are_counted() -> None:
     found = Promise(ROWS, 1, None).fractions
-    assert found["runs"] == 8
-    assert found["outcomes"] == {"measured": 6, "stopped": 1, "no truth": 0, "refused": 0, "failed": 1}
+    assert found["runs"] == 9
+    assert found["outcomes"] == {"measured": 6, "stopped": 1, "no truth": 1, "refused": 0, "failed": 1}
     assert (found["within"]["count"], found["within"]["of"]) == (3, 6)
     assert (found["within_if_met"]["count"], found["within_if_met"]["of"]) == (2, 4)
     assert found["silently_beyond"] == [2]
-    # Of those that say they met it: 3, 3, 3 and 7.
-    assert (found["cost"]["count"], found["cost"]["of"], found["cost"]["largest"]) == (3, 4, 7.0)
-    assert (found["cost_smooth"]["count"], found["cost_smooth"]["of"]) == (3, 3)
+    # Of those that report that they met it: 3, 3 and 7; the fourth was not swept.
+    assert found["cost"] == {"of": 3, "median": 3.0, "most": 7.0, "largest": 7.0}
     assert found["cost_of"] == {"DAE": found["cost"]}
-    assert (found["cost_by_luck"]["count"], found["cost_by_luck"]["median"]) == (0, 6.0)
+    assert (found["cost_by_luck"]["of"], found["cost_by_luck"]["median"]) == (3, 6.0)
     assert (found["unsettled_smooth"]["count"], found["unsettled_smooth"]["of"]) == (1, 4)
     assert found["unmet"]["count"] == 2
+    assert (found["idle"]["count"], found["idle"]["of"]) == (1, 6)
+    assert (found["no_truth"]["count"], found["no_truth"]["of"]) == (1, 9)
 
 
 def test_failures_are_listed_with_what_they_broke() -> None:
@@ -72,7 +82,6 @@ def test_failures_are_listed_with_what_they_broke() -> None:
         1: "beyond",
         2: "beyond 3 times, silently",
         3: "beyond, unsettled though smooth",
-        4: "cost",
         7: "failed",
     }
 
@@ -88,9 +97,32 @@ def test_a_number_draws_the_same_experiment_again() -> None:
         first, second = draw(5, number), draw(5, number)
         assert (first.words, first.accuracy, first.engine) == (second.words, second.accuracy, second.engine)
         assert first.scene == second.scene
-    # Kinds, engines and decades go round, so that 72 experiments hold every combination.
-    drawn = [draw(5, number).engine for number in (0, 3, 6, 9)]
-    assert drawn == ["MuJoCo", "DAE", "ODE", "MuJoCo"]
+    # Engines go round; of shipped scenes, decades do, so that 24 experiments hold every combination.
+    assert [draw(5, number).engine for number in range(4)] == ["MuJoCo", "DAE", "ODE", "MuJoCo"]
+    decades = [math.floor(-math.log10(draw(5, number, Kind.SHIPPED).accuracy)) for number in range(1, 24, 3)]
+    assert decades == list(range(2, 10))
+
+
+def test_random_experiments_are_drawn_over_their_whole_range() -> None:
+    """Of 300, the extremes of each uniform draw lie within 3 % of its range of its ends: (1 - .03)^300 = 1e-4."""
+    scenes = [draw(5, number).scene for number in range(300)]
+    assert {len(scene.structure.rods) for scene in scenes} == set(range(1, 7))
+    assert all(scene.contact is None for scene in scenes)
+    strung = [scene.structure for scene in scenes if scene.structure.strings]
+    stiffness = np.log10([structure.stiffness.max() for structure in strung])
+    # Each string has half to all of what was drawn.
+    assert -3 - math.log10(2) <= stiffness.min() <= -3 + 0.03 * 13
+    assert 10 - 0.03 * 13 - math.log10(2) <= stiffness.max() <= 10
+    ratios = [structure.damping.max() / 2 / math.sqrt(structure.stiffness.max()) for structure in strung]
+    assert min(ratios) == 0.0
+    assert 30 <= max(ratios) <= 100 * math.sqrt(2)
+    spins = [
+        (np.linalg.norm(apart, axis=-1) / scene.structure.rod_lengths).max()
+        for scene in scenes
+        if (apart := np.subtract(*scene.velocities0[scene.structure.rod_nodes.T])) is not None
+    ]
+    assert min(spins) == 0.0
+    assert 50 <= max(spins) <= 100
 
 
 def test_a_setting_is_adequate_only_with_all_finer_ones(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,11 +133,9 @@ def test_a_setting_is_adequate_only_with_all_finer_ones(monkeypatch: pytest.Monk
     )
 
     def run(_: Any, errors: Any, work: float) -> Any:
-        return SimpleNamespace(
-            status=tmj.Status.COMPLETED, error=errors[work], cost={"evaluations": work, "wall_time": 1}
-        )
+        return SimpleNamespace(status=tmj.Status.COMPLETED, error=errors[work], cost={"evaluations": work})
 
-    settings = [[promise_truth.Setting(errors, 1.0, work, work) for work in errors] for errors in methods]
+    settings = [[promise_truth.Setting(errors, work, work) for work in errors] for errors in methods]
     monkeypatch.setattr(promise_truth, "_sweeps", lambda *_: settings)
     monkeypatch.setattr(promise_truth, "_simulate", run)
     monkeypatch.setattr(promise_truth, "node_difference", lambda made, _: made.error)
@@ -115,25 +145,44 @@ def test_a_setting_is_adequate_only_with_all_finer_ones(monkeypatch: pytest.Monk
     adequate, lucky = promise_truth.cheapest_of(experiment, truth, truth, 20.0)
     assert adequate is not None
     assert lucky is not None
-    assert (adequate.work, lucky.work) == (4.0, 2.0)
+    assert (adequate.evaluations, lucky.evaluations) == (4.0, 2.0)
     assert promise_truth.cheapest_of(experiment, truth, truth, 1.2) == (None, None)
 
 
 def test_a_measured_experiment_is_true_and_reproducible() -> None:
-    point = {"seed": 3, "number": 4}
+    point = {"seed": 3, "number": 36, "kind": "random"}
     first, second = measure(point), measure(point)
-    assert first["outcome"] == "measured"
-    # The same two numbers from the public interface alone.
-    experiment = draw(3, 4)
-    run = tmj.simulate(experiment.scene, experiment.law, tmj.DAE(accuracy=experiment.accuracy))
-    tight = tmj.DAE(rtol=1e-13, atol=1e-15)
-    reference = tmj.simulate(experiment.scene, experiment.law, tight, output_interval=float(run.time[1]))
-    assert first["estimate"] == run.error_estimate
-    assert first["error"] == tmj.compare(run, reference).max_node_error
-    assert first["error"] <= first["requested"]
-    assert 0 < first["cost_ratio"] < 100
-    assert first.pop("timing").keys() == second.pop("timing").keys()
     assert first == second
+    assert first["outcome"] == "measured"
+    # The same numbers from the public interface and from a third coding, which shares nothing with the two references.
+    experiment = draw(3, 36)
+    run = tmj.simulate(experiment.scene, None, tmj.MuJoCo(accuracy=experiment.accuracy))
+    assert first["estimate"] == run.error_estimate
+    error = np.max(np.linalg.norm(run.nodes - nodes_of(experiment.scene, run.time)[0], axis=-1))
+    # References may be off by a tenth of the request, by which the study counts those that are further apart.
+    assert error == pytest.approx(first["error"], abs=0.1 * experiment.accuracy)
+    assert first["error"] <= first["requested"]
+    assert first["cost_ratio"] >= 1.0
+
+
+@pytest.mark.study
+def test_the_references_agree_with_a_third_coding() -> None:
+    """Of 100 experiments: nodes and multipliers by SciPy against the reference that each run was judged by."""
+    checked = apart = 0
+    for number in itertools.count():
+        experiment = draw(314, number)
+        run = tmj.simulate(experiment.scene, None, getattr(tmj, experiment.engine)(accuracy=experiment.accuracy))
+        if run.status is not tmj.Status.COMPLETED or run.reports["accuracy"]["total_cost"]["evaluations"] > 2e4:
+            continue  # what would take SciPy's Python minutes
+        row = measure({"seed": 314, "number": number, "kind": "random"})
+        if row["outcome"] != "measured":
+            continue
+        error = np.max(np.linalg.norm(run.nodes - nodes_of(experiment.scene, run.time)[0], axis=-1))
+        apart += abs(error - row["error"]) > 0.1 * experiment.accuracy + 1e-9
+        checked += 1
+        if checked == 100:
+            break
+    assert apart == 0
 
 
 def test_the_page_and_the_data(tmp_path: Path) -> None:
@@ -142,7 +191,7 @@ def test_the_page_and_the_data(tmp_path: Path) -> None:
     assert "at a pole" in text
     assert "beyond 3 times, silently" in text
     data = json.loads((tmp_path / "promise.json").read_text(encoding="utf-8"))
-    assert data["failures"] == [1, 2, 3, 4, 7]
+    assert data["failures"] == [1, 2, 3, 7]
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -156,10 +205,11 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 
 
 @pytest.mark.slow
-def test_the_promise_holds_on_a_few() -> None:
-    """Not the study itself, which takes an hour: every engine and kind once, at two requests."""
-    rows = [{"number": n, **measure({"seed": 21, "number": n})} for n in (*range(9), *range(27, 36))]
-    found = Promise(tuple(rows), 21, None).fractions
+@pytest.mark.parametrize("kind", Kind)
+def test_the_promise_holds_on_a_few(kind: Kind) -> None:
+    """Not the study itself, which takes half an hour of a core."""
+    rows = [{"number": n, **measure({"seed": 21, "number": n, "kind": kind.value})} for n in range(3, 12)]
+    found = Promise(tuple(rows), 21, None, kind).fractions
     assert found["outcomes"]["failed"] == found["outcomes"]["refused"] == 0
     assert found["silently_beyond"] == []
-    assert found["within_if_met"]["fraction"] >= 0.95
+    assert found["within_if_met"]["fraction"] == 1.0

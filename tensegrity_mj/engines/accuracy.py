@@ -1,9 +1,10 @@
 """A run with an accuracy instead of a step: which integrator, which step or tolerance, and how wrong the result is.
 
-Several methods are tried side by side, each from coarse to fine (`accuracy_ladder`). The next run is always that which
-promises a verified result for the least work, counted in evaluations with fixed weights and never in measured time, so
-that the same request gives the same run on every machine. The finest run made is returned; its error is estimated from
-its difference to coarser runs of the same method over the whole time.
+Several methods are tried side by side, each from coarse to fine (`accuracy_ladder`). The next run is always that of the
+method which will have cost least with it, counted in evaluations of the forces and never in measured time, so that the
+same request gives the same run on every machine. Nothing but the end of this sequence depends on the accuracy: a looser
+request makes a part of the runs of a tighter one. The finest run is returned; its error is estimated from its
+difference to coarser runs of the same method over the whole time.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 
 from tensegrity_mj.checks import positive
 from tensegrity_mj.convergence import ROUND_OFF
-from tensegrity_mj.engines.accuracy_ladder import STRIKES, Ladder, Rung
+from tensegrity_mj.engines.accuracy_ladder import HALF, STRIKES, Ladder, Rung
 from tensegrity_mj.engines.accuracy_steps import Steps
 from tensegrity_mj.engines.run import Request
 from tensegrity_mj.errors import ControllerError, DivergenceError, OptionError, TensegrityError
@@ -27,11 +28,8 @@ from tensegrity_mj.trajectory import Status, Trajectory
 
 LEAST, MOST = 1e-10, 1e-2  # m, what may be asked for
 LEAST_STEP = 1e-9  # of the duration
-TRIAL = 2.0
-# An error-controlled method that was not tried yet is counted with this times its predicted work: that is a guess, and
-# a trial that does not win is lost.
-UNTRIED = 1.5
-MOST_WORK = 4e7  # in units of the cost model: minutes, where a unit is an evaluation of some microseconds
+ROOM = 0.75  # of the coarsest step that the start allows: rates change along a run
+MOST_EVALUATIONS = 4e7  # minutes, where one takes some microseconds
 
 
 @dataclass(frozen=True)
@@ -40,13 +38,11 @@ class Way:
 
     Attributes:
         ladder: see there.
-        weight: work of one evaluation.
         run: from a request and a setting to a run.
         words: of a setting, for reports.
     """
 
     ladder: Ladder
-    weight: float
     run: Callable[[float], Trajectory]
     words: Callable[[float], dict[str, Any]]
 
@@ -54,10 +50,10 @@ class Way:
 def fixed_step_way(
     name: str,
     order: int,
-    weight: float,
     evaluations: int,
-    steps: Steps,
+    longest: float,
     request: Request,
+    resolving: Callable[[Trajectory], float],
     make: Callable[[float, Request], Trajectory],
     located: bool = False,
 ) -> Way:
@@ -65,13 +61,14 @@ def fixed_step_way(
 
     Args:
         name, order: of the method.
-        weight: work of one evaluation.
         evaluations: a step.
-        steps: that it may have.
+        longest: step [s] that resolves the motion at the start.
         request: of the run.
+        resolving: the same of a run.
         make: the run with a step [s].
         located: whether steps are split where strings go slack or taut.
     """
+    steps = Steps.of(request, ROOM * HALF * longest)
 
     def run(step: float) -> Trajectory:
         k = steps.divisions(step)
@@ -82,14 +79,15 @@ def fixed_step_way(
         order=order,
         first=steps.unit,
         growth=1.0,
-        first_work=lambda: weight * evaluations * steps.count(1),
+        first_cost=evaluations * steps.count(1),
         fit=lambda step: steps.step(steps.divisions(step)),
         floor=round_off(request),
         least=LEAST_STEP * request.duration,
+        resolving=resolving,
         located=located,
     )
     split = {"locate_slack": True} if located else {}
-    return Way(ladder, weight, run, lambda step: {"timestep": steps.step(steps.divisions(step)), **split})
+    return Way(ladder, run, lambda step: {"timestep": steps.step(steps.divisions(step)), **split})
 
 
 def can_locate(structure: Structure) -> bool:
@@ -132,33 +130,29 @@ def find(accuracy: float, ways: Sequence[Way], request: Request) -> Trajectory:
     """The run that has the accuracy, or the best that could be made, with what it says about itself.
 
     Raises:
+        OptionError: where the coarsest run that shows anything would take too many evaluations.
         TensegrityError: what every method's finest run raised, where none could be made.
     """
     tried: list[tuple[Way, Rung]] = []
-    spent, reason = 0.0, ""
+    reason = ""
     found: Way | None = None
     while found is None:
-        plans = [(way.ladder.next(accuracy), number) for number, way in enumerate(ways) if not way.ladder.dead]
-        plans.sort(key=lambda plan: (plan[0][1] * _doubt(ways[plan[1]].ladder), plan[1]))
+        plans = [
+            (way.ladder.spent + way.ladder.next()[1], number) for number, way in enumerate(ways) if not way.ladder.dead
+        ]
         if not plans:
             break
-        begun = [plan for plan in plans if ways[plan[1]].ladder.rungs]
-        if begun and not ways[plans[0][1]].ladder.rungs:
-            # What a method costs that was not tried yet is a guess: a trial must not cost much more than was spent, or
-            # than what would be spent instead.
-            trial, instead = plans[0], begun[0]
-            most = max(TRIAL * spent, ways[instead[1]].ladder.work(instead[0][0]))
-            if ways[trial[1]].ladder.work(trial[0][0]) > most:
-                plans = begun
-        (setting, finish), number = plans[0]
+        cost, number = min(plans)
         way = ways[number]
+        spent = math.fsum(rung.evaluations for _, rung in tried)
+        setting = way.ladder.next()[0]
         if way.ladder.rungs and setting >= way.ladder.rungs[-1].setting * (1 - 1e-12):
             way.ladder.dead = f"{way.ladder.name} can go no finer"
             continue
-        if spent + finish > MOST_WORK and any(rung.run for _, rung in tried):
+        if spent + cost - way.ladder.spent > MOST_EVALUATIONS:
             reason = (
-                f"{accuracy:g} m would take about {finish:.2g} evaluations more, and {MOST_WORK:g} are allowed; "
-                "ask for less, or shorten the run"
+                f"{accuracy:g} m would take more than the {MOST_EVALUATIONS:g} evaluations that are allowed; ask for "
+                "less, or shorten the run"
             )
             break
         rung = _climb(way, setting)
@@ -168,27 +162,38 @@ def find(accuracy: float, ways: Sequence[Way], request: Request) -> Trajectory:
                 if other.ladder.rank < way.ladder.rank:
                     other.ladder.dead = other.ladder.dead or f"{way.ladder.name} did not settle"
         tried.append((way, rung))
-        spent += rung.work
         estimate = way.ladder.estimate
-        if rung.run is not None and estimate is not None and estimate.value <= accuracy:
-            # A run that stops for lack of a solution has no more to give, however fine.
-            if estimate.settled or rung.run.status is not Status.COMPLETED:
-                found = way
-        elif estimate is not None and way.ladder.differences and way.ladder.differences[-1] <= way.ladder.floor:
+        if rung.run is None or estimate is None:
+            continue
+        # A run that stops for lack of a solution has no more to give, however fine; near a pole of the ODE, shorter
+        # fixed steps may pass.
+        ended = rung.run.status is Status.INFEASIBLE or (rung.run.status is Status.SINGULAR and not way.ladder.order)
+        sound = estimate.settled or (way.ladder.resolved and ended)
+        if sound and estimate.value <= accuracy:
+            found = way
+        elif way.ladder.differences[-1] <= way.ladder.floor:
             way.ladder.dead = f"{estimate.reason}, and finer steps would not lessen it"
-    if found is None:
-        made = [(way.ladder.estimate, way) for way in ways if way.ladder.good]
-        known = [(estimate.value, number) for number, (estimate, _) in enumerate(made) if estimate is not None]
-        if not made:
-            failures = [rung.failure for _, rung in tried if rung.failure is not None]
-            raise failures[-1] if failures else OptionError("accuracy: no method can make this run")
-        found = made[min(known)[1] if known else 0][1]
-    return _told(accuracy, found, tried, reason, request)
+    return _reported(accuracy, found or _best(ways, tried, request), tried, reason)
 
 
-def _doubt(ladder: Ladder) -> float:
-    """What to multiply the predicted work of a ladder by, to compare it with others."""
-    return 1.0 if ladder.order or ladder.rungs else UNTRIED
+def _best(ways: Sequence[Way], tried: Sequence[tuple[Way, Rung]], request: Request) -> Way:
+    """The way of the least estimate, where none is good enough."""
+    made = [(way.ladder.estimate, way) for way in ways if way.ladder.good]
+    known = [
+        (not estimate.settled, estimate.value, number)
+        for number, (estimate, _) in enumerate(made)
+        if estimate is not None
+    ]
+    if made:
+        return made[min(known)[2] if known else 0][1]
+    failures = [rung.failure for _, rung in tried if rung.failure is not None]
+    if failures:
+        raise failures[-1]
+    raise OptionError(
+        f"accuracy: the fastest motion that is possible in {request.duration:g} s would take more than "
+        f"{MOST_EVALUATIONS:g} evaluations to resolve; shorten the run, soften what is stiff, or choose integrator and "
+        "step yourself"
+    )
 
 
 def _climb(way: Way, setting: float) -> Rung:
@@ -200,14 +205,14 @@ def _climb(way: Way, setting: float) -> Rung:
         if not isinstance(error, (DivergenceError, ControllerError)):
             way.ladder.dead = str(error)
         partial = getattr(error, "trajectory", None)
-        rung = Rung(setting, None, way.weight * (partial.cost["evaluations"] if partial is not None else 0.0), error)
+        rung = Rung(setting, None, partial.cost["evaluations"] if partial is not None else 0.0, error)
     else:
-        rung = Rung(setting, run, way.weight * run.cost["evaluations"])
+        rung = Rung(setting, run, run.cost["evaluations"])
     way.ladder.add(rung)
     return rung
 
 
-def _told(accuracy: float, found: Way, tried: Sequence[tuple[Way, Rung]], reason: str, request: Request) -> Trajectory:
+def _reported(accuracy: float, found: Way, tried: Sequence[tuple[Way, Rung]], reason: str) -> Trajectory:
     """The finest run of the way that was found, with the report on its accuracy and the cost of all runs."""
     ladder = found.ladder
     last = ladder.good[-1]
@@ -219,7 +224,7 @@ def _told(accuracy: float, found: Way, tried: Sequence[tuple[Way, Rung]], reason
     why = "only one run could be made" if estimate is None else estimate.reason
     if not met:
         why = "; ".join(dict.fromkeys(part for part in (why, reason or ladder.dead) if part))
-    total = {"runs": len(tried), "work": math.fsum(rung.work for _, rung in tried)}
+    total: dict[str, float] = {"runs": len(tried)}
     for name in ("wall_time", "steps", "evaluations"):
         total[name] = sum(_cost(rung).get(name, 0) for _, rung in tried)
     run.reports["accuracy"] = {
@@ -244,7 +249,7 @@ def _told(accuracy: float, found: Way, tried: Sequence[tuple[Way, Rung]], reason
 
 
 def _row(way: Way, rung: Rung) -> dict[str, Any]:
-    """What is told of one run: its setting, its work, its difference to the coarser run before it [m]."""
+    """What is reported of one run: its setting, its cost, its difference to the coarser run before it [m]."""
     good = way.ladder.good
     number = next((index for index, one in enumerate(good) if one is rung), 0)
     offset = len(good) - len(way.ladder.differences)
@@ -253,7 +258,6 @@ def _row(way: Way, rung: Rung) -> dict[str, Any]:
         **way.words(rung.setting),
         "steps": _cost(rung).get("steps", 0),
         "evaluations": _cost(rung).get("evaluations", 0),
-        "work": rung.work,
         "difference": way.ladder.differences[number - offset] if number >= offset and len(good) > 1 else None,
         "failure": "" if rung.failure is None else str(rung.failure),
     }

@@ -1,27 +1,52 @@
-"""Experiments on which the promise of `accuracy=` is measured: shipped scenes and random structures, drawn by seed."""
+"""Experiments on which the promise of `accuracy=` is measured: shipped scenes and random structures, drawn by seed.
+
+Random ones go from where a fixed step is easy to where it is not: strings of any stiffness, dampers that stop a
+structure within a step, rods that spin, rods so short that a string's tension turns them fast, rods near the pole of
+the ODE's angles. Contact is left out, which one engine alone can compute.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import enum
+import math
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.actuation import Actuation
-from tensegrity_mj.families.random_structures import random_scene, random_structure, random_velocities
+from tensegrity_mj.families.random_structures import random_structure, random_velocities
 from tensegrity_mj.scene import Scene
+from tensegrity_mj.structure import Structure
+from tensegrity_mj.studies.extremes.pace import pace
 
 Array = NDArray[np.float64]
 
-KINDS = ("shipped", "lively", "calm")
+
+class Kind(enum.Enum):
+    """What experiments are drawn from."""
+
+    RANDOM = "random"  # structures of 1 to 6 rods
+    SHIPPED = "shipped"  # scenes of the package, open and closed loop, all actuation modes
+
+
 ENGINES = ("MuJoCo", "DAE", "ODE")
 # Without `planar_beam` and `prism_drop`: the one takes an hour for its sweeps, the other has contact, which only one
 # engine can compute, so that there is no truth to compare with.
 SHIPPED = ("pinned_rod", "pinned_rod_mirror", "prism", "cross", "tbar")
-DAMPED_TIME = 20.0  # s, in which a random structure comes to rest before a calm experiment
-FAR = 10.0  # m; a structure that gets there falls
 REQUESTS = (1e-2, 1e-10)  # m
+STIFFNESS = (1e-3, 1e10)  # N/m
+SPEED = (1e-2, 10.0)  # m/s that the strings give a rod of 1 kg
+LARGEST_STRETCH = 0.3
+RATIO = (1e-3, 100.0)  # of dampers to critical ones
+SPIN = (0.1, 100.0)  # rad/s
+SHORTEST = 10**-4.5  # m, of rods
+TILT = (2e-3, 0.1)  # rad from the pole of the ODE, which stops at 1e-3
+TURNS = (3.0, 300.0)  # rad of the fastest vibration or turn in a run: a tight reference takes some 10 evaluations each
+DECAYS = 3e3  # most time constants of the fastest damper in a run
+LONGEST = 2.0  # s
+DEPTH = (1.5, 7.0)  # decades from what the nodes move to the request
 
 
 @dataclass(frozen=True)
@@ -45,19 +70,17 @@ class Experiment:
     words: str
 
 
-def draw(seed: int, number: int) -> Experiment:
-    """The experiment of a number: kinds, engines and decades of requests go round, all else is drawn."""
+def draw(seed: int, number: int, kind: Kind = Kind.RANDOM) -> Experiment:
+    """The experiment of a number: engines go round, all else is drawn."""
     rng = np.random.default_rng([seed, number])
-    kind, engine = KINDS[number % 3], ENGINES[(number // 3) % 3]
-    decade = (number // 9) % 8  # 1e-2 .. 1e-9 and down to a tenth of it
-    accuracy = float(f"{10.0 ** (-2 - decade - rng.uniform()):.1e}")
-    accuracy = min(max(accuracy, REQUESTS[1]), REQUESTS[0])
-    duration = float(rng.choice([0.5, 1.0, 2.0, 3.0]))
-    if kind == "shipped":
-        scene, law, words = _shipped(rng, duration)
-    else:
-        scene, words = _random(rng, duration, calm=kind == "calm")
-        law = None
+    engine = ENGINES[number % 3]
+    if kind is Kind.RANDOM:
+        scene, distance, words = _random(rng)
+        accuracy = distance * 10 ** -rng.uniform(*DEPTH)
+        return Experiment(scene, None, Actuation.continuous(), engine, _request(accuracy), f"random: {words}")
+    decade = (number // 3) % 8  # 1e-2 .. 1e-9 and down to a tenth of it
+    accuracy = 10.0 ** (-2 - decade - rng.uniform())
+    scene, law, words = _shipped(rng, duration := float(rng.choice([0.5, 1.0, 2.0, 3.0])))
     actuation = Actuation.continuous()
     if law is not None:
         period = float(rng.choice([0.005, 0.01, 0.02]))
@@ -66,7 +89,12 @@ def draw(seed: int, number: int) -> Experiment:
             make = Actuation.hold_force_density if mode == 1 else Actuation.hold_rest_length
             actuation = make(period)
             words += f", {actuation.mode.value} {period:g} s"
-    return Experiment(scene, law, actuation, engine, accuracy, f"{kind}: {words}, {duration:g} s")
+    return Experiment(scene, law, actuation, engine, _request(accuracy), f"shipped: {words}, {duration:g} s")
+
+
+def _request(accuracy: float) -> float:
+    """[m] of two digits, in the range that may be asked for."""
+    return min(max(float(f"{accuracy:.1e}"), REQUESTS[1]), REQUESTS[0])
 
 
 def _shipped(rng: np.random.Generator, duration: float) -> tuple[Scene, Any, str]:
@@ -83,56 +111,78 @@ def _shipped(rng: np.random.Generator, duration: float) -> tuple[Scene, Any, str
     return scene, law, f"{name} {'closed' if closed else 'open'} loop"
 
 
-def _random(rng: np.random.Generator, duration: float, calm: bool) -> tuple[Scene, str]:
-    rods, planar = int(rng.integers(1, 5)), bool(rng.uniform() < 0.25)
-    stiffness = float(10 ** rng.uniform(1, 3.5))
-    damped = bool(rng.uniform() < 0.4)
-    damping = (0.0, float(stiffness * 10 ** rng.uniform(-4, -1.5))) if damped else (0.0, 0.0)
-    gravity = bool(rng.uniform() < 0.5)
+def _random(rng: np.random.Generator) -> tuple[Scene, float, str]:
+    """A scene, about how far its nodes move [m], and what it is in words."""
+    rods, planar, gravity = int(rng.integers(1, 7)), bool(rng.uniform() < 0.25), bool(rng.uniform() < 0.5)
     structure = random_structure(
         rng,
         rods=rods,
         planar=planar,
         strings=int(rng.integers(2 * rods, 4 * rods + 2)),
-        stiffness=(stiffness / 2, stiffness),
-        damping=damping,
-        stretch=(0.05, 0.3) if rng.uniform() < 0.5 else (-0.1, 0.3),
         fixed_nodes=int(rng.integers(0, 3)),
     )
-    speed = float(rng.uniform(0.02, 0.2) if calm else rng.uniform(0.1, 1.0))
-    scene = random_scene(rng, structure, moving=0.0 if calm else speed, gravity=gravity, duration=duration)
-    if calm:
-        start = _at_rest(scene)
-        still = scene.with_(initial_nodes=start)
-        scene = still.with_(initial_velocities=random_velocities(rng, structure, start, speed))
-    told = [name for name, true in (("planar", planar), ("damped", damped), ("gravity", gravity)) if true]
-    strings = len(structure.strings)
-    return scene, f"{rods} rods, {strings} strings of {stiffness:.2g} N/m{''.join(', ' + one for one in told)}"
+    oddity = rng.uniform()
+    if oddity < 0.1:
+        structure = _shortened(structure, length := _log_uniform(rng, SHORTEST, 0.1))
+        told = [f"a rod of {length:.1e} m"]
+    elif oddity < 0.15 and not planar:
+        structure = _tilted(structure, angle := _log_uniform(rng, *TILT))
+        told = [f"a rod {angle:.1e} from the pole"]
+    else:
+        told = []
+    stiffness = _log_uniform(rng, *STIFFNESS)
+    ratio = 0.0 if rng.uniform() < 1 / 3 else _log_uniform(rng, *RATIO)
+    speed = _log_uniform(rng, *SPEED)
+    stretch = min(LARGEST_STRETCH, speed / math.sqrt(stiffness))
+    least = 0.1 if rng.uniform() < 0.5 else -0.5  # of it: some strings begin slack
+    lengths, M = structure.string_lengths(structure.positions), len(structure.strings)
+    structure = structure.with_strings(
+        stiffness=stiffness * rng.uniform(0.5, 1.0, M),
+        damping=2 * ratio * math.sqrt(stiffness),
+        rest_length=lengths * (1 - stretch * rng.uniform(least, 1.0, M)),
+    )
+    scene = Scene(structure, gravity=_of_length(rng, 9.81) if gravity else (0.0, 0.0, 0.0), name="random")
+    spin = _log_uniform(rng, *SPIN) if rng.uniform() < 0.5 else 0.0
+    if spin:
+        scene = scene.with_(initial_velocities=random_velocities(rng, structure, structure.positions, spin))
+    rates = pace(scene)
+    duration = _log_uniform(rng, *TURNS) / max(rates.vibration, rates.spin, TURNS[0] / LONGEST)
+    duration = float(f"{min(duration, LONGEST, DECAYS / max(rates.decay, 1e-300)):.3g}")
+    pulled = speed / max(1.0, 2 * ratio)  # an overdamped rod creeps at the stretch times k / c
+    distance = min(1.0, (spin + pulled) * duration + 5.0 * gravity * duration**2)
+    told += [name for name, true in (("planar", planar), ("gravity", gravity)) if true]
+    told += [f"damped {ratio:.2g} of critical"] * bool(ratio) + [f"spin {spin:.2g} rad/s"] * bool(spin)
+    words = f"{rods} rods, {M} strings of {stiffness:.2g} N/m{''.join(', ' + one for one in told)}, {duration:g} s"
+    return scene.with_(duration=duration), distance, words
 
 
-def _at_rest(scene: Scene) -> Array:
-    """Where the structure comes to rest, or nearly so: after a damped run; without gravity, if it falls."""
-    from tensegrity_mj.engines.dae import DAE, Drift
-    from tensegrity_mj.simulation import simulate
+def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(math.exp(rng.uniform(math.log(low), math.log(high))))
 
-    structure = scene.structure
-    mass = float(np.min(structure.rod_masses))
-    damped = scene.with_(structure=structure.with_strings(damping=np.sqrt(structure.stiffness * mass)))
-    nodes = scene.nodes0
-    for gravity in (scene.gravity, (0.0, 0.0, 0.0)):
-        run = simulate(
-            damped.with_(gravity=gravity),
-            None,
-            DAE(rtol=1e-6, atol=1e-8, drift=Drift.NORMALIZE),
-            duration=DAMPED_TIME,
-            output_interval=DAMPED_TIME,
-        )
-        nodes = np.array(run.nodes[-1])
-        if np.max(np.abs(nodes)) < FAR:
-            break
-    # Rods exactly as long as they are: a sample between two steps is off by the tolerance.
-    for rod, length, (i, j) in zip(structure.rods, structure.rod_lengths, structure.rod_nodes, strict=True):
-        sigma, span = rod.support.sigma, nodes[j] - nodes[i]
-        held, span = (1 - sigma) * nodes[i] + sigma * nodes[j], span * length / np.linalg.norm(span)
-        nodes[i], nodes[j] = held - sigma * span, held + (1 - sigma) * span
-    return nodes
+
+def _of_length(rng: np.random.Generator, length: float) -> tuple[float, float, float]:
+    vector = rng.normal(size=3)
+    x, y, z = (length * vector / np.linalg.norm(vector)).tolist()
+    return x, y, z
+
+
+def _shortened(structure: Structure, length: float) -> Structure:
+    """The first rod that short [m], about its first node."""
+    i, j = structure.rod_nodes[0]
+    span = structure.positions[j] - structure.positions[i]
+    return _with_second_node(structure, length * span / np.linalg.norm(span))
+
+
+def _tilted(structure: Structure, angle: float) -> Structure:
+    """The first rod at an angle [rad] from the vertical, where the ODE's angles have their pole."""
+    rod = structure.rods[0]
+    support = replace(rod.support, plane=None)  # its plane no longer holds it
+    free = replace(structure, rods=(replace(rod, support=support), *structure.rods[1:]))
+    return _with_second_node(free, structure.rod_lengths[0] * np.array([math.sin(angle), 0.0, math.cos(angle)]))
+
+
+def _with_second_node(structure: Structure, span: Array) -> Structure:
+    i, j = structure.rods[0].nodes
+    moved = np.array(structure.nodes[i]) + span
+    x, y, z = moved.tolist()
+    return replace(structure, nodes=dict(structure.nodes) | {j: (x, y, z)})

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
 from tensegrity_mj.convergence import has_kinks, node_difference
-from tensegrity_mj.engines.accuracy_steps import Steps, known_rate
+from tensegrity_mj.engines.accuracy import can_locate
+from tensegrity_mj.engines.accuracy_steps import Steps
 from tensegrity_mj.engines.dae import DAE
 from tensegrity_mj.engines.integration import Method
-from tensegrity_mj.engines.integration_accuracy import evaluation_weight
+from tensegrity_mj.engines.motion_rates import rates_at_start
 from tensegrity_mj.engines.mujoco import Integrator, MuJoCo
-from tensegrity_mj.engines.mujoco_accuracy import WEIGHT
 from tensegrity_mj.engines.ode import ODE
 from tensegrity_mj.engines.run import Request
 from tensegrity_mj.errors import StabilityWarning, TensegrityError
@@ -23,21 +23,24 @@ from tensegrity_mj.simulation import simulate
 from tensegrity_mj.studies.promise_experiments import Experiment
 from tensegrity_mj.trajectory import Status, Trajectory
 
-# As `mujoco_accuracy.WEIGHT`, of those that are not tried there.
-MUJOCO_WEIGHT = WEIGHT | {Integrator.IMPLICITFAST: 1.1, Integrator.IMPLICIT: 1.15, Integrator.DISCRETE: 1.2}
 DIVISIONS = [1, *(m * 2**p for p in range(30) for m in (2, 3))]  # 1, 2, 3, 4, 6, 8, 12, ...: steps a factor of √2 apart
 TOLERANCES = tuple(10.0**-e for e in range(3, 14))
-FINER = 8.0  # times the work of a setting: so far finer ones are run, to see that it was no luck
-TIGHT, TIGHTER = (1e-12, 1e-14), (1e-13, 1e-15)  # rtol and atol of the reference, and of the one that tells its error
+FINER = 4.0  # times the evaluations of a setting: so far finer ones are run, to see that it was no luck
+RESOLVED = 0.1  # of the request: what two references may differ by
+# Of DOP853, from the tightest: a jump of forces, where a damped string comes taut, can stop the tightest ones.
+TIGHT = (1e-13, 1e-12, 1e-11, 1e-10)
+COARSE = 4.0  # rad or time constants a step, with which sweeps begin
+FINE = 0.25  # the same of RK4 as a reference, which begins with it
+MOST_EVALUATIONS = 1e6  # of one reference
 
 
 @dataclass(frozen=True)
 class Truth:
-    """The reference of one experiment.
+    """The references of one experiment.
 
     Attributes:
-        run: of the DAE at the tightest tolerance.
-        error: [m] its difference from one less tight.
+        run: that which was computed by other means than the run that it judges.
+        error: [m] what the two references differ by.
         kinks: whether strings went slack or taut, or a law had the strings at its bound.
     """
 
@@ -48,12 +51,11 @@ class Truth:
 
 @dataclass(frozen=True)
 class Cheapest:
-    """A setting of the sweep whose true error is within the request: what it is, its work, error [m] and time [s]."""
+    """A setting of the sweep whose true error is within the request: what it is, its evaluations and error [m]."""
 
     words: str
-    work: float
+    evaluations: float
     error: float
-    wall_time: float
 
 
 class Yardsticks(NamedTuple):
@@ -69,84 +71,132 @@ class Yardsticks(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """One point of the sweep: the engine, the work of its evaluations, the least work that it can be, its samples."""
+    """One point of the sweep: the engine, the least number of evaluations that it can take, its samples [s]."""
 
     engine: Any
-    weight: float
     least: float
     interval: float
 
 
-def truth_of(experiment: Experiment, like: Trajectory) -> Truth:
-    """The reference, at the recorded times of a run.
+def truth_of(experiment: Experiment, request: Request, like: Trajectory) -> Truth:
+    """The references, at the recorded times of a run.
+
+    One is the DAE by DOP853. The other is of the formulation that the run was not computed with, ODE or DAE, by RK4
+    with split steps, which is refined until it is near enough, or too dear. A run by RK4 is judged by the first, one by
+    DOP853 or Radau by the second.
 
     Raises:
-        TensegrityError: what the DAE raises where it cannot make it.
+        TensegrityError: where one of them cannot be made.
     """
     spacing = float(like.time[1] - like.time[0])
-    runs = [_simulate(experiment, DAE(rtol=rtol, atol=atol), spacing) for rtol, atol in (TIGHT, TIGHTER)]
-    return Truth(runs[1], node_difference(*runs), has_kinks(runs[1]))
+    first = _tight(experiment, spacing)
+    wanted = RESOLVED * experiment.accuracy
+    kinds = (DAE, ODE) if experiment.engine == "ODE" else (ODE, DAE)
+    second = min(
+        (run for kind in kinds if (run := _refined(kind, experiment, request, spacing, first, wanted)) is not None),
+        key=lambda run: node_difference(run, first),
+        default=None,
+    )
+    error = math.inf if second is None else node_difference(first, second)
+    by_rk4 = like.reports["accuracy"]["chosen"]["method"] in [one.value for one in Integrator]
+    return Truth(first if by_rk4 or second is None else second, error, has_kinks(first))
 
 
-def cheapest_of(experiment: Experiment, request: Request, truth: Truth, most_work: float) -> Yardsticks:
-    """The cheapest settings, among those that cost at most `most_work`.
+def _tight(experiment: Experiment, spacing: float) -> Trajectory:
+    for tolerance in TIGHT:
+        most = round(MOST_EVALUATIONS / 12)
+        try:
+            return _simulate(experiment, DAE(rtol=tolerance, atol=0.01 * tolerance, max_steps=most), spacing)
+        except TensegrityError:
+            if tolerance == TIGHT[-1]:
+                raise
+    raise AssertionError
 
-    Each method is run from coarse to fine, up to `FINER` times the work of the setting in question.
+
+def _refined(
+    kind: Any, experiment: Experiment, request: Request, spacing: float, other: Trajectory, wanted: float
+) -> Trajectory | None:
+    """RK4 with ever finer steps, until it is as near as wanted [m] to another run; the nearest, or None."""
+    steps = Steps.of(_sampled(request, spacing), FINE / max(_fastest(request), 1e-300))
+    located = can_locate(request.scene.structure)
+    k, best, least = 1, None, math.inf
+    while 4 * steps.count(k) <= MOST_EVALUATIONS:
+        engine = kind(method=Method.RK4, timestep=steps.step(k), locate_slack=located)
+        try:
+            run = _simulate(experiment, engine, spacing)
+        except TensegrityError:
+            pass
+        else:
+            if (away := node_difference(run, other)) < least:
+                best, least = run, away
+        if least <= wanted:
+            break
+        k *= 2
+    return best if least <= wanted else None
+
+
+def _fastest(request: Request) -> float:
+    rates = rates_at_start(request)
+    return max(rates.turn, rates.decay)
+
+
+def _sampled(request: Request, interval: float) -> Request:
+    return replace(request, output_interval=interval)
+
+
+def cheapest_of(experiment: Experiment, request: Request, truth: Truth, most: float) -> Yardsticks:
+    """The cheapest settings, among those that cost at most that many evaluations.
+
+    Each method is run from coarse to fine, up to `FINER` times the evaluations of the setting in question.
     """
     spacing = float(truth.run.time[1] - truth.run.time[0])
     adequate: Cheapest | None = None
     lucky: Cheapest | None = None
     for settings in _sweeps(experiment, request, spacing):
         candidate: Cheapest | None = None
-        for engine, weight, least, interval in settings:
+        for engine, least, interval in settings:
             # Without a candidate, what costs more than the cheapest so far cannot become cheaper.
-            most = adequate.work if adequate and not candidate else most_work
-            most = min(most, FINER * candidate.work if candidate else most)
-            if least > most:
+            allowed = adequate.evaluations if adequate and not candidate else most
+            allowed = min(allowed, FINER * candidate.evaluations if candidate else allowed)
+            if least > allowed:
                 break
             try:
                 run = _simulate(experiment, engine, interval)
             except TensegrityError:
                 candidate = None
                 continue
-            work = weight * run.cost["evaluations"]
-            if work > most:
+            cost = run.cost["evaluations"]
+            if cost > allowed:
                 break
             error = node_difference(run, truth.run) if run.status is Status.COMPLETED else math.inf
             if error > experiment.accuracy:
                 candidate = None
                 continue
-            this = Cheapest(str(engine), work, error, run.cost["wall_time"])
+            this = Cheapest(str(engine), cost, error)
             candidate = candidate or this
-            lucky = this if lucky is None or work < lucky.work else lucky
-        if candidate and (adequate is None or candidate.work < adequate.work):
+            lucky = this if lucky is None or cost < lucky.evaluations else lucky
+        if candidate and (adequate is None or candidate.evaluations < adequate.evaluations):
             adequate = candidate
     return Yardsticks(adequate, lucky)
 
 
 def _sweeps(experiment: Experiment, request: Request, sampled_each: float) -> Iterator[Iterator[Setting]]:
     """For each method its settings from coarse to fine."""
-    steps = Steps.of(request, known_rate(request))
+    steps = Steps.of(_sampled(request, sampled_each), COARSE / max(_fastest(request), 1e-300))
 
-    def fixed(make: Callable[[float], Any], weight: float, evaluations: int) -> Iterator[Setting]:
-        return (
-            Setting(make(steps.step(k)), weight, weight * evaluations * steps.count(k), steps.recorded_each(k))
-            for k in DIVISIONS
-        )
+    def fixed(make: Any, evaluations: int) -> Iterator[Setting]:
+        return (Setting(make(steps.step(k)), evaluations * steps.count(k), sampled_each) for k in DIVISIONS)
 
     if experiment.engine == "MuJoCo":
-        for integrator in Integrator:
-            stages = MuJoCo(integrator=integrator).stages
-            yield fixed(partial(MuJoCo, integrator=integrator), MUJOCO_WEIGHT[integrator], stages)
-        rk4 = Integrator.RK4
-        yield fixed(partial(MuJoCo, locate_slack=True), MUJOCO_WEIGHT[rk4], MuJoCo(integrator=rk4).stages)
+        for integrator in (Integrator.RK4, Integrator.EULER, Integrator.IMPLICITFAST, Integrator.DISCRETE):
+            yield fixed(partial(MuJoCo, integrator=integrator), MuJoCo(integrator=integrator).stages)
+        yield fixed(partial(MuJoCo, locate_slack=True), MuJoCo(integrator=Integrator.RK4).stages)
         return
     kind = DAE if experiment.engine == "DAE" else ODE
-    yield fixed(lambda step: kind(method=Method.RK4, timestep=step), 1.0, 4)
-    yield fixed(lambda step: kind(method=Method.RK4, timestep=step, locate_slack=True), 1.0, 4)
+    for located in (True, False):
+        yield fixed(lambda step, split=located: kind(method=Method.RK4, timestep=step, locate_slack=split), 4)
     for method in (Method.DOP853, Method.RADAU):
-        weight = evaluation_weight(method, request)
-        yield (Setting(kind(method=method, rtol=tol, atol=1e-2 * tol), weight, 0.0, sampled_each) for tol in TOLERANCES)
+        yield (Setting(kind(method=method, rtol=tol, atol=1e-2 * tol), 0.0, sampled_each) for tol in TOLERANCES)
 
 
 def _simulate(experiment: Experiment, engine: Any, interval: float) -> Trajectory:
