@@ -92,7 +92,7 @@ MEASURES: dict[str, Measure] = {
     "energy_residual": Measure("J", "largest error of the energy balance", lambda run: run.energy_residual),
     "drift": Measure("", "largest error of bᵀb = 1", _report("drift")),
     "nonpositive_rest_lengths": Measure("", "recorded samples with a rest length <= 0", _below("samples")),
-    "nonpositive_since": Measure("s", "the first of them", _below("first_time")),
+    "nonpositive_since": Measure("s", "when the first was, at any step", _below("first_time")),
     "holding_ratio": Measure("", "largest ratio of what holding adds to the load", _report("largest_holding_ratio")),
     "steps": Measure("", "steps of the integrator", _cost("steps")),
     "evaluations": Measure("", "evaluations of the right-hand side", _cost("evaluations")),
