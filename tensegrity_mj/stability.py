@@ -9,9 +9,10 @@ it is about: give a run, and the smallest limit of its configurations is found. 
 
 from __future__ import annotations
 
+import contextlib
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -23,7 +24,7 @@ from tensegrity_mj.amplification import Scheme, is_stable, largest_frequency, li
 from tensegrity_mj.capabilities import require_class_1
 from tensegrity_mj.checks import finite, real_array
 from tensegrity_mj.contact_steps import check_contact, contact_limit
-from tensegrity_mj.errors import OptionError, StabilityWarning
+from tensegrity_mj.errors import OptionError, SceneError, StabilityWarning
 from tensegrity_mj.law import NO_SOLUTION, Command, Law, NativeLaw, native_law
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.trajectory import Trajectory
@@ -122,7 +123,8 @@ def stable_step(
         OptionError: for arrays of another shape, a time below zero, a run of another structure, and for what is no
             scene, engine, actuation or run.
         StructureError: for the ODE, where rods share nodes.
-        SceneError: for nodes that stretch a rod, or are not where supports have them at that time.
+        SceneError: for nodes that stretch a rod, or are not where supports have them at that time, and where the
+            scene's numbers are too far apart for eigenvalues.
         InfeasibleError, ControllerError: what the law says at the state.
     """
     from tensegrity_mj.validation import check_configuration
@@ -147,15 +149,31 @@ def stable_step(
     held = actuation.mode if asked is not None else None
     bodies = Bodies.of(structure)
     if run is not None:
-        return _along(run, scene, engine, scheme, asked, held, bodies)
+        with _solvable(scene):
+            return _along(run, scene, engine, scheme, asked, held, bodies)
     shape = (len(structure.nodes), 3)
     x = scene.nodes0 if nodes is None else real_array("nodes", nodes, shape, "m", False)
     v = scene.velocities0 if velocities is None else real_array("velocities", velocities, shape, "m/s", False)
     L0 = None if rest_lengths is None else real_array("rest_lengths", rest_lengths, (len(structure.strings),), "m")
     moved = {motion.support: motion.at(float(time))[0] for motion in scene.motions}
     check_configuration(structure, x, "stable_step: nodes", moved)
-    model = _model(scene, asked, held, x, v, L0, float(time), bodies)
-    return _step_of(model, engine, scheme, time)
+    with _solvable(scene):
+        model = _model(scene, asked, held, x, v, L0, float(time), bodies)
+        return _step_of(model, engine, scheme, time)
+
+
+@contextlib.contextmanager
+def _solvable(scene: Scene) -> Iterator[None]:
+    """Say what to do where a solver of eigenvalues gives up."""
+    from scipy.sparse.linalg import ArpackError
+
+    try:
+        yield
+    except (np.linalg.LinAlgError, ArpackError) as error:
+        raise SceneError(
+            f"scene '{scene.name}': the eigenvalues of its small motions cannot be found ({error}), so that no stable "
+            "step is known: its stiffnesses, dampings and masses are too far apart for double precision"
+        ) from error
 
 
 def before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) -> tuple[dict[str, Any] | None, str]:
@@ -169,10 +187,12 @@ def before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) 
     if scheme is None or step is None:
         return None, ""
     try:
-        report, text = _checked(scene, engine, scheme, float(step), law, actuation)
+        with _solvable(scene):
+            report, text = _checked(scene, engine, scheme, float(step), law, actuation)
+    except SceneError as error:
+        report, text = {"step": step, "checked": False, "reason": str(error)}, f"the step was not checked: {error}"
     except Exception as error:
-        # Loads are a user's code, and solvers of eigenvalues may give up: no check stands in the way of a run, which
-        # itself tells better what is wrong.
+        # Loads are a user's code: no check stands in the way of a run, which itself reports better what is wrong.
         report, text = {"step": step, "checked": False, "reason": f"{type(error).__name__}: {error}"}, ""
     if scene.contact is not None:
         report["contact"], more = check_contact(scene.contact, scheme, float(step))

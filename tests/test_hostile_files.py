@@ -2,23 +2,34 @@
 
 from __future__ import annotations
 
+import math
 import os
 import tomllib
+import warnings
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tensegrity_mj import DAE, ODE, Actuation, Integrator, MuJoCo, controllers, simulate, stability, stable_step
 from tensegrity_mj.cli import main
-from tensegrity_mj.errors import FormatError, OptionError, SceneError, TensegrityError
+from tensegrity_mj.engines.integration import Method
+from tensegrity_mj.engines.integration_adaptive import SWITCH_TOLERANCE, _bisect
+from tensegrity_mj.errors import DivergenceError, FormatError, OptionError, SceneError, TensegrityError
 from tensegrity_mj.families.named import family_names
 from tensegrity_mj.families.random_linked import random_linked_structure
 from tensegrity_mj.families.random_structures import random_structure
 from tensegrity_mj.families.random_taut import random_taut_structure
+from tensegrity_mj.law import native_law
+from tensegrity_mj.scene import Load, Scene
+from tensegrity_mj.simulation import Engine
 from tensegrity_mj.structure import Rod, String, Structure
 from tensegrity_mj.textformat import load_scene, load_structure, parsing, save_scene, scene_from_toml
 from tensegrity_mj.textformat.keys import MOST_BYTES, MOST_DEPTH
 from tensegrity_mj.texts import MOST_LETTERS, file_name
+from tensegrity_mj.validation import values
 
 SMALL = """format = 1
 name = "small"
@@ -359,3 +370,87 @@ def test_a_target_has_at_most_a_million_positions(tmp_path: Path) -> None:
     path.write_text(f"{text}\n[scene.target]\nshapes = [{shapes}]\ntimes = [0, 1]\nvalues = [0, 1]\n", encoding="utf-8")
     with pytest.raises(SceneError, match="goes through at most 1000"):
         load_scene(path)
+
+
+# Numbers that engines cannot compute with ---------------------------------------------------------------------------
+
+
+def extreme(**changes: float) -> Scene:
+    """The pinned rod with a mass, and strings with a stiffness and so on, far from 1, within what scenes may have."""
+    scene = load_scene("pinned_rod").with_(duration=0.02, target=None, control=None)
+    structure = scene.structure
+    size = changes.pop("size", 1.0)
+    mass = changes.pop("mass", 1.0)
+    force = changes.pop("force", 0.0)
+    made = Structure(
+        structure.name,
+        {name: (size * x, size * y, size * z) for name, (x, y, z) in structure.nodes.items()},
+        tuple(replace(rod, mass=mass) for rod in structure.rods),
+        tuple(replace(string, **{"rest_length": None, "force_density": 0.0} | changes) for string in structure.strings),
+        structure.fixed_nodes,
+    )
+    return Scene(made, duration=0.02, loads=(Load("n1", (0.0, 0.0, force)),) if force else ())
+
+
+@pytest.mark.parametrize("method", [Method.DOP853, Method.RADAU])
+@pytest.mark.parametrize("kind", [DAE, ODE])
+def test_accelerations_beyond_floats_end_the_run(
+    kind: Callable[..., Engine], method: Method, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SciPy's first step is NaN there, which no step size is below: its solver would try for ever."""
+    monkeypatch.setattr(values, "LARGEST", math.inf)  # no file may hold such a force; laws and functions may give it
+    scene = extreme(mass=1e-4, force=1e306)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        with pytest.raises(
+            DivergenceError, match=r"beyond double precision.*; give masses, .* nearer to 1"
+        ):
+            simulate(scene, None, kind(method=method, max_steps=50))
+
+
+@pytest.mark.parametrize("kind", [DAE, ODE])
+def test_derivatives_beyond_floats_end_the_run(kind: Callable[..., Engine]) -> None:
+    """Accelerations of 1e200 m/s² are numbers, and those of Radau's matrices are none."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        with pytest.raises(DivergenceError, match="beyond double precision"):
+            simulate(extreme(mass=1e-100, force=1e100), None, kind(method=Method.RADAU))
+
+
+@pytest.mark.parametrize("start", [0.0, 1e7, 1e15])
+def test_instants_are_found_where_times_are_coarser_than_the_tolerance(start: float) -> None:
+    """At 1e7 s neighbouring floats are 2e-9 s apart: no two times are as near as 1e-10 s."""
+    last = start + 1.0
+    before, after = _bisect(lambda t: t < start + 0.25, start, last)
+    assert before < start + 0.25 <= after
+    assert after - before <= max(SWITCH_TOLERANCE, math.ulp(last))
+
+
+def test_samples_of_a_law_are_counted_before_they_are_laid_out() -> None:
+    scene = load_scene("pinned_rod")
+    law = controllers.from_scene(scene)
+    held = Actuation.hold_force_density(1e-9)
+    with pytest.raises(OptionError, match=r"samples the law 1e\+12 times; at most 10000000"):
+        simulate(scene, law, DAE(), duration=1000.0, actuation=held, output_interval=1000.0)
+
+
+def test_eigenvalues_that_cannot_be_found_are_an_error_and_before_a_run_a_warning() -> None:
+    scene = extreme(size=1e-100, stiffness=1e-100, damping=1e100)
+    engine = MuJoCo(integrator=Integrator.IMPLICITFAST)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        with pytest.raises(SceneError, match=r"eigenvalues of its small motions cannot be found .* too far apart"):
+            stable_step(scene, engine)
+
+
+def test_a_check_that_fails_warns(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*given: object) -> None:
+        raise np.linalg.LinAlgError("Eigenvalues did not converge")
+
+    monkeypatch.setattr(stability, "_checked", fails)
+    report, text = stability.before_run(
+        load_scene("prism"), MuJoCo(), native_law(None, load_scene("prism").structure), Actuation.continuous()
+    )
+    assert report is not None
+    assert not report["checked"]
+    assert text.startswith("the step was not checked: scene 'prism': the eigenvalues")

@@ -34,7 +34,7 @@ from tensegrity_mj.engines.run import (
     allocate_rows,
     check_rows,
 )
-from tensegrity_mj.errors import DivergenceError, OptionError
+from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
 from tensegrity_mj.law import NO_SOLUTION, SOLVED, Report
 from tensegrity_mj.native.plant import (
     CONTINUOUS,
@@ -252,10 +252,10 @@ class ErrorControlled:
                 if not math.isfinite(self.solver.h_abs):  # SciPy would try such a step for ever
                     self._give_up(*BEYOND_FLOATS)
                 return self.solver.step()
-            except (ValueError, np.linalg.LinAlgError):  # Radau's matrices
-                if self.solver is None or np.all(np.isfinite(self._rhs(self.solver.t, self.solver.y))):
+            except (ValueError, np.linalg.LinAlgError) as error:
+                if isinstance(error, TensegrityError) or self.kind is not Radau:
                     raise
-                self._give_up(*BEYOND_FLOATS)
+                self._give_up(f"{BEYOND_FLOATS[0]} ({error})", BEYOND_FLOATS[1])  # matrices that are not finite
             except _Outside:
                 tried = self.first_step if self.solver is None else self.solver.h_abs
                 self.first_step = RETREAT * min(tried or math.inf, mark - self.t)
@@ -377,7 +377,7 @@ class ErrorControlled:
         )
 
     def _give_up(self, cause: str, remedy: str = REMEDY) -> None:
-        t = float(self.solver.t)
+        t = self.t if self.solver is None else float(self.solver.t)
         margin = float(self.run.plant[REPORT][Report.FEASIBILITY_MARGIN])
         recorded = self.rows[: self.next, self._margin_column]
         # At a target margins are as large as V is small, and tell nothing of later ones.
