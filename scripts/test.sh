@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Sets everything up in .venv of this checkout, then checks style and types and runs the tests.
-# Arguments are passed on to pytest.
+# Arguments are passed on to pytest, which runs as many processes as there are cores (-n 0: this one alone).
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
 set_up dev
@@ -18,4 +18,4 @@ ln -s "$root/controllers" "$root/models" "$typing/tensegrity_mj/"
 rm -f "$typing/tensegrity_mj/__pycache__"
 (cd "$typing" && "$venv/bin/python" -m mypy --config-file "$root/pyproject.toml" -p tensegrity_mj)
 
-exec "$venv/bin/python" -m pytest "$@"
+exec "$venv/bin/python" -m pytest -n auto --dist loadgroup "$@"

@@ -44,8 +44,8 @@ def compiled(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     decorate = numba.njit(**{"error_model": "numpy"} | options)
 
     def keep(function: Callable[..., Any]) -> Any:
-        made = decorate(function)
-        if isinstance(made, Dispatcher):  # NUMBA_DISABLE_JIT leaves the function as it is
+        made: Any = decorate(function)
+        if hasattr(made, "py_func"):  # NUMBA_DISABLE_JIT leaves the function as it is
             made._cache = _cache_of(made.py_func, made.targetoptions) or made._cache
         return made
 
@@ -60,7 +60,7 @@ def c_function(signature: Any) -> Callable[[Callable[..., Any]], Any]:
 
     def keep(function: Callable[..., Any]) -> Any:
         options = {"error_model": "numpy"}
-        made = CFunc(function, sigutils.normalize_signature(signature), locals={}, options=options)
+        made: Any = CFunc(function, sigutils.normalize_signature(signature), locals={}, options=options)
         made._cache = _cache_of(function, options) or made._cache
         made.compile()
         return made
@@ -71,7 +71,7 @@ def c_function(signature: Any) -> Callable[[Callable[..., Any]], Any]:
 def adopt(function: Any) -> None:
     """Give a compiled function of the user's, and all that it calls, this module's cache in place of numba's."""
     for one in (function, *_used_by(function)):
-        if isinstance(one, Dispatcher) and type(one._cache) is FunctionCache:
+        if type(getattr(one, "_cache", None)) is FunctionCache:
             found = sum(one.stats.cache_hits.values())
             one._cache = _cache_of(one.py_func, one.targetoptions) or one._cache
             if found:
@@ -107,9 +107,9 @@ def _used_by(function: Any) -> Iterator[Any]:
 
 
 def _python(function: Any) -> types.FunctionType:
-    if isinstance(function, Dispatcher):
-        return function.py_func  # type: ignore[no-any-return]
-    return function._defn if isinstance(function, _Intrinsic) else function  # type: ignore[no-any-return]
+    """The function of Python that a compiled one, or an intrinsic, was made from."""
+    found: types.FunctionType = getattr(function, "py_func", None) or getattr(function, "_defn", function)
+    return found
 
 
 @functools.cache
@@ -154,7 +154,8 @@ def _text(value: Any, names: set[str], calls: list[Any]) -> str:
         case types.ModuleType():
             return repr([(name, again(vars(value)[name])) for name in sorted(names & vars(value).keys())])
         case enum.EnumType():
-            return repr([(one.name, again(one.value)) for one in value])
+            members: list[enum.Enum] = list(value)
+            return repr([(one.name, again(one.value)) for one in members])
         case type():
             return f"{value.__module__}.{value.__qualname__} {getattr(value, '_fields', '')}"
         case enum.Enum():

@@ -128,7 +128,7 @@ class _Cluster:
     ) -> Generator[tuple[str, Answer | None], None, None]:
         """(key, answer) of each point as it ends, None where its worker died; `count` at a time, so that none waits."""
         ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        left, running = iter(points.items()), {}
+        left, running = iter(points.items()), dict[str, tuple[str, Any]]()
         try:
             while True:
                 while len(running) < (count or self.threads) and (following := next(left, None)) is not None:
