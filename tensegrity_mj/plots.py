@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.files import checked, replacing
 from tensegrity_mj.pictures import palette
+from tensegrity_mj.texts import figure_text
 from tensegrity_mj.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -114,7 +115,7 @@ def plot_coordinates(
                 row[0].plot(run.time, goal[:, axis], color=palette.CYCLE[axis], lw=1.2, ls=":", label=label)
         row[0].plot(run.time, np.sum(b * b, axis=1), color="black", lw=1.0, ls="--", label=r"$\|b\|^2$")
         rods = run.scene.structure.rods
-        of_which = f" of rod {rods[which].name}" if len(rods) > 1 else ""
+        of_which = f" of rod {figure_text(rods[which].name)}" if len(rods) > 1 else ""
         _finish(row[0], f"Coordinates $b$ and $b_d${of_which}", "component of the unit vector [1]")
         _controls(row[1], run)
         _multipliers(row[2], run, [which])
@@ -148,7 +149,7 @@ def plot_errors(runs: Trajectory | Sequence[Trajectory], path: PathLike | None =
         for k, mass in enumerate(structure.point_masses):
             i = structure.node_index[mass.node]
             distance = np.linalg.norm(run.nodes[:, i] - reference[:, i], axis=-1)
-            label = mass.node if len(structure.point_masses) <= MAX_LEGEND // 2 else None
+            label = figure_text(mass.node) if len(structure.point_masses) <= MAX_LEGEND // 2 else None
             row[0].plot(run.time, distance, color=_color(k), lw=1.2, ls=":", label=label)
         title = "Change since the start" if aim is None else r"Errors $\|e_b\|$ (full), $\|e_r\|$ (dashed)"
         _finish(row[0], title, r"$b$ [1], $r$ [m]")
@@ -177,7 +178,7 @@ def plot_paths(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = 
         moving = np.flatnonzero(np.ptp(run.nodes, axis=0).max(axis=1) > 1e-9)
         style = RUN_STYLES[number % len(RUN_STYLES)]
         for count, node in enumerate(moving):
-            label = run.engine or run.scene.name if count == 0 else None
+            label = figure_text(run.engine or run.scene.name) if count == 0 else None
             axes.plot(*run.nodes[:, node].T, color=_color(number), lw=1.2, ls=style, label=label)
         for i, j in structure.string_nodes:
             axes.plot(*end[[i, j]].T, color=(0.7, 0.72, 0.75), lw=0.7)
@@ -193,7 +194,7 @@ def plot_paths(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = 
             everything.append(aim[-1])
     _equal_scales(axes, np.concatenate(everything))
     ends = ", ".join(dict.fromkeys(f"{run.time[-1]:g} s" for run in all_runs))
-    axes.set_title(f"{all_runs[0].scene.name}: paths of the nodes, rods at {ends}", fontsize=10)
+    axes.set_title(f"{figure_text(all_runs[0].scene.name)}: paths of the nodes, rods at {ends}", fontsize=10)
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize=8, frameon=False, loc="upper left")
     return _saved(figure, path)
@@ -223,7 +224,7 @@ def plot_comparison(
         if name == "energy_error":
             for number, run in enumerate(runs):
                 # The engine's name alone: its options are in the title.
-                label = f"balance of {run.engine.partition(',')[0] or f'run {number + 1}'}"
+                label = f"balance of {figure_text(run.engine.partition(',')[0]) or f'run {number + 1}'}"
                 style = RUN_STYLES[number % len(RUN_STYLES)]
                 curves.append((run.time, run.energy_balance, _color(number), style, label))
         _logarithmic(panel, curves)
@@ -232,7 +233,7 @@ def plot_comparison(
         panel.set_xlabel("time [s]", fontsize=9)
     names = [getattr(comparison, name, "") for name in ("first", "second")]
     if all(names):
-        figure.suptitle(" against ".join(names), fontsize=11)
+        figure.suptitle(" against ".join(map(figure_text, names)), fontsize=11)
     return _saved(figure, path)
 
 
@@ -256,7 +257,7 @@ def plot_clearance(clearance: Clearance, path: PathLike | None = None) -> Figure
         shown = np.where(np.isfinite(values), values, np.nan)
         panel.plot(clearance.time, shown, color=_color(color), lw=1.2, label=kind.value)
         panel.plot([approach.time], [approach.distance], color=_color(color), marker="o", ms=4, ls="none")
-    _finish(panel, f"{clearance.name}: smallest distances between elements", "distance [m]")
+    _finish(panel, f"{figure_text(clearance.name)}: smallest distances between elements", "distance [m]")
     panel.axhline(0.0, color=GREY, lw=0.8)
     panel.set_xlabel("time [s]", fontsize=9)
     return _saved(figure, path)
@@ -277,7 +278,7 @@ def plot_lyapunov(runs: Trajectory | Sequence[Trajectory], path: PathLike | None
             raise OptionError(f"the run of scene '{run.scene.name}' ({run.engine}) had no law with a Lyapunov function")
         for name, color, label in parts:
             panel.plot(run.time, getattr(run, name), color=palette.CYCLE[color], lw=1.2, label=label)
-        _finish(panel, f"{run.scene.name}\n{_law_name(run)}", "$V$ and its terms")
+        _finish(panel, f"{figure_text(run.scene.name)}\n{_law_name(run)}", "$V$ and its terms")
         panel.set_xlabel("time [s]", fontsize=9)
     return _saved(figure, path)
 
@@ -316,7 +317,7 @@ def landscape(
     figure.colorbar(contours, ax=panel, label=r"$V_\varphi$")
     for number, (run, way) in enumerate(zip(all_runs, ways, strict=True)):
         color = _color(2 + number)
-        label = f"{_law_name(run)}, {run.engine or run.scene.name}" if len(all_runs) > 1 else None
+        label = f"{_law_name(run)}, {figure_text(run.engine or run.scene.name)}" if len(all_runs) > 1 else None
         panel.plot(way.phi, way.phi_rate, lw=1.6, ls=RUN_STYLES[number % len(RUN_STYLES)], color=color, label=label)
         panel.plot(way.phi[:1], way.phi_rate[:1], marker="o", ms=5, ls="none", color=color)
     names = {None: "no projection", "current": r"onto $b^\perp$", "target": r"onto $b_d^\perp$"}
@@ -448,7 +449,8 @@ def _grid_of_panels(runs: Sequence[Trajectory]) -> tuple[Figure, Any]:
             other[column].sharey(panels[0][column])
     for row, run in zip(rows, runs, strict=True):
         note = "" if run.status.value == "completed" else f" ({run.status.value})"
-        row.suptitle(f"{run.scene.name}: {run.engine}{note}" if run.engine else run.scene.name, fontsize=11)
+        name = figure_text(run.scene.name)
+        row.suptitle(f"{name}: {figure_text(run.engine)}{note}" if run.engine else name, fontsize=11)
     for panel in panels[-1]:
         panel.set_xlabel("time [s]", fontsize=9)
     return figure, panels
@@ -512,8 +514,9 @@ def _law_name(run: Trajectory) -> str:
     """The law of a run as its provenance has it, with what it projects onto and its decay rate."""
     law = run.provenance.get("controller") or {}
     onto = f" onto {law['onto']}" if "onto" in law else ""
-    rate = f", δ = {law['decay_rate']:g} /s" if "decay_rate" in law else ""
-    return f"{law.get('law', 'law')}{onto}{rate}"
+    rate = law.get("decay_rate")
+    pace = f", δ = {rate:g} /s" if isinstance(rate, (int, float)) else ""
+    return figure_text(f"{law.get('law', 'law')}{onto}{pace}")
 
 
 def _color(number: int) -> palette.Color:

@@ -63,7 +63,7 @@ def file_name(text: str) -> str:
     return f"{head or 'unnamed'}-{mark}"
 
 
-def figure_text(text: str, most: int = 60) -> str:
+def figure_text(text: str, most: int = 120) -> str:
     """A text for matplotlib, which draws it as it is: no $ of it begins a formula, and no label is hidden.
 
     Longer texts are cut. It may stand beside formulas of our own, but not directly before one.

@@ -95,4 +95,4 @@ def test_errors_travel_between_processes() -> None:
 def test_text_for_figures_has_no_formula_and_stays_visible() -> None:
     assert texts.figure_text("cost $\\frac{$") == "cost \\$\\frac{\\$"
     assert not texts.figure_text("_hidden").startswith("_")
-    assert len(texts.figure_text("y" * 10**5)) == 60
+    assert len(texts.figure_text("y" * 10**5)) == 120

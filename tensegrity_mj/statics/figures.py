@@ -13,6 +13,7 @@ from tensegrity_mj.statics.modes import Modes
 from tensegrity_mj.statics.path import Kind
 from tensegrity_mj.statics.response import Response
 from tensegrity_mj.structure import Structure
+from tensegrity_mj.texts import figure_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -78,7 +79,7 @@ def members_figure(state: StaticState) -> Figure:
         colors = [palette.CYCLE[0] if value >= 0 else palette.CYCLE[2] for value in values[order]]
         panel.bar(np.arange(len(values)), values[order], color=colors, width=0.8 if len(values) <= NAMED else 1.0)
         if len(values) <= NAMED:
-            panel.set_xticks(np.arange(len(values)), [names[k] for k in order], rotation=90)
+            panel.set_xticks(np.arange(len(values)), [figure_text(names[k]) for k in order], rotation=90)
         else:
             panel.set_xlabel(f"{len(values)} {title}, the largest first", fontsize=9)
         _finish(panel, f"{title}: blue in tension, red in compression" if title == "rods" else title, unit)
@@ -93,7 +94,7 @@ def response_figure(response: Response) -> Figure:
     panels = figure.subplots(2, 2)
     for number, curve in enumerate(response.curves[:CURVES]):
         color = palette.CYCLE[number % len(palette.CYCLE)]
-        panels[0, 0].plot(curve.displacement, curve.force, color=color, lw=1.4, label=curve.name)
+        panels[0, 0].plot(curve.displacement, curve.force, color=color, lw=1.4, label=figure_text(curve.name))
         for critical in path.criticals:
             at = _along(response, critical.parameter, critical.state.nodes)
             panels[0, 0].plot(
@@ -238,7 +239,7 @@ def _bundle(panel: Axes, s: Array, values: Array, names: list[str], title: str) 
         panel.text(0.5, 0.5, "none", transform=panel.transAxes, ha="center", color=GREY, fontsize=9)
     elif len(names) <= LINES:
         for k, name in enumerate(names):
-            panel.plot(s, values[:, k], lw=1.2, color=palette.CYCLE[k % len(palette.CYCLE)], label=name)
+            panel.plot(s, values[:, k], lw=1.2, color=palette.CYCLE[k % len(palette.CYCLE)], label=figure_text(name))
     else:
         if np.all(np.diff(s) > 0) or np.all(np.diff(s) < 0):
             panel.fill_between(s, values.min(axis=1), values.max(axis=1), color=palette.CYCLE[0], alpha=0.12, lw=0)

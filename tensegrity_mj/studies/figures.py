@@ -13,6 +13,7 @@ from tensegrity_mj.plots import COLUMN, GREY, MAX_LEGEND, RUN_STYLES
 from tensegrity_mj.report import Picture
 from tensegrity_mj.studies.measures import MEASURES
 from tensegrity_mj.studies.table import Row, as_number, parameter_label, shown
+from tensegrity_mj.texts import figure_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -63,7 +64,7 @@ def _lines(rows: Sequence[Row], name: str, other: Sequence[str], measure: str) -
         places = np.unique(x)
         middle = [float(np.median(y[x == place])) for place in places]
         style = RUN_STYLES[number % len(RUN_STYLES)]  # lines that coincide stay visible
-        panel.plot(places, middle, color=color, ls=style, lw=1.4, marker="o", ms=4, label=label or None)
+        panel.plot(places, middle, color=color, ls=style, lw=1.4, marker="o", ms=4, label=figure_text(label) or None)
         if len(x) > len(places):
             panel.plot(x, y, color=color, lw=0, marker=".", ms=3, alpha=0.5)
     _scales(panel)
@@ -80,7 +81,7 @@ def _dots(rows: Sequence[Row], over: Sequence[str], other: Sequence[str], measur
         for number, (label, members) in enumerate(groups.items()):
             x, y = _numbers(members, name, measure)
             color = palette.CYCLE[number % len(palette.CYCLE)]
-            panel.plot(x, y, color=color, lw=0, marker="o", ms=4, alpha=0.8, label=label or None)
+            panel.plot(x, y, color=color, lw=0, marker="o", ms=4, alpha=0.8, label=figure_text(label) or None)
         _scales(panel)
         _finish(panel, _axis(rows, name), measure if panel is panels[0] else "", legend=1 < len(groups) <= MAX_LEGEND)
     return figure
@@ -118,7 +119,7 @@ def _maps(rows: Sequence[Row], names: Sequence[str], other: Sequence[str], measu
             axis.set_ticks(places, [f"{values[i]:.4g}" for i in places])
         panel.set_xlabel(_axis(rows, names[0]), fontsize=9)
         panel.set_ylabel(_axis(rows, names[1]) if number == 0 else "", fontsize=9)
-        panel.set_title(label, fontsize=9)
+        panel.set_title(figure_text(label), fontsize=9)
         panel.tick_params(labelsize=8, color=GREY)
     bar = figure.colorbar(mesh, ax=list(panels))
     bar.set_label(_label(measure), fontsize=9)
@@ -152,7 +153,7 @@ def _grouped(rows: Sequence[Row], names: Sequence[str]) -> dict[str, list[Row]]:
 
 def _axis(rows: Sequence[Row], name: str) -> str:
     scaled = any(str(row.parameters[name]).startswith("*") for row in rows)
-    return parameter_label(name) + (" (factor)" if scaled else "")
+    return figure_text(parameter_label(name)) + (" (factor)" if scaled else "")
 
 
 def _label(measure: str) -> str:

@@ -12,6 +12,7 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.plots import GREY
 from tensegrity_mj.studies.tradeoff.sentence import metres
+from tensegrity_mj.texts import figure_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -123,7 +124,8 @@ def diagram(data: Data, cost: Cost, experiments: Sequence[str] | None = None) ->
             place.set_xlabel(cost.value, fontsize=8)
     figure.legend(handles=handles, loc="outside lower center", fontsize=7.5, frameon=False, ncols=across)
     law = data["law"] and (data["law"]["description"] or {}).get("law", data["law"]["from"])
-    figure.suptitle(f"{data['scene']['name']}{f', law {law}' if law else ''}: error and cost", fontsize=10)
+    name = data["scene"]["name"] + (f", law {law}" if law else "")
+    figure.suptitle(f"{figure_text(name)}: error and cost", fontsize=10)
     return figure
 
 

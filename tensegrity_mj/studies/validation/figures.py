@@ -12,6 +12,7 @@ from tensegrity_mj.pictures import palette
 from tensegrity_mj.plots import COLUMN, GREY, RUN_STYLES
 from tensegrity_mj.report import Picture
 from tensegrity_mj.studies.validation.findings import left_promise, title
+from tensegrity_mj.texts import figure_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -206,7 +207,7 @@ def _map(engine: str, rows: Any) -> Iterator[Picture]:
                 face = "none" if hollow else color
                 key = f"{outcome}, V not as promised" if hollow else outcome
                 used[key] = panel.scatter(*places, s=16, facecolors=face, edgecolors=color, lw=1.0, label=key)
-        panel.set_title(name, fontsize=9)
+        panel.set_title(figure_text(name), fontsize=9)
         panel.grid(color=palette.GRID, lw=0.5)
         panel.set_xticklabels([])
         panel.tick_params(labelsize=6)
