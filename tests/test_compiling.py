@@ -205,7 +205,7 @@ def test_every_engine_knows_the_string_law_and_its_constants() -> None:
 @pytest.mark.parametrize(
     "value",
     [1.5, -0.0, np.nan, "text", (1, (2.0, None)), frozenset("abcdef"), np.arange(5.0), np.dtype([("x", "f8", 3)])],
-    ids=repr,
+    ids=["float", "negative zero", "nan", "text", "tuple", "set", "array", "dtype"],
 )
 def test_constants_have_one_text(value: Any) -> None:
     code = compile("f(x)", "", "eval")
