@@ -28,13 +28,13 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from tensegrity_mj.actuation import Actuation
+from tensegrity_mj.actuation import Actuation, OnInfeasible
 from tensegrity_mj.contact import rod_gaps
 from tensegrity_mj.controllers import from_scene
 from tensegrity_mj.engines import mujoco_callback as callback
 from tensegrity_mj.engines.mujoco import MuJoCo
 from tensegrity_mj.engines.mujoco_run import MuJoCoRun
-from tensegrity_mj.engines.run import OnInfeasible, Request
+from tensegrity_mj.engines.run import Request
 from tensegrity_mj.errors import StructureError, TensegrityError
 from tensegrity_mj.law import native_law
 from tensegrity_mj.mjcf import scene_to_mjcf

@@ -17,7 +17,7 @@ from tensegrity_mj.families.random_structures import random_scene, random_struct
 from tensegrity_mj.families.random_taut import random_taut_structure
 from tensegrity_mj.resistance import Bending, Resistance
 from tensegrity_mj.scene import Scene
-from tensegrity_mj.statics.balance import Balance, balance, falling
+from tensegrity_mj.statics.balance import Balance, balance, unheld_gravity
 from tensegrity_mj.statics.equilibrium import find_equilibrium
 from tensegrity_mj.statics.model import Rods, StaticModel
 from tensegrity_mj.structure import Structure, Support
@@ -167,7 +167,7 @@ def test_both_commands_say_the_same_of_shipped_scenes(name: str) -> None:
     if scene.control is not None or scene.water is not None:
         return
     told = describe(scene)
-    scene = scene.with_(gravity=tuple(np.array(scene.gravity) - falling(scene)))
+    scene = scene.with_(gravity=tuple(np.array(scene.gravity) - unheld_gravity(scene)))
     found: Balance = tmj.statics.analyse(scene, modes=1).start
     assert (told["unbalanced_force"], told["in_equilibrium"]) == (found.unbalanced, found.is_equilibrium)
     assert told["unbalanced"] == found.describe()
@@ -208,6 +208,9 @@ def test_what_falls_freely_is_not_told_to_add_supports(capsys: pytest.CaptureFix
         told = describe(scene)
         assert told["falls_freely"] is falls
         assert "add strings or supports" not in told["why_not"]
+    floating = describe(tmj.load_scene("tower_waves"))
+    assert (floating["falls_freely"], floating["floats_freely"]) == (False, True)
+    assert floating["can_be_prestressed"] or "add strings or supports" not in floating["why_not"]
     told = describe(tmj.load_scene("prism_drop"))
     assert told["in_equilibrium"]
     assert told["can_be_prestressed"]
@@ -216,8 +219,8 @@ def test_what_falls_freely_is_not_told_to_add_supports(capsys: pytest.CaptureFix
     # Led along x alone, gravity along it makes it fall, and gravity across it is borne.
     guide = Support.constrained([(0, 1, 0), (0, 0, 1)], 0.5)
     rod = Structure("led", {"a": (0, 0, 0), "b": (0, 0, 1)}, (tmj.Rod("r", ("a", "b"), 1.0, support=guide),), ())
-    np.testing.assert_allclose(falling(Scene(rod, gravity=(3.0, 0.0, -4.0))), (3.0, 0.0, 0.0), atol=1e-15)
-    assert falling(Scene(rod, gravity=(0.0, 0.0, -4.0))).tolist() == [0.0, 0.0, 0.0]
+    np.testing.assert_allclose(unheld_gravity(Scene(rod, gravity=(3.0, 0.0, -4.0))), (3.0, 0.0, 0.0), atol=1e-15)
+    assert unheld_gravity(Scene(rod, gravity=(0.0, 0.0, -4.0))).tolist() == [0.0, 0.0, 0.0]
     # A structure without strings has nothing to prestress.
     assert describe(Scene(rod))["why_not"] == "there are no strings"
 

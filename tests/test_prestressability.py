@@ -190,7 +190,7 @@ def test_the_stiffest_of_several_states() -> None:
     assert found.prestress_stable is Verdict.YES
     assert 3 - 1e-9 <= found.stiffness_bound <= 3 * 1.002  # the search may stop within 1e-3 of the bound
     assert found.prestress_stiffness[0] > 0.5 * 3  # some of it is given up to keep all strings taut
-    assert found.super_stable is Verdict.NOT_ASKED
+    assert found.super_stable is Verdict.NOT_APPLICABLE
 
 
 @pytest.mark.parametrize("name", ["tbar", "dbar", "cross", "net", "truss_arm", "prism", "suspended_cable"])
@@ -260,7 +260,7 @@ def test_supports_and_holds_take_part() -> None:
     assert len(held.self_stress) == 4
     assert held.mechanisms.shape[1] == 1
     assert held.prestress_stable is Verdict.YES
-    assert held.super_stable is Verdict.NOT_ASKED
+    assert held.super_stable is Verdict.NOT_APPLICABLE
     assert "supports" in held.reasons[1]
     assert free.prestress_stable is Verdict.YES
     # Held by one node it turns about it; two hold it on an axis.

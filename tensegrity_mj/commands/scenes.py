@@ -115,14 +115,15 @@ def describe(scene: Scene, timing: bool = False) -> dict[str, Any]:
 def statics(scene: Scene) -> dict[str, Any]:
     """Self-stress and redundant rods at the start; where no law moves it, whether its strings hold it there.
 
-    A structure that nothing holds against gravity falls freely, where its weight pulls nothing: it is left out.
+    A structure that nothing holds against gravity falls freely, or floats in the scene's water. Whether its strings can
+    be prestressed is found without its weight there, which pulls nothing as it falls, and without the water's forces.
     """
     import numpy as np
 
     from tensegrity_mj.errors import InfeasibleError
     from tensegrity_mj.prestress import prestress, self_stress
     from tensegrity_mj.resistance import resisting_forces
-    from tensegrity_mj.statics.balance import balance, falling, fluid_forces
+    from tensegrity_mj.statics.balance import balance, fluid_forces, unheld_gravity
     from tensegrity_mj.statics.model import StaticModel
     from tensegrity_mj.water import water_forces
 
@@ -138,18 +139,23 @@ def statics(scene: Scene) -> dict[str, Any]:
     }
     if scene.control is not None:
         return found
-    falls = falling(scene)
-    gravity = np.array(scene.gravity) - falls
-    there = balance(StaticModel.of(scene.with_(gravity=tuple(gravity.tolist()))), fluid_forces(scene))
+    loose = unheld_gravity(scene)
+    falls, floats = bool(np.any(loose)) and scene.water is None, bool(np.any(loose)) and scene.water is not None
+    gravity = np.array(scene.gravity) - loose
+    seen = scene.with_(gravity=tuple(gravity.tolist())) if falls else scene
+    there = balance(StaticModel.of(seen), fluid_forces(scene))
     found |= {
-        "falls_freely": bool(np.any(falls)),
+        "falls_freely": falls,
+        "floats_freely": floats,
         "unbalanced_force": there.unbalanced,
         "unbalanced": there.describe(),
         "in_equilibrium": there.is_equilibrium,
     }
     if not structure.strings:
         return found | {"can_be_prestressed": False, "why_not": "there are no strings"}
-    loads = scene.nodal_forces(0.0) + resisting_forces(scene, nodes, still) + water_forces(scene, 0.0, nodes, still)[0]
+    loads = scene.nodal_forces(0.0) + resisting_forces(scene, nodes, still)
+    if not floats:
+        loads = loads + water_forces(scene, 0.0, nodes, still)[0]
     try:
         prestress(structure, nodes=nodes, gravity=gravity, loads=loads)
         found |= {"can_be_prestressed": True, "why_not": ""}
@@ -252,19 +258,21 @@ def _costs(timing: dict[str, Any] | None) -> list[tuple[str, str]]:
 def _balance(data: dict[str, Any]) -> list[tuple[str, str]]:
     """Whether strings hold the scene where it starts, in words."""
     fluids = ", wind and water included" if data["water"] or "wind" in (data["resistance"] or "") else ""
-    falls = (
-        [("falls freely", "nothing holds it against gravity, which is left out of the two lines below, as is contact")]
-        if data["falls_freely"]
-        else []
-    )
+    rows = []
+    if data["falls_freely"]:
+        rows = [("falls freely", "nothing holds it against gravity, which the two lines below leave out, and contact")]
+    if data["floats_freely"]:
+        rows = [("floats freely", "nothing but water holds it; prestress is looked at without its weight and water")]
     return [
-        *falls,
+        *rows,
         ("unbalanced force", f"{data['unbalanced']}; at the scene's start{fluids}"),
         ("prestress", "possible with every string in tension" if data["can_be_prestressed"] else data["why_not"]),
     ]
 
 
 def _text(data: dict[str, Any]) -> str:
+    from tensegrity_mj.statics.words import counted
+
     control, contact = data["control"], data["contact"]
     head = [
         ("scene", data["name"]),
@@ -281,8 +289,8 @@ def _text(data: dict[str, Any]) -> str:
         ),
         (
             "statics",
-            f"{data['self_stress_modes']} states of self-stress, {data['mechanisms']} mechanisms, "
-            f"{data['rigid_motions']} rigid motions",
+            f"at its start {counted(data['self_stress_modes'], 'state')} of self-stress of the strings, "
+            f"{counted(data['mechanisms'], 'mechanism')}, {counted(data['rigid_motions'], 'rigid motion')}",
         ),
         *([("forces not unique", ", ".join(data["undetermined_forces"]))] if data["undetermined_forces"] else []),
         *([("singular start", ", ".join(data["singular"]))] if data["singular"] else []),

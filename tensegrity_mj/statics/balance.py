@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from tensegrity_mj.resistance import resisting_forces
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.statics import linear_systems
-from tensegrity_mj.statics.equilibrium import round_off
 from tensegrity_mj.statics.model import StaticModel
+from tensegrity_mj.statics.rounding import round_off
 from tensegrity_mj.structure import null_space_basis
 from tensegrity_mj.water import water_forces
 
@@ -89,18 +89,15 @@ def fluid_forces(scene: Scene) -> Array:
     return out
 
 
-def falling(scene: Scene) -> Array:
-    """(3,) [m/s²]: the part of gravity along straight lines on which nothing holds the structure, nor could.
+def unheld_gravity(scene: Scene) -> Array:
+    """(3,) [m/s²]: the part of gravity along straight lines on which no support holds the structure; zero for none.
 
-    Zero where supports hold it, and in water, where it may float. Contact holds it only where it touches, and is left
-    out: a robot above its floor falls.
+    Contact and water hold only where the structure touches them, and are left out.
     """
     gravity = np.array(scene.gravity)
-    if scene.water is not None or not np.any(gravity):
-        return np.zeros(3)
     count = len(scene.structure.nodes)
     held = StaticModel.of(scene).boundary.rows @ np.tile(np.eye(3), (count, 1))
-    held = held[np.linalg.norm(held, axis=1) > 1e-9]
-    free = null_space_basis(held) if len(held) else np.eye(3)
+    held = held[np.linalg.norm(held, axis=1) > 1e-9]  # rows that hold a rod's direction hold no straight motion
+    free = null_space_basis(held)
     falls = free @ (free.T @ gravity)
     return falls if np.linalg.norm(falls) > 1e-9 * np.linalg.norm(gravity) else np.zeros(3)

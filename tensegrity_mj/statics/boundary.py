@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +22,7 @@ from tensegrity_mj.structure import Structure, Vector
 
 Array = NDArray[np.float64]
 
-Matrix = Array | sparse.csr_array
+Matrix: TypeAlias = Array | sparse.csr_array
 
 SMALL = 240  # coordinates 3N up to which matrices are dense
 RANK = 1e-10  # of a block's largest singular value: rows below it say what others say already

@@ -22,12 +22,12 @@ from tensegrity_mj.scene import Scene
 from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.body_motions import neutral_motions, require_held
 from tensegrity_mj.statics.model import StaticModel
+from tensegrity_mj.statics.rounding import EPS, round_off
 from tensegrity_mj.statics.state import StaticState
 from tensegrity_mj.structure import Structure
 
 Array = NDArray[np.float64]
 
-EPS = float(np.finfo(float).eps)
 FIRST_REGULARIZATION = 1e-3  # of the stiffest string
 LEAST_REGULARIZATION = 1e-12
 MOST_REGULARIZATION = 1e8
@@ -171,20 +171,6 @@ def _descend(model: StaticModel, x: Array, parameter: float, limit: int) -> tupl
                 break
             mu *= 4.0
     raise _stuck(model, limit, size, x, forces, parameter)
-
-
-def round_off(model: StaticModel, x: Array, parameter: float, rod_forces: Array) -> float:
-    """[N] what round-off leaves of forces that cancel at x (3N,), under axial forces N (R,) of the rods.
-
-    Lengths and directions have errors of some ε, which strings' and elastic rods' stiffness times their length, joints'
-    bending stiffness over their rods' lengths, and all forces multiply. Positions have errors of ε times how far they
-    are from the origin, which stiffness multiplies.
-    """
-    strained, stiffness = model.stiffest
-    pulled = float(np.max(model.stiffness * model.strings(x).lengths, initial=0.0))
-    forces = (rod_forces, model.external(parameter))
-    largest = strained + pulled + sum(float(np.abs(part).max(initial=0.0)) for part in forces)
-    return EPS * max(8 * largest + stiffness * float(np.abs(x).max(initial=0.0)), 1e-290)
 
 
 def _energy_round_off(model: StaticModel, x: Array, forces: Array, parameter: float) -> float:

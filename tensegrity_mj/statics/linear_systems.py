@@ -34,7 +34,8 @@ def solve(matrix: sparse.csc_array | Array, right: Array) -> Array | None:
     with warnings.catch_warnings():
         warnings.simplefilter("error", MatrixRankWarning)
         try:
-            found = np.linalg.solve(matrix, right) if isinstance(matrix, np.ndarray) else splu(matrix).solve(right)
+            dense = isinstance(matrix, np.ndarray)
+            found: Array = np.linalg.solve(matrix, right) if dense else splu(matrix).solve(right)
         except (RuntimeError, MatrixRankWarning, np.linalg.LinAlgError):
             return None
     return found if np.all(np.isfinite(found)) else None

@@ -277,7 +277,7 @@ class StaticModel:
         """The same as a dense array, sooner for few nodes."""
         n = len(x)
         values, (rows, columns) = self._hessian_entries(x, rod_forces)
-        K = np.bincount(rows * n + columns, values, n * n).reshape(n, n)
+        K: Array = np.bincount(rows * n + columns, values, n * n).astype(float).reshape(n, n)
         return K if self.bending_stiffness is None else K + self.bending_stiffness.toarray()
 
     def _hessian_entries(self, x: Array, rod_forces: Array) -> tuple[Array, tuple[IntArray, IntArray]]:

@@ -26,6 +26,7 @@ from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.families.arguments import whole
 from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.state import StaticState
+from tensegrity_mj.statics.words import counted
 from tensegrity_mj.structure import Structure
 from tensegrity_mj.trajectory import VARIABLES, Trajectory
 
@@ -94,19 +95,24 @@ class Modes:
     def describe(self) -> list[str]:
         """What there is to say, a sentence a line."""
         lines = (
-            [f"{self.neutral.shape[1]} motions of the whole that nothing resists, at 0 Hz"] if self.neutral.size else []
+            [f"{counted(self.neutral.shape[1], 'motion')} of the whole that nothing resists, at 0 Hz"]
+            if self.neutral.size
+            else []
         )
         if not len(self.squares):
             return [*lines, "no further motion is free"]
         grow, loose = int(self.unstable.sum()), int(self.loose.sum())
         if grow:
-            lines.append(f"{grow} unstable, growing by up to {self.growth.max():.6g} 1/s: this equilibrium is left")
+            lines.append(
+                f"{counted(grow, 'unstable mode')}, with a growth rate of up to {self.growth.max():.6g} 1/s: this "
+                "equilibrium is left"
+            )
         if loose:
-            lines.append(f"{loose} that nothing holds, to first order: mechanisms without prestress")
+            lines.append(f"{counted(loose, 'mode')} that nothing holds, to first order: mechanisms without prestress")
         held = self.frequencies[~self.unstable & ~self.loose]
         if len(held):
-            which = "all" if self.complete else "the lowest of all"
-            lines.append(f"{len(held)} frequencies, {which}: {held[0]:.6g} to {held[-1]:.6g} Hz")
+            which = "all there are" if self.complete else "the lowest of all"
+            lines.append(f"{counted(len(held), 'swinging mode')}, {which}: {held[0]:.6g} to {held[-1]:.6g} Hz")
         return lines
 
     def to_dict(self) -> dict[str, Any]:

@@ -11,10 +11,11 @@ from tensegrity_mj.checks import real_array
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.statics.boundary import Hold
-from tensegrity_mj.statics.equilibrium import find_equilibrium, round_off
+from tensegrity_mj.statics.equilibrium import find_equilibrium
 from tensegrity_mj.statics.linearized import Linearized
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.path_steps import Point, Tangent, Walk, bordered, scaled, zero
+from tensegrity_mj.statics.rounding import round_off
 from tensegrity_mj.statics.state import StaticState
 from tensegrity_mj.structure import Structure
 

@@ -10,9 +10,9 @@ from scipy import sparse
 
 from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.body_motions import neutral_motions
-from tensegrity_mj.statics.equilibrium import round_off
 from tensegrity_mj.statics.linearized import Linearized
 from tensegrity_mj.statics.model import StaticModel
+from tensegrity_mj.statics.rounding import round_off
 from tensegrity_mj.statics.state import StaticState
 
 Array = NDArray[np.float64]

@@ -35,6 +35,7 @@ from tensegrity_mj.scene import Scene
 from tensegrity_mj.statics.boundary import Boundary, Hold
 from tensegrity_mj.statics.model import Members, StaticModel
 from tensegrity_mj.statics.state import StaticState
+from tensegrity_mj.statics.words import counted
 from tensegrity_mj.structure import Structure
 
 Array = NDArray[np.float64]
@@ -54,7 +55,7 @@ class Verdict(enum.Enum):
     YES = "yes"
     NO = "no"
     UNDECIDED = "undecided"  # numbers too close to call, or more cutting planes needed than allowed
-    NOT_ASKED = "not asked"  # the question does not fit; `reasons` says why
+    NOT_APPLICABLE = "not applicable"  # the question does not fit; `reasons` says why
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,13 +156,17 @@ class Prestressability:
         rods = [rod.name for rod in self.structure.rods]
         least, most = self.gap
         lines = [
-            f"{len(strings)} strings and {len(rods)} rods on {self.free_coordinates} free coordinates: "
-            f"{_count(len(self.self_stress), 'state')} of self-stress, "
-            f"{_count(self.mechanisms.shape[1], 'mechanism')}, "
-            f"{_count(self.rigid_motions.shape[1], 'motion')} of the whole"
+            f"{counted(len(strings), 'string')} and {counted(len(rods), 'rod')} on "
+            f"{counted(self.free_coordinates, 'free coordinate')}: "
+            f"{counted(len(self.self_stress), 'state')} of self-stress, "
+            f"{counted(self.mechanisms.shape[1], 'mechanism')}, "
+            f"{counted(self.rigid_motions.shape[1], 'motion')} of the whole"
         ]
         clear = "clear" if self.rank_is_clear else "in doubt: give the nodes all their digits"
-        lines.append(f"rank {self.rank}, {clear} (singular values {least:.1e} | {most:.1e} of the largest)")
+        lines.append(
+            f"rank {self.rank}, {clear}: of the largest singular value, the least that counts is {least:.1e}, and the "
+            f"largest that does not {most:.1e}"
+        )
         if not len(self.self_stress):
             lines.append("nothing can be prestressed: forces of members are in balance only where all are zero")
         elif self.all_can_pull:
@@ -176,8 +181,16 @@ class Prestressability:
             together = "every rod can be in compression at once meanwhile"
             lines.append(together if self.all_can_push else f"{pushed} can be in compression meanwhile")
         if len(self.prestress_stiffness) and self.prestress is not None:
-            whose = "the state's own prestress" if self.own else "the stiffest prestress found, of 1 N at most,"
-            lines.append(f"{whose} stiffens mechanisms by {self.prestress_stiffness[0]:.6g} N/m at least")
+            least_stiffness = float(self.prestress_stiffness[0])
+            if self.own:
+                what = f"stiffen mechanisms by {least_stiffness:.6g} N/m at least"
+                driven = f"drive a mechanism on with {-least_stiffness:.6g} N/m"
+                lines.append(f"the state's own forces, of loads too, {driven if least_stiffness < 0 else what}")
+            else:
+                lines.append(
+                    "the stiffest prestress found, with 1 N in the tightest string, stiffens mechanisms by "
+                    f"{least_stiffness:.6g} N/m at least"
+                )
         lines.append(f"prestress stable: {self.prestress_stable.value}; {self.reasons[0]}")
         lines.append(f"super stable: {self.super_stable.value}; {self.reasons[1]}")
         return lines
@@ -302,7 +315,7 @@ class _Problem:
         obstacle = None if can_pull[self.whole].all() else self._obstacle(~can_pull & self.whole)
         taut = can_pull if own is None else (own[:M] > 0) & self.whole
         loose = self._loose(taut, bodies)
-        prestress, bound, stability = own, float("nan"), (Verdict.NOT_ASKED, "")
+        prestress, bound, stability = own, float("nan"), (Verdict.NOT_APPLICABLE, "")
         if own is None:
             prestress, bound, stability = self._stiffest(states, can_pull, loose)
         stiffness: Array = np.zeros(0)
@@ -522,7 +535,7 @@ class _Problem:
 
     def _super_stable(self, states: Array, can_pull: Flags, own: Array | None) -> tuple[Verdict, str]:
         if self.boundary.rows.shape[0]:
-            return Verdict.NOT_ASKED, "that is a question about structures without supports"
+            return Verdict.NOT_APPLICABLE, "it is defined for structures without supports"
         if not can_pull.any():
             return Verdict.NO, "no string can pull"
         centered = self.nodes - self.nodes.mean(axis=0)
@@ -632,10 +645,6 @@ def _across(span: Array, others: Array) -> Array:
         return span
     left, values, _ = np.linalg.svd(span - others @ (others.T @ span), full_matrices=False)
     return np.asarray(left[:, values > 0.5])
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _listed(names: list[str], chosen: Flags, what: str) -> str:

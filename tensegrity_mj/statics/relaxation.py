@@ -18,8 +18,9 @@ from tensegrity_mj.families.arguments import whole
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.body_motions import require_held
-from tensegrity_mj.statics.equilibrium import placed, round_off
+from tensegrity_mj.statics.equilibrium import placed
 from tensegrity_mj.statics.model import StaticModel
+from tensegrity_mj.statics.rounding import round_off
 from tensegrity_mj.statics.state import StaticState
 from tensegrity_mj.structure import Structure
 

@@ -14,8 +14,12 @@ from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.body_motions import neutral_motions
 from tensegrity_mj.statics.linearized import Linearized
 from tensegrity_mj.statics.model import StaticModel
+from tensegrity_mj.statics.rounding import round_off
 
 Array = NDArray[np.float64]
+
+EDGE = 1e-9  # of a string's length: nearer than that to its rest length, it is neither slack nor taut
+NOISE = 100.0  # of what round-off leaves on a coordinate: a member that shares it with others may carry so much
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +65,16 @@ class StaticState:
     def slack(self) -> NDArray[np.bool_]:
         """(M,) strings without tension."""
         return self.tensions <= 0
+
+    @property
+    def at_edge(self) -> NDArray[np.bool_]:
+        """(M,) strings as long as their rest length: neither slack nor taut."""
+        return np.asarray(np.abs(self.lengths - self.model.rest_lengths) <= EDGE * self.lengths)
+
+    def settled(self, forces: Array) -> Array:
+        """Forces [N] of members with zero for those that round-off may have made."""
+        least = NOISE * round_off(self.model, self.x, self.parameter, self.rod_forces)
+        return np.where(np.abs(forces) <= least, 0.0, forces)
 
     @cached_property
     def rod_lengths(self) -> Array:

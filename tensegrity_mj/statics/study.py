@@ -30,6 +30,7 @@ from tensegrity_mj.statics.sizing import Sizing, minimal_mass
 from tensegrity_mj.statics.standalone import require_rigid_and_free, standalone_scene
 from tensegrity_mj.statics.state import StaticState
 from tensegrity_mj.statics.strength import MemberCheck, TrajectoryCheck, check_state, check_trajectory
+from tensegrity_mj.statics.words import counted
 from tensegrity_mj.structure import Structure
 from tensegrity_mj.trajectory import Trajectory
 
@@ -41,7 +42,6 @@ Array = NDArray[np.float64]
 
 FORMAT = 1
 DATA, PAGE = "statics.json", "statics.html"  # what a folder holds
-EDGE = 1e-9  # of a string's length: nearer than that to its rest length, it is neither slack nor taut
 
 
 class Search(enum.Enum):
@@ -273,7 +273,7 @@ def _by_engine(state: StaticState, modes: Modes, engine: AcceleratingEngine) -> 
 
 def _prestressability(state: StaticState) -> Prestressability:
     """Of the state's own forces; where nothing is under any, of what could be prestressed there."""
-    if np.any(state.tensions > 0) or np.any(state.rod_forces != 0):
+    if np.any(state.settled(state.tensions)) or np.any(state.settled(state.rod_forces)):
         return prestressability(state)
     return prestressability(state.model, nodes=state.nodes)
 
@@ -342,14 +342,14 @@ def _checked(run: Trajectory, structure: Structure) -> TrajectoryCheck:
 
 def _edge_notes(state: StaticState) -> list[str]:
     model = state.model
-    edge = (np.abs(state.lengths - model.rest_lengths) <= EDGE * state.lengths) & (model.stiffness > 0)
+    edge = state.at_edge & (model.stiffness > 0)
     if not edge.any():
         return []
     first = model.structure.strings[int(np.argmax(edge))].name
     return [
-        f"{int(edge.sum())} strings are at the edge of slackness, as long as their rest length ('{first}' is one). "
-        "Half of every motion stretches them; stiffness and frequencies count them as round-off has them, slack or "
-        "taut, and an engine may count them otherwise"
+        f"at the edge of slackness, as long as their rest length: {counted(int(edge.sum()), 'string')} ('{first}' is "
+        "one). Half of every motion stretches them; stiffness and frequencies count them as round-off has them, slack "
+        "or taut, and an engine may count them otherwise"
     ]
 
 
@@ -368,6 +368,8 @@ def _notes(model: StaticModel) -> tuple[str, ...]:
         notes.append("wind is left out")
     if callable(scene.loads) or any(load.angular_frequency for load in scene.loads):
         notes.append("loads that vary are those at t = 0")
+    if model.bends is not None:
+        notes.append("states of self-stress, mechanisms and what stiffens them leave the joints' bending stiffness out")
     if scene.breaks:
         notes.append("strings that are to break later are whole")
     return tuple(notes)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tensegrity_mj.statics.model import Rods
 
 if TYPE_CHECKING:
+    from tensegrity_mj.statics.modes import Modes
     from tensegrity_mj.statics.response import Response
     from tensegrity_mj.statics.state import StaticState
     from tensegrity_mj.statics.strength import MemberCheck
@@ -18,7 +19,13 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+METHODS = {"newton": "Newton's method", "relaxation": "dynamic relaxation", "both": "Newton's method"}  # by `Search`
 SHOWN = 8  # names or numbers that a line lists
+
+
+def counted(count: int, noun: str) -> str:
+    """ "1 state", "2 states"."""
+    return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
 def describe(study: StaticStudy) -> list[tuple[str, str]]:
@@ -44,33 +51,41 @@ def describe(study: StaticStudy) -> list[tuple[str, str]]:
 def _found(study: StaticStudy, state: StaticState) -> list[tuple[str, str]]:
     model = study.model
     rods = "elastic" if np.any(model.compliance > 0) else "rigid"
-    how = f"path of {len(study.response.path.states)} points" if study.response else f"{state.iterations} steps"
+    how = f"path of {counted(len(study.response.path.states), 'point')}" if study.response else ""
+    how = how or f"{METHODS[study.search.value]}, {counted(state.iterations, 'step')}"
     loose = "not held: some motion costs no energy"
     kind = "stable" if state.is_stable else loose if _held_by_nothing(state) else "unstable"
     at = f" at parameter {state.parameter:g}" if study.response is not None else ""
     rows = [
-        ("equilibrium", f"{kind}{at}; {rods} rods, {how}, {_number(state.residual, 'N')} left"),
-        ("moved", f"by up to {_number(study.moved, 'm')}{_mover(study, state)}"),
-        ("extent", f"{_sizes(model.scene.nodes0)} before, {_sizes(state.nodes)} m after"),
+        (
+            "equilibrium",
+            f"{kind}{at}; {rods} rods; {how}; at most {_number(state.residual, 'N')} are left on a coordinate",
+        ),
+        ("moved", _moved(study, state)),
+        ("extent x, y, z", f"{_sizes(model.scene.nodes0)} at the scene's start, {_sizes(state.nodes)} in equilibrium"),
     ]
     if study.other is not None:
         steps = study.other.iterations
-        rows.append(("by relaxation", f"{steps} steps; lengths of members differ by {study.difference:.2g} m"))
+        differ = f"lengths of members differ by {study.difference:.2g} m at most"
+        rows.append(("by relaxation", f"{counted(steps, 'step')}; {differ}"))
     for name, values, unit in (
-        ("tensions", state.tensions[model.stiffness > 0], "N"),
-        ("rod forces", state.rod_forces, "N"),
+        ("tensions", state.settled(state.tensions)[model.stiffness > 0], "N"),
+        ("rod forces", state.settled(state.rod_forces), "N"),
         ("rod stresses", _stresses(study), "Pa"),
     ):
         if len(values):
             spread = statistics(values)
             rows.append((name, ", ".join(f"{key} {_number(spread[key], '')}" for key in spread) + f" {unit}"))
     slack = slack_strings(state)
-    rows.append(("slack strings", f"{len(slack)}: {_listed(slack)}" if slack else "none"))
+    if model.structure.strings:
+        rows.append(("slack strings", f"{len(slack)}: {_listed(slack)}" if slack else "none"))
     if study.prestressability is not None:
         rows += [("prestress" if not row else "", line) for row, line in enumerate(study.prestressability.describe())]
-    rows.append(("lowest stiffness", _number(state.lowest_stiffness, "N/m")))
-    if study.modes is not None:
-        rows.append(("frequencies", _listed([f"{f:.5g}" for f in study.modes.frequencies.tolist()], 12) + " Hz"))
+    if np.isfinite(state.lowest_stiffness):
+        lowest = _number(state.lowest_stiffness, "N/m")
+        rows.append(("lowest stiffness", f"{lowest}, of all motions of the nodes but those of the whole at no energy"))
+    if study.modes is not None and len(study.modes.squares):
+        rows.append(("frequencies", _listed(_frequencies(study.modes), 12) + " Hz"))
         rows += [("", line) for line in study.modes.describe()]
     if study.members is not None:
         rows += [("members" if not row else "", line) for row, line in enumerate(_members(study.members))]
@@ -87,11 +102,14 @@ def _along(response: Response) -> list[tuple[str, str]]:
     last, most = path.parameters[-1], response.largest_parameter
     rows = [("path", f"{path.end.value}; the parameter is {last:.6g} there, and {most:.6g} at most")]
     for curve in response.curves[:SHOWN]:
-        force, displacement = (float(values[-1]) for values in (curve.force, curve.displacement))
-        rows.append(("", f"{curve.name}: {_number(force, 'N')} at {_number(displacement, 'm')}"))
+        force, moved = _number(float(curve.force[-1]), "N"), _number(float(curve.displacement[-1]), "m")
+        end = f"{force}, its node {moved} along it" if curve.is_load else f"{moved}, pushed with {force} along its way"
+        rows.append(("at its end", f"{curve.name}: {end}"))
     for critical in path.criticals[:SHOWN]:
-        change = "lost" if critical.unstable_after > critical.unstable_before else "regained"
-        rows.append(("critical", f"stability is {change} at parameter {critical.parameter:.6g}: {critical.kind.value}"))
+        change = critical.unstable_after - critical.unstable_before
+        motions = f"{counted(abs(change), 'motion')} {'becomes' if abs(change) == 1 else 'become'}"
+        stable = "unstable" if change > 0 else "stable again"
+        rows.append(("critical", f"{motions} {stable} at parameter {critical.parameter:.6g}: {critical.kind.value}"))
     for event in response.slack_events[:SHOWN]:
         now = "slack" if event.slack else "taut"
         rows.append(("event", f"'{event.string}' is {now} from parameter {event.parameter:.4g}"))
@@ -197,9 +215,9 @@ def statistics(values: Array) -> dict[str, float]:
 
 
 def slack_strings(state: StaticState) -> list[str]:
-    """Names of those without tension; what is broken is not slack."""
+    """Names of those without tension, or at the edge of it (`StaticState.at_edge`); what is broken is not slack."""
     model = state.model
-    pairs = zip(model.structure.strings, state.slack, model.stiffness, strict=True)
+    pairs = zip(model.structure.strings, state.slack | state.at_edge, model.stiffness, strict=True)
     return [string.name for string, slack, stiffness in pairs if slack and stiffness > 0]
 
 
@@ -229,14 +247,24 @@ def _held_by_nothing(state: StaticState) -> bool:
     return state.lowest_stiffness >= -1e-9 * state.model.scale[1]
 
 
-def _mover(study: StaticStudy, state: StaticState) -> str:
-    """The node that moved most."""
-    moves = np.linalg.norm(state.nodes - study.model.scene.nodes0, axis=1)
-    return f" (node '{study.model.structure.node_names[int(moves.argmax())]}')" if moves.max(initial=0.0) > 0 else ""
+def _frequencies(modes: Modes) -> list[str]:
+    """In Hz; of what grows, its rate."""
+    pairs = zip(modes.frequencies.tolist(), modes.growth.tolist(), strict=True)
+    return [f"unstable ({growth:.5g} 1/s)" if growth > 0 else f"{frequency:.5g}" for frequency, growth in pairs]
+
+
+def _moved(study: StaticStudy, state: StaticState) -> str:
+    """How far, and the node that moved most."""
+    if study.moved <= 1e-12 * state.model.scale[0]:
+        return "nowhere: the scene starts there"
+    node = int(np.linalg.norm(state.nodes - study.model.scene.nodes0, axis=1).argmax())
+    return (
+        f"by up to {_number(study.moved, 'm')} (node '{study.model.structure.node_names[node]}') from the scene's start"
+    )
 
 
 def _sizes(nodes: Array) -> str:
-    return " x ".join(f"{float(size):.5g}" for size in extent(nodes))
+    return " x ".join(f"{float(size):.5g}" for size in extent(nodes)) + " m"
 
 
 def _listed(names: Iterable[str] | Sequence[str], most: int = SHOWN) -> str:
