@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +58,37 @@ def test_the_prism_is_where_it_is(capsys: pytest.CaptureFixture[str]) -> None:
         assert string["tension"] == pytest.approx(string["force_density"] * string["length"])
     # Vertical rod: the forces at its upper, free end balance; the reactions hold what the scene pushes (nothing).
     assert np.allclose(np.sum(list(found["reactions"].values()), axis=0), 0.0, atol=1e-12)
+
+
+def test_round_off_is_neither_tension_nor_prestress(capsys: pytest.CaptureFixture[str]) -> None:
+    """Its strings are as long as their rest lengths: one of them has a tension of 1e-16 N."""
+    assert main(["statics", "pinned_rod_mirror"]) == 0
+    text = capsys.readouterr().out
+    assert re.search(r"tensions +min 0, median 0, max 0 N", text)
+    assert re.search(r"slack strings +3: s1, s2, s3", text)
+    assert "stiffen" not in text
+    assert re.search(r"moved +nowhere", text)
+    assert "3 strings and 1 rod on 3 free coordinates" in text
+
+
+def test_what_is_unstable_has_a_rate_and_no_frequency(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    structure = tmj.Structure(
+        "column",
+        {"a": (0.0, 0.0, 0.0), "b": (0.0, 0.0, 1.0), "c": (0.0, 0.0, 2.0)},
+        (tmj.Rod("low", ("a", "b"), 1.0, support=tmj.Support.pinned(0.0)), tmj.Rod("high", ("b", "c"), 1.0)),
+        (),
+    )
+    scene = tmj.Scene(structure, resistance=tmj.Resistance(bending=tmj.Bending(3.0)))
+    file = tmj.save_scene(scene, tmp_path / "column.toml")
+    assert main(["statics", str(file), "--hold", "c:xy", "--load", "c=0,0,-10", "--path"]) == 0
+    text = capsys.readouterr().out
+    assert "nan" not in text.lower()
+    assert re.search(r"frequencies +unstable \([0-9.]+ 1/s\), unstable", text)
+    assert re.search(r"critical +2 motions become unstable at parameter 0.6: bifurcation", text)  # 2 κ = 6 N of 10
+    assert "leave the joints' bending stiffness out" in text
+    # Without a load there is no force in it that could stiffen a mechanism, or drive it on.
+    assert main(["statics", str(file)]) == 0
+    assert "own forces" not in capsys.readouterr().out
 
 
 def test_a_path_ends_where_one_step_ends(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
