@@ -22,6 +22,7 @@ from tensegrity_mj.resistance import Bending, Resistance
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.section import Section
 from tensegrity_mj.statics import boundary
+from tensegrity_mj.statics.balance import balance
 from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.equilibrium import find_equilibrium
 from tensegrity_mj.statics.model import Rods, StaticModel
@@ -320,6 +321,26 @@ def test_a_column_far_from_the_origin_has_the_same_load() -> None:
     column = Column(np.full(10, 0.2), off=(600.0, -800.0, 500.0))
     path = follow(column.model, loads=500 * column.down, points=8)
     assert [one.parameter * 500 for one in path.criticals] == [pytest.approx(column.loads[0], rel=1e-7)]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_column_in_any_direction_starts_and_buckles(seed: int) -> None:
+    """At its start round-off leaves forces of ε κ/ℓ, and nothing but bending says that these are none."""
+    rng = np.random.default_rng(seed)
+    column = Column(rng.uniform(0.1, 0.4, 7))
+    turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    structure = replace(column.structure, nodes={n: tuple(turn @ x) for n, x in column.structure.nodes.items()})
+    scene = column.model.scene.with_(structure=structure)
+    holds = [Hold(("n1",)), Hold((column.top,), (tuple(turn[:, 0]), tuple(turn[:, 1])))]
+    model = StaticModel.of(scene, holds=holds)
+    start = find_equilibrium(model)
+    assert start.iterations == 0
+    assert balance(model).is_equilibrium
+    left = model.gradient(start.x) + model.rod_pulls(start.x, start.rod_forces)
+    assert 0 < np.abs(left).max() < 1e-10  # some ε κ/ℓ = 1e-12 N a joint
+    path = follow(model, loads=500 * column.down @ turn.T, points=6, stop_at_critical=True)
+    assert path.end is End.CRITICAL
+    assert path.parameters[-1] * 500 == pytest.approx(column.loads[0], rel=LOCATED)
 
 
 def test_a_path_without_any_other_force_than_bending_starts(
