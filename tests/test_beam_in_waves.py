@@ -21,7 +21,7 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.families.beam_in_waves import BeamEnd, BeamWeight, beam_in_waves, held_in_waves
 from tensegrity_mj.families.cross import cross
 from tensegrity_mj.families.tower import tower, tower_length
-from tensegrity_mj.reproduction import beam_wave_studies, beam_wave_tasks, figures_c2, page, statements_c2
+from tensegrity_mj.reproduction import beam_wave_studies, beam_wave_tasks, figures_c2, measures_c2, page
 from tensegrity_mj.reproduction.beam_wave_studies import DOUBLED, HEIGHTS, PRINTED, TWICE, label_of
 from tensegrity_mj.reproduction.beams import BY_PRESTRESS, BeamRun
 from tensegrity_mj.reproduction.experiments import EngineName
@@ -328,12 +328,12 @@ def run_of(heights: tuple[float, ...], swing: Any) -> BeamRun:
 
 def test_rows_ask_what_the_sentences_say() -> None:
     like_the_figure = run_of((2.0, 4.0, 6.0), lambda n, height: height - 0.1 * n * (height - 4.0))
-    assert statements_c2.grows(like_the_figure, (2.0, 4.0, 6.0))
-    assert not statements_c2.grows(like_the_figure, (6.0, 4.0))
-    assert [statements_c2.falls(like_the_figure, height) for height in (2.0, 4.0, 6.0)] == [False, False, True]
-    assert statements_c2.largest(like_the_figure) == 6.0
+    assert measures_c2.swings_grow(like_the_figure, (2.0, 4.0, 6.0))
+    assert not measures_c2.swings_grow(like_the_figure, (6.0, 4.0))
+    assert [measures_c2.falls(like_the_figure, height) for height in (2.0, 4.0, 6.0)] == [False, False, True]
+    assert measures_c2.largest_swing(like_the_figure) == 6.0
     made = BeamRun("", "", {"x": {"in_water": [9.0, 9.0, math.sqrt(2 * math.pi * G / 21.0)]}})
-    assert statements_c2.resonant_height(made, "x", 1) == pytest.approx(3.0)  # a wave of 21 m is 3 m high
+    assert measures_c2.resonant_height(made, "x", 1) == pytest.approx(3.0)  # a wave of 21 m is 3 m high
 
 
 def test_figure_c8_is_drawn_from_both_readings() -> None:

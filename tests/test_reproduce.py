@@ -16,15 +16,16 @@ from ledger_lines import lines_of
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.commands.common import ExitCode
-from tensegrity_mj.commands.reproduce import ENGINES
+from tensegrity_mj.commands.reproduce import ENGINES, QUANTITIES
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.reproduction import ledger, measures, page, runs, statement
+from tensegrity_mj.reproduction import ledger, measures, page, runs
 from tensegrity_mj.reproduction.catalog import FIGURES, STATEMENTS, selected
+from tensegrity_mj.reproduction.disturbance import Disturbance, Quantity
 from tensegrity_mj.reproduction.experiments import EXPERIMENTS, EngineName, cell_strings, simulate_experiment
 from tensegrity_mj.reproduction.ledger import Verdict, judge, value_text, verdict_of
 from tensegrity_mj.reproduction.reproduce import WHOLES, Reproduction, reproduce
 from tensegrity_mj.reproduction.runs import run_experiments
-from tensegrity_mj.reproduction.statement import HOLDS, Interval, KnownDifference, Statement, fills, near
+from tensegrity_mj.reproduction.statement import HOLDS, Class, Interval, KnownDifference, Statement
 from tensegrity_mj.studies.workers import Backend, Workers
 from tensegrity_mj.trajectory import Trajectory
 
@@ -47,6 +48,7 @@ PAGES = {
     "7": range(141, 159),
     "C": range(185, 197),
 }
+HEAVY = Disturbance(Quantity.MASS, 1.1)
 CHEAP = ("4.2", "4.3", "4.4", "5", "6")  # all but the beam
 
 
@@ -74,9 +76,9 @@ def test_rows_are_complete_and_consistent() -> None:
     for one in STATEMENTS:
         assert one.says, one.id
         assert one.stated, one.id
-        assert one.tolerance, one.id
+        assert one.tolerance or one.accepted == HOLDS or one.unjudged, one.id
         assert set(one.needs) <= EXPERIMENTS.keys() | WHOLES.keys(), one.id
-        assert bool(one.needs) is not bool(one.unjudged), one.id
+        assert one.measure or one.unjudged, one.id
         assert one.accepted.low <= one.accepted.high, one.id
         assert one.page in PAGES[one.chapter], one.id
         if one.known is not None:
@@ -87,7 +89,7 @@ def test_rows_are_complete_and_consistent() -> None:
 @pytest.mark.parametrize("chapter", ["5", "6"])
 def test_all_rows_of_a_chapter_are_reproduced_or_explained(made: Reproduction, chapter: str) -> None:
     own = [one for one in made.rows if one.statement.id.startswith(chapter)]
-    assert len(own) > 70
+    assert len(own) > 50
     assert [one.statement.id for one in own if one.verdict is Verdict.UNEXPLAINED] == []
 
 
@@ -107,17 +109,17 @@ def test_known_differences_are_still_there(made: Reproduction) -> None:
 @pytest.mark.slow
 def test_all_rows_of_the_beam_are_reproduced_or_explained(tmp_path: Path) -> None:
     found = reproduce(("4.7", "4.8", "4.9", "4.10", "4.11"), tmp_path, engines=BOTH, workers=HERE)
-    assert len(found.rows) > 50
+    assert len(found.rows) > 40
     assert [one.statement.id for one in found.rows if one.verdict is Verdict.UNEXPLAINED] == []
     sure = {one.statement.id for one in found.rows if one.verdict is Verdict.DIFFERS}
-    assert sure == {"4.7-constant-odd", "4.7-constant-even"}
+    assert sure == {"4.7-constant"}
 
 
 def test_both_engines_give_the_same_values(made: Reproduction) -> None:
     """The engines' nodes are within 1e-7 m, so values of order one agree to 1e-5 unless they are nearly zero."""
     for one in made.rows:
         dae, mujoco = (one.cells[engine].value for engine in BOTH)
-        if one.statement.accepted.low != 0.0:  # else: what rounding leaves
+        if one.statement.accepted.low != 0.0 and one.verdict is not Verdict.UNJUDGED:  # else: what rounding leaves
             assert mujoco == pytest.approx(dae, rel=1e-4), one.statement.id
 
 
@@ -207,10 +209,14 @@ class _Fake:
 # -------------------------------------------------------------------------------------------------------- verdicts
 
 
+def near(value: float, tolerance: float) -> Interval:
+    return Interval(value - tolerance, value + tolerance)
+
+
 def made_up(accepted: Interval, known: KnownDifference | None = None, unit: str = "m") -> Statement:
     return Statement(
-        "5.9-x", "5.4", "§5", 120, "what", "1 m", statement.ReadFrom.TEXT, accepted, "why", ("pinned",),
-        lambda found: math.nan, unit, known,
+        "5.9-x", Class.NUMBER, "5.4", "§5", 120, "what", "1 m", accepted, "why", ("pinned",), "peak", unit=unit,
+        value=(1.0,), known=known,
     )  # fmt: skip
 
 
@@ -240,12 +246,12 @@ def test_a_row_is_as_bad_as_its_worst_engine() -> None:
     assert ledger.Row(one, cells).cause == "because"
     cells[EngineName.ODE] = ledger.Cell(3.0, Verdict.UNEXPLAINED)
     assert ledger.Row(one, cells).verdict is Verdict.UNEXPLAINED
-    assert ledger.Row(one, cells).cause == "cause unknown"
+    assert ledger.Row(one, cells).cause == "it is not the recorded value"
 
 
 def test_a_run_that_stopped_or_failed_gives_no_value(made: Reproduction) -> None:
     run = made.computed.runs[EngineName.DAE]["pinned"]
-    one = replace(made_up(near(1.0, 0.1)), measure=lambda found: 1.0)
+    one = made_up(near(1.0, 0.1))
     stopped = runs.Computed({EngineName.DAE: {"pinned": replace(run, status=tmj.Status.INFEASIBLE, message="no u")}})
     failed = runs.Computed({EngineName.DAE: {}}, {(EngineName.DAE, "pinned"): "it diverged"})
     for computed, reason in ((stopped, "infeasible at 60 s: no u"), (failed, "it diverged")):
@@ -259,9 +265,16 @@ def test_a_run_that_stopped_or_failed_gives_no_value(made: Reproduction) -> None
 
 
 def test_reading_an_axis() -> None:
-    """Ticks 0 to 0.06 by 0.01: the axis ends in [0.06, 0.07), and a curve made for it passes 0.03."""
-    assert (fills(0.06, 0.01).low, fills(0.06, 0.01).high) == pytest.approx((0.03, 0.07))
-    assert (fills(-0.3, 0.05).low, fills(-0.3, 0.05).high) == pytest.approx((-0.35, -0.15))
+    """The bands of axes: ticks to 0.06 by 0.01 end in [0.06, 0.07), and a curve that was made for them passes 0.03."""
+    checked = 0
+    for one in STATEMENTS:
+        ticks = re.fullmatch(r"axis (?:of|to) ([−0-9.]+)(?: k?[NmsH1][/²mzs]*)?, ticks of ([0-9.]+)", one.stated)
+        if ticks and one.tolerance.endswith("fills more than half of it") and "coordinates" not in one.id:
+            last, tick = (float(text.replace("−", "-")) for text in ticks.groups())
+            ends = sorted((0.5 * last, last + math.copysign(tick, last)))
+            assert (one.accepted.low, one.accepted.high) == pytest.approx(ends), one.id
+            checked += 1
+    assert checked > 40
 
 
 @pytest.mark.parametrize(
@@ -271,7 +284,7 @@ def test_reading_an_axis() -> None:
         (Interval(0.0, 1e-9), 3e-16, "< 1e-10"),  # what rounding leaves differs from machine to machine
         (Interval(0.0, 1e-9), 0.0, "< 1e-10"),
         (Interval(0.0, 0.02), 0.0178, "0.0178"),
-        (fills(-0.3, 0.05), -0.28042, "−0.280"),
+        (Interval(-0.35, -0.15), -0.28042, "−0.280"),
         (near(12.0, 0.0), 12.0, "12"),
         (Interval(1.0), 138.0, "138.0"),
         (Interval(0.2), 0.99998, "1.000"),
@@ -299,19 +312,19 @@ def test_values_have_the_digits_that_their_tolerance_asks_for(accepted: Interval
     ],
 )
 def test_rows_turn_red_with_masses_ten_percent_off(tmp_path: Path, figure: str, names: set[str]) -> None:
-    found = reproduce([figure], tmp_path, engines=[EngineName.DAE], mass_scale=1.1, workers=HERE, draw=False)
+    found = reproduce([figure], tmp_path, engines=[EngineName.DAE], disturbance=HEAVY, workers=HERE, draw=False)
     red = {one.statement.id for one in found.rows if one.verdict is Verdict.UNEXPLAINED}
     assert names <= red
-    assert "1.1 times" in (tmp_path / "reproduction.html").read_text(encoding="utf-8")
+    assert "mass x 1.1" in (tmp_path / "reproduction.html").read_text(encoding="utf-8")
 
 
 def test_the_printed_mass_is_a_row_that_turns_red() -> None:
-    scales = {}
-    for scale in (1.0, 1.1):
-        run = simulate_experiment(replace(EXPERIMENTS["prism"], interval=1.0), EngineName.DAE, scale)
+    found = {}
+    for disturbance in (None, HEAVY):
+        run = simulate_experiment(replace(EXPERIMENTS["prism"], interval=1.0), EngineName.DAE, disturbance)
         one = next(each for each in STATEMENTS if each.id == "5.6-mass")
-        scales[scale] = verdict_of(one, float(one.measure({"prism": run})))
-    assert scales == {1.0: Verdict.REPRODUCED, 1.1: Verdict.UNEXPLAINED}
+        found[disturbance] = verdict_of(one, one.measured({"prism": run}))
+    assert found == {None: Verdict.REPRODUCED, HEAVY: Verdict.UNEXPLAINED}
 
 
 # ---------------------------------------------------------------------------------------------- files and the page
@@ -349,15 +362,15 @@ def test_a_second_call_computes_nothing_and_damage_is_repaired(tmp_path: Path, m
     asked: list[str] = []
     real = runs.simulate_experiment
 
-    def counted(experiment: object, engine: EngineName, mass_scale: float) -> Trajectory:
+    def counted(experiment: object, engine: EngineName, disturbance: Disturbance | None) -> Trajectory:
         asked.append(experiment.name)  # type: ignore[attr-defined]
-        return real(experiment, engine, mass_scale)  # type: ignore[arg-type]
+        return real(experiment, engine, disturbance)  # type: ignore[arg-type]
 
     monkeypatch.setattr(runs, "simulate_experiment", counted)
 
-    def call(mass_scale: float = 1.0) -> tuple[list[str], Trajectory]:
+    def call(disturbance: Disturbance | None = None) -> tuple[list[str], Trajectory]:
         asked.clear()
-        found = run_experiments(["prism"], [EngineName.DAE], tmp_path, mass_scale=mass_scale, workers=HERE)
+        found = run_experiments(["prism"], [EngineName.DAE], tmp_path, disturbance=disturbance, workers=HERE)
         return list(asked), found.runs[EngineName.DAE]["prism"]
 
     first = call()
@@ -366,9 +379,9 @@ def test_a_second_call_computes_nothing_and_damage_is_repaired(tmp_path: Path, m
     np.testing.assert_array_equal(first[1].nodes, again[1].nodes)
     (tmp_path / "prism-dae.nc").write_bytes(b"damaged")
     assert call()[0] == ["prism"]
-    assert call(1.1)[0] == ["prism"]  # another plant is another run
+    assert call(HEAVY)[0] == ["prism"]  # another plant is another run
     monkeypatch.setattr(runs, "code_digest", lambda: "other code")
-    assert call(1.1)[0] == ["prism"]
+    assert call(HEAVY)[0] == ["prism"]
 
 
 def test_an_interrupt_says_what_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -397,8 +410,8 @@ def test_the_doc_has_every_row_as_it_is_in_the_code() -> None:
     assert list(found) == [one.id for one in STATEMENTS]
     for one in STATEMENTS:
         empty = ledger.Row(one, {EngineName.DAE: ledger.Cell(math.nan, Verdict.REPRODUCED)})
-        head = page.markdown_row(empty).split(" | ")[:4]
-        assert found[one.id].split(" | ")[:4] == head, one.id
+        head = page.markdown_row(empty).split(" | ")[:5]
+        assert found[one.id].split(" | ")[:5] == head, one.id
 
 
 def test_the_doc_agrees_with_a_fresh_computation(made: Reproduction) -> None:
@@ -407,15 +420,19 @@ def test_the_doc_agrees_with_a_fresh_computation(made: Reproduction) -> None:
         assert found[one.statement.id] == page.markdown_row(one)
 
 
-def test_the_doc_counts_its_rows() -> None:
+def test_the_doc_counts_its_rows_by_class() -> None:
+    """The headline and the table of classes, counted again from the lines of the doc."""
     text = DOC.read_text(encoding="utf-8")
-    verdicts = [line.rstrip(" |").rpartition(" | ")[2] for line in lines_of(text).values()]
-    counted = tuple(verdicts.count(name) for name in ("reproduced", "differs", "differs, cause unknown"))
-    assert counted[2] == 0
-    assert (
-        f"{len(STATEMENTS)} statements: {counted[0]} reproduced, {counted[1]} differ with a known cause, "
-        f"{counted[2]} differ without." in text
-    )
+    cells = {name: line.strip("| ").split(" | ") for name, line in lines_of(text).items()}
+    for kind in Class:
+        own = [row for row in cells.values() if row[1] == kind.value]
+        verdicts = [row[-2] for row in own]
+        counted = [verdicts.count(name) for name in ("reproduced", "differs", "cannot be judged")]
+        assert sum(counted) == len(own)  # and none differs otherwise than recorded
+        assert f"| {kind.value} | {len(own)} | " + " | ".join(map(str, counted)) + " |" in text
+        if kind.is_evidence:
+            what = "numbers that the thesis states" if kind is Class.NUMBER else "of its statements"
+            assert f"{len(own)} {what}: {counted[0]} come out, {counted[1]} differ (" in text
 
 
 # ---------------------------------------------------------------------------------------------------- the command
@@ -423,6 +440,7 @@ def test_the_doc_counts_its_rows() -> None:
 
 def test_engines_of_the_command_line_are_those_of_the_ledger() -> None:
     assert tuple(engine.value for engine in EngineName) == ENGINES
+    assert tuple(quantity.value for quantity in Quantity) == QUANTITIES
 
 
 @pytest.mark.parametrize("chosen", ["9.9", "5.2", "8", "c", "prism"])
@@ -436,7 +454,14 @@ def test_unknown_figures_are_refused_before_anything_runs(
 
 @pytest.mark.parametrize(
     ("options", "word"),
-    [(["--workers", "0"], "count = 0"), (["--table", "doc.txt"], ".md"), (["--out", "/dev/null/x"], "/dev/null/x")],
+    [
+        (["--disturb", "mass"], "QUANTITY=FACTOR"),
+        (["--disturb", "mass=-1"], "factor"),
+        (["--disturb", "charge=2"], "geometry"),
+        (["--workers", "0"], "count = 0"),
+        (["--table", "doc.txt"], ".md"),
+        (["--out", "/dev/null/x"], "/dev/null/x"),
+    ],
 )
 def test_bad_options_are_refused(options: list[str], word: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["reproduce", "5.7", "--no-figures", *options]) == ExitCode.BAD_INPUT
@@ -466,10 +491,10 @@ def test_the_command_answers_in_json_and_writes_a_table(
 
 
 def test_the_command_fails_where_a_difference_has_no_known_cause(command: Callable[..., tuple[int, dict]]) -> None:
-    code, data = command("5.7", "--engine", "dae", "--workers", "1", "--no-figures", "--mass-scale", "1.1")
+    code, data = command("5.7", "--engine", "dae", "--workers", "1", "--no-figures", "--disturb", "mass=1.1")
     assert code == ExitCode.PROGRAM_ERROR
     assert data["status"] == "unexplained"
-    assert data["counts"]["differs, cause unknown"] >= 1
+    assert data["counts"]["differs, not as recorded"] >= 1
 
 
 def test_a_chapter_brings_the_statements_of_its_text() -> None:

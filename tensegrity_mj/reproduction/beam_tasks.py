@@ -1,6 +1,7 @@
 """What is computed of the beams of appendix C and the tower of §7.2.3: tasks of `run_many`, plain values in and out.
 
 A beam is named by its row of Table C.2, with a star where its springs are what the rest of the table asks for: "TB6*".
+A point may have a "disturbance", plain as `disturbance_of` takes it.
 Its rods are elastic, as in the thesis' finite elements, but for MuJoCo, whose rods are rigid. Its form is found free;
 then the three nodes of its base are held, and those of its top are moved together: along the beam (x) or across it
 (y, z).
@@ -16,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.families.thesis_towers import APPENDIX_STAGES, appendix_beam, chapter7_tower
-from tensegrity_mj.families.tower import Topology, base_nodes, middle_nodes, top_nodes, tower_length
+from tensegrity_mj.families.tower import Topology, base_nodes, form_find, middle_nodes, top_nodes, tower_length
+from tensegrity_mj.reproduction.disturbance import disturbance_of, disturbed
 from tensegrity_mj.scene import Load, Scene
 from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.equilibrium import find_equilibrium
@@ -38,15 +40,22 @@ LONGEST = 1.2  # the arc of a path that has buckled, of a straight one
 DIFFERENCE = 1e-5  # of the shortest member: of MuJoCo's forces; its error is the square of it
 
 
-def scene_of(beam: str) -> Scene:
-    """The beam, form-found with rigid rods."""
-    return appendix_beam(beam.rstrip("*"), corrected=beam.endswith("*"))
+def scene_of(point: dict[str, Any]) -> Scene:
+    """The beam of a point, form-found with rigid rods, and then with the error that the point has."""
+    beam = point["beam"]
+    scene = appendix_beam(beam.rstrip("*"), corrected=beam.endswith("*"))
+    return disturbed(scene, disturbance_of(point.get("disturbance")))
+
+
+def standing(point: dict[str, Any]) -> StaticState:
+    """Its free equilibrium with elastic rods."""
+    return _standing(point["beam"], tuple(point.get("disturbance") or ()))
 
 
 @functools.cache
-def standing(beam: str) -> StaticState:
-    """Its free equilibrium with elastic rods."""
-    return find_equilibrium(StaticModel.of(scene_of(beam), rods=Rods.ELASTIC))
+def _standing(beam: str, disturbance: tuple[Any, ...]) -> StaticState:
+    scene = scene_of({"beam": beam, "disturbance": disturbance or None})
+    return find_equilibrium(StaticModel.of(scene, rods=Rods.ELASTIC))
 
 
 def section_area(state: StaticState) -> float:
@@ -61,16 +70,14 @@ def section_area(state: StaticState) -> float:
 
 def found(point: dict[str, Any]) -> dict[str, Any]:
     """The form, its prestress, and its stiffness [N/m] against the top's motion (3, 3) at zero load."""
-    state = standing(point["beam"])
+    state = standing(point)
     structure = state.model.structure
     before = appendix_beam(point["beam"].rstrip("*"), corrected=point["beam"].endswith("*"), form_found=False)
     along = state.nodes[:, 0] - state.nodes[:3, 0].mean()
     levels = along.reshape(APPENDIX_STAGES, 2, 3).mean(axis=2)  # b and t of every stage
-    rigid = find_equilibrium(scene_of(point["beam"]))
     return {
         "length": tower_length(state.nodes),
         "stresses": (-state.rod_forces / section_area(state)).tolist(),
-        "rigid_stress": float(np.median(-rigid.rod_forces)) / section_area(state),
         "least_tension": float(state.tensions.min()),
         "overlap": float(np.mean(levels[:-1, 1] - levels[1:, 0])),
         "before": before.nodes0.tolist(),
@@ -111,7 +118,7 @@ def confirmed(point: dict[str, Any]) -> dict[str, Any]:
     from tensegrity_mj.linearization.differences import reach_of
     from tensegrity_mj.statics.modes import mass_matrix
 
-    scene = scene_of(point["beam"])
+    scene = scene_of(point)
     structure, nodes = scene.structure, scene.nodes0
     nothing = native_law(None, structure)
     request = Request(scene, nothing, Actuation.continuous(), OnInfeasible.STOP, 1.0, None, progress=False)
@@ -159,12 +166,12 @@ def _guided(index: dict[str, int], moves: Array, K: Array) -> Array:
 
 def tension(point: dict[str, Any]) -> dict[str, Any]:
     """The top pulled along the beam."""
-    return _path_values(_moved(standing(point["beam"]), (STRETCH, 0.0, 0.0), "tension"), 0, STRETCH)
+    return _path_values(_moved(standing(point), (STRETCH, 0.0, 0.0), "tension"), 0, STRETCH)
 
 
 def compression(point: dict[str, Any]) -> dict[str, Any]:
     """The top pushed along the perfect beam, which stays straight beyond where it becomes unstable."""
-    path = _moved(standing(point["beam"]), (-SHORTENING, 0.0, 0.0), "compression")
+    path = _moved(standing(point), (-SHORTENING, 0.0, 0.0), "compression")
     first = next((one for one in path.criticals if one.unstable_after > one.unstable_before), None)
     kind = None if first is None else first.kind.value
     at = None if first is None else first.parameter * SHORTENING
@@ -174,7 +181,7 @@ def compression(point: dict[str, Any]) -> dict[str, Any]:
 
 def imperfect(point: dict[str, Any]) -> dict[str, Any]:
     """The same beam, with a small load across its middle, as far as it goes after it has buckled."""
-    state = standing(point["beam"])
+    state = standing(point)
     scene = state.model.scene.with_(loads=tuple(Load(key, (0.0, 0.0, IMPERFECTION / len(MIDDLE))) for key in MIDDLE))
     held = StaticModel.of(scene, rods=Rods.ELASTIC, nodes=state.nodes, holds=(Hold(BASE), Hold(TOP)))
     path = _moved(find_equilibrium(held), (-SHORTENING, 0.0, 0.0), "imperfect", LONGEST)
@@ -189,7 +196,7 @@ def lateral(point: dict[str, Any]) -> dict[str, Any]:
     """The top moved across the beam, without turning."""
     way = point["axis"]
     displacement = tuple(SIDEWAYS if k == way else 0.0 for k in range(3))
-    return _path_values(_moved(standing(point["beam"]), displacement, "lateral"), way, SIDEWAYS)
+    return _path_values(_moved(standing(point), displacement, "lateral"), way, SIDEWAYS)
 
 
 def _moved(state: StaticState, displacement: Sequence[float], what: str, longest: float = 3.0) -> Path:
@@ -223,7 +230,8 @@ def _path_values(path: Path, axis: int, displacement: float) -> dict[str, Any]:
 def tower(point: dict[str, Any]) -> dict[str, Any]:
     """The tower of §7.2.3 before and after form-finding, with rigid rods as in that chapter."""
     topology = Topology(point["topology"])
-    before = chapter7_tower(point["stiffness"], point["measure"], topology=topology, form_found=False)
+    error = disturbance_of(point.get("disturbance"))
+    before = disturbed(chapter7_tower(point["stiffness"], point["measure"], topology=topology, form_found=False), error)
     state = find_equilibrium(before)
     structure = before.structure
     # Before, no forces along the rods balance the strings: what the best ones leave.
@@ -231,12 +239,11 @@ def tower(point: dict[str, Any]) -> dict[str, Any]:
     x = before.nodes0.ravel()
     pull, C = model.gradient(x), model.rod_slopes(x).toarray()
     left = pull - C.T @ np.linalg.lstsq(C.T, pull, rcond=None)[0]
-    after = chapter7_tower(point["stiffness"], point["measure"], topology=topology)
     return {
         "rods_count": len(structure.rods),
         "strings_count": len(structure.strings),
         "before": before.nodes0.tolist(),
-        "nodes": after.nodes0.tolist(),
+        "nodes": form_find(before).nodes0.tolist(),
         "rods": structure.rod_nodes.tolist(),
         "strings": structure.string_nodes.tolist(),
         "unbalanced_before": float(np.abs(left).max() / np.abs(pull).max()),

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.families.beam_in_waves import GRAVITY, BeamEnd, BeamWeight, beam_in_waves
 from tensegrity_mj.families.tower import top_nodes
+from tensegrity_mj.reproduction.disturbance import disturbance_of, disturbed
 from tensegrity_mj.scene import Scene
 from tensegrity_mj.statics import find_equilibrium, linear_systems
 from tensegrity_mj.statics.modes import mass_matrix
@@ -39,7 +40,7 @@ def scene_of(point: dict[str, Any]) -> Scene:
     for name, kind in (("end", BeamEnd), ("weight", BeamWeight)):
         if name in given:
             given[name] = kind(given[name])
-    return beam_in_waves(**given)
+    return disturbed(beam_in_waves(**given), disturbance_of(point.get("disturbance")))
 
 
 def frequency_of(scene: Scene) -> float:

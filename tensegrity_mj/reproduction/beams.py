@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tensegrity_mj.families.thesis_towers import TABLE_C2
 from tensegrity_mj.jsontext import to_exact_json
 from tensegrity_mj.reproduction import beam_tasks
+from tensegrity_mj.reproduction.disturbance import Disturbance
 from tensegrity_mj.reproduction.experiments import EngineName
 from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.trajectory import Status
@@ -88,18 +89,27 @@ class BeamStudy:
         """That compute it."""
         return tuple(self.tasks)
 
-    def compute(self, engine: EngineName, folder: Path, workers: Workers | None, progress: bool) -> BeamRun:
+    def compute(
+        self,
+        engine: EngineName,
+        folder: Path,
+        workers: Workers | None,
+        progress: bool,
+        disturbance: Disturbance | None = None,
+    ) -> BeamRun:
         """Its values in one engine; what the folder has of it is not computed again.
 
         Args:
             folder: where the folder of this study is made.
             workers, progress: see `run_many`.
+            disturbance: of the beams.
         """
         from tensegrity_mj.simulation import versions
 
         started = time.perf_counter()
         chosen = self.of_mujoco if engine is EngineName.MUJOCO and self.of_mujoco else tuple(self.points)
-        points = [self.points[label] for label in chosen]
+        error = {} if disturbance is None else {"disturbance": disturbance.plain}
+        points = [{**self.points[label], **error} for label in chosen]
         identity = {"code": statics_digest(self.sources), "versions": versions()}
         # A change of versions, code or settings is another study, in a folder of its own.
         told = hashlib.sha256(to_exact_json([identity, points]).encode()).hexdigest()[:8]

@@ -14,17 +14,10 @@ from tensegrity_mj.reproduction import (
     figures7_waves,
     figures_c,
     figures_c2,
-    statements3,
-    statements4,
-    statements5,
-    statements6,
-    statements7,
-    statements7_waves,
-    statements_c,
-    statements_c2,
 )
 from tensegrity_mj.reproduction.drawing import ThesisFigure
 from tensegrity_mj.reproduction.statement import Statement
+from tensegrity_mj.reproduction.tables import all_statements
 
 FIGURES: tuple[ThesisFigure, ...] = (
     *figures3.FIGURES,
@@ -36,16 +29,7 @@ FIGURES: tuple[ThesisFigure, ...] = (
     *figures_c.FIGURES,
     *figures_c2.FIGURES,
 )
-STATEMENTS: tuple[Statement, ...] = (
-    *statements3.STATEMENTS,
-    *statements4.STATEMENTS,
-    *statements5.STATEMENTS,
-    *statements6.STATEMENTS,
-    *statements7.STATEMENTS,
-    *statements7_waves.STATEMENTS,
-    *statements_c.STATEMENTS,
-    *statements_c2.STATEMENTS,
-)
+STATEMENTS: tuple[Statement, ...] = all_statements()
 
 
 def selected(chosen: Sequence[str]) -> tuple[list[ThesisFigure], list[Statement]]:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
     from tensegrity_mj.actuation import Actuation
+    from tensegrity_mj.reproduction.disturbance import Disturbance
     from tensegrity_mj.scene import Scene
     from tensegrity_mj.simulation import Engine
     from tensegrity_mj.trajectory import Trajectory
@@ -103,32 +104,28 @@ class Experiment:
         return ODE(rtol=self.rtol, atol=self.atol)
 
 
-def simulate_experiment(experiment: Experiment, engine: EngineName, mass_scale: float = 1.0) -> Trajectory:
+def simulate_experiment(
+    experiment: Experiment, engine: EngineName, disturbance: Disturbance | None = None
+) -> Trajectory:
     """Run it.
 
     Args:
-        mass_scale: the plant's rods are so much heavier; the law knows nothing of it.
+        disturbance: of the plant, of which the law knows nothing, or of the law's gain.
     """
     from tensegrity_mj import controllers
+    from tensegrity_mj.reproduction.disturbance import disturbed, disturbed_options
     from tensegrity_mj.simulation import simulate
 
     scene = experiment.load()
-    law = controllers.from_scene(scene, experiment.law, **experiment.options)
+    options = disturbed_options(scene, experiment.law, experiment.options, disturbance)
+    law = controllers.from_scene(scene, experiment.law, **options)
     return simulate(
-        heavier(scene, mass_scale),
+        disturbed(scene, disturbance),
         law,
         experiment.engine(engine),
         actuation=experiment.actuation(),
         output_interval=experiment.interval,
     )
-
-
-def heavier(scene: Scene, mass_scale: float) -> Scene:
-    """The scene with rods of other mass."""
-    if mass_scale == 1.0:
-        return scene
-    rods = tuple(replace(rod, mass=mass_scale * rod.mass) for rod in scene.structure.rods)
-    return scene.with_(structure=replace(scene.structure, rods=rods))
 
 
 def _gains(**values: float) -> dict[str, Any]:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tensegrity_mj.families.cable import FASTENING_LENGTH, LOAD_LENGTH, ROPE_LENGTH, pendulum_frequency
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.reproduction import drawing
 from tensegrity_mj.reproduction.drawing import BLUE, GREEN, GREY, RED, AllRuns, ThesisFigure
 from tensegrity_mj.reproduction.experiments import TITLES
+from tensegrity_mj.reproduction.measures3 import element_frequencies
 from tensegrity_mj.reproduction.series import ELEMENTS, FINE_STEP, SHOWN, SeriesRun
 
 if TYPE_CHECKING:
@@ -23,14 +23,6 @@ if TYPE_CHECKING:
 
 PURPLE = palette.CYCLE[4]
 SECONDS_NOTE = "times are those of this machine"
-
-
-def element_frequencies(elements: int) -> tuple[float, float, float]:
-    """(3.28) [Hz] of an element of the fastening, of the rope and of the load; K of §3.5.1."""
-    divisions = (elements - 1) // 12
-    lengths = FASTENING_LENGTH / divisions, ROPE_LENGTH / (11 * divisions), LOAD_LENGTH
-    fastening, rope, load = (pendulum_frequency(length) for length in lengths)
-    return fastening, rope, load
 
 
 def _series(all_runs: AllRuns, name: str) -> list[tuple[str, SeriesRun]]:

@@ -8,27 +8,25 @@ import numpy as np
 
 from tensegrity_mj.families.tower import Topology
 from tensegrity_mj.reproduction import drawing
-from tensegrity_mj.reproduction.beams import TOWER, BeamRun, tower_label
+from tensegrity_mj.reproduction.beams import BeamRun
 from tensegrity_mj.reproduction.drawing import GREY, AllRuns, ThesisFigure
 from tensegrity_mj.reproduction.figures_c import lines
+from tensegrity_mj.reproduction.measures7 import FIRST, FORMED, STAGES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-FIRST, STAGES = 8, 3  # of the close view: stages 8 to 10 of 15
-SHOWN = tower_label(*TOWER[0])
 
 
 def _close_view(all_runs: AllRuns) -> Figure:
     """Three stages, in space."""
     run: BeamRun = next(runs["tower-form"] for runs in all_runs.values() if "tower-form" in runs)
-    rods, strings = run.of(SHOWN, "rods"), run.of(SHOWN, "strings")
+    rods, strings = run.of(FORMED, "rods"), run.of(FORMED, "strings")
     chosen = range(6 * (FIRST - 1), 6 * (FIRST - 1 + STAGES))  # six nodes a stage
     inside = [np.array([pair for pair in pairs if set(pair) <= set(chosen)]) for pairs in (rods, strings)]
     figure = drawing.new_figure(9.0, 3.9)
     for number, (name, text) in enumerate((("before", "before"), ("nodes", "after")), start=1):
         panel: Any = figure.add_subplot(1, 2, number, projection="3d")
-        nodes = run.of(SHOWN, name)
+        nodes = run.of(FORMED, name)
         lines(panel, nodes, *inside)
         drawing.equal_scales(panel, nodes[list(chosen)])
         panel.set_title(f"Structure geometry {text} form-finding", fontsize=9.5)

@@ -15,7 +15,7 @@ from tensegrity_mj.reproduction.beams import BeamRun
 from tensegrity_mj.reproduction.drawing import GREY, AllRuns, ThesisFigure
 from tensegrity_mj.reproduction.experiments import TITLES
 from tensegrity_mj.reproduction.figures_c import lines
-from tensegrity_mj.reproduction.statements7_waves import SHOWN, SOFT, grid
+from tensegrity_mj.reproduction.measures7 import SHOWN, SOFT, grid
 from tensegrity_mj.reproduction.waves import STUDY
 from tensegrity_mj.studies.waves.cases import GRID
 from tensegrity_mj.studies.waves.task import scene_of

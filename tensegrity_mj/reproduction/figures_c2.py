@@ -10,7 +10,7 @@ from tensegrity_mj.reproduction import drawing
 from tensegrity_mj.reproduction.beam_wave_studies import DOUBLED, HEIGHTS, PRINTED, TWICE, label_of
 from tensegrity_mj.reproduction.beams import BY_PRESTRESS
 from tensegrity_mj.reproduction.drawing import GREY, AllRuns, ThesisFigure
-from tensegrity_mj.reproduction.statements_c2 import amplitude
+from tensegrity_mj.reproduction.measures_c2 import amplitude
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,6 +6,7 @@ import enum
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from tensegrity_mj.reproduction.experiments import TITLES, EngineName
 from tensegrity_mj.reproduction.runs import Computed
@@ -18,8 +19,8 @@ class Verdict(enum.Enum):
 
     UNJUDGED = "cannot be judged"
     REPRODUCED = "reproduced"
-    DIFFERS = "differs"  # and the cause is known
-    UNEXPLAINED = "differs, cause unknown"
+    DIFFERS = "differs"  # as the row says
+    UNEXPLAINED = "differs, not as recorded"
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,13 @@ class Row:
         if notes:
             return "; ".join(notes)
         known = self.statement.known
-        return known.cause if self.verdict is Verdict.DIFFERS and known is not None else "cause unknown"
+        return known.cause if self.verdict is Verdict.DIFFERS and known is not None else "it is not the recorded value"
+
+    @property
+    def is_within_ten_percent(self) -> bool:
+        """Whether ours is in every engine within 10 % of the number that is stated, or of its range."""
+        values = [cell.value for cell in self.cells.values() if not math.isnan(cell.value)]
+        return bool(values) and all(self.statement.is_within(value, 0.1) for value in values)
 
 
 def judge(statements: Sequence[Statement], computed: Computed) -> list[Row]:
@@ -85,9 +92,12 @@ def verdict_of(statement: Statement, value: float) -> Verdict:
 
 
 def _cell(statement: Statement, engine: EngineName, computed: Computed) -> Cell:
-    if statement.unjudged or (statement.engines and engine not in statement.engines):
-        return Cell(math.nan, Verdict.UNJUDGED)
     runs = computed.runs[engine]
+    if statement.engines and engine not in statement.engines:
+        return Cell(math.nan, Verdict.UNJUDGED)
+    if statement.unjudged:
+        known = bool(statement.measure) and all(_is_complete(runs.get(name)) for name in statement.needs)
+        return Cell(statement.measured(runs) if known else math.nan, Verdict.UNJUDGED)
     for name in statement.needs:
         if name not in runs:
             reason = computed.failures.get((engine, name), "it was not run")
@@ -98,8 +108,12 @@ def _cell(statement: Statement, engine: EngineName, computed: Computed) -> Cell:
             # The ODE's angles cannot hold every motion: that is known, and no difference of the physics.
             verdict = Verdict.DIFFERS if runs[name].status is Status.SINGULAR else Verdict.UNEXPLAINED
             return Cell(math.nan, verdict, f"run '{name}' in {engine.value} ended {reason}")
-    value = float(statement.measure(runs))
+    value = statement.measured(runs)
     return Cell(value, verdict_of(statement, value))
+
+
+def _is_complete(run: Any) -> bool:
+    return run is not None and run.status is Status.COMPLETED
 
 
 # ------------------------------------------------------------------------------------------------------ as text

@@ -130,25 +130,14 @@ def smallest_coordinate(run: Trajectory, axis: int) -> float:
     return float(run.nodes[..., axis].min())
 
 
-def unit_length_error(run: Trajectory) -> float:
+def unit_length_error(*runs: Trajectory) -> float:
     """Largest | ‖b‖ - 1 | of a rod."""
-    return float(np.abs(np.linalg.norm(directions(run), axis=-1) - 1.0).max())
-
-
-def final_coordinate_error(run: Trajectory) -> float:
-    """Largest distance of a component of b from its target at the end."""
-    goal = directions(run, aims(run))
-    return float(np.abs(directions(run)[-1] - goal[-1]).max())
+    return max(float(np.abs(np.linalg.norm(directions(run), axis=-1) - 1.0).max()) for run in runs)
 
 
 def lowest_coordinate(run: Trajectory) -> float:
     """Smallest component of a b."""
     return float(directions(run).min())
-
-
-def final_multiplier(run: Trajectory) -> float:
-    """Largest |λ| at the end [1/s²]."""
-    return float(np.abs(run.multipliers[-1]).max())
 
 
 def lowest_multiplier(run: Trajectory, start: float) -> float:
@@ -166,6 +155,56 @@ def height(run: Trajectory, positions: Array) -> float:
     z = positions[run.scene.structure.rod_nodes, 2]
     height = z[:, 1] - z[:, 0]
     return float(height.mean()) if np.ptp(height) < 0.01 else math.nan
+
+
+def start_height(run: Trajectory) -> float:
+    """Height of the top nodes at the start [m]."""
+    return height(run, run.nodes[0])
+
+
+def final_height(run: Trajectory) -> float:
+    """Height of the top nodes at the end [m]."""
+    return height(run, run.nodes[-1])
+
+
+def rod_mass(run: Trajectory) -> float:
+    """Mass of the heaviest rod [kg]."""
+    return float(run.scene.structure.rod_masses.max())
+
+
+def rod_length(run: Trajectory) -> float:
+    """Length of the longest rod [m]."""
+    return float(run.scene.structure.rod_lengths.max())
+
+
+def rod_count(run: Trajectory) -> int:
+    """How many rods there are."""
+    return len(run.scene.structure.rods)
+
+
+def string_count(run: Trajectory) -> int:
+    """How many strings there are."""
+    return len(run.scene.structure.strings)
+
+
+def largest_error(run: Trajectory) -> float:
+    """Largest of ‖e_b‖ and ‖e_r‖ [m]."""
+    return float(errors(run).max())
+
+
+def final_error(run: Trajectory) -> float:
+    """Largest of ‖e_b‖ and ‖e_r‖ at the end [m]."""
+    return float(errors(run)[-1].max())
+
+
+def first_rotation_error(run: Trajectory) -> float:
+    """Mean ‖e_b‖ of the rods at the start."""
+    return float(rotation_errors(run)[0].mean())
+
+
+def most_active(run: Trajectory) -> int:
+    """Most strings that pull at one time."""
+    return int(active_strings(run).max())
 
 
 # ------------------------------------------------------------------------------------------------------- chapter 4

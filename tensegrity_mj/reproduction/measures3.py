@@ -7,13 +7,91 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.families.cable import (
+    FASTENING_LENGTH,
+    LOAD_LENGTH,
+    ROPE_LENGTH,
+    arc_lengths,
+    marker_weights,
+    pendulum_frequency,
+    suggest_elements,
+)
 from tensegrity_mj.reproduction.series import ELEMENTS, SeriesRun
-from tensegrity_mj.reproduction.statement import Runs
+from tensegrity_mj.structure import Structure
 
 # Hz: between the first two eigenfrequencies, and where the second one is felt, by amplitude or whirling.
 BETWEEN, SECOND = 0.6, (0.775, 1.075)
 BESIDE = 0.035  # Hz from a frequency, within which a peak is its own: one and a half bins of 45 s
-REFINED = ("in-line", *(f"in-line-{K}" for K in ELEMENTS[1:5]))
+
+
+# ------------------------------------------------------------------------------------------------------- the model
+
+
+def element_frequencies(elements: int) -> tuple[float, float, float]:
+    """(3.28) [Hz] of an element of the fastening, of the rope and of the load; K of §3.5.1."""
+    divisions = (elements - 1) // 12
+    lengths = FASTENING_LENGTH / divisions, ROPE_LENGTH / (11 * divisions), LOAD_LENGTH
+    fastening, rope, load = (pendulum_frequency(length) for length in lengths)
+    return fastening, rope, load
+
+
+def highest_element_frequency() -> float:
+    """[Hz] of all elements of all models of §3.5.1."""
+    return max(max(element_frequencies(K)) for K in ELEMENTS)
+
+
+def lowest_element_frequency() -> float:
+    """[Hz] of all elements of all models of §3.5.1."""
+    return min(min(element_frequencies(K)) for K in ELEMENTS)
+
+
+def suggested_elements(frequency: float, length: float) -> int:
+    """How many elements the procedure of §3.6 gives for an excitation [Hz] of a cable [m]."""
+    return suggest_elements(frequency, length).elements
+
+
+def _structure(run: SeriesRun) -> Structure:
+    return run.cases.cases[0].scene.structure
+
+
+def element_frequency(run: SeriesRun, rod: int) -> float:
+    """(3.28) [Hz] of a rod of the cable that was run, by its number from 0."""
+    return pendulum_frequency(float(_structure(run).rod_lengths[rod]))
+
+
+def cable_length(run: SeriesRun) -> float:
+    """[m] of all rods."""
+    return float(_structure(run).rod_lengths.sum())
+
+
+def end_masses(run: SeriesRun) -> float:
+    """[kg] of the fastening and the load."""
+    masses = _structure(run).rod_masses
+    return float(masses[0] + masses[-1])
+
+
+def rope_mass(run: SeriesRun) -> float:
+    """[kg] of the elements between fastening and load."""
+    return float(_structure(run).rod_masses[1:-1].sum())
+
+
+def markers_off() -> float:
+    """Largest distance [m] of a marker of Table 3.2 from a node of the model of 13 elements."""
+    places = marker_weights(13) @ arc_lengths(13) - FASTENING_LENGTH
+    return float(np.abs(places - 0.25 * np.arange(2, 12)).max())
+
+
+def eigenfrequency(run: SeriesRun, number: int, elements: int = 13) -> float:
+    """[Hz] from the engine's linearized equations, numbered from 1."""
+    return float(run.frequencies[elements][number - 1])
+
+
+# ------------------------------------------------------------------------------------------------------ amplitudes
+
+
+def largest_relative(*runs: SeriesRun, marker: int) -> float:
+    """Largest in-plane amplitude of a marker in several series."""
+    return max(float(run.marker(marker).max()) for run in runs)
 
 
 def second_peak(run: SeriesRun, marker: int) -> float:
@@ -45,6 +123,11 @@ def ratio(run: SeriesRun, marker: int, axis: int = 0) -> float:
     return largest(run, marker, axis, False) / largest(run, marker, axis, True)
 
 
+def inverse_ratio(run: SeriesRun, marker: int, axis: int = 0) -> float:
+    """The largest amplitude about the second eigenfrequency over that about the first."""
+    return 1.0 / ratio(run, marker, axis)
+
+
 def out_over_in(run: SeriesRun, marker: int, second: bool) -> float:
     """Largest out-of-plane over largest in-plane amplitude about an eigenfrequency."""
     return largest(run, marker, 1, second) / largest(run, marker, 0, second)
@@ -58,6 +141,15 @@ def grown(run: SeriesRun, marker: int, second: bool) -> float:
 def has(peaks: tuple[float, ...], low: float, high: float) -> bool:
     """Whether a peak is in a range [Hz], or `BESIDE` it."""
     return any(low - BESIDE <= peak <= high + BESIDE for peak in peaks)
+
+
+def other_peaks(run: SeriesRun, marker: int, frequency: float) -> int:
+    """How many main peaks there are besides the largest at an input frequency [Hz]."""
+    return len(run.peaks(marker)[_at(run, frequency)]) - 1
+
+
+def _at(run: SeriesRun, frequency: float) -> int:
+    return int(np.argmin(np.abs(run.cases.frequencies - frequency)))
 
 
 def input_part(run: SeriesRun, marker: int) -> float:
@@ -86,6 +178,26 @@ def out_of_plane_peaks(run: SeriesRun, marker: int) -> float:
     return min(peaks[0] for peaks, yes in zip(run.peaks(marker, 1), whirling, strict=True) if yes)
 
 
+def first_drift(run: SeriesRun) -> float:
+    """log₁₀ of the drift of the first case."""
+    return math.log10(run.cases.drift[0])
+
+
+def largest_drift(run: SeriesRun) -> float:
+    """Largest drift of all cases."""
+    return float(run.cases.drift.max())
+
+
+def largest_step(run: SeriesRun) -> float:
+    """Largest step [s] that was found."""
+    return max(one.step for one in run.steps)
+
+
+def drift_at_steps(run: SeriesRun) -> float:
+    """Largest drift at the steps that were found."""
+    return max(one.drift for one in run.steps)
+
+
 def drift_trend(run: SeriesRun) -> float:
     """Spearman's correlation of the drift and the input frequency."""
     order = np.argsort(np.argsort(run.cases.drift))
@@ -98,19 +210,18 @@ def drift_near_second(run: SeriesRun) -> float:
     return float(drift[about(run, True)].max() / drift[f > SECOND[1]].max())
 
 
-def refined_apart(runs: Runs) -> float:
-    """Largest difference of relative amplitudes between 13 and up to 61 elements, away from the second one."""
-    amplitudes = np.array([runs[name].marker(10) for name in REFINED])
-    f = runs["in-line"].cases.frequencies
+def refined_apart(*runs: SeriesRun) -> float:
+    """Largest difference of relative amplitudes of marker 10 between models, away from the second one."""
+    amplitudes = np.array([run.marker(10) for run in runs])
+    f = runs[0].cases.frequencies
     away = (f < 0.775) | (f > SECOND[1])
     return float(np.ptp(amplitudes[:, away], axis=0).max())
 
 
-def refined_apart_near(runs: Runs) -> float:
-    """Largest difference of relative amplitudes between 49 and 61 elements about the second one."""
-    near_it = about(runs["in-line"], True)
-    fine, finer = runs["in-line-49"].marker(10), runs["in-line-61"].marker(10)
-    return float(np.abs(fine - finer)[near_it].max())
+def refined_apart_near(fine: SeriesRun, finer: SeriesRun) -> float:
+    """Largest difference of relative amplitudes of marker 10 between two models about the second one."""
+    near_it = about(fine, True)
+    return float(np.abs(fine.marker(10) - finer.marker(10))[near_it].max())
 
 
 def violence(run: SeriesRun) -> float:

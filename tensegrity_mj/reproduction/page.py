@@ -12,15 +12,10 @@ from tensegrity_mj.files import replacing
 from tensegrity_mj.reproduction.drawing import ThesisFigure
 from tensegrity_mj.reproduction.experiments import TITLES, EngineName
 from tensegrity_mj.reproduction.ledger import Row, Verdict, value_text
+from tensegrity_mj.reproduction.noticed import noticed
+from tensegrity_mj.reproduction.statement import Class
 
 THESIS = "A. S. Wroldsen, Modelling and Control of Tensegrity Structures, NTNU 2007:190"
-SIGNS = {
-    Verdict.UNJUDGED: "cannot be judged",
-    Verdict.REPRODUCED: "reproduced",
-    Verdict.DIFFERS: "differs",
-    Verdict.UNEXPLAINED: "differs, cause unknown",
-}
-
 # Classes of the page's rows.
 KINDS = {
     Verdict.UNJUDGED: "open",
@@ -35,15 +30,33 @@ def counts(rows: Sequence[Row]) -> dict[str, int]:
     return {verdict.value: sum(row.verdict is verdict for row in rows) for verdict in Verdict}
 
 
+def counts_by_class(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
+    """The same for each class; of numbers also how many are within 10 % of what is stated."""
+    found = {}
+    for kind in Class:
+        own = [row for row in rows if row.statement.kind is kind]
+        found[kind.value] = {"rows": len(own), **counts(own)}
+    numbers = [row for row in rows if row.statement.kind is Class.NUMBER]
+    found[Class.NUMBER.value]["within 10 %"] = sum(row.is_within_ten_percent for row in numbers)
+    return found
+
+
 def summary(rows: Sequence[Row]) -> str:
-    """One line about all rows."""
-    found = counts(rows)
-    text = (
-        f"{len(rows)} statements: {found[Verdict.REPRODUCED.value]} reproduced, {found[Verdict.DIFFERS.value]} differ "
-        f"with a known cause, {found[Verdict.UNEXPLAINED.value]} differ without"
-    )
-    unjudged = found[Verdict.UNJUDGED.value]
-    return f"{text}. {unjudged} of them cannot be judged" if unjudged else text
+    """The headline: numbers and statements alone, and what differs otherwise than recorded in any class."""
+    parts = []
+    for kind, what in ((Class.NUMBER, "numbers that the thesis states"), (Class.STATEMENT, "of its statements")):
+        own = [row for row in rows if row.statement.kind is kind]
+        found = counts(own)
+        differ = [row for row in own if row.verdict is Verdict.DIFFERS]
+        unknown = sum(row.statement.known is not None and not row.statement.known.is_explained for row in differ)
+        text = f"{len(own)} {what}: {found[Verdict.REPRODUCED.value]} come out, {len(differ)} differ"
+        text += f" ({unknown} without a known cause), {found[Verdict.UNJUDGED.value]} cannot be judged"
+        if kind is Class.NUMBER:
+            text += f"; {sum(row.is_within_ten_percent for row in own)} are within 10 % of what is stated"
+        parts.append(text)
+    text = ". ".join(parts)
+    wrong = sum(row.verdict is Verdict.UNEXPLAINED for row in rows)
+    return f"{text}. {wrong} of all {len(rows)} rows differ, and not as recorded" if wrong else text
 
 
 def row_data(row: Row) -> dict[str, Any]:
@@ -51,21 +64,27 @@ def row_data(row: Row) -> dict[str, Any]:
     statement = row.statement
     return {
         "id": statement.id,
+        "class": statement.kind.value,
         "figure": statement.figure or None,
         "place": statement.place,
         "page": statement.page,
+        "line": statement.line or None,
         "says": statement.says,
         "stated": statement.stated,
-        "read_from": statement.read_from.value,
+        "value": list(statement.value),
         "unit": statement.unit,
         "accepted": {"low": statement.accepted.low, "high": statement.accepted.high, "why": statement.tolerance},
-        "experiments": list(statement.needs),
+        "measure": statement.measure,
+        "arguments": dict(statement.arguments),
+        "runs": list(statement.needs),
         "ours": {
             engine.value: {"value": cell.value, "verdict": cell.verdict.value, "note": cell.note}
             for engine, cell in row.cells.items()
         },
         "verdict": row.verdict.value,
         "cause": row.cause,
+        "origin": statement.origin,
+        "notices": noticed(statement),
     }
 
 
@@ -74,20 +93,38 @@ def row_data(row: Row) -> dict[str, Any]:
 _INTRODUCTION = """\
 # What the thesis states, and what comes out here
 
-Made by `tensegrity-mj reproduce --table docs/reproduction.md`; a test checks that it is what the code gives.
+Made by `tensegrity-mj reproduce --table docs/reproduction.md`; a test checks that it is what the code gives. The
+rows are those of `tensegrity_mj/reproduction/tables/`, one TOML file a chapter.
 
-A row is a quantity that the thesis states in chapters 3 to 7 and appendix C, in text, caption, curves or axis, beside
-its value in each engine, with as many digits as the tolerance asks for. Where forms and strength are asked for, statics
-with elastic rods takes the place of an engine, and MuJoCo, whose rods are rigid, confirms it by the forces of its own
-equations. The verdict is computed from a tolerance that is stored with the row; its reason is in
-`tensegrity-mj reproduce --json`. An axis ends below the next tick after its last, so a curve fits where it stays below
-that, and it was meant to where it fills more than half of the axis.
+A row has a value in each engine, with as many digits as its tolerance asks for. Where forms and strength are asked
+for, statics with elastic rods takes the place of an engine, and MuJoCo, whose rods are rigid, confirms it by the
+forces of its own equations. The verdict is computed from a tolerance that is stored with the row; its reason is in
+`tensegrity-mj reproduce --json`. A row that differs has the size of its difference recorded too: a value that is
+neither accepted nor recorded is a mistake of this program until a cause is found, and the command fails.
+
+Only the classes *number* and *statement* are evidence. The pictures of the thesis were not at hand, only its text with
+captions, tables and the tick labels of the axes. The classes are:
+
+- *number*: a value that stands in the text, in a caption or in a table, and that nothing here was given;
+- *statement*: a sentence that can be true or false;
+- *axis*: our curve fits the axes of the thesis' figure. An axis ends below the next tick after its last, so a curve
+  fits where it stays below that, and the panel was made for it where it fills more than half;
+- *input*: an echo of what was put in, or true by construction of the scene, the law or the engine;
+- *calibrated*: a start, a seed or a parameter was chosen so that the figure or the sentence comes out;
+- *independent computation*: the value is from another coding of the same equations, and stands nowhere in the thesis.
+
+The last column says of each number and statement which errors it notices: by what a quantity must be wrong, 1 % or
+10 %, in one direction or the other, to change the verdict or to leave the recorded difference
+(`tensegrity-mj reproduce --sensitivity`, in one engine). Mass (of a cable: its rope's), stiffness (of strings), damping
+and geometry (all lengths) are those of the plant, of which the law knows nothing; gain is the law's decay rate or
+natural frequency. A quantity that a row does not name is not noticed, or its experiment has none; rows that notice
+nothing say so.
 """
 
 
 def markdown(rows: Sequence[Row]) -> str:
     """The text of docs/reproduction.md."""
-    lines = [_INTRODUCTION, f"{summary(rows)}.", ""]
+    lines = [_INTRODUCTION, f"**{summary(rows)}.**", "", *_class_table(rows), ""]
     for chapter in sorted({row.statement.chapter for row in rows}):
         own = [row for row in rows if row.statement.chapter == chapter]
         title = f"Chapter {chapter}" if chapter.isdigit() else f"Appendix {chapter}"
@@ -100,12 +137,28 @@ def markdown(rows: Sequence[Row]) -> str:
         for cause, _ in causes:
             names = ", ".join(f"`{row.statement.id}`" for row in own if row.cause == cause)
             lines.append(f"- {names}: {cause}.")
+        origins = dict.fromkeys(row.statement.origin for row in own if row.statement.origin)
+        if origins:
+            lines += ["", "What was chosen so that rows come out, and where values are from that the thesis lacks:", ""]
+        for origin in origins:
+            names = ", ".join(f"`{row.statement.id}`" for row in own if row.statement.origin == origin)
+            lines.append(f"- {names}: {origin}.")
         lines.append("")
     return "\n".join(lines)
 
 
+def _class_table(rows: Sequence[Row]) -> list[str]:
+    """Rows by class and verdict."""
+    lines = ["| class | rows | come out | differ | cannot be judged |", "|---|---|---|---|---|"]
+    for name, found in counts_by_class(rows).items():
+        differ = found[Verdict.DIFFERS.value] + found[Verdict.UNEXPLAINED.value]
+        values = (found["rows"], found[Verdict.REPRODUCED.value], differ, found[Verdict.UNJUDGED.value])
+        lines.append(f"| {name} | " + " | ".join(map(str, values)) + " |")
+    return lines
+
+
 def _markdown_head(engines: Sequence[EngineName]) -> list[str]:
-    heads = ["row", "where", "what", "thesis", *(TITLES[engine] for engine in engines), "verdict"]
+    heads = ["row", "class", "where", "what", "thesis", *(TITLES[one] for one in engines), "verdict", "notices"]
     return ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
 
 
@@ -113,8 +166,9 @@ def markdown_row(row: Row, engines: Sequence[EngineName] | None = None) -> str:
     """One line of the table, with a column for each engine; for those that the row has by default."""
     statement = row.statement
     values = value_texts(row, list(row.cells) if engines is None else engines)
-    where = f"{statement.place}, p. {statement.page} ({statement.read_from.value})"
-    cells = [f"`{statement.id}`", where, statement.says, statement.stated, *values, SIGNS[row.verdict]]
+    where = f"{statement.place}, p. {statement.page}"
+    head = [f"`{statement.id}`", statement.kind.value, where, statement.says, statement.stated]
+    cells = [*head, *values, row.verdict.value, noticed(statement)]
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
@@ -149,7 +203,7 @@ def html(
     parts = [f"<h1>The thesis, reproduced</h1><p>{escape(THESIS)}</p>"]
     if note:
         parts.append(f'<p class="note">{escape(note)}</p>')
-    parts += [f"<p>{escape(summary(rows))}.</p>", _ledger(rows, engines)]
+    parts += [f"<p>{escape(summary(rows))}.</p>", _classes(rows), _ledger(rows, engines)]
     if figures:
         parts.append("<h2>Figures</h2>")
     for figure, content in figures:
@@ -163,8 +217,16 @@ def html(
     return _PAGE.format(style=_STYLE, body="\n".join(parts))
 
 
+def _classes(rows: Sequence[Row]) -> str:
+    """The table of classes: its Markdown cells as HTML."""
+    heads, _, *lines = [line.strip("| ").split(" | ") for line in _class_table(rows)]
+    body = ["".join(f"<td>{escape(cell)}</td>" for cell in line) for line in lines]
+    head = "".join(f"<th>{escape(cell)}</th>" for cell in heads)
+    return f'<div class="table"><table><tr>{head}</tr><tr>{"</tr><tr>".join(body)}</tr></table></div>'
+
+
 def _ledger(rows: Sequence[Row], engines: Sequence[EngineName]) -> str:
-    heads = ["where", "what", "thesis", *(TITLES[engine] for engine in engines), "verdict"]
+    heads = ["where", "class", "what", "thesis", *(TITLES[engine] for engine in engines), "verdict"]
     lines = ["<thead><tr>", *(f"<th>{escape(head)}</th>" for head in heads), "</tr></thead>"]
     for row in rows:
         statement = row.statement
@@ -174,11 +236,12 @@ def _ledger(rows: Sequence[Row], engines: Sequence[EngineName]) -> str:
             place = f'<a href="#f{statement.figure}">{place}</a>'
         values = "".join(f'<td class="n">{escape(text)}</td>' for text in value_texts(row, engines))
         cause = f'<div class="cause">{escape(row.cause)}</div>' if row.cause else ""
-        why = f"from the {statement.read_from.value}; tolerance: {statement.tolerance}"
+        why = f"accepted: {statement.tolerance}"
         lines.append(
-            f'<tr class="{kind}" id="{escape(statement.id)}"><td>{place}</td><td>{escape(statement.says)}</td>'
+            f'<tr class="{kind}" id="{escape(statement.id)}"><td>{place}</td><td>{escape(statement.kind.value)}</td>'
+            f"<td>{escape(statement.says)}</td>"
             f'<td title="{escape(why)}">{escape(statement.stated)}</td>{values}'
-            f"<td><b>{escape(SIGNS[row.verdict])}</b>{cause}</td></tr>"
+            f"<td><b>{escape(row.verdict.value)}</b>{cause}</td></tr>"
         )
     return f'<div class="table"><table>{"".join(lines)}</table></div>'
 

@@ -16,6 +16,7 @@ from tensegrity_mj.jsontext import to_json
 from tensegrity_mj.plots import save_figure
 from tensegrity_mj.reproduction import beam_wave_studies, beams, page, waves
 from tensegrity_mj.reproduction.catalog import selected
+from tensegrity_mj.reproduction.disturbance import Disturbance
 from tensegrity_mj.reproduction.drawing import ThesisFigure
 from tensegrity_mj.reproduction.experiments import OF_MOTION, EngineName, experiment_of
 from tensegrity_mj.reproduction.ledger import Row, Verdict, judge
@@ -50,7 +51,7 @@ class Reproduction:
 
     @property
     def unexplained(self) -> list[Row]:
-        """The rows that differ without a known cause."""
+        """The rows that differ otherwise than their tables record."""
         return [row for row in self.rows if row.verdict is Verdict.UNEXPLAINED]
 
 
@@ -59,7 +60,7 @@ def reproduce(
     out: str | Path = "reproduction",
     *,
     engines: Sequence[EngineName] = (EngineName.DAE, EngineName.MUJOCO, EngineName.STATICS),
-    mass_scale: float = 1.0,
+    disturbance: Disturbance | None = None,
     workers: Workers | None = None,
     progress: bool = False,
     picture_format: str = "png",
@@ -72,7 +73,7 @@ def reproduce(
         out: folder, made if absent: reproduction.html, reproduction.json, figures/ and runs/.
         engines: the columns of the ledger, each beside the rows that it can be asked about; figures of motions show the
             first as lines and the second as circles.
-        mass_scale: the plant's rods are so much heavier than the law believes: a check that rows can turn red.
+        disturbance: one quantity of the plant, or the gain of the law, is in error: a check that rows can turn red.
         picture_format: of the figures' files: png, svg or pdf (the page always holds PNG).
         draw: False for the ledger alone.
 
@@ -92,18 +93,8 @@ def reproduce(
     folder = made_folder(out)
     drawn_needs = [name for figure in chosen for name in figure.needs] if draw else []
     names = list(dict.fromkeys([*drawn_needs, *(name for one in statements for name in one.needs)]))
-    experiments = [name for name in names if name not in WHOLES]
-    series = [name for name in names if name in WHOLES]
-    moving = [one for one in engines if one in OF_MOTION]
-    place = made_folder(folder / RUNS)
-    computed = run_experiments(experiments, moving, place, mass_scale=mass_scale, workers=workers, progress=progress)
-    computed = Computed({engine: computed.runs.get(engine, {}) for engine in engines}, computed.failures)
-    if series:
-        found, failures = run_series(series, engines, place, workers=workers, progress=progress, among=WHOLES)
-        computed = Computed(
-            {engine: {**computed.runs[engine], **found[engine]} for engine in engines},
-            {**computed.failures, **failures},
-        )
+    how: dict[str, Any] = {"disturbance": disturbance, "workers": workers, "progress": progress}
+    computed = compute_runs(names, engines, made_folder(folder / RUNS), **how)
     rows = judge(statements, computed)
     files: dict[str, Path] = {}
     pictures: list[tuple[ThesisFigure, bytes]] = []
@@ -122,19 +113,44 @@ def reproduce(
             path = save_figure(canvas, place / f"figure-{figure.number}.{picture_format}")
             files[figure.number] = path
             pictures.append((figure, _png(canvas, path)))
-    runs = _run_lines(experiments, moving, computed) + _series_lines(series, engines, computed)
-    note = "" if mass_scale == 1.0 else f"The plant's masses are {mass_scale:g} times those that the laws believe."
+    moving = [one for one in engines if one in OF_MOTION]
+    runs = _run_lines([name for name in names if name not in WHOLES], moving, computed)
+    runs += _series_lines([name for name in names if name in WHOLES], engines, computed)
+    note = "" if disturbance is None else f"In error: {disturbance}."
     page.write(folder / PAGE, page.html(rows, engines, pictures, runs, note))
     data = {
         "thesis": page.THESIS,
-        "mass_scale": mass_scale,
+        "disturbance": None if disturbance is None else disturbance.plain,
         "counts": page.counts(rows),
+        "classes": page.counts_by_class(rows),
         "rows": [page.row_data(row) for row in rows],
         "runs": runs,
         "figures": {figure.number: {"page": figure.page, "title": figure.title} for figure in chosen},
     }
     page.write(folder / DATA, to_json(data, indent=1) + "\n")
     return Reproduction(rows, computed, {"page": folder / PAGE, "data": folder / DATA, **files})
+
+
+def compute_runs(
+    names: Sequence[str],
+    engines: Sequence[EngineName],
+    place: Path,
+    *,
+    disturbance: Disturbance | None = None,
+    workers: Workers | None = None,
+    progress: bool = False,
+) -> Computed:
+    """The experiments, series and studies of these names in those of the engines that compute them.
+
+    Args:
+        place: folder, exists; what it has is not computed again.
+    """
+    how: dict[str, Any] = {"disturbance": disturbance, "workers": workers, "progress": progress}
+    moving = [one for one in engines if one in OF_MOTION]
+    computed = run_experiments([name for name in names if name not in WHOLES], moving, place, **how)
+    found, failures = run_series([name for name in names if name in WHOLES], engines, place, among=WHOLES, **how)
+    runs = {engine: {**computed.runs.get(engine, {}), **found[engine]} for engine in engines}
+    return Computed(runs, {**computed.failures, **failures})
 
 
 def _run_lines(names: Sequence[str], engines: Sequence[EngineName], computed: Computed) -> list[dict[str, Any]]:

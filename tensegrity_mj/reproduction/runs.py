@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from tensegrity_mj.errors import DivergenceError, FormatError
-from tensegrity_mj.reproduction.experiments import EngineName, experiment_of, heavier, simulate_experiment
+from tensegrity_mj.reproduction.disturbance import Disturbance, disturbance_of, disturbed
+from tensegrity_mj.reproduction.experiments import EngineName, experiment_of, simulate_experiment
 from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.trajectory import Trajectory
@@ -56,7 +57,7 @@ def run_experiments(
     engines: Sequence[EngineName],
     folder: Path,
     *,
-    mass_scale: float = 1.0,
+    disturbance: Disturbance | None = None,
     workers: Workers | None = None,
     progress: bool = False,
 ) -> Computed:
@@ -64,17 +65,17 @@ def run_experiments(
 
     Args:
         folder: exists; holds a file <experiment>-<engine>.nc for each run.
-        mass_scale: of the plant's rods.
+        disturbance: of the plant or of the law.
 
     Raises:
         KeyboardInterrupt: its message says how much is finished; what is finished is kept.
     """
     wanted = [(name, engine) for name in names for engine in engines]
-    found = {key: run for key in wanted if (run := _kept(folder, *key, mass_scale)) is not None}
+    found = {key: run for key in wanted if (run := _kept(folder, *key, disturbance)) is not None}
     points = [{"experiment": name, "engine": engine.value} for name, engine in wanted if (name, engine) not in found]
     failures: dict[tuple[EngineName, str], str] = {}
     if points:
-        common = {"folder": str(folder.absolute()), "mass_scale": mass_scale}
+        common = {"folder": str(folder.absolute()), "disturbance": None if disturbance is None else disturbance.plain}
         try:
             study = run_many(compute, points, common=common, workers=workers, progress=progress, label="runs")
         except KeyboardInterrupt:
@@ -84,7 +85,7 @@ def run_experiments(
             ) from None
         for point, outcome in zip(points, study.outcomes, strict=True):
             key = point["experiment"], EngineName(point["engine"])
-            run = _kept(folder, *key, mass_scale)
+            run = _kept(folder, *key, disturbance)
             if outcome["status"] == "done" and run is not None:
                 found[key] = run
             else:
@@ -101,29 +102,31 @@ def compute(point: dict[str, Any]) -> dict[str, Any]:
 
     A run that diverges is kept as far as it came.
     """
-    name, engine, mass_scale = point["experiment"], EngineName(point["engine"]), point["mass_scale"]
+    name, engine = point["experiment"], EngineName(point["engine"])
+    disturbance = disturbance_of(point["disturbance"])
     try:
-        run = simulate_experiment(experiment_of(name), engine, mass_scale)
+        run = simulate_experiment(experiment_of(name), engine, disturbance)
     except DivergenceError as error:
         partial = error.trajectory
         if not isinstance(partial, Trajectory) or len(partial.time) < 2:
             raise
         run = partial
-    run.provenance[STAMP] = stamp(name, engine, mass_scale)
+    run.provenance[STAMP] = stamp(name, engine, disturbance)
     path = run.save(_path(Path(point["folder"]), name, engine))
     return {"file": path.name, "status": run.status.value, "wall_time": run.cost.get("wall_time")}
 
 
-def stamp(name: str, engine: EngineName, mass_scale: float) -> dict[str, Any]:
+def stamp(name: str, engine: EngineName, disturbance: Disturbance | None) -> dict[str, Any]:
     """What a file must say of itself to be this run: settings, scene, versions, and the code that simulates."""
     from tensegrity_mj.simulation import versions
     from tensegrity_mj.textformat import scene_to_toml
 
     experiment = experiment_of(name)
-    scene = scene_to_toml(heavier(experiment.load(), mass_scale))
+    scene = scene_to_toml(disturbed(experiment.load(), disturbance))
     return {
         "experiment": {**asdict(experiment), "options": dict(experiment.options)},
         "engine": repr(experiment.engine(engine)),
+        **({} if disturbance is None else {"disturbance": disturbance.plain}),
         "scene": hashlib.sha256(scene.encode()).hexdigest(),
         "versions": versions(),
         "code": code_digest(),
@@ -145,7 +148,7 @@ def code_digest() -> str:
     return digest.hexdigest()
 
 
-def _kept(folder: Path, name: str, engine: EngineName, mass_scale: float) -> Trajectory | None:
+def _kept(folder: Path, name: str, engine: EngineName, disturbance: Disturbance | None) -> Trajectory | None:
     path = _path(folder, name, engine)
     if not path.is_file():
         return None
@@ -153,7 +156,7 @@ def _kept(folder: Path, name: str, engine: EngineName, mass_scale: float) -> Tra
         run = Trajectory.load(path)
     except FormatError:
         return None
-    return run if run.provenance.get(STAMP) == stamp(name, engine, mass_scale) else None
+    return run if run.provenance.get(STAMP) == stamp(name, engine, disturbance) else None
 
 
 def _path(folder: Path, name: str, engine: EngineName) -> Path:

@@ -25,6 +25,7 @@ from tensegrity_mj.families.cable import (
 )
 from tensegrity_mj.files import replacing
 from tensegrity_mj.jsontext import from_exact_json, to_exact_json
+from tensegrity_mj.reproduction.disturbance import Disturbance, disturbance_of, disturbed
 from tensegrity_mj.reproduction.experiments import EngineName
 from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.trajectory import Status
@@ -50,6 +51,7 @@ FIXED_STEP, FINE_STEP, ALLOWED_DRIFT, STUDIED = 0.01, 0.005, 0.02, 0.8  # s, s, 
 REFINED_COARSENESS = 0.7  # h ω of refined cables: that of thirteen elements at 0.01 s
 BOTH = (EngineName.DAE, EngineName.MUJOCO)
 DAE_ONLY = (EngineName.DAE,)
+ROPE = slice(1, -1)  # the rods between fastening and load
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,12 +129,20 @@ class Series:
     search: bool = False
     timed: bool = False
 
-    def compute(self, engine: EngineName, folder: Path, workers: Workers | None, progress: bool) -> SeriesRun:
+    def compute(
+        self,
+        engine: EngineName,
+        folder: Path,
+        workers: Workers | None,
+        progress: bool,
+        disturbance: Disturbance | None = None,
+    ) -> SeriesRun:
         """Its results in one engine; what the folder has of it is not computed again.
 
         Args:
             folder: where the folder of this series is made.
             workers, progress: see `run_many`.
+            disturbance: of the cables.
         """
         from tensegrity_mj.reproduction.runs import code_digest
         from tensegrity_mj.simulation import versions
@@ -140,16 +150,19 @@ class Series:
         from tensegrity_mj.studies.cable.steps import steps_within
 
         started = time.perf_counter()
-        identity = {"code": code_digest()}
+        identity: dict[str, Any] = {"code": code_digest()}
         label = f"{self.name}, {engine.value}"
         cases = [] if self.cases is None else self.cases(engine)
+        cases = [replace(case, scene=disturbed(case.scene, disturbance, ROPE)) for case in cases]
+        error = {} if disturbance is None else {"disturbance": disturbance.plain}
+        identity |= error
         # A change of versions, code or settings is another study, in a folder of its own.
         told = to_exact_json([identity, versions(), self.frequencies, [_told(case) for case in cases]])
         place = folder / f"{self.name}-{engine.value}-{hashlib.sha256(told.encode()).hexdigest()[:8]}"
         how: dict[str, Any] = {"identity": identity, "workers": workers, "progress": progress}
         found = SeriesRun(self.name, engine.value)
         if self.frequencies:
-            points = [{"elements": K, "engine": engine.value} for K in self.frequencies]
+            points = [{"elements": K, "engine": engine.value, **error} for K in self.frequencies]
             study = run_many(oscillations, points, place, label=label, **how)
             own = [np.array(values) for values in study.values("frequencies")]
             found = replace(found, frequencies=dict(zip(self.frequencies, own, strict=True)))
@@ -173,7 +186,7 @@ def oscillations(point: dict[str, Any]) -> dict[str, Any]:
     from tensegrity_mj.studies.cable.cases import COARSENESS
     from tensegrity_mj.studies.cable.frequencies import engine_frequencies
 
-    scene = hanging(point["elements"])
+    scene = disturbed(hanging(point["elements"]), disturbance_of(point.get("disturbance")), ROPE)
     return {"frequencies": engine_frequencies(scene, _engine(EngineName(point["engine"]), scene, COARSENESS)).tolist()}
 
 
@@ -321,12 +334,14 @@ def run_series(
     workers: Workers | None = None,
     progress: bool = False,
     among: Mapping[str, Any] = SERIES,
+    disturbance: Disturbance | None = None,
 ) -> tuple[dict[EngineName, dict[str, Any]], dict[tuple[EngineName, str], str]]:
     """All these series in those of the engines that compute them, and why some could not be.
 
     Args:
         folder: exists; each series has a folder in it.
         among: the series (or studies of beams) by name.
+        disturbance: of what is run.
     """
     runs: dict[EngineName, dict[str, Any]] = {engine: {} for engine in engines}
     failures: dict[tuple[EngineName, str], str] = {}
@@ -335,7 +350,7 @@ def run_series(
             if engine not in among[name].engines:
                 continue
             try:
-                runs[engine][name] = among[name].compute(engine, folder, workers, progress)
+                runs[engine][name] = among[name].compute(engine, folder, workers, progress, disturbance)
             except OptionError:
                 raise
             except TensegrityError as error:

@@ -1,29 +1,43 @@
-"""What the thesis states: a quantity, its value, where it stands, and how near ours must come."""
+"""What the thesis states: a row of the tables, its class, its value, and how near ours must come."""
 
 from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from tensegrity_mj.reproduction.experiments import OF_EQUILIBRIUM, OF_MOTION, EngineName
+from tensegrity_mj.reproduction.lookup import measure_named
 
 # What one engine computed: a Trajectory by the name of its experiment, a SeriesRun by that of its series (chapter 3), a
-# BeamRun by that of its study (appendix C).
+# BeamRun by that of its study (chapter 7, appendix C).
 Runs = Mapping[str, Any]
-Measure = Callable[[Runs], float | bool]
 
 
-class ReadFrom(enum.Enum):
-    """Where in the thesis a value stands."""
+class Class(enum.Enum):
+    """What kind of evidence a row is.
 
-    TEXT = "text"
-    CAPTION = "caption"
-    CURVES = "curves"
+    NUMBER: a value that stands in the thesis' text, in a caption or in a table, and that nothing here was given.
+    STATEMENT: a sentence of the thesis that can be true or false.
+    AXIS: a curve of ours fits the axes of the thesis' figure, whose ticks are in its text.
+    INPUT: an echo of what was put in, or what is true by construction of scene, law or engine.
+    CALIBRATED: a start, a seed or a parameter was chosen so that the figure or the sentence comes out.
+    INDEPENDENT: the value comes from another coding of the same equations, and stands nowhere in the thesis.
+    """
+
+    NUMBER = "number"
+    STATEMENT = "statement"
     AXIS = "axis"
-    TITLE = "title"
+    INPUT = "input"
+    CALIBRATED = "calibrated"
+    INDEPENDENT = "independent computation"
+
+    @property
+    def is_evidence(self) -> bool:
+        """Whether rows of this class count in the headline."""
+        return self in (Class.NUMBER, Class.STATEMENT)
 
 
 @dataclass(frozen=True)
@@ -37,56 +51,68 @@ class Interval:
         return self.low <= value <= self.high
 
 
-def near(value: float, tolerance: float) -> Interval:
-    """A value and how far ours may be from it."""
-    return Interval(value - tolerance, value + tolerance)
-
-
 # A sentence that is true or not; its measure returns a truth value.
 HOLDS = Interval(1.0, 1.0)
+NO_CAUSE = "no cause known"
 
 
 @dataclass(frozen=True)
 class KnownDifference:
-    """Why ours differs, and what ours is: a difference of another size has another cause."""
+    """What ours is where it differs, and why, as far as it is known: a difference of another size has another cause."""
 
     cause: str
     ours: Interval
 
+    @property
+    def is_explained(self) -> bool:
+        """Whether a cause is known."""
+        return not self.cause.startswith(NO_CAUSE)
+
 
 @dataclass(frozen=True)
 class Statement:
-    """One row of the ledger.
+    """One row of the ledger, as a table of `tables/` has it.
 
     Attributes:
         id: unique; begins with the figure or the section.
+        kind: its class.
         figure: the number of the figure, or "" for a statement of the text alone.
         place: where it stands, such as "Fig. 5.4(a)" or "§5.6".
         page: of the thesis.
-        says: what the thesis states, in our words.
-        stated: the value as it stands there, with its unit.
-        read_from: text, caption, curves, axis or title.
+        says: what is measured.
+        stated: what the thesis states, with its unit, or where a value is from that it does not state.
         accepted: which of our values count as reproduced.
         tolerance: why these.
-        needs: names of the experiments that `measure` reads.
-        measure: our value, in `unit`.
-        known: the difference that is known and explained, or None.
+        needs: names of the experiments, series and studies that the measure is given, in order.
+        measure: name of a function of the modules of measures.
+        arguments: that it is given by name besides.
+        unit: of our value.
+        value: the number as it is stated, in that unit, or the ends of the range that is stated; () where none is.
+        printed: the digits as they stand in the thesis, of a number.
+        line: of the thesis' text where they stand, counted from 1; 0 where none is given.
+        origin: what was chosen so that a calibrated row comes out, or where an independent value is from, or "".
+        known: the difference that is known, or None.
         engines: that it can be judged in; () for all.
         unjudged: why it cannot be judged at all, or "".
     """
 
     id: str
+    kind: Class
     figure: str
     place: str
     page: int
     says: str
     stated: str
-    read_from: ReadFrom
     accepted: Interval
     tolerance: str
     needs: tuple[str, ...]
-    measure: Measure
+    measure: str
+    arguments: Mapping[str, Any] = field(default_factory=dict)
     unit: str = ""
+    value: tuple[float, ...] = ()
+    printed: tuple[str, ...] = ()
+    line: int = 0
+    origin: str = ""
     known: KnownDifference | None = None
     engines: tuple[EngineName, ...] = ()
     unjudged: str = ""
@@ -101,26 +127,17 @@ class Statement:
         """The engines beside which it stands, judged in them or not: those of statics for what is about statics."""
         return OF_EQUILIBRIUM if EngineName.STATICS in self.engines else OF_MOTION
 
+    def measured(self, runs: Runs) -> float:
+        """Our value, of the runs of one engine.
 
-# --------------------------------------------------------------------------------------- reading the thesis' axes
+        Raises:
+            OptionError: if the measure is none.
+        """
+        return float(measure_named(self.measure)(*(runs[name] for name in self.needs), **self.arguments))
 
-# A plot has a tick at every multiple of their distance within its limits. So a curve that its panel was made for ends
-# below the next tick, and reaches beyond half of the last one.
-FITS = "the axis ends below the next tick after its last; a panel is made so that its curve fills more than half of it"
-INSIDE = "the axis ends below the next tick after its last; a curve that it shows lies within"
-
-
-def fills(last_tick: float, tick: float) -> Interval:
-    """A largest (or, with negative ticks, smallest) value that an axis was made for."""
-    ends = sorted((0.5 * last_tick, last_tick + math.copysign(tick, last_tick)))
-    return Interval(*ends)
-
-
-def inside(low: float, high: float) -> Interval:
-    """Between the ticks that would follow the first and the last."""
-    return Interval(low, high)
-
-
-def of(name: str, measure: Callable[..., float | bool], *arguments: Any) -> Measure:
-    """The measure of one experiment's run: measure(run, *arguments)."""
-    return lambda runs: measure(runs[name], *arguments)
+    def is_within(self, ours: float, part: float) -> bool:
+        """Whether a value of ours is no further than a part from the number that is stated, or within its range."""
+        if not self.value:
+            return False
+        low, high = min(self.value), max(self.value)
+        return low - part * abs(low) <= ours <= high + part * abs(high)

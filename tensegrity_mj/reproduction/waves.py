@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from tensegrity_mj.reproduction.beams import BeamStudy
+from tensegrity_mj.reproduction.disturbance import disturbance_of, disturbed
 from tensegrity_mj.reproduction.experiments import EngineName
-from tensegrity_mj.studies.waves import cases
-from tensegrity_mj.studies.waves.task import in_waves
+from tensegrity_mj.studies.waves import cases, task
 
 ENGINES = (EngineName.DAE, EngineName.MUJOCO)
 STUDY = "waves"
@@ -16,12 +16,21 @@ STUDY = "waves"
 
 def by_dae(point: dict[str, Any]) -> dict[str, Any]:
     """A case in the DAE."""
-    return in_waves({**point, "engine": EngineName.DAE.value})
+    return _in_waves(point, EngineName.DAE)
 
 
 def by_mujoco(point: dict[str, Any]) -> dict[str, Any]:
     """A case in MuJoCo."""
-    return in_waves({**point, "engine": EngineName.MUJOCO.value})
+    return _in_waves(point, EngineName.MUJOCO)
+
+
+def _in_waves(point: dict[str, Any], engine: EngineName) -> dict[str, Any]:
+    """A case, with the error that the point has, if any."""
+    from tensegrity_mj.simulation import simulate
+
+    scene = disturbed(task.scene_of(point["tower"]), disturbance_of(point.get("disturbance")))
+    run = simulate(scene, None, task.engine_of(engine.value, point["timestep"]), output_interval=task.INTERVAL)
+    return task.measured(run, point["transient"])
 
 
 STUDIES: Mapping[str, BeamStudy] = {
