@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from tensegrity_mj import interrupts
 from tensegrity_mj.errors import FormatError, OptionError
 
 
@@ -96,7 +97,8 @@ def made_folder(path: str | os.PathLike[str]) -> Path:
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """A temporary file beside the destination (with its suffix), which takes its place if the block succeeds.
 
-    Whatever happens, an exception or an interrupt, the destination holds either the old file or the whole new one.
+    Whatever happens, an exception, an interrupt or SIGTERM, the destination holds either the old file or the whole new
+    one, and the temporary file is gone.
     A link stays a link: the file that it names is replaced.
 
     Raises:
@@ -106,6 +108,11 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         destination = Path(path)
     except TypeError:
         raise FormatError(f"{path!r}: that is no path; give the name of a file") from None
+    with interrupts.terminating():
+        yield from _replaced(destination)
+
+
+def _replaced(destination: Path) -> Iterator[Path]:
     temporary = None
     try:
         target = destination.resolve()
