@@ -20,6 +20,7 @@ from tensegrity_mj.dm_control import RandomStart, environment, repair
 
 ROOT = Path(__file__).resolve().parent.parent
 EXAMPLE = ROOT / "examples" / "dm_control_environment.py"
+SETTLES_OPENGL = ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL", "PYOPENGL_PLATFORM")
 
 
 def backend() -> str:
@@ -68,6 +69,27 @@ def test_the_viewer_shows_our_errors_instead_of_ending() -> None:
     player.tick(0.01, paused=False)
     assert player.state is runtime.State.STOPPED
     assert "string 's1' = nan" in errors[0]
+
+
+WITHOUT_A_DISPLAY = """
+import os
+import tensegrity_mj as tmj
+from tensegrity_mj.dm_control import environment
+env = environment(tmj.load_scene("prism"), time_limit=0.1)
+env.reset()
+assert env.physics.render(120, 160).std() > 5
+assert "MUJOCO_GL" not in os.environ
+import dm_control.viewer
+assert tmj.render_frame(tmj.simulate(env.physics.scene, None, duration=0.01), 0.0).std() > 5
+"""
+
+
+def test_it_draws_without_a_display_and_leaves_our_pictures_theirs() -> None:
+    """PyOpenGL speaks one kind of OpenGL in a process: a window system's, once chosen, would end the pictures."""
+    backend()
+    environ = {key: value for key, value in os.environ.items() if key not in SETTLES_OPENGL}
+    child = subprocess.run([sys.executable, "-c", WITHOUT_A_DISPLAY], capture_output=True, text=True, env=environ)
+    assert child.returncode == 0, child.stderr
 
 
 # Everything of the application but the window itself: its renderer draws off-screen.
