@@ -326,3 +326,4 @@ def test_the_table_of_errors_is_of_rows_that_are_asked(monkeypatch: pytest.Monke
     assert noticed.noticed(ROWS["3.4.1-f2"]) == "nothing"
     assert noticed.noticed(ROWS["3.8-first"]) == "not studied"
     assert noticed.noticed(ROWS["3.4-axis"]) == "–"
+    assert noticed.noticed(ROWS["C.1.3-euler"]) == "a formula, of no run"

@@ -11,7 +11,7 @@ from tensegrity_mj.reproduction.statement import Statement
 from tensegrity_mj.reproduction.tables import FOLDER
 
 FILE = FOLDER / "sensitivity.json"
-NOTHING, NOT_STUDIED = "nothing", "not studied"
+NOTHING, NOT_STUDIED, FORMULA = "nothing", "not studied", "a formula, of no run"
 
 
 @cache
@@ -26,6 +26,8 @@ def noticed(statement: Statement) -> str:
     """The errors that a number or a statement notices, as text; "–" for other rows and those that cannot be judged."""
     if not statement.kind.is_evidence or statement.unjudged:
         return "–"
+    if not statement.needs:
+        return FORMULA
     found = _table().get(statement.id)
     if found is None:
         return NOT_STUDIED
