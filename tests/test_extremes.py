@@ -77,8 +77,8 @@ def test_each_kind_is_what_it_says() -> None:
     assert max(one.scene.structure.stiffness.max() for one in drawn(Kind.STIFF, 40)) > 1e8
     assert all(np.all(gaps(one) > 0) for one in drawn(Kind.SLACK))
     assert all(np.allclose(gaps(one), 0, atol=1e-12) for one in drawn(Kind.NO_PRESTRESS))
-    # L0 = L (1 - part) with a part >= 1, up to round-off where it is 1.
-    assert all(one.scene.structure.rest_lengths.max() <= 1e-12 for one in drawn(Kind.NEGATIVE_REST))
+    # L0 = L (1 - u/k) with u >= k.
+    assert all(np.all(one.law(1.0).u >= one.scene.structure.stiffness) for one in drawn(Kind.NEGATIVE_REST))
     for one in drawn(Kind.VANISHING):
         structure = one.scene.structure
         tiny = structure.string_lengths(one.scene.nodes0).min() <= 1e-2

@@ -110,7 +110,7 @@ def test_any_name_and_text_comes_back(nodes: tuple[str, str, str, str], member: 
     mass=positive,
     stiffness=positive,
     damping=st.floats(0.0, 1e100),
-    rest=finite,
+    rest=positive,
     gravity=st.tuples(finite, finite, finite),
     phase=finite,
 )

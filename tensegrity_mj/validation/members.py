@@ -75,7 +75,7 @@ def check_string(structure: Structure, string: String, size: float) -> None:
     if len(given) > 1:
         raise StructureError(f"{what}: {' and '.join(given)} are given; give at most one of them")
     for name in given:
-        limit = "> 0 m, as no line is shorter than nothing" if name == "rest_length" else ">= 0"
+        limit = "a finite number > 0 m" if name == "rest_length" else ">= 0"
         check_number(
             f"{what}: {name}", getattr(string, name), limit, lambda x, n=name: x > 0 if n == "rest_length" else x >= 0
         )

@@ -87,7 +87,7 @@ def base_structure(scene: Scene) -> tuple[Structure, str]:
     in for it.
     """
     structure = scene.structure
-    plain = structure.with_strings(stiffness=STIFFNESS, damping=0.0)
+    plain = structure.with_strings(stiffness=STIFFNESS, damping=0.0, force_density=0.0)
     loose = structure.string_lengths(structure.positions) <= structure.rest_lengths * (1 + 1e-9)
     names = [s.name for s, one in zip(structure.strings, loose, strict=True) if one]
     reason = "its equilibrium is not stable"
@@ -97,6 +97,7 @@ def base_structure(scene: Scene) -> tuple[Structure, str]:
         except TensegrityError as error:
             reason = str(error)
             continue
+        u = u * (PRESTRAIN * STIFFNESS / u.max())  # below the stiffness, whatever the self-stress is
         tight = _at_prestrain(_with_densities(plain, np.where(u > 0, u, LOOSE * STIFFNESS)), PRESTRAIN)
         if is_firm(tight):
             left = f" (strings {', '.join(slack)} slack)" if slack else ""
@@ -107,7 +108,9 @@ def base_structure(scene: Scene) -> tuple[Structure, str]:
     count = max(1, min(6, len(structure.rods)))
     found = random_taut_structure(rng, rods=count, planar=planar, prestrain=(PRESTRAIN, PRESTRAIN))
     # One stiffness for all: u then differs from string to string.
-    even = _with_densities(found.with_strings(stiffness=STIFFNESS), _densities(found))
+    u = _densities(found)
+    plain = found.with_strings(stiffness=STIFFNESS, force_density=0.0)
+    even = _with_densities(plain, u * (PRESTRAIN * STIFFNESS / u.max()))
     return _at_prestrain(even, PRESTRAIN), (
         f"a random taut structure of {count} rods (seed {SUBSTITUTE_SEED}) in place of {structure.name}, which cannot "
         f"be prestressed as it is: {reason}"
