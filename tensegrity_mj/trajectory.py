@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import enum
+import math
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj.errors import FormatError
+from tensegrity_mj.errors import FormatError, TensegrityError
 from tensegrity_mj.files import checked, replacing
 from tensegrity_mj.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.law import Report
@@ -20,6 +22,7 @@ from tensegrity_mj.scene import Scene
 
 Array = NDArray[np.float64]
 FORMAT = 2
+MOST_PACKED = 1032  # bytes that one byte of a file may stand for: the most that its compression, deflate, achieves
 
 
 class Status(enum.Enum):
@@ -202,11 +205,14 @@ class Trajectory:
             with h5netcdf.File(source, "r") as file:
                 if file.attrs.get("format") != FORMAT or "scene" not in file.attrs:
                     raise FormatError(f"{path}: a NetCDF file, but no trajectory of format {FORMAT} of tensegrity_mj")
-                arrays: dict[str, Any] = {name: np.array(file.variables[name][...], float) for name in VARIABLES}
-                texts = {key: str(file.attrs[key]) for key in ("scene", "status", "message", "engine", *DICTIONARIES)}
+                texts = {key: _text(file.attrs[key]) for key in ("scene", "status", "message", "engine", *DICTIONARIES)}
+                variables = {name: file.variables[name] for name in VARIABLES}
+                scene = scene_from_toml(texts["scene"], where=str(path))
+                _check_shapes(source, scene, {name: tuple(variable.shape) for name, variable in variables.items()})
+                arrays: dict[str, Any] = {name: np.array(variable[...], float) for name, variable in variables.items()}
             status = Status(texts["status"])
             extra = {key: from_exact_json(texts[key]) for key in DICTIONARIES}
-        except FormatError:
+        except TensegrityError:
             raise
         except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError) as error:
             # What the libraries of the format raise for damaged files is documented nowhere.
@@ -214,15 +220,6 @@ class Trajectory:
         for key, value in extra.items():
             if not isinstance(value, dict):
                 raise FormatError(f"{path}: {key} is a {type(value).__name__}; it must be a JSON object")
-        scene = scene_from_toml(texts["scene"], where=str(path))
-        sizes = _sizes(scene, arrays["time"].size)
-        for name, (dimensions, _, _) in VARIABLES.items():
-            shape = tuple(sizes[dimension] for dimension in dimensions)
-            if arrays[name].shape != shape:
-                raise FormatError(
-                    f"{path}: {name} has shape {arrays[name].shape}; for its scene '{scene.name}' and its times it "
-                    f"must be {shape}, ({', '.join(dimensions)})"
-                )
         _check_values(str(path), arrays)
         return cls(scene, **arrays, status=status, message=texts["message"], engine=texts["engine"], **extra)
 
@@ -232,6 +229,34 @@ class Trajectory:
 
 
 assert set(VARIABLES) | set(DICTIONARIES) < {f.name for f in fields(Trajectory)}
+
+
+def _text(value: Any) -> str:
+    """An attribute as text, which UTF-8 can hold; ValueError where it is none."""
+    text = str(value)
+    text.encode()
+    return text
+
+
+def _check_shapes(source: Path, scene: Scene, shapes: Mapping[str, tuple[int, ...]]) -> None:
+    """Raise FormatError unless the variables have the shapes of a scene, and as many numbers as the file can hold.
+
+    Looked at before they are read: a small file may declare more than any memory holds.
+    """
+    sizes = _sizes(scene, math.prod(shapes["time"]))
+    for name, (dimensions, _, _) in VARIABLES.items():
+        shape = tuple(sizes[dimension] for dimension in dimensions)
+        if shapes[name] != shape:
+            raise FormatError(
+                f"{source}: {name} has shape {shapes[name]}; for its scene '{scene.name}' and its times it must be "
+                f"{shape}, ({', '.join(dimensions)})"
+            )
+    declared, stored = 8 * sum(math.prod(shape) for shape in shapes.values()), source.stat().st_size
+    if declared > MOST_PACKED * stored:
+        raise FormatError(
+            f"{source}: its variables have {declared:.3g} bytes of numbers, which a file of {stored} bytes cannot "
+            "hold: it is damaged; save the run again"
+        )
 
 
 def _sizes(scene: Scene, samples: int) -> dict[str, int]:

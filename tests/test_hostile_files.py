@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -29,6 +30,7 @@ from tensegrity_mj.structure import Rod, String, Structure
 from tensegrity_mj.textformat import load_scene, load_structure, parsing, save_scene, scene_from_toml
 from tensegrity_mj.textformat.keys import MOST_BYTES, MOST_DEPTH
 from tensegrity_mj.texts import MOST_LETTERS, file_name
+from tensegrity_mj.trajectory import VARIABLES, Trajectory
 from tensegrity_mj.validation import values
 
 SMALL = """format = 1
@@ -453,3 +455,37 @@ def test_a_check_that_fails_warns(monkeypatch: pytest.MonkeyPatch) -> None:
     assert report is not None
     assert not report["checked"]
     assert text.startswith("the step was not checked: scene 'prism': the eigenvalues")
+
+
+# Trajectories -------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("run") / "run.nc"
+    return simulate(extreme(), None, DAE(), duration=0.02).save(path)
+
+
+@pytest.mark.parametrize("name", ["time", "nodes", "kinetic_energy"])
+def test_variables_that_no_memory_holds_are_refused_unread(name: str, run_file: Path, tmp_path: Path) -> None:
+    """Declared and never written, a petabyte takes no room in a file."""
+    path = tmp_path / "run.nc"
+    path.write_bytes(run_file.read_bytes())
+    with h5py.File(path, "a") as file:
+        names = [name] if name != "time" else sorted(set(VARIABLES) - {"time"})
+        for one in {*names, name}:
+            shape = (10**14, *file[one].shape[1:])
+            del file[one]
+            file.create_dataset(one, shape, "f8", chunks=(1024, *shape[1:]))
+    with pytest.raises(FormatError, match=r"has shape|bytes cannot hold: it is damaged|not a readable trajectory"):
+        Trajectory.load(path)
+
+
+def test_attributes_that_are_no_text_are_refused(run_file: Path, tmp_path: Path) -> None:
+    path = tmp_path / "run.nc"
+    for name in ("message", "engine", "scene", "provenance"):
+        path.write_bytes(run_file.read_bytes())
+        with h5py.File(path, "a") as file:
+            file.attrs[name] = b"\xff\xfe"
+        with pytest.raises(FormatError, match="not a readable trajectory"):
+            Trajectory.load(path)
