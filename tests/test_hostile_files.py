@@ -85,7 +85,11 @@ def test_what_is_too_large_to_be_read_back_is_not_written(tmp_path: Path) -> Non
     assert not path.exists()
 
 
-@pytest.mark.parametrize("path", ["a\0b.toml", "x" * 300 + ".toml", "/" * 5000 + "a.toml", "no/such/folder/a.toml"])
+@pytest.mark.parametrize(
+    "path",
+    ["a\0b.toml", "x" * 300 + ".toml", "/" * 5000 + "a.toml", "no/such/folder/a.toml"],
+    ids=["null", "long name", "long path", "no folder"],
+)
 def test_paths_that_cannot_be(path: str) -> None:
     with pytest.raises(FormatError):
         load_scene(path)
@@ -109,6 +113,7 @@ def test_what_is_no_path(path: object) -> None:
         'x = "#"\n' + '"a"."\\""' + '."\\\\"' * 50_000 + " = 1",
         "\n".join(f"{'a.' * 200}b{i} = 1" for i in range(500)),
     ],
+    ids=["key", "header", "inline", "quoted", "many"],
 )
 def test_dotted_keys_of_many_parts_are_refused_unread(bomb: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(parsing.tomllib, "loads", lambda text: pytest.fail("the parser was called"))
@@ -127,6 +132,7 @@ def test_dotted_keys_of_many_parts_are_refused_unread(bomb: str, monkeypatch: py
         'source = "\\"' + "a." * 100 + '"',
         "source = 'x' # '" + "b." * 100,
     ],
+    ids=["basic", "literal", "lines", "basic lines", "comment", "escape", "after"],
 )
 def test_dots_in_texts_and_comments_are_no_keys(text: str) -> None:
     assert scene_from_toml(SMALL.replace('name = "small"', f'name = "small"\n{text}')).name == "small"
@@ -204,7 +210,7 @@ def test_commands_write_inside_their_folder(
     assert not any("victim/" in path for path in made)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", NAMES, ids=range(len(NAMES)))
 def test_folders_of_scenes_with_such_names_are_inside(name: str, tmp_path: Path) -> None:
     """The path that `tradeoff` makes of a name, without its runs."""
     from tensegrity_mj.commands import tradeoff as command
@@ -263,6 +269,7 @@ def test_control_characters_of_names_are_escaped_in_answers(tmp_path: Path, caps
         ("mass = 1.0", "mass = [" + "1, " * 10**5 + "]"),
         ('["a", "b"]', f'["a", "{"c" * 10**5}"]'),
     ],
+    ids=["key", "name", "integer", "list", "node"],
 )
 def test_messages_stay_short(change: tuple[str, str], tmp_path: Path) -> None:
     path = written(tmp_path, SMALL.replace(*change).replace("mass = 1.0", "mass = -1.0"))
@@ -301,7 +308,7 @@ FAMILIES = [
 ]
 
 
-@pytest.mark.parametrize("call", FAMILIES)
+@pytest.mark.parametrize("call", FAMILIES, ids=lambda call: call[:40])
 def test_families_refuse_absurd_sizes_before_they_build(call: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(np, "linspace", lambda *given, **options: pytest.fail("it was built"))
     for kind in (Rod, String, Structure):
