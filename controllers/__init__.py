@@ -54,7 +54,7 @@ def from_scene(scene: Scene, law: str | None = None, **overrides: Any) -> Any:
     numbers or matrices, or tables of such by rod name, `water` is a `KnownWater` by name.
 
     Raises:
-        OptionError: if there is no law or an unknown one, no target, or an option that the law has not.
+        OptionError: if there is no law or an unknown one, no target, no string, or an option that the law has not.
     """
     if not isinstance(scene, Scene):
         raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
@@ -75,6 +75,11 @@ def from_scene(scene: Scene, law: str | None = None, **overrides: Any) -> Any:
             raise OptionError(f"{where}: law '{name}' has no option '{key}'; allowed: {', '.join(entry.options)}")
     if scene.target is None:
         raise OptionError(f"{where} has no target, which its law needs: add [scene.target]")
+    if not scene.structure.strings:
+        raise OptionError(
+            f"{where}: law '{name}' commands strings, and its structure '{scene.structure.name}' has none: leave the "
+            "law out"
+        )
     options = {key: entry.options[key](value, f"{where}: {key}") for key, value in given.items()}
     water = options.pop("water", KnownWater.ALL).of(scene.water)
     return entry.law(scene.structure, scene.target, gravity=scene.gravity, water=water, **options)

@@ -181,7 +181,7 @@ class Allocator:
                         f"sums[{number}]: unknown string {name!r}; the strings are {', '.join(self.names)}"
                     )
             rows.append([float(name in chosen) for name in self.names])
-        return np.array(rows, float).reshape(-1, len(self.names)), np.array(values, float)
+        return np.array(rows, float).reshape(len(rows), len(self.names)), np.array(values, float)
 
     def solve(self, A: Array, d: Array, nodes: Array | None = None) -> Allotment:
         """The force densities for A (n, M) u = d (n,).

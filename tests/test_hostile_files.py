@@ -425,6 +425,15 @@ def test_derivatives_beyond_floats_end_the_run(kind: Callable[..., Engine]) -> N
             simulate(extreme(mass=1e-100, force=1e100), None, kind(method=Method.RADAU))
 
 
+@pytest.mark.parametrize("law", sorted(controllers.LAWS))
+def test_laws_of_structures_without_strings_are_refused(law: str) -> None:
+    """One had crashed on them; the others were infeasible in one engine, and never asked in another."""
+    scene = load_scene("pinned_rod")
+    bare = scene.with_(structure=replace(scene.structure, strings=()), control=None)
+    with pytest.raises(OptionError, match=f"law '{law}' commands strings, and its structure 'pinned_rod' has none"):
+        controllers.from_scene(bare, law)
+
+
 @pytest.mark.parametrize("start", [0.0, 1e7, 1e15])
 def test_instants_are_found_where_times_are_coarser_than_the_tolerance(start: float) -> None:
     """At 1e7 s neighbouring floats are 2e-9 s apart: no two times are as near as 1e-10 s."""
