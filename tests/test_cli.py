@@ -703,7 +703,7 @@ def test_demo_refuses_before_it_works(tmp_path: Path, capsys: pytest.CaptureFixt
     (tmp_path / "file").write_text("")
     code, answer, _ = ask(capsys, "demo", "--out", tmp_path / "file")
     assert code == 2
-    assert "no files can be written there" in answer["error"]
+    assert "no folder can be made there" in answer["error"]
     code, answer, _ = ask(capsys, "demo", "--scene", "tbar", "--out", tmp_path / "out")
     assert code == 2
     assert "no control law" in answer["error"]

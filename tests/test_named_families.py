@@ -122,8 +122,9 @@ WRONG: list[tuple[str, str]] = [
     ("tower(2)(3)", "it must be one call of a family by its name"),
     ("tower(2), tower(3)", "it must be one call of a family by its name"),
     ("tower(2); tower(3)", "invalid syntax"),
-    ("tower(" + "(" * 5000 + ")" * 5000 + ")", "nested|too many"),
-    ("tower(" + "9" * 10000 + ")", "too long|digits"),
+    ("tower(" + "(" * 4000 + ")" * 4000 + ")", "nested|too many"),
+    ("tower(" + "(" * 5000 + ")" * 5000 + ")", "at most 10000 are read"),
+    ("tower(" + "9" * 9000 + ")", "too long|digits"),
     ("tower(2,\0)", "null bytes|too long"),
 ]
 
