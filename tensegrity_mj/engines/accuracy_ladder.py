@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tensegrity_mj.convergence import (
+    SAFETY,
     Estimate,
     common_times,
     has_kinks,
@@ -31,6 +32,7 @@ STRIKES = 5  # differences in a row that do not settle, until a ladder is given 
 FAILURES = 10  # runs in a row that diverge
 LEAST_TOLERANCE = 3e-14
 AS_ONE = 1e-9  # relative, of steps
+FIRST_STEP = "first_step_error"  # in a run's reports [m]: what its first step is wrong by, where differences hide it
 
 
 @dataclass(frozen=True)
@@ -141,6 +143,9 @@ class Ladder:
             return None
         found, last = self._judged(), self.good[-1].run
         assert last is not None
+        first = self._first_step_error
+        if first > found.value:
+            found = Estimate(first, found.settled, f"the first step alone is wrong by {first:.2g} m; {found.reason}")
         if not self.resolved:
             reason = (
                 f"the step of {self.good[-1].setting:.3g} s is too long for the fastest motion that is possible, which "
@@ -151,6 +156,17 @@ class Ladder:
             reason = f"the run stops at t = {last.time[-1]:.6g} s ({last.message})"
             return Estimate(found.value, False, f"{reason}; before, {found.reason}")
         return found
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether all that is wrong with the last run is round-off, so that finer ones are no better."""
+        return bool(self.differences) and max(self.differences[-1], self._first_step_error) <= self.floor
+
+    @property
+    def _first_step_error(self) -> float:
+        last = self.good[-1].run
+        assert last is not None
+        return SAFETY * float(last.reports.get(FIRST_STEP, 0.0))
 
     def _judged(self) -> Estimate:
         """What the differences say of the last run, until it stopped."""
