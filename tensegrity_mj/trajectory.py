@@ -220,6 +220,7 @@ class Trajectory:
         for key, value in extra.items():
             if not isinstance(value, dict):
                 raise FormatError(f"{path}: {key} is a {type(value).__name__}; it must be a JSON object")
+        _check_words(str(path), extra)
         _check_values(str(path), arrays)
         return cls(scene, **arrays, status=status, message=texts["message"], engine=texts["engine"], **extra)
 
@@ -291,6 +292,42 @@ def _check_values(path: str, arrays: dict[str, Array]) -> None:
             f"{path}: time {row + 1} (counted from 0) is {time[row + 1]:.9g} s after {time[row]:.9g} s; times must "
             "rise: the file is damaged or was changed, write it anew"
         )
+
+
+# What is read again of the words of a run, by other commands: where it stands, its type, and the words of that.
+READ_AGAIN: dict[tuple[str, ...], tuple[tuple[type, ...], str]] = {
+    ("reports", "warnings"): ((list,), "a list of texts"),
+    ("reports", "accuracy"): ((dict,), "an object"),
+    ("reports", "accuracy", "met"): ((bool,), "true or false"),
+    ("reports", "accuracy", "reason"): ((str,), "a text"),
+    ("reports", "accuracy", "error_estimate"): ((int, float, type(None)), "a number"),
+    ("reports", "stability"): ((dict,), "an object"),
+    ("provenance", "controller"): ((dict, type(None)), "an object"),
+    ("provenance", "actuation"): ((dict, type(None)), "an object"),
+    ("provenance", "actuation", "mode"): ((str,), "a text"),
+    ("provenance", "actuation", "period"): ((int, float, type(None)), "a number"),
+    ("cost", "wall_time"): ((int, float, type(None)), "a number"),
+}
+
+
+def _check_words(path: str, words: dict[str, Any]) -> None:
+    """Raise FormatError where something that is read again has another type; what is absent may be, but for `met`."""
+    for place, (kinds, meaning) in READ_AGAIN.items():
+        inside: Any = words
+        for key in place[:-1]:
+            inside = inside.get(key) or {}
+        value = inside.get(place[-1], ...)
+        held = place[-1] == "period" and inside.get("mode", "continuous") != "continuous"
+        if held and value in (..., None):
+            kinds = (int, float)
+        absent = value is ... and not held and not (place[-1] in ("met", "mode") and inside)
+        texts = not isinstance(value, list) or all(isinstance(item, str) for item in value)
+        if not absent and not (isinstance(value, kinds) and texts):
+            found = "missing" if value is ... else f"a {type(value).__name__}"
+            raise FormatError(
+                f"{path}: {'.'.join(place)} is {found}; it must be {meaning}: the file is damaged or was changed, "
+                "write it anew"
+            )
 
 
 def _without_functions(scene: Scene, time: Array) -> Scene:

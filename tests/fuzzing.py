@@ -294,7 +294,13 @@ def try_trajectory(rng: random.Random, folder: Path) -> str:
     check_scene(run.scene)
     if not np.all(np.isfinite(run.nodes)) and run.status.value == "completed":
         raise Failure("an accepted trajectory that completed has nodes that are not finite")
-    try_command(["compare", str(path), str(base_run(folder.parents[2])), *rng.choice([[], ["--json"]])])
+    uses = [
+        ["compare", str(path), str(base_run(folder.parents[2])), *rng.choice([[], ["--plot", "plot.svg"]])],
+        ["clearance", str(path)],
+        ["run", "pinned_rod", "--replay", str(path), "--control-period", "0.01", "--duration", "0.02"],
+        ["statics", "pinned_rod", "--run", str(path)],
+    ]
+    try_command([*rng.choice(uses), *rng.choice([[], ["--json"]])])
     return "accepted"
 
 
@@ -305,6 +311,9 @@ def break_file(rng: random.Random, path: Path) -> None:
 
     with h5py.File(path, "a") as file:
         for _ in range(rng.choice([0, 1, 1, 2, 4])):
+            if rng.random() < 0.4:
+                break_words(rng, file)
+                continue
             name = rng.choice(sorted(file))
             attribute = rng.choice(sorted(file.attrs) or ["format"])
             way = rng.randrange(8)
@@ -335,6 +344,20 @@ def break_file(rng: random.Random, path: Path) -> None:
                 # Declared, and never written: a file of a few bytes with petabytes of numbers.
                 del file[name]
                 file.create_dataset(name, (10**15,), "f8", chunks=(1024,))
+
+
+def break_words(rng: random.Random, file: Any) -> None:
+    """Change what a trajectory's file says of its run, which is JSON."""
+    attribute = rng.choice(["reports", "provenance", "cost"])
+    words = json.loads(str(file.attrs.get(attribute, "{}")) or "{}")
+    if not isinstance(words, dict):
+        return
+    words[rng.choice(["accuracy", "warnings", "stability", "controller", "versions", "wall_time", "drift", *words])] = (
+        rng.choice([nasty(rng), {"met": nasty(rng)}, [nasty(rng)], {"law": nasty(rng), "decay_rate": nasty(rng)}])
+    )
+    with contextlib.suppress(ValueError):  # an integer that Python does not write
+        text = json.dumps(words, ensure_ascii=rng.random() < 0.5)
+        file.attrs[attribute] = text.replace("\0", "").encode("utf-8", "replace").decode()[:60_000]
 
 
 def try_command(arguments: list[str]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import enum
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any, overload
 
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.files import checked
+from tensegrity_mj.texts import printable
 
 if TYPE_CHECKING:
     from tensegrity_mj.trajectory import Status
@@ -75,6 +77,11 @@ def number(value: float | None, unit: str = "") -> str:
     if value is None or math.isnan(value):
         return "-"
     return f"{value:.4g} {unit}".rstrip()
+
+
+def warn(text: str) -> None:
+    """Print a warning on stderr."""
+    print(f"warning: {printable(text)}", file=sys.stderr)
 
 
 @overload

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +19,7 @@ from tensegrity_mj.commands.common import (
     positive,
     refuse,
     table,
+    warn,
 )
 from tensegrity_mj.errors import OptionError
 
@@ -90,9 +90,9 @@ def execute(options: argparse.Namespace) -> Outcome:
 
     for run in (first, second):
         if "accuracy" in run.reports and not run.reports["accuracy"]["met"]:
-            print(f"warning: {run.engine}: {run.reports['accuracy']['reason']}", file=sys.stderr)
+            warn(f"{run.engine}: {run.reports['accuracy'].get('reason', 'its accuracy was not met')}")
         for warning in run.reports.get("warnings", []):
-            print(f"warning: {run.engine}: {warning}", file=sys.stderr)
+            warn(f"{run.engine}: {warning}")
     for path, run in zip(files.values(), (first, second), strict=False):
         run.save(path)
     if code and min(len(first.time), len(second.time)) < 2:

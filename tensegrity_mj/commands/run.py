@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
@@ -19,6 +18,7 @@ from tensegrity_mj.commands.common import (
     positive,
     refuse,
     table,
+    warn,
 )
 from tensegrity_mj.errors import DivergenceError, OptionError
 
@@ -111,7 +111,7 @@ def execute(options: argparse.Namespace) -> Outcome:
 
         view(run)
     for warning in run.reports.get("warnings", []):
-        print(f"warning: {warning}", file=sys.stderr)
+        warn(warning)
     data = summary(run) | {"out": out, "video": video, "plot": plot}
     return Outcome(data, describe(data), code_of_status(run.status))
 

@@ -36,6 +36,7 @@ from tensegrity_mj.statics.path_start import begin, starting_state
 from tensegrity_mj.statics.path_steps import Point, Walk
 from tensegrity_mj.statics.state import StaticState
 from tensegrity_mj.structure import Structure
+from tensegrity_mj.texts import printable
 
 Array = NDArray[np.float64]
 
@@ -298,4 +299,4 @@ def _bar(progress: bool, name: str):  # type: ignore[no-untyped-def]
         return None
     from tqdm import tqdm
 
-    return tqdm(desc=f"following {name}", unit="point", file=sys.stderr, disable=None)
+    return tqdm(desc=f"following {printable(name)}", unit="point", file=sys.stderr, disable=None)

@@ -23,6 +23,7 @@ from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.rounding import round_off
 from tensegrity_mj.statics.state import StaticState
 from tensegrity_mj.structure import Structure
+from tensegrity_mj.texts import printable
 
 Array = NDArray[np.float64]
 
@@ -140,7 +141,12 @@ def _bar(progress: bool, name: str):  # type: ignore[no-untyped-def]
         return None
     from tqdm import tqdm
 
-    return tqdm(total=12, desc=f"relaxing {name}", unit="digit", bar_format="{l_bar}{bar}| {n:.1f} digits [{elapsed}]")
+    return tqdm(
+        total=12,
+        desc=f"relaxing {printable(name)}",
+        unit="digit",
+        bar_format="{l_bar}{bar}| {n:.1f} digits [{elapsed}]",
+    )
 
 
 def _restless(model: StaticModel, taken: int, size: float) -> InfeasibleError:

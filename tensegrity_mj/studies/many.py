@@ -20,7 +20,7 @@ from tensegrity_mj.studies import store
 from tensegrity_mj.studies.attempt import DONE, Task
 from tensegrity_mj.studies.plain import digest, plain
 from tensegrity_mj.studies.workers import Backend, Workers
-from tensegrity_mj.texts import file_name
+from tensegrity_mj.texts import file_name, printable
 
 Values = dict[str, Any]
 
@@ -197,7 +197,9 @@ def _bar(label: str, total: int, done: int, shown: bool) -> Iterator[Any]:
     form = "{desc} {percentage:3.0f}% |{bar}| {n_fmt}/{total_fmt} [{elapsed} < {remaining}]"
     # None: only where stderr is a terminal.
     disable = None if shown else True
-    with tqdm(total=total, initial=done, desc=label, bar_format=form, file=sys.stderr, disable=disable) as bar:
+    with tqdm(
+        total=total, initial=done, desc=printable(label), bar_format=form, file=sys.stderr, disable=disable
+    ) as bar:
         yield bar
 
 

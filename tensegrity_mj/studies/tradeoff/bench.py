@@ -19,6 +19,7 @@ from tensegrity_mj.errors import FormatError
 from tensegrity_mj.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.studies import store
 from tensegrity_mj.studies.plain import digest
+from tensegrity_mj.texts import printable
 
 Array = NDArray[np.float64]
 
@@ -68,7 +69,7 @@ class Bench:
 
         form = "{desc} {percentage:3.0f}% |{bar}| {n_fmt}/{total_fmt} [{elapsed} < {remaining}]"
         disable = None if self.progress else True  # None: only where stderr is a terminal
-        with tqdm(total=total, desc=label, bar_format=form, file=sys.stderr, disable=disable) as bar:
+        with tqdm(total=total, desc=printable(label), bar_format=form, file=sys.stderr, disable=disable) as bar:
             yield bar
 
     def _path(self, name: str) -> Path:
