@@ -110,7 +110,7 @@ def test_breaks_survive_a_file(tmp_path: Any) -> None:
 @pytest.mark.parametrize(
     ("breaks", "words"),
     [
-        ((Break("s9", 1.0),), ("unknown string 's9'", "s1, s2")),
+        ((Break("s9", 1.0),), ("unknown string 's9'", "'s1', 's2'")),
         ((Break("s1", -1.0),), ("s1", "-1.0", ">= 0 s")),
         ((Break("s1", float("nan")),), ("s1", "nan")),
         ((Break("s1", 1.0), Break("s1", 2.0)), ("breaks[1]", "s1", "twice")),

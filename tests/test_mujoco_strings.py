@@ -50,7 +50,7 @@ def random_strings(rng: np.random.Generator, law: StringLaw, damped: bool) -> tu
             # Designed with another rest length than the one that will be set.
             String(f"s{i}", ("o", f"p{i}"), k, c if damped else 0.0, rest_length=float(designed))
             for i, (k, c, designed) in enumerate(
-                zip(stiffness.tolist(), damping.tolist(), lengths * rng.uniform(-0.5, 2, COUNT), strict=True)
+                zip(stiffness.tolist(), damping.tolist(), lengths * rng.uniform(0.1, 2, COUNT), strict=True)
             )
         ),
         fixed_nodes=("o",),

@@ -150,12 +150,13 @@ def test_a_setting_is_adequate_only_with_all_finer_ones(monkeypatch: pytest.Monk
 
 
 def test_a_measured_experiment_is_true_and_reproducible() -> None:
-    point = {"seed": 3, "number": 36, "kind": "random"}
+    # Of the experiments of MuJoCo, the first whose cheapest setting is searched for, other than number 0.
+    point = {"seed": 3, "number": 24, "kind": "random"}
     first, second = measure(point), measure(point)
     assert first == second
     assert first["outcome"] == "measured"
     # The same numbers from the public interface and from a third coding, which shares nothing with the two references.
-    experiment = draw(3, 36)
+    experiment = draw(3, 24)
     run = tmj.simulate(experiment.scene, None, tmj.MuJoCo(accuracy=experiment.accuracy))
     assert first["estimate"] == run.error_estimate
     error = np.max(np.linalg.norm(run.nodes - nodes_of(experiment.scene, run.time)[0], axis=-1))

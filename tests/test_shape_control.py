@@ -257,7 +257,7 @@ def test_what_laws_know_of_water_is_told_and_checked() -> None:
         assert not law(of.structure, of.target, gravity=of.gravity, water=of.water).native(of.structure).stateless
     # For an instant: to make up for drag that is not there is to push ever harder.
     run = tmj.simulate(of.with_(water=None), from_scene(of), tmj.MuJoCo(1e-3), duration=0.01)
-    assert any("reckons with water, and the scene has none" in text for text in run.reports["warnings"])
+    assert any("assumes water, and the scene has none" in text for text in run.reports["warnings"])
     # The weight of rods that do not float would need strings that push.
     none = from_scene(of, water="none")
     run = tmj.simulate(of, none, tmj.MuJoCo(0.01), duration=0.1)

@@ -182,6 +182,8 @@ def _tilted(structure: Structure, angle: float) -> Structure:
 
 
 def _with_second_node(structure: Structure, span: Array) -> Structure:
+    # No prestress to keep: it might leave no rest length at the new place.
+    structure = structure.with_strings(rest_length=structure.string_lengths(structure.positions))
     i, j = structure.rods[0].nodes
     moved = np.array(structure.nodes[i]) + span
     x, y, z = moved.tolist()
