@@ -104,6 +104,8 @@ def test_what_must_not_happen_is_seen(monkeypatch: pytest.MonkeyPatch, tmp_path:
     """Each check fails on what it is there for."""
     from tensegrity_mj import textformat
 
+    fuzzing.base_run(tmp_path)  # with the functions as they are
+
     def answer(work: object) -> tuple[str, str]:
         with monkeypatch.context() as patch:
             patch.setattr(textformat, "load_scene", work)
