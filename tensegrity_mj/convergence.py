@@ -128,7 +128,7 @@ def judge(
     highest: int | None = None,
     kinks: bool = False,
 ) -> Estimate:
-    """`estimate_error` from the differences [m] of neighbouring runs, of which the last two count, or three with kinks.
+    """`estimate_error` from the differences [m] of neighbouring runs, of which the last two count.
 
     Args:
         differences: one fewer than steps.
@@ -136,8 +136,9 @@ def judge(
         order: of the method on smooth motion.
         floor: differences below it are taken for round-off [m].
         highest: order that the motion allows, see `highest_order`; the method's by default. More is by chance.
-        kinks: whether forces have kinks. The error then depends on where in the steps these lie, so that differences
-            fall unevenly: two runs are no evidence, and no order counts that was not seen twice running.
+        kinks: whether forces have kinks. The error then depends on where in the steps these lie, and steps that end
+            there may be the same in two runs, which then are wrong alike: two runs are no evidence, and of three no
+            order above 1 counts.
     """
     d, ratio = differences[-1], steps[-2] / steps[-1]
     if not math.isfinite(d):
@@ -168,13 +169,8 @@ def judge(
         # The coarsest run was beyond what orders describe, and says nothing of the others; or they agree by chance.
         used, words = 1.0, "faster than the method can; an order of 1 is assumed"
         expected = expected if kinks else d
-    elif kinks:
-        seen = 1.0
-        if len(differences) > 2 and math.isfinite(differences[-3]):
-            seen = observed_order(differences[-3] / before, steps[-4] / steps[-3], ratio_before, order)
-        if seen < used:
-            used = max(seen, LEAST_ORDER)
-            words += f", of which {used:.2g} counts as forces have kinks"
+    elif kinks and used > 1:
+        used, words = 1.0, f"{words}, of which 1 counts as forces have kinks"
     value = SAFETY * max(d, expected) / (ratio**used - 1)
     return Estimate(value, True, f"runs differ by {before:.2g} m and then by {d:.2g} m: {words}")
 

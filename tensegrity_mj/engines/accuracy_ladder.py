@@ -170,13 +170,13 @@ class Ladder:
 
     def _judged(self) -> Estimate:
         """What the differences say of the last run, until it stopped."""
-        last, good = self.good[-1].run, self.good[-4:]
+        last, good = self.good[-1].run, self.good[-3:]
         assert last is not None
         if not self.order:
             tolerance = good[-1].setting * float(np.max(np.abs(last.nodes), initial=0.0))
             return judge_tolerances(self.differences[-2:], self.floor, tolerance)
         # An order is that of runs which all have one.
-        while len(good) > 2 and good[0].setting > HALF * self.longest * (1 + AS_ONE):
+        if len(good) > 2 and good[0].setting > HALF * self.longest * (1 + AS_ONE):
             good = good[1:]
         steps = [rung.setting for rung in good]
         return judge(self.differences[1 - len(good) :], steps, self.order, self.floor, self.highest, has_kinks(last))
