@@ -16,6 +16,7 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+import fuzz_cases
 import fuzzing
 import pytest
 
@@ -35,7 +36,7 @@ def tried(numbers: Sequence[int]) -> list[dict[str, str]]:
         if not answers and found and found[-1]["outcome"] == "stopped" and found[-1]["why"] == "at the start":
             pytest.fail("the process that tries cases does not start")
         why = "the process ended, or gave no answer: it hung, crashed or filled memory"
-        found.append({"number": str(stopped), "kind": fuzzing.kind_of(stopped), "outcome": "stopped", "why": why})
+        found.append({"number": str(stopped), "kind": fuzz_cases.kind_of(stopped), "outcome": "stopped", "why": why})
         left = left[len(answers) + 1 :]
     return found
 
@@ -96,7 +97,7 @@ def test_cases_come_from_their_numbers_alone(tmp_path: Path) -> None:
     import random
 
     for number in range(40):
-        for make in (fuzzing.scene_bytes, fuzzing.text_bytes):
+        for make in (fuzz_cases.scene_bytes, fuzz_cases.text_bytes):
             assert make(random.Random(number)) == make(random.Random(number))
 
 
@@ -104,7 +105,7 @@ def test_what_must_not_happen_is_seen(monkeypatch: pytest.MonkeyPatch, tmp_path:
     """Each check fails on what it is there for."""
     from tensegrity_mj import textformat
 
-    fuzzing.base_run(tmp_path)  # with the functions as they are
+    fuzz_cases.base_run(tmp_path)  # with the functions as they are
 
     def answer(work: object) -> tuple[str, str]:
         with monkeypatch.context() as patch:

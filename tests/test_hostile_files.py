@@ -2,37 +2,23 @@
 
 from __future__ import annotations
 
-import json
-import math
 import os
 import tomllib
-import warnings
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
-from tensegrity_mj import DAE, ODE, Actuation, Integrator, MuJoCo, controllers, simulate, stability, stable_step
 from tensegrity_mj.cli import main
-from tensegrity_mj.engines.integration import Method
-from tensegrity_mj.engines.integration_adaptive import SWITCH_TOLERANCE, _bisect
-from tensegrity_mj.errors import DivergenceError, FormatError, OptionError, SceneError, TensegrityError
+from tensegrity_mj.errors import FormatError, OptionError, SceneError, TensegrityError
 from tensegrity_mj.families.named import family_names
 from tensegrity_mj.families.random_linked import random_linked_structure
 from tensegrity_mj.families.random_structures import random_structure
 from tensegrity_mj.families.random_taut import random_taut_structure
-from tensegrity_mj.law import native_law
-from tensegrity_mj.scene import Load, Scene
-from tensegrity_mj.simulation import Engine
 from tensegrity_mj.structure import Rod, String, Structure
 from tensegrity_mj.textformat import load_scene, load_structure, parsing, save_scene, scene_from_toml
 from tensegrity_mj.textformat.keys import MOST_BYTES, MOST_DEPTH
 from tensegrity_mj.texts import MOST_LETTERS, file_name
-from tensegrity_mj.trajectory import VARIABLES, Trajectory
-from tensegrity_mj.validation import values
 
 SMALL = """format = 1
 name = "small"
@@ -381,172 +367,3 @@ def test_a_target_has_at_most_a_million_positions(tmp_path: Path) -> None:
     path.write_text(f"{text}\n[scene.target]\nshapes = [{shapes}]\ntimes = [0, 1]\nvalues = [0, 1]\n", encoding="utf-8")
     with pytest.raises(SceneError, match="goes through at most 1000"):
         load_scene(path)
-
-
-# Numbers that engines cannot compute with ---------------------------------------------------------------------------
-
-
-def extreme(**changes: float) -> Scene:
-    """The pinned rod with a mass, and strings with a stiffness and so on, far from 1, within what scenes may have."""
-    scene = load_scene("pinned_rod").with_(duration=0.02, target=None, control=None)
-    structure = scene.structure
-    size = changes.pop("size", 1.0)
-    mass = changes.pop("mass", 1.0)
-    force = changes.pop("force", 0.0)
-    made = Structure(
-        structure.name,
-        {name: (size * x, size * y, size * z) for name, (x, y, z) in structure.nodes.items()},
-        tuple(replace(rod, mass=mass) for rod in structure.rods),
-        tuple(replace(string, **{"rest_length": None, "force_density": 0.0} | changes) for string in structure.strings),
-        structure.fixed_nodes,
-    )
-    return Scene(made, duration=0.02, loads=(Load("n1", (0.0, 0.0, force)),) if force else ())
-
-
-@pytest.mark.parametrize("method", [Method.DOP853, Method.RADAU])
-@pytest.mark.parametrize("kind", [DAE, ODE])
-def test_accelerations_beyond_floats_end_the_run(
-    kind: Callable[..., Engine], method: Method, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """SciPy's first step is NaN there, which no step size is below: its solver would try for ever."""
-    monkeypatch.setattr(values, "LARGEST", math.inf)  # no file may hold such a force; laws and functions may give it
-    scene = extreme(mass=1e-4, force=1e306)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)
-        with pytest.raises(DivergenceError, match=r"beyond double precision.*; give masses, .* nearer to 1"):
-            simulate(scene, None, kind(method=method, max_steps=50))
-
-
-@pytest.mark.parametrize("kind", [DAE, ODE])
-def test_derivatives_beyond_floats_end_the_run(kind: Callable[..., Engine]) -> None:
-    """Accelerations of 1e200 m/s² are numbers, and those of Radau's matrices are none."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)
-        with pytest.raises(DivergenceError, match="beyond double precision"):
-            simulate(extreme(mass=1e-100, force=1e100), None, kind(method=Method.RADAU))
-
-
-@pytest.mark.parametrize("law", sorted(controllers.LAWS))
-def test_laws_of_structures_without_strings_are_refused(law: str) -> None:
-    """One had crashed on them; the others were infeasible in one engine, and never asked in another."""
-    scene = load_scene("pinned_rod")
-    bare = scene.with_(structure=replace(scene.structure, strings=()), control=None)
-    with pytest.raises(OptionError, match=f"law '{law}' commands strings, and its structure 'pinned_rod' has none"):
-        controllers.from_scene(bare, law)
-
-
-@pytest.mark.parametrize("start", [0.0, 1e7, 1e15])
-def test_instants_are_found_where_times_are_coarser_than_the_tolerance(start: float) -> None:
-    """At 1e7 s neighbouring floats are 2e-9 s apart: no two times are as near as 1e-10 s."""
-    last = start + 1.0
-    before, after = _bisect(lambda t: t < start + 0.25, start, last)
-    assert before < start + 0.25 <= after
-    assert after - before <= max(SWITCH_TOLERANCE, math.ulp(last))
-
-
-def test_samples_of_a_law_are_counted_before_they_are_laid_out() -> None:
-    scene = load_scene("pinned_rod")
-    law = controllers.from_scene(scene)
-    held = Actuation.hold_force_density(1e-9)
-    with pytest.raises(OptionError, match=r"samples the law 1e\+12 times; at most 10000000"):
-        simulate(scene, law, DAE(), duration=1000.0, actuation=held, output_interval=1000.0)
-
-
-def test_eigenvalues_that_cannot_be_found_are_an_error_and_before_a_run_a_warning() -> None:
-    scene = extreme(size=1e-100, stiffness=1e-100, damping=1e100)
-    engine = MuJoCo(integrator=Integrator.IMPLICITFAST)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)
-        with pytest.raises(SceneError, match=r"eigenvalues of its small motions cannot be found .* too far apart"):
-            stable_step(scene, engine)
-
-
-def test_a_check_that_fails_warns(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fails(*given: object) -> None:
-        raise np.linalg.LinAlgError("Eigenvalues did not converge")
-
-    monkeypatch.setattr(stability, "_checked", fails)
-    report, text = stability.before_run(
-        load_scene("prism"), MuJoCo(), native_law(None, load_scene("prism").structure), Actuation.continuous()
-    )
-    assert report is not None
-    assert not report["checked"]
-    assert text.startswith("the step was not checked: scene 'prism': the eigenvalues")
-
-
-# Trajectories -------------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("run") / "run.nc"
-    return simulate(extreme(), None, DAE(), duration=0.02).save(path)
-
-
-@pytest.mark.parametrize("name", ["time", "nodes", "kinetic_energy"])
-def test_variables_that_no_memory_holds_are_refused_unread(name: str, run_file: Path, tmp_path: Path) -> None:
-    """Declared and never written, a petabyte takes no room in a file."""
-    path = tmp_path / "run.nc"
-    path.write_bytes(run_file.read_bytes())
-    with h5py.File(path, "a") as file:
-        names = [name] if name != "time" else sorted(set(VARIABLES) - {"time"})
-        for one in {*names, name}:
-            shape = (10**14, *file[one].shape[1:])
-            del file[one]
-            file.create_dataset(one, shape, "f8", chunks=(1024, *shape[1:]))
-    with pytest.raises(FormatError, match=r"has shape|bytes cannot hold: it is damaged|not a readable trajectory"):
-        Trajectory.load(path)
-
-
-def test_attributes_that_are_no_text_are_refused(run_file: Path, tmp_path: Path) -> None:
-    path = tmp_path / "run.nc"
-    for name in ("message", "engine", "scene", "provenance"):
-        path.write_bytes(run_file.read_bytes())
-        with h5py.File(path, "a") as file:
-            file.attrs[name] = b"\xff\xfe"
-        with pytest.raises(FormatError, match="not a readable trajectory"):
-            Trajectory.load(path)
-
-
-@pytest.mark.parametrize(
-    ("attribute", "words", "message"),
-    [
-        ("reports", {"accuracy": [1]}, "reports.accuracy is a list; it must be an object"),
-        ("reports", {"accuracy": {"reason": "x"}}, "reports.accuracy.met is missing; it must be true or false"),
-        ("reports", {"accuracy": {"met": False, "reason": 5}}, "reports.accuracy.reason is a int"),
-        ("reports", {"accuracy": {"met": True, "error_estimate": "x"}}, "reports.accuracy.error_estimate is a str"),
-        ("reports", {"warnings": [1]}, "reports.warnings is a list; it must be a list of texts"),
-        ("reports", {"warnings": "x"}, "reports.warnings is a str"),
-        ("provenance", {"controller": "x"}, "provenance.controller is a str"),
-        ("provenance", {"actuation": {"period": 1.0}}, "provenance.actuation.mode is missing"),
-        ("provenance", {"actuation": {"mode": "hold rest length"}}, "provenance.actuation.period is missing"),
-        ("provenance", {"actuation": {"mode": "hold rest length", "period": None}}, "period is a NoneType"),
-        ("cost", {"wall_time": "long"}, "cost.wall_time is a str"),
-    ],
-    ids=range(11),
-)
-def test_words_that_commands_read_again_have_their_types(
-    attribute: str, words: object, message: str, run_file: Path, tmp_path: Path
-) -> None:
-    path = tmp_path / "run.nc"
-    path.write_bytes(run_file.read_bytes())
-    with h5py.File(path, "a") as file:
-        file.attrs[attribute] = json.dumps(words)
-    with pytest.raises(FormatError, match=message):
-        Trajectory.load(path)
-
-
-def test_control_characters_of_a_run_are_escaped_where_its_warnings_are_printed(
-    run_file: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    path = tmp_path / "run.nc"
-    path.write_bytes(run_file.read_bytes())
-    with h5py.File(path, "a") as file:
-        file.attrs["engine"] = "\x1b[2J"
-        file.attrs["reports"] = json.dumps(
-            {"warnings": ["\x1b[31mred"], "accuracy": {"met": False, "reason": "\x9b2J"}}, ensure_ascii=False
-        )
-    assert main(["compare", str(path), str(run_file)]) == 0
-    told = capsys.readouterr()
-    assert "\\x1b[31mred" in told.err
-    assert not {"\x1b", "\x9b"} & set(told.out + told.err)
