@@ -17,7 +17,7 @@ from tensegrity_mj.controllers.projection import Projection
 from tensegrity_mj.controllers.quadratic_form import Onto
 from tensegrity_mj.controllers.replay import Replay
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.model.scene import Scene
 
 __all__ = [
     "LAWS",

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.native.pointers import inlined, owning
+from tensegrity_mj.dynamics.native.pointers import inlined, owning
 
 
 @owning

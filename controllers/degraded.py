@@ -12,16 +12,15 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tensegrity_mj.checks import finite, positive
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import finite, positive
+from tensegrity_mj.dynamics.native.compiling import c_function, njit
+from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, Command, NativeLaw, Report, native_law
+from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, address_of, call_law, floats, integers
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.law import FAILED, NO_SOLUTION, Command, NativeLaw, Report, native_law
-from tensegrity_mj.native.compiling import c_function, njit
-from tensegrity_mj.native.pointers import LAW_SIGNATURE, address_of, call_law, floats, integers
-from tensegrity_mj.structure import Structure
-
-Array = NDArray[np.float64]
+from tensegrity_mj.model.structure import Structure
 
 NOISY = "sensor noise is drawn anew for each control sample: run it sampled (hold force density or hold rest length)"
 DELAYED = "its delay is counted in control samples: run it sampled (hold force density or hold rest length)"

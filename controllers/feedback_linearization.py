@@ -17,27 +17,26 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tensegrity_mj.checks import real_array, state_of
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import real_array, state_of
 from tensegrity_mj.controllers.known_water import checked_water, described_water, packed_water, water_address
 from tensegrity_mj.controllers.optimal_allocation import Allocation, Allocator, Equation, Sum
 from tensegrity_mj.dynamics.kernels import rod_accelerations
+from tensegrity_mj.dynamics.native.compiling import njit
+from tensegrity_mj.dynamics.native.law import Command, NativeLaw, Report, check_made_for, native_law
+from tensegrity_mj.dynamics.native.pointers import floats
+from tensegrity_mj.dynamics.native.vectors import vector
+from tensegrity_mj.dynamics.native.water import added_masses, immerse
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import PackedTarget, point_target, rod_target
 from tensegrity_mj.dynamics.wet_rods import wet_rod_accelerations
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.law import Command, NativeLaw, Report, check_made_for, native_law
-from tensegrity_mj.native.compiling import njit
-from tensegrity_mj.native.pointers import floats
-from tensegrity_mj.native.vectors import vector
-from tensegrity_mj.native.water import added_masses, immerse
-from tensegrity_mj.scene import Target
-from tensegrity_mj.structure import Structure
-from tensegrity_mj.validation import check_target
-from tensegrity_mj.water import Water
-
-Array = NDArray[np.float64]
+from tensegrity_mj.model.elements.water import Water
+from tensegrity_mj.model.scene_checks import check_target
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.target import Target
 
 # Of K_p times a coordinate: what its error cannot be told from zero by. Strings can only pull, so that at a target that
 # needs none of them, noise of the wrong sign would have no solution.

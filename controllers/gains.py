@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.structure import Structure
-
-Array = NDArray[np.float64]
+from tensegrity_mj.model.structure import Structure
 
 GAINS = np.dtype([(name, "f8", (3, 3)) for name in ("Xz", "Yz", "Zz", "Xb", "Yb", "Zb", "Kb")], align=True)
 

@@ -6,10 +6,10 @@ import enum
 from dataclasses import replace
 from typing import Any
 
-from tensegrity_mj.native.water import PackedWater
-from tensegrity_mj.scene import Scene
-from tensegrity_mj.structure import Structure
-from tensegrity_mj.water import Water
+from tensegrity_mj.dynamics.native.water import PackedWater
+from tensegrity_mj.model.elements.water import Water
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
 
 
 class KnownWater(enum.Enum):

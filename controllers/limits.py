@@ -7,13 +7,12 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.compiling import njit
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.native.compiling import njit
-from tensegrity_mj.structure import Structure
-
-Array = NDArray[np.float64]
+from tensegrity_mj.model.structure import Structure
 
 
 @njit

@@ -13,16 +13,15 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tensegrity_mj.checks import finite, member, real_array
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import finite, member, real_array
+from tensegrity_mj.basics.values import sequence_of
 from tensegrity_mj.controllers.limits import StringLimits
 from tensegrity_mj.controllers.quadratic_program import NO_POINT, SETTLED, columns_of, maximize_dual
 from tensegrity_mj.errors import ControllerError, InfeasibleError, OptionError
-from tensegrity_mj.structure import Structure
-from tensegrity_mj.validation import sequence_of
-
-Array = NDArray[np.float64]
+from tensegrity_mj.model.structure import Structure
 
 ACCURACY = 1e-8  # relative; what a library's answer may violate before it counts as none
 NEWTON_STEPS = 60

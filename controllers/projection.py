@@ -15,7 +15,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from tensegrity_mj.checks import member
+from tensegrity_mj.basics.checks import member
 from tensegrity_mj.controllers.quadratic_form import Onto, QuadraticForm
 from tensegrity_mj.controllers.quadratic_law import QuadraticLaw
 

@@ -21,14 +21,29 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tensegrity_mj.checks import positive, real_array, state_of
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import positive, real_array, state_of
 from tensegrity_mj.controllers.allocation import feasibility_margin, least_norm, least_squares
 from tensegrity_mj.controllers.gains import GAINS, Gains, gain_records
 from tensegrity_mj.controllers.known_water import checked_water, described_water, packed_water, water_address
 from tensegrity_mj.controllers.limits import StringLimits, write_ceilings
 from tensegrity_mj.dynamics.kernels import rod_accelerations
+from tensegrity_mj.dynamics.native.compiling import c_function
+from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED, NativeLaw, Report, check_made_for
+from tensegrity_mj.dynamics.native.pointers import (
+    LAW_SIGNATURE,
+    STACK_LIMIT,
+    address_of,
+    floats,
+    inlined,
+    integers,
+    records_reader,
+    stack_doubles,
+)
+from tensegrity_mj.dynamics.native.vectors import ZERO, apply, apply_transposed, dot, minus, plus, row_of, times, vector
+from tensegrity_mj.dynamics.native.water import PackedWater, added_masses, immerse
 from tensegrity_mj.dynamics.records import POINT, ROD, StructureRecords
 from tensegrity_mj.dynamics.target import (
     PackedTarget,
@@ -40,36 +55,10 @@ from tensegrity_mj.dynamics.target import (
 )
 from tensegrity_mj.dynamics.wet_rods import wet_rod_accelerations
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.law import NO_SOLUTION, SOLVED, NativeLaw, Report, check_made_for
-from tensegrity_mj.native.compiling import c_function
-from tensegrity_mj.native.pointers import (
-    LAW_SIGNATURE,
-    STACK_LIMIT,
-    address_of,
-    floats,
-    inlined,
-    integers,
-    records_reader,
-    stack_doubles,
-)
-from tensegrity_mj.native.vectors import (
-    ZERO,
-    apply,
-    apply_transposed,
-    dot,
-    minus,
-    plus,
-    row_of,
-    times,
-    vector,
-)
-from tensegrity_mj.native.water import PackedWater, added_masses, immerse
-from tensegrity_mj.scene import Target
-from tensegrity_mj.structure import Structure
-from tensegrity_mj.validation import check_target
-from tensegrity_mj.water import Water
-
-Array = NDArray[np.float64]
+from tensegrity_mj.model.elements.water import Water
+from tensegrity_mj.model.scene_checks import check_target
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.target import Target
 
 SCALARS = [("scalars_z", "f8", (3,)), ("scalars_b", "f8", (3,))]
 # Gains in world components, and where a block's three matrices are multiples of one, the scalars x, y, z > 0 (else 0).
@@ -487,7 +476,7 @@ class QuadraticForm:
 
     def target_equilibrium(self) -> dict[str, Any]:
         """Is the (last) target an equilibrium, as Theorem 5.1 assumes? Residual [N], u [N/m], self-stress modes."""
-        from tensegrity_mj.prestress import equilibrium_force_densities
+        from tensegrity_mj.model.rigidity import equilibrium_force_densities
 
         u, residual, modes = equilibrium_force_densities(self.structure, self.target.nodes[-1], self.gravity)
         return {"residual": float(residual), "force_densities": np.asarray(u).tolist(), "self_stress_modes": int(modes)}

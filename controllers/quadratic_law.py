@@ -8,16 +8,15 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.controllers.gains import Gains
 from tensegrity_mj.controllers.quadratic_form import Onto, QuadraticForm, Terms
-from tensegrity_mj.law import Command, NativeLaw, Report
-from tensegrity_mj.scene import Target
-from tensegrity_mj.structure import Structure
-from tensegrity_mj.water import Water
-
-Array = NDArray[np.float64]
+from tensegrity_mj.dynamics.native.law import Command, NativeLaw, Report
+from tensegrity_mj.model.elements.water import Water
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.target import Target
 
 
 @dataclass(frozen=True, eq=False)

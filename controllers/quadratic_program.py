@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.native.compiling import njit
+from tensegrity_mj.dynamics.native.compiling import njit
 
 SETTLED, NO_POINT, UNSETTLED = 0, 1, 2
 

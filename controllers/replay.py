@@ -10,17 +10,16 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tensegrity_mj.checks import member, positive
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import member, positive
+from tensegrity_mj.dynamics.native.compiling import c_function
+from tensegrity_mj.dynamics.native.law import SOLVED, Command, NativeLaw
+from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, address_of, floats, integers
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.law import SOLVED, Command, NativeLaw
-from tensegrity_mj.native.compiling import c_function
-from tensegrity_mj.native.pointers import LAW_SIGNATURE, address_of, floats, integers
-from tensegrity_mj.structure import Structure
-from tensegrity_mj.trajectory import Trajectory
-
-Array = NDArray[np.float64]
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.runs.trajectory import Trajectory
 
 
 @c_function(LAW_SIGNATURE)

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 import tensegrity_mj as tmj
-from tensegrity_mj.strings import rest_length
+from tensegrity_mj.model.strings import rest_length
 
 ACTIONS = {"rest-length": tmj.Command.REST_LENGTH, "force-density": tmj.Command.FORCE_DENSITY}
 Policy = Callable[[Any], np.ndarray]  # dm_env.TimeStep -> action
@@ -82,7 +82,7 @@ def main() -> None:
 
         os.environ["MUJOCO_GL"] = choose_backend()  # before dm_control is imported, which settles it
     if options.view:
-        from tensegrity_mj.view import require_display
+        from tensegrity_mj.pictures.viewer import require_display
 
         require_display()
 
@@ -103,7 +103,7 @@ def main() -> None:
     if options.video:
         import mediapy
 
-        from tensegrity_mj.rendering import ffmpeg_program
+        from tensegrity_mj.pictures.video import ffmpeg_program
 
         mediapy.set_ffmpeg(ffmpeg_program())
         mediapy.write_video(options.video, frames, fps=30)

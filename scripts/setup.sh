@@ -101,7 +101,7 @@ install_package() { # python run|dev
 
 # Requirements of tensegrity_mj.dm_control that are not met, one a line.
 missing_for_dm_control() {
-    "$venv/bin/python" -c 'from tensegrity_mj.dependencies import missing_for_dm_control as missing
+    "$venv/bin/python" -c 'from tensegrity_mj.basics.dependencies import missing_for_dm_control as missing
 print(*missing(), sep="\n", end="")'
 }
 
@@ -133,7 +133,7 @@ see_to_dm_control() { # python
 
 can_draw() {
     "$venv/bin/python" -c 'import sys
-from tensegrity_mj.doctor import check_opengl
+from tensegrity_mj.commands.doctor import check_opengl
 sys.exit(not check_opengl().works)' >/dev/null 2>&1
 }
 

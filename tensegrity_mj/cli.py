@@ -10,7 +10,7 @@ import traceback
 from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn
 
-from tensegrity_mj import texts
+from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.commands import (
     benchmark,
     clearance,
@@ -33,8 +33,14 @@ from tensegrity_mj.commands import (
     validate,
 )
 from tensegrity_mj.commands.common import EXIT_CODES, ExitCode, Outcome
-from tensegrity_mj.errors import DivergenceError, InfeasibleError, MissingLibraryError, TensegrityError
-from tensegrity_mj.jsontext import to_json
+from tensegrity_mj.errors import (
+    DivergenceError,
+    InfeasibleError,
+    MissingLibraryError,
+    TensegrityError,
+    printable,
+    printable_message,
+)
 
 COMMANDS = {
     "scenes": scenes,
@@ -118,7 +124,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             parser.error(f"name a command: {', '.join(COMMANDS)}")
         with _stdout_to_stderr():
             outcome: Outcome = options.execute(options)
-        answer = to_json(outcome.data) if as_json else texts.printable(outcome.text, keep="\n")
+        answer = to_json(outcome.data) if as_json else printable(outcome.text, keep="\n")
     except UsageError as error:
         print(error.usage, end="", file=sys.stderr)
         return _fail(ExitCode.BAD_INPUT, str(error), as_json)
@@ -159,7 +165,7 @@ _STATUS = {
 
 
 def _fail(code: ExitCode, message: str, as_json: bool) -> int:
-    message = texts.message(message)
+    message = printable_message(message)
     print(f"tensegrity-mj: {message}", file=sys.stderr)
     if as_json:
         data: dict[str, Any] = {"status": _STATUS.get(code, "error"), "error": message}

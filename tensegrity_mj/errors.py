@@ -5,8 +5,6 @@ Every message names the offending item, its value, what is allowed, and what to 
 
 from __future__ import annotations
 
-from tensegrity_mj import texts
-
 
 class TensegrityError(Exception):
     """Root of all errors that this package raises on purpose.
@@ -15,7 +13,7 @@ class TensegrityError(Exception):
     """
 
     def __init__(self, message: object = "") -> None:
-        super().__init__(texts.message(str(message)))
+        super().__init__(printable_message(str(message)))
 
 
 class StructureError(TensegrityError, ValueError):
@@ -70,3 +68,26 @@ class ClusterError(TensegrityError, RuntimeError):
 
 class StabilityWarning(UserWarning):
     """A run whose step is beyond the largest stable one, or too coarse for its contact, told before; it goes on."""
+
+
+MOST_LETTERS = 600  # of a message
+
+
+TAIL = 200  # of them from the end, where the remedy stands
+
+
+def printable(text: str, keep: str = "") -> str:
+    """The text with every character that does not print written as in Python (\\x1b, \\n, \\u202e), but for `keep`."""
+    if text.isprintable():
+        return text
+    return "".join(one if one.isprintable() or one in keep else repr(one)[1:-1] for one in text)
+
+
+def printable_message(text: str) -> str:
+    """The text on one line of printable characters; of a long one the beginning and the end."""
+    if len(text) > 2 * MOST_LETTERS:  # before each letter of a file of megabytes is looked at
+        text = text[:MOST_LETTERS] + text[-MOST_LETTERS:]
+    shown = printable(text)
+    if len(shown) <= MOST_LETTERS:
+        return shown
+    return f"{shown[: MOST_LETTERS - TAIL - 5]} ... {shown[-TAIL:]}"

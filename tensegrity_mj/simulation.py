@@ -10,16 +10,17 @@ from typing import Any, Protocol
 
 from numpy.typing import ArrayLike
 
-from tensegrity_mj import interrupts, stability
-from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible
-from tensegrity_mj.checks import member, positive
-from tensegrity_mj.engines.run import Request
+from tensegrity_mj.basics import interrupts
+from tensegrity_mj.basics.checks import member, positive
+from tensegrity_mj.dynamics.native.law import Law, native_law
+from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import DivergenceError, OptionError
-from tensegrity_mj.law import Law, native_law
-from tensegrity_mj.moved_supports import check_motions_until
-from tensegrity_mj.redundancy import approached
-from tensegrity_mj.scene import Scene
-from tensegrity_mj.trajectory import Trajectory
+from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
+from tensegrity_mj.model.moved_supports import check_motions_until
+from tensegrity_mj.model.redundancy import approached
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.vibration.step_warnings import after_run, warn_before_run
 
 
 class Engine(Protocol):
@@ -70,14 +71,14 @@ def simulate(
     if not isinstance(scene, Scene):
         raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
     if engine is None:
-        from tensegrity_mj.engines.mujoco import MuJoCo
+        from tensegrity_mj.engines.mujoco.engine import MuJoCo
 
         engine = MuJoCo()
     if isinstance(engine, type) or not callable(getattr(engine, "run", None)):
         raise OptionError(f"engine = {engine!r}; use MuJoCo(...), DAE(...) or ODE(...)")
     request = request_for(scene, controller, duration, actuation, on_infeasible, output_interval, progress)
     law, actuation = request.law, request.actuation
-    checked = stability.warn_before_run(scene, engine, law, actuation)
+    checked = warn_before_run(scene, engine, law, actuation)
     try:
         with interrupts.deferred():
             run = engine.run(request)
@@ -92,7 +93,7 @@ def simulate(
         raise
     if checked is not None:
         run.reports["stability"] = checked
-        stability.after_run(run, engine, law, actuation)
+        after_run(run, engine, law, actuation)
     run.provenance.update(provenance_of(request))
     return run
 

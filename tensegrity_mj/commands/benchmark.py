@@ -48,7 +48,7 @@ def _counts(text: str) -> tuple[int, ...]:
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Measure, and say what came out."""
-    from tensegrity_mj.benchmark import Benchmark, lines, run_benchmark, scenes_of
+    from tensegrity_mj.studies.speed.benchmark import Benchmark, lines, run_benchmark, scenes_of
 
     settings = Benchmark(
         scenes_of(options.scenes),

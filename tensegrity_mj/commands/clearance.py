@@ -18,7 +18,7 @@ from tensegrity_mj.commands.common import (
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
-    from tensegrity_mj.clearances import Approach, Clearance
+    from tensegrity_mj.runs.clearances import Approach, Clearance
 
 HELP = "the smallest distances between rods and strings along a run: who, when, where; what touches or passes through"
 EXAMPLES = """\
@@ -79,7 +79,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         progress=True,
     )
     if out:
-        from tensegrity_mj.plots import plot_clearance
+        from tensegrity_mj.pictures.plots import plot_clearance
 
         plot_clearance(found, out)
     closest = found.closest

@@ -11,12 +11,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from tensegrity_mj.errors import OptionError
-from tensegrity_mj.files import checked
-from tensegrity_mj.texts import printable
+from tensegrity_mj.basics.files import checked
+from tensegrity_mj.errors import OptionError, printable
 
 if TYPE_CHECKING:
-    from tensegrity_mj.trajectory import Status
+    from tensegrity_mj.runs.trajectory import Status
 
 
 class ExitCode(enum.IntEnum):

@@ -105,7 +105,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         comparison = compare(first, second, **({} if options.tolerance is None else {"tolerance": options.tolerance}))
         numbers = comparison.to_dict()
         if plot:
-            from tensegrity_mj.plots import plot_comparison
+            from tensegrity_mj.pictures.plots import plot_comparison
 
             plot_comparison(comparison, plot, runs=[first, second])
     # Two files are compared with success whatever became of their runs, which first_status and second_status tell.

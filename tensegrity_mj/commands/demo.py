@@ -3,8 +3,26 @@
 from __future__ import annotations
 
 import argparse
+import itertools
+import math
+import os
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
+from tensegrity_mj.basics.files import made_folder
+from tensegrity_mj.basics.jsontext import to_json
+from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.commands.common import Outcome, code_of_status, number, table
+from tensegrity_mj.errors import InfeasibleError, MissingLibraryError, OptionError, printable
+
+if TYPE_CHECKING:
+    from tensegrity_mj.model.scene import Scene
+    from tensegrity_mj.runs.comparison import Comparison
+    from tensegrity_mj.runs.trajectory import Trajectory
 
 HELP = "run the main job: the prism in both engines, compared and filmed"
 EXAMPLES = """\
@@ -22,7 +40,6 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run it and say where the files are."""
-    from tensegrity_mj.demo import observed_orders, run_demo
 
     demo = run_demo(options.out, options.scene)
     worst = max((demo.run, demo.reference), key=lambda run: code_of_status(run.status))
@@ -44,3 +61,208 @@ def execute(options: argparse.Namespace) -> Outcome:
     places = table([(what, str(path)) for what, path in files.items()])
     lines = [table(rows), "", *([demo.no_video, ""] if demo.no_video else []), "Written:", places]
     return Outcome(data, "\n".join(lines), code_of_status(worst.status))
+
+
+TIMESTEP = 1e-3  # s, of the run that is filmed
+
+
+TIMESTEPS = (5e-3, 2e-3, 1e-3, 5e-4)  # s, of the table of agreement
+
+
+RTOL, ATOL = 1e-12, 1e-12  # of the reference: well below the error of MuJoCo's RK4 at the smallest step
+
+
+@dataclass(frozen=True)
+class Demo:
+    """What the main job made.
+
+    Attributes:
+        run, reference: the scene in MuJoCo and in the DAE.
+        comparison: of the two.
+        agreement: (time step [s], largest node error [m], RMS node error [m]) for each step of MuJoCo.
+        files: what was written, by what it is; without "video" where there is no OpenGL.
+        no_video: why there is none, and what it needs; else empty.
+    """
+
+    run: Trajectory
+    reference: Trajectory
+    comparison: Comparison
+    agreement: list[tuple[float, float, float]]
+    files: dict[str, Path] = field(default_factory=dict)
+    no_video: str = ""
+
+
+def run_demo(out: str | os.PathLike[str] = "results", scene: str = "prism", *, progress: bool = True) -> Demo:
+    """Run the main job and write its files into a folder, which is made if it is absent.
+
+    Args:
+        out: the folder.
+        scene: a scene with a continuous control law: a shipped one, or a path.
+        progress: say on stderr what is being done.
+
+    Raises:
+        OptionError: if the folder cannot be made or written in, or the scene has no control law.
+        InfeasibleError, DivergenceError: if a simulation ends before its time.
+    """
+    from tensegrity_mj import controllers
+    from tensegrity_mj.library.load import load_scene
+    from tensegrity_mj.runs.trajectory import Status
+
+    experiment = load_scene(scene)
+    if experiment.control is None:
+        raise OptionError(
+            f"scene '{experiment.name}' has no control law; choose one that has, such as prism or pinned_rod"
+        )
+    law = controllers.from_scene(experiment)
+    folder = _writable_folder(out)
+    name = file_name(experiment.name)
+
+    def tell(text: str) -> None:
+        if progress:
+            print(text, file=sys.stderr)
+
+    tell(f"1/4 Simulating {printable(experiment.name)} in both engines")
+    runs, reference = _simulate(experiment, law, progress)
+    for trajectory in (reference, *runs.values()):
+        if trajectory.status is not Status.COMPLETED:
+            raise InfeasibleError(
+                f"{trajectory.engine}: {trajectory.message}; choose a scene whose law can be followed"
+            )
+    run = runs[TIMESTEP]
+    agreement, comparison = _compare(runs, reference)
+    files = {"MuJoCo's run": folder / f"{name}-mujoco.nc", "the DAE's run": folder / f"{name}-dae.nc"}
+    for path, trajectory in zip(files.values(), (run, reference), strict=True):
+        trajectory.save(path)
+
+    tell("2/4 Plotting")
+    files |= _plot(folder, name, run, reference, comparison)
+
+    tell("3/4 Filming")
+    video, no_video = folder / f"{name}.mp4", ""
+    try:
+        from tensegrity_mj.pictures.video import render
+
+        files["video"] = render(run, video, other=reference, progress=progress)
+    except MissingLibraryError as error:
+        no_video = f"No video: {error}"
+        tell(no_video)
+        video.unlink(missing_ok=True)  # of an earlier run, which it would not belong to
+
+    tell("4/4 Writing the report")
+    demo = Demo(run, reference, comparison, agreement, files, no_video)
+    files["numbers"] = folder / f"{name}.json"
+    _write_numbers(demo, files["numbers"])
+    files["report"] = folder / "report.html"
+    _write_report(demo, files["report"])
+    return demo
+
+
+def _simulate(scene: Scene, law: Any, progress: bool) -> tuple[dict[float, Trajectory], Trajectory]:
+    from tensegrity_mj.engines.mujoco.engine import MuJoCo
+    from tensegrity_mj.engines.mujoco.settings import Integrator
+    from tensegrity_mj.engines.reference.dae import DAE
+    from tensegrity_mj.simulation import simulate
+
+    reference = simulate(scene, law, DAE(rtol=RTOL, atol=ATOL), progress=progress)
+    runs = {
+        step: simulate(scene, law, MuJoCo(timestep=step, integrator=Integrator.RK4), progress=progress)
+        for step in TIMESTEPS
+    }
+    return runs, reference
+
+
+def _compare(
+    runs: dict[float, Trajectory], reference: Trajectory
+) -> tuple[list[tuple[float, float, float]], Comparison]:
+    from tensegrity_mj.runs.comparison import compare
+
+    comparisons = {step: compare(run, reference) for step, run in runs.items()}
+    table = [(step, c.max_node_error, c.rms_node_error) for step, c in comparisons.items()]
+    return table, comparisons[TIMESTEP]
+
+
+def _plot(folder: Path, name: str, run: Trajectory, reference: Trajectory, comparison: Comparison) -> dict[str, Path]:
+    from tensegrity_mj.pictures import plots
+
+    files = {
+        "plot of the runs": folder / f"{name}-runs.png",
+        "plot of the paths": folder / f"{name}-paths.png",
+        "plot of the differences": folder / f"{name}-differences.png",
+    }
+    runs, paths, differences = files.values()
+    plots.plot_run([run, reference], runs)
+    plots.plot_paths([run, reference], paths)
+    plots.plot_comparison(comparison, differences, runs=[run, reference])
+    return files
+
+
+def _write_report(demo: Demo, path: Path) -> None:
+    from tensegrity_mj.pictures.page import Picture, Table, write_report
+
+    captions = {
+        "plot of the runs": "Errors, controls and multipliers over time: MuJoCo above, the DAE below.",
+        "plot of the paths": "Paths of the nodes; rods at the end in black; the DAE dashed.",
+        "plot of the differences": "Differences of the two runs over time.",
+    }
+    write_report(
+        path,
+        [demo.run, demo.reference],
+        introduction=(
+            "The same structure under the same control law, evaluated continuously, in two independent formulations: "
+            "MuJoCo with RK4, and the thesis' differential-algebraic equations with an error-controlled method."
+        ),
+        comparison=demo.comparison,
+        pictures=[Picture(demo.files[what], caption) for what, caption in captions.items()],
+        video=demo.files.get("video"),
+        video_note=demo.no_video or "MuJoCo solid, the DAE translucent over it, the target as a ghost.",
+        tables=[
+            Table(
+                "Agreement against MuJoCo's time step",
+                ("time step [s]", "largest node error [m]", "RMS node error [m]", "observed order"),
+                [(*row, order) for row, order in zip(demo.agreement, observed_orders(demo.agreement), strict=True)],
+                "RK4 is of fourth order where the law is smooth. Here strings go slack and taut again (u >= 0 has "
+                "kinks), and the step that a kink falls into decides the error, so that it falls unevenly.",
+            )
+        ],
+    )
+
+
+def observed_orders(agreement: Sequence[tuple[float, float, float]]) -> list[float | None]:
+    """Order of convergence between each time step and the one before: log ratio of errors over that of steps."""
+    orders: list[float | None] = [None]
+    for (coarse, large, _), (fine, small, _) in itertools.pairwise(agreement):
+        orders.append(math.log(large / small) / math.log(coarse / fine) if large > 0 and small > 0 else None)
+    return orders
+
+
+def _write_numbers(demo: Demo, path: Path) -> None:
+    from tensegrity_mj.basics.files import replacing
+
+    def of(run: Trajectory) -> dict[str, Any]:
+        return {"engine": run.engine, "status": run.status.value, "cost": run.cost, "reports": run.reports}
+
+    data = {
+        "scene": demo.run.scene.name,
+        "mujoco": of(demo.run),
+        "dae": of(demo.reference),
+        "comparison": demo.comparison.to_dict(),
+        "agreement": [
+            {"timestep": step, "max_node_error": largest, "rms_node_error": rms}
+            for step, largest, rms in demo.agreement
+        ],
+    }
+    with replacing(path) as part:
+        part.write_text(to_json(data, indent=2) + "\n", encoding="utf-8")
+
+
+def _writable_folder(out: str | os.PathLike[str]) -> Path:
+    """The folder, made if absent, once a file could be made in it."""
+    folder = made_folder(out)
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        raise OptionError(
+            f"--out {out}: no files can be written there ({error.strerror}); choose another folder"
+        ) from None
+    return folder

@@ -12,7 +12,7 @@ from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
     from tensegrity_mj import DAE, ODE, Actuation, MuJoCo
-    from tensegrity_mj.scene import Scene
+    from tensegrity_mj.model.scene import Scene
 
 # The values of the enums of the same names: written here so that --help need not import them (tested to agree).
 INTEGRATORS = ("euler", "implicitfast", "implicit", "rk4", "discrete")
@@ -221,7 +221,7 @@ def require_off_screen_opengl() -> None:
     Raises:
         MissingLibraryError: with what is missing and how to get it.
     """
-    from tensegrity_mj.doctor import check_ffmpeg, check_opengl
+    from tensegrity_mj.commands.doctor import check_ffmpeg, check_opengl
     from tensegrity_mj.errors import MissingLibraryError
 
     for check in (check_opengl(), check_ffmpeg()):

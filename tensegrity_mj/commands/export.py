@@ -30,7 +30,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     if out.suffix.lower() == ".toml":
         save_scene(scene, out)
     else:
-        from tensegrity_mj.mjcf import save_mjcf
+        from tensegrity_mj.engines.mujoco.mjcf import save_mjcf
 
         save_mjcf(scene, out)
     return Outcome({"status": "ok", "scene": scene.name, "out": out}, f"{out}")

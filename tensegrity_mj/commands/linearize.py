@@ -11,7 +11,7 @@ from tensegrity_mj.commands.common import Outcome, number, output_file, positive
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
-    from tensegrity_mj.linearization import Linearization
+    from tensegrity_mj.linearization.model import Linearization
 
 HELP = "linearize a scene about a state: A, B, C, frequencies"
 EXAMPLES = """\

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from tensegrity_mj.commands.common import ExitCode, Outcome, output_file
 
 if TYPE_CHECKING:
-    from tensegrity_mj.reproduction.disturbance import Disturbance
+    from tensegrity_mj.thesis.disturbance import Disturbance
 
 HELP = "the thesis' figures again, and a ledger of what it states"
 EXAMPLES = """\
@@ -20,7 +20,7 @@ examples:
   tensegrity-mj reproduce 5.4 6.7 --out ledger/
   tensegrity-mj reproduce 5 --json
   tensegrity-mj reproduce 5 --disturb mass=1.1 --out heavier/
-  tensegrity-mj reproduce 4 5 6 --sensitivity tensegrity_mj/reproduction/tables/sensitivity.json --out errors/
+  tensegrity-mj reproduce 4 5 6 --sensitivity tensegrity_mj/thesis/tables/sensitivity.json --out errors/
   tensegrity-mj reproduce --table docs/reproduction.md
 
 Writes reproduction.html (the ledger and the figures), reproduction.json, figures/ and runs/ into the folder. Runs
@@ -64,10 +64,10 @@ def execute(options: argparse.Namespace) -> Outcome:
     if noticed is not None:
         return _sensitivity(options, noticed)
 
-    from tensegrity_mj.reproduction import page
-    from tensegrity_mj.reproduction.experiments import TITLES, EngineName
-    from tensegrity_mj.reproduction.reproduce import reproduce
     from tensegrity_mj.studies.workers import Workers
+    from tensegrity_mj.thesis import page
+    from tensegrity_mj.thesis.experiments import TITLES, EngineName
+    from tensegrity_mj.thesis.reproduce import reproduce
 
     engines = [EngineName(name) for name in dict.fromkeys(options.engine)]
     found = reproduce(
@@ -113,7 +113,7 @@ def _disturbance(text: str | None) -> Disturbance | None:
         OptionError: for another text.
     """
     from tensegrity_mj.errors import OptionError
-    from tensegrity_mj.reproduction.disturbance import Disturbance, Quantity
+    from tensegrity_mj.thesis.disturbance import Disturbance, Quantity
 
     if text is None:
         return None
@@ -129,8 +129,8 @@ def _disturbance(text: str | None) -> Disturbance | None:
 
 def _sensitivity(options: argparse.Namespace, file: Path) -> Outcome:
     """Which rows notice errors, as a table."""
-    from tensegrity_mj.reproduction.sensitivity import sensitivity
     from tensegrity_mj.studies.workers import Workers
+    from tensegrity_mj.thesis.sensitivity import sensitivity
 
     workers = Workers(options.workers)
     table = sensitivity(options.figures, options.out, file, workers=workers, progress=True)

@@ -24,8 +24,8 @@ from tensegrity_mj.errors import DivergenceError, OptionError
 
 if TYPE_CHECKING:
     from tensegrity_mj import Actuation
-    from tensegrity_mj.scene import Scene
-    from tensegrity_mj.trajectory import Trajectory
+    from tensegrity_mj.model.scene import Scene
+    from tensegrity_mj.runs.trajectory import Trajectory
 
 HELP = "simulate a scene in one engine"
 EXAMPLES = """\
@@ -70,7 +70,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     if video:
         experiment.require_off_screen_opengl()
     if options.view:
-        from tensegrity_mj.view import require_display
+        from tensegrity_mj.pictures.viewer import require_display
 
         require_display()
 
@@ -99,7 +99,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     if not len(run.time):  # it diverged where it began: there is nothing to draw
         video = plot = None
     if plot:
-        from tensegrity_mj.plots import plot_run
+        from tensegrity_mj.pictures.plots import plot_run
 
         plot_run(run, plot)
     if video:
@@ -107,7 +107,7 @@ def execute(options: argparse.Namespace) -> Outcome:
 
         render(run, video, progress=True)
     if options.view and len(run.time):
-        from tensegrity_mj.view import view
+        from tensegrity_mj.pictures.viewer import view
 
         view(run)
     for warning in run.reports.get("warnings", []):
@@ -190,8 +190,8 @@ def _law_of(options: argparse.Namespace, scene: Scene) -> tuple[Any, Actuation, 
 def _replay_of(options: argparse.Namespace) -> tuple[Any, Actuation, float | None]:
     """What was recorded, actuated as it was if it was held, for as long as it was, unless options say otherwise."""
     from tensegrity_mj import Actuation, Command, Trajectory
-    from tensegrity_mj.actuation import Mode
     from tensegrity_mj.controllers import Replay
+    from tensegrity_mj.model.actuation import Mode
 
     recorded = Trajectory.load(options.replay)
     if len(recorded.time) < 2:

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 from tensegrity_mj.commands.common import Outcome, number, table
 
 if TYPE_CHECKING:
-    from tensegrity_mj.motion import Motion
-    from tensegrity_mj.resistance import Resistance
-    from tensegrity_mj.scene import Scene
-    from tensegrity_mj.structure import Rod
-    from tensegrity_mj.water import Water
-    from tensegrity_mj.water_segments import SegmentCount
+    from tensegrity_mj.model.elements.resistance import Resistance
+    from tensegrity_mj.model.elements.water import Water
+    from tensegrity_mj.model.elements.water_segments import SegmentCount
+    from tensegrity_mj.model.members import Rod
+    from tensegrity_mj.model.motion import Motion
+    from tensegrity_mj.model.scene import Scene
 
 HELP = "list the shipped scenes, or describe one"
 EXAMPLES = """\
@@ -36,7 +36,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 def execute(options: argparse.Namespace) -> Outcome:
     """List, or describe one."""
     from tensegrity_mj import load_scene
-    from tensegrity_mj.textformat import scene_names
+    from tensegrity_mj.model.text.sources import scene_names
 
     if options.scene is not None:
         details = describe(load_scene(options.scene), timing=not options.no_timing)
@@ -60,7 +60,7 @@ def execute(options: argparse.Namespace) -> Outcome:
 
 def describe(scene: Scene, timing: bool = False) -> dict[str, Any]:
     """What a scene consists of and needs; that it could be loaded means that it is valid. Times are under "timing"."""
-    from tensegrity_mj.scene_requirements import requirements
+    from tensegrity_mj.studies.speed.requirements import requirements
 
     structure = scene.structure
     needs = requirements(scene, timing).to_dict()
@@ -121,11 +121,11 @@ def statics(scene: Scene) -> dict[str, Any]:
     import numpy as np
 
     from tensegrity_mj.errors import InfeasibleError
-    from tensegrity_mj.prestress import prestress, self_stress
-    from tensegrity_mj.resistance import resisting_forces
+    from tensegrity_mj.model.elements.resistance import resisting_forces
+    from tensegrity_mj.model.elements.water import water_forces
     from tensegrity_mj.statics.balance import balance, fluid_forces, unheld_gravity
     from tensegrity_mj.statics.model import StaticModel
-    from tensegrity_mj.water import water_forces
+    from tensegrity_mj.statics.self_stress import prestress, self_stress
 
     structure, nodes = scene.structure, scene.nodes0
     still = np.zeros_like(nodes)

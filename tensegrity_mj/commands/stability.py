@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
+from tensegrity_mj.basics.files import made_folder
 from tensegrity_mj.commands.common import Outcome, output_file
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.files import made_folder
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -84,9 +84,9 @@ def execute(options: argparse.Namespace) -> Outcome:
 
 
 def _write(folder: Path, data: dict[str, Any], small: bool) -> Path:
-    from tensegrity_mj.files import replacing
-    from tensegrity_mj.jsontext import to_json
-    from tensegrity_mj.plots import save_figure
+    from tensegrity_mj.basics.files import replacing
+    from tensegrity_mj.basics.jsontext import to_json
+    from tensegrity_mj.pictures.plots import save_figure
     from tensegrity_mj.studies.stability import figures, page
 
     with replacing(folder / "stability.json") as part:

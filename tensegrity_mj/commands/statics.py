@@ -155,7 +155,7 @@ def _folder(name: str | None) -> Path | None:
     """The folder of --out, in which files can be written."""
     if name is None:
         return None
-    from tensegrity_mj.files import made_folder
+    from tensegrity_mj.basics.files import made_folder
 
     folder = made_folder(name)
     for file in ("statics.json", "statics.html"):

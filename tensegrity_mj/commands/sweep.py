@@ -230,7 +230,7 @@ def values_of(text: str, what: str) -> list[Any]:
 
 def value_of(text: str) -> Any:
     """One value: *factor, a number, JSON, or a word."""
-    from tensegrity_mj.studies.parameters import decoded
+    from tensegrity_mj.studies.parameter_values import decoded
 
     text = text.strip()
     if text.startswith("*"):

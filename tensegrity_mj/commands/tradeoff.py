@@ -7,9 +7,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.commands.common import Outcome, positive
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.texts import file_name
 
 if TYPE_CHECKING:
     from tensegrity_mj.studies.tradeoff.options import TradeoffOptions
@@ -73,10 +73,10 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run the studies, one scene after the other."""
+    from tensegrity_mj.library.load import load_scene
     from tensegrity_mj.studies.tradeoff.docs import TEXT, write_docs
     from tensegrity_mj.studies.tradeoff.figure import has_diagram
     from tensegrity_mj.studies.tradeoff.study import PICTURE, sentences, tradeoff
-    from tensegrity_mj.textformat import load_scene
 
     chosen = _options(options)
     scenes = [load_scene(name) for name in options.scenes]
@@ -103,7 +103,7 @@ def execute(options: argparse.Namespace) -> Outcome:
 
 
 def _options(options: argparse.Namespace) -> TradeoffOptions:
-    from tensegrity_mj.actuation import Mode
+    from tensegrity_mj.model.actuation import Mode
     from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
     from tensegrity_mj.studies.tradeoff.settings import Kind
 

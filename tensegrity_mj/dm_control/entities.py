@@ -9,18 +9,17 @@ import numpy as np
 from dm_control import composer, mjcf
 from dm_control.composer import define
 from dm_control.composer.observation import observable
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tensegrity_mj.checks import member
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import member
 from tensegrity_mj.dm_control.elements import element
 from tensegrity_mj.dm_control.readings import Loads, StringActuators, point_velocities
 from tensegrity_mj.dm_control.stepping import checked_command
+from tensegrity_mj.dynamics.native.law import Command
+from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.law import Command
-from tensegrity_mj.mjcf import initial_velocities
-from tensegrity_mj.scene import Scene
-
-Array = NDArray[np.float64]
+from tensegrity_mj.model.scene import Scene
 
 
 class TensegrityEntity(composer.Entity):  # type: ignore[misc]

@@ -13,12 +13,14 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from typing import TYPE_CHECKING
 
-from tensegrity_mj.capabilities import require_class_1, require_dry, require_no_resistance, require_still_supports
-from tensegrity_mj.checks import member
-from tensegrity_mj.engines.mujoco import Integrator, MuJoCo
-from tensegrity_mj.law import Command
-from tensegrity_mj.mjcf import scene_to_mjcf
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.basics.checks import member
+from tensegrity_mj.dm_control.readings import loaded_nodes
+from tensegrity_mj.dynamics.native.law import Command
+from tensegrity_mj.engines.mujoco.engine import MuJoCo
+from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
+from tensegrity_mj.engines.mujoco.settings import Integrator
+from tensegrity_mj.model.capabilities import require_class_1, require_dry, require_no_resistance, require_still_supports
+from tensegrity_mj.model.scene import Scene
 
 if TYPE_CHECKING:
     from tensegrity_mj.dm_control.stepping import ScenePhysics
@@ -88,15 +90,6 @@ def model(scene: Scene, command: Command, options: MuJoCo) -> ET.Element:
                 name = unused(f"load on {node} {letter}", taken)
                 ET.SubElement(actuators, "general", name=name, site=node, refsite=axes, gear=gear)
     return root
-
-
-def loaded_nodes(scene: Scene) -> list[str]:
-    """Nodes that may be loaded: all that move, where the loads are a function of time."""
-    names = [name for name in scene.structure.node_names if name not in scene.structure.fixed_nodes]
-    if callable(scene.loads):
-        return names
-    loaded = {load.node for load in scene.loads}
-    return [name for name in names if name in loaded]
 
 
 def unused(name: str, taken: tuple[str, ...] | set[str]) -> str:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj import strings
-from tensegrity_mj.dm_control.models import loaded_nodes
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.law import Command
+from tensegrity_mj.engines.mujoco.mjcf import UNLIMITED
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.law import Command
-from tensegrity_mj.mjcf import UNLIMITED
-from tensegrity_mj.scene import Scene
-from tensegrity_mj.strings import StringLaw
+from tensegrity_mj.model import strings
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.strings import StringLaw
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    pass
 
 
 def point_velocities(model: Any, data: Any, bodies: Any, points: Array) -> Array:
@@ -133,3 +134,12 @@ class Loads:
                 f"loads: the function failed near t = {at:.6g} s: {type(error).__name__}: {error}"
             ) from error
         return forces[self.rows].ravel()
+
+
+def loaded_nodes(scene: Scene) -> list[str]:
+    """Nodes that may be loaded: all that move, where the loads are a function of time."""
+    names = [name for name in scene.structure.node_names if name not in scene.structure.fixed_nodes]
+    if callable(scene.loads):
+        return names
+    loaded = {load.node for load in scene.loads}
+    return [name for name in names if name in loaded]

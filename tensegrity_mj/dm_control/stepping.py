@@ -10,14 +10,13 @@ from dm_control.mujoco import Physics
 from dm_control.rl.control import PhysicsError
 from numpy.typing import ArrayLike, NDArray
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dm_control.readings import Loads, StringActuators, point_velocities
-from tensegrity_mj.engines.divergence import BEYOND
+from tensegrity_mj.dynamics.native.law import Command
+from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities
 from tensegrity_mj.errors import ControllerError, DivergenceError
-from tensegrity_mj.law import Command
-from tensegrity_mj.mjcf import initial_velocities
-from tensegrity_mj.scene import Scene
-
-Array = NDArray[np.float64]
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.runs.energy import BEYOND
 
 
 class PhysicsDivergence(DivergenceError, PhysicsError):  # type: ignore[misc]

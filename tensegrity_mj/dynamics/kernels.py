@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.native.compiling import njit
-from tensegrity_mj.native.pointers import borrowing, inlined
-from tensegrity_mj.native.vectors import ZERO, apply, dot, minus, plus, row_of, times, vector
+from tensegrity_mj.dynamics.native.compiling import njit
+from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
+from tensegrity_mj.dynamics.native.vectors import ZERO, apply, dot, minus, plus, row_of, times, vector
 
 
 @njit

@@ -13,19 +13,16 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.dynamics.kernels import direction_of, normalize_direction, place_points
+from tensegrity_mj.dynamics.native.pointers import address_of, borrowing, floats, inlined, integers, records_reader
+from tensegrity_mj.dynamics.native.vectors import ZERO, dot, minus, plus, row_of, times, vector
 from tensegrity_mj.dynamics.records import POINT, ROD, Records, point_records, rod_records
 from tensegrity_mj.errors import SceneError
-from tensegrity_mj.joints import Forest, spanning_forest
-from tensegrity_mj.motion import Motion
-from tensegrity_mj.native.pointers import address_of, borrowing, floats, inlined, integers, records_reader
-from tensegrity_mj.native.vectors import ZERO, dot, minus, plus, row_of, times, vector
-from tensegrity_mj.structure import Structure
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from tensegrity_mj.model.forest import Forest, spanning_forest
+from tensegrity_mj.model.motion import Motion
+from tensegrity_mj.model.structure import Structure
 
 # What the forest makes of a rod; one record a rod, parents before children. An end is 0 (node i) or 1 (node j).
 LINK = np.dtype(

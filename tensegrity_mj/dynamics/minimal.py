@@ -19,15 +19,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tensegrity_mj.capabilities import require_class_1
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.kernels import accelerate_points, place_points, rod_forces, solve_spd
+from tensegrity_mj.dynamics.native.compiling import njit
 from tensegrity_mj.dynamics.records import Records, StructureRecords
-from tensegrity_mj.native.compiling import njit
-from tensegrity_mj.structure import Structure
-
-Array = NDArray[np.float64]
+from tensegrity_mj.model.capabilities import require_class_1
+from tensegrity_mj.model.structure import Structure
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,14 +7,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tensegrity_mj.capabilities import require_class_1
-from tensegrity_mj.rods import inertia_terms
-from tensegrity_mj.structure import Structure
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.capabilities import require_class_1
+from tensegrity_mj.model.rods import inertia_terms
+from tensegrity_mj.model.structure import Structure
 
 Records = np.ndarray[Any, Any]
-Array = NDArray[np.float64]
 
 # q of a rod is (z, β): r = anchor + E z (2.41) and b = B β, with B the identity in space, a plane's basis if planar.
 ROD = np.dtype(

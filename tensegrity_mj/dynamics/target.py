@@ -8,15 +8,13 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.compiling import njit
+from tensegrity_mj.dynamics.native.pointers import address_of, borrowing, floats, inlined, integers, stack_doubles
 from tensegrity_mj.dynamics.records import StructureRecords
-from tensegrity_mj.native.compiling import njit
-from tensegrity_mj.native.pointers import address_of, borrowing, floats, inlined, integers, stack_doubles
-from tensegrity_mj.scene import Target
-from tensegrity_mj.structure import Structure
-
-Array = NDArray[np.float64]
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.target import Target
 
 
 class TargetArrays(NamedTuple):
@@ -294,3 +292,14 @@ def target_nodes(structure: Structure, target: Target, times: Array) -> Array:
     out[:] = structure.positions
     _target_nodes(np.asarray(times, float), records.rods, records.points, PackedTarget(target).arrays, out)
     return out
+
+
+def target_positions(structure: Structure, target: Target | None, times: Array) -> Array | None:
+    """Node positions (T, N, 3) [m] of a target at times (T,) [s]; None without a target."""
+    if target is None:
+        return None
+    moments = np.atleast_1d(np.asarray(times, float))
+    if len(target.times) == 1:
+        return np.broadcast_to(target.nodes[0], (len(moments), *target.nodes.shape[1:]))
+
+    return target_nodes(structure, target, moments)

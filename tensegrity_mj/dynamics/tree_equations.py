@@ -11,16 +11,13 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.dynamics.joint_forces import LEAST_PIVOT, moved_nodes_power, push_joint, read_joints, set_ends
 from tensegrity_mj.dynamics.kernels import accelerate_points, direction_of
 from tensegrity_mj.dynamics.linked import LinkedRecords, read_linked, stretch_term, write_coordinates
-from tensegrity_mj.native.pointers import address_of, borrowing, floats, inlined, integers, owning
-from tensegrity_mj.native.vectors import ZERO, dot, minus, plus, row_of, times, vector
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+from tensegrity_mj.dynamics.native.pointers import address_of, borrowing, floats, inlined, integers, owning
+from tensegrity_mj.dynamics.native.vectors import ZERO, dot, minus, plus, row_of, times, vector
 
 # Singular values of the scaled matrix (3.17) below this part of the largest are those of redundant closures.
 LEAST_SINGULAR_VALUE = 1e-11

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from tensegrity_mj.dynamics.kernels import accelerate_points, across_rod, direction_of, rod_forces
-from tensegrity_mj.native.pointers import borrowing, inlined
-from tensegrity_mj.native.vectors import ZERO, dot, minus, plus, times
+from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
+from tensegrity_mj.dynamics.native.vectors import ZERO, dot, minus, plus, times
 
 
 @inlined

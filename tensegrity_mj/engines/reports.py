@@ -7,24 +7,24 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj import rods
-from tensegrity_mj.actuation import Mode
-from tensegrity_mj.engines.divergence import DRIFT_WARNING, energy_exchanged, energy_unresolved
-from tensegrity_mj.native.plant import RESOLUTION_KIND, Plant
-from tensegrity_mj.native.resolution import STAGES, unresolved
-from tensegrity_mj.native.watch import Impossible, impossible
-from tensegrity_mj.structure import Structure
-from tensegrity_mj.trajectory import Trajectory
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.plant import RESOLUTION_KIND, Plant
+from tensegrity_mj.dynamics.native.resolution import STAGES, unresolved
+from tensegrity_mj.dynamics.native.watch import Impossible, impossible
+from tensegrity_mj.model import rods
+from tensegrity_mj.model.actuation import Mode
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.runs.energy import DRIFT_WARNING, energy_exchanged, energy_unresolved
+from tensegrity_mj.runs.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from tensegrity_mj.engines.run import Request
+    from tensegrity_mj.engines.request import Request
 
-Array = NDArray[np.float64]
 
 ENERGY_WARNING = 0.01  # part of the energy exchanged beyond which a run says that its balance is off
 # Part of the motion that local errors add up to, beyond which a run says that its steps resolve nothing: of RK4, whose
 # estimate falls as h⁴, and of methods of order 1. What is unresolved grows besides, up to thirtyfold in random runs
-# near the limit of stability (tests/test_unresolved_steps.py); the shipped scenes stay below 5e-5 at their defaults.
+# near the limit of stability (test_unresolved_steps.py); the shipped scenes stay below 5e-5 at their defaults.
 RESOLUTION_WARNING, FIRST_ORDER_WARNING = 0.002, 0.01
 # What no winch can do is no error of a run: what its warnings say, which studies of errors leave out.
 NO_LINE, NO_PUSH = "no winch hauls in more line than there is", "a winch cannot push"
@@ -75,7 +75,7 @@ def reports_of(request: Request, run: Trajectory, plant: Plant, step: float | No
     if resolution is not None:
         reports["resolution"] = resolution
     if run.scene.water is not None and len(run.time):
-        from tensegrity_mj.flow_regime import flow_numbers
+        from tensegrity_mj.runs.flow_regime import flow_numbers
 
         reports["water"] = flow_numbers(run).report() | {"segments": run.scene.water_segments.report()}
         warnings.extend(run.scene.water_segments.warnings)
@@ -160,8 +160,8 @@ def _resolution_warnings(run: Trajectory, found: dict[str, Any], step: float) ->
 
 def _stiffest(run: Trajectory) -> float:
     """ω [rad/s] of the stiffest small motion at the start, without law and dampers; 0 where it cannot be told."""
-    from tensegrity_mj.amplification import largest_frequency
-    from tensegrity_mj.vibration import vibration
+    from tensegrity_mj.vibration.integrators import largest_frequency
+    from tensegrity_mj.vibration.small_motions import vibration
 
     scene = run.scene
     try:

@@ -7,13 +7,12 @@ tangent plane at b₀; for each point mass its translations. See the text of `li
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.linked import LinkedRecords
 from tensegrity_mj.dynamics.tree_equations import loop_matrix
-from tensegrity_mj.structure import Structure, null_space_basis
-
-Array = NDArray[np.float64]
+from tensegrity_mj.model.members import null_space_basis
+from tensegrity_mj.model.structure import Structure
 
 LOOP_RANK = 1e-9  # of the largest: below it, a loop says what others say already
 NEWTON_STEPS = 30

@@ -6,25 +6,18 @@ import itertools
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tensegrity_mj.actuation import Actuation, OnInfeasible
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.actuation import set_rest_lengths
+from tensegrity_mj.dynamics.native.law import NO_SOLUTION, Command, native_law
+from tensegrity_mj.dynamics.native.plant import Plant
+from tensegrity_mj.dynamics.native.slots import NODES, REST, STATUS, VELOCITIES
+from tensegrity_mj.dynamics.native.strings import measure_strings
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.law import NO_SOLUTION, Command, native_law
 from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.linearization.differences import central
-from tensegrity_mj.native.plant import (
-    NODES,
-    REST,
-    STATUS,
-    VELOCITIES,
-    Plant,
-    measure_strings,
-    set_rest_lengths,
-)
-from tensegrity_mj.scene import Scene
-
-Array = NDArray[np.float64]
+from tensegrity_mj.model.actuation import Actuation, OnInfeasible
+from tensegrity_mj.model.scene import Scene
 
 # A law's derivative: steps tried, relative to R. Where its kinks are near, only short ones are right.
 LAW_STEPS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)

@@ -35,24 +35,23 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tensegrity_mj.actuation import Actuation, OnInfeasible
-from tensegrity_mj.capabilities import require_dry, require_still_supports
-from tensegrity_mj.checks import finite, member, real_array
-from tensegrity_mj.contact import overlaps
-from tensegrity_mj.engines.run import Accelerations, Request
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import finite, member, real_array
+from tensegrity_mj.dynamics.native.law import Command, Law, native_law
+from tensegrity_mj.dynamics.native.plant import break_times
+from tensegrity_mj.engines.request import Accelerations, Request
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.law import Command, Law, native_law
 from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.linearization.differences import LOOP_STEP, PAIRS, STEP, WEIGHTS, reach_of
 from tensegrity_mj.linearization.law import SetRestLengths
 from tensegrity_mj.linearization.model import Linearization
 from tensegrity_mj.linearization.strings import KeptStrings
-from tensegrity_mj.native.plant import break_times
-from tensegrity_mj.scene import Scene
-
-Array = NDArray[np.float64]
+from tensegrity_mj.model.actuation import Actuation, OnInfeasible
+from tensegrity_mj.model.capabilities import require_dry, require_still_supports
+from tensegrity_mj.model.elements.contact import overlaps
+from tensegrity_mj.model.scene import Scene
 
 __all__ = ["Chart", "LinearizableEngine", "Linearization", "linearize"]
 
@@ -99,7 +98,7 @@ def linearize(
     if not isinstance(scene, Scene):
         raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
     if engine is None:
-        from tensegrity_mj.engines.mujoco import MuJoCo
+        from tensegrity_mj.engines.mujoco.engine import MuJoCo
 
         engine = MuJoCo()
     if isinstance(engine, type) or not callable(getattr(engine, "accelerations", None)):

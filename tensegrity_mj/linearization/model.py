@@ -8,16 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tensegrity_mj.checks import real_array
-from tensegrity_mj.files import checked, replacing
-from tensegrity_mj.jsontext import to_json
-from tensegrity_mj.law import Command
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import real_array
+from tensegrity_mj.basics.files import checked, replacing
+from tensegrity_mj.basics.jsontext import to_json
+from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.linearization.chart import Chart
-from tensegrity_mj.scene import Scene
-
-Array = NDArray[np.float64]
+from tensegrity_mj.model.scene import Scene
 
 FLAT = 1e-10  # of the largest |λ|²: below it, ω² is that of a motion that nothing holds
 STILL = 1e-12  # of the largest |λ|: a damping below it is none

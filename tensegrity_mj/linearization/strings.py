@@ -5,14 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.law import Command
 from tensegrity_mj.linearization.differences import STEP
-from tensegrity_mj.scene import Scene
-from tensegrity_mj.strings import StringLaw
-from tensegrity_mj.structure import Structure
-
-Array = NDArray[np.float64]
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.strings import StringLaw
+from tensegrity_mj.model.structure import Structure
 
 EDGE = 1e-12  # of its length: within round-off of its rest length, a string is at the edge of slackness
 

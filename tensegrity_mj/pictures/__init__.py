@@ -1,1 +1,1 @@
-"""How runs are drawn: motion between samples, camera, off-screen OpenGL, geometry, text; used by `rendering`."""
+"""How runs are drawn: motion between samples, camera, off-screen OpenGL, geometry, text; used by `video`."""

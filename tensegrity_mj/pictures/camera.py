@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import OptionError
-
-Array = NDArray[np.float64]
 
 FIELD_OF_VIEW = 30.0  # degrees, vertical; narrow, so that parallel members look parallel
 AZIMUTH, ELEVATION = 125.0, -18.0  # degrees, in MuJoCo's sense; the azimuth is only the first that is considered

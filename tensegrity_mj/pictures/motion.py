@@ -7,15 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj import strings
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.target import target_positions
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.scene import Scene, Target
-from tensegrity_mj.structure import Structure
-from tensegrity_mj.trajectory import Status, Trajectory
-from tensegrity_mj.water import sea_of
-from tensegrity_mj.waves import Sea
-
-Array = NDArray[np.float64]
+from tensegrity_mj.model import strings
+from tensegrity_mj.model.elements.water import sea_of
+from tensegrity_mj.model.elements.waves import Sea
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.target import Target
+from tensegrity_mj.runs.trajectory import Status, Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,21 +181,9 @@ class Motion:
 
 
 def _break_times(scene: Scene) -> Array:
-    from tensegrity_mj.native.plant import break_times  # compiled, and slow to load
+    from tensegrity_mj.dynamics.native.plant import break_times  # compiled, and slow to load
 
     return break_times(scene)
-
-
-def target_positions(structure: Structure, target: Target | None, times: Array) -> Array | None:
-    """Node positions (T, N, 3) [m] of a target at times (T,) [s]; None without a target."""
-    if target is None:
-        return None
-    moments = np.atleast_1d(np.asarray(times, float))
-    if len(target.times) == 1:
-        return np.broadcast_to(target.nodes[0], (len(moments), *target.nodes.shape[1:]))
-    from tensegrity_mj.dynamics.target import target_nodes  # compiled, and slow to load
-
-    return target_nodes(structure, target, moments)
 
 
 def _finite_samples(run: Trajectory) -> int:

@@ -11,15 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera
 from tensegrity_mj.pictures.motion import Motion, Pose
 from tensegrity_mj.pictures.sag import slack_arcs
 from tensegrity_mj.pictures.surface import Surface
 from tensegrity_mj.pictures.traces import MAX_PIECES, Traces
-from tensegrity_mj.structure import Structure
-
-Array = NDArray[np.float64]
 
 SLACK_SEGMENTS = 12
 SLACKNESS = 1e-6  # of its length: below, a slack string looks straight anyway

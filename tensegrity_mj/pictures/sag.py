@@ -8,9 +8,8 @@ vanishes.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tensegrity_mj.basics.arrays import Array
 
 MAX_RATIO = 1e3  # of string to chord; beyond, the chord makes no difference
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj.native.compiling import compiled
+from tensegrity_mj.dynamics.native.compiling import compiled
 
 Image = NDArray[np.uint8]
 

@@ -11,8 +11,10 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.engines.mujoco.mjcf_frames import rotation_to
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.mjcf import rotation_to
+from tensegrity_mj.model.elements.waves import Sea
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.camera import AFLOAT, FIELD_OF_VIEW, Camera, broadside, corners_of, direction, fit
 from tensegrity_mj.pictures.labels import Labels, Legend, Name
@@ -29,9 +31,7 @@ from tensegrity_mj.pictures.painter import (
 )
 from tensegrity_mj.pictures.surface import Surface
 from tensegrity_mj.pictures.traces import MAX_PIECES, Traces, moving_rows
-from tensegrity_mj.waves import Sea
 
-Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 MIN_SIZE = 16  # px

@@ -15,10 +15,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.elements.waves import Sea
 from tensegrity_mj.pictures.camera import Camera
-from tensegrity_mj.waves import Sea
 
-Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
 MARGIN = 0.15  # of the structure's extent: how far the block stands out around it

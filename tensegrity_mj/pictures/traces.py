@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.pictures.motion import Motion
-
-Array = NDArray[np.float64]
 
 MAX_PIECES = 400  # drawn at a time; where a run leaves more, the oldest vanish
 MAX_SAMPLES = 6000  # of a path before it is simplified

@@ -15,17 +15,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tensegrity_mj.resistance import resisting_forces
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.elements.resistance import resisting_forces
+from tensegrity_mj.model.elements.water import water_forces
+from tensegrity_mj.model.members import null_space_basis
+from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.rounding import round_off
-from tensegrity_mj.structure import null_space_basis
-from tensegrity_mj.water import water_forces
-
-Array = NDArray[np.float64]
 
 BALANCED = 1e-9  # of the largest force in a member or load: less than that is left in equilibrium
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import InfeasibleError
 from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.model import StaticModel
-
-Array = NDArray[np.float64]
 
 CROSS = np.zeros((3, 3, 3))  # (e_k × v)_a = Σ_b CROSS[a, k, b] v_b
 for _k in range(3):

@@ -12,15 +12,15 @@ from functools import cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from tensegrity_mj.checks import real_array
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import real_array
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.structure import Structure, Vector
-
-Array = NDArray[np.float64]
+from tensegrity_mj.model.members import Vector
+from tensegrity_mj.model.structure import Structure
 
 Matrix: TypeAlias = Array | sparse.csr_array
 

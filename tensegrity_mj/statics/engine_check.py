@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.statics.engines import AcceleratingEngine, engine_equilibrium
 from tensegrity_mj.statics.modes import Modes
 from tensegrity_mj.statics.standalone import require_rigid_and_free, standalone_scene
 from tensegrity_mj.statics.state import StaticState
-
-Array = NDArray[np.float64]
 
 SAME = 1e-6  # of the mean member: nodes that are nearer are at the same place
 SOFT = 1e-6  # of the largest ω²: those below are told from central differences' error no better than to 1e-4
@@ -71,7 +69,7 @@ def check_engine(state: StaticState, modes: Modes, engine: AcceleratingEngine) -
         OptionError: for elastic rods, and holds.
         InfeasibleError: where the engine finds no equilibrium.
     """
-    from tensegrity_mj.linearization import linearize
+    from tensegrity_mj.linearization.linearizing import linearize
 
     model = state.model
     require_rigid_and_free(model)

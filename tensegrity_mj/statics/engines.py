@@ -17,21 +17,19 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tensegrity_mj.actuation import Actuation, OnInfeasible
-from tensegrity_mj.capabilities import require_dry, require_still_supports
-from tensegrity_mj.checks import real_array
-from tensegrity_mj.engines.run import Accelerations, Request
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import real_array, whole
+from tensegrity_mj.dynamics.native.law import native_law
+from tensegrity_mj.engines.request import Accelerations, Request
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.families.arguments import whole
-from tensegrity_mj.law import native_law
 from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.linearization.differences import reach_of
-from tensegrity_mj.resistance import Resistance
-from tensegrity_mj.scene import Scene
-
-Array = NDArray[np.float64]
+from tensegrity_mj.model.actuation import Actuation, OnInfeasible
+from tensegrity_mj.model.capabilities import require_dry, require_still_supports
+from tensegrity_mj.model.elements.resistance import Resistance
+from tensegrity_mj.model.scene import Scene
 
 STEP = 1e-5  # of the shortest member: central differences have an error of its square, 1e-10 of ∂a/∂δ
 LEAST_SHIFT = 1e-9  # of the largest ∂a/∂δ: above that error, below what holds the softest motion of most structures
@@ -207,7 +205,7 @@ class _Search:
 
     def _power(self, chart: Chart, a: Array, s: Array) -> float:
         """The force along a step, by the masses and the accelerations that it makes: aᵀ M s."""
-        from tensegrity_mj.rods import kinetic_energy
+        from tensegrity_mj.model.rods import kinetic_energy
 
         none = np.zeros(chart.size)
         (_, one), (_, other) = chart.state(none, a), chart.state(none, s)

@@ -13,20 +13,18 @@ steps converge quadratically. A state that is found unstable is left along its s
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import whole
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.families.arguments import whole
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.body_motions import neutral_motions, require_held
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.rounding import EPS, round_off
 from tensegrity_mj.statics.state import StaticState
-from tensegrity_mj.structure import Structure
-
-Array = NDArray[np.float64]
 
 FIRST_REGULARIZATION = 1e-3  # of the stiffest string
 LEAST_REGULARIZATION = 1e-12

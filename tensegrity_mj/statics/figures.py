@@ -5,15 +5,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.texts import figure_text
+from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.plots import GREY
+from tensegrity_mj.pictures.plots import GREY
 from tensegrity_mj.statics.modes import Modes
-from tensegrity_mj.statics.path import Kind
+from tensegrity_mj.statics.path_criticals import Kind
 from tensegrity_mj.statics.response import Response
-from tensegrity_mj.structure import Structure
-from tensegrity_mj.texts import figure_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from tensegrity_mj.statics.state import StaticState
 
-Array = NDArray[np.float64]
 
 ELEVATION, AZIMUTH = np.radians(22.0), np.radians(-55.0)
 FLAT = 1e-6  # of the largest extent: thinner is a plane

@@ -26,9 +26,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.optimize import linprog
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import InfeasibleError
-
-Array = NDArray[np.float64]
 
 LP_TOLERANCE = 1e-10  # the least that HiGHS takes; numbers of a problem are of the order of one
 NO_FORCE = 1e-9  # of the largest force: below it a compression is the round-off of a linear program

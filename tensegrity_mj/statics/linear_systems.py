@@ -5,15 +5,13 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import eigh, qr
 from scipy.sparse.linalg import LinearOperator, MatrixRankWarning, eigsh, splu
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.statics.linearized import Linearized
 from tensegrity_mj.statics.model import StaticModel
-
-Array = NDArray[np.float64]
 
 DENSE = 1800  # free coordinates up to which eigenvalues are found by dense matrices
 # Redundant rods make the equations singular. So little compliance, relative to the stiffest string, makes them regular;

@@ -8,13 +8,11 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.statics.boundary import Matrix
 from tensegrity_mj.statics.model import StaticModel
-
-Array = NDArray[np.float64]
 
 
 class Linearized:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tensegrity_mj.checks import positive
+from tensegrity_mj.basics.checks import positive
 
 
 @dataclass(frozen=True)

@@ -17,19 +17,17 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import sparse
 
-from tensegrity_mj.checks import member, real_array
+from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.basics.checks import member, real_array
 from tensegrity_mj.errors import OptionError, StructureError
-from tensegrity_mj.resistance import bending_joints
-from tensegrity_mj.rods import lumped_masses
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.model.elements.resistance import bending_joints
+from tensegrity_mj.model.rods import lumped_masses
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics.boundary import Boundary, Hold
-from tensegrity_mj.structure import Structure
-
-Array = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 
 class Rods(enum.Enum):

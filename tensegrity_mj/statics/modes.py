@@ -20,17 +20,16 @@ from scipy import sparse
 from scipy.linalg import eigh, qr
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
 
-from tensegrity_mj import rods as thin
-from tensegrity_mj.checks import positive
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import positive, whole
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.families.arguments import whole
+from tensegrity_mj.model import rods as thin
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.runs.trajectory import VARIABLES, Trajectory
 from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.state import StaticState
 from tensegrity_mj.statics.words import counted
-from tensegrity_mj.structure import Structure
-from tensegrity_mj.trajectory import VARIABLES, Trajectory
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 LEAST_COUNT = 12  # shapes that are found of a large structure unless told otherwise

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tensegrity_mj.report import Picture, Section, Table, write_sections
+from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.statics import figures
 
 if TYPE_CHECKING:

@@ -22,10 +22,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from tensegrity_mj.checks import finite, positive
-from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.families.arguments import whole
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import finite, positive, whole
+from tensegrity_mj.errors import InfeasibleError, OptionError, printable
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.model import StaticModel
@@ -35,10 +36,6 @@ from tensegrity_mj.statics.path_criticals import crossings, hides
 from tensegrity_mj.statics.path_start import begin, starting_state
 from tensegrity_mj.statics.path_steps import Point, Walk
 from tensegrity_mj.statics.state import StaticState
-from tensegrity_mj.structure import Structure
-from tensegrity_mj.texts import printable
-
-Array = NDArray[np.float64]
 
 STRAIGHT = float(np.sqrt(2.0))  # the arc of a straight path
 EASY = 2  # corrections up to which the next step may grow

@@ -8,12 +8,10 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.statics.path_steps import Point, Walk, zero
 from tensegrity_mj.statics.state import StaticState
-
-Array = NDArray[np.float64]
 
 LOCATED = 1e-10  # of the arc between two points, or of the change of an eigenvalue: how well a critical point is known
 SOFT = 1e-3  # of the change of an eigenvalue: below it, motions may be left out where they do not matter

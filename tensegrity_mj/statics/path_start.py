@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tensegrity_mj.checks import real_array
+from tensegrity_mj.basics.checks import real_array
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.equilibrium import find_equilibrium
 from tensegrity_mj.statics.linearized import Linearized
@@ -17,9 +18,6 @@ from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.path_steps import Point, Tangent, Walk, bordered, scaled, zero
 from tensegrity_mj.statics.rounding import round_off
 from tensegrity_mj.statics.state import StaticState
-from tensegrity_mj.structure import Structure
-
-Array = NDArray[np.float64]
 
 LEAST = 1e-6  # of the mean member: less that nodes move by on a straight path counts as so much
 

@@ -5,17 +5,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.body_motions import neutral_motions
 from tensegrity_mj.statics.linearized import Linearized
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.rounding import round_off
 from tensegrity_mj.statics.state import StaticState
-
-Array = NDArray[np.float64]
 
 CORRECTIONS = 8  # of Newton's method, before a step is halved
 NEARLY = 1e-6  # of the forces at first: corrections after that only take away round-off

@@ -8,24 +8,20 @@ nothing but forces, and so is a check on Newton's method, which is some ten time
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from tensegrity_mj.checks import positive
-from tensegrity_mj.errors import InfeasibleError
-from tensegrity_mj.families.arguments import whole
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import positive, whole
+from tensegrity_mj.errors import InfeasibleError, printable
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.body_motions import require_held
 from tensegrity_mj.statics.equilibrium import placed
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.rounding import round_off
 from tensegrity_mj.statics.state import StaticState
-from tensegrity_mj.structure import Structure
-from tensegrity_mj.texts import printable
-
-Array = NDArray[np.float64]
 
 # Steps of one unit are stable for masses above a quarter of the stiffness; so much more, for it grows on the way.
 SAFETY = 1.6

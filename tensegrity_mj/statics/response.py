@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.statics.path import Path
 from tensegrity_mj.statics.strength import MemberLoads, Use
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

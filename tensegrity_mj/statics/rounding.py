@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.statics.model import StaticModel
-
-Array = NDArray[np.float64]
 
 EPS = float(np.finfo(float).eps)
 

@@ -26,15 +26,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import qr
 
-from tensegrity_mj.checks import positive, real_array
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import positive, real_array
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.section import Section
+from tensegrity_mj.model.section import Section
+from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics.boundary import Boundary, Hold
 from tensegrity_mj.statics.least_mass import NO_FORCE, Optimum, Problem, Search
 from tensegrity_mj.statics.materials import Material
-from tensegrity_mj.structure import Structure
-
-Array = NDArray[np.float64]
 
 RANK = 1e-10  # of the largest row: equations below it say what others say already
 SEEN = 1e-8  # of the largest force: a smaller one is not what makes a problem without solution

@@ -6,14 +6,13 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.scene import Load, Scene
+from tensegrity_mj.model.events import Load
+from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.state import StaticState
-
-Array = NDArray[np.float64]
 
 
 def standalone_scene(state: StaticState) -> Scene:
@@ -56,7 +55,7 @@ def require_rigid_and_free(model: StaticModel) -> None:
 
 def _scene_forces(state: StaticState) -> Array:
     """(N, 3) [N]: weights and loads of the scene at t = 0."""
-    from tensegrity_mj.rods import lumped_masses
+    from tensegrity_mj.model.rods import lumped_masses
 
     scene = state.model.scene
     weights = lumped_masses(scene.structure)[:, None] * np.array(scene.gravity)

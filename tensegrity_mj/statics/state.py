@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.body_motions import neutral_motions
 from tensegrity_mj.statics.linearized import Linearized
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.rounding import round_off
-
-Array = NDArray[np.float64]
 
 EDGE = 1e-9  # of a string's length: nearer than that to its rest length, it is neither slack nor taut
 NOISE = 100.0  # of what round-off leaves on a coordinate: a member that shares it with others may carry so much

@@ -24,15 +24,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tensegrity_mj.checks import finite, real_array
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import finite, real_array
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.structure import Structure
-from tensegrity_mj.trajectory import Trajectory
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.runs.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from tensegrity_mj.statics.state import StaticState
 
-Array = NDArray[np.float64]
 SHOWN = 12  # names that a line of text lists
 
 

@@ -10,12 +10,13 @@ from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tensegrity_mj.checks import member, real_array
+from tensegrity_mj.basics.checks import member, real_array, whole
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.families.arguments import whole
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.statics.balance import Balance, balance
 from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.equilibrium import find_equilibrium
@@ -23,24 +24,21 @@ from tensegrity_mj.statics.materials import Material
 from tensegrity_mj.statics.model import Rods, StaticModel
 from tensegrity_mj.statics.modes import Modes, natural_modes
 from tensegrity_mj.statics.path import follow
-from tensegrity_mj.statics.prestressability import Prestressability, prestressability
+from tensegrity_mj.statics.prestressability import Prestressability
 from tensegrity_mj.statics.relaxation import relax
 from tensegrity_mj.statics.response import Response
+from tensegrity_mj.statics.self_stress import prestressability
 from tensegrity_mj.statics.sizing import Sizing, minimal_mass
 from tensegrity_mj.statics.standalone import require_rigid_and_free, standalone_scene
 from tensegrity_mj.statics.state import StaticState
 from tensegrity_mj.statics.strength import MemberCheck, TrajectoryCheck, check_state, check_trajectory
 from tensegrity_mj.statics.words import counted
-from tensegrity_mj.structure import Structure
-from tensegrity_mj.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from tensegrity_mj.statics.engine_check import EngineCheck
     from tensegrity_mj.statics.engines import AcceleratingEngine
 
-Array = NDArray[np.float64]
 
-FORMAT = 1
 DATA, PAGE = "statics.json", "statics.html"  # what a folder holds
 
 
@@ -144,8 +142,8 @@ class StaticStudy:
         Raises:
             OptionError: where nothing can be written.
         """
-        from tensegrity_mj.files import made_folder, replacing
-        from tensegrity_mj.jsontext import to_json
+        from tensegrity_mj.basics.files import made_folder, replacing
+        from tensegrity_mj.basics.jsontext import to_json
 
         place = made_folder(folder)
         with replacing(place / DATA) as part:
@@ -160,7 +158,7 @@ class StaticStudy:
 
 
 def analyse(
-    scene: Scene | Structure | str | os.PathLike[str],
+    scene: Scene | Structure,
     *,
     rods: Rods = Rods.RIGID,
     search: Search = Search.NEWTON,
@@ -179,7 +177,7 @@ def analyse(
     """Find the equilibrium of a scene and say what there is to say about it.
 
     Args:
-        scene: a scene or a structure, or the name or the path of a scene.
+        scene: a scene or a structure.
         rods: rigid, or elastic by their sections.
         search: how the equilibrium is found; a path is followed by Newton's method alone.
         loads: further ones [N]: (N, 3), or those of some nodes by name.
@@ -203,14 +201,10 @@ def analyse(
         OptionError: for arguments that do not fit.
         StructureError: where elastic rods lack a section.
     """
-    if isinstance(scene, (str, os.PathLike)):
-        from tensegrity_mj.textformat import load_scene
-
-        scene = load_scene(scene)
-    elif isinstance(scene, Structure):
+    if isinstance(scene, Structure):
         scene = Scene(scene)
     if not isinstance(scene, Scene):
-        raise OptionError(f"scene = {scene!r}; use a Scene, a Structure, or the name or path of a scene")
+        raise OptionError(f"scene = {scene!r}; use a Scene or a Structure, as load_scene gives")
     member("search", search, Search)
     count = whole("modes", modes, 1)
     if path and search is not Search.NEWTON:

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.statics.model import Rods
 
 if TYPE_CHECKING:
@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from tensegrity_mj.statics.state import StaticState
     from tensegrity_mj.statics.strength import MemberCheck
     from tensegrity_mj.statics.study import StaticStudy
-
-Array = NDArray[np.float64]
 
 METHODS = {"newton": "Newton's method", "relaxation": "dynamic relaxation", "both": "Newton's method"}  # by `Search`
 SHOWN = 8  # names or numbers that a line lists
@@ -124,7 +122,6 @@ def _along(response: Response) -> list[tuple[str, str]]:
 def to_dict(study: StaticStudy) -> dict[str, Any]:
     """Everything as plain values."""
     from tensegrity_mj.simulation import versions
-    from tensegrity_mj.statics.study import FORMAT
 
     model, state = study.model, study.state
     structure = model.structure
@@ -274,3 +271,6 @@ def _listed(names: Iterable[str] | Sequence[str], most: int = SHOWN) -> str:
 
 def _number(value: float, unit: str) -> str:
     return "-" if np.isnan(value) else f"{value:.5g} {unit}".rstrip()
+
+
+FORMAT = 1

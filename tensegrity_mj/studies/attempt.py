@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from tensegrity_mj.basics.jsontext import to_exact_json
 from tensegrity_mj.errors import OptionError, TensegrityError
-from tensegrity_mj.jsontext import to_exact_json
 from tensegrity_mj.studies.plain import plain
 
 DONE, FAILED = "done", "failed"

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.checks import finite, positive
+from tensegrity_mj.basics.checks import finite, positive
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.studies.parameters import Scaled, encoded
+from tensegrity_mj.studies.parameter_values import Scaled, encoded
 from tensegrity_mj.studies.plain import plain
 
 

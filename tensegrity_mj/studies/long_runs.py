@@ -17,26 +17,27 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tensegrity_mj import rods
-from tensegrity_mj.checks import positive
-from tensegrity_mj.engines.dae import DAE
-from tensegrity_mj.engines.divergence import energy_exchanged
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import positive
+from tensegrity_mj.basics.files import made_folder, replacing
+from tensegrity_mj.basics.jsontext import to_json
+from tensegrity_mj.engines.reference.dae import DAE
 from tensegrity_mj.errors import DivergenceError, OptionError
-from tensegrity_mj.families.random_structures import random_velocities
-from tensegrity_mj.files import made_folder, replacing
-from tensegrity_mj.jsontext import to_json
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.library.load import load_scene
+from tensegrity_mj.library.random_structures import random_velocities
+from tensegrity_mj.model import rods
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.text.reading import scene_from_toml
+from tensegrity_mj.model.text.writing import scene_to_toml
+from tensegrity_mj.runs.energy import energy_exchanged
+from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate, versions
-from tensegrity_mj.stability import stable_step
 from tensegrity_mj.studies.extremes.pace import pace
+from tensegrity_mj.studies.long_runs_page import QUANTITIES
 from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.studies.workers import Workers
-from tensegrity_mj.textformat import load_scene, scene_from_toml, scene_to_toml
-from tensegrity_mj.trajectory import Status, Trajectory
-
-Array = NDArray[np.float64]
+from tensegrity_mj.vibration.stable_step import stable_step
 
 FORMAT = 1
 DATA, PAGE, RUNS = "drift.json", "drift.html", "runs"  # what a folder holds
@@ -55,11 +56,6 @@ METHODS = (
 COARSENESS = 0.1  # step times the fastest rate at the start: well within every integrator's limit
 ROWS = 1000  # recorded times
 LEAST_STEPS = 1000
-QUANTITIES = {
-    "energy": "largest change of the energy, of all that was exchanged",
-    "length": "largest change of bᵀb",
-    "rate": "largest bᵀḃ [1/s]",
-}
 RESOLVED = 1e-14  # a departure below it is none
 
 
@@ -217,15 +213,16 @@ def run_long(point: dict[str, Any]) -> dict[str, Any]:
 
 
 def _engine(method: str, h: float) -> Any:
-    from tensegrity_mj.engines.dae import DAE, Drift
-    from tensegrity_mj.engines.integration import Method
-    from tensegrity_mj.engines.ode import ODE
+    from tensegrity_mj.engines.reference.dae import DAE, Drift
+    from tensegrity_mj.engines.reference.method import Method
+    from tensegrity_mj.engines.reference.ode import ODE
 
     if method == "ode":
         return ODE(method=Method.RK4, timestep=h)
     if method.startswith("dae "):
         return DAE(method=Method.RK4, timestep=h, drift=Drift(method.removeprefix("dae ")))
-    from tensegrity_mj.engines.mujoco import Integrator, MuJoCo
+    from tensegrity_mj.engines.mujoco.engine import MuJoCo
+    from tensegrity_mj.engines.mujoco.settings import Integrator
 
     return MuJoCo(h, Integrator(method))
 

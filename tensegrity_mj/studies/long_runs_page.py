@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from tensegrity_mj.report import Picture, Section, Table, write_sections
-from tensegrity_mj.studies.long_runs import QUANTITIES
+from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 
 Data = Mapping[str, Any]
 LEAST = 1e-17  # of a course that is drawn on a logarithmic axis
@@ -51,3 +50,10 @@ def course_figure(data: Data, name: str) -> Figure:
     if axes.lines:
         axes.legend(fontsize="small", ncols=2)
     return figure
+
+
+QUANTITIES = {
+    "energy": "largest change of the energy, of all that was exchanged",
+    "length": "largest change of bᵀb",
+    "rate": "largest bᵀḃ [1/s]",
+}

@@ -14,13 +14,13 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from tensegrity_mj.errors import ClusterError, OptionError
-from tensegrity_mj.jsontext import from_exact_json, to_exact_json
+from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
+from tensegrity_mj.basics.texts import file_name
+from tensegrity_mj.errors import ClusterError, OptionError, printable
 from tensegrity_mj.studies import store
 from tensegrity_mj.studies.attempt import DONE, Task
 from tensegrity_mj.studies.plain import digest, plain
 from tensegrity_mj.studies.workers import Backend, Workers
-from tensegrity_mj.texts import file_name, printable
 
 Values = dict[str, Any]
 

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_mj.deformation import deformation, is_tower, rod_forces
-from tensegrity_mj.trajectory import Trajectory
+from tensegrity_mj.runs.deformation import deformation, is_tower, rod_forces
+from tensegrity_mj.runs.trajectory import Trajectory
 
 
 class Measure(NamedTuple):

@@ -9,10 +9,10 @@ from functools import partial
 from typing import Any
 
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.motion import Harmonic, Motion
-from tensegrity_mj.resistance import Bending, Drag, Resistance
-from tensegrity_mj.scene import Scene
-from tensegrity_mj.structure import Vector
+from tensegrity_mj.model.elements.resistance import Bending, Drag, Resistance
+from tensegrity_mj.model.members import Vector
+from tensegrity_mj.model.motion import Harmonic, Motion
+from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.studies.parameter_values import (
     Scaled,
     axis_of,

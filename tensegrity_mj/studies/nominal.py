@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.law import SOLVED, Command, NativeLaw, native_law
-from tensegrity_mj.native.compiling import c_function
-from tensegrity_mj.native.pointers import LAW_SIGNATURE, address_of, call_law, floats, integers
-from tensegrity_mj.structure import Structure
+from tensegrity_mj.dynamics.native.compiling import c_function
+from tensegrity_mj.dynamics.native.law import SOLVED, Command, NativeLaw, native_law
+from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, address_of, call_law, floats, integers
+from tensegrity_mj.model.structure import Structure
 
 
 @c_function(LAW_SIGNATURE)

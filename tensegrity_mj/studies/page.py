@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
 
-from tensegrity_mj.report import Table, write_page
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.pictures.page import Table, write_page
 from tensegrity_mj.studies.axes import Together
 from tensegrity_mj.studies.figures import figures
 from tensegrity_mj.studies.many import Study

@@ -11,9 +11,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from tensegrity_mj.checks import finite
+from tensegrity_mj.basics.checks import finite
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.structure import Vector
+from tensegrity_mj.model.members import Vector
 
 AXES = ("x", "y", "z")
 _PART = re.compile(r"[^.\[\]]+(\[.*\])?")

@@ -37,9 +37,9 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.errors import FormatError, OptionError
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
+from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.studies.parameter_values import Scaled as Scaled
 from tensegrity_mj.studies.parameter_values import choice_from, number_from, scaled, unknown
 from tensegrity_mj.studies.parameter_values import decoded as decoded
@@ -47,7 +47,11 @@ from tensegrity_mj.studies.parameter_values import encoded as encoded
 from tensegrity_mj.studies.scene_parameters import MEMBER, MEMBERS, Change, scene_change
 from tensegrity_mj.studies.scene_parameters import member_names as member_names
 
-ENGINES = {"mujoco": ("engines.mujoco", "MuJoCo"), "dae": ("engines.dae", "DAE"), "ode": ("engines.ode", "ODE")}
+ENGINES = {
+    "mujoco": ("engines.mujoco.engine", "MuJoCo"),
+    "dae": ("engines.reference.dae", "DAE"),
+    "ode": ("engines.reference.ode", "ODE"),
+}
 # Changes of one point are made in this order, so that what belongs together does not depend on how they were given.
 ORDER = ("family", "structure", "scene", "plant", "law", "engine", "actuation", "on_infeasible", "output_interval")
 _EXAMPLE = {"structure": "structure.rods.mass", "scene": "scene.gravity", "plant": "plant.rods.mass"}
@@ -212,7 +216,7 @@ def _setter(draft: Draft, path: str) -> Callable[[Any], None]:
 
 def _remade(draft: Draft, arguments: Mapping[str, Any]) -> Scene:
     """The family's scene for other arguments, path -> value."""
-    from tensegrity_mj.families.named import family_scene
+    from tensegrity_mj.library.named import family_scene
 
     for path, value in arguments.items():
         if path == "family":

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.jsontext import from_exact_json, to_exact_json
 
 
 def plain(value: Any, what: str) -> Any:

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.convergence import node_difference
 from tensegrity_mj.errors import TensegrityError
+from tensegrity_mj.runs.convergence import node_difference
+from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.studies.many import Study, run_many
 from tensegrity_mj.studies.promise_experiments import Kind
 from tensegrity_mj.studies.workers import Workers
-from tensegrity_mj.trajectory import Status
 
 DATA, PAGE = "promise.json", "promise.html"
 WITHIN, BEYOND = 0.995, 3.0  # what is promised: the part that is within the request, and that none is so far beyond
@@ -31,20 +31,24 @@ COSTED = 8  # one of so many experiments is swept for its cheapest setting, whic
 
 def measure(point: Mapping[str, Any]) -> dict[str, Any]:
     """One experiment: request, report, truth and cost. The task of `run_many`."""
-    import tensegrity_mj as tmj
-    from tensegrity_mj.actuation import OnInfeasible
-    from tensegrity_mj.engines.run import Request
-    from tensegrity_mj.law import native_law
+    from tensegrity_mj.dynamics.native.law import native_law
+    from tensegrity_mj.engines.mujoco.engine import MuJoCo
+    from tensegrity_mj.engines.reference.dae import DAE
+    from tensegrity_mj.engines.reference.ode import ODE
+    from tensegrity_mj.engines.request import Request
+    from tensegrity_mj.model.actuation import OnInfeasible
+    from tensegrity_mj.simulation import simulate
     from tensegrity_mj.studies.promise_experiments import ENGINES, draw
     from tensegrity_mj.studies.promise_truth import RESOLVED, cheapest_of, truth_of
 
+    engines = {"MuJoCo": MuJoCo, "DAE": DAE, "ODE": ODE}
     number = int(point["number"])
     experiment = draw(int(point["seed"]), number, Kind(point["kind"]))
     scene, requested = experiment.scene, experiment.accuracy
     row: dict[str, Any] = {"experiment": experiment.words, "engine": experiment.engine, "requested": requested}
-    engine = getattr(tmj, experiment.engine)(accuracy=requested)
+    engine = engines[experiment.engine](accuracy=requested)
     try:
-        run = tmj.simulate(scene, experiment.law, engine, actuation=experiment.actuation)
+        run = simulate(scene, experiment.law, engine, actuation=experiment.actuation)
     except TensegrityError as error:
         return row | {"outcome": "refused", "cause": f"{type(error).__name__}: {error}"}
     report = run.reports["accuracy"]

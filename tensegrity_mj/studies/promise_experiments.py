@@ -13,15 +13,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tensegrity_mj.actuation import Actuation
-from tensegrity_mj.families.random_structures import random_structure, random_velocities
-from tensegrity_mj.scene import Scene
-from tensegrity_mj.structure import Structure
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.library.random_structures import random_structure, random_velocities
+from tensegrity_mj.model.actuation import Actuation
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.studies.extremes.pace import pace
-
-Array = NDArray[np.float64]
 
 
 class Kind(enum.Enum):
@@ -99,7 +97,7 @@ def _request(accuracy: float) -> float:
 
 def _shipped(rng: np.random.Generator, duration: float) -> tuple[Scene, Any, str]:
     from tensegrity_mj import controllers
-    from tensegrity_mj.textformat import load_scene
+    from tensegrity_mj.library.load import load_scene
 
     name = str(rng.choice(SHIPPED))
     scene = load_scene(name).with_(duration=duration)

@@ -6,9 +6,9 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tensegrity_mj.files import replacing
-from tensegrity_mj.jsontext import to_json
-from tensegrity_mj.report import Picture, Section, Table, write_sections
+from tensegrity_mj.basics.files import replacing
+from tensegrity_mj.basics.jsontext import to_json
+from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.studies.promise import DATA, PAGE, Promise
 
 if TYPE_CHECKING:

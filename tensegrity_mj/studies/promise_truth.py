@@ -9,19 +9,20 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
 
-from tensegrity_mj.convergence import has_kinks, node_difference
-from tensegrity_mj.engines.accuracy import can_locate
-from tensegrity_mj.engines.accuracy_steps import Steps
-from tensegrity_mj.engines.dae import DAE
-from tensegrity_mj.engines.integration import Method
-from tensegrity_mj.engines.motion_rates import rates_at_start
-from tensegrity_mj.engines.mujoco import Integrator, MuJoCo
-from tensegrity_mj.engines.ode import ODE
-from tensegrity_mj.engines.run import Request
+from tensegrity_mj.engines.accuracy.rates import rates_at_start
+from tensegrity_mj.engines.accuracy.search import can_locate
+from tensegrity_mj.engines.accuracy.steps import Steps
+from tensegrity_mj.engines.mujoco.engine import MuJoCo
+from tensegrity_mj.engines.mujoco.settings import Integrator
+from tensegrity_mj.engines.reference.dae import DAE
+from tensegrity_mj.engines.reference.method import Method
+from tensegrity_mj.engines.reference.ode import ODE
+from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import StabilityWarning, TensegrityError
+from tensegrity_mj.runs.convergence import has_kinks, node_difference
+from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate
 from tensegrity_mj.studies.promise_experiments import Experiment
-from tensegrity_mj.trajectory import Status, Trajectory
 
 DIVISIONS = [1, *(m * 2**p for p in range(30) for m in (2, 3))]  # 1, 2, 3, 4, 6, 8, 12, ...: steps a factor of √2 apart
 TOLERANCES = tuple(10.0**-e for e in range(3, 14))

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.scene import Break, Scene
-from tensegrity_mj.strings import StringLaw, elastic_tension, force_density
-from tensegrity_mj.structure import Vector
+from tensegrity_mj.model.events import Break
+from tensegrity_mj.model.members import Vector
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.strings import StringLaw, elastic_tension, force_density
 from tensegrity_mj.studies.motion_parameters import motion_change, resistance_change
 from tensegrity_mj.studies.parameter_values import (
     Scaled,

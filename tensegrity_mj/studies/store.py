@@ -17,9 +17,9 @@ from io import FileIO
 from pathlib import Path
 from typing import Any
 
+from tensegrity_mj.basics.files import replacing
+from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.errors import FormatError, OptionError
-from tensegrity_mj.files import replacing
-from tensegrity_mj.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.studies.plain import difference, digest
 
 STUDY, POINTS, FILES, RESULT, LOCK = "study.json", "points.jsonl", "files", "result.json", ".lock"

@@ -10,20 +10,24 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
-from tensegrity_mj.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
-from tensegrity_mj.families.named import is_family_call
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.library.load import load_scene
+from tensegrity_mj.library.named import is_family_call
+from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.text.reading import scene_from_toml
+from tensegrity_mj.model.text.writing import scene_to_toml
+from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate, versions
 from tensegrity_mj.studies.attempt import WithFiles
 from tensegrity_mj.studies.axes import Draw, Grid, Together, Vary
 from tensegrity_mj.studies.many import Study, run_many, task_name
 from tensegrity_mj.studies.measures import measure
-from tensegrity_mj.studies.parameters import Draft, encoded, engine_settings, member_names
+from tensegrity_mj.studies.parameter_values import encoded
+from tensegrity_mj.studies.parameters import Draft, engine_settings
 from tensegrity_mj.studies.plain import canonical
+from tensegrity_mj.studies.scene_parameters import member_names
 from tensegrity_mj.studies.workers import Workers
-from tensegrity_mj.textformat import load_scene, scene_from_toml, scene_to_toml
-from tensegrity_mj.trajectory import Status, Trajectory
 
 TRAJECTORY = "trajectory.nc"
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.studies.attempt import DONE
 from tensegrity_mj.studies.many import Study
 from tensegrity_mj.studies.measures import MEASURES
-from tensegrity_mj.studies.parameters import Scaled, decoded
-from tensegrity_mj.trajectory import Status
+from tensegrity_mj.studies.parameter_values import Scaled, decoded
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from tensegrity_mj.checks import member
+from tensegrity_mj.basics.checks import member
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.studies.attempt import DIED, Answer, Task, attempt, settle, unable
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import OptionError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,15 +11,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tensegrity_mj.amplification import Scheme, scheme_of
-from tensegrity_mj.checks import finite, member, positive
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import finite, member, positive
 from tensegrity_mj.errors import DivergenceError, OptionError
-from tensegrity_mj.families.cable import Excitation, Start
-from tensegrity_mj.motion import Motion
-from tensegrity_mj.moved_supports import velocities_with_supports
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.library.cable import Excitation, Start
+from tensegrity_mj.model.motion import Motion
+from tensegrity_mj.model.moved_supports import velocities_with_supports
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.text.reading import scene_from_toml
+from tensegrity_mj.model.text.writing import scene_to_toml
+from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate, versions
 from tensegrity_mj.studies.cable.amplitude import response_amplitude
 from tensegrity_mj.studies.cable.chain import Chain
@@ -29,10 +31,7 @@ from tensegrity_mj.studies.cable.whirling import whirl
 from tensegrity_mj.studies.many import Study, run_many
 from tensegrity_mj.studies.parameters import Draft, engine_settings
 from tensegrity_mj.studies.workers import Workers
-from tensegrity_mj.textformat import scene_from_toml, scene_to_toml
-from tensegrity_mj.trajectory import Status, Trajectory
-
-Array = NDArray[np.float64]
+from tensegrity_mj.vibration.integrators import Scheme, scheme_of
 
 DIRECTION = (0.0, 1.0, 0.0)  # of the thesis' in-line excitation
 DURATION, INTERVAL = 45.0, 0.02  # s
@@ -78,8 +77,8 @@ class Case:
         _axes(self.scene, self.direction)
         chain = Chain.of(self.scene.structure)
         if self.engine is None:
-            from tensegrity_mj.engines.dae import DAE, Drift
-            from tensegrity_mj.engines.integration import Method
+            from tensegrity_mj.engines.reference.dae import DAE, Drift
+            from tensegrity_mj.engines.reference.method import Method
 
             engine = DAE(method=Method.RK4, timestep=default_step(self.scene), drift=Drift.NORMALIZE)
             object.__setattr__(self, "engine", engine)

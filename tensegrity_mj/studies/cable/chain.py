@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.structure import Structure
-
-Array = NDArray[np.float64]
+from tensegrity_mj.model.structure import Structure
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tensegrity_mj.actuation import OnInfeasible
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.actuation import OnInfeasible
+from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.simulation import request_for
 from tensegrity_mj.studies.cable.cases import DIRECTION
 from tensegrity_mj.studies.cable.chain import Chain
-
-Array = NDArray[np.float64]
 
 LEAN = 1e-3  # of a rod, for central differences of order four: their error is 1e-12 of a frequency, round-off less
 

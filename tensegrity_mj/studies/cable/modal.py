@@ -15,14 +15,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tensegrity_mj.checks import positive
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.families.cable import Start
+from tensegrity_mj.library.cable import Start
 from tensegrity_mj.studies.cable.chain import Chain
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tensegrity_mj.checks import finite
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import finite
 from tensegrity_mj.errors import OptionError
-
-Array = NDArray[np.float64]
 
 UNIFORM = 1e-6  # of the interval: what samples may be off equal distances
 

@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from tensegrity_mj.amplification import Scheme
-from tensegrity_mj.checks import positive
-from tensegrity_mj.engines.dae import DAE, Drift
-from tensegrity_mj.engines.integration import Method
+from tensegrity_mj.basics.checks import positive
+from tensegrity_mj.engines.reference.dae import DAE, Drift
+from tensegrity_mj.engines.reference.method import Method
+from tensegrity_mj.model.text.writing import scene_to_toml
+from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.cable.cases import (
     DURATION,
@@ -27,8 +28,7 @@ from tensegrity_mj.studies.cable.cases import (
 from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.studies.parameters import engine_settings
 from tensegrity_mj.studies.workers import Workers
-from tensegrity_mj.textformat import scene_to_toml
-from tensegrity_mj.trajectory import Status
+from tensegrity_mj.vibration.integrators import Scheme
 
 LARGEST = 0.1  # s, the largest step tried
 RESOLUTION = 0.01  # of a step: where the search ends

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tensegrity_mj.checks import positive
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.errors import OptionError
-
-Array = NDArray[np.float64]
 
 SATURATED = 0.1  # of the motion in the plane: beyond it growth out of the plane is no longer its own
 NOTHING = 1e-12  # of the motion in the plane: round-off

@@ -9,15 +9,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tensegrity_mj.actuation import Mode, OnInfeasible
-from tensegrity_mj.families.random_structures import random_structure
-from tensegrity_mj.scene import Scene
-from tensegrity_mj.structure import Structure
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.library.random_structures import random_structure
+from tensegrity_mj.model.actuation import Mode, OnInfeasible
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.studies.extremes import laws
 
-Array = NDArray[np.float64]
 Rng = np.random.Generator
 
 

@@ -14,17 +14,19 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tensegrity_mj.actuation import Mode, OnInfeasible
-from tensegrity_mj.families.random_structures import (
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.library.random_structures import (
     random_configuration,
     random_scene,
     random_structure,
     random_velocities,
 )
-from tensegrity_mj.scene import Scene, Target
-from tensegrity_mj.structure import PointMass, Rod, String, Structure, Support
+from tensegrity_mj.model.actuation import Mode, OnInfeasible
+from tensegrity_mj.model.members import PointMass, Rod, String, Support
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.target import Target
 from tensegrity_mj.studies.extremes import laws, surroundings
 from tensegrity_mj.studies.extremes.experiment import (
     COLLAPSE,
@@ -36,8 +38,6 @@ from tensegrity_mj.studies.extremes.experiment import (
     maybe_driven,
     ordinary,
 )
-
-Array = NDArray[np.float64]
 
 
 def draw(rng: Rng, kind: Kind) -> Experiment:
@@ -254,7 +254,7 @@ def _wild_law(rng: Rng) -> Experiment:
 
 def _infeasible(rng: Rng) -> Experiment:
     from tensegrity_mj.controllers.lyapunov import Lyapunov
-    from tensegrity_mj.textformat import load_scene
+    from tensegrity_mj.library.load import load_scene
 
     which = str(rng.choice(["prism", "pinned_rod", "random"]))
     if which == "random":

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tensegrity_mj.basics.arrays import Array
 
 
 def _one_string(bad: float) -> Callable[[Array], Any]:

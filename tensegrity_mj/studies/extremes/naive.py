@@ -10,16 +10,15 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
-from tensegrity_mj.convergence import Estimate
-from tensegrity_mj.engines.mujoco import MuJoCo
-from tensegrity_mj.mjcf import initial_velocities, scene_to_mjcf
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.engines.mujoco.engine import MuJoCo
+from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
+from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities
+from tensegrity_mj.runs.convergence import Estimate
+from tensegrity_mj.runs.trajectory import VARIABLES, Trajectory
 from tensegrity_mj.studies.extremes.setups import OUTPUTS, Attempt, Setup, caught
 from tensegrity_mj.studies.extremes.verdicts import USEFUL, way_of
-from tensegrity_mj.trajectory import VARIABLES, Trajectory
-
-Array = NDArray[np.float64]
 
 
 def applies(setup: Setup) -> bool:

@@ -11,12 +11,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tensegrity_mj.scene import Scene
-from tensegrity_mj.structure import Structure
-
-Array = NDArray[np.float64]
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
 
 DENSE = 300  # coordinates up to which eigenvalues are computed whole
 ITERATIONS = 100  # of the power method beyond; it gives λmax to a few percent, which is enough to choose a step

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tensegrity_mj.report import Section, Table, write_sections
+from tensegrity_mj.pictures.page import Section, Table, write_sections
 from tensegrity_mj.studies.extremes.experiment import Kind
 from tensegrity_mj.studies.extremes.verdicts import Verdict
 

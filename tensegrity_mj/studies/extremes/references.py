@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from tensegrity_mj.convergence import node_difference
-from tensegrity_mj.engines.accuracy import can_locate
-from tensegrity_mj.engines.dae import DAE
-from tensegrity_mj.engines.integration import Method
-from tensegrity_mj.engines.ode import ODE
+from tensegrity_mj.engines.accuracy.search import can_locate
+from tensegrity_mj.engines.reference.dae import DAE
+from tensegrity_mj.engines.reference.method import Method
+from tensegrity_mj.engines.reference.ode import ODE
 from tensegrity_mj.errors import ControllerError
+from tensegrity_mj.runs.convergence import node_difference
+from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.studies.extremes.setups import GRAIN, Setup, attempt
-from tensegrity_mj.trajectory import Status, Trajectory
 
 TIGHT, LOOSE = 1e-11, 1e-9  # rtol; the second tells how far the first may be off
 STIFF_TIGHT, STIFF_LOOSE = 1e-9, 1e-8
@@ -48,7 +48,7 @@ def reference_of(setup: Setup) -> Reference | None:
     """The DAE for MuJoCo and the ODE; for the DAE the ODE, or at a pole MuJoCo; None if none will do.
 
     MuJoCo alone has contact. There its RK4 at fine steps is the reference, which can tell a coarse run from a good one,
-    and not that the law of contact is the one meant: tests/test_contact.py does that.
+    and not that the law of contact is the one meant: tests/engines/test_contact.py does that.
     """
     if setup.experiment.scene.contact is not None:
         return _first(setup, _fixed("mujoco", setup))
@@ -83,7 +83,7 @@ def _fixed(family: str, setup: Setup) -> list[tuple[Any, Any]]:
     # Of steps that are not split where strings go slack, two may be wrong by nearly the same.
     located = scene.contact is None and can_locate(scene.structure)
     if family == "mujoco":
-        from tensegrity_mj.engines.mujoco import MuJoCo
+        from tensegrity_mj.engines.mujoco.engine import MuJoCo
 
         return [(MuJoCo(fine, locate_slack=located), MuJoCo(2 * fine, locate_slack=located))]
     make: Any = partial(DAE if family == "dae" else ODE, method=Method.RK4, locate_slack=located)

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.actuation import Actuation, Mode
 from tensegrity_mj.engines.reports import NO_LINE, NO_PUSH
+from tensegrity_mj.model.actuation import Actuation, Mode
+from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.simulation import simulate
 from tensegrity_mj.studies.extremes.experiment import Experiment, Kind, log_uniform
 from tensegrity_mj.studies.extremes.kinds import FIXED_STEP, draw
 from tensegrity_mj.studies.extremes.pace import Pace, pace
-from tensegrity_mj.trajectory import Trajectory
 
 ENGINES = (*FIXED_STEP, "dae dop853", "dae radau", "ode dop853")
 RUNGE_KUTTA = ("rk4", "dae rk4", "ode rk4")
@@ -72,13 +72,14 @@ class Setup:
 
     def engine_at(self, level: float) -> Any:
         """The engine with a step or a tolerance."""
-        from tensegrity_mj.engines.dae import DAE
-        from tensegrity_mj.engines.integration import Method
-        from tensegrity_mj.engines.ode import ODE
+        from tensegrity_mj.engines.reference.dae import DAE
+        from tensegrity_mj.engines.reference.method import Method
+        from tensegrity_mj.engines.reference.ode import ODE
 
         family, _, method = self.engine.partition(" ")
         if family not in ("dae", "ode"):
-            from tensegrity_mj.engines.mujoco import Integrator, MuJoCo
+            from tensegrity_mj.engines.mujoco.engine import MuJoCo
+            from tensegrity_mj.engines.mujoco.settings import Integrator
 
             return MuJoCo(level, Integrator(self.engine))
         make: Any = DAE if family == "dae" else ODE

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tensegrity_mj.basics.files import made_folder, replacing
+from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.files import made_folder, replacing
-from tensegrity_mj.jsontext import to_json
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.attempt import DONE
 from tensegrity_mj.studies.extremes.experiment import Kind

@@ -7,16 +7,17 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tensegrity_mj.contact import Contact
-from tensegrity_mj.families.random_linked import random_linked_structure
-from tensegrity_mj.families.random_structures import random_structure, random_velocities
-from tensegrity_mj.joints import spanning_forest
-from tensegrity_mj.motion import Motion
-from tensegrity_mj.resistance import Bending, Drag, Resistance
-from tensegrity_mj.scene import Load, Scene
-from tensegrity_mj.structure import Structure, null_space_basis
+from tensegrity_mj.library.random_linked import random_linked_structure
+from tensegrity_mj.library.random_structures import random_structure, random_velocities
+from tensegrity_mj.model.elements.contact import Contact
+from tensegrity_mj.model.elements.resistance import Bending, Drag, Resistance
+from tensegrity_mj.model.events import Load
+from tensegrity_mj.model.forest import spanning_forest
+from tensegrity_mj.model.members import null_space_basis
+from tensegrity_mj.model.motion import Motion
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.studies.extremes.experiment import (
     COLLAPSE,
     Experiment,
@@ -26,8 +27,6 @@ from tensegrity_mj.studies.extremes.experiment import (
     maybe_driven,
     ordinary,
 )
-
-Array = NDArray[np.float64]
 
 MUJOCO = ("euler", "implicitfast", "implicit", "rk4", "discrete")
 JOINED_TOO = (*MUJOCO, "dae rk4", "dae dop853", "dae radau")  # the ODE refuses rods that share nodes

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.convergence import Estimate, estimate_error, node_difference
 from tensegrity_mj.errors import TensegrityError
+from tensegrity_mj.runs.convergence import Estimate, estimate_error, node_difference
+from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.studies.extremes import naive
 from tensegrity_mj.studies.extremes.experiment import Kind
 from tensegrity_mj.studies.extremes.references import Reference, reference_of, tight_dae
@@ -26,7 +27,6 @@ from tensegrity_mj.studies.extremes.verdicts import (
     lacks,
     way_of,
 )
-from tensegrity_mj.trajectory import Status
 
 CLEARLY_WITHIN = 0.9  # of the stability limit at the start: a step beyond it may be stopped
 CLOSE = 1e-3  # of the way: where the coarsest run is off by more, two differences may show any order by chance

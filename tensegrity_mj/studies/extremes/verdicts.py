@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tensegrity_mj.convergence import Estimate
 from tensegrity_mj.errors import ControllerError, DivergenceError, TensegrityError
+from tensegrity_mj.runs.convergence import Estimate
+from tensegrity_mj.runs.trajectory import LAW_REPORTS, VARIABLES, Status, Trajectory
 from tensegrity_mj.studies.extremes.setups import Attempt
-from tensegrity_mj.trajectory import LAW_REPORTS, VARIABLES, Status, Trajectory
 
 USEFUL = 0.05  # of the way that the nodes went: a run that bounds its error by more does not claim to be right
 ROUND_OFF = 1e-11  # of the extent: a formulation's own coordinates cost this much

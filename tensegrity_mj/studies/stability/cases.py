@@ -9,14 +9,16 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.errors import OptionError, TensegrityError
-from tensegrity_mj.families.random_linked import random_linked_structure
-from tensegrity_mj.families.random_taut import random_taut_structure
-from tensegrity_mj.prestress import prestress
-from tensegrity_mj.resistance import resisting_forces
-from tensegrity_mj.rods import lumped_masses, string_forces
-from tensegrity_mj.scene import Load, Scene
-from tensegrity_mj.structure import Structure
-from tensegrity_mj.textformat import structure_from_toml, structure_to_toml
+from tensegrity_mj.library.random_linked import random_linked_structure
+from tensegrity_mj.library.random_taut import random_taut_structure
+from tensegrity_mj.model.elements.resistance import resisting_forces
+from tensegrity_mj.model.events import Load
+from tensegrity_mj.model.rods import lumped_masses, string_forces
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.text.reading import structure_from_toml
+from tensegrity_mj.model.text.writing import structure_to_toml
+from tensegrity_mj.statics.self_stress import prestress
 
 # Of the base: a string's stiffness [N/m], and the elongation u/k of the string that is pulled most.
 STIFFNESS = 1000.0
@@ -69,7 +71,7 @@ def scene_at_rest(scene: Scene) -> tuple[Scene, str]:
 
 def is_at_rest(scene: Scene) -> bool:
     """Whether a scene without velocities stays where it is."""
-    from tensegrity_mj.vibration import vibration
+    from tensegrity_mj.vibration.small_motions import vibration
 
     still = np.zeros_like(scene.nodes0)
     model = vibration(scene, scene.nodes0, still, scene.structure.rest_lengths)
@@ -119,7 +121,7 @@ def base_structure(scene: Scene) -> tuple[Structure, str]:
 
 def is_firm(structure: Structure) -> bool:
     """Whether every motion but one of the whole is held: no stiffness below zero, to 1e-9 of the largest."""
-    from tensegrity_mj.vibration import vibration
+    from tensegrity_mj.vibration.small_motions import vibration
 
     still = np.zeros_like(structure.positions)
     model = vibration(Scene(structure), structure.positions, still, structure.rest_lengths)

@@ -19,7 +19,11 @@ TITLES = {
 
 def engine_of(name: str, step: float) -> Any:
     """The engine of that name with a step [s]."""
-    from tensegrity_mj import DAE, ODE, Integrator, Method, MuJoCo
+    from tensegrity_mj.engines.mujoco.engine import MuJoCo
+    from tensegrity_mj.engines.mujoco.settings import Integrator
+    from tensegrity_mj.engines.reference.dae import DAE
+    from tensegrity_mj.engines.reference.method import Method
+    from tensegrity_mj.engines.reference.ode import ODE
 
     if name in ("dae", "ode"):
         return (DAE if name == "dae" else ODE)(method=Method.RK4, timestep=step)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.plots import COLUMN
+from tensegrity_mj.pictures.plots import COLUMN
 from tensegrity_mj.studies.stability.cases import AXES
 from tensegrity_mj.studies.stability.engines import NAMES, TITLES
 

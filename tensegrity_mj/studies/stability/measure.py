@@ -22,18 +22,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tensegrity_mj.actuation import Actuation, OnInfeasible
-from tensegrity_mj.engines.run import Request
+from tensegrity_mj.dynamics.native.law import Law, native_law
+from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import DivergenceError, TensegrityError
-from tensegrity_mj.families.random_structures import random_velocities
-from tensegrity_mj.law import Law, native_law
-from tensegrity_mj.moved_supports import velocities_with_supports
-from tensegrity_mj.scene import Scene
-from tensegrity_mj.trajectory import Status, Trajectory
-
-Array = NDArray[np.float64]
+from tensegrity_mj.library.random_structures import random_velocities
+from tensegrity_mj.model.actuation import Actuation, OnInfeasible
+from tensegrity_mj.model.moved_supports import velocities_with_supports
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.runs.trajectory import Status, Trajectory
 
 STEPS = 1000
 GROWTH = 10.0

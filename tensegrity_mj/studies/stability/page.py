@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from tensegrity_mj.report import Picture, Section, Table, write_sections
+from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.studies.stability import figures
 from tensegrity_mj.studies.stability.cases import AXES
 from tensegrity_mj.studies.stability.engines import TITLES

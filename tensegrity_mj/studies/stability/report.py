@@ -8,15 +8,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tensegrity_mj.checks import member
+from tensegrity_mj.basics.checks import member
 from tensegrity_mj.errors import OptionError, TensegrityError
-from tensegrity_mj.scene import Scene
-from tensegrity_mj.stability import stable_step
+from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.studies.stability.cases import AXES, joined_points, map_points, random_points, scene_at_rest
 from tensegrity_mj.studies.stability.engines import CLASS_1, NAMES, TITLES, engine_of
 from tensegrity_mj.studies.stability.study import at_rest, limits_at, summary
 from tensegrity_mj.studies.workers import Backend, Workers
+from tensegrity_mj.vibration.stable_step import stable_step
 
 MOST_RODS = 500
 QUICK_RODS = 20
@@ -152,8 +152,8 @@ def _start(scene: Scene, law: Any, engines: Sequence[str]) -> dict[str, Any]:
 
 def _engine_of_run(scene: Scene, law: Any) -> Any:
     """The DAE; of a scene with contact, which MuJoCo alone has, its RK4 with steps that resolve both it and contact."""
-    from tensegrity_mj.engines.dae import DAE
-    from tensegrity_mj.engines.mujoco import MuJoCo
+    from tensegrity_mj.engines.mujoco.engine import MuJoCo
+    from tensegrity_mj.engines.reference.dae import DAE
 
     if scene.contact is None:
         return DAE()

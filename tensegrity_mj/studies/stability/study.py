@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.joints import spanning_forest
-from tensegrity_mj.scene import Scene
-from tensegrity_mj.stability import StableStep, stable_step
-from tensegrity_mj.structure import Structure
+from tensegrity_mj.model.forest import spanning_forest
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.studies.stability.cases import joined_scene, structure_of
 from tensegrity_mj.studies.stability.engines import CLASS_1, NAMES, engine_of
 from tensegrity_mj.studies.stability.measure import STEPS, measured_limit
+from tensegrity_mj.vibration.stable_step import StableStep, stable_step
 
 MOST = {"discrete": 300.0}  # of 2/ω: the largest step tried
 USUAL_MOST = 100.0

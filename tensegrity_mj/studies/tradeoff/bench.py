@@ -13,15 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tensegrity_mj.errors import FormatError
-from tensegrity_mj.jsontext import from_exact_json, to_exact_json
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
+from tensegrity_mj.errors import FormatError, printable
 from tensegrity_mj.studies import store
 from tensegrity_mj.studies.plain import digest
-from tensegrity_mj.texts import printable
-
-Array = NDArray[np.float64]
 
 
 class Bench:

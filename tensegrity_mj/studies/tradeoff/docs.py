@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from tensegrity_mj.basics.files import checked, made_folder, replacing
+from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.errors import FormatError, OptionError
-from tensegrity_mj.files import checked, made_folder, replacing
 from tensegrity_mj.studies.tradeoff import sentence
 from tensegrity_mj.studies.tradeoff.figure import Cost, diagram, has_diagram
 from tensegrity_mj.studies.tradeoff.settings import BUDGET
-from tensegrity_mj.texts import file_name
 
 Data = Mapping[str, Any]
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.actuation import Actuation, Mode
-from tensegrity_mj.law import NativeLaw
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.dynamics.native.law import NativeLaw
+from tensegrity_mj.model.actuation import Actuation, Mode
+from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
 from tensegrity_mj.studies.tradeoff.settings import recording_interval, time_text
 

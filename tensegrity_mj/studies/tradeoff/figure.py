@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.plots import GREY
+from tensegrity_mj.pictures.plots import GREY
 from tensegrity_mj.studies.tradeoff.sentence import metres
-from tensegrity_mj.texts import figure_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

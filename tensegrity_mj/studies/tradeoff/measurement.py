@@ -9,18 +9,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import ControllerError, DivergenceError, InfeasibleError, TensegrityError
+from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate
 from tensegrity_mj.studies.tradeoff.experiments import Experiment
 from tensegrity_mj.studies.tradeoff.memory import memory_of
-from tensegrity_mj.trajectory import Status, Trajectory
 
 if TYPE_CHECKING:
     from tensegrity_mj.studies.tradeoff.settings import AnyEngine
 
-Array = NDArray[np.float64]
 SAME_TIME = 1e-9  # of the duration
 
 

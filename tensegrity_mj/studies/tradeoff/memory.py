@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tensegrity_mj.trajectory import VARIABLES, Trajectory
+from tensegrity_mj.runs.trajectory import VARIABLES, Trajectory
 
 if TYPE_CHECKING:
-    from tensegrity_mj.engines.dae import DAE
-    from tensegrity_mj.engines.ode import ODE
+    from tensegrity_mj.engines.reference.dae import DAE
+    from tensegrity_mj.engines.reference.ode import ODE
     from tensegrity_mj.studies.tradeoff.settings import AnyEngine
+import mujoco
 
 DOUBLE = 8
 RK4_VECTORS = 6  # the state, four rates, a trial state
@@ -28,11 +29,9 @@ WORK = 3  # integrals of work beside q and q̇
 def memory_of(run: Trajectory, engine: AnyEngine) -> int:
     """Bytes of a run's recorded arrays and of its engine's model, state and stages."""
     recorded = sum(int(getattr(run, name).nbytes) for name in VARIABLES)
-    from tensegrity_mj.engines.mujoco import MuJoCo
+    from tensegrity_mj.engines.mujoco.engine import MuJoCo
 
     if isinstance(engine, MuJoCo):
-        from tensegrity_mj.engines.mujoco_memory import buffer_bytes
-
         return recorded + buffer_bytes(engine.model(run.scene))
     return recorded + DOUBLE * _doubles(engine, _state_size(run, engine))
 
@@ -40,17 +39,23 @@ def memory_of(run: Trajectory, engine: AnyEngine) -> int:
 def _state_size(run: Trajectory, engine: DAE | ODE) -> int:
     from tensegrity_mj.dynamics.linked import LinkedRecords
     from tensegrity_mj.dynamics.minimal import MinimalRecords
-    from tensegrity_mj.engines.dae import DAE
+    from tensegrity_mj.engines.reference.dae import DAE
 
     records = LinkedRecords if isinstance(engine, DAE) else MinimalRecords
     return 2 * records.of(run.scene.structure).nq + WORK
 
 
 def _doubles(engine: DAE | ODE, size: int) -> int:
-    from tensegrity_mj.engines.integration import Method
+    from tensegrity_mj.engines.reference.method import Method
 
     if engine.method is Method.RK4:
         return RK4_VECTORS * size
     if engine.method is Method.DOP853:
         return DOP853_VECTORS * size
     return RADAU_VECTORS * size + RADAU_MATRICES * int(np.square(size))
+
+
+def buffer_bytes(model: mujoco.MjModel) -> int:
+    """Bytes of a compiled model's buffer and of one data object's: its arrays and its arena, which it takes whole."""
+    data = mujoco.MjData(model)
+    return int(model.nbuffer) + int(data.nbuffer) + int(data.narena)

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from tensegrity_mj.actuation import Mode
-from tensegrity_mj.checks import positive
+from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.studies.tradeoff.settings import BUDGET, Kind
 
 PERIODS = (1e-2, 1e-3)  # s

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tensegrity_mj.report import Picture, Section, Table, write_sections
+from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.studies.tradeoff import sentence
 from tensegrity_mj.studies.tradeoff.figure import Cost, diagram, has_diagram
 

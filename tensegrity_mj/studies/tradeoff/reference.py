@@ -25,8 +25,8 @@ from tensegrity_mj.studies.tradeoff.settings import (
 )
 
 if TYPE_CHECKING:
+    from tensegrity_mj.runs.trajectory import Trajectory
     from tensegrity_mj.studies.tradeoff.settings import AnyEngine
-    from tensegrity_mj.trajectory import Trajectory
 
 GENEROUS = 5  # times the budget of a run of the sweep
 MOST_FULL = 100  # rods; the full equations take time with the third power
@@ -96,10 +96,10 @@ def find_reference(experiment: Experiment, budget: float, run: Run | None = None
 
 def _candidates(experiment: Experiment, most: float) -> Iterator[tuple[list[AnyEngine], Any]]:
     """Engines of which two that complete make a reference, in order, and what makes its second formulation."""
-    from tensegrity_mj.engines.dae import DAE, Solver
-    from tensegrity_mj.engines.integration import Method
-    from tensegrity_mj.engines.mujoco import MuJoCo
-    from tensegrity_mj.engines.ode import ODE
+    from tensegrity_mj.engines.mujoco.engine import MuJoCo
+    from tensegrity_mj.engines.reference.dae import DAE, Solver
+    from tensegrity_mj.engines.reference.method import Method
+    from tensegrity_mj.engines.reference.ode import ODE
 
     steps = max(1, int(most / DOP853_STAGES))
     period, total = experiment.actuation.period, experiment.duration

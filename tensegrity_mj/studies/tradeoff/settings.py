@@ -13,17 +13,17 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from tensegrity_mj.actuation import whole_ratio
+from tensegrity_mj.dynamics.native.law import NativeLaw
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.joints import spanning_forest
-from tensegrity_mj.law import NativeLaw
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.model.actuation import whole_ratio
+from tensegrity_mj.model.forest import spanning_forest
+from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.studies.parameters import engine_settings
 
 if TYPE_CHECKING:
-    from tensegrity_mj.engines.dae import DAE
-    from tensegrity_mj.engines.mujoco import MuJoCo
-    from tensegrity_mj.engines.ode import ODE
+    from tensegrity_mj.engines.mujoco.engine import MuJoCo
+    from tensegrity_mj.engines.reference.dae import DAE
+    from tensegrity_mj.engines.reference.ode import ODE
 
     AnyEngine = MuJoCo | DAE | ODE
 
@@ -164,10 +164,11 @@ def sweep_settings(
     Raises:
         OptionError: for steps or tolerances that an engine cannot have.
     """
-    from tensegrity_mj.engines.dae import DAE, Drift
-    from tensegrity_mj.engines.integration import Method
-    from tensegrity_mj.engines.mujoco import Integrator, MuJoCo
-    from tensegrity_mj.engines.ode import ODE
+    from tensegrity_mj.engines.mujoco.engine import MuJoCo
+    from tensegrity_mj.engines.mujoco.settings import Integrator
+    from tensegrity_mj.engines.reference.dae import DAE, Drift
+    from tensegrity_mj.engines.reference.method import Method
+    from tensegrity_mj.engines.reference.ode import ODE
 
     total = scene.duration if duration is None else duration
     interval = recording_interval(total)

@@ -11,12 +11,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from tensegrity_mj.actuation import Mode
+from tensegrity_mj.basics.files import made_folder, replacing
+from tensegrity_mj.basics.jsontext import to_json
+from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.errors import OptionError, SceneError
-from tensegrity_mj.files import made_folder, replacing
-from tensegrity_mj.jsontext import to_json
-from tensegrity_mj.law import native_law
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.library.load import load_scene
+from tensegrity_mj.model.actuation import Mode
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.plain import plain
 from tensegrity_mj.studies.tradeoff import bench, sentence
@@ -27,7 +29,6 @@ from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
 from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, Reference, find_reference
 from tensegrity_mj.studies.tradeoff.settings import Setting, divides, sweep_settings, weight
 from tensegrity_mj.studies.validation import laws
-from tensegrity_mj.textformat import load_scene, scene_to_toml
 
 DATA, PAGE, PICTURE, RUNS = "tradeoff.json", "tradeoff.html", "tradeoff.png", "runs"
 FORMAT = 1
@@ -64,7 +65,7 @@ class Tradeoff:
 
     def save_figure(self, path: str | os.PathLike[str]) -> Path:
         """Write the diagram, error against wall time, as .png, .svg or .pdf; returns its path."""
-        from tensegrity_mj.plots import save_figure
+        from tensegrity_mj.pictures.plots import save_figure
         from tensegrity_mj.studies.tradeoff.figure import Cost, diagram
 
         return save_figure(diagram(self.data, Cost.WALL_TIME), Path(path))

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.plots import COLUMN, GREY, RUN_STYLES
-from tensegrity_mj.report import Picture
-from tensegrity_mj.studies.validation.findings import left_promise, title
-from tensegrity_mj.texts import figure_text
+from tensegrity_mj.pictures.page import Picture
+from tensegrity_mj.pictures.plots import COLUMN, GREY, RUN_STYLES
+from tensegrity_mj.studies.validation.findings import left_promise
+from tensegrity_mj.studies.validation.sentences import title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

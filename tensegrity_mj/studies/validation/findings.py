@@ -10,23 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.actuation import Mode
 from tensegrity_mj.dynamics.target import target_nodes
 from tensegrity_mj.engines.reports import DECAY_WARNING
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.model.actuation import Mode
+from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.studies.attempt import DONE
 from tensegrity_mj.studies.validation.sections import SECTIONS, Case, Setup
-
-Data = dict[str, Any]
+from tensegrity_mj.studies.validation.sentences import GOOD, STOPPED, Data, summary
 
 CONVERGED = 0.05  # part of the way to the target that may be left
 MIRRORED = -0.98  # cos of the angle between a rod and its target
 SAME = 1e-9  # part of the structure's size: nodes that are not farther apart are at the same place
 STANDING = 0.05  # part of the way to the target that the fastest node would go in another duration
 TREND = 0.01  # part by which a quantity must change to have a trend
-STOPPED = ("infeasible", "singular", "diverged")
-TOLERATED = ("mass", "stiffness", "noise", "delay", "breaks", "gravity")
-GOOD = ("converged", "completed")  # the latter where there is no target
 OUTCOMES = ("converged", "off target", "still moving", "mirrored", *STOPPED, "failed", "completed")
 
 # What §5.6 says of gains: (gain, quantity, sign of its change as the gain grows, in words).
@@ -38,14 +34,6 @@ STATEMENTS = (
     ("Y", "rms_force_density", -1, "larger controls with smaller Y (root mean square)"),
     ("Y", "settling_10", 1, "may become slower with larger Y"),
 )
-
-
-TITLES = {"mujoco": "MuJoCo", "dae": "DAE", "ode": "ODE"}
-
-
-def title(engine: str) -> str:
-    """An engine's name for people."""
-    return TITLES.get(engine, engine)
 
 
 def findings(setup: Setup, pairs: Sequence[tuple[Case, Mapping[str, Any]]]) -> Data:
@@ -295,258 +283,3 @@ def _differing(starts: Mapping[str, Any]) -> list[Data]:
 
 
 # ------------------------------------------------------------------------------------------------------- sentences
-
-
-def summary(setup: Setup, found: Data) -> list[str]:
-    """What the report comes to, in sentences; of the first engine, and where another one differs."""
-    engine = setup.engines[0]
-    sentences = [_nominal_sentence(setup, found, engine), *_winch_sentences(found, engine)]
-    makers = {
-        "sampling": _sampling_sentences,
-        "gains": _gain_sentences,
-        "mass": _plant_sentences,
-        "stiffness": _plant_sentences,
-        "noise": _noise_sentences,
-        "delay": _delay_sentences,
-        "breaks": _break_sentences,
-        "gravity": _gravity_sentences,
-        "starts": _start_sentences,
-    }
-    # What is off can only be blamed where the run converges without it.
-    outcome = found["nominal"]["engines"][engine]["outcome"]
-    unjudged = [] if outcome in GOOD else [section for section in TOLERATED if section in found]
-    sentences.append(_unjudged_sentence(unjudged, outcome))
-    for section, maker in makers.items():
-        if section in found and section not in unjudged:
-            mine = maker(setup, section, found[section][engine])
-            others = [name for name in setup.engines[1:] if maker(setup, section, found[section][name]) != mine]
-            sentences += mine
-            if others and section not in ("sampling", "starts"):
-                listed = " and ".join(title(name) for name in others)
-                sentences.append(f"{section.capitalize()} in {listed}: not quite the same, see the tables.")
-    if setup.scene.contact is not None:
-        sentences.append("MuJoCo alone has contact: no other engine confirms what is said here.")
-    if found.get("starts_that_differ"):
-        count = len(found["starts_that_differ"])
-        sentences.append(f"{count} of the starts {'comes' if count == 1 else 'come'} out differently in other engines.")
-    return [sentence for sentence in sentences if sentence]
-
-
-def _nominal_sentence(setup: Setup, found: Data, engine: str) -> str:
-    values = found["nominal"]["engines"][engine]
-    if values["outcome"] == "failed":
-        return f"The nominal run fails: {values['message']}."
-    text = f"Nominal, {title(engine)}: {values['outcome']} after {values['end_time']:g} s"
-    if values["outcome"] in STOPPED:
-        return f"{text}: {values['message']}."
-    error, V = values["error"], values["lyapunov"]
-    if error is not None:
-        text += f", {error['final']:.2g} m from the target"
-    if V is not None and V["promised_rate"] is not None:
-        text += f"; V falls at {V['fitted_rate']:.6g} /s, promised {V['promised_rate']:g} /s"
-        if V["decay_error"] is not None:
-            text += f" (largest error {V['decay_error']:.1g})"
-    for one in found["nominal"]["differences"]:
-        if engine in one["engines"] and one["node_error"] is not None:
-            other = next(name for name in one["engines"] if name != engine)
-            text += f"; {title(other)} differs by {one['node_error']:.1e} m"
-    return text + "."
-
-
-def _unjudged_sentence(unjudged: Sequence[str], outcome: str) -> str:
-    if not unjudged:
-        return ""
-    more = ", or with more time (--duration)" if outcome == "still moving" else ""
-    return (
-        f"What the law tolerates of {' and '.join(unjudged)} cannot be told where it does not converge without: see "
-        f"the tables, and test it where it does{more}."
-    )
-
-
-def _winch_sentences(found: Data, engine: str) -> list[str]:
-    values = found["nominal"]["engines"][engine]
-    if "winch" not in values:
-        return []
-    sentences = []
-    margin, peaks, winch = values["margin"], values["peaks"], values["winch"]
-    if margin is not None and margin["smallest"] is not None:
-        sentences.append(f"The smallest feasibility margin is {margin['smallest']:.3g}, at {margin['time']:g} s.")
-    u, rod = peaks["force_density"], peaks["compression"]
-    if u is not None:
-        text = f"The largest force density is {u['value']:.3g} N/m ({u['of']} at {u['time']:g} s)"
-        if rod is not None and rod["value"] > 0:
-            text += f", the largest compression {rod['value']:.3g} N ({rod['of']} at {rod['time']:g} s)"
-        sentences.append(text + ".")
-    below = values["rest_lengths"]
-    if below and below["samples"]:
-        sentences.append(
-            f"Rest lengths of {', '.join(below['strings'])} are <= 0, first at {below['first_time']:g} s: no string "
-            "can do that; take stiffer strings."
-        )
-    for name, limit in values["limits"].items():
-        if limit["strings"]:
-            sentences.append(f"{name} is reached by {', '.join(limit['strings'])}.")
-    if winch["peak"] is not None:
-        sentences.append(
-            f"The winches do {winch['done']:.3g} J and get {winch['recovered']:.3g} J back; the power of a single "
-            f"one, done or got back, is up to {winch['peak']['value']:.3g} W ({winch['peak']['of']} at "
-            f"{winch['peak']['time']:g} s)."
-        )
-    return sentences
-
-
-def _sampling_sentences(setup: Setup, section: str, part: Data) -> list[str]:
-    sentences = []
-    # What sampling costs is told of runs that end as the law at every stage does, well or not.
-    without = {one["outcome"] for one in part["rows"] if one["mode"] == Mode.CONTINUOUS.value}
-    fine = {*GOOD, *without} - {*STOPPED, "failed"}
-    for mode in (Mode.HOLD_FORCE_DENSITY.value, Mode.HOLD_REST_LENGTH.value):
-        own = [one for one in part["rows"] if one["mode"] == mode]
-        bad = [one for one in own if one["outcome"] not in fine]
-        good = [one for one in own if one["outcome"] in fine and one["node_error"] is not None]
-        near = min(good, key=lambda one: abs(math.log(one["period"] / setup.period)), default=None)
-        if near is not None:
-            against = "" if part["reference"] == "continuous" else " against the finest period"
-            sentences.append(f"{mode} at {1e3 * near['period']:g} ms costs {near['node_error']:.2g} m{against}")
-        if bad:
-            what = f"{mode} does not do at {', '.join(_milliseconds(one) for one in bad)}"
-            sentences.append(f"{what} ({_outcomes(bad)})")
-    return [f"{text[0].upper()}{text[1:]}." for text in sentences]
-
-
-def _milliseconds(one: Data) -> str:
-    return f"{1e3 * one['period']:g} ms"
-
-
-def _gain_sentences(setup: Setup, section: str, part: Data) -> list[str]:
-    words = {"yes": "shows", "no": "does not show: it is the other way round", "mixed": "shows in part only"}
-    words |= {"none": "does not show: nothing changes", "unknown": "cannot be told"}
-    return [f"§5.6, {one['statement']}: {words[one['shows']]}." for one in part["trends"]]
-
-
-def _plant_sentences(setup: Setup, section: str, part: Data) -> list[str]:
-    what = "masses" if section == "mass" else "stiffnesses"
-    bad = [one for one in part["rows"] if one["outcome"] not in GOOD]
-    if not bad:
-        errors = [one["final_error"] for one in part["rows"] if one["final_error"] is not None]
-        worst = f" (final error up to {max(errors):.2g} m)" if errors else ""
-        return [f"Converges with {what} off by up to 20 %{worst}."] if part["rows"] else []
-    return [f"Does not tolerate {what} off by 20 %: {_listed(bad)}."]
-
-
-def _noise_sentences(setup: Setup, section: str, part: Data) -> list[str]:
-    columns = (("position_std", "m", "positions"), ("velocity_std", "m/s", "velocities"))
-    sentences = []
-    for chosen in (columns[:1], columns[1:], columns):
-        keys = {key for key, _, _ in chosen}
-        own = [one for one in part["rows"] if {key for key, _, _ in columns if one[key]} == keys]
-        own.sort(key=lambda one: [one[key] for key, _, _ in columns])
-        amounts = [" and ".join(f"{one[key]:g} {unit}" for key, unit, _ in chosen) for one in own]
-        both = " together" if len(chosen) > 1 else ""
-        text = _tolerated(own, amounts, f"noise of {' and '.join(what for _, _, what in chosen)}{both}")
-        sentences += [text] if text else []
-    return sentences
-
-
-def _delay_sentences(setup: Setup, section: str, part: Data) -> list[str]:
-    own = sorted(part["rows"], key=lambda one: one["samples"])
-    good = _first_good(own)
-    if good is None:
-        first = f"{own[0]['samples']} × {1e3 * setup.period:g} ms ({_outcomes(own[:1])})"
-        return [f"Does not tolerate a delay of {first}."]
-    more = " (more was not tried)" if good is own[-1] else f" ({_outcomes([own[own.index(good) + 1]])} with more)"
-    samples = "1 sample" if good["samples"] == 1 else f"{good['samples']} samples"
-    return [f"Tolerates a delay of up to {samples} of {1e3 * setup.period:g} ms{more}."]
-
-
-def _break_sentences(setup: Setup, section: str, part: Data) -> list[str]:
-    if not part["rows"]:
-        return []
-    bad = [one for one in part["rows"] if one["outcome"] not in GOOD]
-    time = part["rows"][0]["time"]
-    if not bad:
-        return [f"Converges whichever of the {len(part['rows'])} strings tried breaks at {time:g} s."]
-    groups = dict.fromkeys(one["outcome"] for one in bad)
-    listed = [
-        f"{group} when {_names(one['string'] for one in bad if one['outcome'] == group)} breaks" for group in groups
-    ]
-    text = "; ".join(listed)
-    return [f"{text[0].upper()}{text[1:]} at {time:g} s ({len(bad)} of {len(part['rows'])} strings tried)."]
-
-
-def _gravity_sentences(setup: Setup, section: str, part: Data) -> list[str]:
-    sentences = []
-    for told, words in ((False, "unknown to the law"), (True, "known to it")):
-        own = [one for one in part["rows"] if one["known_to_the_law"] is told]
-        if own:
-            good = [one for one in own if one["outcome"] in GOOD]
-            bad = [one for one in own if one["outcome"] not in GOOD]
-            fine = f"converges with {_names(_g(one) for one in good)}" if good else ""
-            ill = f"not with {_names(f'{_g(one)} ({_ended(one)})' for one in bad)}" if bad else ""
-            sentences.append(f"Gravity {words}: {'; '.join(text for text in (fine, ill) if text)}.")
-    return sentences
-
-
-def _g(one: Data) -> str:
-    return f"{np.linalg.norm(one['gravity']):g} m/s²"
-
-
-def _start_sentences(setup: Setup, section: str, part: Data) -> list[str]:
-    key = "law" if "law" in part["fractions"][0] else "amplitude"
-    names = [one[key] if key == "law" else f"amplitude {one[key]:g}" for one in part["fractions"]]
-    parts = [f"{one['converged']:.0%}{_promise(one)}" for one in part["fractions"]]
-    listed = "; ".join(f"{name}: {text}" for name, text in zip(names, parts, strict=True))
-    sentences = [f"Of {part['fractions'][0]['starts']} random starts each, there converge: {listed}."]
-    if any(_promise(one) for one in part["fractions"]):
-        # On the pinned rod error-controlled runs stop there, but for a few that need shorter steps only.
-        held = f"fixed steps of {1e3 * setup.timestep:g} ms" if setup.continuous else "held controls"
-        sentences.append(
-            f"Where V leaves its promise, {held} passed a singularity of the law, or were too long for it: do not "
-            "count on these starts."
-        )
-    return sentences
-
-
-def _promise(one: Data) -> str:
-    return "" if one["kept"] in (None, one["converged"]) else f" ({one['kept']:.0%} with V as promised all the way)"
-
-
-def _tolerated(own: Sequence[Data], amounts: Sequence[str], what: str) -> str:
-    """Up to which amount, one a row and growing, runs converge."""
-    if not own:
-        return ""
-    good = _first_good(own)
-    if good is None:
-        return f"Does not tolerate {what} of {amounts[0]} ({_outcomes(own[:1])})."
-    last = own.index(good)
-    more = " (more was not tried)" if good is own[-1] else f" ({_outcomes([own[last + 1]])} with more)"
-    return f"Tolerates {what} of up to {amounts[last]}{more}."
-
-
-def _first_good(own: Sequence[Data]) -> Data | None:
-    """The last row before the first that does not converge."""
-    best = None
-    for one in own:
-        if one["outcome"] not in GOOD:
-            break
-        best = one
-    return best
-
-
-def _listed(rows: Sequence[Data]) -> str:
-    return "; ".join(f"{one['label']}: {_ended(one)}" for one in rows)
-
-
-def _ended(one: Data) -> str:
-    if one["outcome"] in STOPPED:
-        return f"{one['outcome']} at {one['end_time']:.3g} s"
-    return str(one["outcome"])
-
-
-def _outcomes(rows: Sequence[Data]) -> str:
-    return _names(dict.fromkeys(_ended(one) if len(rows) == 1 else one["outcome"] for one in rows))
-
-
-def _names(names: Iterable[str]) -> str:
-    *some, last = names
-    return f"{', '.join(some)} or {last}" if some else last

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj import controllers
+from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.errors import OptionError, TensegrityError
-from tensegrity_mj.law import native_law
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.model.scene import Scene
 
 Spec = dict[str, Any]
 

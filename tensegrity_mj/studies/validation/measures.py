@@ -8,15 +8,15 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tensegrity_mj import rods
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.target import target_nodes
-from tensegrity_mj.structure import Structure
-from tensegrity_mj.trajectory import Trajectory
-from tensegrity_mj.winches import winch_increments
+from tensegrity_mj.model import rods
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.runs.winches import winch_increments
 
-Array = NDArray[np.float64]
 Values = dict[str, Any]
 
 ACTIVE = 1e-6  # part of the largest u above its floor: below it, a string counts as not pulling

@@ -8,10 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from tensegrity_mj.report import Picture, Section, Table, write_sections
+from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.studies.validation import figures
-from tensegrity_mj.studies.validation.findings import title
 from tensegrity_mj.studies.validation.sections import SECTIONS
+from tensegrity_mj.studies.validation.sentences import title
 
 Data = Mapping[str, Any]
 

@@ -8,16 +8,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tensegrity_mj import controllers
-from tensegrity_mj.actuation import Mode
-from tensegrity_mj.law import native_law
-from tensegrity_mj.scene import Scene
-from tensegrity_mj.structure import Structure
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.law import native_law
+from tensegrity_mj.model.actuation import Mode
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.studies.validation import laws
-
-Array = NDArray[np.float64]
 
 # Sections in their order; `nominal` is always run, since all others are judged by it.
 SECTIONS: dict[str, str] = {

@@ -10,13 +10,15 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from tensegrity_mj.actuation import whole_ratio
-from tensegrity_mj.checks import positive
+from tensegrity_mj.basics.checks import positive
+from tensegrity_mj.basics.files import made_folder, replacing
+from tensegrity_mj.basics.jsontext import to_json
+from tensegrity_mj.dynamics.native.law import Law
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.files import made_folder, replacing
-from tensegrity_mj.jsontext import to_json
-from tensegrity_mj.law import Law
-from tensegrity_mj.scene import Scene
+from tensegrity_mj.library.load import load_scene
+from tensegrity_mj.model.actuation import whole_ratio
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.studies.parameters import ENGINES
@@ -26,7 +28,6 @@ from tensegrity_mj.studies.validation.findings import findings
 from tensegrity_mj.studies.validation.sections import SECTIONS, Extent, Setup, cases
 from tensegrity_mj.studies.validation.task import TICK, run_point
 from tensegrity_mj.studies.workers import Backend, Workers
-from tensegrity_mj.textformat import load_scene, scene_to_toml
 
 FORMAT = 1
 DATA, PAGE, RUNS = "validation.json", "validation.html", "runs"  # what a folder holds

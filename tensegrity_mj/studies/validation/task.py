@@ -9,17 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.actuation import Actuation, Mode
 from tensegrity_mj.controllers.degraded import Delayed, Noisy
+from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.errors import DivergenceError
-from tensegrity_mj.law import native_law
-from tensegrity_mj.scene import Break, Scene
+from tensegrity_mj.model.actuation import Actuation, Mode
+from tensegrity_mj.model.events import Break
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.text.reading import scene_from_toml
+from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.simulation import simulate
 from tensegrity_mj.studies.nominal import NominalWinches
 from tensegrity_mj.studies.parameters import Draft
 from tensegrity_mj.studies.validation import laws, measures
-from tensegrity_mj.textformat import scene_from_toml
-from tensegrity_mj.trajectory import Trajectory
 
 ROWS = 64 * 2**20  # bytes of recorded rows at most
 TICK = 0.01  # s: what control periods, durations and break times are multiples or parts of

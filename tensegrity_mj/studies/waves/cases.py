@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.families.thesis_towers import PRESTRESS_MEASURES, STIFFNESSES
+from tensegrity_mj.library.thesis_towers import PRESTRESS_MEASURES, STIFFNESSES
 
 Tower = Mapping[str, Any]  # arguments of `tower_in_waves`, as in `task`
 

@@ -10,17 +10,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tensegrity_mj.deformation import centres, distances_from_line, interconnections, rod_forces
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.families.tower import Topology
-from tensegrity_mj.families.tower_in_waves import tower_in_waves
-from tensegrity_mj.scene import Scene
-from tensegrity_mj.trajectory import Status, Trajectory
-from tensegrity_mj.water import Weights, sea_of
-
-Array = NDArray[np.float64]
+from tensegrity_mj.library.tower import Topology
+from tensegrity_mj.library.tower_in_waves import tower_in_waves
+from tensegrity_mj.model.elements.water import Weights, sea_of
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.runs.deformation import centres, distances_from_line, interconnections, rod_forces
+from tensegrity_mj.runs.trajectory import Status, Trajectory
 
 INTERVAL = 0.02  # s between recorded samples: the largest D of them is low by 3e-4 of itself at most
 SNAPSHOTS = 3  # over the last wave period, as figure 7.8
@@ -39,12 +36,12 @@ def scene_of(tower: dict[str, Any]) -> Scene:
 def engine_of(name: str, timestep: float) -> Any:
     """RK4 in one of the two engines."""
     if name == "mujoco":
-        from tensegrity_mj.engines.mujoco import MuJoCo
+        from tensegrity_mj.engines.mujoco.engine import MuJoCo
 
         return MuJoCo(timestep=timestep)
     if name == "dae":
-        from tensegrity_mj.engines.dae import DAE
-        from tensegrity_mj.engines.integration import Method
+        from tensegrity_mj.engines.reference.dae import DAE
+        from tensegrity_mj.engines.reference.method import Method
 
         return DAE(method=Method.RK4, timestep=timestep)
     raise OptionError(f"engine = {name!r}; allowed: dae, mujoco")
@@ -116,7 +113,7 @@ def _snapshots(run: Trajectory) -> list[int]:
 
 def agreement(point: dict[str, Any]) -> dict[str, Any]:
     """How far MuJoCo's nodes [m] are from those of the DAE with error control, for each of "timesteps" [s]."""
-    from tensegrity_mj.engines.dae import DAE
+    from tensegrity_mj.engines.reference.dae import DAE
     from tensegrity_mj.simulation import simulate
 
     scene, longest = scene_of(point["tower"]), max(point["timesteps"])

@@ -1,0 +1,166 @@
+"""V in angles: the landscapes V_φ(φ, φ̇) of figures 5.1, 6.2 and 6.7, and a run's way over them.
+
+With φ the angle from b_d to b, θ the angle of b about b_d, and gains X = α I, Y = β I, Z = γ I and K I, all three laws
+have V_b = V_φ(φ, φ̇) + V_θ(φ, θ̇). From ‖e_b‖² = 2 (1 - cos φ), ‖p‖ = sin φ and ‖ḃ‖² = φ̇² + sin²φ θ̇²:
+
+    no projection      V_φ = α (1 - cos φ) + β φ̇ sin φ       + γ φ̇²/2                      (5.9), (6.21)
+    onto b⊥            V_φ = α sin²φ / 2   + β φ̇ sin φ       + γ φ̇²/2 + K (1 - cos φ)      (6.11), (6.22)
+    onto b_d⊥          V_φ = α sin²φ / 2   + β φ̇ sin φ cos φ + γ φ̇²/2 + K (1 - cos φ)      (6.23)
+    all                V_θ = γ sin²φ θ̇² / 2
+
+where pᵀḃ = -b_dᵀḃ = φ̇ sin φ for a projection onto b⊥, and cos φ times that onto b_d⊥.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import finite, positive
+from tensegrity_mj.controllers import Lyapunov, Onto, Projection
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.rods import ends
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.runs.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Landscape:
+    """V of one rod about its set-point, in angles.
+
+    Attributes:
+        onto: what the law projects the error of b onto; None for the Lyapunov law of chapter 5.
+        alpha, beta, gamma: X = α I, Y = β I, Z = γ I.
+        stiffness: K of K I.
+
+    Raises:
+        OptionError: unless α γ > β², γ > 0 and K >= 0.
+    """
+
+    onto: Onto | None = None
+    alpha: float = 1.0
+    beta: float = 1.0
+    gamma: float = 1.5
+    stiffness: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.onto is not None and not isinstance(self.onto, Onto):
+            raise OptionError(f"onto = {self.onto!r}; allowed: None, Onto.CURRENT, Onto.TARGET")
+        alpha, beta = finite("alpha", self.alpha), finite("beta", self.beta)
+        gamma, stiffness = positive("gamma", self.gamma), finite("stiffness", self.stiffness, " >= 0")
+        if not alpha * gamma > beta * beta or stiffness < 0:
+            raise OptionError(
+                f"alpha = {alpha:g}, beta = {beta:g}, gamma = {gamma:g}, stiffness = {stiffness:g}; they must have "
+                "alpha * gamma > beta² and stiffness >= 0"
+            )
+
+    @classmethod
+    def of(cls, law: Lyapunov | Projection, rod: str | None = None) -> Landscape:
+        """The landscape of a law, for one of its rods: the first by default.
+
+        Raises:
+            OptionError: for another law, an unknown rod, or gains of b that are not multiples of the identity.
+        """
+        if not isinstance(law, (Lyapunov, Projection)):
+            raise OptionError(f"a landscape is drawn of a Lyapunov or a Projection law, not of {law!r}")
+        record = law.form.gains[_rod_number(law.structure, rod)]
+        values = []
+        for key in ("Xb", "Yb", "Zb", "Kb"):
+            matrix = record[key]
+            if not np.array_equal(matrix, matrix[0, 0] * np.eye(3)):
+                raise OptionError(
+                    f"a landscape in one angle needs gains of b that are numbers; {key} = {matrix.tolist()}"
+                )
+            values.append(float(matrix[0, 0]))
+        return cls(law.form.onto, *values)
+
+    def __call__(self, phi: ArrayLike, rate: ArrayLike) -> Array:
+        """V_φ at angles [rad] and rates [rad/s], which broadcast."""
+        phi, rate = _numbers("phi", phi), _numbers("rate", rate)
+        # 2 sin²(φ/2) = 1 - cos φ, without its loss of digits near zero.
+        away = 2.0 * np.sin(0.5 * phi) ** 2
+        kinetic = 0.5 * self.gamma * rate**2
+        if self.onto is None:
+            return self.alpha * away + self.beta * rate * np.sin(phi) + kinetic
+        mixed = self.beta * rate * np.sin(phi)
+        if self.onto is Onto.TARGET:
+            mixed = mixed * np.cos(phi)
+        return 0.5 * self.alpha * np.sin(phi) ** 2 + mixed + kinetic + self.stiffness * away
+
+    def turning(self, phi: ArrayLike, rate: ArrayLike) -> Array:
+        """V_θ at angles φ [rad] and rates θ̇ [rad/s]."""
+        return 0.5 * self.gamma * (np.sin(_numbers("phi", phi)) * _numbers("rate", rate)) ** 2
+
+
+class Angles(NamedTuple):
+    """Where a rod is relative to its set-point; arrays (T,).
+
+    Attributes:
+        phi: from b_d to b, 0 to π [rad].
+        phi_rate: its rate [rad/s]; where b = ± b_d, the speed.
+        theta_rate: the rate at which b turns about b_d [rad/s]; there, zero.
+    """
+
+    phi: Array
+    phi_rate: Array
+    theta_rate: Array
+
+
+def angles(run: Trajectory, rod: str | None = None) -> Angles:
+    """The angles of a rod of a run, the first by default, relative to the target.
+
+    Raises:
+        OptionError: no such rod, no target, or one that moves.
+    """
+    from tensegrity_mj.dynamics.target import target_positions
+
+    if not isinstance(run, Trajectory):
+        raise OptionError(f"run = {run!r}; use a Trajectory, as of simulate or Trajectory.load")
+    structure = run.scene.structure
+    number = _rod_number(structure, rod)
+    aim = target_positions(structure, run.scene.target, run.time)
+    if aim is None:
+        raise OptionError(f"scene '{run.scene.name}' has no target, relative to which a rod has an angle")
+    axes = _directions(structure, aim, number)
+    if not np.all(axes == axes[0]):
+        raise OptionError(f"scene '{run.scene.name}': its target moves, and a landscape stands about a set-point")
+    b, rate = _directions(structure, run.nodes, number), _directions(structure, run.velocities, number)
+    normal = np.cross(axes, b)  # sin φ long, along b_d × b
+    sine = np.linalg.norm(normal, axis=1)
+    apart = sine > 0
+    normal[apart] /= sine[apart, None]
+    along = np.cross(normal, b)  # of growing φ
+    return Angles(
+        np.arctan2(sine, np.sum(axes * b, axis=1)),
+        np.where(apart, np.sum(along * rate, axis=1), np.linalg.norm(rate, axis=1)),
+        np.where(apart, np.sum(normal * rate, axis=1) / np.where(apart, sine, 1.0), 0.0),
+    )
+
+
+def _numbers(what: str, values: ArrayLike) -> Array:
+    try:
+        return np.asarray(values, float)
+    except (TypeError, ValueError):
+        raise OptionError(f"{what} = {values!r}; it must be a number or an array of numbers") from None
+
+
+def _directions(structure: Structure, nodes: Any, rod: int) -> Array:
+    first, second = ends(structure, nodes)
+    return np.asarray((second[:, rod] - first[:, rod]) / structure.rod_lengths[rod])
+
+
+def _rod_number(structure: Structure, rod: str | None) -> int:
+    names = [one.name for one in structure.rods]
+    if not names:
+        raise OptionError(f"structure '{structure.name}' has no rods")
+    if rod is None:
+        return 0
+    if rod not in names:
+        raise OptionError(
+            f"rod = {rod!r}: structure '{structure.name}' has no such rod; its rods are {', '.join(names)}"
+        )
+    return names.index(rod)

@@ -1,0 +1,132 @@
+"""Checks of what a caller hands over, with one message for each kind of mistake."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import numbers
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.basics.texts import value_text
+from tensegrity_mj.errors import OptionError
+
+# Magnitudes of numbers, other than zero, that a scene or an option may have: the product of any three of them is a
+# float with all its digits (1e±300; floats end at 1.8e308, and have fewer digits below 2.2e-308).
+SMALLEST, LARGEST = 1e-100, 1e100
+MAGNITUDES = f"of a magnitude from {SMALLEST:g} to {LARGEST:g}"
+
+
+def positive(what: str, value: Any, unit: str = "") -> float:
+    """The value as a finite float > 0, from `SMALLEST` to `LARGEST`.
+
+    Raises:
+        OptionError: naming what it is and its value.
+    """
+    more = f" > 0{unit and ' ' + unit}"
+    number = finite(what, value, more)
+    if not number > 0:
+        raise OptionError(f"{what} = {value_text(value)}; it must be a finite number{more}")
+    if number < SMALLEST:
+        raise OptionError(f"{what} = {value_text(value)}; it must be a number{more}, and {MAGNITUDES}")
+    return number
+
+
+def finite(what: str, value: Any, more: str = "") -> float:
+    """The value as a finite float of at most `LARGEST`; numbers of any library pass, bools and texts do not.
+
+    Raises:
+        OptionError: naming what it is and its value.
+    """
+    if isinstance(value, numbers.Real) and not isinstance(value, (bool, np.bool_)):
+        with contextlib.suppress(OverflowError):  # of an integer beyond all floats
+            number = float(value)
+            if abs(number) <= LARGEST:
+                return number
+            if math.isfinite(number):
+                raise OptionError(f"{what} = {value_text(value)}; it must be a number{more}, and {MAGNITUDES}")
+    raise OptionError(f"{what} = {value_text(value)}; it must be a finite number{more}")
+
+
+def real_array(
+    what: str, value: Any, shape: tuple[int, ...], unit: str = "", scalar: bool = True
+) -> NDArray[np.float64]:
+    """The value as a real, finite array of the given shape; one number stands for all of them where `scalar`.
+
+    Raises:
+        OptionError: naming what it is and the shape it must have.
+    """
+    try:
+        array = np.asarray(value)
+        if np.iscomplexobj(array) or array.dtype == bool:
+            raise TypeError
+        if array.shape != shape and not (scalar and array.shape == ()):
+            raise ValueError
+        array = np.broadcast_to(array.astype(float), shape)
+    except (TypeError, ValueError):
+        allowed = f"{'a number or ' if scalar else ''}an array of shape {shape}"
+        raise OptionError(f"{what} = {value_text(value)}; it must be {allowed}{unit and ' [' + unit + ']'}") from None
+    if not np.all(np.isfinite(array)):
+        raise OptionError(f"{what} = {value_text(value)}; every number must be finite")
+    return array
+
+
+def state_of(
+    time: Any, nodes: Any, velocities: Any, count: int
+) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+    """A time [s] and fresh arrays of `count` node positions [m] and velocities [m/s], (N, 3).
+
+    Compiled code, which would read beyond arrays that are too short, may be given these.
+
+    Raises:
+        OptionError: naming which of them it is, and the shape it must have.
+    """
+    return (
+        finite("time", time, " [s]"),
+        np.array(real_array("nodes", nodes, (count, 3), "m", scalar=False)),
+        np.array(real_array("velocities", velocities, (count, 3), "m/s", scalar=False)),
+    )
+
+
+def member(what: str, value: Any, kind: type) -> None:
+    """Raise OptionError unless the value is a member of an enum."""
+    if not isinstance(value, kind):
+        allowed = ", ".join(f"{kind.__name__}.{one.name}" for one in kind)  # type: ignore[attr-defined]
+        raise OptionError(f"{what} = {value_text(value)}; allowed: {allowed}")
+
+
+# Nodes of a family's scene. Laid out by formulas, so many take some ten seconds; where an equilibrium is found first,
+# the time grows with the square to the cube of their number, and this many take minutes.
+MOST_NODES, MOST_FOUND = 30_000, 3_000
+
+
+def whole(what: str, value: Any, least: int) -> int:
+    """The value as an integer of at least `least`.
+
+    Raises:
+        OptionError: naming what it is and its value.
+    """
+    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)) or value < least:
+        raise OptionError(f"{what} = {value_text(value)}; it must be an integer >= {least}")
+    return int(value)
+
+
+def check_nodes(what: str, value: Any, nodes: int, most: int = MOST_NODES) -> None:
+    """Refuse an argument that makes more nodes than a family builds, before anything is built.
+
+    Args:
+        what: the argument, for the message.
+        value: of it.
+        nodes: how many nodes it makes, or sets of one node's numbers.
+        most: how many there may be.
+
+    Raises:
+        OptionError: naming the argument, its value, and both numbers of nodes.
+    """
+    if nodes > most:
+        raise OptionError(
+            f"{what} = {value_text(value)}: that makes {value_text(nodes)} nodes, and at most {most} are built; choose "
+            "a smaller one"
+        )

@@ -1,0 +1,141 @@
+"""Output files: checked before the work, and replaced as a whole after it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import stat
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from tensegrity_mj.basics import interrupts
+from tensegrity_mj.errors import FormatError, OptionError
+
+
+def checked(path: str | os.PathLike[str], suffixes: Sequence[str], what: str) -> Path:
+    """The path, once it is certain that a file of that kind may be written there.
+
+    Raises:
+        OptionError: no path, unknown suffix, missing or unwritable folder, or something there that is no writable file.
+    """
+    try:
+        destination = Path(path)
+    except TypeError:
+        raise OptionError(f"{what} {path!r}: that is no path; give the name of a file") from None
+    if destination.suffix.lower() not in suffixes:
+        raise OptionError(f"{what} {path}: the name must end in {' or '.join(suffixes)}")
+    try:
+        if destination.is_dir():
+            raise OptionError(f"{what} {path}: that is a folder; name a file in it")
+        target = destination.resolve()
+        folder = target.parent
+        if not folder.is_dir():
+            raise OptionError(f"{what} {path}: there is no folder {folder}; create it first")
+        if target.exists() and not target.is_file():
+            raise OptionError(f"{what} {path}: something that is no regular file is there; choose another name")
+        # Files are replaced as a whole, which asks for no right to write the old one; what was made read-only stays.
+        if target.exists() and not os.access(target, os.W_OK):
+            raise OptionError(f"{what} {path}: the file there is read-only; choose another name or make it writable")
+        # Only trying tells: rights say nothing of file systems that take no new files.
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OptionError:
+        raise
+    except (OSError, RuntimeError, ValueError) as error:  # links in a circle; a null character
+        if isinstance(error, PermissionError):
+            raise OptionError(f"{what} {path}: you may not write in its folder; choose another") from error
+        raise OptionError(f"{what} {path}: no file can be written there ({_reason(error)}); choose another") from error
+    return destination
+
+
+def content_of(path: Path, most_bytes: int) -> bytes:
+    """The content of a regular file of at most so many bytes.
+
+    Devices and pipes are refused before they are opened: reading from them may never end.
+
+    Raises:
+        FormatError: if there is no such file, or it is larger, of another kind, or cannot be read.
+    """
+    try:
+        mode = path.stat().st_mode
+        if stat.S_ISDIR(mode):
+            raise FormatError(f"{path}: that is a folder; name a file in it")
+        if not stat.S_ISREG(mode):
+            raise FormatError(f"{path}: that is no regular file (a device, a pipe or a socket); name a file")
+        # Non-blocking: a pipe may have come in its place meanwhile.
+        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
+            content = file.read(most_bytes + 1)
+    except FormatError:
+        raise
+    except FileNotFoundError:
+        raise FormatError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:  # ValueError: a path with a null character
+        raise FormatError(f"{path}: cannot be read ({_reason(error)})") from error
+    if len(content) > most_bytes:
+        raise FormatError(
+            f"{path}: the file has more than {most_bytes / 1e6:g} MB, the most that is read; make it smaller"
+        )
+    return content
+
+
+def made_folder(path: str | os.PathLike[str]) -> Path:
+    """The folder, made with those above it where it is not there yet.
+
+    Raises:
+        OptionError: where none can be made.
+    """
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:  # ValueError: a null character
+        raise OptionError(f"{folder}: no folder can be made there ({_reason(error)}); choose another") from error
+    return folder
+
+
+@contextlib.contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """A temporary file beside the destination (with its suffix), which takes its place if the block succeeds.
+
+    Whatever happens, an exception, an interrupt or SIGTERM, the destination holds either the old file or the whole new
+    one, and the temporary file is gone.
+    A link stays a link: the file that it names is replaced.
+
+    Raises:
+        FormatError: if the file cannot be written, in the block or after it.
+    """
+    try:
+        destination = Path(path)
+    except TypeError:
+        raise FormatError(f"{path!r}: that is no path; give the name of a file") from None
+    with interrupts.terminating():
+        yield from _replaced(destination)
+
+
+def _replaced(destination: Path) -> Iterator[Path]:
+    temporary = None
+    try:
+        target = destination.resolve()
+        if target.exists() and not target.is_file():
+            raise FormatError(f"{destination}: cannot be written (it is no regular file); choose another name")
+        handle, name = tempfile.mkstemp(dir=target.parent, prefix=".new-", suffix=f".part{destination.suffix}")
+        temporary = Path(name)
+        os.close(handle)
+        yield temporary
+        mask = os.umask(0)  # mkstemp makes it private; give it the rights of any new file
+        os.umask(mask)
+        temporary.chmod(0o666 & ~mask)
+        os.replace(temporary, target)
+    except BaseException as error:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise FormatError(
+                f"{destination}: cannot be written ({_reason(error)}); make room and rights there, or choose another "
+                "folder"
+            ) from error
+        raise
+
+
+def _reason(error: Exception) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)

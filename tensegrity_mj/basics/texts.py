@@ -1,0 +1,58 @@
+"""Texts from files and users where they leave the program: in messages, as names of files, in figures.
+
+A scene's name is a free text, and a file may come from anyone. Whatever shows such a text, or makes a path of it, uses
+one of these functions.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import unicodedata
+
+from tensegrity_mj.errors import printable
+
+MOST_BYTES = 100  # of a file name: file systems take 255, some 143, and suffixes come after it
+MARK_BYTES = 8  # of the mark of a changed name
+
+# Devices on Windows, whatever follows the first dot.
+_RESERVED = frozenset({"CON", "PRN", "AUX", "NUL", *(f"{port}{n}" for port in ("COM", "LPT") for n in range(1, 10))})
+
+
+def value_text(value: object) -> str:
+    """The value as Python writes it, or of a long one the beginning."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python writes no integers of more than some thousand digits
+        text = f"an integer of {value.bit_length()} bits" if isinstance(value, int) else f"a {type(value).__name__}"
+    return text if len(text) <= 100 else f"{text[:97]}..."
+
+
+def file_name(text: str) -> str:
+    """A name for a file or a folder: the text itself where it is a harmless one, else what is harmless of it.
+
+    The result has no separator, no control character and no device's name, is neither empty nor hidden, starts with
+    no hyphen, and has at most `MOST_BYTES` bytes. Texts that differ get names that differ: a name that had to be
+    changed ends in a mark made from the whole text.
+    """
+    name = re.sub(r"[^\w .,+=@()-]+", "_", unicodedata.normalize("NFC", text))
+    name = name.lstrip(" .-").rstrip(" .")
+    if name.partition(".")[0].rstrip().upper() in _RESERVED:
+        name = f"_{name}"
+    if name and name == text and len(name.encode()) <= MOST_BYTES:
+        return name
+    mark = hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest()[:MARK_BYTES]
+    head = name.encode(errors="ignore")[: MOST_BYTES - MARK_BYTES - 1].decode(errors="ignore").rstrip(" .")
+    return f"{head or 'unnamed'}-{mark}"
+
+
+def figure_text(text: str, most: int = 120) -> str:
+    """A text for matplotlib, which draws it as it is: no $ of it begins a formula, and no label is hidden.
+
+    Longer texts are cut. It may stand beside formulas of our own, but not directly before one.
+    """
+    shown = printable(text)
+    shown = shown if len(shown) <= most else f"{shown[: most - 3]}..."
+    shown = shown.replace("$", r"\$")
+    # Labels that begin with an underscore stay out of legends.
+    return rf"$\_${shown[1:]}" if shown.startswith("_") else shown

@@ -1,0 +1,138 @@
+"""A law of the user's, compiled: `CompiledLaw` makes a numba function what every engine calls without Python."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import member, state_of
+from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED, Command, NativeLaw, check_made_for
+from tensegrity_mj.errors import InfeasibleError, OptionError
+from tensegrity_mj.model.structure import Structure
+
+
+@dataclass(frozen=True, eq=False)
+class CompiledLaw:
+    """A law from a function that numba can compile.
+
+    The function is called as `function(time, nodes, velocities, string_nodes, parameters, command)`: time [s], node
+    positions and velocities (N, 3), the two nodes of each string (M, 2), the parameters, and the array (M,) into which
+    it writes its command. It returns True, or False where it has no solution. It must neither keep nor create anything
+    that outlives the call: threads may run it at the same time.
+
+    Attributes:
+        function: a `numba.njit` function, or a plain one, which is compiled here.
+        structure: of what it controls.
+        parameters: numbers that it needs, in a flat array.
+        command: what it writes.
+        discontinuous: why it cannot run continuously, or "".
+
+    Raises:
+        OptionError: where numba cannot compile it, or parameters are no finite numbers.
+    """
+
+    function: Callable[..., Any]
+    structure: Structure
+    parameters: ArrayLike = field(default_factory=tuple)
+    command: Command = Command.FORCE_DENSITY
+    discontinuous: str = ""
+
+    def __post_init__(self) -> None:
+        if not callable(self.function):
+            raise OptionError(
+                f"CompiledLaw: function = {self.function!r}; it must be a function that numba can compile"
+            )
+        if not isinstance(self.structure, Structure):
+            raise OptionError(f"CompiledLaw: structure = {self.structure!r}; use a Structure (scene.structure)")
+        member("CompiledLaw: command", self.command, Command)
+        try:
+            parameters = np.array(self.parameters, float).ravel()
+        except (TypeError, ValueError):
+            parameters = np.array([np.nan])
+        if not np.all(np.isfinite(parameters)):
+            raise OptionError(f"CompiledLaw: parameters = {self.parameters!r}; they must be finite numbers")
+        object.__setattr__(self, "parameters", parameters)
+        _ = self._compiled  # so that what numba has to say is said here
+
+    @cached_property
+    def _compiled(self) -> tuple[Any, Any]:
+        """The C function, and the function that Python calls."""
+        import numba
+        from numba.core.errors import NumbaError
+
+        from tensegrity_mj.dynamics.native.compiling import adopt
+        from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, floats, integers
+
+        given = self.function
+        function: Any = given if hasattr(given, "py_func") else numba.njit(error_model="numpy")(given)
+        adopt(function)
+
+        def law(t, nodes, velocities, context, command, report):  # type: ignore[no-untyped-def]
+            table = integers(context, 5)
+            N, M = table[0], table[1]
+            solved = function(
+                t,
+                floats(nodes, (N, 3)),
+                floats(velocities, (N, 3)),
+                integers(table[2], (M, 2)),
+                floats(table[3], table[4]),
+                floats(command, M),
+            )
+            return SOLVED if solved else NO_SOLUTION
+
+        try:
+            return numba.cfunc(LAW_SIGNATURE, error_model="numpy")(law), function
+        except NumbaError as error:
+            text = " ".join(str(error).split())
+            raise OptionError(
+                f"CompiledLaw: numba cannot compile {getattr(given, '__name__', given)!r}; it must take (time, nodes, "
+                f"velocities, string_nodes, parameters, command) and return True or False: {text}"
+            ) from error
+
+    def native(self, structure: Structure) -> NativeLaw:
+        """The law for a plant with the same nodes and strings.
+
+        Raises:
+            OptionError: for any other.
+        """
+        own = self.structure
+        check_made_for(own, structure)
+        from tensegrity_mj.dynamics.native.pointers import address_of
+
+        compiled, _ = self._compiled
+        pairs, parameters = np.array(own.string_nodes, np.int64), np.asarray(self.parameters, float)
+        sizes = (len(own.nodes), len(pairs), address_of(pairs), address_of(parameters), len(parameters))
+        table = np.array(sizes, np.int64)
+        return NativeLaw(
+            address=compiled.address,
+            context=address_of(table),
+            keep=(self, pairs, parameters, table),
+            command=self.command,
+            discontinuous=self.discontinuous,
+            stateless=True,
+        )
+
+    def __call__(self, time: float, nodes: Array, velocities: Array) -> Array:
+        """The command (M,) at one state.
+
+        Raises:
+            InfeasibleError: where the function returns False.
+        """
+        own = self.structure
+        time, nodes, velocities = state_of(time, nodes, velocities, len(own.nodes))
+        command = np.zeros(len(own.strings))
+        pairs = np.array(own.string_nodes, np.int64)
+        if not self._compiled[1](time, nodes, velocities, pairs, np.asarray(self.parameters, float), command):
+            raise InfeasibleError(f"the law has no solution at t = {time:.6g} s")
+        return command
+
+    def describe(self) -> dict[str, Any]:
+        """Plain values for the provenance of a run."""
+        name = getattr(self.function, "__name__", "compiled")
+        return {"law": name, "compiled": True, "parameters": np.asarray(self.parameters, float).tolist()}

@@ -1,0 +1,218 @@
+"""What a control law is, and how every engine calls it.
+
+The simplest law is a function `law(time, nodes, velocities) -> u`: time [s], node positions and velocities
+(N, 3) in the world frame, force densities (M,) [N/m] out. A law may be any callable object, with these optional
+attributes:
+
+    command = Command.REST_LENGTH     it returns rest lengths [m] instead of force densities
+    discontinuous = "why"             it jumps, and so cannot be evaluated at every stage of an integrator
+    describe()                        a dict of plain values for the provenance of a run
+    report                            after each call, five numbers about it (see `Report`); NaN where it has none
+    native(structure)                 a `NativeLaw`, compiled; the built-in laws have it
+
+A law that has no admissible answer at a state raises `InfeasibleError`. See docs/laws.md.
+"""
+
+from __future__ import annotations
+
+import enum
+import json
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tensegrity_mj.basics import interrupts
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import member
+from tensegrity_mj.errors import InfeasibleError, OptionError
+from tensegrity_mj.model.structure import Structure
+
+if TYPE_CHECKING:
+    from tensegrity_mj.model.elements.water import Water
+
+
+class Command(enum.Enum):
+    """What a law returns."""
+
+    FORCE_DENSITY = "force density"
+    REST_LENGTH = "rest length"
+
+
+@runtime_checkable
+class Law(Protocol):
+    """A control law: (time [s], nodes (N, 3) [m], velocities (N, 3) [m/s]) -> u (M,) [N/m], or rest lengths [m]."""
+
+    def __call__(self, time: float, nodes: Array, velocities: Array, /) -> ArrayLike: ...
+
+
+class Report(enum.IntEnum):
+    """What a law may tell of each evaluation besides its command; each is recorded, NaN where the law has none."""
+
+    FEASIBILITY_MARGIN = 0  # an admissible solution exists while it is > 0
+    LYAPUNOV = 1  # V
+    LYAPUNOV_ERROR = 2  # the terms of V in the errors alone
+    LYAPUNOV_VELOCITY = 3  # the terms of V with velocities
+    ALLOCATION_RESIDUAL = 4  # largest violation of what was asked of the strings
+
+
+# What a native law returns.
+SOLVED, NO_SOLUTION, FAILED, NOT_FINITE = 0, 1, 2, 3
+
+
+@dataclass
+class NativeLaw:
+    """A law as a C function (see `native.pointers`): what engines call.
+
+    Attributes:
+        address, context: of the function and of its data; 0 for no law.
+        keep: objects that must stay alive while the law is called.
+        command: what it returns.
+        discontinuous: why it cannot run continuously, or "".
+        period: [s] that a sampled recording must be played with, or None.
+        until: [s] at which a recording ends, or None.
+        gravity: [m/s²] that it reckons with, or None if it has no such notion.
+        water: that it reckons with besides; None for none.
+        decay_rate: δ [1/s] of the V̇ = -δ V that it promises, or None if it promises none.
+        failure: the exception of a Python law that failed with FAILED, in a list of at most one.
+        reason: why a Python law had no solution when it was last asked, in a list of at most one text.
+        spent: of a Python law: how often it was called, and the seconds that it took, in a list of two.
+        stateless: its answer depends on its arguments alone, and threads may ask it at the same time.
+    """
+
+    address: int
+    context: int
+    keep: tuple[Any, ...]
+    command: Command = Command.FORCE_DENSITY
+    discontinuous: str = ""
+    description: dict[str, Any] | None = None
+    failure: list[BaseException] | None = None
+    reason: list[str] | None = None
+    period: float | None = None
+    until: float | None = None
+    gravity: tuple[float, ...] | None = None
+    water: Water | None = None
+    decay_rate: float | None = None
+    spent: list[float] | None = None
+    stateless: bool = False
+
+
+def check_made_for(own: Structure, structure: Structure) -> None:
+    """Raise OptionError unless a law's own structure has the nodes and strings of the plant's, in the same order."""
+    if (len(own.nodes), own.string_nodes.tolist()) != (len(structure.nodes), structure.string_nodes.tolist()):
+        raise OptionError(
+            f"the law was made for '{own.name}' with {len(own.nodes)} nodes and {len(own.strings)} strings; "
+            f"'{structure.name}' has other nodes or strings"
+        )
+
+
+def native_law(law: Law | Callable[..., ArrayLike] | None, structure: Structure) -> NativeLaw:
+    """The law as a C function: its own where it has one, else a call back into Python.
+
+    Raises:
+        OptionError: if it is neither callable nor a law.
+    """
+    if law is None:
+        return NativeLaw(0, 0, ())
+    if isinstance(law, type) or not callable(law):
+        raise OptionError(
+            f"controller = {law!r}: it must be a function (time, nodes, velocities) -> u, or a law (an object, "
+            "not a class)"
+        )
+    if callable(getattr(law, "native", None)):
+        native: NativeLaw = law.native(structure)  # type: ignore[union-attr]
+    else:
+        native = _python_law(law, structure)
+    return replace(native, description=_description(law))
+
+
+def _description(law: Any) -> dict[str, Any]:
+    """What a law says of itself, checked before the run: it goes into files."""
+    describe = getattr(law, "describe", None)
+    if not callable(describe):
+        return {"law": getattr(law, "__name__", type(law).__name__)}
+    try:
+        description = describe()
+        json.dumps(description)
+    except Exception as error:
+        raise OptionError(
+            f"{law!r}.describe() must return a dict of plain values (texts, numbers, lists, dicts): "
+            f"{type(error).__name__}: {error}"
+        ) from error
+    if not isinstance(description, dict):
+        raise OptionError(f"{law!r}.describe() returned {description!r}; it must return a dict")
+    return description
+
+
+def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLaw:
+    import ctypes
+
+    from tensegrity_mj.dynamics.native.pointers import LAW_FUNCTION
+
+    count, size = len(structure.nodes), len(structure.strings)
+    command = getattr(law, "command", Command.FORCE_DENSITY)
+    member(f"{law!r}.command", command, Command)
+    discontinuous = getattr(law, "discontinuous", "")
+    if not isinstance(discontinuous, str):
+        raise OptionError(f"{law!r}.discontinuous = {discontinuous!r}; it must be a text that says why, or absent")
+    failure: list[BaseException] = []
+    reason: list[str] = []
+    spent = [0.0, 0.0]
+    here = threading.local()  # whether this thread is within the law
+
+    def view(address: int, shape: tuple[int, ...]) -> Array:
+        length = int(np.prod(shape))
+        buffer = (ctypes.c_double * length).from_address(address)
+        return np.ctypeslib.as_array(buffer).reshape(shape)
+
+    def call(time: float, nodes: int, velocities: int, context: int, out: int, report: int) -> int:
+        if getattr(here, "inside", False) or (failure and not isinstance(failure[0], Exception)):
+            # Asked within itself, by a simulation that it steps; or after an interrupt, which shall come to be heard.
+            if not failure:
+                failure.append(RuntimeError("it was called within itself: it steps a simulation that it controls"))
+            return FAILED
+        start = perf_counter()
+        try:
+            here.inside = True
+            if interrupts.requested():
+                raise KeyboardInterrupt
+            status = SOLVED
+            try:
+                value = np.asarray(law(time, view(nodes, (count, 3)).copy(), view(velocities, (count, 3)).copy()))
+                if np.iscomplexobj(value):
+                    raise ValueError("it returned complex numbers; it must return real ones")
+                value = value.astype(float)
+                if value.shape != (size,):
+                    raise ValueError(f"it returned shape {value.shape}; it must return ({size},), a value a string")
+                view(out, (size,))[:] = value
+            except InfeasibleError as error:
+                reason[:], status = [str(error)], NO_SOLUTION
+            told = getattr(law, "report", None)
+            view(report, (len(Report),))[:] = np.nan if told is None else told
+            return status
+        except BaseException as error:
+            if not failure:
+                failure.append(error)
+            view(report, (len(Report),))[:] = np.nan
+            return FAILED
+        finally:
+            here.inside = False
+            spent[0] += 1.0
+            spent[1] += perf_counter() - start
+
+    function = LAW_FUNCTION(call)
+    return NativeLaw(
+        address=ctypes.cast(function, ctypes.c_void_p).value or 0,
+        context=0,
+        keep=(function, law),
+        command=command,
+        discontinuous=discontinuous,
+        failure=failure,
+        reason=reason,
+        spent=spent,
+        stateless=True,  # as docs/laws.md asks; Python takes one thread at a time
+    )

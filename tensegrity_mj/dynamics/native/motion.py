@@ -1,0 +1,160 @@
+"""Prescribed motions of supports in compiled code: displacement, velocity and acceleration of each at a time."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.pointers import (
+    LOAD_FUNCTION,
+    address_of,
+    borrowing,
+    call_load,
+    floats,
+    integers,
+    records_reader,
+)
+from tensegrity_mj.model.motion import Motion
+
+HARMONIC = np.dtype([("amplitude", "f8", (3,)), ("frequency", "f8"), ("phase", "f8")], align=True)
+MOTION = np.dtype(
+    [
+        ("harmonics", "i8"),  # where its harmonics start, and how many there are
+        ("harmonic_count", "i8"),
+        ("times", "i8"),  # where the times of its data start, how many, and where its pieces start
+        ("time_count", "i8"),
+        ("pieces", "i8"),
+        ("function", "i8"),  # address, or 0
+    ],
+    align=True,
+)
+_read_harmonics, _read_motions = records_reader(HARMONIC), records_reader(MOTION)
+
+_COUNT, _HARMONIC_COUNT, _TIME_COUNT, _PIECE_COUNT, _MOTIONS, _HARMONICS, _TIMES, _PIECES = range(8)
+
+
+class PackedMotions:
+    """The arrays of some motions and a table of their addresses, to be kept alive while compiled code reads them.
+
+    Attributes:
+        motions: what was packed.
+        table: (8,) int64.
+        failure: the first exception that a motion's function raised.
+    """
+
+    def __init__(self, motions: Sequence[Motion]) -> None:
+        self.motions = tuple(motions)
+        self.failure: list[BaseException] = []
+        records = np.zeros(len(self.motions), MOTION)
+        harmonics = np.zeros(sum(len(motion.harmonics) for motion in self.motions), HARMONIC)
+        times: list[float] = []
+        pieces: list[Array] = []
+        self._functions: list[Any] = []
+        used = 0
+        for record, motion in zip(records, self.motions, strict=True):
+            record["harmonics"], record["harmonic_count"] = used, len(motion.harmonics)
+            for item in motion.harmonics:
+                harmonics[used]["amplitude"] = item.amplitude
+                harmonics[used]["frequency"], harmonics[used]["phase"] = item.angular_frequency, item.phase
+                used += 1
+            record["times"], record["time_count"] = len(times), len(motion.times)
+            record["pieces"] = len(pieces)
+            times += motion.times
+            pieces += list(motion.pieces)
+            if motion.function is not None:
+                record["function"] = self._function(motion)
+        self._arrays = (records, harmonics, np.array(times, float), np.array(pieces, float).reshape(-1, 6, 3))
+        self.table = np.array(
+            [*(len(array) for array in self._arrays), *(address_of(array) for array in self._arrays)], np.int64
+        )
+
+    @property
+    def address(self) -> int:
+        """Of the table."""
+        return address_of(self.table)
+
+    def breakpoints(self) -> list[float]:
+        """Times [s] at which a derivative of some motion may jump: those of its data."""
+        return sorted({time for motion in self.motions for time in motion.times})
+
+    def at(self, time: float) -> Array:
+        """(m, 3, 3) displacements, velocities and accelerations, by the compiled functions.
+
+        Raises:
+            Exception: what a motion's function raised.
+        """
+        out = np.zeros((len(self.motions), 3, 3))
+        for number in range(len(self.motions)):
+            if motion_at(self.address, number, float(time), address_of(out[number])) != 0:
+                raise self.failure[0]
+        return out
+
+    def _function(self, motion: Motion) -> int:
+        def call(time: float, out: int) -> int:
+            try:
+                value = motion.at(time)
+                np.ctypeslib.as_array((ctypes.c_double * 9).from_address(out))[:] = value.ravel()
+            except BaseException as error:
+                if not self.failure:
+                    self.failure.append(error)
+                return 1
+            return 0
+
+        self._functions.append(LOAD_FUNCTION(call))
+        return ctypes.cast(self._functions[-1], ctypes.c_void_p).value or 0
+
+
+@borrowing
+def motion_at(packed: int, number: int, t: float, out_at: int) -> int:
+    """Write displacement, velocity and acceleration (3, 3) of a motion at t [s]; not 0 where its function failed."""
+    table, out = integers(packed, (8,)), floats(out_at, (3, 3))
+    motion = _read_motions(table[_MOTIONS], table[_COUNT])[number]
+    for row in range(3):
+        for k in range(3):
+            out[row, k] = 0.0
+    if motion.function != 0:
+        return call_load(motion.function, t, out_at)
+    harmonics = _read_harmonics(table[_HARMONICS], table[_HARMONIC_COUNT])
+    for h in range(motion.harmonics, motion.harmonics + motion.harmonic_count):
+        item = harmonics[h]
+        omega, angle = item.frequency, item.frequency * t + item.phase
+        sine, cosine = np.sin(angle), np.cos(angle)
+        for k in range(3):
+            a = item.amplitude[k]
+            out[0, k] += a * sine
+            out[1, k] += a * omega * cosine
+            out[2, k] -= a * omega * omega * sine
+    if motion.time_count > 0:
+        times = floats(table[_TIMES], (table[_TIME_COUNT],))
+        pieces = floats(table[_PIECES], (table[_PIECE_COUNT], 6, 3))
+        _add_piece(times, motion.times, motion.times + motion.time_count - 1, pieces, motion.pieces, t, out)
+    return 0
+
+
+@borrowing
+def _add_piece(times: Any, first: int, last: int, pieces: Any, start: int, t: float, out: Any) -> None:
+    """Add the quintic of data between times[first] and times[last]; outside they stand still."""
+    inside = times[first] <= t <= times[last]
+    at = min(max(t, times[first]), times[last])
+    low, high = first, last
+    while high - low > 1:
+        middle = (low + high) // 2
+        if times[middle] <= at:
+            low = middle
+        else:
+            high = middle
+    x, c = at - times[low], start + low - first
+    for k in range(3):
+        d, rate, acc = 0.0, 0.0, 0.0
+        for p in range(5, -1, -1):
+            acc = acc * x + 2.0 * rate
+            rate = rate * x + d
+            d = d * x + pieces[c, p, k]
+        out[0, k] += d
+        if inside:
+            out[1, k] += rate
+            out[2, k] += acc

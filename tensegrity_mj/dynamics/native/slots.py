@@ -1,0 +1,56 @@
+"""The numbered places of a plant's table, which compiled code reads."""
+
+from __future__ import annotations
+
+from tensegrity_mj.dynamics.native.law import Report
+
+# Slots of the table: sizes, flags, and addresses of the arrays named after them.
+NODE_COUNT, STRING_COUNT, STRING_NODES, STIFFNESS, DAMPING, CLIPPED, DAMPED = range(7)
+
+
+MODE, RETURNS_LENGTHS, PASSIVE, LAW, LAW_CONTEXT, HOLDS_FORCE_DENSITY, STATUS = range(7, 14)
+
+
+HELD, MEMORY, COMMAND, REPORT = range(14, 18)
+
+
+LOAD_COUNT, LOADS, LOAD_FUNCTION_SLOT, LOADED = range(18, 22)
+
+
+REST, LENGTH, RATE, TENSION, ELASTIC, FORCES, NODES, VELOCITIES = range(22, 30)
+
+
+WINCH, SAMPLED_LENGTH = 30, 31
+
+
+SUSPENDED = 32  # in the continuous mode: the law has no solution, the last admissible rest lengths are held
+
+
+LIMITED, MAX_FORCE_DENSITY, MIN_REST_LENGTH, WINCH_REACH = range(33, 37)
+
+
+BREAKING, BREAK_TIMES, BROKEN = range(37, 40)  # how many strings are still to break, when each does, whether it has
+
+
+COMPLIANCE = 40  # 1/k
+
+
+MOTION_COUNT, MOTIONS, MOVED = 41, 42, 43  # moved supports, their `PackedMotions`, and d, ḋ, d̈ of each (m, 3, 3)
+
+
+RESISTANCE = 44  # the table of a `PackedResistance`, 0 for none
+
+
+WATER = 45  # the table of a `PackedWater`, 0 for none
+
+
+ENGINE_SLOTS = 49  # an engine's own slots start here
+
+
+TABLE_SIZE = 96
+
+
+REPORT_SIZE = len(Report)
+
+
+NO_LAW, CONTINUOUS, HOLD_FORCE_DENSITY, HOLD_REST_LENGTH = range(4)

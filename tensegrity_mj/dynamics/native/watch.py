@@ -1,0 +1,115 @@
+"""What strings and winches cannot do, counted at every step: rest lengths below zero, and force densities that push.
+
+A rest length L0 <= 0 is exact in the string law, which then pulls as if there were line to spare, and impossible: no
+winch hauls in more line than there is. A force density u >= k is the same by L0 = L (1 - u/k). A negative force density
+is a push: the string is slack instead. Recorded samples may miss both, so this looks at each step that was taken.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.plant import WATCHED, WATCHED_SIZE, Plant
+from tensegrity_mj.dynamics.native.pointers import borrowing, floats, integers
+from tensegrity_mj.dynamics.native.slots import (
+    BROKEN,
+    COMMAND,
+    LENGTH,
+    LIMITED,
+    MIN_REST_LENGTH,
+    REST,
+    RETURNS_LENGTHS,
+    STIFFNESS,
+    STRING_COUNT,
+)
+
+# Columns of WATCHED, a row a string: of rest lengths and of commands, at how many steps, when first [s], the least.
+STEPS, FIRST, LEAST = range(3)
+PUSH = 3  # first column of commands
+# Round-off of a law's solution, which may be 0 - 1e-17: parts of the largest u, and of the stiffness.
+PUSH_ROUND_OFF, STRAIN_ROUND_OFF = 1e-9, 1e-15
+
+
+@borrowing
+def watch_strings(table: Any, t: float, answered: bool) -> None:
+    """Count what is impossible at a state whose rest lengths are set; `answered`: the command is the law's for it."""
+    M = table[STRING_COUNT]
+    rest, broken = floats(table[REST], (M,)), integers(table[BROKEN], (M,))
+    seen = floats(table[WATCHED], (M, WATCHED_SIZE))
+    for m in range(M):
+        if rest[m] <= 0.0 and not broken[m]:
+            _count(seen[m], rest[m], t, 0)
+    if not answered or table[RETURNS_LENGTHS]:
+        return
+    command, stiffness = floats(table[COMMAND], (M,)), floats(table[STIFFNESS], (M,))
+    lengths, least = floats(table[LENGTH], (M,)), floats(table[MIN_REST_LENGTH], (M,))
+    largest = 0.0
+    for m in range(M):
+        largest = max(largest, abs(command[m]))
+    for m in range(M):
+        push = -command[m] > PUSH_ROUND_OFF * largest + STRAIN_ROUND_OFF * stiffness[m]
+        if push and table[LIMITED]:
+            # Where `min_rest_length` leaves less than zero, the limit is what made it negative.
+            push = command[m] < stiffness[m] * (1.0 - least[m] / lengths[m])
+        if push and not broken[m]:
+            _count(seen[m], command[m], t, PUSH)
+
+
+@borrowing
+def _count(seen: Any, value: float, t: float, at: int) -> None:
+    if seen[at + STEPS] == 0.0:
+        seen[at + FIRST] = t
+        seen[at + LEAST] = value
+    seen[at + STEPS] += 1.0
+    seen[at + LEAST] = min(seen[at + LEAST], value)
+
+
+@dataclass(frozen=True)
+class Impossible:
+    """Where a run's strings did what none can.
+
+    Attributes:
+        steps: how many, of the string with the most.
+        strings: their names, the first one first.
+        time: of the first of them [s].
+        least: the least value [m] or [N/m], of any of them.
+    """
+
+    steps: int = 0
+    strings: tuple[str, ...] = ()
+    time: float | None = None
+    least: float | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, for reports."""
+        return {
+            "steps": self.steps,
+            "strings": sorted(self.strings),
+            "first_time": self.time,
+            "least": self.least,
+        }
+
+
+def impossible(plant: Plant) -> tuple[Impossible, Impossible]:
+    """Of a plant's run so far: rest lengths that are not above zero, and commanded force densities below it."""
+    names = [string.name for string in plant.scene.structure.strings]
+    seen = plant[WATCHED]
+    rest, pushed = (_found(names, seen[:, at : at + PUSH]) for at in (0, PUSH))
+    return rest, pushed
+
+
+def _found(names: list[str], seen: Array) -> Impossible:
+    rows = np.flatnonzero(seen[:, STEPS])
+    if not len(rows):
+        return Impossible()
+    rows = rows[np.argsort(seen[rows, FIRST], kind="stable")]
+    return Impossible(
+        int(seen[rows, STEPS].max()),
+        tuple(names[row] for row in rows),
+        float(seen[rows[0], FIRST]),
+        float(seen[rows, LEAST].min()),
+    )

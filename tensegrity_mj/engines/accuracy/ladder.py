@@ -1,0 +1,204 @@
+"""One way to compute a run (an integrator or a method), climbed from coarse to fine: what its runs say, and what next.
+
+A rung is a run with one setting: a step [s] or a tolerance. Where a ladder goes next depends on its runs alone, and
+never on the accuracy that is wanted, which only says where the climb ends. Nothing here knows an engine, so that the
+climb can be tested on sequences whose errors are known.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tensegrity_mj.errors import TensegrityError
+from tensegrity_mj.runs.convergence import (
+    SAFETY,
+    Estimate,
+    common_times,
+    has_kinks,
+    highest_order,
+    judge,
+    judge_tolerances,
+    node_difference,
+)
+from tensegrity_mj.runs.trajectory import Status, Trajectory
+
+HALF = 2.0  # of steps, from rung to rung
+TOLERANCES = 30.0  # the same of tolerances
+STRIKES = 5  # differences in a row that do not settle, until a ladder is given up
+FAILURES = 10  # runs in a row that diverge
+LEAST_TOLERANCE = 3e-14
+AS_ONE = 1e-9  # relative, of steps
+FIRST_STEP = "first_step_error"  # in a run's reports [m]: what its first step is wrong by, where differences hide it
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One run.
+
+    Attributes:
+        setting: the step [s] or the relative tolerance.
+        run: None where it failed.
+        evaluations: what it cost.
+        failure: why it failed.
+    """
+
+    setting: float
+    run: Trajectory | None
+    evaluations: float
+    failure: TensegrityError | None = None
+
+
+def any_step(run: Trajectory) -> float:
+    """The longest step that resolves a run, where a method controls its error itself."""
+    return math.inf
+
+
+@dataclass
+class Ladder:
+    """The runs of one method so far.
+
+    Attributes:
+        name: of the method.
+        order: on smooth motion; 0 for a method that controls its error by a tolerance.
+        first: the coarsest setting.
+        growth: its cost grows as setting^-growth.
+        first_cost: what a run with `first` may cost, until one has been made [evaluations].
+        fit: the nearest setting that can be run, not coarser than a given one.
+        floor: [m], below which differences are round-off.
+        least: the finest setting that can be run.
+        resolving: the longest step [s] that resolves a run's motion; runs of longer ones are no evidence.
+        located: whether its steps end where strings go slack or taut, so that these do not lower its order.
+        dead: why it is given up, or "".
+    """
+
+    name: str
+    order: int
+    first: float
+    growth: float
+    first_cost: float
+    fit: Callable[[float], float]
+    floor: float
+    least: float
+    resolving: Callable[[Trajectory], float] = any_step
+    located: bool = False
+    rungs: list[Rung] = field(default_factory=list)
+    differences: list[float] = field(default_factory=list)
+    dead: str = ""
+    strikes: int = 0
+    highest: int = 0  # order that the motion of the last run allows
+    longest: float = math.inf  # [s] step that resolves the motion of the runs so far
+
+    @property
+    def rank(self) -> float:
+        """Of methods, by how fast their errors fall with cost."""
+        return float(self.order) if self.order else 1 / self.growth
+
+    @property
+    def spent(self) -> float:
+        """[evaluations] by all its runs."""
+        return math.fsum(rung.evaluations for rung in self.rungs)
+
+    @property
+    def good(self) -> list[Rung]:
+        """The runs since the last that failed."""
+        failed = [number for number, rung in enumerate(self.rungs) if rung.run is None]
+        return self.rungs[failed[-1] + 1 :] if failed else self.rungs
+
+    def add(self, rung: Rung) -> None:
+        """A new run, finer than all before."""
+        before = self.good
+        last = before[-1].run if before else None
+        self.rungs.append(rung)
+        if rung.run is None:
+            self.differences = []
+            if len(self.rungs) >= FAILURES and not any(one.run for one in self.rungs[-FAILURES:]):
+                self.dead = f"{FAILURES} runs in a row failed, the last: {rung.failure}"
+            return
+        self.highest = self.order if self.located else highest_order(rung.run, self.order)
+        self.longest = min(self.longest, self.resolving(rung.run))
+        if last is not None:
+            self.differences.append(difference(last, rung.run))
+            if self.resolved:
+                # That runs stop early says nothing against their differences: finer ones may go further.
+                judged = self._judged()
+                self.strikes = 0 if judged.settled else self.strikes + 1
+                if self.strikes >= STRIKES:
+                    self.dead = judged.reason
+        if rung.setting <= self.least * (1 + 1e-12):
+            self.dead = self.dead or f"{self.name} can go no finer"
+
+    @property
+    def resolved(self) -> bool:
+        """Whether the step of the last run is short against the fastest motion."""
+        return not self.order or self.good[-1].setting <= self.longest * (1 + AS_ONE)
+
+    @property
+    def estimate(self) -> Estimate | None:
+        """What the runs say of the last of them; None before there are two."""
+        if not self.differences:
+            return None
+        found, last = self._judged(), self.good[-1].run
+        assert last is not None
+        first = self._first_step_error
+        if first > found.value:
+            found = Estimate(first, found.settled, f"the first step alone is wrong by {first:.2g} m; {found.reason}")
+        if not self.resolved:
+            reason = (
+                f"the step of {self.good[-1].setting:.3g} s is too long for the fastest motion that is possible, which "
+                f"takes one of {self.longest:.3g} s"
+            )
+            return Estimate(found.value, False, f"{reason}; {found.reason}")
+        if last.status is not Status.COMPLETED:
+            reason = f"the run stops at t = {last.time[-1]:.6g} s ({last.message})"
+            return Estimate(found.value, False, f"{reason}; before, {found.reason}")
+        return found
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether all that is wrong with the last run is round-off, so that finer ones are no better."""
+        return bool(self.differences) and max(self.differences[-1], self._first_step_error) <= self.floor
+
+    @property
+    def _first_step_error(self) -> float:
+        last = self.good[-1].run
+        assert last is not None
+        return SAFETY * float(last.reports.get(FIRST_STEP, 0.0))
+
+    def _judged(self) -> Estimate:
+        """What the differences say of the last run, until it stopped."""
+        last, good = self.good[-1].run, self.good[-3:]
+        assert last is not None
+        if not self.order:
+            tolerance = good[-1].setting * float(np.max(np.abs(last.nodes), initial=0.0))
+            return judge_tolerances(self.differences[-2:], self.floor, tolerance)
+        # An order is that of runs which all have one.
+        if len(good) > 2 and good[0].setting > HALF * self.longest * (1 + AS_ONE):
+            good = good[1:]
+        steps = [rung.setting for rung in good]
+        return judge(self.differences[1 - len(good) :], steps, self.order, self.floor, self.highest, has_kinks(last))
+
+    def next(self) -> tuple[float, float]:
+        """The next setting, and what its run may cost [evaluations]."""
+        if not self.rungs:
+            return self.fit(max(self.first, self.least)), self.first_cost
+        last = self.rungs[-1]
+        finer = last.setting / (HALF if self.order else TOLERANCES)
+        # The coarser of two runs that are evidence may be twice as coarse as the finer.
+        setting = self.fit(max(min(finer, HALF * self.longest), self.least))
+        known = last if last.run is not None else next((one for one in reversed(self.rungs) if one.run), None)
+        if known is None:
+            return setting, self.first_cost * (self.first / setting) ** self.growth
+        return setting, known.evaluations * (known.setting / setting) ** self.growth
+
+
+def difference(a: Trajectory, b: Trajectory) -> float:
+    """Largest node distance [m]; of two runs that both stopped for the same reason, until the first of them stopped."""
+    if a.status is b.status and a.status is not Status.COMPLETED and len(a.time) > 1 and len(b.time) > 1:
+        first, second = common_times(a.time[:-1], b.time[:-1])  # the last sample is where each stopped
+        largest = float(np.max(np.linalg.norm(a.nodes[first] - b.nodes[second], axis=-1), initial=0.0))
+        return largest if math.isfinite(largest) else math.inf
+    return node_difference(a, b)

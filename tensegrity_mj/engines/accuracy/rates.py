@@ -1,0 +1,171 @@
+"""How fast a structure can move, at its start and along a run: what steps must resolve before errors have an order.
+
+A step that is long against a vibration damps it away or turns it the wrong way round, and half that step may do the
+same: two such runs agree, and both are wrong. So runs count as evidence only from where their steps are short against
+the fastest motion, which is bounded here whether or not it takes part.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.law import Command
+from tensegrity_mj.engines.request import Request
+from tensegrity_mj.model.actuation import Mode
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.strings import tension
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.runs.trajectory import Trajectory
+
+RESOLVED = 1.0  # rad or time constants a step, at most, of a run that is evidence: where orders begin
+LOOKED_AT = 3  # samples of a run whose strings' directions are looked at
+ITERATIONS = 40  # of the power method, good to some percent
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Upper bounds of the rates of a motion.
+
+    Attributes:
+        turn: [1/s] of vibrations, all strings taut, and of rods' turning.
+        decay: [1/s] of what dampers stop.
+    """
+
+    turn: float
+    decay: float
+
+    def resolving_step(self, duration: float, order: int, damped: bool = True) -> float:
+        """The longest step [s] whose error has an order, over a run of that duration [s].
+
+        A step h takes a part z⁶/144 from a vibration's amplitude by classical Runge-Kutta, z = ω h, from
+        |R(iz)|² = 1 - z⁶/72 + z⁸/576. In a run of ω T / z steps, less than 1/e of it goes where
+        z <= (144 / ω T)^(1/5): a coarser run may have lost the vibration before its first recorded sample, and a finer
+        one with it.
+
+        Args:
+            order: of the method; those of an order below 4 here leave vibrations their amplitude.
+            damped: whether the method must resolve what dampers stop; an implicit one need not.
+        """
+        found = math.inf
+        if self.turn > 0:
+            kept = (144 / (self.turn * duration)) ** 0.2 if order == 4 else math.inf
+            found = min(RESOLVED, kept) / self.turn
+        return min(found, RESOLVED / self.decay) if damped and self.decay > 0 else found
+
+
+def rates_at_start(request: Request) -> Rates:
+    """Those of a request's start.
+
+    A law in force densities sets the elastic tension itself, so that the strings' stiffness does not act.
+    """
+    scene, structure = request.scene, request.scene.structure
+    nodes, velocities = scene.nodes0, scene.velocities0
+    lengths, moving = structure.string_lengths(nodes), structure.string_rates(nodes, velocities)
+    pulls = tension(
+        structure.stiffness, structure.damping, lengths, moving, structure.rest_lengths, structure.string_law
+    )
+    return _rates(scene, nodes[None], velocities[None], pulls[None], stiffness_acts(request))
+
+
+def rates_along(run: Trajectory, request: Request) -> Rates:
+    """The largest of those of a run's recorded samples."""
+    return _rates(run.scene, run.nodes, run.velocities, run.tensions, stiffness_acts(request))
+
+
+def stiffness_acts(request: Request) -> bool:
+    """Whether a string's tension follows its length: not where a law sets the force density at every stage."""
+    law, mode = request.law, request.actuation.mode
+    return not (law.address and law.command is Command.FORCE_DENSITY and mode is not Mode.HOLD_REST_LENGTH)
+
+
+def _rates(scene: Scene, nodes: Array, velocities: Array, tensions: Array, stiff: bool) -> Rates:
+    """Of samples (T, N, 3), (T, N, 3), (T, M)."""
+    structure = scene.structure
+    some = np.unique(np.linspace(0, len(nodes) - 1, LOOKED_AT).astype(int))
+    vibration, decay = np.max([string_rates(structure, nodes[one]) for one in some], axis=0)
+    sway, spin = _turning(scene, nodes, velocities, tensions)
+    return Rates(max(math.hypot(vibration * stiff, sway), spin), float(decay))
+
+
+def _turning(scene: Scene, nodes: Array, velocities: Array, tensions: Array) -> tuple[float, float]:
+    """ω [1/s] of rods that swing in the pull on their ends and in their weight, and their spin [rad/s].
+
+    Forces f along fixed directions at the ends of a rod of length l turn it back by (f1 + f2) l / 2 an angle at most,
+    and its moment of inertia is m l²/12: ω² <= 6 (f1 + f2) / m l. About an end it is 3 f / m l. Joints hand on what
+    pulls at other rods.
+    """
+    structure = scene.structure
+    if not len(structure.rods):
+        return 0.0, 0.0
+    at_nodes = np.zeros(nodes.shape[:2])
+    for string, ends in enumerate(structure.string_nodes):
+        at_nodes[:, ends] += np.abs(tensions[:, string, None])
+    rods, masses = structure.rod_nodes, structure.rod_masses
+    weight = masses * float(np.linalg.norm(scene.gravity))
+    forces = at_nodes[:, rods[:, 0]] + at_nodes[:, rods[:, 1]] + weight  # (T, R)
+    if structure.class_number > 1:
+        for cluster in structure.clusters:
+            forces[:, list(cluster)] = forces[:, list(cluster)].sum(axis=1, keepdims=True)
+    sway = np.sqrt(6 * forces / (masses * structure.rod_lengths))
+    apart = velocities[:, rods[:, 1]] - velocities[:, rods[:, 0]]
+    spin = np.linalg.norm(apart, axis=-1) / structure.rod_lengths
+    return _finite_max(sway), _finite_max(spin)
+
+
+def _finite_max(values: Array) -> float:
+    """The largest; 0 of a run that left the finite numbers, whose differences say so."""
+    return float(np.max(values, initial=0.0, where=np.isfinite(values)))
+
+
+def string_rates(structure: Structure, nodes: Array) -> tuple[float, float]:
+    """Upper bounds [1/s] of √λ(M⁻¹K) of the strings' stiffness and of λ(M⁻¹D) of their dampers, all strings taut.
+
+    Free thin rods move most: an impulse at one end of a rod of mass m moves it by I/m + 3 (I - bbᵀ)/m, the other end by
+    I/m - 3 (I - bbᵀ)/m. Supports only take freedom away, and cannot raise a frequency (Cauchy's interlacing). By power
+    iteration from a start that is the same each time.
+    """
+    pairs = structure.string_nodes
+    if not len(pairs):
+        return 0.0, 0.0
+    span = nodes[pairs[:, 1]] - nodes[pairs[:, 0]]
+    along = span / np.maximum(np.linalg.norm(span, axis=1), 1e-300)[:, None]
+    rods = structure.rod_nodes
+    axes = nodes[rods[:, 1]] - nodes[rods[:, 0]]
+    b = axes / np.maximum(np.linalg.norm(axes, axis=1), 1e-300)[:, None]
+    masses = structure.rod_masses[:, None]
+    points = [(structure.node_index[point.node], point.mass) for point in structure.point_masses]
+
+    def moved(forces: Array) -> Array:
+        out = np.zeros_like(forces)
+        if len(rods):
+            first, second = forces[rods[:, 0]], forces[rods[:, 1]]
+            across = second - first
+            across = across - b * np.sum(across * b, axis=1, keepdims=True)
+            mean = (first + second) / masses
+            # Joints: a node moves as little as the stiffest of its rods lets it.
+            out[rods[:, 0]] = mean - 3 * across / masses
+            out[rods[:, 1]] = mean + 3 * across / masses
+        for row, mass in points:
+            out[row] = forces[row] / mass
+        return out
+
+    def largest(weights: Array) -> float:
+        if not np.any(weights):
+            return 0.0
+        root = np.sqrt(weights)[:, None] * along
+        x, value = np.cos(np.arange(len(pairs)) + 1.0), 0.0  # of no string's pattern
+        for _ in range(ITERATIONS):
+            x = x / max(float(np.linalg.norm(x)), 1e-300)
+            forces = np.zeros_like(nodes)
+            np.add.at(forces, pairs[:, 1], root * x[:, None])
+            np.add.at(forces, pairs[:, 0], -root * x[:, None])
+            motion = moved(forces)
+            x = np.sum(root * (motion[pairs[:, 1]] - motion[pairs[:, 0]]), axis=1)
+            value = float(np.linalg.norm(x))
+        return value
+
+    return math.sqrt(largest(structure.stiffness)), largest(structure.damping)

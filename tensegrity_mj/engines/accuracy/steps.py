@@ -1,0 +1,93 @@
+"""Which steps a run can have so that its duration, samples, control periods and breaks are multiples of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from tensegrity_mj.engines.driving import DEFAULT_INTERVAL
+from tensegrity_mj.engines.request import Request
+from tensegrity_mj.errors import OptionError
+
+COARSEST = 0.1  # s; steps are begun with here, where nothing asks for less
+FEWEST_STEPS = 20  # of the coarsest run
+AS_ONE = 1e-9  # relative: what `whole_ratio` takes for a multiple
+FINEST = 1e-6  # of the duration: times whose common divisor is less have none
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Steps unit / k, k = 1, 2, 4, 8, ...
+
+    Attributes:
+        unit: [s], the coarsest. A finer run records all times that a coarser one does, so that what is wrong for a
+            moment only is compared too.
+        duration: [s].
+        interval: [s] between samples where the caller asked for it, or None.
+    """
+
+    unit: float
+    duration: float
+    interval: float | None
+
+    @classmethod
+    def of(cls, request: Request, longest: float) -> Steps:
+        """The steps of a request.
+
+        Args:
+            longest: [s], the coarsest step at most.
+
+        Raises:
+            OptionError: where duration, output interval, control period and breaks have no common divisor.
+        """
+        times = {"duration": request.duration}
+        if request.output_interval is not None:
+            times["output interval"] = request.output_interval
+        if request.sampled:
+            assert request.actuation.period is not None
+            times["control period"] = request.actuation.period
+        times |= {f"break of '{e.string}'": e.time for e in request.scene.breaks if 0 < e.time < request.duration}
+        base = common_divisor(list(times.values()), request.duration)
+        if base is None:
+            shown = ", ".join(f"{name} {value:.12g} s" for name, value in times.items())
+            raise OptionError(f"accuracy: no step divides all of {shown}; use round numbers")
+        most = min(COARSEST, request.duration / FEWEST_STEPS, longest)
+        return cls(base / max(1, math.ceil(base / most * (1 - AS_ONE))), request.duration, request.output_interval)
+
+    def step(self, k: int) -> float:
+        """[s]."""
+        return self.unit / k
+
+    def count(self, k: int) -> int:
+        """Of the whole run."""
+        return round(self.duration / self.unit) * k
+
+    def divisions(self, step: float) -> int:
+        """k of the coarsest step that is not coarser than this one [s]."""
+        return _power_of_two(self.unit / step)
+
+    def recorded_each(self, k: int) -> float:
+        """[s] between samples of the run with unit / k: 0.005 to 0.01 s, a step at least, and multiples of unit hit."""
+        if self.interval is not None:
+            return self.interval
+        if self.unit <= DEFAULT_INTERVAL:
+            # Samples are counted from 0, and the unit divides the duration.
+            return self.unit * math.floor(DEFAULT_INTERVAL / self.unit * (1 + AS_ONE))
+        return self.step(k) * (k // min(k, _power_of_two(self.unit / DEFAULT_INTERVAL)))
+
+
+def _power_of_two(least: float) -> int:
+    """The smallest that is not less, round-off apart."""
+    return 1 << max(0, math.ceil(math.log2(max(least * (1 - AS_ONE), 1.0))))
+
+
+def common_divisor(times: list[float], duration: float) -> float | None:
+    """The largest number of which all are multiples, by Euclid's algorithm; None if that is next to nothing."""
+    divisor = times[0]
+    for time in times[1:]:
+        a, b = max(divisor, time), min(divisor, time)
+        while b > AS_ONE * max(divisor, time):
+            a, b = b, abs(a - round(a / b) * b)
+        divisor = a
+    # Remainders gather round-off: the divisor of the first time is exact.
+    return None if divisor < FINEST * duration else times[0] / round(times[0] / divisor)

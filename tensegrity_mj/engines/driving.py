@@ -1,0 +1,114 @@
+"""What drives a run: the grid of its steps, a stopwatch, progress, pieces between which Ctrl-C is heard."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.basics import interrupts
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.engines.recording import check_rows
+from tensegrity_mj.engines.request import Request
+from tensegrity_mj.model.actuation import whole_ratio
+
+DEFAULT_INTERVAL = 0.01  # s: a hundred samples a second
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Fixed steps: how many, how many a row, how many a control period (0: the law is not sampled)."""
+
+    step: float
+    count: int
+    stride: int
+    ratio: int
+
+    @classmethod
+    def of(cls, request: Request, step: float) -> Grid:
+        """The grid of a request.
+
+        Raises:
+            OptionError: where duration, output interval or control period is no multiple of the step.
+        """
+        count = whole_ratio(request.duration, step, "duration over the time step")
+        if request.output_interval is None:
+            stride = max(1, int(np.floor(DEFAULT_INTERVAL / step * (1 + 1e-12))))
+        else:
+            stride = whole_ratio(request.output_interval, step, "output interval over the time step")
+        check_rows(count / stride)
+        ratio = 0
+        if request.sampled:
+            assert request.actuation.period is not None
+            ratio = whole_ratio(request.actuation.period, step, "control period over the time step")
+        for event in request.scene.breaks:
+            if 0 < event.time < request.duration:
+                whole_ratio(event.time, step, f"break of string '{event.string}' over the time step")
+        return cls(step, count, min(stride, count), ratio)
+
+    @property
+    def times(self) -> Array:
+        """Output times [s]: every stride, and the end."""
+        steps = np.arange(0, self.count + 1, self.stride)
+        if steps[-1] != self.count:
+            steps = np.append(steps, self.count)
+        return np.asarray(steps * self.step, float)
+
+
+class Stopwatch:
+    """Wall time of the integration alone, not of compiling, loading or drawing; that of laws in Python likewise."""
+
+    def __init__(self, *requests: Request) -> None:
+        for request in requests:
+            if request.law.spent is not None:
+                request.law.spent[:] = [0.0, 0.0]  # they were called to compile, and by earlier runs
+        self.start = time.perf_counter()
+
+    @property
+    def seconds(self) -> float:
+        """Since the start."""
+        return time.perf_counter() - self.start
+
+
+class Progress:
+    """A progress bar over simulated time on stderr; silent unless asked for."""
+
+    def __init__(self, request: Request, label: str) -> None:
+        self._bar: Any = None
+        if request.progress:
+            from tqdm import tqdm
+
+            form = "{desc} {percentage:3.0f}% |{bar}| {n:.2f}/{total:.2f} s [{elapsed} < {remaining}]"
+            self._bar = tqdm(total=request.duration, desc=label, bar_format=form, file=sys.stderr, disable=None)
+
+    def reached(self, time: float) -> None:
+        """Simulated time that the run has come to [s]."""
+        if self._bar is not None:
+            self._bar.update(time - self._bar.n)
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.close()
+
+
+def chunks(count: int) -> Iterator[tuple[int, int]]:
+    """(first, how many) of pieces out of `count` steps, of a fraction of a second each, with Ctrl-C heard between."""
+    size, first = 64, 0
+    while first < count:
+        piece = min(size, count - first)
+        start = time.perf_counter()
+        yield first, piece
+        interrupts.raise_if_requested()
+        first += piece
+        seconds = time.perf_counter() - start
+        if seconds < 0.1:
+            size *= 8 if seconds < 0.01 else 2
+        elif seconds > 0.4:
+            size = max(1, size // 2)

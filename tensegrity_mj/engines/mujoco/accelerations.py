@@ -1,0 +1,59 @@
+"""Node accelerations of the MuJoCo model at any state, without a step of integration."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.law import NO_SOLUTION
+from tensegrity_mj.dynamics.native.slots import HELD, STATUS
+from tensegrity_mj.engines.mujoco import callback
+from tensegrity_mj.engines.mujoco.install import installed
+from tensegrity_mj.engines.mujoco.joints import close_rigidly
+from tensegrity_mj.engines.mujoco.mjcf_tree import place
+from tensegrity_mj.engines.mujoco.motion import RESETS
+from tensegrity_mj.errors import InfeasibleError
+
+
+class NodeAccelerations:
+    """See `engines.run.Accelerations`. The engine's callback sets controls and loads, as in a run.
+
+    Joints that close loops are rigid here (`close_rigidly`), which a run has soft.
+    """
+
+    def __init__(self, run: Any) -> None:
+        self.run, self.scene = run, run.request.scene
+        model = run.model
+        model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+        self.sites = [model.site(name).id for name in self.scene.structure.nodes]
+        if run.supports is not None:
+            run.supports.table[RESETS] = 0  # the state is the one that is asked for
+
+    def __call__(
+        self, time: float, nodes: Array, velocities: Array, rest_lengths: Array | None = None
+    ) -> tuple[Array, Array]:
+        run, model, data = self.run, self.run.model, self.run.data
+        mujoco.mj_resetData(model, data)
+        place(data, self.scene, nodes, velocities, run.tree)
+        if rest_lengths is not None:
+            run.plant[HELD][:] = rest_lengths
+        # The callback counts time in steps: one step of this length.
+        run.keep[callback.STEP_SIZE][0] = time
+        run.counters[:] = [0, 1 if time else 0, 0, -1, callback.RUNNING, 0]
+        with installed(run.plant.table):
+            mujoco.mj_forward(model, data)
+        ended, failed = int(run.counters[callback.ENDED]), int(run.plant.table[STATUS])
+        run.plant.raise_if_failed(max(ended, failed, 0), time)
+        if ended == NO_SOLUTION:
+            raise InfeasibleError(run.plant.infeasible_message(time))
+        if data.nefc and model.neq:
+            close_rigidly(model, data)
+        mujoco.mj_rnePostConstraint(model, data)
+        out, spatial = np.zeros((len(self.sites), 3)), np.zeros(6)
+        for row, site in enumerate(self.sites):
+            mujoco.mj_objectAcceleration(model, data, mujoco.mjtObj.mjOBJ_SITE, site, spatial, 0)
+            out[row] = spatial[3:] + model.opt.gravity  # of a frame in free fall, as MuJoCo has it
+        return data.site_xpos[self.sites].copy(), out

@@ -1,0 +1,131 @@
+"""The MuJoCo engine: the scene's MJCF, stepped by MuJoCo, with the law inside its control callback."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from tensegrity_mj.basics.checks import member, positive
+from tensegrity_mj.engines.accuracy.search import check_accuracy
+from tensegrity_mj.engines.mujoco.install import ACTIVE
+from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
+from tensegrity_mj.engines.mujoco.places import check_places
+from tensegrity_mj.engines.mujoco.settings import _WORDS, Integrator
+from tensegrity_mj.engines.request import Accelerations, Request
+from tensegrity_mj.errors import OptionError, StructureError
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.runs.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class MuJoCo:
+    """Options of the MuJoCo engine.
+
+    Attributes:
+        timestep: h [s].
+        integrator: see `Integrator`.
+        accuracy: [m] largest node error over the run, from 1e-10 to 1e-2, in place of the other two, which it chooses
+            for each run (docs/accuracy.md).
+        locate_slack: whether steps of RK4 are split where strings begin or cease to pull, so that it keeps its order
+            there.
+    """
+
+    timestep: float = 1e-3
+    integrator: Integrator = Integrator.RK4
+    accuracy: float | None = None
+    locate_slack: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "timestep", positive("MuJoCo: timestep", self.timestep, "s"))
+        member("MuJoCo: integrator", self.integrator, Integrator)
+        if not isinstance(self.locate_slack, bool):
+            raise OptionError(f"MuJoCo: locate_slack = {self.locate_slack!r}; it must be True or False")
+        if self.locate_slack and self.integrator is not Integrator.RK4:
+            raise OptionError(
+                f"MuJoCo: locate_slack = True with {self.integrator.name}, of order 1 with strings slack or taut; it "
+                "belongs to Integrator.RK4: leave it out"
+            )
+        if self.accuracy is not None:
+            chosen = {
+                "timestep": (self.timestep, 1e-3),
+                "integrator": (self.integrator, Integrator.RK4),
+                "locate_slack": (self.locate_slack, False),
+            }
+            object.__setattr__(self, "accuracy", check_accuracy("MuJoCo", self.accuracy, chosen))
+
+    def __str__(self) -> str:
+        if self.accuracy is not None:
+            return f"MuJoCo {mujoco.__version__}, accuracy {self.accuracy:g} m"
+        located = ", slack located" if self.locate_slack else ""
+        return f"MuJoCo {mujoco.__version__} {self.word}, h = {self.timestep:g} s{located}"
+
+    def model(self, scene: Scene) -> mujoco.MjModel:
+        """The compiled model of a scene.
+
+        Raises:
+            StructureError: for masses, sizes or depths that MuJoCo cannot hold, and where it compiles a node, a center
+                of mass or a capsule to another place than the structure's.
+            SceneError: where rods that share nodes may touch something.
+            OptionError: where a control callback that is not this package's hinders MuJoCo.
+        """
+        far = np.abs(scene.nodes0).max(axis=1) > mujoco.mjMAXVAL
+        if far.any():
+            number = int(np.argmax(far))
+            raise StructureError(
+                f"node '{scene.structure.node_names[number]}' is at {scene.nodes0[number].tolist()} m: MuJoCo takes "
+                f"coordinates beyond {mujoco.mjMAXVAL:g} m for a divergence; move the structure nearer to the origin"
+            )
+        text = scene_to_mjcf(scene, self.timestep, self.word)
+        try:
+            model = mujoco.MjModel.from_xml_string(text)
+        except ValueError as error:
+            if mujoco.get_mjcb_control() is not None and not ACTIVE[0]:
+                raise OptionError(
+                    "a control callback of your own is installed, and MuJoCo has one for the whole process: "
+                    "take it out with mujoco.set_mjcb_control(None)"
+                ) from error
+            reason = " ".join(str(error).split())
+            raise StructureError(
+                f"structure '{scene.structure.name}': MuJoCo cannot hold it ({reason}); masses [kg] and moments of "
+                f"inertia [kg m²] must be above {mujoco.mjMINVAL:g}: use units of the structure's own size, or the DAE"
+            ) from error
+        check_places(scene, model)
+        return model
+
+    @property
+    def stages(self) -> int:
+        """Evaluations of the forces a step."""
+        return 4 if self.integrator is Integrator.RK4 else 1
+
+    @property
+    def is_explicit(self) -> bool:
+        """Whether the forces that act over a step are those computed at its stages."""
+        return self.integrator in (Integrator.EULER, Integrator.RK4)
+
+    @property
+    def word(self) -> str:
+        """MuJoCo's own word for the integrator."""
+        return _WORDS[self.integrator]
+
+    def run(self, request: Request) -> Trajectory:
+        """Simulate; called by `simulate`."""
+        from tensegrity_mj.engines.mujoco.run import MuJoCoRun
+
+        if self.accuracy is not None:
+            from tensegrity_mj.engines.mujoco.accuracy import run_accurately
+
+            return run_accurately(self.accuracy, request, type(self))
+        if self.locate_slack:
+            from tensegrity_mj.engines.mujoco.located import LocatedRun
+
+            return LocatedRun(self, request).run()
+        return MuJoCoRun(self, request).run()
+
+    def accelerations(self, request: Request) -> Accelerations:
+        """Node accelerations J q̈ + J̇ q̇ of the model that `run` steps."""
+        from tensegrity_mj.engines.mujoco.accelerations import NodeAccelerations
+        from tensegrity_mj.engines.mujoco.run import MuJoCoRun
+
+        return NodeAccelerations(MuJoCoRun(self, request))

@@ -1,0 +1,199 @@
+"""Many runs of one MuJoCo model at once, on threads: `mujoco.batch` steps them, each with a table of its own.
+
+A simulation of the batch finds its table by its number in MjData.userdata, so every actuation, the ledger and the
+recording are those of a single run, by the same compiled code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch, SimulationError
+from numpy.typing import NDArray
+
+from tensegrity_mj.dynamics.native.plant import Plant
+from tensegrity_mj.dynamics.native.pointers import address_of
+from tensegrity_mj.engines.driving import Progress, Stopwatch, chunks
+from tensegrity_mj.engines.mujoco import callback, many
+from tensegrity_mj.engines.mujoco.install import installed
+from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
+from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_coordinates, place
+from tensegrity_mj.engines.mujoco.motion import SupportTable
+from tensegrity_mj.engines.mujoco.run import MuJoCoRun, node_addresses, warned
+from tensegrity_mj.engines.recording import check_rows
+from tensegrity_mj.engines.request import Request
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.scene import Scene
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from tensegrity_mj.engines.mujoco.engine import MuJoCo
+
+
+TOKEN = 0.7390851332151607  # tells userdata of ours from any other
+
+
+class MuJoCoEnsemble:
+    """Simulations of scenes that share one structure.
+
+    Attributes:
+        members: a run each, which `conclude`s with its trajectory or its error.
+        seconds: wall time of the integration of all.
+    """
+
+    def __init__(self, options: MuJoCo, requests: Sequence[Request], threads: int) -> None:
+        first = requests[0].scene
+        self.options, self.seconds = options, 0.0
+        self.model = _with_userdata(first, options)
+        guide = self.guide = many.Guide(first, self.model)
+        tree = body_tree(first)
+        data = mujoco.MjData(self.model)
+        self.batch = Batch(self.model, len(requests), threads)
+        self.members: list[MuJoCoRun] = []
+        self.counters = np.zeros((len(requests), 6), np.int64)
+        qpos, qvel, userdata = (self.batch.bind(name) for name in ("qpos", "qvel", "userdata"))
+        unused = np.zeros((len(first.structure.strings), 2))  # limits of forces, which clipped strings never move
+        for number, request in enumerate(requests):
+            check_motions(request.scene, first, tree)
+            member = MuJoCoRun(options, request, self.model, data, tree, first)
+            if number == 0:
+                check_rows(float(len(requests)) * member.rows.shape[0], member.rows.shape[1])
+            self.counters[number] = member.counters
+            member.counters = self.counters[number]
+            table = member.plant.table
+            table[callback.COUNTERS] = address_of(member.counters)
+            table[callback.FORCE_RANGE] = address_of(unused)
+            self.members.append(member)
+            scene = request.scene
+            mujoco.mj_resetData(self.model, data)
+            if np.array_equal(scene.nodes0, first.nodes0):
+                data.qvel[:] = joint_coordinates(first, tree, scene.nodes0, scene.velocities0)[1]
+            else:
+                place(data, first, scene.nodes0, scene.velocities0, tree)
+            qpos[number], qvel[number] = data.qpos, data.qvel
+            userdata[number] = TOKEN, number
+        self._tables = np.array([member.plant.address for member in self.members], np.int64)
+        self._token = np.array([TOKEN])
+        self._keep = unused
+        guide.table[many.TOKEN] = address_of(self._token)
+        guide.table[many.RUNS], guide.table[many.RUN_COUNT] = address_of(self._tables), len(self._tables)
+        # What a row waits for lies in MjData that the next simulation overwrites: copies of it, refreshed each call.
+        self._accelerations, self._forces = self.batch.bind("qacc"), self.batch.bind("actuator_force")
+        constrained = bool(first.motions and tree.forest.closures)
+        self._pulls = self.batch.bind("qfrc_constraint") if constrained else None
+
+    def run(self) -> None:
+        """Simulate all; nothing is raised for what becomes of a simulation."""
+        request, grid = self.members[0].request, self.members[0].grid
+        label = f"MuJoCo {self.options.integrator.value}, {len(self.members)} runs"
+        running = np.ones(len(self.members), bool)
+        with Progress(request, label) as progress, installed(self.guide.table, many.many_runs):
+            clock = Stopwatch(*(member.request for member in self.members))
+            for first, count in chunks(grid.count):
+                self._advance(running, lambda ids, count=count: self.batch.step(ids, nstep=count))
+                self._judge(running, first + count)
+                if not running.any():
+                    break
+                progress.reached((first + count) * self.options.timestep)
+            else:
+                self._advance(running, self.batch.forward)  # the last row
+            self.seconds = clock.seconds
+
+    def _advance(self, running: NDArray[np.bool_], call: Any) -> None:
+        ids = None if running.all() else np.flatnonzero(running)
+        try:
+            call(ids)
+        except SimulationError as error:
+            for number in error.ids:
+                self.members[number].cause = f"MuJoCo gave up: {self.batch.error(int(number))}"
+        for number in np.flatnonzero(running & (self.counters[:, callback.WAITING] >= 0)):
+            table = self.members[number].plant.table
+            table[callback.QACC] = address_of(self._accelerations[number])
+            table[callback.ACTUATOR_FORCE] = address_of(self._forces[number])
+            callback.finish_row(table)
+        if self._pulls is None:
+            return
+        for number in np.flatnonzero(running):
+            table = self.members[number].plant.table
+            table[callback.CONSTRAINT_FORCE] = address_of(self._pulls[number])
+            callback.settle_constraints(table)
+
+    def _judge(self, running: NDArray[np.bool_], steps: int) -> None:
+        """Stop those that have ended, and those that MuJoCo warned of, that are not finite, or that lost steps."""
+        running &= self.counters[:, callback.ENDED] == callback.RUNNING
+        finite = np.isfinite(self.batch.bind("qpos")).all(axis=1) & np.isfinite(self.batch.bind("qvel")).all(axis=1)
+        made = self.counters[:, callback.STEP]
+        counts = self.batch.warning[:, :, 1]
+        for number in np.flatnonzero(running & (counts.any(axis=1) | ~finite | (made != steps))):
+            causes = warned(counts[number])
+            if not finite[number]:
+                causes.append("the state is no longer finite")
+            if made[number] != steps:
+                causes.append(f"{made[number]} steps were made, not {steps}")
+            member = self.members[number]
+            if causes:
+                member.cause = member.cause or ", ".join(causes)
+                running[number] = False
+
+
+def check_motions(scene: Scene, first: Scene, tree: BodyTree) -> None:
+    """Raise OptionError where a scene's supports move in ways that the drives of the first scene's model cannot."""
+    if scene.motions == first.motions:
+        return
+    if [motion.support for motion in scene.motions] != [motion.support for motion in first.motions]:
+        raise OptionError(
+            f"scene '{scene.name}': other supports move than in the first scene, and simulate_many runs one model: use "
+            "run_many"
+        )
+    own = body_tree(scene)
+    pairs = [(one.moved, other.moved) for one, other in zip(own.joints, tree.joints, strict=True)]
+    pairs += [(one[1], other[1]) for one, other in zip(own.moved_nodes, tree.moved_nodes, strict=True)]
+    for needed, given in pairs:
+        if np.abs(needed - given @ (given.T @ needed)).max(initial=0.0) > 1e-9:
+            raise OptionError(
+                f"scene '{scene.name}': a support moves in directions in which it stands still in the first scene, and "
+                "simulate_many runs one model: put first a scene that uses them all, or use run_many"
+            )
+
+
+def _with_userdata(scene: Scene, options: MuJoCo) -> mujoco.MjModel:
+    """The model of a scene, whose simulations can carry their number."""
+    options.model(scene)  # its errors are the better ones
+    spec = mujoco.MjSpec.from_string(scene_to_mjcf(scene, options.timestep, options.word))
+    spec.nuserdata = many.USERDATA_SIZE
+    return spec.compile()
+
+
+@contextmanager
+def law_in(model: mujoco.MjModel, plant: Plant) -> Iterator[NDArray[np.int64]]:
+    """Install the law of a plant for every MjData of a model; gives the array whose place [status] is set to 1
+    (`OTHER_STRINGS`: a model with other strings was stepped).
+
+    The plant's mode is continuous: nothing is kept from stage to stage.
+    """
+    scene: Scene = plant.scene
+    guide = many.Guide(scene, model)
+    designed = np.array(scene.structure.rest_lengths)
+    sites, bodies, roots = node_addresses(scene, model)
+    answers = np.zeros(many.ANSWER_COUNT, np.int64)
+    table = plant.table.copy()
+    supports = SupportTable(scene, body_tree(scene), model, resets=False) if scene.motions else None
+    if supports is not None:
+        table[callback.SUPPORTS] = address_of(supports.table)
+    places = {
+        callback.DESIGNED: designed,
+        callback.NODE_SITE: sites,
+        callback.NODE_BODY: bodies,
+        callback.NODE_ROOT: roots,
+    }
+    for slot, array in places.items():
+        table[slot] = address_of(array)
+    table[callback.BODY_COUNT] = model.nbody
+    guide.table[many.LAW_TABLE], guide.table[many.ANSWERS] = address_of(table), address_of(answers)
+    with installed(guide.table, many.law_alone):
+        yield answers

@@ -1,0 +1,177 @@
+"""Forces in rods that share nodes, and the gaps of joints that close loops, from the recorded states of a MuJoCo run.
+
+MuJoCo knows the forces of a state after its control callback has returned, and none between the bodies of a tree. So
+a run of rods that share nodes records its states; afterwards MuJoCo solves for each again, with the same tensions,
+loads and drives, and tells the accelerations of the nodes and the forces of the constraints, which are rigid here: the
+soft ones of a run lack a part of their force as long as a gap is closed, and ring in its stages. The force f on a rod
+where it hangs then follows from its own motion, m (c̈ - g) = f + what else acts on it, from the rods that hang last to
+the roots.
+"""
+
+from __future__ import annotations
+
+import copy as copying
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.engines.mujoco.mjcf import UNLIMITED
+from tensegrity_mj.engines.mujoco.mjcf_bodies import Names
+from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree
+from tensegrity_mj.engines.mujoco.motion import SupportTable
+from tensegrity_mj.model import rods
+from tensegrity_mj.model.elements.resistance import resisting_forces
+from tensegrity_mj.model.scene import Scene
+
+REDUNDANT = 1e-12  # of the largest singular value: below it, a constraint says what others say
+
+
+class JointForces:
+    """What recorded states (T, nq + nv) of a run tell about its rods and joints."""
+
+    def __init__(self, scene: Scene, tree: BodyTree, model: mujoco.MjModel, supports: SupportTable | None) -> None:
+        self.scene, self.tree, self.model, self.supports = scene, tree, model, supports
+        self.width = int(model.nq + model.nv)
+        structure = scene.structure
+        self._sites = np.array([model.site(name).id for name in structure.node_names], np.int64)
+        ends = Names(scene, tree).ends
+        # Where each end of each rod is: at its node's site, or at a site of its own where a constraint holds it there.
+        self._ends = self._sites[structure.rod_nodes]
+        self._gaps = []
+        for (node, owner, other), name in zip(tree.forest.closures, ends, strict=True):
+            own = int(model.site(name).id)
+            self._ends[other, self._end(other, node)] = own
+            self._gaps.append((int(self._sites[node]), own, owner, other, node))
+
+    def _end(self, rod: int, node: int) -> int:
+        return int(self.scene.structure.rod_nodes[rod, 1] == node)
+
+    def multipliers(self, time: Array, rows: Array) -> tuple[Array, dict[str, Any]]:
+        """λ (T, R) [1/s²] of (2.36) with the joints' forces, and the report "joints" of the gaps of closures.
+
+        Args:
+            time: (T,) [s].
+            rows: (T, ...) as recorded: those of `write_row` first, qpos and qvel last.
+        """
+        scene, structure = self.scene, self.scene.structure
+        T, N, M = len(time), len(structure.nodes), len(structure.strings)
+        nodes, velocities = rows[:, : 3 * N].reshape(T, N, 3), rows[:, 3 * N : 6 * N].reshape(T, N, 3)
+        tensions = rows[:, 6 * N + 2 * M : 6 * N + 3 * M]
+        loads = np.array([scene.nodal_forces(t) for t in time]).reshape(nodes.shape)
+        loads += resisting_forces(scene, nodes, velocities)
+        accelerations, pulls, gaps = self._solve(time, rows[:, -self.width :], tensions, loads)
+        forces = self._end_forces(rods.string_forces(structure, nodes, tensions) + loads, pulls, accelerations)
+        sigma = np.array([rod.support.sigma for rod in structure.rods])[:, None]
+        r_accelerations = (1 - sigma) * accelerations[:, :, 0] + sigma * accelerations[:, :, 1]
+        found = rods.multipliers_of_ends(
+            structure, nodes, velocities, forces[:, :, 0], forces[:, :, 1], np.array(scene.gravity), r_accelerations
+        )
+        if not self._gaps:
+            return found, {}
+        worst = np.max(np.nan_to_num(gaps), axis=0)
+        largest = int(np.argmax(worst))
+        report = {
+            "closures": len(self._gaps),
+            "largest_gap": float(worst[largest]),  # [m], at the recorded times
+            "node": structure.node_names[self._gaps[largest][4]],
+        }
+        return found, {"joints": report, "closure_drift": report["largest_gap"]}  # the second as the DAE has it
+
+    def _solve(self, time: Array, states: Array, tensions: Array, loads: Array) -> tuple[Array, Array, Array]:
+        """Accelerations of the rods' ends (T, R, 2, 3), forces of the closures on their first rods (T, C, 3), gaps."""
+        scene, model = self.scene, copying.copy(self.model)
+        model.actuator_forcerange[:, 1] = UNLIMITED  # a run may have left a slack string's limit there
+        model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+        structure, data = scene.structure, mujoco.MjData(model)
+        T, R, C = len(time), len(structure.rods), len(self._gaps)
+        accelerations, pulls, gaps = np.zeros((T, R, 2, 3)), np.zeros((T, C, 3)), np.zeros((T, C))
+        gravity, spatial = np.array(scene.gravity), np.zeros(6)
+        kind = mujoco.mjtObj.mjOBJ_SITE
+        designed = np.array(structure.rest_lengths)
+        with np.errstate(all="ignore"):
+            for row in range(T):
+                if not np.all(np.isfinite(states[row])):
+                    accelerations[row], pulls[row], gaps[row] = np.nan, np.nan, np.nan
+                    continue
+                data.qpos[:], data.qvel[:] = np.split(states[row], [model.nq])
+                if self.supports is not None:
+                    data.qfrc_applied[:] = self.supports.forces(scene, float(time[row]), model.nv)
+                mujoco.mj_fwdPosition(model, data)
+                mujoco.mj_fwdVelocity(model, data)
+                if len(designed):
+                    # The control that makes MuJoCo's tension the recorded one, whatever law or breaking string it was.
+                    k, c = structure.stiffness, structure.damping
+                    data.ctrl[:] = data.ten_length - designed + (c * data.ten_velocity - tensions[row]) / k
+                self._apply(data, loads[row])
+                mujoco.mj_forward(model, data)
+                if self._gaps:
+                    close_rigidly(model, data)
+                mujoco.mj_rnePostConstraint(model, data)
+                for rod in range(R):
+                    for end in range(2):
+                        mujoco.mj_objectAcceleration(model, data, kind, int(self._ends[rod, end]), spatial, 0)
+                        accelerations[row, rod, end] = spatial[3:] + gravity
+                pulls[row] = self._pulls(data)
+                for number, (site, own, *_) in enumerate(self._gaps):
+                    gaps[row, number] = np.linalg.norm(data.site_xpos[site] - data.site_xpos[own])
+        return accelerations, pulls, gaps
+
+    def _apply(self, data: mujoco.MjData, loads: Array) -> None:
+        """Loads (N, 3) on the nodes as forces and torques at the bodies' centres of mass."""
+        data.xfrc_applied[:] = 0.0
+        for site, force in zip(self._sites, loads, strict=True):
+            body = self.model.site_bodyid[site]
+            if body and force.any():
+                data.xfrc_applied[body, :3] += force
+                data.xfrc_applied[body, 3:] += np.cross(data.site_xpos[site] - data.xipos[body], force)
+
+    def _pulls(self, data: mujoco.MjData) -> Array:
+        """(C, 3) [N]: what each closure does to the first of its rods."""
+        out = np.zeros((len(self._gaps), 3))
+        equality = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
+        for number in range(len(self._gaps)):
+            rows = np.flatnonzero(equality & (data.efc_id == number))
+            out[number, : len(rows)] = data.efc_force[rows]
+        return out
+
+    def _end_forces(self, nodal: Array, pulls: Array, accelerations: Array) -> Array:
+        """(T, R, 2, 3) [N]: all that acts on each end of each rod, gravity not included."""
+        structure, forest = self.scene.structure, self.tree.forest
+        out = np.zeros_like(accelerations)
+        for node, owner in enumerate(forest.owner):
+            if owner >= 0:
+                out[:, owner, self._end(int(owner), node)] += nodal[:, node]
+        for number, (_, _, owner, other, node) in enumerate(self._gaps):
+            out[:, owner, self._end(owner, node)] += pulls[:, number]
+            out[:, other, self._end(other, node)] -= pulls[:, number]
+        gravity = np.array(self.scene.gravity)
+        for rod in forest.order[::-1]:
+            parent, node = int(forest.parent[rod]), int(forest.hinge[rod])
+            if parent < 0:
+                continue
+            middle = accelerations[:, rod].mean(axis=1)
+            pull = structure.rod_masses[rod] * (middle - gravity) - out[:, rod].sum(axis=1)
+            out[:, rod, self._end(int(rod), node)] += pull
+            out[:, parent, self._end(parent, node)] -= pull
+        return out
+
+
+def close_rigidly(model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Add to the joint accelerations and forces what the softness of `connect` constraints keeps from them.
+
+    MuJoCo finds J q̈ = a - R f with a = -B ġ - K g - J̇ q̇ for the gaps g, and J q̈ = -J̇ q̇ leaves ġ as it is. The
+    Jacobian must be a dense one. A state beyond all reason is left alone.
+    """
+    J = data.efc_J.reshape(data.nefc, model.nv)
+    stiffness, damping, impedance = data.efc_KBIP.reshape(data.nefc, 4)[:, :3].T
+    missing = data.efc_R * data.efc_force + damping * data.efc_vel + stiffness * impedance * data.efc_pos
+    if not (np.all(np.isfinite(missing)) and np.all(np.isfinite(J))):
+        return
+    per_force = np.zeros((data.nefc, model.nv))  # M⁻¹ Jᵀ, by rows
+    mujoco.mj_solveM(model, data, per_force, J.copy())
+    force = np.linalg.lstsq(J @ per_force.T, missing, rcond=REDUNDANT)[0]
+    data.qacc[:] += force @ per_force
+    data.efc_force[:] += force
+    data.qfrc_constraint[:] += force @ J

@@ -1,0 +1,227 @@
+"""The MJCF of a scene: rods as capsules with a thin rod's inertia, strings as actuated spatial tendons.
+
+Numbers are printed with 17 digits, so the file reloads to the very model that is simulated. Nothing is in the model
+that the scene does not use: joints as few as the supports leave, no sensor; contact, a floor, constraints and gravity
+only where the scene has them. Rods that share nodes hang on each other (`mjcf_tree`); where they close loops, or are
+held at more than one place, `connect` constraints hold them together.
+
+An actuator's control is the change of its string's rest length from the one written here [m]: the tension is
+max(0, k (L - L0 - ctrl) + c dL/dt). A control of zero, which is what a viewer or a reset gives, is the structure as
+designed. Where a string has a damper that is not all of the string law (a slack string must not be damped): the
+engine's callback sees to the rest.
+
+A scene that starts in motion has a keyframe "start" with its velocities; positions are the model's own. External
+loads and prescribed motions are not in the file: what drives a support is a slide of enormous armature, which by itself
+keeps the velocity that it starts with.
+"""
+
+from __future__ import annotations
+
+import os
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.engines.mujoco.mjcf_bodies import DRIVE, FLOOR, Names, add_bodies, add_site, hardness, size
+from tensegrity_mj.engines.mujoco.mjcf_frames import must_turn, numbers
+from tensegrity_mj.engines.mujoco.mjcf_frames import quaternion as quaternion
+from tensegrity_mj.engines.mujoco.mjcf_frames import rotation_to as rotation_to
+from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, distinct
+from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities as initial_velocities
+from tensegrity_mj.errors import SceneError, StructureError
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.strings import StringLaw
+
+# Friction resists sliding this many times harder than a contact resists depth: what sticks hardly creeps.
+FRICTION_IMPEDANCE = 100.0
+SOLVER_TOLERANCE = 1e-15  # the solver then stops at round-off, after two or three more of Newton's iterations
+UNLIMITED = 1e30  # "inf" does not survive every writer
+# A `connect` constraint pulls a gap g to zero as g̈ + 2 ġ/τ + g/τ² = 0, τ being so many time steps (MuJoCo allows 2 and
+# more). It leaves 1 - IMPEDANCE, the least there is, of the acceleration a₀ that the gap would have without it: the gap
+# stays open by (1 - IMPEDANCE) τ² a₀ = 1.6e-3 h² a₀, of second order, with no number of a scene in it. Measured on a
+# four-bar loop under gravity with RK4 (a₀ ~ 20 m/s², h = 1 ms, then 0.1 ms), for τ/h of 2, 4 and 10:
+#     gap [m]           8.3e-9, 8.3e-11     3.4e-8, 3.4e-10     2.1e-7, 2.1e-9
+#     velocities [m/s]  9.8e-7, 9.7e-8      2.8e-7, 1.1e-8      1.3e-6, 5.1e-9
+#     energy [J]        2.1e-6, 2.1e-7      3.7e-7, 2.3e-8      1.1e-6, 1.1e-8
+# Shorter, the constraint rings in the integrator's stages and energy errs by the first order; longer, the gap grows. A
+# chain of six between two pins with damped strings, and a truss of 14 rods with six closures, tell the same.
+CONNECT_STEPS, IMPEDANCE = 4.0, 0.9999
+MOST_NESTED = 490  # bodies within each other: MuJoCo reads XML of 500 levels
+
+
+def save_mjcf(scene: Scene, path: str | os.PathLike[str], timestep: float = 1e-3, integrator: str = "RK4") -> Path:
+    """Write `scene_to_mjcf` to an .xml file, atomically (a crash leaves the old file or none); returns the path.
+
+    Raises:
+        OptionError: for another suffix, or a place where no file can be written.
+        FormatError: where writing fails all the same.
+    """
+    from tensegrity_mj.basics.files import checked, replacing
+
+    destination = checked(path, (".xml",), "MJCF")
+    text = scene_to_mjcf(scene, timestep, integrator)
+    with replacing(destination) as part:
+        part.write_text(text, encoding="utf-8", newline="\n")
+    return destination
+
+
+def scene_to_mjcf(scene: Scene, timestep: float = 1e-3, integrator: str = "RK4") -> str:
+    """MJCF text of a scene; `integrator` is MuJoCo's own word.
+
+    Sites are named as the nodes, tendons and actuators as the strings, a rod's body and the joint that turns it as the
+    rod. MuJoCo has one set of names for all bodies and one for all joints: where a name is taken there, a number is
+    added. What needs a node's body finds it by the site.
+
+    Raises:
+        StructureError: where more rods hang on each other than MuJoCo reads.
+        SceneError: where rods that share nodes may touch something.
+    """
+    structure = scene.structure
+    if scene.contact is not None and structure.class_number > 1:
+        raise SceneError(
+            f"scene '{scene.name}' has contact, and its rods share nodes (class {structure.class_number}): contact is "
+            "for rods of class 1; leave it out (scene.with_(contact=None)), or give each rod nodes of its own"
+        )
+    tree = body_tree(scene)
+    if tree.depth > MOST_NESTED:
+        raise StructureError(
+            f"structure '{structure.name}': {tree.depth} rods hang on each other; MuJoCo reads at most {MOST_NESTED} "
+            "bodies within each other: use the DAE, or fewer and longer rods"
+        )
+    # Scene names are free texts; XML cannot hold control characters.
+    title = "".join(letter if letter.isprintable() else " " for letter in scene.name)
+    root = ET.Element("mujoco", model=title)
+    root.append(ET.Comment(f" {_remarks(scene)} "))
+    ET.SubElement(root, "compiler", angle="radian", autolimits="false", balanceinertia="false", boundmass="0")
+    option = ET.SubElement(
+        root,
+        "option",
+        timestep=numbers([timestep]),
+        integrator=integrator,
+        gravity=numbers(scene.gravity),
+    )
+    _flags(option, scene, tree)
+    _visual(root, scene)
+
+    world = ET.SubElement(root, "worldbody")
+    ET.SubElement(world, "light", pos="0 0 4", dir="0 0 -1", directional="true")
+    _floor(world, scene)
+    thickness = 0.25 * min((rod.radius for rod in structure.rods), default=0.02 * size(scene))
+    site: dict[str, Any] = {"size": numbers([2 * thickness]), "rgba": "0.2 0.2 0.2 1"}
+    moved = {structure.node_names[row] for row, _ in tree.moved_nodes}
+    for name in structure.fixed_nodes:
+        if name not in moved:
+            position = scene.nodes0[structure.node_index[name]]
+            add_site(world, name, position, site)
+    names = Names(scene, tree)
+    add_bodies(world, scene, tree, names, thickness)
+    if structure.strings:
+        _strings(root, scene, thickness)
+    _closures(root, scene, tree, names, timestep)
+    if np.any(scene.velocities0):
+        keyframe = ET.SubElement(root, "keyframe")
+        ET.SubElement(keyframe, "key", name="start", qvel=numbers(initial_velocities(scene)))
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _floor(world: ET.Element, scene: Scene) -> None:
+    contact = scene.contact
+    if contact is None or contact.floor is None:
+        return
+    # Endless: the size is for viewers, its last number a spacing of lines.
+    origin, rotation = contact.floor * contact.up, rotation_to(contact.up)
+    if must_turn(origin, [np.zeros(3)], 0.0):
+        rotation = rotation @ np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # about its normal
+    place: dict[str, Any] = {"pos": numbers(origin), "quat": numbers(quaternion(rotation))}
+    name = distinct(["floor"], taken={rod.name for rod in scene.structure.rods})[0]
+    bits: dict[str, Any] = {"contype": str(FLOOR), "conaffinity": "0"}
+    look: dict[str, Any] = {"size": numbers([0, 0, 0.1 * size(scene)]), "rgba": "0.8 0.82 0.84 1"}
+    ET.SubElement(world, "geom", name=name, type="plane", **place, **bits, **hardness(contact), **look)
+
+
+def _flags(option: ET.Element, scene: Scene, tree: BodyTree) -> None:
+    """Only flags that change what is computed: a reset behind one's back must never happen."""
+    constrained = scene.contact is not None or bool(tree.forest.closures)
+    if not constrained:
+        ET.SubElement(option, "flag", contact="disable", constraint="disable", autoreset="disable")
+        return
+    driven = sum(axes.shape[1] for axes in tree.moved_axes)
+    # The solver measures what is left to do by the mean of all inertia, of which drives are all that it would see.
+    option.set("tolerance", numbers([SOLVER_TOLERANCE / (DRIVE * driven) if driven else SOLVER_TOLERANCE]))
+    without: dict[str, Any] = {"contact": "disable"} if scene.contact is None else {}
+    if scene.contact is not None:
+        option.set("cone", "elliptic")  # Coulomb's, where the other one favours some directions
+        option.set("impratio", numbers([FRICTION_IMPEDANCE]))
+    # With the exact mass that each constraint feels, the law of a contact is the one that docs/contact.md states.
+    ET.SubElement(option, "flag", autoreset="disable", diagexact="enable", **without)
+
+
+def _closures(root: ET.Element, scene: Scene, tree: BodyTree, names: Names, timestep: float) -> None:
+    """Joints that the tree of bodies leaves open."""
+    if not tree.forest.closures:
+        return
+    equality = ET.SubElement(root, "equality")
+    for (node, _, _), end in zip(tree.forest.closures, names.ends, strict=True):
+        ET.SubElement(
+            equality,
+            "connect",
+            name=end,
+            site1=scene.structure.node_names[node],
+            site2=end,
+            solref=numbers([CONNECT_STEPS * timestep, 1.0]),
+            solimp=numbers([IMPEDANCE, IMPEDANCE, 1.0, 0.5, 1.0]),
+        )
+
+
+def _strings(root: ET.Element, scene: Scene, thickness: float) -> None:
+    structure = scene.structure
+    tendons, actuators = ET.SubElement(root, "tendon"), ET.SubElement(root, "actuator")
+    clipped = structure.string_law is StringLaw.CLIPPED
+    for string, rest_length in zip(structure.strings, structure.rest_lengths, strict=True):
+        tendon = ET.SubElement(tendons, "spatial", name=string.name, width=numbers([thickness]), rgba="0.8 0.2 0.15 1")
+        for name in string.nodes:
+            ET.SubElement(tendon, "site", site=name)
+        k, c = string.stiffness, string.damping
+        # Without a damper the two laws are the same, and the limit alone keeps a slack string from pushing.
+        most = 0.0 if clipped or c == 0 else UNLIMITED
+        ET.SubElement(
+            actuators,
+            "general",
+            name=string.name,
+            tendon=string.name,
+            gainprm=numbers([k]),
+            biastype="affine",
+            biasprm=numbers([k * rest_length, -k, -c]),
+            forcelimited="true",
+            forcerange=numbers([-UNLIMITED, most]),
+        )
+
+
+def _remarks(scene: Scene) -> str:
+    remarks = [
+        "SI units, z up. Generated by tensegrity_mj; do not edit: change scene.toml and export again.",
+        "ctrl is the change of a string's rest length [m].",
+    ]
+    if np.any(scene.structure.damping > 0):
+        remarks.append("By itself, without tensegrity_mj, this model lets the damper of a slack string act.")
+    if np.any(scene.velocities0):
+        remarks.append('The motion starts with the velocities of the keyframe "start".')
+    if scene.loads:
+        remarks.append("The scene's external loads are not in this file.")
+    if scene.resistance is not None:
+        remarks.append("What resists the motion of the scene is not in this file.")
+    if scene.water is not None:
+        remarks.append("The water of the scene is not in this file.")
+    if scene.motions:
+        remarks.append("The motions of the scene's supports are not in this file: what drives them is.")
+    return " ".join(remarks)
+
+
+def _visual(root: ET.Element, scene: Scene) -> None:
+    nodes = scene.nodes0
+    center = 0.5 * (nodes.min(axis=0) + nodes.max(axis=0))
+    extent = float(np.linalg.norm(np.ptp(nodes, axis=0))) or 1e-3
+    ET.SubElement(root, "statistic", center=numbers(center), extent=numbers([extent]))

@@ -1,0 +1,225 @@
+"""Bodies of a scene's MJCF: rods as capsules with a thin rod's inertia, point masses, moved nodes, and their joints."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.engines.mujoco.mjcf_frames import TURNED_AXIS, TURNED_SITE, must_turn, numbers, quaternion
+from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, Turn, distinct
+from tensegrity_mj.model.elements.contact import Contact
+from tensegrity_mj.model.scene import Scene
+
+# The axial moment of inertia as a part of the transverse one: strings attach on the axis, so 1e-4 to 1e-6 change no
+# motion, while below 1e-12 round-off spins the rod up and above 1e-2 it would no longer be a thin rod.
+AXIAL_INERTIA = 1e-5
+# Of rods that hang on each other: what is about the axis of a rod is then a small part of what hangs on it, and its
+# round-off spins rods up. Between 1e-7 and 1 this changes no node of a chain of 121 in space by more than 1e-14 m; the
+# spin that round-off leaves falls in proportion, from 3e-6 to 3e-13 rad/s.
+NESTED_AXIAL_INERTIA = 1e-2
+LEAST_INERTIA = 1e-14  # kg m²: ten times MuJoCo's mjMINVAL
+POINT_RADIUS = 1e-6  # of the structure's size: a point mass touches the floor with a ball of this radius
+FLOOR, MEMBER = 1, 2  # bits that tell what may touch
+# What drives a support is a slide whose armature is this many times all masses of the scene. It is pushed with as much
+# times d̈, and what reacts on it changes its acceleration by 1e-14 of that which it would give the whole scene. Between
+# 1e12 and 1e30 kg no node of a hanging chain changes by more than 2e-13 m in 6 s; MuJoCo's solver of constraints wants
+# no more than there must be.
+DRIVE = 1e14
+
+
+class Names:
+    """Names of bodies, joints and sites, unique among their kind: lists over rods, point masses and moved nodes."""
+
+    def __init__(self, scene: Scene, tree: BodyTree) -> None:
+        structure = scene.structure
+        rods, points = structure.rods, structure.point_masses
+        moved = [structure.node_names[row] for row, _ in tree.moved_nodes]
+        members = [rod.name for rod in rods] + [point.node for point in points] + moved
+        bodies = distinct(members, taken={"world"})
+        cuts = (len(rods), len(rods) + len(points))
+        self.rods, self.points, self.moved = _cut(bodies, cuts)
+        # A rod's own name goes to the joint that turns it, whatever the slides of the others are called.
+        self.turns = [rod.name for rod in rods]
+        counts = [0 if joint.turn is Turn.FREE else joint.axes.shape[1] for joint in tree.joints]
+        counts += [point.translation_basis.shape[1] for point in points]
+        counts += [axes.shape[1] for _, axes in tree.moved_nodes]
+        wanted = [f"{name} {k + 1}" for name, count in zip(members, counts, strict=True) for k in range(count)]
+        given = iter(distinct(wanted, taken=set(self.turns)))
+        slides = [[next(given) for _ in range(count)] for count in counts]
+        self.rod_slides, self.point_slides, self.moved_slides = _cut(slides, cuts)
+        # Where a rod ends at a node whose site another rod's body carries, and no joint of bodies holds it there.
+        ends = [f"{structure.node_names[node]} of {rods[other].name}" for node, _, other in tree.forest.closures]
+        self.ends = distinct(ends, taken=set(structure.node_names))
+
+
+def _cut(values: list[Any], cuts: tuple[int, int]) -> tuple[list[Any], list[Any], list[Any]]:
+    return values[: cuts[0]], values[cuts[0] : cuts[1]], values[cuts[1] :]
+
+
+def add_bodies(world: ET.Element, scene: Scene, tree: BodyTree, names: Names, thickness: float) -> None:
+    """Add everything that moves to the world; `thickness` [m] is that of the strings' drawing."""
+    site: dict[str, Any] = {"size": numbers([2 * thickness]), "rgba": "0.2 0.2 0.2 1"}
+    elements: dict[int, ET.Element] = {-1: world}
+    for number in tree.order:
+        carrier = elements[tree.joints[number].parent]
+        elements[number] = _rod_body(carrier, scene, tree, number, names, site)
+    for number in range(len(scene.structure.point_masses)):
+        _point_body(world, scene, number, names, site, thickness)
+    for number in range(len(tree.moved_nodes)):
+        _moved_node(world, scene, tree, number, names, site)
+
+
+def _rod_body(
+    carrier: ET.Element, scene: Scene, tree: BodyTree, number: int, names: Names, site: dict[str, Any]
+) -> ET.Element:
+    structure, joint = scene.structure, tree.joints[number]
+    rod, length = structure.rods[number], float(structure.rod_lengths[number])
+    sigma = joint.sigma
+    position, rotation = _frame(scene, tree, number)
+    place = rotation
+    if joint.parent >= 0:
+        origin, carried = _frame(scene, tree, joint.parent)
+        position, place = carried.T @ (position - origin), carried.T @ rotation
+    at: dict[str, Any] = {"pos": numbers(position), "quat": numbers(quaternion(place))}
+    body = ET.SubElement(carrier, "body", name=names.rods[number], **at)
+    turn = names.turns[number]
+    if joint.turn is Turn.FREE:
+        ET.SubElement(body, "freejoint", name=turn)
+    else:
+        # Slides come before the turn, so that their axes stay where the support has them.
+        driven = joint.slides.shape[1]
+        for k, (name, axis) in enumerate(zip(names.rod_slides[number], joint.axes.T, strict=True)):
+            _add_slide(body, name, rotation.T @ axis, drive(scene) if k >= driven else 0.0)
+        if joint.turn is Turn.BALL:
+            ET.SubElement(body, "joint", name=turn, type="ball")
+        else:
+            ET.SubElement(body, "joint", name=turn, type="hinge", axis=numbers(rotation.T @ tree.normals[number]))
+    transverse = rod.mass * length**2 / 12
+    # Where rods touch something they may roll on it: then it is a solid cylinder's.
+    thin = AXIAL_INERTIA if structure.class_number < 2 else NESTED_AXIAL_INERTIA
+    axial = transverse * (thin if scene.contact is None else 1.0)
+    # MuJoCo takes none below mjMINVAL; a part of up to 1e-2 changes no motion either.
+    axial = max(axial, min(1e-2 * transverse, LEAST_INERTIA))
+    back, ahead = -sigma * length, (1 - sigma) * length
+    center = (0.0, 0.0, (0.5 - sigma) * length)
+    turned: dict[str, Any] = {"quat": TURNED_AXIS} if must_turn(center, [np.zeros(3)], length) else {}
+    ET.SubElement(
+        body,
+        "inertial",
+        pos=numbers(center),
+        mass=numbers([rod.mass]),
+        diaginertia=numbers([transverse, transverse, axial]),
+        **turned,
+    )
+    ET.SubElement(
+        body,
+        "geom",
+        name=rod.name,
+        type="capsule",
+        fromto=numbers([0, 0, back, 0, 0, ahead]),
+        size=numbers([rod.radius]),
+        **touching(scene, rods=True),
+        rgba="0.25 0.35 0.55 1",
+    )
+    own = {
+        node: name for (node, _, other), name in zip(tree.forest.closures, names.ends, strict=True) if other == number
+    }
+    for name, height in zip(rod.nodes, (back, ahead), strict=True):
+        node = structure.node_index[name]
+        if tree.forest.owner[node] == number:
+            add_site(body, name, [0, 0, height], site, center, length)
+        elif node in own:
+            add_site(body, own[node], [0, 0, height], site, center, length)
+    return body
+
+
+def add_site(
+    body: ET.Element,
+    name: str,
+    place: ArrayLike,
+    look: dict[str, Any],
+    center: ArrayLike = (0, 0, 0),
+    size: float = 0.0,
+) -> None:
+    """A site at a place (3,) of a body whose center of mass is at `center` (3,) and which is of this size [m]."""
+    turned: dict[str, Any] = {"quat": TURNED_SITE} if must_turn(place, [np.zeros(3), center], size) else {}
+    ET.SubElement(body, "site", name=name, pos=numbers(np.asarray(place, float)), **turned, **look)
+
+
+def _frame(scene: Scene, tree: BodyTree, number: int) -> tuple[Array, Array]:
+    """Where the frame of a rod's body is at the start, in the world."""
+    first, second = scene.nodes0[scene.structure.rod_nodes[number]]
+    sigma = tree.joints[number].sigma
+    return (1 - sigma) * first + sigma * second, tree.built[number]
+
+
+def drive(scene: Scene) -> float:
+    """Armature [kg] of the slides that drive supports."""
+    structure = scene.structure
+    total = float(structure.rod_masses.sum()) + sum(point.mass for point in structure.point_masses)
+    return DRIVE * (total or 1.0)
+
+
+def _add_slide(body: ET.Element, name: str, axis: Array, armature: float = 0.0) -> None:
+    more: dict[str, Any] = {"armature": numbers([armature])} if armature else {}
+    ET.SubElement(body, "joint", name=name, type="slide", axis=numbers(axis), **more)
+
+
+def _point_body(
+    world: ET.Element, scene: Scene, number: int, names: Names, site: dict[str, Any], thickness: float
+) -> None:
+    point = scene.structure.point_masses[number]
+    position = scene.nodes0[scene.structure.node_index[point.node]]
+    body = ET.SubElement(world, "body", name=names.points[number], pos=numbers(position))
+    for name, axis in zip(names.point_slides[number], point.translation_basis.T, strict=True):
+        _add_slide(body, name, axis)
+    # The moment of inertia never counts: the body only slides.
+    inertia = numbers([point.mass * size(scene) ** 2 * 1e-4] * 3)
+    ET.SubElement(body, "inertial", pos="0 0 0", mass=numbers([point.mass]), diaginertia=inertia)
+    radius = numbers([4 * thickness])
+    ET.SubElement(body, "geom", type="sphere", size=radius, contype="0", conaffinity="0", rgba="0.4 0.4 0.45 1")
+    if scene.contact is not None and scene.contact.floor is not None:
+        ball = numbers([POINT_RADIUS * size(scene)])
+        ET.SubElement(body, "geom", type="sphere", size=ball, **touching(scene, rods=False), rgba="0 0 0 0")
+    ET.SubElement(body, "site", name=point.node, pos="0 0 0", **site)
+
+
+def _moved_node(
+    world: ET.Element, scene: Scene, tree: BodyTree, number: int, names: Names, site: dict[str, Any]
+) -> None:
+    """A node that belongs to nothing and moves: only strings feel it, and nothing that it does depends on its mass."""
+    row, axes = tree.moved_nodes[number]
+    body = ET.SubElement(world, "body", name=names.moved[number], pos=numbers(scene.nodes0[row]))
+    for name, axis in zip(names.moved_slides[number], axes.T, strict=True):
+        _add_slide(body, name, axis, drive(scene))
+    ET.SubElement(body, "inertial", pos="0 0 0", mass="1", diaginertia="1 1 1")
+    ET.SubElement(body, "site", name=scene.structure.node_names[row], pos="0 0 0", **site)
+
+
+def touching(scene: Scene, rods: bool) -> dict[str, Any]:
+    """Attributes of a geom that touches the floor, if there is one, and `rods`, if they touch; nothing otherwise."""
+    contact = scene.contact
+    if contact is None:
+        return {"contype": "0", "conaffinity": "0"}
+    member = MEMBER if rods and contact.rods else 0
+    bits = {"contype": str(member), "conaffinity": str(member + (FLOOR if contact.floor is not None else 0))}
+    return bits | hardness(contact)
+
+
+def hardness(contact: Contact) -> dict[str, Any]:
+    """Friction, stiffness and damping, the same for all that touch: no mean of two materials is ever taken."""
+    return {
+        "condim": "3" if contact.friction > 0 else "1",
+        "friction": numbers([contact.friction, 0, 0]),
+        "solref": numbers([-contact.stiffness, -contact.damping]),
+        "solimp": numbers(contact.impedance),
+    }
+
+
+def size(scene: Scene) -> float:
+    """Of the structure at the start [m]; 1 mm for what is a point."""
+    return float(np.max(np.ptp(scene.nodes0, axis=0), initial=0.0)) or 1e-3

@@ -1,0 +1,243 @@
+"""How the bodies of a scene's MuJoCo model hang together, and its joint coordinates.
+
+A rod that hangs on no other has its frame at the point of it that its support holds, and slides along the directions
+that the support leaves, along those in which a motion drives the support, and turns. A rod that hangs on another has
+its frame at the node where it hangs, in its parent's body, and only turns: a ball joint in space, a hinge in a plane.
+Joints that the tree of bodies leaves open are for constraints.
+
+Coordinates are in the order of the model: trees by their first rods, each rod before what hangs on it, then point
+masses, then the moved nodes that belong to nothing. Angular velocities are in a body's own frame; that of a hanging rod
+is relative to its parent. No rod spins about its axis, which a relative velocity must see to.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.engines.mujoco.mjcf_frames import quaternion, rotations_to, unit
+from tensegrity_mj.model.forest import Forest, spanning_forest
+from tensegrity_mj.model.motion import Motion
+from tensegrity_mj.model.moved_supports import held_directions
+from tensegrity_mj.model.scene import Scene
+
+NOTHING = 1e-12  # of the largest displacement: one below it is no direction of its own
+
+
+class Turn(enum.Enum):
+    """How a rod turns in what carries it."""
+
+    FREE = "free"  # one joint for all six coordinates
+    BALL = "ball"
+    HINGE = "hinge"
+
+
+@dataclass(frozen=True, eq=False)
+class RodJoint:
+    """How the body of a rod is joined to what carries it.
+
+    Attributes:
+        parent: row of the rod that it hangs on, or -1 for the world.
+        sigma: where along the rod its frame is.
+        slides: (3, n) directions in which that point moves freely, in the world.
+        moved: (3, m) directions along which a motion drives it, in the world.
+        turn: see `Turn`.
+    """
+
+    parent: int
+    sigma: float
+    slides: Array
+    moved: Array
+    turn: Turn
+
+    @property
+    def axes(self) -> Array:
+        """(3, n + m): of all slide joints, the driven ones last."""
+        return np.hstack([self.slides, self.moved])
+
+
+@dataclass(frozen=True, eq=False)
+class BodyTree:
+    """The bodies of a scene's model.
+
+    Attributes:
+        forest: how the rods hang together.
+        order: rod rows in the order of their bodies.
+        joints: of each rod, in the order of the structure.
+        moved_nodes: (node row, directions (3, m)) of each fixed node that moves.
+        built: (R, 3, 3) the rods' frames where the model is built, z along the rod.
+        normals: (R, 3) unit normals of the planes that rods turn in; zero in space.
+    """
+
+    forest: Forest
+    order: tuple[int, ...]
+    joints: tuple[RodJoint, ...]
+    moved_nodes: tuple[tuple[int, Array], ...]
+    built: Array
+    normals: Array
+
+    @property
+    def moved_axes(self) -> list[Array]:
+        """Directions (3, m) along which motions drive supports."""
+        return [joint.moved for joint in self.joints] + [axes for _, axes in self.moved_nodes]
+
+    @property
+    def depth(self) -> int:
+        """How many bodies hang on each other at most."""
+        depths = np.zeros(len(self.order), int)
+        for rod in self.order:
+            parent = self.joints[rod].parent
+            depths[rod] = 1 if parent < 0 else depths[parent] + 1
+        return int(depths.max(initial=0))
+
+
+def body_tree(scene: Scene) -> BodyTree:
+    """The bodies of a scene's model."""
+    structure = scene.structure
+    forest = spanning_forest(structure)
+    motions = {motion.support: motion for motion in scene.motions}
+    joints = []
+    for number, rod in enumerate(structure.rods):
+        parent = int(forest.parent[number])
+        flat = rod.support.plane is not None
+        if parent >= 0:
+            sigma = 1.0 if forest.flipped[number] else 0.0
+            none = np.zeros((3, 0))
+            joints.append(RodJoint(parent, sigma, none, none, Turn.HINGE if flat else Turn.BALL))
+            continue
+        slides, motion = rod.support.translation_basis, motions.get(rod.name)
+        moved = np.zeros((3, 0)) if motion is None else moved_directions(motion, held_directions(rod))
+        turn = Turn.HINGE if flat else Turn.FREE if slides.shape[1] == 3 else Turn.BALL
+        joints.append(RodJoint(-1, rod.support.sigma, slides, moved, turn))
+    children: list[list[int]] = [[] for _ in structure.rods]
+    for number in forest.order:
+        if forest.parent[number] >= 0:
+            children[forest.parent[number]].append(int(number))
+    order: list[int] = []
+    for root in sorted(int(row) for row in forest.roots):
+        stack = [root]
+        while stack:
+            order.append(stack.pop())
+            stack.extend(reversed(children[order[-1]]))
+    fixed = [(structure.node_index[name], motions[name]) for name in structure.fixed_nodes if name in motions]
+    moved_nodes = tuple((row, moved_directions(motion, np.eye(3))) for row, motion in fixed)
+    built = _frames(scene, scene.nodes0)
+    planes = [rod.support.plane for rod in structure.rods]
+    normals = np.array([np.zeros(3) if plane is None else unit(plane) for plane in planes]).reshape(-1, 3)
+    return BodyTree(forest, tuple(order), tuple(joints), moved_nodes, built, normals)
+
+
+def moved_directions(motion: Motion, held: Array) -> Array:
+    """Orthonormal directions (3, m) that a motion makes use of, among those (k, 3) that the support holds.
+
+    Of a function nothing is known but that: it may use them all.
+    """
+    if motion.function is not None:
+        return np.array(held).T
+    parts = [item.amplitude for item in motion.harmonics]
+    parts += [row for rows in (motion.displacements, motion.velocities, motion.accelerations) for row in rows]
+    rows = np.array(parts, float) @ held.T @ held
+    largest = float(np.abs(rows).max(initial=0.0))
+    found: list[Array] = []
+    for row in rows:
+        for axis in found:
+            row = row - axis * (axis @ row)
+        size = float(np.linalg.norm(row))
+        if size > NOTHING * largest and len(found) < len(held):
+            row = row / size
+            for axis in found:  # once more: what was left may be little of what there was
+                row = row - axis * (axis @ row)
+            found.append(row / np.linalg.norm(row))
+    return np.array(found).reshape(-1, 3).T
+
+
+def initial_velocities(scene: Scene) -> Array:
+    """MuJoCo's qvel (nv,) of the scene's start, in the order of its joints."""
+    return joint_coordinates(scene, body_tree(scene), scene.nodes0, scene.velocities0)[1]
+
+
+def joint_coordinates(scene: Scene, tree: BodyTree, nodes: Array, velocities: Array) -> tuple[Array, Array]:
+    """MuJoCo's qpos (nq,) and qvel (nv,) of node positions and velocities (N, 3); the model is that of `scene`."""
+    structure, start = scene.structure, scene.nodes0
+    places: list[Array] = []
+    rates: list[Array] = []
+    pairs, lengths = structure.rod_nodes, structure.rod_lengths
+    now, built = _frames(scene, nodes), tree.built
+    # ω = b × ḃ: no spin about the axis.
+    spins = np.cross(now[:, :, 2], (velocities[pairs[:, 1]] - velocities[pairs[:, 0]]) / lengths[:, None])
+    angles = _angles(tree.normals, built[:, :, 2], now[:, :, 2])
+    for number in tree.order:
+        joint = tree.joints[number]
+        parent, rotation, spin = joint.parent, now[number], spins[number]
+        if parent < 0:
+            (i, j), sigma, axes = pairs[number], joint.sigma, joint.axes
+            r = (1 - sigma) * nodes[i] + sigma * nodes[j]
+            r_rate = (1 - sigma) * velocities[i] + sigma * velocities[j]
+            if joint.turn is Turn.FREE:
+                places += [r, quaternion(rotation)]
+                rates += [r_rate, rotation.T @ spin]
+                continue
+            # Slides and turns count from where the model was built.
+            places.append(axes.T @ (r - ((1 - sigma) * start[i] + sigma * start[j])))
+            rates.append(axes.T @ r_rate)
+        else:
+            spin = spin - spins[parent]
+        if joint.turn is Turn.BALL:
+            before, after = built[number], rotation
+            if parent >= 0:
+                before, after = built[parent].T @ before, now[parent].T @ after
+            places.append(quaternion(before.T @ after))
+            rates.append(rotation.T @ spin)
+        else:
+            normal, angle = tree.normals[number], angles[number]
+            if parent >= 0:  # whose normal may be the opposite one
+                angle = angle - np.sign(normal @ tree.normals[parent]) * angles[parent]
+            places.append(np.array([angle]))
+            rates.append(np.array([spin @ normal]))
+    for point in structure.point_masses:
+        row, E = structure.node_index[point.node], point.translation_basis
+        places.append(E.T @ (nodes[row] - start[row]))
+        rates.append(E.T @ velocities[row])
+    for row, axes in tree.moved_nodes:
+        places.append(axes.T @ (nodes[row] - start[row]))
+        rates.append(axes.T @ velocities[row])
+    none = [np.zeros(0)]
+    return np.concatenate(places or none), np.concatenate(rates or none)
+
+
+def _frames(scene: Scene, nodes: Array) -> Array:
+    """(R, 3, 3): frames of the rods between nodes (N, 3), z along the rod, without a turn about it."""
+    pairs = scene.structure.rod_nodes
+    along = nodes[pairs[:, 1]] - nodes[pairs[:, 0]]
+    return rotations_to(along / np.linalg.norm(along, axis=1)[:, None])
+
+
+def _angles(normals: Array, before: Array, after: Array) -> Array:
+    """(R,): by how much each direction has turned about its normal, within (-π, π]."""
+    return np.arctan2(np.sum(normals * np.cross(before, after), axis=1), np.sum(before * after, axis=1))
+
+
+def distinct(names: Iterable[str], taken: set[str]) -> list[str]:
+    """The names, those that are taken already with the first free number behind."""
+    taken, result = set(taken), []
+    for name in names:
+        candidate, number = name, 2
+        while candidate in taken:
+            candidate, number = f"{name} ({number})", number + 1
+        taken.add(candidate)
+        result.append(candidate)
+    return result
+
+
+def place(data: mujoco.MjData, scene: Scene, nodes: Array, velocities: Array, tree: BodyTree | None = None) -> None:
+    """Set joint coordinates and velocities from node positions and velocities; no rod spins about its axis.
+
+    `scene` is the one that the model was made from; `tree` is its `body_tree`, where that is known.
+    """
+    tree = body_tree(scene) if tree is None else tree
+    data.qpos[:], data.qvel[:] = joint_coordinates(scene, tree, nodes, velocities)

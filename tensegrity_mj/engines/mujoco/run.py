@@ -1,0 +1,323 @@
+"""One run of the MuJoCo engine: the model stepped with the law inside its control callback."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import mujoco
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
+from tensegrity_mj.dynamics.native.plant import RESOLUTION_KIND, Plant, row_width
+from tensegrity_mj.dynamics.native.pointers import address_of
+from tensegrity_mj.dynamics.native.resolution import DISCRETE, SEMI_IMPLICIT, STAGES
+from tensegrity_mj.dynamics.native.slots import LENGTH, RATE, STATUS
+from tensegrity_mj.engines.driving import Grid, Progress, Stopwatch, chunks
+from tensegrity_mj.engines.mujoco import callback
+from tensegrity_mj.engines.mujoco.contact import ContactTable
+from tensegrity_mj.engines.mujoco.install import installed
+from tensegrity_mj.engines.mujoco.joints import JointForces
+from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_coordinates
+from tensegrity_mj.engines.mujoco.motion import SupportTable
+from tensegrity_mj.engines.mujoco.water import WaterTable
+from tensegrity_mj.engines.recording import allocate_rows, make_trajectory
+from tensegrity_mj.engines.request import Request
+from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
+from tensegrity_mj.model.capabilities import require_wet_rods
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.runs.energy import BEYOND, blame_divergence, check_energy
+from tensegrity_mj.runs.trajectory import Status, Trajectory
+
+if TYPE_CHECKING:
+    from tensegrity_mj.engines.mujoco.engine import MuJoCo
+
+
+# What MuJoCo warns of where it has left the world of sense; it goes on all the same.
+_WARNINGS = {
+    "a bad position": int(mujoco.mjtWarning.mjWARN_BADQPOS),
+    "a bad velocity": int(mujoco.mjtWarning.mjWARN_BADQVEL),
+    "a bad acceleration": int(mujoco.mjtWarning.mjWARN_BADQACC),
+    "a bad control": int(mujoco.mjtWarning.mjWARN_BADCTRL),
+}
+
+
+# Rules of `native.resolution`.
+KINDS = {"rk4": STAGES, "discrete": DISCRETE}
+
+
+def warned(counts: Sequence[int]) -> list[str]:
+    """What a run may have diverged of, by MuJoCo's counters of its warnings."""
+    return [f"MuJoCo warned of {name}" for name, number in _WARNINGS.items() if counts[number]]
+
+
+def node_addresses(scene: Scene, model: mujoco.MjModel) -> tuple[Any, Any, Any]:
+    """Site, body and root of the kinematic tree of each node, (N,) int64 each."""
+    sites = np.array([model.site(name).id for name in scene.structure.nodes], np.int64)
+    bodies = model.site_bodyid[sites].astype(np.int64)
+    return sites, bodies, model.body_rootid[bodies].astype(np.int64)
+
+
+class MuJoCoRun:
+    """One run: model, data, plant, and what is made of the recorded rows.
+
+    A run that is one of many (`many`) shares the model, and the data that it is set up with.
+    """
+
+    def __init__(
+        self,
+        options: MuJoCo,
+        request: Request,
+        model: mujoco.MjModel | None = None,
+        data: mujoco.MjData | None = None,
+        tree: BodyTree | None = None,
+        start: Scene | None = None,
+    ) -> None:
+        self.options, self.request = options, request
+        scene, structure = request.scene, request.scene.structure
+        self._check_water(scene)
+        self.grid = Grid.of(request, options.timestep)
+        self.model = options.model(scene) if model is None else model
+        self.cause = ""  # of an end that the callback does not know of
+        self.tree = body_tree(scene) if tree is None else tree
+        if data is None:
+            data = mujoco.MjData(self.model)
+            # Positions are the model's own.
+            data.qvel[:] = joint_coordinates(scene, self.tree, scene.nodes0, scene.velocities0)[1]
+        self.data = data
+        self.plant = Plant(scene, request.law, request.actuation, request.on_infeasible)
+        table = self.plant.table
+        self.times = self.grid.times
+        self.width = row_width(table)
+        self.contact = None if scene.contact is None else ContactTable(structure, self.model, self.data)
+        self.supports = SupportTable(scene, self.tree, self.model, start) if scene.motions else None
+        self.joints = None
+        if structure.class_number > 1:
+            self.joints = JointForces(scene, self.tree, self.model, self.supports)
+        more = 3 * len(structure.rods) + sum(part.width for part in (self.joints, self.contact) if part)
+        # One row more than the grid has, for where a law stops the run.
+        self.rows = allocate_rows(len(self.times) + 1, self.width + more)
+        self.counters = np.array([0, 0, 0, -1, callback.RUNNING, 0], np.int64)
+        self.keep = {
+            callback.DESIGNED: np.array(structure.rest_lengths),
+            callback.SLIDES: self._slides(),
+            callback.COUNTERS: self.counters,
+            callback.WORK_INTEGRALS: np.zeros(3),
+            callback.ROWS: self.rows,
+            callback.STEP_SIZE: np.array([options.timestep]),
+        }
+        sites, bodies, roots = node_addresses(scene, self.model)
+        self.keep |= {callback.NODE_SITE: sites, callback.NODE_BODY: bodies, callback.NODE_ROOT: roots}
+        views = {
+            callback.SITE_XPOS: data.site_xpos,
+            callback.CVEL: data.cvel,
+            callback.SUBTREE_COM: data.subtree_com,
+            callback.XIPOS: data.xipos,
+            callback.XFRC: data.xfrc_applied,
+            callback.QACC: data.qacc,
+            callback.ACTUATOR_FORCE: data.actuator_force,
+            callback.CTRL: data.ctrl,
+            callback.FORCE_RANGE: self.model.actuator_forcerange,
+            callback.QPOS: data.qpos,
+            callback.QVEL: data.qvel,
+            callback.APPLIED: data.qfrc_applied,
+            callback.CONSTRAINT_FORCE: data.qfrc_constraint,
+            LENGTH: data.ten_length,
+            RATE: data.ten_velocity,
+        }
+        for slot, array in (self.keep | views).items():
+            table[slot] = address_of(array)
+        table[callback.BODY_COUNT] = self.model.nbody
+        table[callback.ROW_COUNT], table[callback.ROW_SIZE] = self.rows.shape
+        table[callback.DATA] = data._address
+        table[callback.STRIDE], table[callback.RATIO] = self.grid.stride, self.grid.ratio
+        table[callback.TOTAL] = self.grid.count
+        table[callback.STAGES] = options.stages
+        table[RESOLUTION_KIND] = KINDS.get(options.integrator.value, SEMI_IMPLICIT)
+        table[callback.ROD_COUNT] = len(structure.rods)
+        table[callback.CONSTRAINED] = scene.contact is not None or bool(self.tree.forest.closures)
+        if self.supports is not None:
+            table[callback.SUPPORTS] = address_of(self.supports.table)
+        if self.joints is not None:
+            self.keep[callback.STATE_SIZES] = sizes = np.array([self.model.nq, self.model.nv], np.int64)
+            table[callback.STATE_SIZES] = address_of(sizes)
+        self.water = None if scene.water is None else WaterTable(scene, self.model, self.data)
+        if self.water is not None:
+            table[callback.WET] = address_of(self.water.table)
+        if self.contact is not None:
+            table[callback.CONTACT] = address_of(self.contact.table)
+            table[callback.CONTACT_SIZE] = len(self.contact.table)
+
+    def _check_water(self, scene: Scene) -> None:
+        require_wet_rods(scene, "MuJoCo")
+        if scene.water is not None and not self.options.is_explicit:
+            raise OptionError(
+                f"MuJoCo: integrator {self.options.integrator.name} in water: added mass is a force that is found for "
+                "the accelerations of the step's start, and this integrator makes its step of others; use "
+                "Integrator.RK4 or EULER"
+            )
+
+    def _slides(self) -> Array:
+        """A row a rod: number of translational coordinates, their first dof, and their axes (3, 3) padded, by rows.
+
+        None of rods that share nodes, whose accelerations are found afterwards.
+        """
+        structure = self.request.scene.structure
+        slides = np.zeros((len(structure.rods), 11))
+        if structure.class_number > 1:
+            return slides
+        for row, rod, joint in zip(slides, structure.rods, self.tree.joints, strict=True):
+            axes = joint.axes
+            basis = np.zeros((3, 3))
+            basis[:, : axes.shape[1]] = axes
+            body = self.model.site_bodyid[self.model.site(rod.nodes[0]).id]
+            row[0], row[1], row[2:] = axes.shape[1], self.model.body_dofadr[body], basis.ravel()
+        return slides
+
+    def run(self) -> Trajectory:
+        grid, options = self.grid, self.options
+        counters = self.counters
+        label = f"MuJoCo {options.integrator.value}"
+        with Progress(self.request, label) as progress, installed(self.plant.table) as texts:
+            self._warm_up()
+            clock = Stopwatch(self.request)
+            for first, count in chunks(grid.count):
+                self._advance(first, count)
+                progress.reached(min(first + count, int(counters[callback.STEP])) * options.timestep)
+                if counters[callback.ENDED] != callback.RUNNING:
+                    break
+                self._check(first + count, clock.seconds)
+            else:
+                mujoco.mj_forward(self.model, self.data)  # the last row
+            seconds = clock.seconds
+            if counters[callback.ENDED] != callback.RUNNING:
+                callback.finish_row(self.plant.table)
+        return self.conclude(seconds, texts)
+
+    def _advance(self, first: int, count: int) -> None:
+        """`count` steps from number `first`."""
+        mujoco.mj_step(self.model, self.data, count)
+
+    @property
+    def evaluations(self) -> int:
+        """Of the forces, up to now."""
+        return int(self.counters[callback.STEP]) * int(self.plant.table[callback.STAGES])
+
+    @property
+    def ended_early(self) -> float | None:
+        """The time [s] at which it ended before its time, or None."""
+        ended = int(self.counters[callback.ENDED])
+        if ended == callback.FINISHED:
+            return None
+        step = self.counters[callback.STEP if ended == callback.RUNNING else callback.END_STEP]
+        return float(step * self.options.timestep)
+
+    def conclude(self, seconds: float, texts: Sequence[str] = ()) -> Trajectory:
+        """What became of the run: its trajectory, or the error that it ended with."""
+        options, counters = self.options, self.counters
+        ended, step = int(counters[callback.ENDED]), int(counters[callback.END_STEP])
+        if ended == callback.RUNNING:
+            self._diverged(self.cause, seconds, int(counters[callback.STEP]) * options.timestep)
+        if ended == callback.FINISHED:
+            self.plant.raise_if_failed(SOLVED, self.times[-1])  # a load, at the very end
+            run = self._finish(len(self.times), Status.COMPLETED, "", seconds)
+            check_energy(run, self._remedy(), self.options.is_explicit)
+            for text in texts:
+                warnings.warn(f"MuJoCo: {text}", RuntimeWarning, stacklevel=4)  # at the call of simulate
+            return run
+        time, kept = step * options.timestep, int(counters[callback.NEXT_ROW])
+        if counters[callback.STAGE] == 0 and not self.plant.table[STATUS]:
+            self.times = np.append(self.times[: kept - 1], time)  # the law stopped it at a step's start: a row more
+        if ended == callback.LOST:
+            self._diverged(f"positions or velocities are beyond {BEYOND:g} m or m/s", seconds, time)
+        if ended == callback.LOST_CONTROL:
+            self._diverged(f"rest lengths are beyond {BEYOND:g} m, where MuJoCo ignores them", seconds, time)
+        blame = (self.plant, time, self._remedy(), self.options.is_explicit)
+        try:
+            self.plant.raise_if_failed(ended, time)
+        except TensegrityError:
+            blame_divergence(self._partial(seconds), *blame)
+            raise
+        assert ended == NO_SOLUTION, ended
+        blame_divergence(self._partial(seconds), *blame)
+        return self._finish(kept, Status.INFEASIBLE, self.plant.infeasible_message(time), seconds)
+
+    def _warm_up(self) -> None:
+        """Compile the callback on data that is not this run's, so that no clock counts it."""
+        table = self.plant.table.copy()
+        callback.finish_row(table)
+        counters = self.counters.copy()
+        counters[callback.ENDED] = callback.FINISHED
+        table[callback.COUNTERS] = address_of(counters)
+        callback.control_stage(table)
+
+    def _check(self, steps: int, seconds: float) -> None:
+        """Raise if MuJoCo warned, stopped counting steps, or left the finite world."""
+        data = self.data
+        causes = warned([entry.number for entry in data.warning])
+        if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
+            causes.append("the state is no longer finite")
+        if int(self.counters[callback.STEP]) != steps:
+            causes.append(f"{self.counters[callback.STEP]} steps were made, not {steps}")
+        if causes:
+            self._diverged(", ".join(causes), seconds, steps * self.options.timestep)
+
+    def _diverged(self, cause: str, seconds: float, time: float) -> NoReturn:
+        partial = self._partial(seconds)
+        check_energy(partial, self._remedy(), self.options.is_explicit)  # it may know better when and why
+        raise DivergenceError(f"diverged by t = {time:.6g} s: {cause}; {self._remedy()}", time, partial)
+
+    def _partial(self, seconds: float) -> Trajectory:
+        """What there is so far: the rows that have their accelerations."""
+        rows = int(self.counters[callback.NEXT_ROW]) - int(self.counters[callback.WAITING] >= 0)
+        if self.plant.table[STATUS]:  # a load that failed has no value at the last row
+            rows -= 1
+        return self._finish(max(1, min(rows, len(self.times))), Status.DIVERGED, "diverged", seconds)
+
+    def _remedy(self) -> str:
+        text = f"reduce the time step (h = {self.options.timestep:g} s)"
+        if self.options.integrator.value != "discrete":
+            text += ", or trade accuracy for stability with Integrator.DISCRETE"
+        return text
+
+    def _finish(self, count: int, status: Status, message: str, seconds: float) -> Trajectory:
+        R = len(self.request.scene.structure.rods)
+        steps = int(self.counters[callback.STEP])
+        rows = self.rows[:count]
+        states = self.width + 3 * R
+        reports: dict[str, Any] = {}
+        forces = multipliers = None
+        if self.contact is not None:
+            forces, reports["contact"] = self.contact.forces(rows[:, states:])
+        if self.joints is not None:
+            multipliers, found = self.joints.multipliers(self.times[:count], rows[:, : states + self.joints.width])
+            reports |= found
+        return make_trajectory(
+            self.request,
+            self.times[:count],
+            rows[:, : self.width],
+            r_accelerations=rows[:, self.width : states].reshape(count, R, 3),
+            contact_forces=forces,
+            multipliers=multipliers,
+            reports=reports,
+            plant=self.plant,
+            step=self.options.timestep,
+            engine=str(self.options),
+            status=status,
+            message=message,
+            cost={
+                "wall_time": seconds,
+                "steps": steps,
+                "evaluations": self.evaluations,
+            },
+            provenance={
+                "engine": {
+                    "name": "MuJoCo",
+                    "timestep": self.options.timestep,
+                    "integrator": self.options.integrator.value,
+                    **({"locate_slack": True} if self.options.locate_slack else {}),
+                }
+            },
+        )

@@ -1,0 +1,108 @@
+"""Recorded rows, and the trajectory made of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.law import Report
+from tensegrity_mj.dynamics.native.plant import Plant
+from tensegrity_mj.engines.reports import reports_of
+from tensegrity_mj.engines.request import Request, cost_of_law
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model import rods
+from tensegrity_mj.model.elements.resistance import resisting_forces
+from tensegrity_mj.model.elements.water import water_forces
+from tensegrity_mj.runs.trajectory import Status, Trajectory
+
+MEMORY_LIMIT = 4 * 2**30  # bytes of recorded rows
+
+
+def allocate_rows(count: int, width: int) -> Array:
+    """Room for `count` recorded rows."""
+    check_rows(count, width)
+    return np.full((count, width), np.nan)
+
+
+def check_rows(count: float, width: int = 1) -> None:
+    """Raise OptionError where `count` rows are more than a machine should be asked for."""
+    size = 8.0 * count * width
+    if size > MEMORY_LIMIT:
+        raise OptionError(
+            f"the run would record {count:.3g} samples, {size / 2**30:.3g} GiB; at most {MEMORY_LIMIT / 2**30:g} GiB "
+            "are recorded: shorten the duration or enlarge output_interval"
+        )
+
+
+# Of a run that diverged too, where numbers overflow: what they mean is for `check_energy` to say.
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")
+def make_trajectory(
+    request: Request,
+    time: Array,
+    rows: Array,
+    *,
+    engine: str,
+    status: Status,
+    message: str,
+    cost: dict[str, float],
+    provenance: dict[str, Any],
+    plant: Plant,
+    step: float | None,
+    multipliers: Array | None = None,
+    r_accelerations: Array | None = None,
+    contact_forces: Array | None = None,
+    reports: dict[str, Any] | None = None,
+) -> Trajectory:
+    """The trajectory of recorded rows (T, row_width); λ is given, or follows from the accelerations r̈ (T, R, 3).
+
+    `plant` is what the run was made with, `step` [s] that of fixed steps. Contact forces (T, N, 3) [N] are those on the
+    nodes that contacts come to, where λ is to follow from all forces.
+    """
+    scene, structure = request.scene, request.scene.structure
+    T, N, M = len(time), len(structure.nodes), len(structure.strings)
+    nodes = rows[:, : 3 * N].reshape(T, N, 3).copy()
+    velocities = rows[:, 3 * N : 6 * N].reshape(T, N, 3).copy()
+    at = 6 * N
+    rest, elastic, tensions = (rows[:, at + part * M : at + (part + 1) * M].copy() for part in range(3))
+    at += 3 * M
+    winch, lost, external = (rows[:, at + column].copy() for column in range(3))
+    told: dict[str, Any] = {report.name.lower(): rows[:, at + 3 + report].copy() for report in Report}
+    lengths = structure.string_lengths(nodes)
+    if multipliers is None:
+        assert r_accelerations is not None
+        forces = rods.string_forces(structure, nodes, tensions)
+        forces = forces + np.array([scene.nodal_forces(t) for t in time]).reshape(T, N, 3)
+        forces = forces + resisting_forces(scene, nodes, velocities)
+        if scene.water is not None:
+            forces = forces + water_forces(scene, time, nodes, velocities)[0]  # added mass acts across rods alone
+        if contact_forces is not None:
+            forces = forces + contact_forces
+        multipliers = rods.multipliers(structure, nodes, velocities, forces, np.array(scene.gravity), r_accelerations)
+    trajectory = Trajectory(
+        scene=scene,
+        time=time,
+        nodes=nodes,
+        velocities=velocities,
+        force_densities=elastic / lengths,
+        rest_lengths=rest,
+        tensions=tensions,
+        multipliers=multipliers,
+        rod_force_densities=rods.force_densities(structure, multipliers),
+        kinetic_energy=rods.kinetic_energy(structure, velocities),
+        gravity_energy=rods.gravity_energy(structure, nodes, np.array(scene.gravity)),
+        string_energy=np.sum(elastic**2 / (2 * structure.stiffness), axis=1),  # none in slack and broken strings
+        winch_work=winch,
+        external_work=external,
+        dissipation=lost,
+        **told,
+        status=status,
+        message=message,
+        engine=engine,
+        cost=cost | cost_of_law(request),
+        provenance=provenance
+        | {"actuation": {"mode": request.actuation.mode.value, "period": request.actuation.period}},
+    )
+    trajectory.reports.update(reports_of(request, trajectory, plant, step), **(reports or {}))
+    return trajectory

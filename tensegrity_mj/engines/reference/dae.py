@@ -1,0 +1,230 @@
+"""The reference engine: the thesis' differential-algebraic equations (chapters 2 and 3) in non-minimal coordinates.
+
+State: q = (z, b) of every rod that hangs on no other and b of those that do, q̇, and the work integrals of the energy
+ledger, integrated beside it. MuJoCo takes no part.
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import member, positive
+from tensegrity_mj.dynamics.linked import LinkedRecords
+from tensegrity_mj.dynamics.native.plant import Plant
+from tensegrity_mj.dynamics.native.pointers import address_of
+from tensegrity_mj.dynamics.native.slots import MOVED, NODES
+from tensegrity_mj.dynamics.records import StructureRecords
+from tensegrity_mj.engines.reference import dae_kernels as dae
+from tensegrity_mj.engines.reference.dae_linked_kernels import dense_rates, full_rates
+from tensegrity_mj.engines.reference.equations import WORK
+from tensegrity_mj.engines.reference.integrate import integrate
+from tensegrity_mj.engines.reference.integration import IntegratedRun
+from tensegrity_mj.engines.reference.method import Method, check_options, describe_method
+from tensegrity_mj.engines.request import Accelerations, Request
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.capabilities import require_wet_rods
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.runs.trajectory import Trajectory
+
+# Of rods that hang together, for `Solver.JOINTS`: forces of joints lose as many digits, and a pivot of 1e-12 is none.
+LARGEST_MASS_RATIO = 1e10
+
+
+class Drift(enum.Enum):
+    """The treatments of constraint drift of §3.2.6."""
+
+    MONITOR = "monitor"  # report it
+    NORMALIZE = "normalize"  # (3.23)-(3.24) after each step, and closed loops closed
+    BAUMGARTE = "baumgarte"  # (3.25)-(3.26) in the equations, for lengths and closed loops
+
+
+class Solver(enum.Enum):
+    """How accelerations are found where rods share nodes; all three solve the same equations."""
+
+    JOINTS = "joints"  # forces of the joints, in a time proportional to the number of rods of a chain or a tree
+    DENSE = "dense"  # (3.19)-(3.22): a K x K matrix for K rods, the mass matrix inverted beforehand
+    FULL = "full"  # (3.17): one matrix of all coordinates, multipliers, supports and closures
+
+
+@dataclass(frozen=True)
+class DAE:
+    """Options of the reference engine.
+
+    Attributes:
+        method: see `Method`.
+        rtol, atol: tolerances of the error-controlled methods.
+        timestep: [s], of RK4 only.
+        drift: see `Drift`; the drift is reported whatever is chosen. By default NORMALIZE with fixed steps, where it
+            costs a few per cent and keeps long runs sound, and MONITOR with an error-controlled method.
+        solver: see `Solver`.
+        baumgarte_frequency, baumgarte_damping: ω [rad/s] and ζ of k_p = ω², k_d = 2 ζ ω.
+        max_steps: of the error-controlled methods, before the run is given up.
+        accuracy: [m] largest node error over the run, from 1e-10 to 1e-2, in place of method, tolerances and step,
+            which it chooses for each run (docs/accuracy.md).
+        locate_slack: of RK4 only, whether steps are split at the instants where strings go slack or taut, so that it
+            keeps its order of 4 there (docs/accuracy.md).
+    """
+
+    method: Method = Method.DOP853
+    rtol: float = 1e-10
+    atol: float = 1e-12
+    timestep: float | None = None
+    drift: Drift = None  # type: ignore[assignment]  # never None once made
+    solver: Solver = Solver.JOINTS
+    baumgarte_frequency: float = 10.0
+    baumgarte_damping: float = 1.0
+    max_steps: int = 1_000_000
+    accuracy: float | None = None
+    locate_slack: bool = False
+
+    def __post_init__(self) -> None:
+        check_options("DAE", self)
+        if self.drift is None:
+            object.__setattr__(self, "drift", Drift.NORMALIZE if self.method is Method.RK4 else Drift.MONITOR)
+        member("DAE: drift", self.drift, Drift)
+        member("DAE: solver", self.solver, Solver)
+        for name in ("baumgarte_frequency", "baumgarte_damping"):
+            object.__setattr__(self, name, positive(f"DAE: {name}", getattr(self, name)))
+
+    def __str__(self) -> str:
+        solver = "" if self.solver is Solver.JOINTS else f", solver: {self.solver.value}"
+        return f"DAE {describe_method(self)}, drift: {self.drift.value}{solver}"
+
+    def run(self, request: Request) -> Trajectory:
+        """Simulate; called by `simulate`."""
+        if self.accuracy is not None:
+            from tensegrity_mj.engines.reference.accuracy import run_accurately
+
+            plain = partial(replace, self, accuracy=None)
+            return run_accurately(self.accuracy, request, plain, lambda options, made: options._prepared(made)[0])
+        return integrate(self._prepared(request)[0])
+
+    def prepared(self, request: Request) -> IntegratedRun:
+        """A run that is ready to start: for those who want its right-hand side rather than a trajectory."""
+        return self._prepared(request)[0]
+
+    def accelerations(self, request: Request) -> Accelerations:
+        """Node accelerations of the equations that `run` integrates."""
+        run, records = self._prepared(request)
+        nq = records.nq
+
+        def at(time: float, nodes: Array, velocities: Array, rest_lengths: Array | None = None) -> tuple[Array, Array]:
+            run.y[:nq], run.y[nq : 2 * nq] = records.coordinates(nodes), records.coordinates(velocities)
+            rates = run.rates_at(time, run.y, rest_lengths)
+            return run.plant[NODES].copy(), records.node_accelerations(rates[nq : 2 * nq])
+
+        return at
+
+    def _prepared(self, request: Request) -> tuple[IntegratedRun, StructureRecords | LinkedRecords]:
+        scene = request.scene
+        require_wet_rods(scene, "the DAE", self.solver is Solver.JOINTS)
+        plant = Plant(scene, request.law, request.actuation, request.on_infeasible)
+        baumgarte = self.drift is Drift.BAUMGARTE
+        kp = self.baumgarte_frequency**2 if baumgarte else 0.0
+        kd = 2 * self.baumgarte_damping * self.baumgarte_frequency if baumgarte else 0.0
+        constants = np.array([*scene.gravity, kp, kd])
+        solver = self.solver if scene.structure.rods else Solver.JOINTS  # point masses alone have no matrix
+        alone = scene.structure.class_number <= 1 and not scene.motions and solver is Solver.JOINTS
+        model = _rods_alone(scene, plant) if alone else _rods_linked(scene, plant, solver)
+        records, nq = model.records, model.records.nq
+        plant.table[model.slots["size"]], plant.table[model.slots["constants"]] = nq, address_of(constants)
+        y = np.zeros(2 * nq + (1 if scene.motions else 0) + WORK)
+        y[:nq] = records.coordinates(scene.nodes0)
+        y[nq : 2 * nq] = records.coordinates(scene.velocities0)
+        run = IntegratedRun(
+            "DAE",
+            self,
+            request,
+            plant,
+            y,
+            rates=model.rates,
+            place=model.place,
+            project=model.project if self.drift is Drift.NORMALIZE else 0,
+            multipliers=model.multipliers,
+            keep=(*model.keep, constants),
+        )
+        return run, records
+
+
+@dataclass(frozen=True)
+class _Model:
+    """The compiled functions of a model, what they read, and the slots of its size and its constants."""
+
+    records: StructureRecords | LinkedRecords
+    rates: int
+    place: int
+    project: int
+    multipliers: Array
+    keep: tuple[Any, ...]
+    slots: dict[str, int]
+
+
+def _rods_alone(scene: Scene, plant: Plant) -> _Model:
+    """Class 1, supports at rest: each rod's equations by themselves."""
+    records, table = StructureRecords.of(scene.structure), plant.table
+    table[dae.RODS], table[dae.ROD_COUNT] = address_of(records.rods), len(records.rods)
+    table[dae.POINTS], table[dae.POINT_COUNT] = address_of(records.points), len(records.points)
+    rates = dae.dae_rates.address
+    if scene.water is not None:
+        from tensegrity_mj.engines.reference.dae_kernels import dae_wet_rates
+
+        rates = dae_wet_rates.address
+    return _Model(
+        records,
+        rates,
+        dae.dae_place.address,
+        dae.dae_normalize.address,
+        np.zeros(len(records.rods)),
+        (records,),
+        {"size": dae.Q_SIZE, "constants": dae.CONSTANTS},
+    )
+
+
+def _check_masses(structure: Structure) -> None:
+    """Raise OptionError where the masses of rods that hang together are too far apart for forces of joints."""
+    for cluster in structure.clusters:
+        rods = sorted((structure.rods[row] for row in cluster), key=lambda rod: rod.mass)
+        light, heavy = rods[0], rods[-1]
+        if heavy.mass > LARGEST_MASS_RATIO * light.mass:
+            raise OptionError(
+                f"DAE: rods '{light.name}' of {light.mass:g} kg and '{heavy.name}' of {heavy.mass:g} kg hang together; "
+                f"Solver.JOINTS allows masses to be {LARGEST_MASS_RATIO:g} times each other: use solver=Solver.DENSE"
+            )
+
+
+def _rods_linked(scene: Scene, plant: Plant, solver: Solver) -> _Model:
+    """Rods that share nodes, moved supports."""
+    from tensegrity_mj.dynamics.joint_forces import JointPlan
+    from tensegrity_mj.dynamics.tree_equations import TreeEquations
+    from tensegrity_mj.engines.reference import dae_linked_kernels as linked
+
+    records, table = LinkedRecords.of(scene.structure, scene.motions, plant[MOVED]), plant.table
+    plan = JointPlan.of(records)
+    keep: list[Any] = [records, plan]
+    rates = linked.linked_rates.address
+    if solver is Solver.JOINTS:
+        _check_masses(scene.structure)
+    else:
+        tree = TreeEquations.full(records) if solver is Solver.FULL else TreeEquations.dense(records)
+        keep.append(tree)
+        table[linked.TREE] = address_of(tree.table)
+        rates = full_rates.address if solver is Solver.FULL else dense_rates.address
+    closures = len(records.forest.closures)
+    table[linked.LINKED], table[linked.JOINTS] = address_of(records.table), address_of(plan.table)
+    table[linked.ROD_COUNT], table[linked.CLOSURE_COUNT] = len(records.rods), closures
+    return _Model(
+        records,
+        rates,
+        linked.linked_place.address,
+        linked.linked_project.address,
+        np.zeros(len(records.rods) + (linked.EXTRA if closures else 0)),
+        tuple(keep),
+        {"size": linked.Q_SIZE, "constants": linked.CONSTANTS},
+    )

@@ -1,0 +1,139 @@
+"""The compiled equations of rods that share nodes and of moved supports, as the integrators call them.
+
+State y: q and q̇ of `dynamics.linked`, the time where supports move (so that a state alone says where its nodes are),
+and the work integrals of the energy ledger, of which the last counts what moves the supports, too.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tensegrity_mj.dynamics.closures import largest_gap, project_linked
+from tensegrity_mj.dynamics.joint_forces import joint_accelerations
+from tensegrity_mj.dynamics.linked import place_linked
+from tensegrity_mj.dynamics.native.compiling import c_function
+from tensegrity_mj.dynamics.native.elements import set_loads, set_motions
+from tensegrity_mj.dynamics.native.law import SOLVED
+from tensegrity_mj.dynamics.native.pointers import borrowing, floats, inlined, integers
+from tensegrity_mj.dynamics.native.slots import FORCES, MOTION_COUNT, NODE_COUNT, NODES, TABLE_SIZE, VELOCITIES
+from tensegrity_mj.dynamics.tree_equations import dense_accelerations, full_accelerations
+from tensegrity_mj.engines.reference.equations import (
+    MODEL_SLOTS,
+    MULTIPLIERS,
+    RATES_SIGNATURE,
+    STATE_SIGNATURE,
+    STATE_SIZE,
+    WORK,
+    pull_strings,
+)
+
+LINKED, JOINTS, TREE, Q_SIZE, CONSTANTS, ROD_COUNT, CLOSURE_COUNT = range(MODEL_SLOTS, MODEL_SLOTS + 7)
+EXTRA = 2  # behind λ where there are closures: the largest gap [m] and its rate [m/s]
+
+
+@borrowing
+def place_at(t: float, y: Any, table: Any) -> None:
+    """Motions, nodes and velocities of a state at a time."""
+    N, nq = table[NODE_COUNT], table[Q_SIZE]
+    if table[MOTION_COUNT] > 0:
+        set_motions(table, t)
+    nodes, velocities = floats(table[NODES], (N, 3)), floats(table[VELOCITIES], (N, 3))
+    place_linked(table[LINKED], y[:nq], y[nq : 2 * nq], nodes, velocities)
+
+
+@borrowing
+def before(t: float, y: Any, dy: Any, table: Any) -> int:
+    """Everything but the accelerations; the law's answer."""
+    nq, work = table[Q_SIZE], len(y) - WORK
+    place_at(t, y, table)
+    dy[work + 2] = set_loads(table, t)
+    status = pull_strings(t, dy[work : work + 2], table)
+    for k in range(nq):
+        dy[k] = y[nq + k]
+    if table[MOTION_COUNT] > 0:
+        dy[2 * nq] = 1.0
+    return status
+
+
+@borrowing
+def after(table: Any) -> None:
+    """The gaps of closures behind λ."""
+    if table[CLOSURE_COUNT] > 0:
+        R = table[ROD_COUNT]
+        observed = floats(table[MULTIPLIERS], (R + EXTRA,))
+        observed[R], observed[R + 1] = largest_gap(table[LINKED], 0), largest_gap(table[LINKED], 1)
+
+
+@inlined
+def given(y: Any, dy: Any, table: Any) -> Any:
+    """What the accelerations are found from, and where they and λ go: the arguments of `joint_accelerations`."""
+    nq = table[Q_SIZE]
+    return (
+        table[LINKED : TREE + 1],
+        y[:nq],
+        y[nq : 2 * nq],
+        floats(table[FORCES], (table[NODE_COUNT], 3)),
+        floats(table[CONSTANTS], (5,)),
+        dy[nq : 2 * nq],
+        floats(table[MULTIPLIERS], (table[ROD_COUNT],)),
+    )
+
+
+@c_function(RATES_SIGNATURE)
+def linked_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
+    """By joint forces, in O(K)."""
+    table = integers(table_at, (TABLE_SIZE,))
+    y, dy = floats(y_at, (table[STATE_SIZE],)), floats(dy_at, (table[STATE_SIZE],))
+    status = before(t, y, dy, table)
+    dy[len(dy) - 1] += joint_accelerations(*given(y, dy, table))
+    after(table)
+    return status
+
+
+@c_function(STATE_SIGNATURE)
+def linked_place(y_at, table_at):  # type: ignore[no-untyped-def]
+    table = integers(table_at, (TABLE_SIZE,))
+    y = floats(y_at, (table[STATE_SIZE],))
+    place_at(y[2 * table[Q_SIZE]], y, table)
+    return SOLVED
+
+
+@c_function(STATE_SIGNATURE)
+def linked_project(y_at, table_at):  # type: ignore[no-untyped-def]
+    """Lengths and closures of a state."""
+    table = integers(table_at, (TABLE_SIZE,))
+    N, nq = table[NODE_COUNT], table[Q_SIZE]
+    y = floats(y_at, (table[STATE_SIZE],))
+    if table[MOTION_COUNT] > 0:
+        set_motions(table, y[2 * nq])
+    project_linked(
+        table[LINKED],
+        table[JOINTS],
+        y[:nq],
+        y[nq : 2 * nq],
+        floats(table[NODES], (N, 3)),
+        floats(table[VELOCITIES], (N, 3)),
+    )
+    return SOLVED
+
+
+@c_function(RATES_SIGNATURE)
+def dense_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
+    """By (3.19)-(3.22)."""
+    table = integers(table_at, (TABLE_SIZE,))
+    y, dy = floats(y_at, (table[STATE_SIZE],)), floats(dy_at, (table[STATE_SIZE],))
+    status = before(t, y, dy, table)
+    dy[len(dy) - 1] += dense_accelerations(*given(y, dy, table))
+    after(table)
+    return status
+
+
+@c_function(RATES_SIGNATURE)
+def full_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
+    """By (3.17)."""
+    table = integers(table_at, (TABLE_SIZE,))
+    y, dy = floats(y_at, (table[STATE_SIZE],)), floats(dy_at, (table[STATE_SIZE],))
+    status = before(t, y, dy, table)
+    dy[len(dy) - 1] += full_accelerations(*given(y, dy, table))
+    after(table)
+    return status

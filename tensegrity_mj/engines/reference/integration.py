@@ -1,0 +1,173 @@
+"""Equations of motion integrated by this package: methods, their options, and one run of a model, whichever it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
+from tensegrity_mj.dynamics.native.plant import RESOLUTION, RESOLUTION_KIND, WATCHED, Plant, row_width
+from tensegrity_mj.dynamics.native.pointers import address_of
+from tensegrity_mj.dynamics.native.resolution import STAGES
+from tensegrity_mj.dynamics.native.slots import HELD, STATUS
+from tensegrity_mj.engines.driving import Grid, Progress, Stopwatch, chunks
+from tensegrity_mj.engines.recording import allocate_rows, make_trajectory
+from tensegrity_mj.engines.reference import equations as kernels
+from tensegrity_mj.engines.reference.equations import SINGULAR
+from tensegrity_mj.engines.reference.method import Options
+from tensegrity_mj.engines.reference.rk4 import rk4_steps
+from tensegrity_mj.engines.request import Request
+from tensegrity_mj.errors import DivergenceError, InfeasibleError, OptionError, TensegrityError
+from tensegrity_mj.runs.energy import blame_divergence, check_energy
+from tensegrity_mj.runs.trajectory import Status, Trajectory
+
+
+class IntegratedRun:
+    """One run of a model: the plant, its table, the state y, and what is made of the recorded rows.
+
+    Attributes:
+        name: of the engine.
+        options: the engine's.
+        y: the state: at first the start's, and later that which the fixed-step method has reached.
+        functions: addresses of the model's rates and place, and of project and guard (0: none).
+        explain_singular: says why the state that `guard` or `rates` refused last cannot be held, and what to do.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        options: Options,
+        request: Request,
+        plant: Plant,
+        y: Array,
+        *,
+        rates: int,
+        place: int,
+        project: int = 0,
+        guard: int = 0,
+        multipliers: Array,
+        keep: tuple[Any, ...] = (),
+        explain_singular: Callable[[float], str] | None = None,
+    ) -> None:
+        self.name, self.options, self.request, self.plant, self.y = name, options, request, plant, y
+        if request.scene.contact is not None:
+            raise OptionError(
+                f"{name}: scene '{request.scene.name}' has contact, which MuJoCo alone has: "
+                "run it with MuJoCo, or without contact as scene.with_(contact=None)"
+            )
+        self.table = table = plant.table
+        self.projects = bool(project)
+        self.multipliers, self.keep = multipliers, keep  # alive while the table holds their addresses
+        table[kernels.RATES], table[kernels.PLACE] = rates, place
+        table[kernels.PROJECT], table[kernels.GUARD] = project, guard
+        table[kernels.STATE_SIZE] = len(y)
+        table[kernels.MULTIPLIERS], table[kernels.MULTIPLIER_COUNT] = address_of(multipliers), len(multipliers)
+        self.explain_singular = explain_singular
+        self.width = row_width(table) + len(multipliers)
+        self.evaluations = 0
+        self.steps = 0
+
+    def rates_at(self, time: float, y: Array, rest_lengths: Array | None) -> Array:
+        """dy/dt at one state, without a step; rest lengths (M,) [m] instead of the structure's where no law sets them.
+
+        Raises:
+            OptionError: where the model's coordinates cannot hold the state.
+            InfeasibleError, ControllerError: what the law says there.
+        """
+        if rest_lengths is not None:
+            self.plant[HELD][:] = rest_lengths
+        out = np.empty(len(y))
+        if SINGULAR in (kernels.guard(y, self.table), status := kernels.rates(time, y, out, self.table)):
+            raise OptionError(self.singular_message(time))
+        self.plant.raise_if_failed(max(status, int(self.table[STATUS])), time)
+        if status == NO_SOLUTION:
+            raise InfeasibleError(self.plant.infeasible_message(time))
+        return out
+
+    def singular_message(self, time: float) -> str:
+        """What a run says that stopped because its coordinates cannot hold the state."""
+        assert self.explain_singular is not None
+        return self.explain_singular(time)
+
+    def finish(
+        self, time: Array, rows: Array, status: Status, message: str, seconds: float, **reports: Any
+    ) -> Trajectory:
+        """The trajectory of the rows recorded so far."""
+        width = row_width(self.table)
+        told = width + len(self.request.scene.structure.rods)  # behind λ: gaps of closed loops, where there are any
+        if told < self.width:
+            reports |= {
+                "closure_drift": float(rows[:, told].max(initial=0.0)),  # [m]
+                "closure_rate_drift": float(rows[:, told + 1].max(initial=0.0)),  # [m/s]
+            }
+        options = {name: getattr(value, "value", value) for name, value in vars(self.options).items()}
+        return make_trajectory(
+            self.request,
+            time,
+            rows[:, :width],
+            multipliers=rows[:, width:told].copy(),
+            engine=str(self.options),
+            status=status,
+            message=message,
+            cost={"wall_time": seconds, "steps": self.steps, "evaluations": self.evaluations},
+            provenance={"engine": {"name": self.name, **options}},
+            reports=reports,
+            plant=self.plant,
+            step=self.options.timestep,
+        )
+
+    def fixed_steps(self) -> Trajectory:
+        """Classical Runge-Kutta."""
+        step = self.options.timestep
+        assert step is not None
+        grid = Grid.of(self.request, step)
+        times = grid.times
+        rows = allocate_rows(len(times), self.width)
+        remedy = f"reduce the time step (h = {step:g} s), or use Method.RADAU where strings are stiff"
+        arguments = (grid.count, grid.stride, grid.ratio, rows, self.options.locate_slack)
+        rk4_steps(self.table, self.y.copy(), step, 1, 0, *arguments)  # compiles
+        self.plant[WATCHED][:] = 0.0
+        self.plant[RESOLUTION][:] = 0.0
+        self.table[RESOLUTION_KIND] = STAGES
+        clock = Stopwatch(self.request)
+        with Progress(self.request, f"{self.name} RK4") as progress:
+            for first, count in chunks(grid.count):
+                reached, status, evaluations = rk4_steps(self.table, self.y, step, first, count, *arguments)
+                self.steps, self.evaluations = reached, self.evaluations + evaluations
+                progress.reached(reached * step)
+                if status != SOLVED:
+                    time = reached * step
+                    kept = np.concatenate([times[times < time - 0.5 * step], [time]])
+                    if status == SINGULAR:
+                        message = self.singular_message(time)
+                        kernels.rates(time, self.y, np.empty(len(self.y)), self.table)
+                        kernels.observe(self.y, self.table, rows[len(kept) - 1])
+                        run = self.finish(kept, rows[: len(kept)], Status.SINGULAR, message, clock.seconds)
+                        check_energy(run, remedy)
+                        return run
+                    before = max(1, int(np.searchsorted(times, time - 0.5 * step)))
+                    partial = self.finish(times[:before], rows[:before], Status.DIVERGED, "diverged", clock.seconds)
+                    try:
+                        self.plant.raise_if_failed(status, time)
+                    except TensegrityError:
+                        blame_divergence(partial, self.plant, time, remedy)
+                        raise
+                    blame_divergence(partial, self.plant, time, remedy)
+                    message = self.plant.infeasible_message(time)
+                    return self.finish(kept, rows[: len(kept)], Status.INFEASIBLE, message, clock.seconds)
+                done = int(np.searchsorted(times, (first + count - 0.5) * step))
+                if not np.all(np.isfinite(self.y)):
+                    done = max(1, done)
+                    check_energy(self.finish(times[:done], rows[:done], Status.DIVERGED, "", clock.seconds), remedy)
+                    raise DivergenceError(
+                        f"diverged by t = {reached * step:.6g} s: the state is no longer finite; {remedy}",
+                        reached * step,
+                        self.finish(times[:done], rows[:done], Status.DIVERGED, "", clock.seconds),
+                    )
+        self.plant.raise_if_failed(SOLVED, times[-1])  # a load, at the very end
+        run = self.finish(times, rows, Status.COMPLETED, "", clock.seconds)
+        check_energy(run, remedy)
+        return run

@@ -1,0 +1,151 @@
+"""The minimal ODE engine: the thesis' chapter 2.3, as many coordinates as degrees of freedom, and no constraint.
+
+State: q = (z, θ, φ) of every rod in space, (z, β) of every rod in a plane, q̇, and the work integrals of the energy
+ledger. There is nothing to drift; the price is a pole for each rod in space, φ = 0 and φ = π, where θ is not defined.
+A run that comes to a pole stops there with `Status.SINGULAR`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import positive
+from tensegrity_mj.dynamics.minimal import MinimalRecords, node_accelerations
+from tensegrity_mj.dynamics.native.plant import Plant
+from tensegrity_mj.dynamics.native.pointers import address_of
+from tensegrity_mj.dynamics.native.slots import MOVED, NODES
+from tensegrity_mj.engines.reference import ode_kernels as ode
+from tensegrity_mj.engines.reference.equations import WORK
+from tensegrity_mj.engines.reference.integrate import integrate
+from tensegrity_mj.engines.reference.integration import IntegratedRun
+from tensegrity_mj.engines.reference.method import Method, check_options, describe_method
+from tensegrity_mj.engines.request import Accelerations, Request
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.capabilities import require_dry
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.runs.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class ODE:
+    """Options of the minimal ODE engine.
+
+    Attributes:
+        method: see `Method`.
+        rtol, atol: tolerances of the error-controlled methods.
+        timestep: [s], of RK4 only.
+        max_steps: of the error-controlled methods, before the run is given up.
+        least_sine: sin φ at which a run stops. A rod that passes a pole at this distance has θ̇ = ω / sin φ, so that an
+            error ε of φ becomes one of ε / sin φ of its velocity. With the round-off of φ near π, ε = π 2.2e-16, the
+            default leaves 7e-13; with atol for ε, least_sine >= atol / rtol keeps rtol.
+        accuracy: [m] largest node error over the run, from 1e-10 to 1e-2, in place of method, tolerances and step,
+            which it chooses for each run (docs/accuracy.md).
+        locate_slack: of RK4 only, whether steps are split at the instants where strings go slack or taut, so that it
+            keeps its order of 4 there (docs/accuracy.md).
+    """
+
+    method: Method = Method.DOP853
+    rtol: float = 1e-10
+    atol: float = 1e-12
+    timestep: float | None = None
+    max_steps: int = 1_000_000
+    least_sine: float = 1e-3
+    accuracy: float | None = None
+    locate_slack: bool = False
+
+    def __post_init__(self) -> None:
+        check_options("ODE", self)
+        object.__setattr__(self, "least_sine", positive("ODE: least_sine", self.least_sine))
+        if not 1e-8 <= self.least_sine <= 0.5:
+            raise OptionError(f"ODE: least_sine = {self.least_sine:g}; it must be from 1e-8 to 0.5")
+
+    def __str__(self) -> str:
+        return f"ODE {describe_method(self)}"
+
+    def run(self, request: Request) -> Trajectory:
+        """Simulate; called by `simulate`."""
+        if self.accuracy is not None:
+            from tensegrity_mj.engines.reference.accuracy import run_accurately
+
+            plain = partial(replace, self, accuracy=None)
+            return run_accurately(self.accuracy, request, plain, lambda options, made: options._prepared(made)[0])
+        return integrate(self._prepared(request)[0])
+
+    def accelerations(self, request: Request) -> Accelerations:
+        """Node accelerations r̈ and b̈ = W β̈ + Ẇ β̇ of the equations that `run` integrates."""
+        run, records = self._prepared(request)
+        nq, carried = records.nq, _carried(request.scene)
+
+        def at(time: float, nodes: Array, velocities: Array, rest_lengths: Array | None = None) -> tuple[Array, Array]:
+            q, q_rates = records.state(nodes, velocities)
+            run.y[:nq], run.y[nq : 2 * nq] = q, q_rates
+            rates = run.rates_at(time, run.y, rest_lengths)
+            out = np.zeros_like(run.plant[NODES])
+            node_accelerations(q, q_rates, rates[nq : 2 * nq], records.rods, records.points, out)
+            for (row, node), moved in zip(carried, run.plant[MOVED], strict=True):
+                out[[node] if row < 0 else request.scene.structure.rod_nodes[row]] += moved[2]
+            return run.plant[NODES].copy(), out
+
+        return at
+
+    def _prepared(self, request: Request) -> tuple[IntegratedRun, MinimalRecords]:
+        scene = request.scene
+        require_dry(scene, "the ODE is")
+        plant = Plant(scene, request.law, request.actuation, request.on_infeasible)
+        records = MinimalRecords.of(scene.structure)
+        constants = np.array([*scene.gravity, self.least_sine, self.timestep or 0.0])
+        table, nq = plant.table, records.nq
+        table[ode.RODS], table[ode.ROD_COUNT] = address_of(records.rods), len(records.rods)
+        table[ode.POINTS], table[ode.POINT_COUNT] = address_of(records.points), len(records.points)
+        table[ode.Q_SIZE], table[ode.CONSTANTS] = nq, address_of(constants)
+        carried = _carried(scene)
+        bases = np.array([scene.structure.positions[b] if a < 0 else records.rods[a]["anchor"] for a, b in carried])
+        table[ode.CARRIED], table[ode.BASES] = address_of(carried), address_of(bases)
+        y = np.zeros(2 * nq + (1 if scene.motions else 0) + WORK)
+        y[:nq], y[nq : 2 * nq] = records.state(scene.nodes0, scene.velocities0)
+
+        def explain(time: float) -> str:
+            rod = scene.structure.rods[int(table[ode.LAST_SINGULAR])].name
+            reason = int(table[ode.REASON])
+            limits = {
+                ode.NEAR_POLE: f"points along the z axis (sin φ <= least_sine = {self.least_sine:g})",
+                ode.ACROSS_POLE: "swings across the z axis within a step",
+                ode.TURNS_TOO_FAR: f"passes the z axis so near that θ turns by more than {ode.MAX_TURN:g} rad in a "
+                f"step of {self.timestep or 0.0:g} s",
+            }
+            finer = "reduce the time step, or " if reason == ode.TURNS_TOO_FAR else ""
+            return (
+                f"at t = {time:.6g} s rod '{rod}' {limits[reason]}, and the angles (θ, φ) of the minimal coordinates "
+                f"end there (thesis 2.3.1); {finer}use the DAE, which has no such pole, or turn the structure, so that "
+                "no rod comes near the z axis"
+            )
+
+        run = IntegratedRun(
+            "ODE",
+            self,
+            request,
+            plant,
+            y,
+            rates=ode.ode_rates.address,
+            place=ode.ode_place.address,
+            guard=ode.ode_guard.address,
+            multipliers=np.zeros(len(records.rods)),
+            keep=(records, constants, carried, bases),
+            explain_singular=explain,
+        )
+        return run, records
+
+
+def _carried(scene: Scene) -> NDArray[np.int64]:
+    """(m, 2) of each motion: the row of the rod or of the fixed node that it moves, -1 for what it is not."""
+    rods = {rod.name: row for row, rod in enumerate(scene.structure.rods)}
+    pairs = [
+        (rods[name], -1) if name in rods else (-1, scene.structure.node_index[name])
+        for name in (motion.support for motion in scene.motions)
+    ]
+    return np.array(pairs, np.int64).reshape(-1, 2)

@@ -1,0 +1,50 @@
+"""What every engine is given and what it gives back: a request, recorded rows, and the trajectory made of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.law import NativeLaw
+from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
+from tensegrity_mj.model.scene import Scene
+
+
+@dataclass(frozen=True)
+class Request:
+    """One run to be made: the same for every engine."""
+
+    scene: Scene
+    law: NativeLaw
+    actuation: Actuation
+    on_infeasible: OnInfeasible
+    duration: float
+    output_interval: float | None
+    progress: bool
+
+    @property
+    def sampled(self) -> bool:
+        """Whether the law is sampled."""
+        return bool(self.law.address) and self.actuation.mode is not Mode.CONTINUOUS
+
+
+class Accelerations(Protocol):
+    """Accelerations of the nodes from an engine's own equations, at one state and without a step.
+
+    Called with time [s], node positions and velocities (N, 3), and rest lengths (M,) [m] (None: the structure's, or
+    what the law sets). Returns the positions (N, 3) [m] where the engine places the nodes, and their accelerations
+    (N, 3) [m/s²].
+    """
+
+    def __call__(
+        self, time: float, nodes: Array, velocities: Array, rest_lengths: Array | None = None
+    ) -> tuple[Array, Array]: ...
+
+
+def cost_of_law(request: Request) -> dict[str, float]:
+    """How often a law in Python was called, and its part of the wall time [s]; nothing for a compiled one."""
+    if request.law.spent is None:
+        return {}
+    calls, seconds = request.law.spent
+    return {"law_calls": calls, "law_time": seconds}

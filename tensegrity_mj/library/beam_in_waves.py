@@ -1,0 +1,173 @@
+"""Beams held under waves that come from their side: the simulations of the thesis, appendix C.2, and others like them.
+
+    beam_in_waves("TB1", 2.0)                                  # a point of figure C.8
+    beam_in_waves("TB4", 4.0, end=BeamEnd.CLAMPED)
+    held_in_waves(tower(6, tension=2e3, stiffness=1e5), Water(waves=(Wave(0.2, 8.0, direction=1.5),)), 3.0)
+
+The beam is form-found without gravity and water and lies along x, its base at x = 0; waves travel along +y. The thesis
+does not say how it is held. Appendix C.1 holds a beam for its lateral stiffness so that it is one half of a beam that
+is clamped at both ends: the base does not move, the top keeps its place along the beam and does not turn. That is the
+default here. Neither does it tell of weight: a steel tube of Table C.1 weighs three times the water that it displaces,
+and the beam is so soft that it would hang 8 m down, below the waves that it is to be tried in. So the default carries
+the weight in water by constant forces on the nodes, and the beam is straight at rest.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from tensegrity_mj.basics.checks import finite, member, positive
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.library.cross import THESIS
+from tensegrity_mj.library.thesis_towers import appendix_beam
+from tensegrity_mj.model.elements.water import Water, diameters
+from tensegrity_mj.model.elements.waves import Wave
+from tensegrity_mj.model.events import Load
+from tensegrity_mj.model.members import Support
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
+
+GRAVITY = 9.81  # m/s²
+STEEPNESS = 1 / 7  # height over length
+SUBMERGENCE = 4.0  # m
+DRAG, TANGENTIAL_DRAG, ADDED_MASS, INERTIA = 1.0, 0.1, 0.5, 1.5
+ALONG, UPWARDS = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+
+
+class BeamEnd(enum.Enum):
+    """How the three nodes of a beam's top are held; those of its base do not move at all."""
+
+    GUIDED = "guided"  # they move across the beam only: the middle of a beam that is twice as long and clamped
+    GUIDED_ALONG_WAVES = "guided_along_waves"  # they move only as the waves travel: C.1.4 to the letter
+    CLAMPED = "clamped"  # they do not move
+    FREE = "free"
+
+
+class BeamWeight(enum.Enum):
+    """What becomes of a beam's weight in water."""
+
+    CARRIED = "carried"  # constant forces on the nodes balance it as long as they are under water
+    HANGING = "hanging"  # it acts, and the beam starts at rest where it hangs in still water
+
+
+def beam_in_waves(
+    which: str = "TB1",
+    wave_height: float = 2.0,
+    *,
+    steepness: float = STEEPNESS,
+    submergence: float = SUBMERGENCE,
+    end: BeamEnd = BeamEnd.GUIDED,
+    weight: BeamWeight = BeamWeight.CARRIED,
+    damping: float = 0.0,
+    drag: float = DRAG,
+    tangential_drag: float = TANGENTIAL_DRAG,
+    added_mass: float = ADDED_MASS,
+    inertia: float | None = INERTIA,
+    segments: int | None = 3,
+    phase: float = 0.0,
+    duration: float = 60.0,
+    name: str = "",
+) -> Scene:
+    """A beam of appendix C under a regular wave from its side; the defaults are a point of figure C.8.
+
+    Args:
+        which: "TB1" to "TB7", a row of Table C.2; figure C.8 has the first four.
+        wave_height: H = 2 A [m], > 0; 1 to 4 m in the thesis.
+        steepness: H over the wavelength, > 0.
+        submergence: of the beam's axis below the still surface [m], > 0.
+        end, weight: see `BeamEnd` and `BeamWeight`.
+        damping: of every string [N s/m]; the thesis damps numerically, with α = -0.05 of Hilber, Hughes and Taylor.
+        drag, tangential_drag, added_mass, inertia: of the rods, see `Water`.
+        segments: of each rod; of more than three, motions in waves of 6 m differ by less than a thousandth. None for
+            as many as the waves need.
+        phase: ε of the wave [rad]; its elevation at the beam is A sin(ω t + ε).
+        duration: [s].
+        name: of scene and structure; by default that of the row.
+
+    Raises:
+        OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such scene.
+    """
+    height = positive("beam_in_waves: wave_height", wave_height, "m")
+    wavelength = height / positive("beam_in_waves: steepness", steepness)
+    tower = appendix_beam(which, damping=damping, duration=duration, name=name)
+    water = Water(
+        waves=(Wave(0.5 * height, wavelength, None, 0.5 * math.pi, finite("beam_in_waves: phase", phase, " [rad]")),),
+        drag=drag,
+        tangential_drag=tangential_drag,
+        added_mass=added_mass,
+        inertia=inertia,
+        segments=segments,
+    )
+    return held_in_waves(tower, water, submergence, end, weight).with_(source=f"{THESIS}, appendix C.2, pages 194-196")
+
+
+def held_in_waves(
+    tower: Scene,
+    water: Water,
+    submergence: float,
+    end: BeamEnd = BeamEnd.GUIDED,
+    weight: BeamWeight = BeamWeight.CARRIED,
+) -> Scene:
+    """A tower under water, held at its ends.
+
+    Args:
+        tower: of `tower`, lying along x and in equilibrium; its gravity, loads and supports are replaced.
+        water: and its waves.
+        submergence: by how much the tower is lowered [m], > 0.
+        end, weight: as of `beam_in_waves`.
+
+    Raises:
+        OptionError: for arguments that do not fit, and a scene that is no tower.
+        InfeasibleError, SceneError: where nothing balances a hanging beam, or the water does not fit.
+    """
+    from tensegrity_mj.statics import find_equilibrium
+
+    member("end", end, BeamEnd)
+    member("weight", weight, BeamWeight)
+    depth = positive("submergence", submergence, "m")
+    structure = _held(tower.structure, end)
+    structure = replace(structure, nodes={key: (x, y, z - depth) for key, (x, y, z) in structure.nodes.items()})
+    forces = _weights_in_water(structure, water)
+    loads = tuple(Load(key, (0.0, 0.0, force)) for key, force in forces.items())
+    # Without water and gravity: statics knows of no water, and under it buoyancy and weight are constant.
+    dry = tower.with_(structure=structure, gravity=(0.0, 0.0, 0.0), loads=(), water=None)
+    if weight is BeamWeight.CARRIED:
+        return dry.with_(gravity=(0.0, 0.0, -GRAVITY), loads=loads, water=water)
+    pulled = tuple(Load(load.node, (0.0, 0.0, -load.force[2])) for load in loads)
+    hanging = find_equilibrium(dry.with_(loads=pulled)).nodes
+    return dry.with_(gravity=(0.0, 0.0, -GRAVITY), initial_nodes=hanging, water=water)
+
+
+def _held(structure: Structure, end: BeamEnd) -> Structure:
+    """The structure with the base pinned and its top held."""
+    stages = len(structure.rods) // 3
+    base, top = ([rod for rod in structure.rods if rod.name.startswith(f"rod{s}_")] for s in (1, stages))
+    if stages < 2 or len(base) != 3 or len(top) != 3:
+        raise OptionError(
+            f"held_in_waves: '{structure.name}' is no tower of two stages or more: its rods must be rod1_1 to rodN_3, "
+            "as those of tower(N, ...)"
+        )
+    ends = {
+        BeamEnd.GUIDED: Support.constrained([ALONG], 1.0),
+        BeamEnd.GUIDED_ALONG_WAVES: Support.constrained([ALONG, UPWARDS], 1.0),
+        BeamEnd.CLAMPED: Support.pinned(1.0),
+        BeamEnd.FREE: Support.free(),
+    }
+    supports = {rod.name: Support.free() for rod in structure.rods}
+    supports |= {rod.name: ends[end] for rod in top}
+    supports |= {rod.name: Support.pinned(0.0) for rod in base}
+    return replace(structure, rods=tuple(replace(rod, support=supports[rod.name]) for rod in structure.rods))
+
+
+def _weights_in_water(structure: Structure, water: Water) -> dict[str, float]:
+    """[N] of weight less buoyancy on each node, of rods that are closed and wholly under water."""
+    displaced = water.density * np.pi * diameters(structure, water) ** 2 / 4 * structure.rod_lengths
+    forces: dict[str, float] = {}
+    for rod, mass in zip(structure.rods, displaced, strict=True):
+        for node in rod.nodes:
+            forces[node] = forces.get(node, 0.0) + 0.5 * GRAVITY * (rod.mass - float(mass))
+    return forces

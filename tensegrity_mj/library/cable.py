@@ -1,0 +1,295 @@
+"""The rigid bar cable of the thesis' chapter 3: a hanging chain of rods whose top is moved by a carriage.
+
+    scene = cable(elements=refined(4))          # 49 elements, in-line 0.5 Hz
+    K = suggest_elements(0.8, 2.93).elements    # the procedure of §3.6
+
+The cable hangs along -z from the origin: a fastening arrangement, a rope and a load at its bottom. The thesis' in-line
+excitation is along y, and its circular one in the xy plane.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, finite, member, positive, whole
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.library.cross import THESIS
+from tensegrity_mj.model.elements.resistance import Bending, Drag, Resistance
+from tensegrity_mj.model.members import Rod, Support
+from tensegrity_mj.model.motion import Motion
+from tensegrity_mj.model.moved_supports import velocities_with_supports
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
+
+# Table 3.1 and §3.3.3: lengths [m] and masses [kg].
+FASTENING_LENGTH, FASTENING_MASS = 0.13, 0.0506
+ROPE_LENGTH, ROPE_ELEMENTS, ROPE_ELEMENT_MASS = 2.75, 11, 0.0129
+LOAD_LENGTH, LOAD_MASS = 0.05, 0.0513
+ROPE_RADIUS, END_RADIUS = 0.003, 0.006  # the rope's from Table 3.1; the other one for pictures only
+MARKERS = tuple(0.25 * number for number in range(2, 12))  # Table 3.2: [m] from the top of the rope
+GRAVITY = 9.81  # m/s²
+TOP = "rod1"  # the rod whose upper end is moved
+IN_LINE, OUT_OF_PLANE, UP = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+
+
+class RopeMass(enum.Enum):
+    """Which mass the rope has: the thesis prints two."""
+
+    ELEMENTS = "elements"  # §3.3.3: eleven elements of 0.0129 kg, 0.1419 kg
+    TABLE = "table"  # Table 3.1: 0.165 kg
+
+    @property
+    def kilograms(self) -> float:
+        """Of the whole rope [kg]."""
+        return ROPE_ELEMENTS * ROPE_ELEMENT_MASS if self is RopeMass.ELEMENTS else 0.165
+
+
+class Excitation(enum.Enum):
+    """How the carriage moves."""
+
+    IN_LINE = "in-line"  # along y
+    CIRCULAR = "circular"  # in the xy plane
+    NONE = "none"
+
+
+class Start(enum.Enum):
+    """In which frame the cable is at rest at t = 0."""
+
+    MOVING_FRAME = "moving frame"  # everything moves with the carriage
+    LAB_FRAME = "lab frame"  # the carriage moves, all below it is still
+
+
+@dataclass(frozen=True)
+class Elements:
+    """How many equal elements a cable is to have.
+
+    Attributes:
+        elements: K.
+        length: of one of them [m].
+        frequency: at which one of them swings by itself [Hz], (3.28).
+    """
+
+    elements: int
+    length: float
+    frequency: float
+
+
+def pendulum_frequency(length: float, gravity: float = GRAVITY) -> float:
+    """f [Hz] of a uniform rod [m] that swings about its end by little, (3.28): √(3 g / 2 ℓ) / 2π.
+
+    Raises:
+        OptionError: for numbers that are not > 0.
+    """
+    ratio = positive("gravity", gravity, "m/s²") / positive("length", length, "m")
+    return math.sqrt(1.5 * ratio) / (2 * math.pi)
+
+
+def suggest_elements(frequency: float, length: float, ratio: float = 2.0, gravity: float = GRAVITY) -> Elements:
+    """The fewest equal elements of a cable that swing by themselves well above an excitation: the procedure of §3.6.
+
+    Args:
+        frequency: of the excitation [Hz].
+        length: of the cable [m].
+        ratio: how many times above the excitation an element's own frequency is to be, at least; the thesis recommends
+            slightly more than two.
+        gravity: [m/s²].
+
+    Raises:
+        OptionError: for numbers that are not > 0, or ask for more than a million elements.
+    """
+    least = positive("ratio", ratio) * positive("frequency", frequency, "Hz")
+    positive("length", length, "m")
+    # (3.28) for ℓ: the frequency of a rod of 1 m, squared, over that of the element, squared.
+    longest = (pendulum_frequency(1.0, gravity) / least) ** 2
+    if not length / longest <= 1e6:
+        raise OptionError(
+            f"frequency = {frequency!r} Hz, length = {length!r} m: elements of {longest:.3g} m would be more than a "
+            "million; ask for a lower frequency or ratio"
+        )
+    # A quotient that is whole up to round-off is whole: elements of exactly `longest` will do.
+    count = max(1, math.ceil(length / longest * (1 - 1e-12)))
+    return Elements(count, length / count, pendulum_frequency(length / count, gravity))
+
+
+def refined(divisions: int) -> int:
+    """K of §3.5.1: every element of the thirteen but the bottom load divided by 1, 2, ..., 10: 13, 25, ..., 121.
+
+    Raises:
+        OptionError: if that is no integer >= 1.
+    """
+    return 12 * whole("cable: divisions", divisions, 1) + 1
+
+
+def parts(elements: int) -> tuple[int, int]:
+    """How many elements the fastening and the rope have; the load is the last one.
+
+    As nearly as whole numbers can be in the proportion 1 : 11 of the thesis' models, which they are for `refined` ones.
+    """
+    fastening = max(1, round((elements - 1) / 12))
+    return fastening, elements - 1 - fastening
+
+
+def arc_lengths(elements: int) -> Array:
+    """How far down the cable each node is (K + 1,) [m]."""
+    fastening, rope = parts(elements)
+    top = FASTENING_LENGTH * np.arange(fastening + 1) / fastening
+    middle = FASTENING_LENGTH + ROPE_LENGTH * np.arange(1, rope + 1) / rope
+    along = np.concatenate([top, middle, [FASTENING_LENGTH + ROPE_LENGTH + LOAD_LENGTH]])
+    return np.round(along, 14)  # sums of printed decimals without their round-off
+
+
+def marker_weights(elements: int) -> Array:
+    """(10, K + 1): a marker's position is its row times the node positions (..., K + 1, 3).
+
+    Markers of Table 3.2 between two nodes are on the rod between them; for `refined` cables each is a node.
+    """
+    along = arc_lengths(elements)
+    weights = np.zeros((len(MARKERS), len(along)))
+    for row, place in enumerate(MARKERS):
+        s = FASTENING_LENGTH + place
+        nearest = int(np.argmin(np.abs(along - s)))
+        if abs(along[nearest] - s) < 1e-12:
+            weights[row, nearest] = 1.0
+            continue
+        k = int(np.searchsorted(along, s)) - 1
+        share = (s - along[k]) / (along[k + 1] - along[k])
+        weights[row, k : k + 2] = 1 - share, share
+    return weights
+
+
+def cable(
+    elements: int = 13,
+    *,
+    rope_mass: RopeMass = RopeMass.ELEMENTS,
+    excitation: Excitation = Excitation.IN_LINE,
+    amplitude: float = 0.05,
+    frequency: float = 0.5,
+    motion: Motion | None = None,
+    start: Start = Start.MOVING_FRAME,
+    seed: float = 0.0,
+    planar: bool = False,
+    viscous: float = 0.0,
+    bending_stiffness: float = 0.0,
+    bending_damping: float = 0.0,
+    drag: float = 0.0,
+    gravity: float = GRAVITY,
+    duration: float = 45.0,
+    name: str = "cable",
+) -> Scene:
+    """A chain of rods that hangs from a moved point.
+
+    Args:
+        elements: K, 3 or more: those of the fastening and the rope, and the load. 13 is that of §3.3.3, and
+            `refined(2)` ... `refined(10)` are those of §3.5.1.
+        rope_mass: 0.1419 kg as printed by elements, or the 0.165 kg of Table 3.1.
+        excitation: of the top, unless a motion is given.
+        amplitude: of the excitation [m]: half its peak-to-peak, or the circle's radius.
+        frequency: of the excitation [Hz].
+        motion: any motion of the top instead, `Motion...("rod1", ...)`.
+        start: the frame in which the cable is at rest at t = 0.
+        seed: [rad] by which the straight cable leans out of the plane of the excitation at the start, towards x.
+        planar: rods that stay in the plane x = 0; the excitation and the start must, too.
+        viscous: c [N s/m²], a force -c v per length.
+        bending_stiffness, bending_damping: [N m], [N m s] of each joint: those of a rope [N m²], [N m² s] over the
+            length of an element.
+        drag: coefficient of the quadratic drag of still air, on the elements' diameters.
+        gravity: [m/s²].
+        duration: [s].
+        name: of scene and structure.
+
+    Raises:
+        OptionError, StructureError, SceneError: for parameters that make no such scene.
+    """
+    check_nodes("cable: elements", elements, whole("cable: elements", elements, 3) + 1, MOST_FOUND)
+    for what, value, kind in (
+        ("rope_mass", rope_mass, RopeMass),
+        ("excitation", excitation, Excitation),
+        ("start", start, Start),
+    ):
+        member(f"cable: {what}", value, kind)
+    if not isinstance(planar, (bool, np.bool_)):
+        raise OptionError(f"cable: planar = {planar!r}; it must be True or False")
+    lean = finite("cable: seed", seed, " [rad]")
+    if planar and lean:
+        raise OptionError(f"cable: seed = {seed!r} rad leaves the plane that a planar cable stays in: leave it out")
+    down = positive("cable: gravity", gravity, "m/s²")
+    motions = _motions(excitation, amplitude, frequency, motion, bool(planar))
+    structure = _structure(elements, rope_mass, bool(planar), name)
+    along = arc_lengths(elements)
+    nodes = None
+    if lean:
+        first = motions[0].at(0.0)[0] if motions else np.zeros(3)
+        nodes = first + np.outer(along, [math.sin(lean), 0.0, -math.cos(lean)])
+    scene = Scene(
+        structure,
+        name=name,
+        source=f"{THESIS}, section 3.3, pages 66-69",
+        gravity=(0.0, 0.0, -down),
+        initial_nodes=nodes,
+        motions=motions,
+        duration=duration,
+        resistance=_resistance(viscous, bending_stiffness, bending_damping, drag),
+    )
+    if start is Start.MOVING_FRAME or not motions:
+        return scene
+    still = np.zeros_like(scene.nodes0)
+    still[0] = motions[0].at(0.0)[1]
+    return scene.with_(initial_velocities=velocities_with_supports(structure, scene.nodes0, motions, still))
+
+
+def _resistance(viscous: float, stiffness: float, damping: float, drag: float) -> Resistance | None:
+    named = (("viscous", viscous), ("bending_stiffness", stiffness), ("bending_damping", damping), ("drag", drag))
+    for what, value in named:
+        if finite(f"cable: {what}", value, " >= 0") < 0:
+            raise OptionError(f"cable: {what} = {value!r}; it must be >= 0")
+    bending = None if (stiffness, damping) == (0.0, 0.0) else Bending(stiffness, damping)
+    found = Resistance(viscous, bending, None if drag == 0.0 else Drag(drag))
+    return None if found == Resistance() else found
+
+
+def _motions(
+    excitation: Excitation, amplitude: float, frequency: float, motion: Motion | None, planar: bool
+) -> tuple[Motion, ...]:
+    if motion is not None:
+        if not isinstance(motion, Motion):
+            raise OptionError(f"cable: motion = {motion!r}; use Motion.in_line('{TOP}', ...) or another of its makers")
+        if motion.support != TOP:
+            raise OptionError(f"cable: the motion is that of '{motion.support}'; it must be that of '{TOP}'")
+        return (motion,)
+    if excitation is Excitation.NONE:
+        return ()
+    size = positive("cable: amplitude", amplitude, "m")
+    hertz = positive("cable: frequency", frequency, "Hz")
+    if excitation is Excitation.IN_LINE:
+        return (Motion.in_line(TOP, size, hertz, IN_LINE),)
+    if planar:
+        raise OptionError("cable: a circular excitation leaves the plane of a planar cable; use an in-line one")
+    return (Motion.circular(TOP, size, hertz, UP),)
+
+
+def _structure(elements: int, rope_mass: RopeMass, planar: bool, name: str) -> Structure:
+    fastening, rope = parts(elements)
+    masses = [FASTENING_MASS / fastening] * fastening
+    # As printed where the elements are those of §3.3.3, and not with the round-off of a sum and a division.
+    printed = rope_mass is RopeMass.ELEMENTS and rope == ROPE_ELEMENTS
+    masses += [ROPE_ELEMENT_MASS if printed else rope_mass.kilograms / rope] * rope + [LOAD_MASS]
+    plane = OUT_OF_PLANE if planar else None
+    return Structure(
+        name=name,
+        nodes={f"n{k}": (0.0, 0.0, -float(s)) if k else (0.0, 0.0, 0.0) for k, s in enumerate(arc_lengths(elements))},
+        rods=tuple(
+            Rod(
+                f"rod{k + 1}",
+                (f"n{k}", f"n{k + 1}"),
+                mass,
+                ROPE_RADIUS if fastening <= k < elements - 1 else END_RADIUS,
+                Support.pinned(0.0, plane) if k == 0 else Support.free(0.0, plane),
+            )
+            for k, mass in enumerate(masses)
+        ),
+    )

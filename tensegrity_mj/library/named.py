@@ -1,0 +1,174 @@
+"""Families by name: the scene that a text such as "tower(stages=10, stiffness=2e4)" asks for.
+
+The text is one call of a family with literals for arguments: numbers, texts in quotes, True, False, None, and tuples or
+lists of them; options that are enums in Python are given by the text of their value. Nothing of it is executed.
+"""
+
+from __future__ import annotations
+
+import ast
+import enum
+import inspect
+import re
+import types
+import typing
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any
+
+from tensegrity_mj.errors import FormatError
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.text.table import closest
+
+_HOME = {
+    "appendix_beam": "thesis_towers",
+    "beam_in_waves": "beam_in_waves",
+    "cable": "cable",
+    "chapter7_tower": "thesis_towers",
+    "cross": "cross",
+    "net": "net",
+    "planar_beam": "planar_beam",
+    "suspended_cable": "suspended_cable",
+    "tower": "tower",
+    "tower_in_waves": "tower_in_waves",
+    "truss_arm": "truss_arm",
+}
+MOST_LETTERS = 10_000  # of a call
+_CALL = re.compile(r"\s*[^\W\d]\w*\s*\(")
+_PLAIN = {float: "a number", int: "an integer", bool: "True or False", str: "a text in quotes", types.NoneType: "None"}
+
+
+class _Unfit(Exception):
+    """A value that is not of the kind that its parameter wants."""
+
+
+def family_names() -> list[str]:
+    """Names of the families that a text can call."""
+    return sorted(_HOME)
+
+
+def is_family_call(text: str) -> bool:
+    """Whether a text is meant as a call of a family: a name with an open parenthesis, and no path of a .toml file."""
+    return _CALL.match(text) is not None and not text.endswith(".toml")
+
+
+def family_scene(text: str, changes: Mapping[str, Any] | None = None) -> Scene:
+    """The scene that a call in a text makes.
+
+    Args:
+        changes: values of arguments that replace those of the text, or add to them.
+
+    Raises:
+        FormatError: for a text that is no such call, an unknown family, and arguments that it does not have.
+        OptionError, InfeasibleError, StructureError, SceneError: from the family, for what it cannot build.
+    """
+    shown = text if len(text) <= 80 else text[:77] + "..."
+    if len(text) > MOST_LETTERS:
+        raise FormatError(f"{shown}: a call of {len(text)} characters; at most {MOST_LETTERS} are read")
+    try:
+        call = ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        why = error.msg if isinstance(error, SyntaxError) else "it is nested too deeply, or a number is too long"
+        raise FormatError(f"{shown}: {why}; write a family and its arguments, as tower(stages=10)") from None
+    if not isinstance(call, ast.Call) or not isinstance(call.func, ast.Name):
+        raise FormatError(f"{shown}: it must be one call of a family by its name, as tower(stages=10)")
+    name = call.func.id
+    if name not in _HOME:
+        known = family_names()
+        raise FormatError(f"{shown}: unknown family '{name}'{closest(name, known)}; families: {', '.join(known)}")
+    builder: Callable[..., Scene] = getattr(import_module(f"tensegrity_mj.library.{_HOME[name]}"), name)
+    return builder(**_arguments(name, call, builder, changes or {}))
+
+
+def _arguments(name: str, call: ast.Call, builder: Callable[..., Scene], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """The arguments of a call and of changes to it by name, as the family takes them."""
+    hints = typing.get_type_hints(builder)
+    parameters = inspect.signature(builder).parameters
+    places = [key for key, one in parameters.items() if one.kind is one.POSITIONAL_OR_KEYWORD]
+    if len(call.args) > len(places):
+        raise FormatError(
+            f"{name}: {len(call.args)} arguments without a name, and it takes {len(places)} ({', '.join(places)}); "
+            "give the others by name"
+        )
+    given: dict[str, ast.expr] = dict(zip(places, call.args, strict=False))
+    for keyword in call.keywords:
+        key = keyword.arg
+        if key is None:
+            raise FormatError(f"{name}: ** is no literal; write every argument by its name")
+        if key not in parameters:
+            raise FormatError(
+                f"{name}: unknown argument '{key}'{closest(key, parameters)}; it has {', '.join(parameters)}"
+            )
+        if key in given:
+            raise FormatError(f"{name}: argument '{key}' is given twice")
+        given[key] = keyword.value
+    for key in changes:
+        if key not in parameters:
+            raise FormatError(
+                f"{name}: unknown argument '{key}'{closest(key, parameters)}; it has {', '.join(parameters)}"
+            )
+    known = given.keys() | changes.keys()
+    missing = [key for key, one in parameters.items() if one.default is one.empty and key not in known]
+    if missing:
+        raise FormatError(f"{name}: argument '{missing[0]}' is missing; it must be {_wanted(hints[missing[0]])}")
+    values = dict(changes)
+    for key, node in given.items():
+        if key in changes:
+            continue
+        try:
+            values[key] = ast.literal_eval(node)
+        except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError):
+            raise FormatError(
+                f"{name}: {key} = {ast.unparse(node)} is no literal; write a number, a text in quotes, True, False, "
+                "None, or a tuple of them"
+            ) from None
+    for key, value in values.items():
+        try:
+            values[key] = _fitted(value, hints[key])
+        except _Unfit:
+            raise FormatError(f"{name}: {key} = {value!r}; it must be {_wanted(hints[key])}") from None
+    return values
+
+
+def _fitted(value: Any, hint: Any) -> Any:
+    """The value as a parameter of that type takes it, or _Unfit."""
+    if _is_union(hint):
+        for one in typing.get_args(hint):
+            try:
+                return _fitted(value, one)
+            except _Unfit:
+                continue
+        raise _Unfit
+    if typing.get_origin(hint) is tuple:
+        kinds = typing.get_args(hint)
+        if not isinstance(value, (tuple, list)) or len(value) != len(kinds):
+            raise _Unfit
+        return tuple(_fitted(item, kind) for item, kind in zip(value, kinds, strict=True))
+    if isinstance(hint, type) and issubclass(hint, enum.Enum):
+        for item in hint:
+            if type(value) is type(item.value) and value == item.value:
+                return item
+        raise _Unfit
+    if type(value) is hint or (hint is float and type(value) is int):
+        return value
+    raise _Unfit
+
+
+def _wanted(hint: Any) -> str:
+    """A type of parameters in words."""
+    if _is_union(hint):
+        kinds = [one for one in typing.get_args(hint) if _can_be_written(one)]
+        return " or ".join(_wanted(one) for one in kinds)
+    if typing.get_origin(hint) is tuple:
+        return f"({', '.join(_wanted(one) for one in typing.get_args(hint))})"
+    if isinstance(hint, type) and issubclass(hint, enum.Enum):
+        return " or ".join(repr(item.value) for item in hint)
+    return _PLAIN.get(hint, "left to Python")
+
+
+def _can_be_written(hint: Any) -> bool:
+    return _wanted(hint) != "left to Python"
+
+
+def _is_union(hint: Any) -> bool:
+    return typing.get_origin(hint) in (typing.Union, types.UnionType)

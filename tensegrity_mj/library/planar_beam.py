@@ -1,0 +1,167 @@
+"""The planar tensegrity beam of the thesis' section 4.6.2 and appendix B.2, straight to circular.
+
+Pairs of crossing rods stand side by side along the beam, each pair in a sector of the angle φ, and overlap by φ/3: pair
+k = 0, 1, ... reaches from the angle 2kφ/3 to (2k + 3)φ/3. Every end of a pair is an upright line with a node on the
+inner and one on the outer rim. In their order along the beam these lines bound the cells, the first and last of
+sector 2φ/3 and all others of φ/3, whose sides and diagonals are strings.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import MOST_NODES, check_nodes, finite, positive
+from tensegrity_mj.basics.texts import value_text
+from tensegrity_mj.basics.values import sequence_of
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.library.cross import HINGE, PLANE, SLIDER, THESIS
+from tensegrity_mj.model.events import ControlSpec
+from tensegrity_mj.model.members import Rod, String, Support
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.target import Target, chebyshev_points
+
+
+def inner_radius(angle: float, rod_length: float, height: float) -> float:
+    """r_i [m] of (4.15), with the parenthesis where the figure has it: ℓ² = (h + r_i (1 - cos φ))² + r_i² sin² φ."""
+    # Both squares multiplied out: r_i² + h r_i = (ℓ² - h²) / (4 sin²(φ/2)).
+    return float(np.sqrt(height**2 / 4 + (rod_length**2 - height**2) / (4 * np.sin(angle / 2) ** 2)) - height / 2)
+
+
+def lines_of(cells: int) -> list[tuple[int, int]]:
+    """The upright lines along the beam: (place in units of φ/3, pair)."""
+    pairs = (cells + 1) // 2
+    return sorted([(2 * k, k) for k in range(pairs)] + [(2 * k + 3, k) for k in range(pairs)])
+
+
+def beam_nodes(angle: float, cells: int, rod_length: float, height: float) -> Array:
+    """Node positions (2 (cells + 1), 3) [m] for a sector angle φ [rad].
+
+    Rod 2k + 1 of pair k falls from left to right (n_{4k+1} to n_{4k+2}), rod 2k + 2 rises (n_{4k+3} to n_{4k+4}). The
+    left line of the first pair stays upright at x = 0 with its lower node at the origin.
+    """
+    radius = inner_radius(angle, rod_length, height)
+
+    def node(place: int, on_top: bool) -> list[float]:
+        turn = place * angle / 3
+        # r (cos - 1) as -2 r sin²(/2): r is thousands of metres where the beam is nearly straight.
+        distance = radius + height if on_top else radius
+        return [distance * np.sin(turn), 0.0, height * on_top - 2 * distance * np.sin(turn / 2) ** 2]
+
+    nodes = []
+    for k in range((cells + 1) // 2):
+        left, right = 2 * k, 2 * k + 3
+        nodes += [node(left, True), node(right, False), node(left, False), node(right, True)]
+    return np.array(nodes)
+
+
+def cell_strings(cells: int) -> list[tuple[str, ...]]:
+    """Names of the six strings of each cell: left, top, bottom, rising, falling, right (figure 4.5)."""
+    return [
+        tuple(f"s{number}" for number in (1 if c == 0 else 5 * c + 1, *range(5 * c + 2, 5 * c + 7)))
+        for c in range(cells)
+    ]
+
+
+def planar_beam(
+    cells: int = 39,
+    rod_length: float = float(np.sqrt(2.0)),
+    height: float = 1.0,
+    angle: tuple[float, float | None] = (float(np.radians(0.01)), None),
+    rod_mass: float = 1.0,
+    stiffness: float = 2000.0,
+    minimum_sum: float | None = 1960.0,
+    minimum_cell_sum: float | None = None,
+    duration: float = 60.0,
+    shapes: int = 18,
+    name: str = "planar_beam",
+) -> Scene:
+    """A beam of overlapping cells that bends from nearly straight into a circle, from rest to rest by one quintic in φ.
+
+    Args:
+        cells: odd, 3 or more; there are cells + 1 rods and 5 cells + 1 strings.
+        rod_length, height: ℓ > h > 0 [m].
+        angle: φ of a pair of rods at the start and at the end [rad]; not zero, where the radius is infinite. None at
+            the end closes the beam to a full circle, its last line on its first: 6π / (cells + 2), 26.34° for 39 cells.
+        rod_mass: [kg].
+        stiffness: of each string [N/m].
+        minimum_sum: u_sum [N/m] over all strings (strategy 1), or None.
+        minimum_cell_sum: u_sum [N/m] of each cell (strategy 2), or None.
+        duration: of the motion and of the scene [s].
+        shapes: how many of them the target's curve is made of.
+
+    Raises:
+        OptionError, StructureError, SceneError: for parameters that make no such scene.
+    """
+    if isinstance(cells, bool) or not isinstance(cells, (int, np.integer)) or cells < 3 or cells % 2 == 0:
+        raise OptionError(f"planar_beam: cells = {value_text(cells)}; it must be an odd number >= 3")
+    check_nodes("planar_beam: cells", cells, 2 * (int(cells) + 1))
+    positive("planar_beam: height", height, "m")
+    if not positive("planar_beam: rod_length", rod_length, "m") > height:
+        raise OptionError(f"planar_beam: rod_length = {rod_length!r} m; it must exceed the height of {height!r} m")
+    if isinstance(shapes, bool) or not isinstance(shapes, (int, np.integer)) or shapes < 2:
+        raise OptionError(f"planar_beam: shapes = {value_text(shapes)}; it must be an integer >= 2")
+    check_nodes("planar_beam: shapes", shapes, 2 * (int(cells) + 1) * int(shapes), 10 * MOST_NODES)  # in all of them
+    pair = sequence_of("planar_beam: angle", angle, OptionError)
+    if len(pair) != 2:
+        raise OptionError(f"planar_beam: angle = {angle!r}; it must be two angles [rad], at the start and at the end")
+    full = 6 * np.pi / (cells + 2)
+    if full >= np.pi and None in pair:
+        raise OptionError(
+            f"planar_beam: angle = {angle!r}: {cells} cells close to no full circle, which takes 5 or more; give both "
+            "angles within (0, π)"
+        )
+    first, last = (positive("planar_beam: angle", full if value is None else value, "rad") for value in pair)
+    if first == last or max(first, last) >= np.pi:
+        raise OptionError(
+            f"planar_beam: angle = {angle!r}; it must be two different angles within (0, π), None for 6π / {cells + 2}"
+        )
+    low, high = min(first, last), max(first, last)
+    parameters = chebyshev_points(low, high, shapes)
+    curve = [beam_nodes(float(value), cells, rod_length, height) for value in parameters]
+    positions = beam_nodes(first, cells, rod_length, height)
+    names = [f"n{i + 1}" for i in range(len(positions))]
+    free = Support.free(0.5, plane=PLANE)
+    rods = tuple(
+        Rod(f"rod{i + 1}", (names[2 * i], names[2 * i + 1]), rod_mass, 0.02, (SLIDER, HINGE, free)[min(i, 2)])
+        for i in range(cells + 1)
+    )
+    structure = Structure(
+        name=name,
+        nodes={key: (float(p[0]), float(p[1]), float(p[2])) for key, p in zip(names, positions, strict=True)},
+        rods=rods,
+        strings=tuple(
+            String(f"s{number + 1}", (names[i], names[j]), stiffness)
+            for number, (i, j) in enumerate(_string_pairs(cells))
+        ),
+    )
+    sums: list[list[object]] = []
+    if minimum_sum is not None:
+        sums.append(["all", finite("planar_beam: minimum_sum", minimum_sum)])
+    if minimum_cell_sum is not None:
+        value = finite("planar_beam: minimum_cell_sum", minimum_cell_sum)
+        sums += [[list(strings), value] for strings in cell_strings(cells)]
+    return Scene(
+        structure,
+        name=name,
+        source=f"{THESIS}, section 4.6.2 and appendix B.2, pages 98-105",
+        target=Target.curve([0.0, duration], [first, last], parameters.tolist(), curve),
+        control=ControlSpec("feedback_linearization", {"sums": sums} if sums else {}),
+        duration=duration,
+    )
+
+
+def _string_pairs(cells: int) -> list[tuple[int, int]]:
+    """Node rows of the strings: the left upright, then of each cell top, bottom, rising, falling, right upright."""
+
+    def ends(place: int, pair: int) -> tuple[int, int]:  # lower and upper node of a line
+        return (4 * pair + 2, 4 * pair) if place == 2 * pair else (4 * pair + 1, 4 * pair + 3)
+
+    lines = [ends(*line) for line in lines_of(cells)]
+    pairs = [lines[0]]
+    for (low, high), (next_low, next_high) in pairwise(lines):
+        pairs += [(high, next_high), (low, next_low), (low, next_high), (high, next_low), (next_low, next_high)]
+    return pairs

@@ -1,0 +1,111 @@
+"""A cable held at both ends: the rope of the thesis' chapter 3 as a chain that sags, a closed loop with the ground."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, finite, positive, whole
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.library.cable import GRAVITY, ROPE_LENGTH, ROPE_RADIUS, RopeMass
+from tensegrity_mj.library.cross import THESIS
+from tensegrity_mj.library.hanging import hang
+from tensegrity_mj.model.members import Rod, Support
+from tensegrity_mj.model.motion import Motion
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
+
+
+def catenary(span: float, rise: float, length: float, elements: int) -> Array:
+    """Nodes (K + 1, 3) [m] at equal arc lengths of a catenary from the origin to (span, 0, rise), length > distance.
+
+    With a its parameter, x = a (u - u₀), z = a (cosh u - cosh u₀) and s = a (sinh u - sinh u₀), where u runs over
+    m - X to m + X: tanh m = rise / length, and X = span / 2a solves sinh X / X = √(length² - rise²) / span.
+    """
+    # A fold so narrow that only its width, which is in proportion, depends on the span.
+    wide = max(span, 1e-12 * length)
+    flat = math.sqrt(1 - (rise / length) ** 2) * (length / wide)
+    low, high = 0.0, 100.0
+    for _ in range(200):  # sinh X / X is monotonic
+        X = 0.5 * (low + high)
+        low, high = (X, high) if math.sinh(X) < flat * X else (low, X)
+    a, middle = wide / (2 * X), math.atanh(rise / length)
+    first = middle - X
+    u = np.arcsinh(np.linspace(0.0, length / a, elements + 1) + math.sinh(first))
+    u[0], u[-1] = first, middle + X
+    nodes = np.column_stack([a * (u - first) * (span / wide), 0 * u, a * (np.cosh(u) - math.cosh(first))])
+    nodes[-1] = span, 0.0, rise
+    return nodes
+
+
+def suspended_cable(
+    elements: int = 22,
+    *,
+    span: float = 2.0,
+    rise: float = 0.0,
+    length: float = ROPE_LENGTH,
+    mass: float = RopeMass.TABLE.kilograms,
+    amplitude: float = 0.03,
+    frequency: float = 0.6,
+    gravity: float = GRAVITY,
+    duration: float = 10.0,
+    name: str = "suspended_cable",
+) -> Scene:
+    """A chain of equal rods between two supports, at the start where it hangs; the right support moves to and fro.
+
+    The left support is the origin, the right one at (span, 0, rise); it moves along x by amplitude · sin(2πft).
+
+    Args:
+        elements: rods, 3 or more.
+        span, rise: of the right support [m].
+        length, mass: of the cable [m], [kg].
+        amplitude: of the right support [m]; 0 for supports that stand still.
+        frequency: of the right support [Hz].
+        gravity: [m/s²].
+        duration: [s].
+        name: of scene and structure.
+
+    Raises:
+        OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such scene.
+    """
+    count = whole("suspended_cable: elements", elements, 3)
+    check_nodes("suspended_cable: elements", elements, count + 1, MOST_FOUND)
+    total = positive("suspended_cable: length", length, "m")
+    reach = positive("suspended_cable: span", span, "m")
+    height = finite("suspended_cable: rise", rise, " [m]")
+    size = finite("suspended_cable: amplitude", amplitude, " [m]")
+    positive("suspended_cable: mass", mass, "kg")
+    if size < 0:
+        raise OptionError(f"suspended_cable: amplitude = {amplitude!r} m; it must be >= 0 m")
+    farthest = math.hypot(reach + size, height)
+    if not farthest < total:
+        raise OptionError(
+            f"suspended_cable: length = {length!r} m; it must exceed the {farthest:.6g} m that the supports come to be "
+            "apart"
+        )
+    guess = catenary(reach, height, total, count)
+    pairs = [(k, k + 1) for k in range(count)]
+    shape = hang(guess, pairs, np.full(count, total / count), np.full(count, mass / count), (0, count), gravity)
+    motions: tuple[Motion, ...] = ()
+    if size:
+        hertz = positive("suspended_cable: frequency", frequency, "Hz")
+        motions = (Motion.in_line(f"rod{count}", size, hertz, (1.0, 0.0, 0.0)),)
+    held = {0: Support.pinned(0.0), count - 1: Support.pinned(1.0)}
+    structure = Structure(
+        name=name,
+        nodes={f"n{k}": (float(x), 0.0, float(z)) for k, (x, _, z) in enumerate(shape.nodes)},
+        rods=tuple(
+            Rod(f"rod{k + 1}", (f"n{k}", f"n{k + 1}"), mass / count, ROPE_RADIUS, held.get(k, Support.free(0.0)))
+            for k in range(count)
+        ),
+    )
+    return Scene(
+        structure,
+        name=name,
+        source=f"our own; the rope of {THESIS}, section 3.3, pages 66-69",
+        gravity=(0.0, 0.0, -gravity),
+        motions=motions,
+        duration=duration,
+    )

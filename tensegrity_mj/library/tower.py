@@ -1,0 +1,338 @@
+"""Towers of three-rod prisms, as Snelson's needle tower: thesis, section 7.2.3 and appendix C.1.
+
+    tower(15)                                # form-found, lying along x, free
+    before = tower(15, form_found=False)     # rods where they are laid out, strings pulled in
+    after = form_find(before)                # the same tower in equilibrium
+
+Stage s = 1 ... N stands on the one below, turned against it by 60°. Its nodes b{s}_1 to b{s}_3 at the bottom and
+t{s}_1 to t{s}_3 above them are at the angles 120° (i - 1) + 60° (s - 1). A right-handed stage has rods b{s}_i to
+t{s}_{i+1}, a left-handed one b{s}_i to t{s}_{i-1}, i counted around. Strings are the triangles at both ends, `base_i`
+and `top_i`; `vertical{s}_i`, b{s}_i to t{s}_i; six `saddle{s}_j` between t{s} and b{s+1}, each with its two neighbours;
+and `diagonal{s}_j`, of which there are three choices (`Topology`). Before form-finding all strings but saddles and
+diagonals are as long as in a single prism, and the rods of one stage end where those of the next begin.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import MOST_FOUND, MOST_NODES, check_nodes, finite, member, positive, real_array, whole
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.library.cross import THESIS
+from tensegrity_mj.model.events import Load
+from tensegrity_mj.model.members import Rod, String, Support, Vector
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.section import Section
+from tensegrity_mj.model.structure import Structure
+
+Ends = tuple[str, str]
+
+ROD_LENGTH = 1.22  # m, §7.2.3
+PRESTRESS_MEASURE = 0.10  # m, §7.2.3
+
+
+class Topology(enum.Enum):
+    """Which diagonals a tower of N stages has; they lean with the rods of their stage."""
+
+    FULL = "full"  # 15N - 6 strings: from b of a stage up to b of the next, and from t of a stage down to t of the last
+    REDUCED_A = "reduced_a"  # 12N: from b to t within each stage
+    REDUCED_B = "reduced_b"  # 12N: from b of a stage up to b of the next, and from b to t within the last stage
+
+
+class Axis(enum.Enum):
+    """Where a tower's axis points from its base."""
+
+    X = "x"  # lying, as in chapter 7 and appendix C
+    Z = "z"  # standing
+
+
+def tower(
+    stages: int,
+    *,
+    rod_length: float | None = None,
+    radius: float | None = None,
+    height: float | None = None,
+    topology: Topology = Topology.FULL,
+    alternating: bool = False,
+    mirrored: bool = False,
+    stiffness: float = 1e4,
+    damping: float = 0.0,
+    prestress_measure: float | None = None,
+    tension: float | None = None,
+    outer_diameter: float = 0.10,
+    inner_diameter: float = 0.09,
+    density: float = 2700.0,
+    elasticity_modulus: float = 70e9,
+    yield_stress: float | None = None,
+    axis: Axis = Axis.X,
+    origin: Vector = (0.0, 0.0, 0.0),
+    pinned_base: bool = False,
+    form_found: bool = True,
+    gravity: float = 0.0,
+    duration: float = 5.0,
+    name: str = "tower",
+) -> Scene:
+    """A tower of `stages` prisms at rest; the defaults are the aluminium tubes and softest strings of §7.2.3.
+
+    A stage is ℓ long along its rods, H high and R wide, ℓ² = H² + 3 R²; at most two of them are given. With ℓ alone
+    R = ℓ/√6, H = ℓ/√2: appendix C's prism, whose triangles have sides as long as it is high.
+
+    Args:
+        stages: N, 1 or more.
+        rod_length, radius, height: ℓ, R, H [m]; 1.22 m for ℓ where neither it nor both others are given.
+        topology: which diagonals.
+        alternating: whether every second stage leans the other way (appendix C), or none does (chapter 7).
+        mirrored: whether the first stage is left-handed; the mirror image of the other tower.
+        stiffness, damping: of every string [N/m], [N s/m].
+        prestress_measure: L - L0 of every string before form-finding [m]; 0.10 m where `tension` is not given either.
+        tension: of every string before form-finding [N] instead: L0 = L - tension / stiffness.
+        outer_diameter, inner_diameter: of the rods [m]; an inner one of 0 makes them solid.
+        density, elasticity_modulus, yield_stress: of the rods [kg/m³], [Pa], [Pa]; the yield stress may be unknown.
+        axis: lying or standing.
+        origin: centre of the base triangle [m].
+        pinned_base: whether the three nodes of the base are fixed in space; where form-finding leaves them.
+        form_found: whether the strings have found their equilibrium, see `form_find`; else nodes are as laid out.
+        gravity: [m/s²] downwards; form-finding does not know of it.
+        duration: [s].
+        name: of scene and structure.
+
+    Raises:
+        OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such tower.
+    """
+    count = whole("tower: stages", stages, 1)
+    check_nodes("tower: stages", stages, 6 * count, MOST_FOUND if form_found is True else MOST_NODES)
+    member("tower: topology", topology, Topology)
+    member("tower: axis", axis, Axis)
+    for what, flag in (
+        ("alternating", alternating),
+        ("mirrored", mirrored),
+        ("pinned_base", pinned_base),
+        ("form_found", form_found),
+    ):
+        if not isinstance(flag, (bool, np.bool_)):
+            raise OptionError(f"tower: {what} = {flag!r}; it must be True or False")
+    wide, high = _proportions(rod_length, radius, height)
+    outer, inner = (
+        positive("tower: outer_diameter", outer_diameter, "m"),
+        finite("tower: inner_diameter", inner_diameter),
+    )
+    if not 0 <= inner < outer:
+        raise OptionError(
+            f"tower: inner_diameter = {inner_diameter!r} m; it must be >= 0 and less than outer_diameter = {outer:g} m"
+        )
+    pull = finite("tower: gravity", gravity, " [m/s²]")
+    if pull < 0:
+        raise OptionError(f"tower: gravity = {gravity!r} m/s²; it must be >= 0 m/s²")
+    modulus = positive("tower: elasticity_modulus", elasticity_modulus, "Pa")
+    section = Section.tube(
+        outer / 2,
+        (outer - inner) / 2,
+        modulus,
+        None if yield_stress is None else positive("tower: yield_stress", yield_stress, "Pa"),
+    )
+    spring = positive("tower: stiffness", stiffness, "N/m")
+    mass = positive("tower: density", density, "kg/m³") * section.area * math.hypot(high, math.sqrt(3) * wide)
+    base = real_array("tower: origin", origin, (3,), "m", scalar=False)
+    nodes = _laid_out(count, wide, high, axis, base)
+    hands = [(-1 if mirrored else 1) * (-1 if alternating and s % 2 else 1) for s in range(count)]
+    pairs = dict(_strings(hands, topology))
+    lengths = {key: float(np.linalg.norm(nodes[j] - nodes[i])) for key, (i, j) in pairs.items()}
+    short = _shortening(prestress_measure, tension, spring)
+    tightest = min(lengths, key=lambda key: lengths[key])
+    if not short < lengths[tightest]:
+        raise OptionError(
+            f"tower: strings are to be {short:g} m shorter at rest than before form-finding, but '{tightest}' is "
+            f"{lengths[tightest]:.6g} m long; give less tension or a smaller prestress_measure, or stiffer strings"
+        )
+    structure = Structure(
+        name,
+        {key: _vector(place) for key, place in nodes.items()},
+        tuple(
+            Rod(f"rod{s + 1}_{i + 1}", (_node("b", s, i), _node("t", s, i + hand)), mass, outer / 2, section=section)
+            for s, hand in enumerate(hands)
+            for i in range(3)
+        ),
+        tuple(String(key, ends, spring, damping, rest_length=lengths[key] - short) for key, ends in pairs.items()),
+    )
+    if pinned_base:
+        structure = _with_supports(structure, {f"rod1_{i}": Support.pinned(0.0) for i in (1, 2, 3)})
+    scene = Scene(
+        structure,
+        name=name,
+        source=f"{THESIS}, section 7.2.3 and appendix C.1, pages 154-157 and 185-194",
+        gravity=(0.0, 0.0, -pull),
+        duration=duration,
+    )
+    return form_find(scene) if form_found else scene
+
+
+def form_find(scene: Scene) -> Scene:
+    """The tower in the equilibrium of its strings, without gravity and loads, and free at both ends.
+
+    The centre of its base, the direction of its axis and that of b1_1 from it stay. Strings keep their rest lengths. A
+    base that is pinned is pinned where it then is.
+
+    Raises:
+        InfeasibleError: if the strings have no such equilibrium.
+    """
+    from tensegrity_mj.statics import find_equilibrium
+
+    structure = scene.structure
+    free = _with_supports(structure, dict.fromkeys((rod.name for rod in structure.rods), Support.free()))
+    found = find_equilibrium(Scene(free)).nodes
+    origin, frame = _frame(structure.positions)
+    centre, turned = _frame(found)
+    nodes = origin + (found - centre) @ turned.T @ frame
+    strings = tuple(
+        replace(string, rest_length=float(rest), tension=None, force_density=None)
+        for string, rest in zip(structure.strings, structure.rest_lengths, strict=True)
+    )
+    places = {key: _vector(place) for key, place in zip(structure.nodes, nodes, strict=True)}
+    return scene.with_(structure=replace(structure, nodes=places, strings=strings))
+
+
+def released(scene: Scene, loads: Iterable[Load]) -> Scene:
+    """The scene that starts at rest where constant loads hold it in equilibrium; they let go at t = 0.
+
+    Raises:
+        InfeasibleError: if nothing balances the loads.
+    """
+    from tensegrity_mj.statics import find_equilibrium
+
+    return scene.with_(initial_nodes=find_equilibrium(scene.with_(loads=tuple(loads))).nodes)
+
+
+def tower_length(nodes: ArrayLike) -> float:
+    """[m] between the centres of the base and of the top, for the nodes (N, 3) of a tower."""
+    places = np.asarray(nodes, float)
+    return float(np.linalg.norm(places[-3:].mean(axis=0) - places[:3].mean(axis=0)))
+
+
+def base_nodes() -> list[str]:
+    """Names of the three nodes at the free side of the first stage."""
+    return [_node("b", 0, i) for i in range(3)]
+
+
+def top_nodes(stages: int) -> list[str]:
+    """Names of the three nodes at the free side of the last of N stages."""
+    return [_node("t", stages - 1, i) for i in range(3)]
+
+
+def middle_nodes(stages: int) -> list[str]:
+    """Names of six nodes about the middle of N stages: of the stage that is there, or of the two that meet there."""
+    lower, upper = (stages // 2, stages // 2) if stages % 2 else (stages // 2, stages // 2 - 1)
+    return [_node("b", lower, i) for i in range(3)] + [_node("t", upper, i) for i in range(3)]
+
+
+def _proportions(rod_length: float | None, radius: float | None, height: float | None) -> tuple[float, float]:
+    """R and H [m] of a stage before form-finding."""
+    if rod_length is not None and radius is not None and height is not None:
+        raise OptionError(
+            f"tower: rod_length = {rod_length!r}, radius = {radius!r}, height = {height!r}; two of them make the third"
+        )
+    if radius is not None and height is not None:
+        return positive("tower: radius", radius, "m"), positive("tower: height", height, "m")
+    long = positive("tower: rod_length", ROD_LENGTH if rod_length is None else rod_length, "m")
+    if height is not None:
+        high = positive("tower: height", height, "m")
+        if high >= long:
+            raise OptionError(f"tower: height = {height!r} m; it must be less than rod_length = {long:g} m")
+        return math.sqrt((long - high) * (long + high) / 3), high
+    wide = long / math.sqrt(6) if radius is None else positive("tower: radius", radius, "m")
+    across = math.sqrt(3) * wide
+    if across >= long:
+        raise OptionError(
+            f"tower: radius = {radius!r} m; it must be less than rod_length / √3 = {long / math.sqrt(3):.6g} m, where "
+            "rods lie flat"
+        )
+    return wide, math.sqrt((long - across) * (long + across))
+
+
+def _shortening(prestress_measure: float | None, tension: float | None, stiffness: float) -> float:
+    """L - L0 [m] of every string before form-finding."""
+    if prestress_measure is not None and tension is not None:
+        raise OptionError(
+            f"tower: prestress_measure = {prestress_measure!r} m and tension = {tension!r} N; give one of them"
+        )
+    if tension is not None:
+        return positive("tower: tension", tension, "N") / stiffness
+    return positive(
+        "tower: prestress_measure", PRESTRESS_MEASURE if prestress_measure is None else prestress_measure, "m"
+    )
+
+
+def _laid_out(stages: int, radius: float, height: float, axis: Axis, origin: Array) -> dict[str, Array]:
+    """Name and position [m] of every node before form-finding, stage after stage."""
+    nodes = {}
+    for s in range(stages):
+        for kind, level in (("b", s * height), ("t", (s + 1) * height)):
+            for i in range(3):
+                angle = math.radians(120 * i + 60 * s)
+                place = np.array([radius * math.cos(angle), radius * math.sin(angle), level])
+                nodes[_node(kind, s, i)] = origin + (np.roll(place, 1) if axis is Axis.X else place)
+    return nodes
+
+
+def _strings(hands: list[int], topology: Topology) -> Iterable[tuple[str, Ends]]:
+    """Name and nodes of every string; hands are 1 for right-handed stages, -1 for left-handed ones.
+
+    A diagonal leans with the rods of its stage: from b around by half a corner in the rods' sense where it goes up to
+    the next b, and from t against it where it goes down to the last t. In the numbers of the nodes half a corner
+    forward is i from one stage to the next and i + 1 to the last, half a corner back i - 1 and i. Within a
+    stage rod and vertical take two of the three nodes that a diagonal may go to.
+    """
+    last = len(hands) - 1
+    for i in range(3):
+        yield f"base_{i + 1}", (_node("b", 0, i), _node("b", 0, i + 1))
+    for s, hand in enumerate(hands):
+        for i in range(3):
+            yield f"vertical{s + 1}_{i + 1}", (_node("b", s, i), _node("t", s, i))
+        diagonals = []
+        if topology is not Topology.REDUCED_A and s < last:
+            diagonals += [(_node("b", s, i), _node("b", s + 1, i if hand > 0 else i - 1)) for i in range(3)]
+        if topology is Topology.FULL and s > 0:
+            diagonals += [(_node("t", s, i), _node("t", s - 1, i if hand > 0 else i + 1)) for i in range(3)]
+        if topology is Topology.REDUCED_A or (topology is Topology.REDUCED_B and s == last):
+            diagonals += [(_node("b", s, i), _node("t", s, i - hand)) for i in range(3)]
+        for number, ends in enumerate(diagonals, 1):
+            yield f"diagonal{s + 1}_{number}", ends
+        for i in range(3 if s < last else 0):
+            for number, j in ((2 * i + 1, i), (2 * i + 2, i - 1)):
+                yield f"saddle{s + 1}_{number}", (_node("t", s, i), _node("b", s + 1, j))
+    for i in range(3):
+        yield f"top_{i + 1}", (_node("t", last, i), _node("t", last, i + 1))
+
+
+def _node(kind: str, stage: int, corner: int) -> str:
+    """The name of a node; stages and corners count from 0 here, corners around."""
+    return f"{kind}{stage + 1}_{corner % 3 + 1}"
+
+
+def _with_supports(structure: Structure, supports: dict[str, Support]) -> Structure:
+    """The structure with other supports of the rods named."""
+    return replace(
+        structure, rods=tuple(replace(rod, support=supports.get(rod.name, rod.support)) for rod in structure.rods)
+    )
+
+
+def _frame(nodes: Array) -> tuple[Array, Array]:
+    """Centre (3,) [m] of the base, and rows (3, 3): along the axis, from the centre to b1_1 across it, their normal."""
+    centre = nodes[:3].mean(axis=0)
+    along = nodes[-3:].mean(axis=0) - centre
+    along /= np.linalg.norm(along)
+    across = nodes[0] - centre
+    across = across - (across @ along) * along
+    across /= np.linalg.norm(across)
+    return centre, np.array([along, across, np.cross(along, across)])
+
+
+def _vector(place: Array) -> Vector:
+    x, y, z = (float(value) for value in place)
+    return (x, y, z)

@@ -1,0 +1,208 @@
+"""Contact as a scene asks for it: of rods with a floor and with each other, and how far apart they are.
+
+A rod's surface for contact is its capsule: the cylinder of the rod's radius from node to node, and a half ball of that
+radius beyond each node. A point mass touches the floor with its very point, and no rod. Strings touch nothing.
+
+The force is MuJoCo's soft contact. Where two surfaces are r < 0 apart, so that they overlap by -r, and close at the
+rate v = dr/dt, the contact's own acceleration is a mean of the one without the contact, a⁰, and a damped spring's,
+
+    a = (1 - d) a⁰ + d (-b v - k r),    b = damping / d₁,    k = stiffness d / d₁²,
+
+in so far as the force does not pull; d = d(r) is the impedance, from d₀ at touch to d₁ at the depth `width`. The force
+follows from the mass that the contact feels, so that heavy and light structures bounce alike. See docs/contact.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.values import check_normal, check_number, sequence_of
+from tensegrity_mj.errors import SceneError
+from tensegrity_mj.model.members import Vector
+from tensegrity_mj.model.structure import Structure
+
+if TYPE_CHECKING:
+    from tensegrity_mj.model.scene import Scene
+
+
+@dataclass(frozen=True)
+class Contact:
+    """What may touch in a scene, and how hard it is. MuJoCo alone has contact; other engines refuse the scene.
+
+    The defaults of `stiffness` and `damping` are critical damping with a time constant of 5 ms: a body that lands at
+    2 m/s sinks in by some 4 mm and does not bounce. MuJoCo's (timeconst τ, dampratio ζ) are the stiffness 1 / (τ ζ)²
+    and the damping 2 / τ. With ζ = 1 RK4 resolves a landing with steps up to τ / 10, the other integrators up to
+    τ / 100; a run with a larger one says so before it starts (`contact_steps` has it for all ζ).
+
+    Attributes:
+        floor: height of the floor along `normal` [m]: bodies stay where normal · x >= floor. None for no floor.
+        normal: of the floor, upwards; of any length but zero.
+        rods: whether rods touch each other.
+        friction: Coulomb's coefficient of sliding friction, within [1e-5, 1e5]; 0 for none.
+        stiffness: [1/s²], > 0 and at most 1e12: force by depth, on the mass that the contact feels.
+        damping: [1/s], within [0, 1e7]: force by speed, likewise.
+        impedance: (d₀, d₁, width [m], midpoint, power) of d(r): it grows from d₀ at touch to d₁ >= d₀ at the depth
+            `width`, on an S of this power, half way at the midpoint. MuJoCo's solimp. d₀, d₁ and midpoint are within
+            [0.0001, 0.9999], the width is at least 1e-9 m, the power within [1, 50].
+
+    A scene raises SceneError for a contact beyond these ranges: MuJoCo would take other values without a word, or
+    accelerations of more than 1e10 m/s², which it takes for a divergence.
+    """
+
+    floor: float | None = None
+    normal: Vector = (0.0, 0.0, 1.0)
+    rods: bool = False
+    friction: float = 0.6
+    stiffness: float = 4e4
+    damping: float = 400.0
+    impedance: tuple[float, float, float, float, float] = (0.01, 0.95, 2e-3, 0.5, 2.0)
+
+    @property
+    def up(self) -> Array:
+        """The floor's unit normal (3,)."""
+        normal = np.array(self.normal, float)
+        return normal / float(np.linalg.norm(normal))
+
+
+PIECE = 1_000_000  # pairs of boxes that are looked at together
+
+
+def floor_gaps(structure: Structure, contact: Contact, nodes: Array) -> Array:
+    """(N,) [m]: how far each node's ball is above the floor, negative inside it; ∞ for fixed nodes, or without one."""
+    gaps = np.full(len(structure.nodes), np.inf)
+    if contact.floor is None:
+        return gaps
+    heights = nodes @ contact.up - contact.floor
+    for rod, pair in zip(structure.rods, structure.rod_nodes, strict=True):
+        gaps[pair] = heights[pair] - rod.radius
+    for point in structure.point_masses:
+        row = structure.node_index[point.node]
+        gaps[row] = heights[row]
+    return gaps
+
+
+def rod_gaps(structure: Structure, nodes: Array) -> tuple[NDArray[np.int64], Array]:
+    """Pairs of rods (P, 2) that may touch, and how far apart their surfaces are (P,) [m], negative where they overlap.
+
+    The pairs are those whose boxes along the axes touch; all others are apart.
+    """
+    start, end = nodes[structure.rod_nodes[:, 0]], nodes[structure.rod_nodes[:, 1]]
+    radii = np.array([rod.radius for rod in structure.rods], float)
+    low, high = np.minimum(start, end) - radii[:, None], np.maximum(start, end) + radii[:, None]
+    found: list[tuple[NDArray[np.int64], Array]] = []
+    for first, second in touching_boxes(low, high):
+        apart = segment_distances(start[first], end[first], start[second], end[second])
+        found.append((np.stack([first, second], axis=1), apart - radii[first] - radii[second]))
+    pairs = np.concatenate([np.zeros((0, 2), np.int64), *(pairs for pairs, _ in found)])
+    gaps = np.concatenate([np.zeros(0), *(gaps for _, gaps in found)])
+    order = np.lexsort((pairs[:, 1], pairs[:, 0]))
+    return pairs[order], gaps[order]
+
+
+def touching_boxes(low: Array, high: Array) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+    """Pairs of boxes from `low` to `high` (B, 3) that touch, each once with the lower number first, in pieces.
+
+    Boxes are swept along the axis on which fewest overlap: boxes that lie beside each other take time in proportion
+    to their number, and pieces keep memory small however many overlap.
+    """
+    if len(low) < 2:
+        return
+    counts = []
+    for axis in range(3):
+        begins = np.sort(low[:, axis])
+        counts.append(int(np.searchsorted(begins, high[:, axis], side="right").sum()))
+    axis = int(np.argmin(counts))
+    order = np.argsort(low[:, axis], kind="stable")
+    low, high = low[order], high[order]
+    # Those that begin before a box ends, and after it in the order, overlap it along this axis.
+    ends = np.searchsorted(low[:, axis], high[:, axis], side="right")
+    many = np.maximum(ends - np.arange(len(low)) - 1, 0)
+    pieces = np.flatnonzero(np.diff(np.cumsum(many) // PIECE, prepend=-1)).tolist()
+    for begin, stop in zip(pieces, [*pieces[1:], len(low)], strict=True):
+        own = np.repeat(np.arange(begin, stop), many[begin:stop])
+        along = np.arange(len(own)) - np.repeat(np.cumsum(many[begin:stop]) - many[begin:stop], many[begin:stop])
+        other = own + 1 + along
+        touch = np.all((low[other] <= high[own]) & (low[own] <= high[other]), axis=1)
+        first, second = order[own[touch]], order[other[touch]]
+        yield np.minimum(first, second), np.maximum(first, second)
+
+
+def segment_distances(a: Array, b: Array, c: Array, d: Array) -> Array:
+    """Distances (P,) between the segments from a to b and from c to d, (P, 3) each, of lengths above zero."""
+    u, v, w = b - a, d - c, a - c
+    uu, vv, uv = (np.sum(x * y, axis=-1) for x, y in ((u, u), (v, v), (u, v)))
+    uw, vw = np.sum(u * w, axis=-1), np.sum(v * w, axis=-1)
+    area = uu * vv - uv**2
+    # The nearest point on the first line, kept on its segment (any of parallel ones); the point of the second segment
+    # nearest to it; and the point of the first segment nearest to that.
+    s = np.where(area > 1e-12 * uu * vv, (uv * vw - vv * uw) / np.where(area > 0, area, 1.0), 0.0)
+    t = np.clip((np.clip(s, 0.0, 1.0) * uv + vw) / vv, 0.0, 1.0)
+    s = np.clip((t * uv - uw) / uu, 0.0, 1.0)
+    return np.asarray(np.linalg.norm(w + s[:, None] * u - t[:, None] * v, axis=-1))
+
+
+def overlaps(structure: Structure, contact: Contact, nodes: Array) -> list[str]:
+    """What touches or overlaps at these node positions, in words that say by how much; none: empty."""
+    found = []
+    owner = {name: f"rod '{rod.name}' at node '{name}'" for rod in structure.rods for name in rod.nodes}
+    owner |= {point.node: f"the point mass on node '{point.node}'" for point in structure.point_masses}
+    for name, gap in zip(structure.node_names, floor_gaps(structure, contact, nodes), strict=True):
+        if gap < 0:
+            found.append(f"{owner[name]} is {-gap:.3g} m inside the floor")
+    if contact.rods and len(structure.rods) > 1:
+        pairs, gaps = rod_gaps(structure, nodes)
+        for (i, j), gap in zip(pairs[gaps < 0], gaps[gaps < 0], strict=True):
+            found.append(f"rods '{structure.rods[i].name}' and '{structure.rods[j].name}' overlap by {-gap:.3g} m")
+    return found
+
+
+def check_contact(scene: Scene) -> None:
+    contact = scene.contact
+    if not isinstance(contact, Contact):
+        raise SceneError(f"contact = {contact!r}: use Contact(floor=0.0), Contact(rods=True) or both, or None")
+
+    def number(name: str, value: Any, allowed: str, test: Any) -> None:
+        check_number(f"contact: {name}", value, allowed, test, SceneError)
+
+    if contact.floor is not None:
+        number("floor", contact.floor, "a finite height [m], or None for no floor", lambda x: True)
+    if not isinstance(contact.rods, (bool, np.bool_)):
+        raise SceneError(f"contact: rods = {contact.rods!r}; it must be True or False")
+    if contact.floor is None and not contact.rods:
+        raise SceneError("contact: there is neither a floor nor contact between rods: give one, or leave contact out")
+    if contact.rods and len(scene.structure.rods) < 2:
+        raise SceneError("contact: rods = True, but there are no two rods that could touch: leave it out")
+    check_normal("contact", contact.normal, SceneError)
+    number("friction", contact.friction, "0, or within [1e-5, 1e5]", lambda x: x == 0 or 1e-5 <= x <= 1e5)
+    # MuJoCo takes an acceleration beyond 1e10 m/s² for a divergence: these reach it at 1 cm and at 1 km/s.
+    number("stiffness", contact.stiffness, "> 0 and at most 1e12 [1/s²]", lambda x: 0 < x <= 1e12)
+    number("damping", contact.damping, "within [0, 1e7] [1/s]", lambda x: 0 <= x <= 1e7)
+    names, values = ("d0", "d1", "width", "midpoint", "power"), sequence_of("impedance", contact.impedance, SceneError)
+    if len(values) != len(names):
+        raise SceneError(f"contact: impedance = {contact.impedance!r}; it must be five numbers ({', '.join(names)})")
+    # Beyond these MuJoCo takes others without a word, or overflows: (midpoint)^(1 - power) must be finite.
+    share = ("within [0.0001, 0.9999]", lambda x: 1e-4 <= x <= 0.9999)
+    length = ("at least 1e-9 m", lambda x: x >= 1e-9)
+    allowed = (share, share, length, share, ("within [1, 50]", lambda x: 1 <= x <= 50))
+    for name, value, (text, test) in zip(names, values, allowed, strict=True):
+        number(f"impedance: {name}", value, text, test)
+    if values[1] < values[0]:
+        raise SceneError(
+            f"contact: impedance: d1 = {values[1]:g} at the depth `width` is below d0 = {values[0]:g} at touch; a "
+            "contact that softens as it is pressed may give energy: make d1 at least d0"
+        )
+    found = overlaps(scene.structure, contact, scene.nodes0)
+    if found:
+        more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
+        remedy = (
+            "start higher, lower the floor, or make rods thinner"
+            if "floor" in found[0]
+            else ("move them apart, make them thinner, or leave rods = False")
+        )
+        raise SceneError(f"contact: at the start {found[0]}{more}: {remedy}")

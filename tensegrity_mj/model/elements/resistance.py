@@ -1,0 +1,275 @@
+"""What resists the motion of rods: the fluid around them, and the stiffness and damping of joints in bending.
+
+With u = v - w the velocity of a point of a rod [m/s] in a fluid that moves with the wind w, a rod feels per length
+
+    viscous      -c u                                                      [N/m]
+    drag         -½ ρ C_n d |u⊥| u⊥ - ½ ρ C_t π d |u∥| u∥                  the cross-flow principle
+
+u⊥ being the part of u across the rod and u∥ that along it. Where two rods a, b meet, with unit vectors d_a into the
+joint and d_b out of it, so that e = d_a - d_b is zero where they are in a line,
+
+    bending      energy ½ κ ‖e‖² = κ (1 - cos φ), power taken γ ‖ė‖²        φ the angle between them
+
+as forces on their nodes, -(κ e + γ ė) · ∂e/∂nodes, which are couples on the rods.
+
+Forces along a rod act on its nodes so that every velocity field that is linear along it gets the same power: for a
+rigid rod that is exact, and not lumping. Viscous forces are integrated in closed form. Drag is integrated by Gauss'
+rule of five points on each side of the point where |u⊥| is smallest: exact where u⊥ keeps its line, as in all plane
+motion; otherwise the error is at most 5e-5 of the largest component of the two forces.
+
+Arrays of nodes and velocities are (..., N, 3).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.members import Vector
+from tensegrity_mj.model.structure import Structure
+
+if TYPE_CHECKING:
+    from tensegrity_mj.model.scene import Scene
+from typing import Any
+
+from tensegrity_mj.basics.values import check_number, check_vector, sequence_of
+from tensegrity_mj.errors import SceneError
+from tensegrity_mj.model.structure_checks import names_of
+
+_points, _weights = np.polynomial.legendre.leggauss(5)
+GAUSS_POINTS = tuple(float(x) for x in 0.5 * (1 + _points))  # on [0, 1]
+GAUSS_WEIGHTS = tuple(float(x) for x in 0.5 * _weights)
+
+
+@dataclass(frozen=True)
+class Bending:
+    """Stiffness and damping of joints in bending.
+
+    Attributes:
+        stiffness: κ [N m], >= 0: moment by angle.
+        damping: γ [N m s], >= 0: moment by rate.
+        pairs: names of the two rods of each joint that has them; None for every joint of exactly two rods. A joint is
+            at rest where its rods are in a line.
+    """
+
+    stiffness: float = 0.0
+    damping: float = 0.0
+    pairs: tuple[tuple[str, str], ...] | None = None
+
+
+@dataclass(frozen=True)
+class Drag:
+    """Quadratic drag; the defaults are a cylinder's in air, below the drag crisis.
+
+    Attributes:
+        normal: C_n >= 0, on the diameter.
+        tangential: C_t >= 0, on the circumference.
+        density: ρ of the fluid [kg/m³], > 0.
+        diameter: d [m] of every rod, > 0; None for twice each rod's own radius.
+    """
+
+    normal: float = 1.2
+    tangential: float = 0.0
+    density: float = 1.225
+    diameter: float | None = None
+
+
+@dataclass(frozen=True)
+class Resistance:
+    """What resists motion in a scene; the default is nothing.
+
+    Attributes:
+        viscous: c [N s/m²], >= 0: force per length and velocity.
+        bending: of joints, or None.
+        drag: of all rods, or None.
+        wind: velocity w of the fluid [m/s], for viscous forces and drag.
+    """
+
+    viscous: float = 0.0
+    bending: Bending | None = None
+    drag: Drag | None = None
+    wind: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint that resists bending: rows of its rods (a, b), and of the nodes along them (outer of a, joint, of b)."""
+
+    rods: tuple[int, int]
+    nodes: tuple[int, int, int]
+
+
+def shared_node(structure: Structure, a: int, b: int) -> int | None:
+    """The node row where two rods meet, or None unless they meet at exactly one."""
+    common = set(structure.rod_nodes[a].tolist()) & set(structure.rod_nodes[b].tolist())
+    return common.pop() if len(common) == 1 else None
+
+
+def bending_joints(structure: Structure, bending: Bending | None) -> list[Joint]:
+    """The joints that resist bending."""
+    if bending is None:
+        return []
+    if bending.pairs is None:
+        pairs = [(rows[0], rows[1]) for rows in structure.rods_at.values() if len(rows) == 2]
+    else:
+        rods = {rod.name: row for row, rod in enumerate(structure.rods)}
+        pairs = [(rods[a], rods[b]) for a, b in bending.pairs]
+    found = []
+    for a, b in pairs:
+        node = shared_node(structure, a, b)
+        if node is not None:
+            outer = [int(sum(structure.rod_nodes[row])) - node for row in (a, b)]
+            found.append(Joint((int(a), int(b)), (outer[0], node, outer[1])))
+    return found
+
+
+def diameters(structure: Structure, drag: Drag) -> Array:
+    """(R,) [m]: of the rods, for drag."""
+    return np.array([2 * rod.radius if drag.diameter is None else drag.diameter for rod in structure.rods], float)
+
+
+def resisting_forces(scene: Scene, nodes: Array, velocities: Array) -> Array:
+    """Forces (..., N, 3) [N] of a scene's resistance on the nodes; zero where it has none."""
+    out, resistance, structure = np.zeros_like(nodes), scene.resistance, scene.structure
+    if resistance is None:
+        return out
+    pairs, lengths = structure.rod_nodes, structure.rod_lengths[:, None]
+    (x1, x2), (u1, u2) = _ends(nodes, pairs), _ends(velocities - np.array(resistance.wind), pairs)
+    first = -resistance.viscous * lengths * (2 * u1 + u2) / 6
+    second = -resistance.viscous * lengths * (u1 + 2 * u2) / 6
+    if resistance.drag is not None:
+        for total, part in zip((first, second), _drag(structure, resistance.drag, x1, x2, u1, u2), strict=True):
+            total += part
+    for row, (i, j) in enumerate(pairs):
+        out[..., i, :] += first[..., row, :]
+        out[..., j, :] += second[..., row, :]
+    bending = resistance.bending
+    for joint in bending_joints(structure, bending):
+        assert bending is not None
+        moment = bending.stiffness * _bend(structure, joint, nodes) + bending.damping * _bend(
+            structure, joint, velocities
+        )
+        outer, node, other = joint.nodes
+        for end, row in zip((outer, other), joint.rods, strict=True):
+            pull = moment / structure.rod_lengths[row]
+            out[..., end, :] += pull
+            out[..., node, :] -= pull
+    return out
+
+
+def bending_energy(scene: Scene, nodes: Array) -> Array:
+    """Σ ½ κ ‖e‖² [J], (...): what bent joints have stored."""
+    total = np.zeros(nodes.shape[:-2])
+    bending = None if scene.resistance is None else scene.resistance.bending
+    for joint in bending_joints(scene.structure, bending):
+        assert bending is not None
+        total += 0.5 * bending.stiffness * np.sum(_bend(scene.structure, joint, nodes) ** 2, axis=-1)
+    return total
+
+
+def _ends(values: Array, pairs: NDArray[np.int64]) -> tuple[Array, Array]:
+    return values[..., pairs[:, 0], :], values[..., pairs[:, 1], :]
+
+
+def _bend(structure: Structure, joint: Joint, values: Array) -> Array:
+    """e (..., 3) of node positions, or ė of velocities."""
+    outer, node, other = (values[..., row, :] for row in joint.nodes)
+    a, b = (structure.rod_lengths[row] for row in joint.rods)
+    return np.asarray((node - outer) / a - (other - node) / b)
+
+
+def _drag(structure: Structure, drag: Drag, x1: Array, x2: Array, u1: Array, u2: Array) -> tuple[Array, Array]:
+    """Forces (..., R, 3) on the first and the second ends."""
+    span = x2 - x1
+    along = span / np.linalg.norm(span, axis=-1, keepdims=True)
+    first, second = np.zeros_like(span), np.zeros_like(span)
+    surface = (0.5 * drag.density * structure.rod_lengths * diameters(structure, drag))[:, None]
+    # A rigid rod has one velocity along itself.
+    slip = 0.5 * np.sum((u1 + u2) * along, axis=-1, keepdims=True)
+    tangential = -0.5 * np.pi * surface * drag.tangential * np.abs(slip) * slip * along
+    p, q = (u - np.sum(u * along, axis=-1, keepdims=True) * along for u in (u1, u2 - u1))
+    square = np.sum(q * q, axis=-1, keepdims=True)
+    split = np.clip(-np.sum(p * q, axis=-1, keepdims=True) / np.where(square > 0, square, 1.0), 0.0, 1.0)
+    for start, size in ((np.zeros_like(split), split), (split, 1 - split)):
+        for point, weight in zip(GAUSS_POINTS, GAUSS_WEIGHTS, strict=True):
+            s = start + point * size
+            u = p + s * q
+            force = -surface * drag.normal * weight * size * np.linalg.norm(u, axis=-1, keepdims=True) * u
+            first += (1 - s) * force
+            second += s * force
+    return first + tangential, second + tangential
+
+
+def check_resistance(structure: Structure, resistance: Any) -> None:
+    """Raise SceneError unless a resistance fits a structure."""
+    if not isinstance(resistance, Resistance):
+        raise SceneError(f"resistance = {resistance!r}; use Resistance(viscous=..., bending=..., drag=...), or None")
+    _at_least_zero("viscous", resistance.viscous, "N s/m²")
+    check_vector("resistance: wind", resistance.wind, SceneError, "m/s")
+    if resistance.bending is not None:
+        _check_bending(structure, resistance.bending)
+    if resistance.drag is not None:
+        _check_drag(structure, resistance.drag)
+    if resistance.viscous == 0 and resistance.bending is None and resistance.drag is None:
+        raise SceneError(
+            "resistance: it has neither viscous forces nor bending nor drag: give one, or leave resistance out"
+        )
+    if np.any(np.array(resistance.wind, float)) and resistance.viscous == 0 and resistance.drag is None:
+        raise SceneError(
+            "resistance: there is wind, but neither viscous forces nor drag that could feel it: give one, or leave "
+            "wind out"
+        )
+
+
+def _check_bending(structure: Structure, bending: Any) -> None:
+    if not isinstance(bending, Bending):
+        raise SceneError(f"resistance: bending = {bending!r}; use Bending(stiffness, damping), or None")
+    _at_least_zero("bending: stiffness", bending.stiffness, "N m")
+    _at_least_zero("bending: damping", bending.damping, "N m s")
+    if bending.pairs is not None:
+        _check_pairs(structure, bending.pairs)
+    if not bending_joints(structure, bending):
+        raise SceneError(
+            f"resistance: bending: structure '{structure.name}' has no joint of exactly two rods, and no pairs are "
+            "named: name the two rods of each joint that resists, or leave bending out"
+        )
+
+
+def _check_pairs(structure: Structure, pairs: Any) -> None:
+    rods = {rod.name: row for row, rod in enumerate(structure.rods)}
+    seen: set[frozenset[str]] = set()
+    for number, pair in enumerate(sequence_of("resistance: bending: pairs", pairs, SceneError)):
+        what = f"resistance: bending: pairs[{number}]"
+        names = sequence_of(what, pair, SceneError)
+        if len(names) != 2 or not all(isinstance(name, str) for name in names):
+            raise SceneError(f"{what} = {pair!r}; it must name two rods")
+        for name in names:
+            if name not in rods:
+                raise SceneError(f"{what}: unknown rod '{name}'; the rods are {names_of(rods)}")
+        if names[0] == names[1] or shared_node(structure, rods[names[0]], rods[names[1]]) is None:
+            raise SceneError(f"{what}: rods '{names[0]}' and '{names[1]}' must be two that share exactly one node")
+        if frozenset(names) in seen:
+            raise SceneError(f"{what}: rods '{names[0]}' and '{names[1]}' are named twice; name each pair once")
+        seen.add(frozenset(names))
+
+
+def _check_drag(structure: Structure, drag: Any) -> None:
+    if not isinstance(drag, Drag):
+        raise SceneError(f"resistance: drag = {drag!r}; use Drag(normal, tangential, density, diameter), or None")
+    _at_least_zero("drag: normal", drag.normal)
+    _at_least_zero("drag: tangential", drag.tangential)
+    _positive("density", drag.density, "> 0 kg/m³")
+    if drag.diameter is not None:
+        _positive("diameter", drag.diameter, "> 0 m, or None for twice each rod's radius")
+
+
+def _positive(what: str, value: Any, allowed: str) -> None:
+    check_number(f"resistance: drag: {what}", value, allowed, lambda x: x > 0, SceneError)
+
+
+def _at_least_zero(what: str, value: Any, unit: str = "") -> None:
+    check_number(f"resistance: {what}", value, f">= 0 {unit}".rstrip(), lambda x: x >= 0, SceneError)

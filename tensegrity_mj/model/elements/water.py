@@ -1,0 +1,330 @@
+"""Water around the rods of a scene: Morison's loads on segments, continuous through the surface (thesis, §7.2.2).
+
+The still surface is z = 0, z upwards. A rod is cut into L equal segments. Of each, the part under water is found, and
+at its centre, with the velocity v and the acceleration a of the water there and those of the rod, v_s and a_s, act
+
+    inertia     m_w P (C_M a - C_a a_s)              added mass (7.7) and Froude-Krylov (7.8), C_M = 1 + C_a
+    drag        ½ ρ C_d d |P u| P u                  (7.9), u = v - v_s: the cross-flow principle
+                ½ ρ C_t π d |u∥| u∥                  along the rod, which the thesis leaves out
+    buoyancy    -m_w g                               (7.10); the weight of rods is the scene's gravity
+
+per length, P taking what is across the rod and m_w = ρ π d²/4 times the part under water. That part is the volume of a
+round cylinder below the surface, which is taken for a plane between the ends of a segment, over the volume of the
+segment: with u = (ζ - z) / (½ d cos φ) along the axis of a rod that is inclined by φ, a cross-section at u is wet by
+
+    w(u) = ½ + (asin u + u √(1 - u²)) / π,  0 below -1 and 1 above 1,
+
+which is integrated along the segment to round-off, with its first moment for the place where the loads act. Loads
+act on the axis: the couple of a buoyancy off the axis, (d/ℓ)² of those that are kept, is left out as are end caps.
+
+The loads of a segment at the distance s ℓ from the first node go to the two nodes with weights that add up to one:
+1 - s and s, which keep force and moment of a rigid rod, or the thesis' (7.11)-(7.12), those of a clamped beam. Segments
+are taken at their centres: moments of what turns a rod are off by 1/L² of themselves, and loads of waves by no more
+than `water_segments` states, which also chooses L.
+
+Added mass is implicit: the accelerations a_i of the nodes of each rod are found with it, as the forces
+
+    F_i = F_i⁰ - Σ_j α_ij P a_j,   α_ij = Σ_segments C_a m_w Δ h_i(s) n_j(s),   n = (1 - s, s), h the weights,
+
+so that every engine solves the same linear equations for each rod (`native.water`).
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.elements.waves import AboveLevel, Sea, Wave
+from tensegrity_mj.model.members import Vector
+from tensegrity_mj.model.structure import Structure
+
+if TYPE_CHECKING:
+    from tensegrity_mj.model.scene import Scene
+from typing import TYPE_CHECKING, Any
+
+from tensegrity_mj.basics.values import check_number, check_vector, sequence_of
+from tensegrity_mj.errors import SceneError
+
+if TYPE_CHECKING:
+    from tensegrity_mj.model.scene import Scene
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from tensegrity_mj.model.scene import Scene
+
+
+# Of u, between the ends of a segment: below it, round-off of differences is more than the error of three points in u.
+NEARLY_LEVEL = 1e-5
+LEAST_COSINE = 1e-6  # of the inclination φ: a vertical rod is wet up to the surface, within this part of its radius
+
+
+def _gauss(count: int) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Points and weights on [0, 1]."""
+    points, weights = np.polynomial.legendre.leggauss(count)
+    return tuple(float(x) for x in 0.5 * (1 + points)), tuple(float(x) for x in 0.5 * weights)
+
+
+ANGLES, ANGLE_WEIGHTS = _gauss(12)
+GAUSS_POINTS, GAUSS_WEIGHTS = _gauss(3)
+
+
+class Weights(enum.Enum):
+    """How loads on a rod are shared between its two nodes."""
+
+    RIGID = "rigid"  # 1 - s and s: a rigid rod's, with the same force and the same moment
+    HERMITE = "hermite"  # (7.11)-(7.12): a clamped beam's, as the thesis has it; along the rod, one half each
+
+
+@dataclass(frozen=True)
+class Water:
+    """Water, waves and current, and how they load rods.
+
+    Attributes:
+        density: ρ [kg/m³], > 0.
+        depth: h [m], > 0; None for deep water.
+        waves: components, superposed.
+        current: [m/s], everywhere the same.
+        drag: C_d >= 0, on the diameter, across rods.
+        tangential_drag: C_t >= 0, on the circumference, along rods.
+        added_mass: C_a >= 0.
+        inertia: C_M >= 0; None for 1 + C_a, added mass and Froude-Krylov together.
+        segments: L of each rod, >= 1; None for as many as its waves need, at least 5, see `water_segments`.
+        weights: see `Weights`.
+        diameter: d [m] of every rod, > 0; None for twice each rod's own radius.
+        above: the waves' fields above the still surface, see `AboveLevel`.
+        viscosity: kinematic, ν [m²/s], > 0, of which Reynolds numbers are made and nothing else; sea water at 15 °C.
+    """
+
+    density: float = 1025.0
+    depth: float | None = None
+    waves: tuple[Wave, ...] = ()
+    current: Vector = (0.0, 0.0, 0.0)
+    drag: float = 1.2
+    tangential_drag: float = 0.0
+    added_mass: float = 1.0
+    inertia: float | None = None
+    segments: int | None = None
+    weights: Weights = Weights.RIGID
+    diameter: float | None = None
+    above: AboveLevel = AboveLevel.EXPONENTIAL
+    viscosity: float = 1.19e-6
+
+    @property
+    def inertia_coefficient(self) -> float:
+        """C_M."""
+        return 1 + self.added_mass if self.inertia is None else self.inertia
+
+
+def sea_of(scene: Scene) -> Sea:
+    """The waves and the current of a scene that has water."""
+    water = scene.water
+    assert water is not None
+    return Sea.of(water.waves, -scene.gravity[2], water.depth, water.current, water.above)
+
+
+def diameters(structure: Structure, water: Water) -> Array:
+    """(R,) [m]: of the rods, in water."""
+    return np.array([2 * rod.radius if water.diameter is None else water.diameter for rod in structure.rods], float)
+
+
+def wet_parts(first: Array, second: Array) -> tuple[Array, Array]:
+    """Which part of a segment is under water, and the centre of that part as a part of the way along the segment.
+
+    With u = sin θ the integrals are of trigonometric functions, which Gauss' rule of twelve points has to round-off.
+
+    Args:
+        first, second: u at the two ends of the segment, depth of the axis over ½ d cos φ; they broadcast.
+    """
+    first, second = np.broadcast_arrays(np.asarray(first, float), np.asarray(second, float))
+    step = second - first
+    level = np.abs(step) < NEARLY_LEVEL
+    size = np.where(level, 1.0, step)
+    start, end = np.arcsin(np.clip(first, -1, 1)), np.arcsin(np.clip(second, -1, 1))
+    part, moment = np.zeros_like(step), np.zeros_like(step)
+    for point, weight in zip(ANGLES, ANGLE_WEIGHTS, strict=True):
+        angle = start + point * (end - start)
+        wet = weight * (end - start) / size * np.cos(angle) * (0.5 + (angle + np.sin(angle) * np.cos(angle)) / np.pi)
+        part, moment = part + wet, moment + wet * (np.sin(angle) - first) / size
+    # What is wholly under water, u > 1, at one end.
+    low = np.where(first > 1, 0.0, np.clip((1 - first) / size, 0, 1))
+    high = np.where(second > 1, 1.0, np.clip((1 - first) / size, 0, 1))
+    sunk = np.where((first > 1) | (second > 1), high - low, 0.0)
+    part, moment = part + sunk, moment + 0.5 * sunk * (low + high)
+    near_part, near_moment = np.zeros_like(step), np.zeros_like(step)
+    for point, weight in zip(GAUSS_POINTS, GAUSS_WEIGHTS, strict=True):
+        wet = weight * wetness(first + point * step)
+        near_part, near_moment = near_part + wet, near_moment + point * wet
+    part, moment = np.where(level, near_part, part), np.where(level, near_moment, moment)
+    return part, np.where(part > 0, moment / np.where(part > 0, part, 1.0), 0.5)
+
+
+def wetness(u: Array) -> Array:
+    """w(u), of one cross-section."""
+    x = np.clip(u, -1.0, 1.0)
+    return np.asarray(0.5 + (np.arcsin(x) + x * np.sqrt(1 - x * x)) / np.pi)
+
+
+def shares(weights: Weights, s: Array) -> tuple[Array, Array]:
+    """h_1 and h_2: what goes to the first and the second node from a place s."""
+    second = s if weights is Weights.RIGID else s * s * (3 - 2 * s)
+    return 1 - second, second
+
+
+@dataclass(frozen=True, eq=False)
+class Segments:
+    """The wet parts of all segments of all rods, (..., R, L) each, vectors (..., R, L, 3).
+
+    Attributes:
+        part: under water, of each segment.
+        place: s of its centre, along the rod.
+        points: that centre [m]; of a dry segment, its height is at most 0.
+        axes: (..., R, 1, 3) unit vectors of the rods.
+        flow: velocity of the water against the rod there, u [m/s].
+        undisturbed: velocity of the water there, v [m/s].
+        acceleration: of the water there, a [m/s²].
+    """
+
+    part: Array
+    place: Array
+    points: Array
+    axes: Array
+    flow: Array
+    undisturbed: Array
+    acceleration: Array
+
+
+def segments_of(scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Segments:
+    """The wet parts of segments at times (...) [s], positions and velocities (..., N, 3) that go with them."""
+    water, structure, sea = scene.water, scene.structure, sea_of(scene)
+    assert water is not None
+    pairs, count = structure.rod_nodes, scene.water_segments.count
+    x1, v1 = nodes[..., pairs[:, 0], None, :], velocities[..., pairs[:, 0], None, :]
+    span, turn = nodes[..., pairs[:, 1], None, :] - x1, velocities[..., pairs[:, 1], None, :] - v1
+    t = np.asarray(time, float)[..., None, None]
+    axes = span / np.linalg.norm(span, axis=-1, keepdims=True)
+    cuts = x1 + (np.arange(count + 1) / count)[:, None] * span
+    depth = sea.elevation(t, cuts[..., 0], cuts[..., 1]) - cuts[..., 2]
+    half = 0.5 * diameters(structure, water)[:, None] * np.maximum(np.hypot(axes[..., 0], axes[..., 1]), LEAST_COSINE)
+    part, along = wet_parts(depth[..., :-1] / half, depth[..., 1:] / half)
+    place = (np.arange(count) + along) / count
+    points = x1 + place[..., None] * span
+    # Of a dry segment nothing counts, but high above the water the fields are beyond all floats.
+    points[..., 2] = np.where(part > 0, points[..., 2], np.minimum(points[..., 2], 0.0))
+    undisturbed = sea.velocity(t, points)
+    flow = undisturbed - v1 - place[..., None] * turn
+    return Segments(part, place, points, axes, flow, undisturbed, sea.acceleration(t, points))
+
+
+def water_forces(scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> tuple[Array, Array]:
+    """What water does, but for what answers the rods' own accelerations; and how it answers these.
+
+    Args:
+        scene: any; without water, all is zero.
+        time: (...) [s].
+        nodes, velocities: (..., N, 3) [m], [m/s].
+
+    Returns:
+        F⁰ (..., N, 3) [N] on the nodes, and α (..., R, 2, 2) [kg] of the rods; the whole is F_i⁰ - Σ_j α_ij P a_j.
+    """
+    water, structure, out = scene.water, scene.structure, np.zeros_like(nodes)
+    alpha = np.zeros((*nodes.shape[:-2], len(structure.rods), 2, 2))
+    if water is None or not len(structure.rods):
+        return out, alpha
+    wet = segments_of(scene, time, nodes, velocities)
+    d, length = diameters(structure, water)[:, None], structure.rod_lengths[:, None] / scene.water_segments.count
+    mass = water.density * np.pi * d**2 / 4 * length * wet.part
+    surface = 0.5 * water.density * d * length * wet.part
+
+    def across(v: Array) -> Array:
+        return np.asarray(v - np.sum(v * wet.axes, axis=-1, keepdims=True) * wet.axes)
+
+    flow, gravity = across(wet.flow), np.array(scene.gravity)
+    slip = np.sum(wet.flow * wet.axes, axis=-1)
+    normal = (water.inertia_coefficient * mass)[..., None] * across(wet.acceleration)
+    normal += (water.drag * surface * np.linalg.norm(flow, axis=-1))[..., None] * flow
+    normal -= mass[..., None] * across(gravity)
+    axial = water.tangential_drag * np.pi * surface * np.abs(slip) * slip - mass * np.sum(gravity * wet.axes, axis=-1)
+    weights = shares(water.weights, wet.place)
+    along = weights if water.weights is Weights.RIGID else (np.full_like(wet.place, 0.5),) * 2
+    linear = (1 - wet.place, wet.place)
+    for end in range(2):
+        load = np.sum(weights[end][..., None] * normal + (along[end] * axial)[..., None] * wet.axes, axis=-2)
+        for row, pair in enumerate(structure.rod_nodes):
+            out[..., pair[end], :] += load[..., row, :]
+        for other in range(2):
+            alpha[..., end, other] = np.sum(water.added_mass * mass * weights[end] * linear[other], axis=-1)
+    return out, alpha
+
+
+def check_water(scene: Scene) -> None:
+    """Raise SceneError unless a scene's water fits its structure and its gravity."""
+    water, structure = scene.water, scene.structure
+    if not isinstance(water, Water):
+        raise SceneError(f"water = {water!r}; use Water(density, depth, waves, ...), or None")
+    if not structure.rods:
+        raise SceneError(f"water: structure '{structure.name}' has no rod, and water loads rods alone: leave water out")
+    for name, unit in (("density", "kg/m³"), ("viscosity", "m²/s")):
+        _positive(name, getattr(water, name), f"> 0 {unit}")
+    if water.depth is not None:
+        _positive("depth", water.depth, "> 0 m, or None for deep water")
+    if water.diameter is not None:
+        _positive("diameter", water.diameter, "> 0 m, or None for twice each rod's radius")
+    for name in ("drag", "tangential_drag", "added_mass"):
+        _at_least_zero(name, getattr(water, name))
+    if water.inertia is not None:
+        _at_least_zero("inertia", water.inertia, ", or None for 1 + added_mass")
+    count = water.segments
+    whole = isinstance(count, (int, np.integer)) and not isinstance(count, bool)
+    if count is not None and (not whole or not 1 <= count <= MOST_SEGMENTS):
+        raise SceneError(
+            f"water: segments = {count!r}; it must be an integer from 1 to {MOST_SEGMENTS}, or None for as many as the "
+            "waves need"
+        )
+    for name, kind in (("weights", Weights), ("above", AboveLevel)):
+        if not isinstance(getattr(water, name), kind):
+            members = ", ".join(str(member) for member in kind)
+            raise SceneError(f"water: {name} = {getattr(water, name)!r}; it must be one of {members}")
+    check_vector("water: current", water.current, SceneError, "m/s")
+    x, y, z = (float(g) for g in scene.gravity)
+    if x or y or z > 0:
+        raise SceneError(
+            f"water: gravity = {scene.gravity!r}; the still surface is z = 0, so that gravity must be (0, 0, -g) with "
+            "g >= 0: turn the scene"
+        )
+    for number, wave in enumerate(sequence_of("water: waves", water.waves, SceneError)):
+        _check_wave(number, wave)
+    if water.waves and z == 0:
+        raise SceneError("water: there are waves without gravity, which makes them: give the scene gravity (0, 0, -g)")
+
+
+def _check_wave(number: int, wave: Any) -> None:
+    what = f"water: waves[{number}]"
+    if not isinstance(wave, Wave):
+        raise SceneError(f"{what} = {wave!r}; use Wave(amplitude, wavelength=... or angular_frequency=...)")
+    check_number(f"{what}: amplitude", wave.amplitude, ">= 0 m", lambda x: x >= 0, SceneError)
+    if (wave.wavelength is None) == (wave.angular_frequency is None):
+        raise SceneError(
+            f"{what}: wavelength = {wave.wavelength!r}, angular_frequency = {wave.angular_frequency!r}; give one of "
+            "the two, the depth and gravity decide the other"
+        )
+    for name, unit in (("wavelength", "m"), ("angular_frequency", "rad/s")):
+        value = getattr(wave, name)
+        if value is not None:
+            check_number(f"{what}: {name}", value, f"> 0 {unit}", lambda x: x > 0, SceneError)
+    for name in ("direction", "phase"):
+        check_number(f"{what}: {name}", getattr(wave, name), "finite [rad]", lambda x: True, SceneError)
+
+
+def _positive(name: str, value: Any, allowed: str) -> None:
+    check_number(f"water: {name}", value, allowed, lambda x: x > 0, SceneError)
+
+
+def _at_least_zero(name: str, value: Any, more: str = "") -> None:
+    check_number(f"water: {name}", value, f">= 0{more}", lambda x: x >= 0, SceneError)
+
+
+MOST_SEGMENTS = 1000  # that may be given

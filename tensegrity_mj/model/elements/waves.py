@@ -1,0 +1,202 @@
+"""Linear (Airy) waves, superposed, and a constant current, in water of any depth.
+
+The still surface is z = 0, the bottom z = -h. A component of amplitude A, wave number k, angular frequency ω, direction
+χ and phase ε, with θ = ω t + ε - k (x cos χ + y sin χ), gives to first order in the steepness
+
+    elevation         ζ = A sin θ                                                              (7.2)
+    velocity          v = ω A (C cos χ sin θ, C sin χ sin θ, S cos θ)                          (7.4)
+    acceleration      ∂v/∂t = ω² A (C cos χ cos θ, C sin χ cos θ, -S sin θ)                    (7.5)
+    dynamic pressure  p = ρ g A cosh k(z+h) / cosh kh · sin θ
+    dispersion        ω² = g k tanh kh
+
+with C = cosh k(z+h) / sinh kh and S = sinh k(z+h) / sinh kh, both of them e^{kz} in deep water, as in the thesis. (Its
+(7.5) prints cos χ for sin χ in the second row.) Everything is written in e^{kz} and e^{-2k(z+h)}, so that no depth
+overflows. Waves and current do not act on each other: ω is that of still water, seen from the fixed frame, and the
+acceleration is that of (7.5), without the part v·∇v of second order.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.errors import SceneError
+from tensegrity_mj.model.members import Vector
+
+
+class AboveLevel(enum.Enum):
+    """How the waves' velocities and accelerations go on above the still surface, where linear theory has none.
+
+    EXPONENTIAL takes the formulas as they are, as the thesis does: the fields stay solutions of Laplace's equation and
+    meet the conditions of the linear free surface, but grow with height. CONSTANT takes the value at z = 0 instead,
+    which is the usual choice where waves are much shorter than the highest crest is high, k ζ > 1.
+    """
+
+    EXPONENTIAL = "exponential"
+    CONSTANT = "constant"
+
+
+@dataclass(frozen=True)
+class Wave:
+    """One component.
+
+    Attributes:
+        amplitude: A [m], >= 0: half the height.
+        wavelength: 2 π / k [m], > 0; or None, and the angular frequency is given.
+        angular_frequency: ω [rad/s], > 0; or None, and the wavelength is given.
+        direction: χ [rad], to which it travels, from the x axis towards the y axis.
+        phase: ε [rad].
+    """
+
+    amplitude: float
+    wavelength: float | None = None
+    angular_frequency: float | None = None
+    direction: float = 0.0
+    phase: float = 0.0
+
+
+def angular_frequency(wave_number: float, gravity: float, depth: float = math.inf) -> float:
+    """ω [rad/s] of waves of a wave number k [1/m] under g [m/s²], all of them positive."""
+    return math.sqrt(gravity * wave_number * math.tanh(wave_number * depth))
+
+
+def wave_number(angular_frequency: float, gravity: float, depth: float = math.inf) -> float:
+    """k [1/m] of waves of an angular frequency ω [rad/s], to round-off.
+
+    Newton's method on x tanh x = y, x = k h, y = ω² h / g: the function grows and is convex from x = 0 to 1.2 and all
+    but linear beyond, and Eckart's y / √(tanh y) is within 6 % of the root.
+    """
+    deep = angular_frequency**2 / gravity
+    y = deep * depth
+    if y > 20:  # tanh is 1 to the last digit
+        return deep
+    x = y / math.sqrt(math.tanh(y))
+    for _ in range(8):
+        steep = math.tanh(x)
+        x -= (x * steep - y) / (steep + x * (1 - steep**2))
+    return x / depth
+
+
+@dataclass(frozen=True, eq=False)
+class Sea:
+    """What water does at any place and time: components with their dispersion solved, and the current.
+
+    Attributes:
+        amplitude, frequency, number, direction, phase: (W,) A [m], ω [rad/s], k [1/m], χ and ε [rad].
+        depth: h [m], infinite for deep water.
+        gravity: g [m/s²] >= 0, downwards.
+        current: (3,) [m/s], everywhere the same.
+        above: see `AboveLevel`.
+    """
+
+    amplitude: Array
+    frequency: Array
+    number: Array
+    direction: Array
+    phase: Array
+    depth: float
+    gravity: float
+    current: Array
+    above: AboveLevel
+
+    @classmethod
+    def of(
+        cls,
+        waves: Sequence[Wave],
+        gravity: float = 9.81,
+        depth: float | None = None,
+        current: Vector = (0.0, 0.0, 0.0),
+        above: AboveLevel = AboveLevel.EXPONENTIAL,
+    ) -> Sea:
+        """The sea of some components.
+
+        Raises:
+            SceneError: where a component has both a wavelength and a frequency, or neither, or there are waves without
+                gravity.
+        """
+        h = math.inf if depth is None else float(depth)
+        if waves and not gravity > 0:
+            raise SceneError(f"waves: gravity = {gravity!r} m/s²; waves need one > 0")
+        pairs = [_dispersed(number, wave, gravity, h) for number, wave in enumerate(waves)]
+        return cls(
+            amplitude=np.array([wave.amplitude for wave in waves], float),
+            frequency=np.array([omega for omega, _ in pairs], float),
+            number=np.array([k for _, k in pairs], float),
+            direction=np.array([wave.direction for wave in waves], float),
+            phase=np.array([wave.phase for wave in waves], float),
+            depth=h,
+            gravity=float(gravity),
+            current=np.array(current, float),
+            above=above,
+        )
+
+    def elevation(self, time: ArrayLike, x: ArrayLike, y: ArrayLike) -> Array:
+        """ζ [m] (7.2) at times [s] and places [m], which broadcast."""
+        return np.asarray(np.sum(self.amplitude * np.sin(self._angle(time, x, y)), axis=-1))
+
+    def velocity(self, time: ArrayLike, points: ArrayLike) -> Array:
+        """v (..., 3) [m/s] (7.3)-(7.4) at points (..., 3) [m] and times that broadcast with (...)."""
+        angle, across, up = self._at(time, points)
+        size = self.frequency * self.amplitude
+        return self.current + self._vector(size * across * np.sin(angle), size * up * np.cos(angle))
+
+    def orbit_speeds(self, heights: ArrayLike) -> Array:
+        """The largest speed (..., W) [m/s] of each component's orbits at heights z (...) [m]."""
+        z = np.asarray(heights, float)
+        _, across, _ = self._at(np.zeros_like(z), np.stack([np.zeros_like(z), np.zeros_like(z), z], axis=-1))
+        return np.asarray(self.frequency * self.amplitude * across)
+
+    def acceleration(self, time: ArrayLike, points: ArrayLike) -> Array:
+        """∂v/∂t (..., 3) [m/s²] (7.5), as `velocity`."""
+        angle, across, up = self._at(time, points)
+        size = self.frequency**2 * self.amplitude
+        return self._vector(size * across * np.cos(angle), -size * up * np.sin(angle))
+
+    def pressure(self, time: ArrayLike, points: ArrayLike, density: float) -> Array:
+        """Dynamic pressure p (...) [Pa], without the hydrostatic -ρ g z; as `velocity`."""
+        angle, across, _ = self._at(time, points)
+        # C tanh kh = cosh k(z+h) / cosh kh; linear Bernoulli: p = ρ ω²/k A C sin θ.
+        size = density * self.frequency**2 / self.number * self.amplitude
+        return np.asarray(np.sum(size * across * np.sin(angle), axis=-1))
+
+    def _angle(self, time: ArrayLike, x: ArrayLike, y: ArrayLike) -> Array:
+        """θ (..., W)."""
+        t, x, y = (np.asarray(value, float)[..., None] for value in (time, x, y))
+        along = x * np.cos(self.direction) + y * np.sin(self.direction)
+        return np.asarray(self.frequency * t + self.phase - self.number * along)
+
+    def _at(self, time: ArrayLike, points: ArrayLike) -> tuple[Array, Array, Array]:
+        """θ, C and S (..., W)."""
+        x, y, z = np.moveaxis(np.asarray(points, float), -1, 0)
+        height = np.maximum(np.minimum(z, 0.0) if self.above is AboveLevel.CONSTANT else z, -self.depth)[..., None]
+        k = self.number
+        fades = np.exp(k * height)
+        if np.isinf(self.depth):
+            return self._angle(time, x, y), fades, fades
+        back, whole = np.exp(-2 * k * (height + self.depth)), -np.expm1(-2 * k * self.depth)
+        return self._angle(time, x, y), fades * (1 + back) / whole, fades * (1 - back) / whole
+
+    def _vector(self, across: Array, up: Array) -> Array:
+        """Components (..., W) along each direction of travel and upwards, summed as (..., 3)."""
+        parts = (across * np.cos(self.direction), across * np.sin(self.direction), up)
+        return np.stack([np.sum(part, axis=-1) for part in parts], axis=-1)
+
+
+def _dispersed(number: int, wave: Wave, gravity: float, depth: float) -> tuple[float, float]:
+    """ω and k of a component."""
+    if (wave.wavelength is None) == (wave.angular_frequency is None):
+        raise SceneError(
+            f"waves[{number}]: wavelength = {wave.wavelength!r}, angular_frequency = {wave.angular_frequency!r}; give "
+            "one of the two, the depth and gravity decide the other"
+        )
+    if wave.angular_frequency is not None:
+        return wave.angular_frequency, wave_number(wave.angular_frequency, gravity, depth)
+    assert wave.wavelength is not None
+    k = 2 * math.pi / wave.wavelength
+    return angular_frequency(k, gravity, depth), k

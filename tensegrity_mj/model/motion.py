@@ -1,0 +1,367 @@
+"""Prescribed motions of supports: where the point that holds a rod, or a fixed node, is at each time.
+
+A motion is a displacement d(t) [m] from the place that the structure gives the support, with its first and second
+derivatives: a sum of harmonics, data between which quintics run, or a function of time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import LARGEST
+from tensegrity_mj.errors import SceneError
+from tensegrity_mj.model.members import Vector, null_space_basis
+
+MotionFunction = Callable[[float], ArrayLike]
+
+
+@dataclass(frozen=True)
+class Harmonic:
+    """A displacement amplitude · sin(ω t + phase) [m]; constant where ω = 0.
+
+    Attributes:
+        amplitude: [m], a vector in the world frame.
+        angular_frequency: ω [rad/s].
+        phase: [rad].
+    """
+
+    amplitude: Vector
+    angular_frequency: float
+    phase: float = 0.0
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The motion of one support. Use the constructors `in_line`, `circular`, `data` and `by_function`.
+
+    Harmonics and data add up; a function stands alone. Data are displacements at increasing times, joined by quintics.
+    With velocities and accelerations these are met at each time. Without them the quintics are those of the spline
+    with four continuous derivatives that is at rest, without velocity and acceleration, at its first and its last time.
+    Before the first time and after the last the data stand still.
+
+    Attributes:
+        support: name of a rod, whose point at σ of its support moves, or of a fixed node.
+        harmonics: that add up.
+        times: (T,) of the data [s], increasing.
+        displacements: (T, 3) [m] at these times.
+        velocities: (T, 3) [m/s] at these times, or () for those of the spline.
+        accelerations: (T, 3) [m/s²] at these times, or (); given where velocities are.
+        function: t [s] -> (3, 3): displacement [m], velocity [m/s] and acceleration [m/s²].
+
+    Raises:
+        SceneError: for harmonics or data that are no numbers, or do not fit each other.
+    """
+
+    support: str
+    harmonics: tuple[Harmonic, ...] = ()
+    times: tuple[float, ...] = ()
+    displacements: tuple[Vector, ...] = ()
+    velocities: tuple[Vector, ...] = ()
+    accelerations: tuple[Vector, ...] = ()
+    function: MotionFunction | None = None
+
+    @classmethod
+    def in_line(cls, support: str, amplitude: float, frequency: float, direction: ArrayLike) -> Motion:
+        """amplitude [m] · sin(2π · frequency [Hz] · t) along a direction of any length.
+
+        Raises:
+            SceneError: for numbers that are not finite, or a direction of no length.
+        """
+        what = f"motion of '{support}'"
+        unit = _direction(what, direction)
+        size, omega = _number(f"{what}: amplitude", amplitude), 2 * np.pi * _number(f"{what}: frequency", frequency)
+        return cls(support, (Harmonic(_vector(size * unit), omega),))
+
+    @classmethod
+    def circular(cls, support: str, amplitude: float, frequency: float, normal: ArrayLike = (0.0, 0.0, 1.0)) -> Motion:
+        """A circle of radius `amplitude` [m] about a normal, turning with it by the right hand, `frequency` [Hz].
+
+        The circle passes through the support's own place at t = 0: d = a [(cos ωt - 1) e₁ + sin ωt e₂], e₁ and e₂
+        across the normal, world axes where those are across it.
+
+        Raises:
+            SceneError: for numbers that are not finite, or a normal of no length.
+        """
+        what = f"motion of '{support}'"
+        unit = _direction(what, normal)
+        size, omega = _number(f"{what}: amplitude", amplitude), 2 * np.pi * _number(f"{what}: frequency", frequency)
+        first = null_space_basis(unit[None])[:, 0]
+        second = np.cross(unit, first)
+        quarter = float(np.pi / 2)  # whose sine is 1 exactly
+        return cls(
+            support,
+            (
+                Harmonic(_vector(size * first), omega, quarter),
+                Harmonic(_vector(-size * first), 0.0, quarter),
+                Harmonic(_vector(size * second), omega),
+            ),
+        )
+
+    @classmethod
+    def data(
+        cls,
+        support: str,
+        times: ArrayLike,
+        displacements: ArrayLike,
+        velocities: ArrayLike | None = None,
+        accelerations: ArrayLike | None = None,
+    ) -> Motion:
+        """Through displacements (T, 3) [m] at times (T,) [s]; see the class for what lies between and around.
+
+        Raises:
+            SceneError: for arrays that are not of these shapes, or times that do not increase.
+        """
+        given: dict[str, Any] = {"times": times, "displacements": displacements}
+        given |= {"velocities": () if velocities is None else velocities}
+        given |= {"accelerations": () if accelerations is None else accelerations}
+        return cls(support, **given)
+
+    @classmethod
+    def by_function(cls, support: str, function: MotionFunction) -> Motion:
+        """A function t -> (3, 3): displacement [m], velocity [m/s], acceleration [m/s²]. No file can hold it."""
+        return cls(support, function=function)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.support, str):
+            raise SceneError(f"motion: support = {self.support!r}; it must be the name of a rod or of a fixed node")
+        what = f"motion of '{self.support}'"
+        if isinstance(self.harmonics, Harmonic):
+            raise SceneError(f"{what}: harmonics = {self.harmonics!r}; it must be a sequence (of one harmonic too)")
+        for name, width in (("times", 0), ("displacements", 3), ("velocities", 3), ("accelerations", 3)):
+            object.__setattr__(self, name, _rows(f"{what}: {name}", getattr(self, name), width))
+        try:
+            harmonics = tuple(self.harmonics)
+        except TypeError:
+            raise SceneError(f"{what}: harmonics = {self.harmonics!r}; it must be a sequence of Harmonic") from None
+        object.__setattr__(self, "harmonics", tuple(_plain_harmonic(what, item) for item in harmonics))
+        if self.function is not None and not callable(self.function):
+            raise SceneError(f"{what}: function = {self.function!r}; it must be a function t -> (3, 3)")
+        data = self.times or self.displacements or self.velocities or self.accelerations
+        if self.function is not None and (self.harmonics or data):
+            raise SceneError(f"{what}: a function stands alone: leave its harmonics and data out, or add them to it")
+        if self.function is None and not self.harmonics and not data:
+            raise SceneError(f"{what}: nothing says how it moves; give harmonics, data or a function")
+        self._check_data(what)
+
+    def _check_data(self, what: str) -> None:
+        count = len(self.times)
+        if np.any(np.diff(self.times) <= 0):
+            raise SceneError(f"{what}: its times must increase; they are {_shortened(self.times)}")
+        if count == 1:
+            raise SceneError(f"{what}: one time alone makes no motion; give two or more")
+        if bool(self.velocities) != bool(self.accelerations):
+            raise SceneError(f"{what}: velocities and accelerations are given together, or neither of them")
+        sizes = {"displacements": len(self.displacements)}
+        if self.velocities:
+            sizes |= {"velocities": len(self.velocities), "accelerations": len(self.accelerations)}
+        for name, size in sizes.items():
+            if size != count:
+                raise SceneError(f"{what}: {count} times and {size} {name}; there must be one a time")
+        with np.errstate(all="ignore"):
+            if count and not np.all(np.abs(self.pieces) <= LARGEST):
+                raise SceneError(f"{what}: its times lie too close to each other, or its data are too large")
+
+    def at(self, time: float) -> Array:
+        """Displacement [m], velocity [m/s] and acceleration [m/s²] at a time [s]: (3, 3).
+
+        Raises:
+            SceneError: where a function fails, or gives anything but nine finite numbers.
+        """
+        if self.function is not None:
+            return self._called(time)
+        total = np.zeros((3, 3))
+        for item in self.harmonics:
+            omega, angle = item.angular_frequency, item.angular_frequency * time + item.phase
+            sine, cosine = np.sin(angle), np.cos(angle)
+            total += np.outer([sine, omega * cosine, -(omega**2) * sine], item.amplitude)
+        if self.times:
+            total += self._of_data(time)
+        return total
+
+    def sampled(self, times: ArrayLike) -> Motion:
+        """The same as data at the given times (T,) [s], met with velocity and acceleration: what a file can hold.
+
+        Raises:
+            SceneError: for times that do not increase, and where a function fails.
+        """
+        instants = _rows(f"motion of '{self.support}': times", times, 0)
+        rows = np.array([self.at(time) for time in instants]).reshape(-1, 3, 3)
+        return Motion.data(self.support, instants, rows[:, 0], rows[:, 1], rows[:, 2])
+
+    def _called(self, time: float) -> Array:
+        assert self.function is not None
+        where = f"motion of '{self.support}': the function"
+        try:
+            value = np.array(self.function(time), float)
+        except Exception as error:
+            raise SceneError(f"{where} failed at t = {time:.6g} s: {type(error).__name__}: {error}") from error
+        if value.shape != (3, 3) or not np.all(np.isfinite(value)):
+            gave = f"shape {value.shape}" if value.shape != (3, 3) else f"{value.tolist()}"
+            raise SceneError(
+                f"{where} gave {gave} at t = {time:.6g} s; it must give finite (3, 3): displacement, velocity, "
+                "acceleration"
+            )
+        return value
+
+    def _of_data(self, time: float) -> Array:
+        if not self.times[0] <= time <= self.times[-1]:
+            last = self.displacements[-1 if time > self.times[0] else 0]
+            return np.array([last, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)])
+        k = min(int(np.searchsorted(self.times, time, side="right")) - 1, len(self.times) - 2)
+        powers = (time - self.times[k]) ** np.arange(6)
+        rows = []
+        c = self.pieces[k]
+        for _ in range(3):
+            rows.append(powers[: len(c)] @ c)
+            c = np.arange(1, len(c))[:, None] * c[1:]
+        return np.array(rows)
+
+    @cached_property
+    def pieces(self) -> Array:
+        """(T - 1, 6, 3) coefficients of the data's quintics in t - times[k], lowest power first."""
+        if not self.times:
+            return np.zeros((0, 6, 3))
+        spans = np.diff(self.times)
+        if self.velocities:
+            states = np.stack([self.displacements, self.velocities, self.accelerations], axis=1)
+        else:
+            states = _spline_states(spans, np.array(self.displacements))
+        scales = spans[:, None] ** np.arange(6)
+        ends = np.concatenate([states[:-1] * scales[:, :3, None], states[1:] * scales[:, :3, None]], axis=1)
+        return np.asarray(np.einsum("ij,kjx->kix", HERMITE, ends) / scales[:, :, None])
+
+    @property
+    def jump(self) -> str:
+        """How fast the data move at their first and last time where that is not at rest, or ""."""
+        if not self.velocities:
+            return ""
+        first, last = (float(np.linalg.norm(row)) for row in (self.velocities[0], self.velocities[-1]))
+        parts = [f"{first:.3g} m/s at its first time {self.times[0]:g} s"] if first else []
+        parts += [f"{last:.3g} m/s at its last time {self.times[-1]:g} s"] if last else []
+        return " and ".join(parts)
+
+
+def _hermite() -> Array:
+    """(6, 6): coefficients of the quintic on [0, 1] from d, d', d'' at 0 and at 1."""
+    at = [[float(j == k) * (1.0, 1.0, 2.0)[k] for j in range(6)] for k in range(3)]
+    at += [[1.0] * 6, [float(j) for j in range(6)], [float(j * (j - 1)) for j in range(6)]]
+    return np.round(np.linalg.inv(np.array(at)) * 2) / 2  # all are multiples of 1/2
+
+
+HERMITE = _hermite()
+
+
+def _bending() -> Array:
+    """(6, 6): ∫ (d''')² over [0, 1] as a quadratic form of d, d', d'' at 0 and at 1."""
+    third = np.array([[6.0, 0, 0], [0, 24.0, 0], [0, 0, 60.0]]) @ HERMITE[3:]
+    moments = 1.0 / (1.0 + np.add.outer(np.arange(3), np.arange(3)))
+    return np.asarray(third.T @ moments @ third)
+
+
+def _spline_states(spans: Array, displacements: Array) -> Array:
+    """d, ḋ, d̈ (T, 3, 3) at the data's times of the quintic spline that is at rest at both ends.
+
+    It is the motion through the data whose ∫ (d''')² dt is least, which makes its third and fourth derivatives
+    continuous. The minimum is that of a positive definite form in ḋ and d̈, block-tridiagonal with 2 x 2 blocks.
+    """
+    states = np.zeros((len(displacements), 3, 3))
+    states[:, 0] = displacements
+    inner = len(displacements) - 2
+    if inner <= 0:
+        return states
+    form = _bending()
+    scale = np.stack([np.ones_like(spans), spans, spans**2], axis=1)
+    scale = np.concatenate([scale, scale], axis=1)
+    blocks = form * scale[:, :, None] * scale[:, None, :] / spans[:, None, None] ** 5
+    # A rate times a typical span, so that blocks compare.
+    unit = np.exp(np.mean(np.log(spans)))
+    units = np.array([1.0, 1 / unit, 1 / unit**2])
+    units = np.concatenate([units, units])
+    blocks = blocks * np.outer(units, units) * unit**5
+    diagonal = blocks[:-1, 4:, 4:] + blocks[1:, 1:3, 1:3]
+    beyond = blocks[1:, 1:3, 4:]
+    d = displacements
+    right = -(
+        blocks[:-1, 4:, 0, None] * d[:-2, None]
+        + (blocks[:-1, 4:, 3, None] + blocks[1:, 1:3, 0, None]) * d[1:-1, None]
+        + blocks[1:, 1:3, 3, None] * d[2:, None]
+    )
+    for k in range(1, inner):
+        factor = np.linalg.solve(diagonal[k - 1], beyond[k - 1]).T
+        diagonal[k] -= factor @ beyond[k - 1]
+        right[k] -= factor @ right[k - 1]
+    for k in reversed(range(inner)):
+        known = right[k] if k == inner - 1 else right[k] - beyond[k] @ states[k + 2, 1:]
+        states[k + 1, 1:] = np.linalg.solve(diagonal[k], known)
+    states[1:-1, 1] /= unit
+    states[1:-1, 2] /= unit**2
+    return states
+
+
+def _plain_harmonic(what: str, item: Any) -> Harmonic:
+    if not isinstance(item, Harmonic):
+        raise SceneError(f"{what}: {item!r} is no Harmonic(amplitude, angular_frequency, phase)")
+    try:
+        (amplitude,) = _rows("", [item.amplitude], 3)
+    except (SceneError, ValueError):
+        raise SceneError(f"{what}: amplitude = {item.amplitude!r}; it must be three finite numbers [m]") from None
+    omega = _number(f"{what}: angular_frequency", item.angular_frequency)
+    with np.errstate(over="ignore", invalid="ignore"):
+        acceleration = np.float64(omega) ** 2 * np.array(amplitude)
+    # NaN does not compare.
+    if not (np.all(np.abs(acceleration) <= LARGEST) and max(map(abs, amplitude)) <= LARGEST):
+        raise SceneError(
+            f"{what}: amplitude {list(amplitude)} m at {omega:g} rad/s has no finite acceleration; make both smaller"
+        )
+    return Harmonic(amplitude, omega, _number(f"{what}: phase", item.phase))
+
+
+def _rows(what: str, values: Any, width: int) -> tuple[Any, ...]:
+    """The values as a tuple of finite numbers, or of vectors where `width` is 3."""
+    try:
+        given = np.array(values)
+        array = given.astype(float) if given.dtype.kind in "iuf" else np.array(np.nan)
+    except (TypeError, ValueError, OverflowError):
+        array = np.array(np.nan)
+    if array.shape in ((0,), (0, width)):
+        return ()
+    if array.ndim != (2 if width else 1) or (width and array.shape[1] != width) or not np.all(np.isfinite(array)):
+        need = f"finite vectors, (T, {width})" if width else "finite numbers, (T,)"
+        raise SceneError(f"{what} = {_shortened(values)}; it must be a sequence of {need}")
+    return tuple(_vector(row) for row in array) if width else tuple(array.tolist())
+
+
+def _number(what: str, value: Any) -> float:
+    try:
+        number = float(value) if not isinstance(value, (bool, str)) else np.nan
+    except (TypeError, ValueError, OverflowError):
+        number = np.nan
+    if not np.isfinite(number):
+        raise SceneError(f"{what} = {value!r}; it must be a finite number")
+    return number
+
+
+def _direction(what: str, values: ArrayLike) -> Array:
+    row = np.array(_rows(f"{what}: direction", [values], 3)[0])
+    with np.errstate(over="ignore", under="ignore"):
+        length = float(np.linalg.norm(row))
+    if not 0 < length < np.inf:
+        raise SceneError(f"{what}: direction = {_shortened(values)}; its length must be neither zero nor infinite")
+    return row / length
+
+
+def _vector(row: Array) -> Vector:
+    x, y, z = (float(v) for v in row)
+    return (x, y, z)
+
+
+def _shortened(values: Any) -> str:
+    text = repr(values.tolist() if isinstance(values, np.ndarray) else values)
+    return text if len(text) <= 80 else text[:77] + "..."

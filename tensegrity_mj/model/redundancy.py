@@ -1,0 +1,140 @@
+"""Rods of which joints and supports have too many: whose forces nothing determines, and starts that are singular.
+
+In node coordinates the constraints on velocities are rows: e·(v_j - v_i) = 0 of each rod of direction e, and those of
+supports and planes. A state of self-stress s is a combination of rows that is zero. The forces of the rods in it are
+not unique: any multiple of it may be added, and no acceleration tells.
+
+Differentiated, the rows give Σ s ‖v_j - v_i‖²/ℓ = 0 over the rods, for every s, of any motion that can go on. Where a
+velocity satisfies all rows but not this, it is one that the lengths stop at once: rods in a line between two supports,
+or a loop at its change point. Which way such a start moves, and with which forces, accelerations cannot tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.forest import spanning_forest
+from tensegrity_mj.model.structure import Structure
+
+RANK = 1e-6  # singular values below this part count as zero: as the solvers' pivots do, which are their squares
+SHARE = 1e-6  # of a state of unit length, what counts as being in it
+APPROACHED = 1 / 3  # of the smallest singular value at the start, what is near a singular configuration
+MOST_RODS = 250  # that hang together; more take seconds
+
+
+@dataclass(frozen=True)
+class Redundancy:
+    """What is redundant at some nodes.
+
+    Attributes:
+        undetermined: names of the rods whose forces are not unique.
+        singular: names of the rods that stop a motion which all rows allow.
+        skipped: number of rods that were not looked at, for more than `MOST_RODS` hang together.
+    """
+
+    undetermined: tuple[str, ...] = ()
+    singular: tuple[str, ...] = ()
+    skipped: int = 0
+
+    @property
+    def warning(self) -> str:
+        """What is to be said of a run that starts there, or ""."""
+        if not self.singular:
+            return ""
+        names = ", ".join(f"'{name}'" for name in self.singular[:6]) + (", ..." if len(self.singular) > 6 else "")
+        return (
+            f"the start is singular: rods {names} allow velocities that their lengths stop at once, as rods in a line "
+            "between supports and loops at a change point do: motion and forces are not determined there, and no step "
+            "or tolerance helps: start beside it, or take out what holds the rods twice"
+        )
+
+
+def redundancy(structure: Structure, nodes: Array) -> Redundancy:
+    """Rods with forces that are not unique, and rods that make the place singular, at nodes (N, 3) [m]."""
+    if structure.class_number <= 1:
+        return Redundancy()
+    closed = {rod for _, _, rod in spanning_forest(structure).closures}
+    undetermined: list[int] = []
+    singular: list[int] = []
+    skipped = 0
+    for cluster in structure.clusters:
+        if not closed & set(cluster):
+            continue  # as many joints as a tree needs, and rods of constant length
+        if len(cluster) > MOST_RODS:
+            skipped += len(cluster)
+            continue
+        found, blocked = _of_cluster(structure, nodes, cluster)
+        undetermined += found
+        singular += blocked
+    names = [rod.name for rod in structure.rods]
+    return Redundancy(
+        tuple(names[row] for row in sorted(undetermined)), tuple(names[row] for row in sorted(singular)), skipped
+    )
+
+
+def approached(structure: Structure, start: Array, end: Array) -> str:
+    """What is to be said of a run that broke off near a singular configuration that it did not start near, or "".
+
+    `start` and `end` are node positions (N, 3) [m]. Clusters of more than `MOST_RODS` rods are not looked at.
+    """
+    for cluster in structure.clusters if spanning_forest(structure).closures else ():
+        if len(cluster) > MOST_RODS:
+            continue
+        values = np.linalg.svd(_rows(structure, start, cluster)[0], compute_uv=False)
+        last = int(np.sum(values > RANK * values[0])) - 1
+        left, now, _ = np.linalg.svd(_rows(structure, end, cluster)[0])
+        if now[last] < APPROACHED * values[last]:
+            most = np.argsort(-np.abs(left[: len(cluster), last]))
+            names = [structure.rods[cluster[k]].name for k in most]
+            return (
+                f"rods were coming near a singular configuration, '{names[0]}' and '{names[1]}' most: a chain drawn "
+                "straight between its supports, or a loop at its change point. Where supports or loads draw rods "
+                "further than they reach, no motion goes on from there"
+            )
+    return ""
+
+
+def _of_cluster(structure: Structure, nodes: Array, cluster: Sequence[int]) -> tuple[list[int], list[int]]:
+    """Rows of the rods in states of self-stress, and of those in states that stop a motion."""
+    rows, apart, lengths = _rows(structure, nodes, cluster)
+    count = len(cluster)
+    left, values, right = np.linalg.svd(rows)
+    rank = int(np.sum(values > RANK * values[0]))
+    stresses = left[:count, rank:]  # the rods' part of each state
+    inside = np.abs(stresses).max(axis=1, initial=0.0) > SHARE
+    free = apart @ right[rank:].T  # (count, 3, mechanisms)
+    stopped = np.zeros(count, bool)
+    for stress in stresses.T:
+        form = np.einsum("k,kxm,kxn->mn", stress / lengths, free, free) * float(np.mean(lengths))
+        if np.abs(form).max(initial=0.0) > SHARE:
+            stopped |= np.abs(stress) > SHARE
+    chosen = np.array(cluster)
+    return chosen[inside].tolist(), chosen[stopped].tolist()
+
+
+def _rows(structure: Structure, nodes: Array, cluster: Sequence[int]) -> tuple[Array, Array, Array]:
+    """Unit rows (c, n) of constraints on a cluster's nodes, rods first; v_j - v_i (R, 3, n) and ℓ (R,) of these."""
+    pairs = structure.rod_nodes[list(cluster)]
+    places, ends = np.unique(pairs, return_inverse=True)
+    ends = ends.reshape(-1, 2)
+    count, size = len(cluster), 3 * len(places)
+    lengths = structure.rod_lengths[list(cluster)]
+    apart = np.zeros((count, 3, size))  # v_j - v_i of each rod
+    held: list[Array] = []
+    for k, (row, (i, j)) in enumerate(zip(cluster, ends, strict=True)):
+        apart[k, :, 3 * i : 3 * i + 3], apart[k, :, 3 * j : 3 * j + 3] = -np.eye(3), np.eye(3)
+        support = structure.rods[row].support
+        at_sigma = np.zeros((3, size))
+        at_sigma[:, 3 * i : 3 * i + 3] = (1 - support.sigma) * np.eye(3)
+        at_sigma[:, 3 * j : 3 * j + 3] = support.sigma * np.eye(3)
+        held += [direction @ at_sigma for direction in support.constraint_rows]
+        if support.plane is not None:
+            held.append(np.array(support.plane) @ apart[k])
+    directions = (nodes[pairs[:, 1]] - nodes[pairs[:, 0]]) / lengths[:, None]
+    rows = np.concatenate([np.einsum("kx,kxn->kn", directions, apart), np.array(held).reshape(-1, size)])
+    rows /= np.linalg.norm(rows, axis=1)[:, None]
+    return rows, apart, lengths

@@ -1,0 +1,269 @@
+"""Equilibrium and rigidity matrices of a structure at given nodes, and the static forces that solve them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.values import array_of_shape
+from tensegrity_mj.model.members import null_space_basis
+from tensegrity_mj.model.rods import lumped_masses
+from tensegrity_mj.model.structure import Structure
+
+# Singular values of A below this part of the largest count as zero: far above the round-off of 17 digits, far
+# below the 1e-4 of coordinates printed with four digits (which are in no exact equilibrium).
+RANK_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class StaticForces:
+    """What rods and supports carry under given string force densities and loads.
+
+    Attributes:
+        rod_force_densities: (R,) [N/m], negative in compression; J λ / ℓ² of the thesis at rest.
+        support_forces: (R, 3) [N] on each rod at its point σ.
+        support_moments: (R, 3) [N m] on each planar rod, keeping it in its plane.
+        anchor_forces: (N, 3) [N] on fixed nodes and on planar point masses; zero on other nodes.
+    """
+
+    rod_force_densities: Array
+    support_forces: Array
+    support_moments: Array
+    anchor_forces: Array
+
+
+class Equilibrium(NamedTuple):
+    """How well strings that only pull can hold a configuration."""
+
+    force_densities: Array  # (M,) [N/m], >= 0
+    residual: float  # [N], norm over the free coordinates
+    self_stress_modes: int
+
+
+def free_motions(structure: Structure, nodes: ArrayLike | None = None) -> Array:
+    """Node displacements (3N, q) of a unit of each free coordinate; nodes (N, 3) [m], the reference by default."""
+    positions = _nodes(structure, nodes)
+    motions, apart = _motions_of_ends(structure, positions)
+    if not len(apart):
+        return motions
+    _, singular, right = np.linalg.svd(apart @ motions)
+    rank = int(np.sum(singular > RANK_TOLERANCE * singular[0]))
+    return np.asarray(motions[: 3 * len(positions)] @ right[rank:].T)
+
+
+def _ends(structure: Structure) -> tuple[NDArray[np.int64], list[int]]:
+    """Where the ends of each rod are (R, 2), and what nodes the ones beyond the N nodes are copies of.
+
+    The first rod of a joint has the joint's node, every other one a copy.
+    """
+    ends = np.array(structure.rod_nodes)
+    taken: set[int] = set()
+    copied: list[int] = []
+    for row in range(len(ends)):
+        for end in (0, 1):
+            node = int(ends[row, end])
+            if node in taken:
+                ends[row, end] = len(structure.nodes) + len(copied)
+                copied.append(node)
+            taken.add(node)
+    return ends, copied
+
+
+def _motions_of_ends(structure: Structure, positions: Array) -> tuple[Array, Array]:
+    """How N nodes and C copies move (3N + 3C, p) as if rods were apart, and how far copies are off (3C, 3N + 3C)."""
+    ends, copied = _ends(structure)
+    count = len(positions) + len(copied)
+    columns: list[Array] = []
+
+    def add(weights: dict[int, float], directions: Array) -> None:
+        for direction in directions.T:
+            motion = np.zeros((count, 3))
+            for row, weight in weights.items():
+                motion[row] = weight * direction
+            columns.append(motion.ravel())
+
+    spans = positions[structure.rod_nodes[:, 1]] - positions[structure.rod_nodes[:, 0]]
+    for rod, (i, j), span in zip(structure.rods, ends.tolist(), spans, strict=True):
+        sigma = rod.support.sigma
+        add({i: 1.0, j: 1.0}, rod.support.translation_basis)
+        add({i: -sigma, j: 1.0 - sigma}, _turning_basis(span, rod.support.plane))
+    for point in structure.point_masses:
+        add({structure.node_index[point.node]: 1.0}, point.translation_basis)
+    apart = np.zeros((len(copied), count))
+    apart[np.arange(len(copied)), len(positions) + np.arange(len(copied))] = 1.0
+    apart[np.arange(len(copied)), copied] -= 1.0
+    apart = np.asarray(np.kron(apart, np.eye(3)), float)
+    return np.array(columns).T, apart
+
+
+def equilibrium_matrix(structure: Structure, nodes: ArrayLike | None = None) -> Array:
+    """A (q, M) [m]: forces [N] on the free coordinates of unit force densities [N/m] of the strings."""
+    positions = _nodes(structure, nodes)
+    return free_motions(structure, positions).T @ _string_forces(structure, positions)
+
+
+def equilibrium_residual(
+    structure: Structure,
+    nodes: ArrayLike | None,
+    force_densities: ArrayLike,
+    gravity: ArrayLike | None = None,
+    loads: ArrayLike | None = None,
+) -> Array:
+    """(q,) [N]: the forces that are left on the free coordinates; zero in equilibrium.
+
+    Args:
+        nodes: (N, 3) [m]; None for the reference.
+        force_densities: u (M,) [N/m].
+        gravity: (3,) [m/s²]; a rod's weight acts half at each of its nodes.
+        loads: (N, 3) [N].
+    """
+    positions = _nodes(structure, nodes)
+    u = _per_string(structure, force_densities)
+    forces = _string_forces(structure, positions) @ u + _loads(structure, gravity, loads).ravel()
+    residual: Array = free_motions(structure, positions).T @ forces
+    return residual
+
+
+def static_forces(
+    structure: Structure,
+    force_densities: ArrayLike,
+    nodes: ArrayLike | None = None,
+    gravity: ArrayLike | None = None,
+    loads: ArrayLike | None = None,
+) -> StaticForces:
+    """Rod forces and support reactions in an equilibrium; arguments as `equilibrium_residual`."""
+    positions = _nodes(structure, nodes)
+    u = _per_string(structure, force_densities)
+    forces = (_string_forces(structure, positions) @ u).reshape(-1, 3) + _loads(structure, gravity, loads)
+    count = len(structure.rods)
+    densities, supports, moments = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3))
+    anchors = np.zeros_like(forces)
+    ends, copied = _ends(structure)
+    spans = positions[structure.rod_nodes[:, 1]] - positions[structure.rod_nodes[:, 0]]
+    if len(copied):
+        # What a joint's rods pass on to each other is what leaves each of them in balance.
+        motions, apart = _motions_of_ends(structure, positions)
+        forces = np.concatenate([forces, np.zeros((len(copied), 3))])
+        passed = np.linalg.lstsq((apart @ motions).T, -motions.T @ forces.ravel(), rcond=RANK_TOLERANCE)[0]
+        forces = forces + (apart.T @ passed).reshape(-1, 3)
+    for number, (rod, (i, j), span) in enumerate(zip(structure.rods, ends.tolist(), spans, strict=True)):
+        support = rod.support
+        turning = (1.0 - support.sigma) * forces[j] - support.sigma * forces[i]
+        densities[number] = span @ turning / (span @ span)
+        supports[number] = -_held(support.translation_basis, forces[i] + forces[j])
+        if support.plane is not None:
+            moments[number] = -np.cross(span, _held(support.rotation_basis, turning))
+    for name in structure.fixed_nodes:
+        anchors[structure.node_index[name]] = -forces[structure.node_index[name]]
+    for point in structure.point_masses:
+        row = structure.node_index[point.node]
+        anchors[row] = -_held(point.translation_basis, forces[row])
+    return StaticForces(densities, supports, moments, anchors)
+
+
+def equilibrium_force_densities(
+    structure: Structure,
+    nodes: ArrayLike | None = None,
+    gravity: ArrayLike | None = None,
+    loads: ArrayLike | None = None,
+) -> Equilibrium:
+    """Force densities u >= 0 that come closest to equilibrium (non-negative least squares).
+
+    Without gravity and loads that is u = 0: every configuration is an equilibrium of slack strings, and only
+    the number of self-stress modes tells more. Arguments as `equilibrium_residual`.
+    """
+    from scipy.optimize import nnls
+
+    positions = _nodes(structure, nodes)
+    matrix, external = _equations(structure, positions, free_motions(structure, positions), gravity, loads)
+    modes = len(_solve(matrix, external).modes)
+    if not structure.strings:
+        return Equilibrium(np.zeros(0), float(np.linalg.norm(external)), modes)
+    u, residual = nnls(matrix, -external)
+    return Equilibrium(u, float(residual), modes)
+
+
+class _States(NamedTuple):
+    """All u with A u + f = 0: particular + any combination of modes (S, M); what no u balances is the residual."""
+
+    modes: Array
+    particular: Array
+    residual: Array
+    singular_values: Array
+
+
+def _equations(
+    structure: Structure, positions: Array, motions: Array, gravity: ArrayLike | None, loads: ArrayLike | None
+) -> tuple[Array, Array]:
+    """A (q, M) and f (q,) of A u + f = 0."""
+    return motions.T @ _string_forces(structure, positions), motions.T @ _loads(structure, gravity, loads).ravel()
+
+
+def _solve(matrix: Array, external: Array) -> _States:
+    left, singular, right = np.linalg.svd(matrix)
+    rank = int(np.sum(singular > RANK_TOLERANCE * singular[0])) if singular.size and singular[0] > 0 else 0
+    modes = right[rank:]
+    modes = modes * np.where(modes.sum(axis=1) < 0, -1.0, 1.0)[:, None]
+    particular = -right[:rank].T @ (left[:, :rank].T @ external / singular[:rank])
+    return _States(modes, particular, matrix @ particular + external, singular)
+
+
+def _rigid_motions(positions: Array, motions: Array) -> int:
+    """How many independent motions of all nodes as one body lie in the span of the given ones (3N, q)."""
+    offsets = positions - positions.mean(axis=0)
+    scale = float(np.abs(offsets).max()) or 1.0
+    turns = [np.cross(axis, offsets / scale) for axis in np.eye(3)]
+    shifts = [np.broadcast_to(axis, offsets.shape) for axis in np.eye(3)]
+    bodies = np.array([motion.ravel() for motion in shifts + turns]).T
+    left, singular, _ = np.linalg.svd(bodies, full_matrices=False)
+    bodies = left[:, singular > RANK_TOLERANCE * singular[0]]  # nodes on one line: turning about it moves none
+    span, _ = np.linalg.qr(motions)
+    outside = np.linalg.svd(bodies - span @ (span.T @ bodies), compute_uv=False)
+    return int(np.sum(outside < 1e-7))  # an orthonormal basis: 0 inside the span, up to 1 outside
+
+
+def _string_forces(structure: Structure, positions: Array) -> Array:
+    """Forces on the nodes (3N, M) of unit force densities: each end is pulled towards the other."""
+    pairs = structure.string_nodes
+    spans = positions[pairs[:, 1]] - positions[pairs[:, 0]]
+    forces = np.zeros((len(positions), 3, len(pairs)))
+    columns = np.arange(len(pairs))
+    forces[pairs[:, 0], :, columns] = spans
+    forces[pairs[:, 1], :, columns] = -spans
+    return forces.reshape(3 * len(positions), len(pairs))
+
+
+def _loads(structure: Structure, gravity: ArrayLike | None, loads: ArrayLike | None) -> Array:
+    """External forces and weights on the nodes (N, 3) [N]."""
+    count = len(structure.nodes)
+    forces = np.zeros((count, 3)) if loads is None else array_of_shape("loads", loads, (count, 3), broadcast=False)
+    if gravity is not None:
+        weights = lumped_masses(structure)[:, None] * array_of_shape("gravity", gravity, (3,), broadcast=False)
+        forces = forces + weights
+    return forces
+
+
+def _nodes(structure: Structure, nodes: ArrayLike | None) -> Array:
+    if nodes is None:
+        return structure.positions
+    return array_of_shape("nodes", nodes, (len(structure.nodes), 3), broadcast=False)
+
+
+def _per_string(structure: Structure, force_densities: ArrayLike) -> Array:
+    count = len(structure.strings)
+    return np.broadcast_to(array_of_shape("force_densities", force_densities, (count,)), (count,))
+
+
+def _turning_basis(span: Array, plane: Sequence[float] | None) -> Array:
+    """Orthonormal basis of the directions in which b = span / ℓ can turn: (3, 2), or (3, 1) in a plane."""
+    return null_space_basis(np.array([span] if plane is None else [span, plane], float))
+
+
+def _held(free: Array, force: Array) -> Array:
+    """The part of a force outside the span of an orthonormal basis (3, d): what the support takes."""
+    return force - free @ (free.T @ force)

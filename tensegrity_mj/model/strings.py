@@ -1,0 +1,65 @@
+"""The one string law, used by every formulation and tested against each of them.
+
+A string of stiffness k [N/m], damping c [N s/m] and rest length L0 [m], at length L [m] and rate
+dL/dt [m/s], pulls with the tension [N]
+
+    T = max(0, k (L - L0) + c dL/dt)   where L > L0,   else 0          (CLIPPED)
+    T =        k (L - L0) + c dL/dt    where L > L0,   else 0          (UNCLIPPED)
+
+The clipped law is a string: it never pushes. The unclipped variant lets the damper push in a taut string
+that shortens fast; it exists to compare with codes that compute so. The elastic part k (L - L0) over L is
+the force density u [N/m] of the thesis, (2.58); its inverse is L0 = L (1 - u/k).
+"""
+
+from __future__ import annotations
+
+import enum
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tensegrity_mj.basics.arrays import Array
+
+
+class StringLaw(enum.Enum):
+    """Whether the total tension of a taut string is clipped at zero (a real string) or not."""
+
+    CLIPPED = "clipped"
+    UNCLIPPED = "unclipped"
+
+
+def elastic_tension(stiffness: ArrayLike, length: ArrayLike, rest_length: ArrayLike) -> Array:
+    """Elastic part k max(0, L - L0) of the tension [N]; arguments broadcast."""
+    return np.asarray(stiffness) * np.maximum(0.0, np.asarray(length) - np.asarray(rest_length))
+
+
+def tension(
+    stiffness: ArrayLike,
+    damping: ArrayLike,
+    length: ArrayLike,
+    length_rate: ArrayLike,
+    rest_length: ArrayLike,
+    law: StringLaw = StringLaw.CLIPPED,
+) -> Array:
+    """Tension T [N] of the law above; arguments broadcast."""
+    stretch = np.asarray(length) - np.asarray(rest_length)
+    total = np.asarray(stiffness) * stretch + np.asarray(damping) * np.asarray(length_rate)
+    if law is StringLaw.CLIPPED:
+        total = np.maximum(0.0, total)
+    return np.where(stretch > 0.0, total, 0.0)
+
+
+def energy(stiffness: ArrayLike, length: ArrayLike, rest_length: ArrayLike) -> Array:
+    """Elastic energy k max(0, L - L0)^2 / 2 [J]; arguments broadcast."""
+    stretch = np.maximum(0.0, np.asarray(length) - np.asarray(rest_length))
+    return 0.5 * np.asarray(stiffness) * stretch**2
+
+
+def force_density(stiffness: ArrayLike, length: ArrayLike, rest_length: ArrayLike) -> Array:
+    """Force density u = k (1 - L0/L)+ [N/m], thesis (2.58); arguments broadcast."""
+    return elastic_tension(stiffness, length, rest_length) / np.asarray(length)
+
+
+def rest_length(stiffness: ArrayLike, length: ArrayLike, force_density: ArrayLike) -> Array:
+    """Rest length L0 = L (1 - u/k) [m] that gives the force density u [N/m], below (2.58)."""
+    return np.asarray(length) * (1.0 - np.asarray(force_density) / np.asarray(stiffness))

@@ -1,0 +1,336 @@
+"""Structures: nodes, rods, strings and supports. Topology and physics, validated, immutable.
+
+Rods that name the same node are joined there by a ball joint without friction. SI units, radians; the world frame is
+right-handed with z up. Positions are in that frame [m].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.model.members import (
+    LIMITS,
+    PointMass,
+    Rod,
+    String,
+    Support,
+    Vector,
+    _plain_point_mass,
+    _plain_rod,
+    _plain_string,
+    _vector,
+)
+from tensegrity_mj.model.section import Section
+from tensegrity_mj.model.strings import StringLaw
+
+T = TypeVar("T", bound=NDArray[Any])
+
+
+@dataclass(frozen=True, eq=False)
+class Structure:
+    """Nodes, rods, strings and supports of a tensegrity structure of any class.
+
+    A node at which rods end is a joint between them: a ball joint without friction, of as many rods as name it. A joint
+    is held in space by the support of one of its rods.
+
+    Attributes:
+        name: short name.
+        nodes: node name -> reference position [m].
+        rods, strings, point_masses: the members, each naming its nodes.
+        fixed_nodes: names of nodes that are fixed in space and belong to no rod.
+        string_law: clipped (default) or unclipped, see `strings`.
+
+    Raises:
+        StructureError: on construction, if anything is invalid; the message names the item at fault.
+    """
+
+    name: str
+    nodes: Mapping[str, Vector]
+    rods: tuple[Rod, ...] = ()
+    strings: tuple[String, ...] = ()
+    fixed_nodes: tuple[str, ...] = ()
+    point_masses: tuple[PointMass, ...] = ()
+    string_law: StringLaw = StringLaw.CLIPPED
+
+    def __post_init__(self) -> None:
+        from tensegrity_mj.basics.values import sequence_of
+        from tensegrity_mj.model.structure_checks import check_structure
+
+        for name in ("rods", "strings", "fixed_nodes", "point_masses"):
+            object.__setattr__(self, name, sequence_of(name, getattr(self, name)))
+        check_structure(self)
+        # Plain tuples and floats from here on: equality, hashing of members and files rely on them.
+        nodes = {str(key): _vector(position) for key, position in self.nodes.items()}
+        object.__setattr__(self, "nodes", nodes)
+        object.__setattr__(self, "rods", tuple(_plain_rod(rod) for rod in self.rods))
+        object.__setattr__(self, "strings", tuple(_plain_string(string) for string in self.strings))
+        object.__setattr__(self, "fixed_nodes", tuple(str(name) for name in self.fixed_nodes))
+        object.__setattr__(self, "point_masses", tuple(_plain_point_mass(point) for point in self.point_masses))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Structure) and self._key() == other._key()
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def _key(self) -> tuple[Any, ...]:
+        return (
+            self.name,
+            list(self.nodes.items()),
+            self.rods,
+            self.strings,
+            self.fixed_nodes,
+            self.point_masses,
+            self.string_law,
+        )
+
+    @classmethod
+    def from_arrays(
+        cls,
+        nodes: ArrayLike,
+        rods: ArrayLike,
+        strings: ArrayLike,
+        *,
+        rod_mass: ArrayLike,
+        stiffness: ArrayLike,
+        damping: ArrayLike = 0.0,
+        rest_length: ArrayLike | None = None,
+        force_density: ArrayLike | None = None,
+        tension: ArrayLike | None = None,
+        rod_radius: ArrayLike = 0.01,
+        supports: Sequence[Support] | None = None,
+        fixed_nodes: Sequence[int] = (),
+        point_masses: Mapping[int, float] | None = None,
+        name: str = "structure",
+        string_law: StringLaw = StringLaw.CLIPPED,
+    ) -> Structure:
+        """The same from arrays: nodes (N, 3); rods (R, 2) and strings (M, 2) as node indices from 0.
+
+        Scalars broadcast over members. Nodes become n1, n2, ...; rods r1, ...; strings s1, ...
+
+        Raises:
+            StructureError: as the constructor, and for arrays of the wrong shape.
+        """
+        from tensegrity_mj.basics.values import array_of_shape, index_pairs
+
+        positions = array_of_shape("nodes", nodes, (-1, 3))
+        count = len(positions)
+        names = [f"n{i + 1}" for i in range(count)]
+        rod_pairs = index_pairs("rods", rods, count)
+        string_pairs = index_pairs("strings", strings, count)
+
+        def per_member(what: str, values: ArrayLike | None, size: int) -> list[float | None]:
+            if values is None:
+                return [None] * size
+            return [float(x) for x in np.broadcast_to(array_of_shape(what, values, (size,)), (size,))]
+
+        masses = per_member("rod_mass", rod_mass, len(rod_pairs))
+        radii = per_member("rod_radius", rod_radius, len(rod_pairs))
+        held = list(supports) if supports is not None else [Support.free()] * len(rod_pairs)
+        array_of_shape("supports (one a rod)", np.zeros(len(held)), (len(rod_pairs),), broadcast=False)
+        size = len(string_pairs)
+        columns = zip(
+            per_member("stiffness", stiffness, size),
+            per_member("damping", damping, size),
+            per_member("rest_length", rest_length, size),
+            per_member("tension", tension, size),
+            per_member("force_density", force_density, size),
+            strict=True,
+        )
+        fixed = [i for i, _ in index_pairs("fixed_nodes", [(i, i) for i in fixed_nodes], count, allow_equal=True)]
+        heavy = dict(point_masses or {})
+        mass_nodes = [i for i, _ in index_pairs("point_masses", [(i, i) for i in heavy], count, allow_equal=True)]
+        return cls(
+            name=name,
+            nodes={key: (float(p[0]), float(p[1]), float(p[2])) for key, p in zip(names, positions, strict=True)},
+            rods=tuple(
+                Rod(f"r{a + 1}", (names[i], names[j]), masses[a] or 0.0, radii[a] or 0.0, held[a])
+                for a, (i, j) in enumerate(rod_pairs)
+            ),
+            strings=tuple(
+                String(f"s{a + 1}", (names[i], names[j]), k or 0.0, c or 0.0, l0, t, u)
+                for a, ((i, j), (k, c, l0, t, u)) in enumerate(zip(string_pairs, columns, strict=True))
+            ),
+            fixed_nodes=tuple(names[i] for i in fixed),
+            point_masses=tuple(PointMass(names[i], m) for i, m in zip(mass_nodes, heavy.values(), strict=True)),
+            string_law=string_law,
+        )
+
+    def with_strings(self, **changes: ArrayLike | None) -> Structure:
+        """A copy whose strings have other numbers: stiffness, damping, how they are taut, limits or `strength`.
+
+        Values are scalars or (M,). Giving a rest length, tension or force density replaces whichever of the three was
+        there; None removes it, so that the strings are taut without tension at the reference nodes. A limit of None
+        is lifted, and a strength of None is unknown.
+        """
+        from tensegrity_mj.basics.values import array_of_shape
+        from tensegrity_mj.errors import StructureError
+
+        rest = ("rest_length", "tension", "force_density")
+        optional = (*rest, *LIMITS, "strength")
+        allowed = ("stiffness", "damping", *optional)
+        for key in changes:
+            if key not in allowed:
+                raise StructureError(f"with_strings: '{key}' is no property of strings; allowed: {', '.join(allowed)}")
+        strings = list(self.strings)
+        if set(changes) & set(rest):
+            strings = [replace(s, rest_length=None, tension=None, force_density=None) for s in strings]
+        for key, values in changes.items():
+            if values is None and key in optional:
+                values_by_string: list[dict[str, Any]] = [{key: None}] * len(strings)
+            else:
+                column = np.broadcast_to(array_of_shape(key, values, (len(strings),)), (len(strings),))
+                values_by_string = [{key: float(x)} for x in column]
+            strings = [replace(s, **change) for s, change in zip(strings, values_by_string, strict=True)]
+        return replace(self, strings=tuple(strings))
+
+    def with_sections(self, sections: Section | Sequence[Section | None] | None) -> Structure:
+        """A copy whose rods have that section, or one each (R of them) in their order; None: not known.
+
+        Raises:
+            StructureError: if there are not as many sections as rods, or one of them is not valid.
+        """
+        from tensegrity_mj.basics.values import sequence_of
+        from tensegrity_mj.errors import StructureError
+
+        same = sections is None or isinstance(sections, Section)
+        chosen = (sections,) * len(self.rods) if same else sequence_of("with_sections: sections", sections)
+        if len(chosen) != len(self.rods):
+            raise StructureError(f"with_sections: {len(chosen)} sections for {len(self.rods)} rods; give one a rod")
+        rods = (replace(rod, section=section) for rod, section in zip(self.rods, chosen, strict=True))
+        return replace(self, rods=tuple(rods))
+
+    @cached_property
+    def node_names(self) -> tuple[str, ...]:
+        """Names in the order of the rows of every (N, 3) array."""
+        return tuple(self.nodes)
+
+    @cached_property
+    def node_index(self) -> dict[str, int]:
+        """Row of each node."""
+        return {name: i for i, name in enumerate(self.nodes)}
+
+    @cached_property
+    def positions(self) -> Array:
+        """Reference node positions (N, 3) [m]."""
+        return _readonly(np.array(list(self.nodes.values()), float).reshape(-1, 3))
+
+    @cached_property
+    def rods_at(self) -> dict[str, tuple[int, ...]]:
+        """Node name -> rows of the rods that end there, in their order."""
+        found: dict[str, list[int]] = {name: [] for name in self.nodes}
+        for row, rod in enumerate(self.rods):
+            for name in rod.nodes:
+                found[name].append(row)
+        return {name: tuple(rows) for name, rows in found.items()}
+
+    @cached_property
+    def class_number(self) -> int:
+        """k of a class k structure: the most rods that meet at one node; 0 where there are no rods."""
+        return max((len(rows) for rows in self.rods_at.values()), default=0)
+
+    @cached_property
+    def clusters(self) -> tuple[tuple[int, ...], ...]:
+        """Rows of the rods that hang together through joints, a cluster each, in the order of their first rods."""
+        seen: set[int] = set()
+        left = dict(self.rods_at)  # each node is looked at once, however many rods it has
+        found = []
+        for first in range(len(self.rods)):
+            if first in seen:
+                continue
+            cluster, todo = {first}, [first]
+            while todo:
+                for name in self.rods[todo.pop()].nodes:
+                    new = [row for row in left.pop(name, ()) if row not in cluster]
+                    cluster.update(new)
+                    todo.extend(new)
+            seen |= cluster
+            found.append(tuple(sorted(cluster)))
+        return tuple(found)
+
+    @cached_property
+    def rod_nodes(self) -> IntArray:
+        """Node rows (R, 2) of the rods."""
+        return self._pairs(self.rods)
+
+    @cached_property
+    def string_nodes(self) -> IntArray:
+        """Node rows (M, 2) of the strings."""
+        return self._pairs(self.strings)
+
+    @cached_property
+    def rod_lengths(self) -> Array:
+        """ℓ (R,) [m]."""
+        pairs = self.rod_nodes
+        return _readonly(np.linalg.norm(self.positions[pairs[:, 1]] - self.positions[pairs[:, 0]], axis=1))
+
+    @cached_property
+    def rod_masses(self) -> Array:
+        """m (R,) [kg]."""
+        return _readonly(np.array([rod.mass for rod in self.rods], float))
+
+    def limits(self, name: str) -> Array:
+        """One of `LIMITS` (M,) of the strings; where there is none, ∞, or -∞ for the smallest rest length."""
+        none = -np.inf if name == "min_rest_length" else np.inf
+        values = [getattr(string, name) for string in self.strings]
+        return np.array([none if value is None else value for value in values], float)
+
+    @cached_property
+    def stiffness(self) -> Array:
+        """k (M,) [N/m]."""
+        return _readonly(np.array([s.stiffness for s in self.strings], float))
+
+    @cached_property
+    def damping(self) -> Array:
+        """c (M,) [N s/m]."""
+        return _readonly(np.array([s.damping for s in self.strings], float))
+
+    @cached_property
+    def rest_lengths(self) -> Array:
+        """L0 (M,) [m], resolved from whatever the strings specify at the reference nodes."""
+        lengths = self.string_lengths(self.positions)
+        values = []
+        for s, length in zip(self.strings, lengths, strict=True):
+            if s.rest_length is not None:
+                values.append(s.rest_length)
+            elif s.tension is not None:
+                values.append(length - s.tension / s.stiffness)
+            else:
+                values.append(length * (1.0 - (s.force_density or 0.0) / s.stiffness))
+        return _readonly(np.array(values, float))
+
+    @cached_property
+    def connectivity(self) -> Array:
+        """C (M, N) of (2.57): -1 where a string starts, +1 where it ends."""
+        matrix = np.zeros((len(self.strings), len(self.nodes)))
+        rows = np.arange(len(self.strings))
+        matrix[rows, self.string_nodes[:, 0]] = -1.0
+        matrix[rows, self.string_nodes[:, 1]] = 1.0
+        return _readonly(matrix)
+
+    def string_lengths(self, nodes: Array) -> Array:
+        """‖s‖ [m] of every string for node positions (..., N, 3); shape (..., M)."""
+        pairs = self.string_nodes
+        return np.linalg.norm(nodes[..., pairs[:, 1], :] - nodes[..., pairs[:, 0], :], axis=-1)
+
+    def string_rates(self, nodes: Array, velocities: Array) -> Array:
+        """d‖s‖/dt [m/s] for node positions and velocities (..., N, 3); shape (..., M)."""
+        pairs = self.string_nodes
+        s = nodes[..., pairs[:, 1], :] - nodes[..., pairs[:, 0], :]
+        rate = velocities[..., pairs[:, 1], :] - velocities[..., pairs[:, 0], :]
+        return np.sum(s * rate, axis=-1) / np.linalg.norm(s, axis=-1)
+
+    def _pairs(self, members: Sequence[Rod] | Sequence[String]) -> IntArray:
+        pairs = [[self.node_index[name] for name in member.nodes] for member in members]
+        return _readonly(np.array(pairs, np.int64).reshape(-1, 2))
+
+
+def _readonly(array: T) -> T:
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,79 @@
+"""Reads structures and scenes from texts and files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+from tensegrity_mj.errors import FormatError, SceneError, StructureError
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.text.keys import FILE_KEYS, FORMAT, SCENE_KEYS, STRUCTURE_KEYS
+from tensegrity_mj.model.text.parsing import parse
+from tensegrity_mj.model.text.scenes import scene_of
+from tensegrity_mj.model.text.sources import read
+from tensegrity_mj.model.text.structures import structure_of
+from tensegrity_mj.model.text.table import Table, shown
+
+T = TypeVar("T")
+
+
+def scene_from_toml(text: str, where: str = "TOML text", folder: Path | None = None) -> Scene:
+    """The scene that a TOML text describes.
+
+    Args:
+        text: the text.
+        where: what error messages call it.
+        folder: what a `structure = "other.toml"` in it is relative to; without one it is refused.
+    """
+    top = _top(text, where)
+    structure = _read_structure(top, folder)
+    return _validated(where, lambda: scene_of(top, structure))
+
+
+def structure_from_toml(text: str, where: str = "TOML text", folder: Path | None = None) -> Structure:
+    """The structure that a TOML text describes; a [scene] in it is checked for its keys only."""
+    return _read_structure(_top(text, where), folder)
+
+
+def _top(text: str, where: str) -> Table:
+    data = parse(text, where)
+    if "format" not in data:
+        raise FormatError(f"{where}: 'format' is missing; a file of this format starts with: format = {FORMAT}")
+    if type(data["format"]) is not int or data["format"] != FORMAT:
+        raise FormatError(f"{where}: format = {shown(data['format'])}; this version reads format = {FORMAT}")
+    top = Table(data, where, "", FILE_KEYS)
+    top.table("scene", SCENE_KEYS)
+    return top
+
+
+def _read_structure(top: Table, folder: Path | None) -> Structure:
+    if isinstance(top.data.get("structure"), str):
+        return _other_structure(top, folder)
+    if "structure" not in top.data:
+        raise top.fail("structure", "a table [structure], or the path of the file that holds it")
+    table = top.table("structure", STRUCTURE_KEYS)
+    assert table is not None
+    return _validated(top.where, lambda: structure_of(table, top.text("name")))
+
+
+def _other_structure(top: Table, folder: Path | None) -> Structure:
+    reference = top.text("structure")
+    if folder is None:
+        raise top.fail("structure", "a table here: a text on its own has no folder that a path could be relative to")
+    path = folder / reference
+    other = _top(read(path), str(path))
+    if isinstance(other.data.get("structure"), str):
+        raise FormatError(
+            f"{top.where}: structure = '{reference}', which refers to another file in turn: name that file here"
+        )
+    return _read_structure(other, None)
+
+
+def _validated(where: str, build: Callable[[], T]) -> T:
+    """What `build` returns; an error of validation gets the file in front."""
+    try:
+        return build()
+    except (StructureError, SceneError) as error:
+        raise type(error)(f"{where}: {error}") from error

@@ -1,0 +1,133 @@
+"""A table of a file, which reads its keys with their types, or says what is wrong."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Collection, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.errors import FormatError
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.structure_checks import names_of
+
+
+class Table:
+    """A TOML table that knows its place and reads its keys with their types, or says what is wrong."""
+
+    def __init__(self, data: Any, file: str, path: str, keys: Sequence[str] | None) -> None:
+        self.file, self.path = file, path
+        self.where = f"{file}: {path}" if path else file
+        if not isinstance(data, dict):
+            raise FormatError(f"{self.where} = {shown(data)}; it must be a table")
+        self.data: dict[str, Any] = data
+        if keys is not None:
+            self.allow(keys)
+
+    def allow(self, keys: Sequence[str]) -> None:
+        for key in self.data:
+            if key not in keys:
+                raise FormatError(f"{self.where}: unknown key '{key}'{closest(key, keys)}; allowed: {', '.join(keys)}")
+
+    def fail(self, key: str, need: str) -> FormatError:
+        if key not in self.data:
+            return FormatError(f"{self.where}: '{key}' is missing; it must be {need}")
+        return FormatError(f"{self.where}: {key} = {shown(self.data[key])}; it must be {need}")
+
+    def get(self, key: str, need: str, valid: Callable[[Any], bool], default: Any = ...) -> Any:
+        """The value of a key, or the default (... for none: the key must be there)."""
+        if key not in self.data and default is not ...:
+            return default
+        if key not in self.data or not valid(self.data[key]):
+            raise self.fail(key, need)
+        return self.data[key]
+
+    def text(self, key: str, default: Any = ...) -> str:
+        value: str = self.get(key, "a text in quotes", lambda x: isinstance(x, str), default)
+        return value
+
+    def choice(self, key: str, allowed: Collection[str], default: Any = ...) -> str:
+        need = " or ".join(f'"{item}"' for item in allowed)
+        value: str = self.get(key, need, lambda x: isinstance(x, str) and x in allowed, default)
+        return value
+
+    def number(self, key: str, default: Any = ...) -> Any:
+        value = self.get(key, "a number", is_number, default)
+        return float(value) if key in self.data else value
+
+    def numbers(self, key: str, need: str, size: int | None = None, default: Any = ...) -> Any:
+        value = self.get(key, need, lambda x: is_list(x, is_number) and size in (None, len(x)), default)
+        return tuple(float(x) for x in value) if key in self.data else value
+
+    def vector(self, key: str, default: Any = ...) -> Any:
+        return self.numbers(key, "three numbers [x, y, z]", 3, default)
+
+    def texts(self, key: str, default: Any = ...) -> Any:
+        need = "a list of names in quotes"
+        return tuple(self.get(key, need, lambda x: is_list(x, lambda item: isinstance(item, str)), default))
+
+    def table(self, key: str, keys: Sequence[str] | None) -> Table | None:
+        """A table inside, or None if absent."""
+        return self._inside(key, self.data[key], keys) if key in self.data else None
+
+    def tables(self, key: str, keys: Sequence[str], title: str = "name") -> list[Table]:
+        """An array of tables inside, empty if absent; messages call each by its number and `title`."""
+        found = self.get(key, "an array of tables", lambda x: is_list(x, lambda item: isinstance(item, dict)), [])
+        names = (f" '{item[title]}'" if isinstance(item.get(title), str) else "" for item in found)
+        rows = enumerate(zip(found, names, strict=True))
+        return [self._inside(f"{key}[{number}]{name}", item, keys) for number, (item, name) in rows]
+
+    def _inside(self, name: str, data: Any, keys: Sequence[str] | None) -> Table:
+        return Table(data, self.file, f"{self.path}.{name}" if self.path else name, keys)
+
+    def node_rows(self, structure: Structure, base: Array) -> Array:
+        """This table as node name = [x, y, z], over the rows of `base` (N, 3) for the nodes it leaves out."""
+        rows = np.array(base)
+        for name in self.data:
+            if name not in structure.node_index:
+                known = structure.node_names
+                raise FormatError(
+                    f"{self.where}: unknown node '{name}'{closest(name, known)}; the nodes are {names_of(known)}"
+                )
+            rows[structure.node_index[name]] = self.vector(name)
+        return rows
+
+
+def is_number(value: Any) -> bool:
+    """Whether TOML gave a number that a float can hold."""
+    return isinstance(value, float) or (type(value) is int and abs(value) < 10**308)  # larger ones overflow
+
+
+def is_list(value: Any, valid: Callable[[Any], bool]) -> bool:
+    """Whether it is a list of valid items."""
+    return isinstance(value, list) and all(valid(item) for item in value)
+
+
+def is_row(value: Any) -> bool:
+    """Whether it is a list of three numbers."""
+    return is_list(value, is_number) and len(value) == 3
+
+
+def shown(value: Any) -> str:
+    """A value as a person would write it, with its type, and not endlessly long."""
+    kinds = {
+        str: "a text",
+        bool: "a truth value",
+        int: "an integer",
+        float: "a number",
+        list: "a list",
+        dict: "a table",
+    }
+    try:
+        text = {True: "true", False: "false"}[value] if isinstance(value, bool) else repr(value)
+    except ValueError:  # an integer of thousands of digits
+        text = "..."
+    return f"{text if len(text) <= 60 else text[:57] + '...'} ({kinds.get(type(value), 'a ' + type(value).__name__)})"
+
+
+def closest(word: str, known: Iterable[str]) -> str:
+    """What a misspelt word was probably meant to be, as the end of a sentence, or nothing."""
+    match = difflib.get_close_matches(word, list(known), 1)
+    return f" (did you mean '{match[0]}'?)" if match else ""

@@ -1,0 +1,227 @@
+"""Writes structures and scenes, without loss."""
+
+from __future__ import annotations
+
+import enum
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.files import replacing
+from tensegrity_mj.errors import FormatError, SceneError
+from tensegrity_mj.model.elements.contact import Contact
+from tensegrity_mj.model.elements.resistance import Resistance
+from tensegrity_mj.model.elements.water import Water
+from tensegrity_mj.model.members import Rod, String, Support
+from tensegrity_mj.model.motion import Motion
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.strings import StringLaw
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.target import Target
+from tensegrity_mj.model.text.keys import FORMAT, MOST_BYTES, MOTION_DATA
+
+HEADING = "# tensegrity-mj; SI units, world frame with z up. Every key: docs/format.md"
+PINNED = Support.pinned().directions
+
+
+def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
+    """Write a scene, atomically (a crash leaves the old file or none); returns the path.
+
+    Raises:
+        SceneError: if its loads or a motion are a Python function, which no file can hold.
+        FormatError: if the file cannot be written, or would be too large to be read back.
+    """
+    return _write(path, scene_to_toml(scene))
+
+
+def save_structure(structure: Structure, path: str | os.PathLike[str]) -> Path:
+    """Write a structure, atomically; returns the path.
+
+    Raises:
+        FormatError: if the file cannot be written, or would be too large to be read back.
+    """
+    return _write(path, structure_to_toml(structure))
+
+
+def scene_to_toml(scene: Scene) -> str:
+    """The scene as TOML text, without loss.
+
+    Raises:
+        SceneError: if its loads or a motion are a Python function, which no file can hold.
+    """
+    if callable(scene.loads):
+        raise SceneError(
+            f"scene '{scene.name}': its loads are a Python function, which a file cannot hold: "
+            "describe them by Loads, or save it without them (scene.with_(loads=()))"
+        )
+    for motion in scene.motions:
+        if motion.function is not None:
+            raise SceneError(
+                f"scene '{scene.name}': the motion of '{motion.support}' is a Python function, which a file cannot "
+                "hold: describe it by harmonics or data (motion.sampled(times) makes data of it)"
+            )
+    head = [HEADING, f"format = {FORMAT}", _entry("name", scene.name)]
+    if scene.source:
+        head.append(_entry("source", scene.source))
+    return "\n".join([*head, "", *_structure_lines(scene.structure, scene.name), "", *_scene_lines(scene)]) + "\n"
+
+
+def structure_to_toml(structure: Structure) -> str:
+    """The structure as TOML text, without loss."""
+    head = [HEADING, f"format = {FORMAT}", _entry("name", structure.name), ""]
+    return "\n".join(head + _structure_lines(structure, structure.name)) + "\n"
+
+
+def _structure_lines(structure: Structure, file_name: str) -> list[str]:
+    lines = ["[structure]"]
+    if structure.name != file_name:
+        lines.append(_entry("name", structure.name))
+    if structure.string_law is not StringLaw.CLIPPED:
+        lines.append(_entry("string_law", structure.string_law.value))
+    lines += [f"nodes.{_key(name)} = {_value(position)}" for name, position in structure.nodes.items()]
+    if structure.fixed_nodes:
+        lines.append(_entry("fixed_nodes", structure.fixed_nodes))
+    lines += _array("rods", [_rod_table(rod) for rod in structure.rods])
+    lines += _array("strings", [_string_table(string) for string in structure.strings])
+    return lines + _array("point_masses", [_given(vars(point)) for point in structure.point_masses])
+
+
+def _string_table(string: String) -> dict[str, Any]:
+    table = _given(vars(string))
+    return table if string.damping else {key: value for key, value in table.items() if key != "damping"}
+
+
+def _rod_table(rod: Rod) -> dict[str, Any]:
+    table = {"name": rod.name, "nodes": rod.nodes, "mass": rod.mass, "radius": rod.radius}
+    if rod.section is not None:
+        table["section"] = _given(vars(rod.section))
+    support = rod.support
+    if support == Support.free():
+        return table
+    pinned = support.directions == PINNED and support.values is None
+    details: dict[str, Any] = {
+        "kind": "free" if not support.directions else "pinned" if pinned else "constrained",
+        "sigma": support.sigma,
+    }
+    if details["kind"] == "constrained":
+        details |= {"D": support.directions, "values": support.values}
+    return table | {"support": _given(details | {"plane": support.plane})}
+
+
+def _scene_lines(scene: Scene) -> list[str]:
+    structure = scene.structure
+    lines = ["[scene]"]
+    if scene.gravity != Scene.gravity:
+        lines.append(_entry("gravity", scene.gravity))
+    lines.append(_entry("duration", scene.duration))
+    assert not callable(scene.loads)
+    lines += _array("loads", [vars(load) for load in scene.loads])
+    lines += _array("breaks", [vars(event) for event in scene.breaks])
+    lines += _array("motions", [_motion_table(motion) for motion in scene.motions])
+    if scene.contact is not None:
+        given = {key: value for key, value in vars(scene.contact).items() if value != getattr(Contact, key)}
+        lines.append(_entry("contact", given))
+    if scene.resistance is not None:
+        parts = {key: value for key, value in vars(scene.resistance).items() if value != getattr(Resistance, key)}
+        given = {key: _given(vars(value)) if key in ("bending", "drag") else value for key, value in parts.items()}
+        lines.append(_entry("resistance", given))
+    if scene.water is not None:
+        lines += _section("scene.water", _water_lines(scene.water))
+    if scene.initial_nodes is not None:
+        lines += _section("scene.initial_nodes", _node_lines(structure, scene.initial_nodes, structure.positions))
+    if scene.initial_velocities is not None:
+        still = np.zeros_like(structure.positions)
+        lines += _section("scene.initial_velocities", _node_lines(structure, scene.initial_velocities, still))
+    if scene.target is not None:
+        lines += _target_lines(structure, scene.target)
+    if scene.control is not None:
+        options = dict(scene.control.options)
+        lines += _section("scene.control", [_entry("law", scene.control.law), _entry("options", options)])
+    return lines
+
+
+def _water_lines(water: Water) -> list[str]:
+    given = {key: value for key, value in vars(water).items() if value != getattr(Water, key) and key != "waves"}
+    lines = [_entry(key, value.value if isinstance(value, enum.Enum) else value) for key, value in given.items()]
+    return lines + _array("waves", [_given(vars(wave)) for wave in water.waves])
+
+
+def _motion_table(motion: Motion) -> dict[str, Any]:
+    table: dict[str, Any] = {"support": motion.support}
+    if motion.harmonics:
+        table["harmonics"] = [vars(item) for item in motion.harmonics]
+    return table | {key: values for key in MOTION_DATA if (values := getattr(motion, key))}
+
+
+def _target_lines(structure: Structure, target: Target) -> list[str]:
+    curve, still = target.along, structure.positions
+    if curve is not None:
+        entries = {"times": target.times, "values": curve.values}
+        entries |= {key: values for key in ("rates", "accelerations") if any(values := getattr(curve, key))}
+        lines = _section("scene.target", [_entry(key, values) for key, values in entries.items()])
+        return lines + _node_table_lines("scene.target.shapes", "parameter", curve.parameters, curve.shapes, structure)
+    if target.times == (0.0,):
+        return _section("scene.target.nodes", _node_lines(structure, target.nodes[0], still))
+    return _node_table_lines("scene.target.waypoints", "time", target.times, target.nodes, structure)
+
+
+def _node_table_lines(
+    key: str, title: str, numbers: Iterable[float], positions: Array, structure: Structure
+) -> list[str]:
+    lines = []
+    for number, nodes in zip(numbers, positions, strict=True):
+        rows = _node_lines(structure, nodes, structure.positions)
+        lines += ["", f"[[{key}]]", _entry(title, number), *(f"nodes.{row}" for row in rows)]
+    return lines
+
+
+def _node_lines(structure: Structure, nodes: Array, base: Array) -> list[str]:
+    """A line for each node whose row is not bit by bit that of `base`."""
+    rows = zip(structure.node_names, nodes, base, strict=True)
+    return [_entry(name, row.tolist()) for name, row, other in rows if row.tobytes() != other.tobytes()]
+
+
+def _section(title: str, lines: list[str]) -> list[str]:
+    return ["", f"[{title}]", *lines]
+
+
+def _array(key: str, tables: Sequence[Mapping[str, Any]]) -> list[str]:
+    return [f"{key} = [", *(f"    {_value(table)}," for table in tables), "]"] if tables else []
+
+
+def _entry(key: str, value: Any) -> str:
+    return f"{_key(key)} = {_value(value)}"
+
+
+def _key(key: str) -> str:
+    return tomli_w.dumps({key: 0}).removesuffix(" = 0\n")
+
+
+def _value(value: Any) -> str:
+    """A value on one line. tomli_w breaks every list into lines, so that only what is no list is left to it."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(_entry(key, item) for key, item in value.items()) + " }" if value else "{}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(_value(item) for item in value) + "]"
+    return tomli_w.dumps({"x": value}).removeprefix("x = ").removesuffix("\n")
+
+
+def _given(table: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in table.items() if value is not None}
+
+
+def _write(path: str | os.PathLike[str], text: str) -> Path:
+    content = text.encode()
+    if len(content) > MOST_BYTES:
+        raise FormatError(
+            f"{path}: the text has {len(content) / 1e6:.3g} MB, and files of more than {MOST_BYTES / 1e6:g} MB are not "
+            "read back: save a smaller structure"
+        )
+    with replacing(path) as part:
+        part.write_bytes(content)
+    return Path(path)

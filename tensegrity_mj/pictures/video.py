@@ -1,0 +1,242 @@
+"""Videos and pictures of runs, off-screen: any engine's trajectory, drawn from its node positions alone.
+
+For example:
+
+    tmj.render(run, "prism.mp4")                                          # one run
+    tmj.render(run, "both.mp4", other=reference)                          # the other as a ghost over it
+    tmj.render(run, "both.mp4", other=reference, layout=tmj.Layout.SIDE_BY_SIDE)
+    tmj.picture(scene, "prism.png")                                       # a scene as it stands at its start
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.basics.files import checked, replacing
+from tensegrity_mj.errors import MissingLibraryError, OptionError
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.pictures.motion import Motion
+from tensegrity_mj.pictures.stage import Layout, Quality, Stage, View
+from tensegrity_mj.runs.trajectory import Trajectory
+
+__all__ = ["Layout", "Quality", "frames", "picture", "render", "render_frame"]
+
+Image = NDArray[np.uint8]
+
+MAX_FRAMES = 500_000
+
+
+def render(
+    run: Trajectory,
+    path: str | os.PathLike[str],
+    *,
+    other: Trajectory | None = None,
+    layout: Layout = Layout.OVERLAY,
+    size: tuple[int, int] = (1280, 720),
+    fps: float = 30.0,
+    speed: float = 1.0,
+    traces: bool = True,
+    target: bool = True,
+    azimuth: float | None = None,
+    elevation: float | None = None,
+    distance: float | None = None,
+    quality: Quality = Quality.FINE,
+    progress: bool = False,
+) -> Path:
+    """Write a video (mp4, H.264) of a run, or of two runs in one picture; returns its path.
+
+    Rods are capsules; taut strings have the colour of their tension; slack ones hang as arcs of their own length; dark
+    cubes are fixed; the target is a translucent ghost; lines show where nodes have been. Frames stand at exact
+    multiples of speed / fps in simulated time, interpolated with the recorded velocities. The camera frames all of the
+    run, and follows a structure that travels far. The file appears whole or not at all.
+
+    A scene with water shows it around the structure: the surface at its elevation at the frame's time, with a grid on
+    it, and what is under it tinted; a bottom that is near. It is seen from the side, waves passing to the right.
+
+    Args:
+        path: must end in .mp4.
+        other: a second run: translucent over the first, or beside it, as `layout` says.
+        size: width and height [px], even (H.264 needs it).
+        fps: frames a second of the video.
+        speed: simulated seconds a second of the video.
+        traces, target: whether these are drawn.
+        azimuth, elevation: of the camera [degrees], in MuJoCo's sense; chosen where None.
+        distance: of the camera [m]; chosen where None.
+        quality: of edges; `Quality.FAST` halves the drawing time.
+        progress: show a bar on stderr, if that is a terminal.
+
+    Raises:
+        OptionError: an option that cannot be met, an empty trajectory, a file that cannot be written.
+        MissingLibraryError: no OpenGL or no ffmpeg on this machine; the message says what to install.
+    """
+    destination = checked(path, (".mp4",), "video")
+    view = View(size, traces, target, azimuth, elevation, distance, quality)
+    if view.size[0] % 2 or view.size[1] % 2:
+        raise OptionError(
+            f"size={size}: width and height of a video must be even (H.264 stores colours by 2 x 2 pixels)"
+        )
+    films = [Motion.of(run)] + ([] if other is None else [Motion.of(other)])
+    times = frame_times(min(m.start for m in films), max(m.end for m in films), fps, speed)
+    with Stage(films[0], films[1] if len(films) > 1 else None, layout, view) as stage, replacing(destination) as part:
+        _encode(stage, times, part, fps, progress)
+    return destination
+
+
+def frames(
+    run: Trajectory,
+    *,
+    other: Trajectory | None = None,
+    layout: Layout = Layout.OVERLAY,
+    size: tuple[int, int] = (1280, 720),
+    fps: float = 30.0,
+    speed: float = 1.0,
+    traces: bool = True,
+    target: bool = True,
+    azimuth: float | None = None,
+    elevation: float | None = None,
+    distance: float | None = None,
+    quality: Quality = Quality.FINE,
+) -> Iterator[Image]:
+    """The frames (H, W, 3) of `render`'s video one by one, for other uses; each is a new array.
+
+    Raises:
+        OptionError, MissingLibraryError: as `render`.
+    """
+    view = View(size, traces, target, azimuth, elevation, distance, quality)
+    first = Motion.of(run)
+    second = None if other is None else Motion.of(other)
+    with Stage(first, second, layout, view) as stage:
+        for time in frame_times(stage.start, stage.end, fps, speed):
+            yield stage.frame(time).copy()
+
+
+def render_frame(
+    source: Trajectory | Scene,
+    time: float | None = None,
+    *,
+    other: Trajectory | None = None,
+    layout: Layout = Layout.OVERLAY,
+    size: tuple[int, int] = (1280, 720),
+    traces: bool = True,
+    target: bool = True,
+    azimuth: float | None = None,
+    elevation: float | None = None,
+    distance: float | None = None,
+    quality: Quality = Quality.FINE,
+    text: bool = True,
+) -> Image:
+    """One picture (H, W, 3) of a run at `time` [s] (its end by default), or of a scene at its start.
+
+    Arguments are those of `render`; `text` False leaves out title, time and legend.
+
+    Raises:
+        OptionError: a time outside the run, or what `render` refuses.
+        MissingLibraryError: no OpenGL.
+    """
+    view = View(size, traces, target, azimuth, elevation, distance, quality, text)
+    with Stage(Motion.of(source), None if other is None else Motion.of(other), layout, view) as stage:
+        moment = stage.end if time is None else float(time)
+        slack = 1e-9 * max(1.0, abs(stage.start), abs(stage.end))
+        if not stage.start - slack <= moment <= stage.end + slack:
+            raise OptionError(f"time={moment} s: the run lasts from {stage.start:g} to {stage.end:g} s")
+        return stage.frame(moment).copy()
+
+
+def picture(
+    source: Trajectory | Scene,
+    path: str | os.PathLike[str],
+    time: float | None = None,
+    *,
+    size: tuple[int, int] = (1280, 720),
+    quality: Quality = Quality.BEST,
+    **options: object,
+) -> Path:
+    """Write one picture of `render_frame` as PNG; returns its path.
+
+    Raises:
+        OptionError, MissingLibraryError: as `render_frame`; also for a path that cannot be written.
+    """
+    from PIL import Image as PillowImage
+
+    destination = checked(path, (".png",), "picture")
+    pixels = render_frame(source, time, size=size, quality=quality, **options)  # type: ignore[arg-type]
+    with replacing(destination) as part:
+        PillowImage.fromarray(pixels).save(part, optimize=True)
+    return destination
+
+
+def frame_times(start: float, end: float, fps: float, speed: float) -> NDArray[np.float64]:
+    """Simulated times [s] of a video's frames: every speed / fps from the start, up to the end.
+
+    Raises:
+        OptionError: a rate that is not finite and > 0, or more than half a million frames.
+    """
+    for name, value in (("fps", fps), ("speed", speed)):
+        if not (isinstance(value, (int, float, np.number)) and math.isfinite(value) and value > 0.0):
+            raise OptionError(f"{name}={value!r}: it must be a finite number > 0")
+    count = (end - start) * fps / speed
+    if count > MAX_FRAMES:
+        raise OptionError(
+            f"fps={fps} at speed={speed} makes {count:.3g} frames of {end - start:g} s; at most {MAX_FRAMES} are "
+            "drawn: choose a higher speed or fewer frames a second"
+        )
+    # The end itself counts where it falls on a frame but for round-off.
+    frame = np.arange(math.floor(count + 1e-6) + 1, dtype=np.float64)
+    return start + frame * (speed / fps)
+
+
+def ffmpeg_program() -> str:
+    """Path of the ffmpeg to use: IMAGEIO_FFMPEG_EXE where it is set, else the one that imageio-ffmpeg brings.
+
+    Raises:
+        MissingLibraryError: if there is none.
+    """
+    import imageio_ffmpeg
+
+    try:
+        return str(imageio_ffmpeg.get_ffmpeg_exe())
+    except RuntimeError as error:
+        raise MissingLibraryError(
+            f"video needs ffmpeg, which was not found ({error}): reinstall it with python -m pip install "
+            "--force-reinstall imageio-ffmpeg, or set IMAGEIO_FFMPEG_EXE to an ffmpeg of yours"
+        ) from error
+
+
+def _encode(stage: Stage, times: NDArray[np.float64], path: Path, fps: float, progress: bool) -> None:
+    """Draw every frame and have ffmpeg encode it."""
+    import mediapy
+    from tqdm import tqdm
+
+    program = ffmpeg_program()
+    mediapy.set_ffmpeg(program)
+    width, height = stage.view.size
+    # faststart: a browser shows the video while it still loads. veryfast: encoding takes less time than drawing.
+    writer = mediapy.VideoWriter(
+        path, (height, width), fps=fps, crf=20, ffmpeg_args="-preset veryfast -movflags +faststart"
+    )
+    try:
+        writer.__enter__()
+        try:
+            # None: no bar where stderr is no terminal, a log for example.
+            for time in tqdm(times, desc="video", unit="frame", disable=None if progress else True):
+                writer.add_image(stage.frame(time))
+        except BaseException:
+            # ffmpeg may have been interrupted too: what it says about it must not hide the reason.
+            with contextlib.suppress(Exception):
+                writer.close()
+            raise
+        writer.close()
+    except (OSError, RuntimeError) as error:
+        if isinstance(error, (OptionError, MissingLibraryError)):
+            raise
+        raise OptionError(
+            f"video of {width} x {height} at {fps:g} frames a second: {program} could not write it ({error}); check "
+            "that the disk has room and that this ffmpeg encodes H.264"
+        ) from error

@@ -1,0 +1,173 @@
+"""Whether a run has diverged, and how much energy it moved: what its balance is to be held against."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.plant import Plant
+from tensegrity_mj.dynamics.native.slots import NODES, VELOCITIES
+from tensegrity_mj.errors import DivergenceError
+from tensegrity_mj.model import rods
+from tensegrity_mj.model.actuation import Mode
+from tensegrity_mj.runs.trajectory import LAW_REPORTS, VARIABLES, Trajectory
+
+# A run has diverged when it has gained this many times the energy that it was ever given, or when a rod's length is off
+# by this part. The errors of a step that is merely coarse stay below; an unstable one passes any bound soon.
+ENERGY_BOUND = 2.0
+WINCH_BOUND = 10.0  # where winches work
+# In the continuous mode: this part of all the energy that was exchanged. Measured on the prism and the pinned rod with
+# every integrator: a coarse step gains up to 0.87 of it, past the limit it is 0.95 to 1.5 whatever the garbage's size.
+GAIN_BOUND = 0.9
+STRAIN_BOUND = 0.5
+BEYOND = 1e10  # m, m/s: mjMAXVAL, what MuJoCo takes for a divergence too; it zeroes all controls for one of them
+# Of bᵀb - 1: rods half as much off their lengths. The energy need not see it, where it is mostly that of prestress.
+DRIFT_WARNING = 1e-3
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def check_energy(run: Trajectory, remedy: str, dampers_as_recorded: bool = True) -> None:
+    """Raise DivergenceError, with what came before, if a run is not finite, tore its rods, or made energy from nothing.
+
+    Args:
+        run: all of it, or what there was when it ended.
+        remedy: what the message advises.
+        dampers_as_recorded: whether the dampers' forces that were recorded are those that acted. An integrator that is
+            implicit in them applies others, so that the recorded dissipation may exceed what there was to dissipate.
+    """
+    finite = np.ones(len(run.time), bool)
+    for name in VARIABLES:
+        if name not in LAW_REPORTS:  # NaN where the law has none
+            values = np.isfinite(getattr(run, name))
+            finite &= values.all(axis=tuple(range(1, values.ndim)))
+    good = len(finite) if finite.all() else int(np.argmin(finite))
+    cause = "positions, velocities or forces are no longer finite"
+    for bad, reason in (_torn_rods(run.until(good)), _energy_from_nowhere(run.until(good), dampers_as_recorded)):
+        if bad < good:
+            good, cause = bad, reason
+    if good == len(run.time):
+        return
+    at = float(run.time[good])
+    raise DivergenceError(f"diverged by t = {at:.6g} s: {cause}; {remedy}", at, run.until(good))
+
+
+def blame_divergence(
+    partial: Trajectory, plant: Plant, time: float, remedy: str, dampers_as_recorded: bool = True
+) -> None:
+    """Raise DivergenceError if a law or a load stopped a run because its state was none of a structure any more.
+
+    Args:
+        partial: what was recorded before.
+        plant: with the nodes that the law was given last.
+        time: when it stopped the run [s].
+        remedy, dampers_as_recorded: as for `check_energy`.
+    """
+    check_energy(partial, remedy, dampers_as_recorded)
+    if not all(np.all(np.abs(plant[slot]) < BEYOND) for slot in (NODES, VELOCITIES)):
+        raise DivergenceError(
+            f"diverged by t = {time:.6g} s: positions or velocities are beyond {BEYOND:g} m or m/s; {remedy}",
+            time,
+            partial,
+        )
+
+
+def _torn_rods(run: Trajectory) -> tuple[int, str]:
+    """The first sample at which a rod is not nearly as long as it should be (none: their number), and what to say."""
+    structure = run.scene.structure
+    first, second = rods.ends(structure, run.nodes)
+    strain = np.linalg.norm(second - first, axis=-1) / structure.rod_lengths - 1
+    bad = np.any(np.abs(strain) > STRAIN_BOUND, axis=1)
+    if not bad.any():
+        return len(bad), ""
+    at = int(np.argmax(bad))
+    worst = int(np.argmax(np.abs(strain[at])))
+    return at, f"rod '{structure.rods[worst].name}' has {strain[at, worst] + 1:.3g} times its length"
+
+
+def _energy_from_nowhere(run: Trajectory, dampers_as_recorded: bool) -> tuple[int, str]:
+    """The first sample with more energy than there can be (none: their number), and what to say."""
+    if len(run.time) == 0:
+        return 0, ""
+    # A damper that gives back what it took, as one does beyond the limit of an explicit step, gives from nowhere.
+    given_back = np.maximum.accumulate(run.dissipation) - run.dissipation
+    gained = run.energy_balance + (given_back if dampers_as_recorded else -run.dissipation)
+    if run.provenance["actuation"]["mode"] == Mode.CONTINUOUS.value and np.any(run.winch_work):
+        # Winch work by parts contains the strings' work itself, which grows with whatever garbage there is.
+        bound, given = GAIN_BOUND, _energy_at_work(run)
+    else:
+        bound, given = WINCH_BOUND if np.any(run.winch_work) else ENERGY_BOUND, _energy_given(run)
+    floor = _energy_round_off(run)
+    # In the first steps from rest next to nothing has been given yet, and its relative error is large: the verdict is
+    # by the largest of the whole run, its time by the first.
+    if not gained.max() > bound * given[-1] + floor:
+        return len(run.time), ""
+    at = int(np.argmax(gained > bound * given + floor))
+    return at, f"energy came from nowhere: {gained[at]:.3g} J gained, {given[at]:.3g} J given"
+
+
+def _energy_round_off(run: Trajectory) -> float:
+    """[J]: what the round-off of positions alone makes of the energy, in the stiffest string and under gravity."""
+    return 1e-12 * (1.0 + float(np.max(run.scene.structure.stiffness, initial=0.0)))
+
+
+def energy_unresolved(run: Trajectory) -> float:
+    """[J]: a residual that says nothing of the motion: round-off of sums of energies, and of places where forces act.
+
+    A place is known to 1e-16 of its coordinates, and the energy to that times the force; steps add up as a random walk.
+    Measured on random prestressed structures: up to 1e-16 of forces times coordinates in 1000 steps. To it comes what
+    prestressed rods do where their lengths drift, which has a warning of its own: the DAE lets them by its tolerance.
+    """
+    structure = run.scene.structure
+    terms = (
+        run.kinetic_energy,
+        run.gravity_energy,
+        run.string_energy,
+        run.bending_energy,
+        run.winch_work,
+        run.external_work,
+        run.dissipation,
+    )
+    total = sum(float(np.max(np.abs(term), initial=0.0)) for term in terms)
+    masses = structure.rod_masses.sum() + sum(point.mass for point in structure.point_masses)
+    forces = float(np.max(run.tensions, axis=0, initial=0.0).sum() + masses * np.linalg.norm(run.scene.gravity))
+    extent = float(np.max(np.abs(run.nodes), initial=0.0))
+    walk = max(1.0, float(np.sqrt(run.cost.get("steps", 0.0))) / 30)
+    first, second = rods.ends(structure, run.nodes)
+    drift = np.abs(np.sum((second - first) ** 2, axis=-1) - structure.rod_lengths**2)
+    drifted = 0.0
+    if np.all(drift <= DRIFT_WARNING * structure.rod_lengths**2):  # beyond, nothing is excused
+        drifted = float(np.max(np.sum(np.abs(run.rod_force_densities) * drift, axis=1), initial=0.0))
+    return 1e-14 * total + 1e-15 * walk * forces * extent + drifted
+
+
+def _energy_given(run: Trajectory) -> Array:
+    """(T,) [J]: the initial energy and the largest works of winches, loads and gravity up to each time."""
+    given = np.full(len(run.time), run.kinetic_energy[0] + run.string_energy[0] + run.bending_energy[0])
+    for term in (run.winch_work, run.external_work, run.gravity_energy - run.gravity_energy[0]):
+        given += np.maximum.accumulate(np.abs(term))
+    return given
+
+
+def _energy_at_work(run: Trajectory) -> Array:
+    """(T,) [J]: `energy_exchanged`, or what strings hold at the start or bent joints at any time, if that is more."""
+    stored = np.maximum.accumulate(np.maximum(np.abs(run.bending_energy), run.string_energy[0]))
+    return np.asarray(np.maximum(energy_exchanged(run), stored))
+
+
+def energy_exchanged(run: Trajectory) -> Array:
+    """(T,) [J]: how much energy was on the move up to each time, which an error of the energy is to be held against.
+
+    The largest of the kinetic energy, of the works of strings, gravity and bent joints since the start, of the work of
+    loads, contact and supports, and of what dampers took. Energy that strings only store is none of it: prestress may
+    hold a million times what a vibration moves to and fro, and would hide the loss of all of that. The strings' work is
+    their energy less the winches' work, which may cancel: where a law sets force densities both grow, the work not.
+    """
+    terms = (
+        run.kinetic_energy,
+        run.string_energy - run.string_energy[:1] - run.winch_work,
+        run.gravity_energy - run.gravity_energy[:1],
+        run.bending_energy - run.bending_energy[:1],
+        run.external_work,
+        run.dissipation,
+    )
+    return np.asarray(np.maximum.accumulate(np.max(np.abs(terms), axis=0)))

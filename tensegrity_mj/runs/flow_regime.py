@@ -1,0 +1,129 @@
+"""Reynolds and Keulegan-Carpenter numbers of a run in water, against the ranges that §7.2.2 assumes.
+
+Both are of the largest speed across a rod, over the recorded times and the wet parts of its segments, of the water as
+the moving rod meets it: that is what its drag and its added mass depend on. The speed of the undisturbed water, which
+is that of a structure that is held, gives the other pair.
+
+    Rn = u d / ν        C_d = 1.2 and the like are those of subcritical flow, Rn <= 2e5
+    KC = u T / d        T the period of the component with the fastest orbits where the rod is; §7.2.2 assumes 15 to 45
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.elements.water import diameters, sea_of, segments_of
+from tensegrity_mj.runs.trajectory import Trajectory
+
+LARGEST_REYNOLDS = 2e5
+KEULEGAN_CARPENTER = (15.0, 45.0)
+STEEPEST = np.pi / 7  # k A: a height of 1/7 of the length
+HIGHEST = 0.39  # A of the depth: a height of 0.78 of it
+_AT_ONCE = 200_000  # segments, whose places and velocities are held in memory together
+
+
+@dataclass(frozen=True, eq=False)
+class FlowNumbers:
+    """What kind of flow the rods of a run were in.
+
+    Attributes:
+        reynolds, keulegan_carpenter: (R,) of the flow that the rods meet; KC is NaN of rods that meet no waves.
+        undisturbed_reynolds, undisturbed_keulegan_carpenter: (R,) of the flow as it would be without them moving.
+        notes: what is outside the ranges of §7.2.2, in words.
+    """
+
+    reynolds: Array
+    keulegan_carpenter: Array
+    undisturbed_reynolds: Array
+    undisturbed_keulegan_carpenter: Array
+    notes: tuple[str, ...]
+
+    def report(self) -> dict[str, Any]:
+        """The largest Rn, the smallest and the largest KC (None without waves) and the notes, for JSON."""
+        met = self.keulegan_carpenter[~np.isnan(self.keulegan_carpenter)]
+        return {
+            "reynolds": float(self.reynolds.max()),
+            "keulegan_carpenter": [float(met.min()), float(met.max())] if len(met) else None,
+            "notes": list(self.notes),
+        }
+
+
+def flow_numbers(run: Trajectory) -> FlowNumbers:
+    """The numbers of a run.
+
+    Raises:
+        OptionError: where its scene has no water.
+    """
+    scene, water = run.scene, run.scene.water
+    if water is None:
+        raise OptionError(f"flow_numbers: scene '{scene.name}' has no water")
+    R = len(scene.structure.rods)
+    d, sea = diameters(scene.structure, water), sea_of(scene)
+    met, undisturbed, orbits = np.zeros(R), np.zeros(R), np.zeros((R, len(sea.amplitude)))
+    piece = max(1, _AT_ONCE // (R * scene.water_segments.count))
+    for first in range(0, len(run.time), piece):
+        rows = slice(first, first + piece)
+        wet = segments_of(scene, run.time[rows], run.nodes[rows], run.velocities[rows])
+        for most, flow in ((met, wet.flow), (undisturbed, wet.undisturbed)):
+            across = flow - np.sum(flow * wet.axes, axis=-1, keepdims=True) * wet.axes
+            speed = np.where(wet.part > 0, np.linalg.norm(across, axis=-1), 0.0)
+            np.maximum(most, speed.max(axis=(0, 2), initial=0.0), out=most)
+        if orbits.size:
+            fast = np.where((wet.part > 0)[..., None], sea.orbit_speeds(wet.points[..., 2]), 0.0)
+            np.maximum(orbits, fast.max(axis=(0, 2)), out=orbits)
+    period = np.full(R, np.nan)
+    moved = orbits.max(axis=1, initial=0.0) > 0
+    if moved.any():
+        period[moved] = 2 * np.pi / sea.frequency[orbits[moved].argmax(axis=1)]
+    numbers = [(speed * d / water.viscosity, speed * period / d) for speed in (met, undisturbed)]
+    return FlowNumbers(*numbers[0], *numbers[1], _notes(run, *numbers[0]))
+
+
+def _notes(run: Trajectory, reynolds: Array, keulegan_carpenter: Array) -> tuple[str, ...]:
+    names, notes = [rod.name for rod in run.scene.structure.rods], _beyond_linear_theory(run)
+    fast = reynolds > LARGEST_REYNOLDS
+    if fast.any():
+        notes.append(
+            f"Reynolds numbers of {_of(fast)} are above {LARGEST_REYNOLDS:g}, up to {reynolds.max():.3g} "
+            f"(rod '{names[int(np.argmax(reynolds))]}'): the flow is no longer subcritical, and drag may be smaller"
+        )
+    low, high = KEULEGAN_CARPENTER
+    outside = (keulegan_carpenter < low) | (keulegan_carpenter > high)  # False where there are no waves
+    if outside.any():
+        found = keulegan_carpenter[outside]
+        notes.append(
+            f"Keulegan-Carpenter numbers of {_of(outside)} are outside {low:g} to {high:g}, from {found.min():.3g} to "
+            f"{found.max():.3g}: coefficients of drag and added mass depend on them"
+        )
+    return tuple(notes)
+
+
+def _beyond_linear_theory(run: Trajectory) -> list[str]:
+    sea, notes = sea_of(run.scene), []
+    steepness = sea.number * sea.amplitude
+    if np.any(steepness > STEEPEST):
+        worst = int(steepness.argmax())
+        notes.append(
+            f"waves[{worst}] is {steepness[worst] / np.pi:.3g} of its length high; waves above 1/7 break, and linear "
+            "theory does not hold for them"
+        )
+    if np.any(sea.amplitude > HIGHEST * sea.depth):
+        worst = int(sea.amplitude.argmax())
+        notes.append(
+            f"waves[{worst}] has an amplitude of {sea.amplitude[worst]:g} m in {sea.depth:g} m of water; waves higher "
+            "than 0.78 of the depth break, and linear theory does not hold for them"
+        )
+    lowest = float(run.nodes[..., 2].min(initial=0.0))
+    if lowest < -sea.depth:
+        notes.append(f"a node is at z = {lowest:.3g} m, below the bottom at {-sea.depth:g} m, which nothing here stops")
+    return notes
+
+
+def _of(chosen: NDArray[np.bool_]) -> str:
+    return f"{int(chosen.sum())} of {len(chosen)} rods"

@@ -1,0 +1,122 @@
+"""Segments that move between two samples, compiled: places, bounds of motion, lower bounds of distance."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.dynamics.native.compiling import njit
+from tensegrity_mj.runs.segments import closest
+
+
+@njit
+def point(P: Array, V: Array, n: int, k: int, h: float, x: float) -> tuple[float, float, float]:
+    """Node n at the part x of the interval k, of length h: its cubic."""
+    y = 1.0 - x
+    p0, p1 = y * y * (1.0 + 2.0 * x), x * x * (3.0 - 2.0 * x)
+    v0, v1 = h * x * y * y, -h * x * x * y
+    return (
+        p0 * P[n, k, 0] + p1 * P[n, k + 1, 0] + v0 * V[n, k, 0] + v1 * V[n, k + 1, 0],
+        p0 * P[n, k, 1] + p1 * P[n, k + 1, 1] + v0 * V[n, k, 1] + v1 * V[n, k + 1, 1],
+        p0 * P[n, k, 2] + p1 * P[n, k + 1, 2] + v0 * V[n, k, 2] + v1 * V[n, k + 1, 2],
+    )
+
+
+@njit
+def sides(P: Array, V: Array, ends: tuple, k: int, h: float, x: float) -> tuple:  # type: ignore[type-arg]
+    """(w, u, v) of two segments with these four nodes, see `segments`."""
+    a, b = point(P, V, ends[0], k, h, x), point(P, V, ends[1], k, h, x)
+    c, d = point(P, V, ends[2], k, h, x), point(P, V, ends[3], k, h, x)
+    return (
+        (a[0] - c[0], a[1] - c[1], a[2] - c[2]),
+        (b[0] - a[0], b[1] - a[1], b[2] - a[2]),
+        (d[0] - c[0], d[1] - c[1], d[2] - c[2]),
+    )
+
+
+@njit
+def moving(P: Array, V: Array, ends: tuple, k: int, h: float, x: float) -> tuple[float, float, float]:  # type: ignore[type-arg]
+    """(D, s, t) at the part x of the interval k."""
+    w, u, v = sides(P, V, ends, k, h, x)
+    return closest(w, u, v)
+
+
+@njit
+def at_sample(P: Array, ends: tuple, k: int) -> float:  # type: ignore[type-arg]
+    """Distance at the sample k [m]."""
+    a, b, c, d = ends
+    w = (P[a, k, 0] - P[c, k, 0], P[a, k, 1] - P[c, k, 1], P[a, k, 2] - P[c, k, 2])
+    u = (P[b, k, 0] - P[a, k, 0], P[b, k, 1] - P[a, k, 1], P[b, k, 2] - P[a, k, 2])
+    v = (P[d, k, 0] - P[c, k, 0], P[d, k, 1] - P[c, k, 1], P[d, k, 2] - P[c, k, 2])
+    return sqrt(closest(w, u, v)[0])
+
+
+@njit
+def motion_bounds(P: Array, V: Array, ends: tuple, k: int, h: float) -> tuple[float, float]:  # type: ignore[type-arg]
+    """V and A: the largest first and second derivatives of the four corners' cubics by the part of the interval."""
+    speed, bend = 0.0, 0.0
+    for i in range(2):
+        for j in range(2, 4):
+            m, n = ends[i], ends[j]
+            q0, q1, q2, s0, s1 = 0.0, 0.0, 0.0, 0.0, 0.0
+            for axis in range(3):
+                v0 = h * (V[m, k, axis] - V[n, k, axis])
+                v1 = h * (V[m, k + 1, axis] - V[n, k + 1, axis])
+                moved = (P[m, k + 1, axis] - P[n, k + 1, axis]) - (P[m, k, axis] - P[n, k, axis])
+                middle = 3.0 * moved - v0 - v1
+                q0 += v0 * v0
+                q1 += middle * middle
+                q2 += v1 * v1
+                s0 += (2.0 * (middle - v0)) ** 2
+                s1 += (2.0 * (v1 - middle)) ** 2
+            speed = max(speed, q0, q1, q2)
+            bend = max(bend, s0, s1)
+    return sqrt(speed), sqrt(bend)
+
+
+@njit
+def lower_bound(left: float, right: float, width: float, speed: float, bend: float, reach: float) -> float:
+    """Of the distance over a stretch, from those at its ends: in so far as it falls below `reach` at all."""
+    K = 2.0 * speed * speed + 2.0 * (reach + speed * width) * bend
+    K *= width * width
+    low, high = left * left, right * right
+    if K <= 0.0 or abs(low - high) >= 0.5 * K:
+        return min(left, right)
+    D = 0.5 * (low + high) - 0.125 * K - 0.5 * (low - high) ** 2 / K
+    return sqrt(D) if D > 0.0 else 0.0
+
+
+@njit
+def paths(P: Array, V: Array, time: Array, pairs: IntArray, out: Array) -> None:
+    """out (E, T): up to each sample, at least the way [m] that any point of an element has gone."""
+    for e in range(len(pairs)):
+        total = 0.0
+        out[e, 0] = 0.0
+        for k in range(len(time) - 1):
+            h = time[k + 1] - time[k]
+            longest = 0.0
+            for end in range(2):
+                n = pairs[e, end]
+                l0, l1, l2 = 0.0, 0.0, 0.0
+                for axis in range(3):
+                    v0, v1 = h * V[n, k, axis] / 3.0, h * V[n, k + 1, axis] / 3.0
+                    middle = P[n, k + 1, axis] - P[n, k, axis] - v0 - v1
+                    l0 += v0 * v0
+                    l1 += middle * middle
+                    l2 += v1 * v1
+                longest = max(longest, sqrt(l0) + sqrt(l1) + sqrt(l2))
+            total += longest
+            out[e, k + 1] = total
+
+
+@njit
+def sample_before(time: Array, when: float) -> int:
+    """The last sample at or before a time; -1 before all."""
+    low, high = -1, len(time)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if time[middle] <= when:
+            low = middle
+        else:
+            high = middle
+    return low

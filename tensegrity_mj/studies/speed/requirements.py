@@ -1,0 +1,226 @@
+"""What a scene makes MuJoCo's model hold, counted, and why it is no less; what a step of it costs is in `step_timing`.
+
+    needs = tmj.requirements(scene)
+    needs.velocities, needs.joints, needs.contact_pairs, needs.reasons
+    needs = tmj.requirements(scene, timing=True)
+    needs.timing.step, needs.timing.shares, needs.timing.extras
+
+A thin rod has no spin about its own axis. MuJoCo has no joint that leaves it out, so that each rod that turns in space
+has one velocity more there than it has degrees of freedom. Each direction in which a motion drives a support is a
+velocity more, too: the support's place is a joint that nothing but the motion moves.
+
+Rods that share nodes hang on each other as a tree, which needs no constraint. Where they close a loop, or hold each
+other between two supports, MuJoCo has three rows of constraints a joint.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tensegrity_mj.errors import OptionError, StructureError
+from tensegrity_mj.model.forest import spanning_forest
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
+
+if TYPE_CHECKING:
+    from tensegrity_mj.studies.speed.step_timing import StepTiming
+
+EXPLICIT_STEP = 1e-4  # s: where RK4's largest stable step is below it, a run of seconds takes minutes
+JOINTS = ("free", "ball", "slide", "hinge")  # in the order of MuJoCo's mjtJoint
+
+
+@dataclass(frozen=True)
+class Requirements:
+    """What the model of a scene holds.
+
+    Attributes:
+        scene: its name.
+        degrees_of_freedom: independent velocities of thin rods and point masses.
+        positions, velocities: MuJoCo's nq and nv.
+        joints: how many of each kind.
+        bodies, tendons, actuators, sensors, equalities: how many; the world is no body here.
+        contact_pairs: pairs of geoms that may touch.
+        constraint_rows: rows that MuJoCo's solver has at the start; contacts add theirs as they touch.
+        rows_per_contact: rows that each contact adds (0 where nothing may touch).
+        flags: what is switched off or on of what MuJoCo does by default.
+        stable_step: RK4's largest stable step at the start by the linear model [s], ∞ for none; None where there is no
+            such model, of rods that share nodes.
+        reasons: why each thing beyond the least is there.
+        timing: what a step costs, or None where it was not measured.
+    """
+
+    scene: str
+    degrees_of_freedom: int
+    positions: int
+    velocities: int
+    joints: dict[str, int]
+    bodies: int
+    tendons: int
+    actuators: int
+    sensors: int
+    equalities: int
+    contact_pairs: int
+    constraint_rows: int
+    rows_per_contact: int
+    flags: tuple[str, ...]
+    stable_step: float | None
+    reasons: tuple[str, ...]
+    timing: StepTiming | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain values; measured times under "timing" alone, so that the rest is the same in every run."""
+        return asdict(self)
+
+
+def requirements(scene: Scene, timing: bool = False) -> Requirements:
+    """What MuJoCo's model of a scene holds; with `timing` also what a step costs, and what more would add (seconds).
+
+    Raises:
+        OptionError: if it is no Scene.
+        StructureError: for what MuJoCo cannot hold.
+    """
+    if not isinstance(scene, Scene):
+        raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
+    import mujoco
+
+    from tensegrity_mj.engines.mujoco.engine import MuJoCo
+    from tensegrity_mj.vibration.stable_step import stable_step
+
+    engine = MuJoCo()
+    model = engine.model(scene)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    limit: float | None = None
+    with contextlib.suppress(StructureError):
+        limit = float(stable_step(scene.with_(contact=None), engine).limit)
+    measured = None
+    if timing:
+        from tensegrity_mj.studies.speed.step_timing import measure
+
+        measured = measure(scene)
+    return Requirements(
+        scene=scene.name,
+        degrees_of_freedom=degrees_of_freedom(scene.structure) - _closed(model, data),
+        positions=int(model.nq),
+        velocities=int(model.nv),
+        joints={name: int(np.sum(model.jnt_type == kind)) for kind, name in enumerate(JOINTS)},
+        bodies=int(model.nbody) - 1,
+        tendons=int(model.ntendon),
+        actuators=int(model.nu),
+        sensors=int(model.nsensor),
+        equalities=int(model.neq),
+        contact_pairs=_contact_pairs(model),
+        constraint_rows=int(data.nefc),
+        rows_per_contact=0 if scene.contact is None else int(model.geom_condim[model.geom_conaffinity > 0].max()),
+        flags=_flags(model),
+        stable_step=limit,
+        reasons=tuple(_reasons(scene, limit)),
+        timing=measured,
+    )
+
+
+def degrees_of_freedom(structure: Structure) -> int:
+    """Number of independent velocities; the spin of a thin rod about its axis, which has no inertia, is none.
+
+    What joints that close loops take away of it is not reckoned with.
+    """
+    hanging = spanning_forest(structure).parent >= 0
+    slides = sum(
+        rod.support.translation_basis.shape[1] for rod, hangs in zip(structure.rods, hanging, strict=True) if not hangs
+    )
+    turns = sum(rod.support.rotation_basis.shape[1] - 1 for rod in structure.rods)
+    return int(slides + turns + sum(point.translation_basis.shape[1] for point in structure.point_masses))
+
+
+def _closed(model: Any, data: Any) -> int:
+    """How many independent velocities the joints that close loops take away at the start."""
+    import mujoco
+
+    free = model.dof_armature == 0  # what drives a support is not free
+    rows = []
+    for one, other in zip(model.eq_obj1id, model.eq_obj2id, strict=True):
+        jacobians = np.zeros((2, 3, model.nv))
+        for jacobian, site in zip(jacobians, (one, other), strict=True):
+            mujoco.mj_jacSite(model, data, jacobian, None, int(site))
+        rows.append((jacobians[0] - jacobians[1])[:, free])
+    return int(np.linalg.matrix_rank(np.concatenate(rows), rtol=1e-9)) if rows else 0
+
+
+def _contact_pairs(model: Any) -> int:
+    """Pairs of geoms of different bodies whose bits let them touch; the world's own geoms never touch each other."""
+    types, affinities, bodies = model.geom_contype, model.geom_conaffinity, model.geom_bodyid
+    meet = (types[:, None] & affinities) | (affinities[:, None] & types)
+    return int(np.sum(np.triu(meet.astype(bool) & (bodies[:, None] != bodies), 1)))
+
+
+def _flags(model: Any) -> tuple[str, ...]:
+    import mujoco
+
+    names = []
+    for kinds, bits, word in (
+        (mujoco.mjtDisableBit, model.opt.disableflags, "off"),
+        (mujoco.mjtEnableBit, model.opt.enableflags, "on"),
+    ):
+        for kind, bit in kinds.__members__.items():
+            if not kind.startswith("mjN") and bits & bit.value:
+                names.append(f"{kind.partition('_')[2].lower()} {word}")
+    return tuple(names)
+
+
+def _reasons(scene: Scene, limit: float | None) -> list[str]:
+    structure, contact = scene.structure, scene.contact
+    spinning = sum(rod.support.plane is None for rod in structure.rods)
+    found = []
+    if spinning:
+        found.append(
+            f"spin of {spinning} rod{'s' if spinning > 1 else ''}: one that turns in space has a ball or free joint, "
+            "which also spins it about its own axis"
+        )
+    closures = spanning_forest(structure).closures
+    if closures:
+        found.append(
+            f"constraint rows: {len(closures)} joint{'s' if len(closures) > 1 else ''} "
+            f"({_listed({structure.node_names[node] for node, _, _ in closures})}) close loops, or join rods that have "
+            "supports of their own"
+        )
+        found.append("exact diagonal of the constraints' inertia: so that gaps close as they should")
+    if scene.motions:
+        moved = _listed({motion.support for motion in scene.motions})
+        found.append(f"slides of enormous armature and a callback that drives them: {moved} move")
+    if any(scene.gravity):
+        found.append("gravity: the scene has it")
+    if contact is not None:
+        if contact.floor is not None:
+            found.append("contact and constraint rows: the scene has a floor")
+        if contact.rods:
+            found.append("contact and constraint rows: the scene's rods may touch each other")
+        found.append("exact diagonal of the constraints' inertia: so that each contact obeys the stated law")
+    if np.any(structure.damping > 0):
+        found.append("a callback for the string law: the damper of a slack string must not act")
+    if scene.loads:
+        found.append("a callback for external forces: the scene has loads")
+    if scene.resistance is not None:
+        found.append("a callback for what resists motion: the scene has resistance")
+    if scene.water is not None:
+        found.append(
+            "a callback for water, which finds each rod's acceleration with its added mass: the scene has water"
+        )
+    if scene.breaks:
+        found.append("a callback for breaking strings")
+    if scene.control is not None:
+        found.append(f"a callback for the control law '{scene.control.law}'")
+    if limit is not None and limit < EXPLICIT_STEP:
+        found.append(
+            f"the integrator `discrete`, if seconds are to be simulated quickly: the stiffest motion lets RK4 step "
+            f"{limit:.3g} s at most"
+        )
+    return found
+
+
+def _listed(names: set[str]) -> str:
+    shown = sorted(names)
+    return ", ".join(f"'{name}'" for name in shown[:6]) + (f" and {len(shown) - 6} more" if len(shown) > 6 else "")

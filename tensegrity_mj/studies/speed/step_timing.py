@@ -1,0 +1,360 @@
+"""What a step of a scene takes in MuJoCo, what its parts take, and what things that it does not need would add.
+
+Everything is measured side by side: models take turns, each steps the same number of times from the same start, and the
+least of several rounds counts. On a busy machine times wander all the same; ratios do less.
+
+The parts are MuJoCo's own timers, read with a clock in C; its cost is within a few per cent of a step, and they are
+given as shares.
+
+What a further step of a run costs, with ledger, recording and law, is timed in pieces of .2 ms of one run from the
+scene's start, of which the median counts. What a run costs but once (set-up, its first piece) is in none of them. Such
+pieces are shorter than a process' turn: whatever else runs on the machine disturbs few of them, while a whole run of
+some milliseconds would count the turns of others.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import statistics
+import time
+import warnings
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from tensegrity_mj.controllers import from_scene
+from tensegrity_mj.dynamics.native.law import native_law
+from tensegrity_mj.engines.mujoco import callback
+from tensegrity_mj.engines.mujoco.engine import MuJoCo
+from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
+from tensegrity_mj.engines.mujoco.run import MuJoCoRun
+from tensegrity_mj.engines.request import Request
+from tensegrity_mj.errors import StructureError, TensegrityError
+from tensegrity_mj.model.actuation import Actuation, OnInfeasible
+from tensegrity_mj.model.elements.contact import rod_gaps
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.simulation import request_for
+from tensegrity_mj.vibration.stable_step import stable_step
+
+ROUNDS = 60
+PIECE = 2e-4  # s: what a run is timed in: as short as leaves the clock below a part in a thousand
+PIECES = 200  # of a run, about
+FEWEST = 3  # that are enough to say what a step costs
+SLICE = 1e-3  # s: what a model steps for in a round, about: short, so that some slices are not disturbed
+
+_TIMERS = mujoco.mjtTimer
+# Parts of a step, and the timers that make them up.
+PARTS = {
+    "positions and string lengths": (_TIMERS.mjTIMER_POS_KINEMATICS,),
+    "inertia": (_TIMERS.mjTIMER_POS_INERTIA,),
+    "velocities": (_TIMERS.mjTIMER_VELOCITY,),
+    "string forces": (_TIMERS.mjTIMER_ACTUATION,),
+    "contact and constraints": (
+        _TIMERS.mjTIMER_POS_COLLISION,
+        _TIMERS.mjTIMER_POS_MAKE,
+        _TIMERS.mjTIMER_POS_PROJECT,
+        _TIMERS.mjTIMER_CONSTRAINT,
+    ),
+}
+REST = "integration and the rest"
+THE_SCENE, CONTACT = "", "contact, before anything touches"
+
+
+@dataclass(frozen=True)
+class Extra:
+    """What one thing costs or would cost: the ratio of a step with it to a step without it."""
+
+    what: str
+    ratio: float
+    needed: bool  # whether the scene has it
+
+
+@dataclass(frozen=True)
+class StepTiming:
+    """Times of one step of MuJoCo's RK4 from the scene's start.
+
+    Attributes:
+        step: of the bare model, without a law [s]; the least of several rounds.
+        shares: parts of it, which sum to 1.
+        passive_run: of a further step of a run without a law, with ledger and recording, without set-up [s]: the
+            median of pieces of the run; None where none succeeds.
+        closed_loop: the same under the scene's law, sampled where it must be; None without one, or where none succeeds.
+        run_time: how far the longer of these runs went [s]; 0 where none succeeds.
+        timestep: of all [s].
+        extras: what other things would cost, and contact where it is there.
+    """
+
+    step: float
+    shares: dict[str, float]
+    passive_run: float | None
+    closed_loop: float | None
+    run_time: float
+    timestep: float
+    extras: tuple[Extra, ...] = field(default_factory=tuple)
+
+
+def measure(scene: Scene, rounds: int = ROUNDS) -> StepTiming:
+    """Measure a scene; about a second. The steps are short enough for the scene to be stable: that costs nothing."""
+    texts = {THE_SCENE: scene_to_mjcf(scene), **variants(scene)}
+    models = {name: mujoco.MjModel.from_xml_string(text) for name, text in texts.items()}
+    limit = np.inf
+    with contextlib.suppress(StructureError):  # of rods that share nodes there is no linear model
+        limit = float(stable_step(scene.with_(contact=None), MuJoCo()).limit)
+    timestep = min(MuJoCo().timestep, limit / 10)
+    for model in models.values():
+        model.opt.timestep = timestep
+    handler = mujoco.get_mju_user_warning()
+    try:
+        mujoco.set_mju_user_warning(lambda text: None)  # MuJoCo's own writes a file into the current folder
+        least, steps = _race(models, rounds)
+        shares = _shares(models[THE_SCENE], steps, rounds)
+    finally:
+        mujoco.set_mju_user_warning(handler)
+    step = least.pop(THE_SCENE)
+    extras = [
+        Extra(what, step / other if what == CONTACT else other / step, needed=what == CONTACT)
+        for what, other in least.items()
+    ]
+    engine, size = MuJoCo(timestep), max(1, round(PIECE / step))
+    passive, went = _further_step(scene, None, engine, size)
+    closed: float | None = None
+    if scene.control is not None:
+        closed, further = _further_step(scene, from_scene(scene), engine, size)
+        went = max(went, further)
+    return StepTiming(step, shares, passive, closed, went, timestep, tuple(extras))
+
+
+def _race(models: dict[str, mujoco.MjModel], rounds: int) -> tuple[dict[str, float], int]:
+    """Least time of a step of each model [s], in turns; and how many steps were timed at a time.
+
+    Models in which something touches, which is more than was asked of them, are left out.
+    """
+    data = {name: mujoco.MjData(model) for name, model in models.items()}
+
+    def seconds(name: str, steps: int) -> float:
+        mujoco.mj_resetData(models[name], data[name])
+        start = time.perf_counter()
+        mujoco.mj_step(models[name], data[name], steps)
+        return time.perf_counter() - start
+
+    first = next(iter(models))
+    seconds(first, 20)
+    steps = max(5, min(1000, round(SLICE / (seconds(first, 20) / 20))))
+    least = dict.fromkeys(models, np.inf)
+    for _ in range(rounds):
+        for name in models:
+            least[name] = min(least[name], seconds(name, steps) / steps)
+    return {name: value for name, value in least.items() if name == THE_SCENE or not data[name].ncon}, steps
+
+
+def _shares(model: mujoco.MjModel, steps: int, rounds: int) -> dict[str, float]:
+    data = mujoco.MjData(model)
+    best, total = np.zeros(len(data.timer)), np.inf
+    previous = mujoco.get_mjcb_time()
+    try:
+        mujoco.set_mjcb_time(_clock()[0])
+        for _ in range(rounds):
+            mujoco.mj_resetData(model, data)
+            mujoco.mj_step(model, data, steps)
+            times = np.array([timer.duration for timer in data.timer])
+            if times[_TIMERS.mjTIMER_STEP] < total:
+                best, total = times, float(times[_TIMERS.mjTIMER_STEP])
+    finally:
+        mujoco.set_mjcb_time(previous)
+    shares = {name: float(sum(best[timer] for timer in timers) / total) for name, timers in PARTS.items()}
+    return shares | {REST: 1.0 - sum(shares.values())}
+
+
+class _PieceRun(MuJoCoRun):
+    """A run that is timed piece by piece."""
+
+    size = 1  # steps of a piece
+
+    def __init__(self, engine: MuJoCo, request: Request, size: int) -> None:
+        super().__init__(engine, request)
+        self.size, self.pieces = size, list[float]()
+
+    def _advance(self, first: int, count: int) -> None:
+        for done in range(0, count, self.size):
+            steps = min(self.size, count - done)
+            start = time.perf_counter()
+            super()._advance(first + done, steps)
+            spent = time.perf_counter() - start
+            # The first piece has what is done but once; a chunk's last one may be short, and the law may stop the run.
+            if first + done > 0 and steps == self.size and self.counters[callback.STEP] == first + done + steps:
+                self.pieces.append(spent / steps)
+
+
+def _further_step(scene: Scene, law: Any, engine: MuJoCo, size: int) -> tuple[float | None, float]:
+    """What a further step takes in a run [s], or None where no run succeeds, and how far the run went [s]."""
+    sampled = law is not None and native_law(law, scene.structure).discontinuous
+    actuation = Actuation.hold_force_density(10 * engine.timestep) if sampled else None
+    count = min((PIECES + 1) * size, int(scene.duration / engine.timestep * (1 + 1e-12)))
+    count = max(10, 10 * (count // 10))
+    duration = count * engine.timestep
+    run = None
+    # Where none succeeds, the scene is described all the same.
+    with warnings.catch_warnings(), contextlib.suppress(TensegrityError):
+        warnings.simplefilter("ignore")
+        request = request_for(scene.with_(breaks=()), law, duration, actuation, OnInfeasible.STOP, None, False)
+        run = _PieceRun(engine, request, min(size, max(1, count // (FEWEST + 1))))
+        run.run()
+    if run is None or not run.pieces:
+        return None, 0.0
+    return statistics.median(run.pieces), int(run.counters[callback.STEP]) * engine.timestep
+
+
+@cache
+def _clock() -> tuple[Any, Any]:
+    """A C function that tells the time [s], and what keeps it alive; Python's clock where there is none."""
+    kind = ctypes.CFUNCTYPE(ctypes.c_double)
+    try:
+        read = ctypes.CDLL(None).clock_gettime
+    except (AttributeError, OSError, TypeError):
+        clock = kind(time.perf_counter)
+        return clock, clock
+    import numba
+    from numba import types
+
+    from tensegrity_mj.dynamics.native.pointers import address_of, integers
+
+    read.argtypes, read.restype = [ctypes.c_int, ctypes.c_size_t], ctypes.c_int
+    parts = np.zeros(2, np.int64)  # seconds and nanoseconds
+    address, number = address_of(parts), int(time.CLOCK_MONOTONIC)
+
+    @numba.cfunc(types.float64())
+    def now() -> float:
+        read(number, address)
+        found = integers(address, (2,))
+        return found[0] + 1e-9 * found[1]
+
+    return ctypes.cast(now.address, kind), (now, parts, read)
+
+
+# Variants of a scene's model, by what they have more (for contact that is there: less).
+
+
+def variants(scene: Scene) -> dict[str, str]:
+    """MJCF of the scene with one thing changed, by what it is; those that would change nothing are left out."""
+    found = {}
+    for what, edit in _EDITS.items():
+        root = ET.fromstring(scene_to_mjcf(scene))
+        if edit(root, scene):
+            found[what] = ET.tostring(root, encoding="unicode")
+    return found
+
+
+def _part(root: ET.Element, path: str) -> ET.Element:
+    found = root.find(path)
+    assert found is not None, path
+    return found
+
+
+def _switch_contact(root: ET.Element, contype: int, conaffinity: int) -> None:
+    flag = _part(root, "option/flag")
+    for name in ("contact", "constraint"):  # joints that close loops have switched the second on already
+        flag.attrib.pop(name, None)
+    for geom in root.iter("geom"):
+        geom.set("contype", str(contype))
+        geom.set("conaffinity", str(conaffinity))
+
+
+def _with_floor(root: ET.Element, scene: Scene) -> bool:
+    """Contact with a floor far below."""
+    if scene.contact is not None:
+        return False
+    _switch_contact(root, 0, 1)
+    depth = 100.0 * max(1.0, float(np.abs(scene.nodes0).max()))
+    world = _part(root, "worldbody")
+    ET.SubElement(world, "geom", type="plane", pos=f"0 0 {-depth!r}", size="0 0 1", contype="1", conaffinity="0")
+    return True
+
+
+def _with_rods(root: ET.Element, scene: Scene) -> bool:
+    """Contact between rods, where they are apart."""
+    if scene.contact is not None or len(scene.structure.rods) < 2:
+        return False
+    if np.any(rod_gaps(scene.structure, scene.nodes0)[1] <= 0):
+        return False
+    _switch_contact(root, 1, 1)
+    return True
+
+
+def _without_contact(root: ET.Element, scene: Scene) -> bool:
+    flag = _part(root, "option/flag")
+    flag.set("contact", "disable")
+    flag.set("constraint", "disable")
+    return scene.contact is not None
+
+
+def _with_spatial_joints(root: ET.Element, scene: Scene) -> bool:
+    """Ball and free joints where rods stay in a plane."""
+    changed = False
+    for body in root.iter("body"):
+        joints = body.findall("joint")
+        if any(joint.get("type") == "hinge" for joint in joints):
+            changed = True
+            for joint in joints:
+                if joint.get("type") == "hinge":
+                    joint.set("type", "ball")
+                    del joint.attrib["axis"]
+            if len(joints) == 3:  # two slides and a hinge: free in the plane
+                for joint in joints:
+                    body.remove(joint)
+                body.insert(0, ET.Element("freejoint"))
+    return changed
+
+
+def _with_sensors(root: ET.Element, scene: Scene) -> bool:
+    """The tension of each string as a sensor."""
+    sensors = ET.SubElement(root, "sensor")
+    for string in scene.structure.strings:
+        ET.SubElement(sensors, "tendonactuatorfrc", tendon=string.name)
+    return bool(scene.structure.strings)
+
+
+def _with_rows(root: ET.Element, scene: Scene) -> bool:
+    """Pinned rods that are free bodies tied to the world by constraint rows."""
+    flag = _part(root, "option/flag")
+    flag.attrib.pop("constraint", None)
+    bodies = root.findall("worldbody/body")
+    pinned = [
+        body
+        for body, rod in zip(bodies, scene.structure.rods, strict=False)
+        if rod.support.translation_basis.shape[1] == 0
+    ]
+    equality = ET.SubElement(root, "equality")
+    for body in pinned:
+        for joint in body.findall("joint"):
+            body.remove(joint)
+        body.insert(0, ET.Element("freejoint"))
+        ET.SubElement(equality, "connect", body1=body.get("name", ""), anchor="0 0 0")
+    return bool(pinned)
+
+
+def _with_gravity(root: ET.Element, scene: Scene) -> bool:
+    _part(root, "option").set("gravity", "0 0 -9.81")
+    return not any(scene.gravity)
+
+
+def _with_energy(root: ET.Element, scene: Scene) -> bool:
+    _part(root, "option/flag").set("energy", "enable")
+    return True
+
+
+_EDITS: dict[str, Callable[[ET.Element, Scene], bool]] = {
+    CONTACT: _without_contact,
+    "contact with a floor, without a touch": _with_floor,
+    "contact between rods, without a touch": _with_rods,
+    "ball and free joints in the plane": _with_spatial_joints,
+    "a sensor a string": _with_sensors,
+    "pins as constraint rows": _with_rows,
+    "gravity": _with_gravity,
+    "MuJoCo's energy": _with_energy,
+}

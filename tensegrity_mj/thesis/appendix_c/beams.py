@@ -1,0 +1,195 @@
+"""The studies of appendix C and of §7.2.3's form-finding: which beams are asked what, and in which engine."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.jsontext import to_exact_json
+from tensegrity_mj.library.thesis_towers import TABLE_C2
+from tensegrity_mj.runs.trajectory import Status
+from tensegrity_mj.studies.many import run_many
+from tensegrity_mj.thesis.appendix_c import beam_tasks
+from tensegrity_mj.thesis.disturbance import Disturbance
+from tensegrity_mj.thesis.experiments import EngineName
+
+if TYPE_CHECKING:
+    from tensegrity_mj.studies.workers import Workers
+
+Values = Mapping[str, Any]
+
+# A star: with the springs that the rest of Table C.2 asks for, see `CORRECTED_STIFFNESS`.
+PRINTED = tuple(TABLE_C2)
+BEAMS = (*PRINTED, "TB6*", "TB7*")
+BY_PRESTRESS = ("TB1", "TB2", "TB3", "TB4")
+BY_STIFFNESS = ("TB1", "TB5", "TB6*", "TB7*")  # of equal prestress, the springs ever stiffer
+TOWER = (("full", 10e3, 0.10), ("full", 30e3, 0.20), ("reduced_a", 10e3, 0.10), ("reduced_b", 10e3, 0.10))
+
+STATICS_ONLY = (EngineName.STATICS,)
+CONFIRMED = (EngineName.STATICS, EngineName.MUJOCO)
+
+
+@dataclass(frozen=True, eq=False)
+class BeamRun:
+    """What a study found in one engine.
+
+    Attributes:
+        name, engine: of the study, and in words.
+        values: of each beam, see `beam_tasks`; of a study in two directions "TB1 y" and "TB1 z".
+        cost: wall time [s] of this call; nothing where it was there.
+        status, message, time: as of a `Trajectory`; a study is complete if every beam is.
+        results: None; a series of cables has some.
+    """
+
+    name: str
+    engine: str
+    values: Mapping[str, Values]
+    cost: Mapping[str, float] = field(default_factory=dict)
+    status: Status = Status.COMPLETED
+    message: str = ""
+    time: Array = field(default_factory=lambda: np.zeros(1))
+    results: None = None
+
+    def of(self, beam: str, name: str) -> Array:
+        """A value of a beam as an array."""
+        return np.asarray(self.values[beam][name])
+
+
+@dataclass(frozen=True)
+class BeamStudy:
+    """What is computed.
+
+    Attributes:
+        name: unique among series and experiments.
+        about: what it is, with the page.
+        points: what the task is given, by the name of its values.
+        tasks: a function of `beam_tasks` for each engine that computes it.
+        of_mujoco: the points that MuJoCo is asked for; all of them where none are given.
+        sources: of the package, by patterns: what else decides what is found, besides engines and statics.
+    """
+
+    name: str
+    about: str
+    points: Mapping[str, Values]
+    tasks: Mapping[EngineName, Callable[[dict[str, Any]], dict[str, Any]]]
+    of_mujoco: tuple[str, ...] = ()
+    sources: tuple[str, ...] = ()
+
+    @property
+    def engines(self) -> tuple[EngineName, ...]:
+        """That compute it."""
+        return tuple(self.tasks)
+
+    def compute(
+        self,
+        engine: EngineName,
+        folder: Path,
+        workers: Workers | None,
+        progress: bool,
+        disturbance: Disturbance | None = None,
+    ) -> BeamRun:
+        """Its values in one engine; what the folder has of it is not computed again.
+
+        Args:
+            folder: where the folder of this study is made.
+            workers, progress: see `run_many`.
+            disturbance: of the beams.
+        """
+        from tensegrity_mj.simulation import versions
+
+        started = time.perf_counter()
+        chosen = self.of_mujoco if engine is EngineName.MUJOCO and self.of_mujoco else tuple(self.points)
+        error = {} if disturbance is None else {"disturbance": disturbance.plain}
+        points = [{**self.points[label], **error} for label in chosen]
+        identity = {"code": statics_digest(self.sources), "versions": versions()}
+        # A change of versions, code or settings is another study, in a folder of its own.
+        told = hashlib.sha256(to_exact_json([identity, points]).encode()).hexdigest()[:8]
+        study = run_many(
+            self.tasks[engine],
+            points,
+            folder / f"{self.name}-{engine.value}-{told}",
+            identity=identity,
+            workers=workers,
+            progress=progress,
+            label=f"{self.name}, {engine.value}",
+        )
+        values = {
+            label: outcome["values"]
+            for label, outcome in zip(chosen, study.outcomes, strict=True)
+            if "values" in outcome
+        }
+        status, message = Status.COMPLETED, ""
+        if study.failed:
+            first = study.failed[0]
+            text = f"{len(study.failed)} of {len(points)} beams, the first {chosen[first]}: "
+            status, message = Status.DIVERGED, text + study.outcomes[first]["reason"]
+        cost = {"wall_time": time.perf_counter() - started}
+        return BeamRun(self.name, engine.value, values, cost, status, message)
+
+
+@functools.cache
+def statics_digest(others: tuple[str, ...] = ()) -> str:
+    """A digest of the sources that decide what these studies find, and of others by their patterns."""
+    from tensegrity_mj.thesis.runs import code_digest
+
+    package = Path(__file__).parents[2]
+    digest = hashlib.sha256(code_digest().encode())
+    names = ("thesis/appendix_c/beam_tasks.py",)
+    more = (path for pattern in others for path in sorted(package.glob(pattern)))
+    for path in (*sorted(package.glob("statics/*.py")), *(package / name for name in names), *more):
+        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def _each(beams: Sequence[str]) -> dict[str, Values]:
+    return {beam: {"beam": beam} for beam in beams}
+
+
+def tower_label(topology: str, stiffness: float, measure: float) -> str:
+    """The name of a tower's values."""
+    return f"{topology} {stiffness / 1e3:g} kN/m {measure:g} m"
+
+
+_STATICS, _MUJOCO = EngineName.STATICS, EngineName.MUJOCO
+
+STUDIES: Mapping[str, BeamStudy] = {
+    one.name: one
+    for one in (
+        BeamStudy(
+            "beams", "Table C.2: the beams' form, prestress, and stiffness at zero load", _each(BEAMS),
+            {_STATICS: beam_tasks.found, _MUJOCO: beam_tasks.confirmed}, of_mujoco=BY_PRESTRESS,
+        ),
+        BeamStudy("tension", "Fig. C.3: pulled along the beam", _each(BEAMS), {_STATICS: beam_tasks.tension}),
+        BeamStudy(
+            "compression", "Fig. C.4: pushed along the beam, which is perfect and stays straight", _each(BEAMS),
+            {_STATICS: beam_tasks.compression},
+        ),
+        BeamStudy(
+            "imperfect", "Fig. C.4: pushed along the beam, with a small load across it", _each(BEAMS),
+            {_STATICS: beam_tasks.imperfect},
+        ),
+        BeamStudy(
+            "lateral", "Figs C.6, C.7: moved across the beam, one end clamped, the other guided",
+            {
+                f"{beam} {name}": {"beam": beam, "axis": axis}
+                for beam in BEAMS for axis, name in ((1, "y"), (2, "z"))
+            },
+            {_STATICS: beam_tasks.lateral},
+        ),
+        BeamStudy(
+            "tower-form", "Fig. 7.6: the tower before and after form-finding",
+            {
+                tower_label(*one): dict(zip(("topology", "stiffness", "measure"), one, strict=True)) for one in TOWER
+            },
+            {_STATICS: beam_tasks.tower},
+        ),
+    )
+}  # fmt: skip

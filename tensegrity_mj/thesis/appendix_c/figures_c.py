@@ -1,0 +1,142 @@
+"""The figures of appendix C.1, drawn again: the beam before and after form-finding, and its stiffness."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.pictures import palette
+from tensegrity_mj.thesis import drawing
+from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, BY_STIFFNESS, BeamRun
+from tensegrity_mj.thesis.appendix_c.measures_c import buckling, initial, stiffness
+from tensegrity_mj.thesis.drawing import GREY, AllRuns, ThesisFigure
+from tensegrity_mj.thesis.experiments import EngineName
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+SHOWN = "TB1"  # the beam of figure C.2
+BAND = "the pale band is the range of the thesis' axis"
+STARS = "TB6*, TB7*: springs of 1600 and 2000 kN/m for the printed 1200; dotted: as printed"
+PANELS = (
+    (BY_STIFFNESS, "(a) similar prestress, varying spring stiffness"),
+    (BY_PRESTRESS, "(b) varying prestress, constant spring stiffness"),
+)
+CROSSES = 6.5  # size of MuJoCo's marks
+
+
+def _run(all_runs: AllRuns, name: str) -> BeamRun:
+    found: BeamRun = next(runs[name] for runs in all_runs.values() if name in runs)
+    return found
+
+
+def _curve(panel: Any, run: BeamRun, label: str, color: Any, text: str | None, style: str = "-") -> None:
+    panel.plot(run.of(label, "w"), stiffness(run, label), color=color, lw=1.3, ls=style, label=text)
+
+
+def _stiffness(
+    all_runs: AllRuns, name: str, ends: tuple[float, float], ticks: tuple[tuple[float, float], ...], axis: int
+) -> Figure:
+    """Figures C.3, C.6 and C.7: stiffness over deformation; ends of the deformation, and ranges of the thesis' axes."""
+    figure, ((left, right),) = drawing.panels(1, 2, height=3.6, width=4.4)
+    run = _run(all_runs, name)
+    suffix = {0: "", 1: " y", 2: " z"}[axis]
+    confirmed = all_runs.get(EngineName.MUJOCO, {}).get("beams")
+    for panel, (beams, title), band in zip((left, right), PANELS, ticks, strict=True):
+        drawing.thesis_axis(panel, *band)
+        for number, beam in enumerate(beams):
+            color = palette.CYCLE[number]
+            _curve(panel, run, beam + suffix, color, beam)
+            if beam.endswith("*"):
+                _curve(panel, run, beam.rstrip("*") + suffix, color, None, ":")
+            if confirmed is not None and beam in confirmed.values:
+                panel.plot([0.0], [initial(confirmed, beam, axis)], marker="o", ms=CROSSES, mfc="none", mec=color)
+        _finish(panel, title, ends)
+    extra = "; circles: MuJoCo at zero load" if confirmed is not None else ""
+    figure.supxlabel(f"statics with elastic rods{extra}; {BAND}\n{STARS}", fontsize=7.5, color=GREY)
+    return figure
+
+
+def _finish(panel: Any, title: str, ends: tuple[float, float]) -> None:
+    drawing.finish(panel, title, "stiffness [kN/m]", time=False)
+    panel.set_xlabel("deformation [m]", fontsize=8.5)
+    panel.set_xlim(*ends)
+
+
+def _compression(all_runs: AllRuns) -> Figure:
+    figure, ((left, right),) = drawing.panels(1, 2, height=3.9, width=4.4)
+    perfect, imperfect = _run(all_runs, "compression"), _run(all_runs, "imperfect")
+    for panel, (beams, title) in zip((left, right), PANELS, strict=True):
+        drawing.thesis_axis(panel, 0.0, 40.0)
+        for number, beam in enumerate(beams):
+            color = palette.CYCLE[number]
+            _curve(panel, perfect, beam, color, None, "--")
+            K = np.where(imperfect.of(beam, "turned"), np.nan, stiffness(imperfect, beam))
+            panel.plot(imperfect.of(beam, "w"), K, color=color, lw=1.5, label=beam)
+            at = buckling(imperfect, beam).deformation
+            panel.plot([at], [np.interp(at, perfect.of(beam, "w"), stiffness(perfect, beam))], color=color, marker="v")
+        panel.axhline(0.0, color=GREY, lw=0.6)
+        panel.set_ylim(-10.0, 42.0)
+        _finish(panel, title, (0.0, 3.5))
+    figure.supxlabel(
+        "solid: with 100 N across the middle; triangles: it buckles; dashed: the perfect beam, straight beyond\n"
+        f"{BAND}; TB6*, TB7*: springs of 1600 and 2000 kN/m",
+        fontsize=7.5,
+        color=GREY,
+    )
+    return figure
+
+
+def _configuration(all_runs: AllRuns) -> Figure:
+    """(a), (b) rods across the beam, (c), (d) the beam from its side, before and after form-finding."""
+    run = _run(all_runs, "beams")
+    figure = drawing.new_figure(9.0, 4.6)
+    panels: Any = figure.subplots(2, 2, width_ratios=[1, 4.2])
+    rods, strings = run.of(SHOWN, "rods"), run.of(SHOWN, "strings")
+    for (cross, side), name, text in zip(panels, ("before", "nodes"), ("prior to", "after"), strict=True):
+        nodes = run.of(SHOWN, name)
+        lines(cross, nodes[:, 1:], rods, ())
+        lines(side, nodes[:, [0, 2]], rods, strings)
+        letters = ("ac", "bd")[name == "nodes"]
+        for panel, letter, what, names in (
+            (cross, letters[0], "cross section", "yz"),
+            (side, letters[1], "beam", "xz"),
+        ):
+            drawing.finish(panel, f"({letter}) {what} {text} form-finding", f"{names[1]} [m]", time=False)
+            panel.set_xlabel(f"{names[0]} [m]", fontsize=8.5)
+            panel.set_aspect("equal")
+        cross.set_xlim(-0.8, 0.8)
+        cross.set_ylim(-0.8, 0.8)
+        side.set_xlim(-0.5, 30.5)
+        side.set_ylim(-2.0, 2.0)
+    figure.supxlabel(f"{SHOWN}; statics with elastic rods; rods black, strings green", fontsize=8, color=GREY)
+    return figure
+
+
+def lines(panel: Any, places: Array, rods: Array, strings: Sequence[Any] | Array) -> None:
+    """Members of a structure on a plane (N, 2), or in space (N, 3)."""
+    for i, j in strings:
+        panel.plot(*places[[i, j]].T, color=palette.TARGET, lw=0.5)
+    for i, j in rods:
+        panel.plot(*places[[i, j]].T, color="black", lw=1.3, solid_capstyle="round")
+
+
+def _tension(all_runs: AllRuns) -> Figure:
+    return _stiffness(all_runs, "tension", (0.0, 1.6), ((10.0, 30.0), (10.0, 40.0)), 0)
+
+
+def _across(axis: int) -> Any:
+    return lambda all_runs: _stiffness(all_runs, "lateral", (0.0, 8.0), ((0.0, 6.0), (0.0, 6.0)), axis)
+
+
+FIGURES: tuple[ThesisFigure, ...] = (
+    ThesisFigure("C.2", 188, "The beam prior to and after form-finding", ("beams",), _configuration),
+    ThesisFigure("C.3", 190, "Axial stiffness in tension", ("tension", "beams"), _tension),
+    ThesisFigure("C.4", 192, "Axial stiffness in compression", ("compression", "imperfect"), _compression),
+    ThesisFigure("C.6", 193, "Lateral stiffness, y-direction", ("lateral", "beams"), _across(1)),
+    ThesisFigure("C.7", 194, "Lateral stiffness, z-direction", ("lateral", "beams"), _across(2)),
+)

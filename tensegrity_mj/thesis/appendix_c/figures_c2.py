@@ -1,0 +1,53 @@
+"""Figure C.8 of appendix C.2, drawn again in two readings: how much beams swing in waves."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from tensegrity_mj.library.thesis_towers import TABLE_C2
+from tensegrity_mj.pictures import palette
+from tensegrity_mj.thesis import drawing
+from tensegrity_mj.thesis.appendix_c.beam_wave_studies import DOUBLED, HEIGHTS, PRINTED, TWICE, label_of
+from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS
+from tensegrity_mj.thesis.appendix_c.measures_c2 import amplitude
+from tensegrity_mj.thesis.drawing import GREY, AllRuns, ThesisFigure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+AXES = ((0.0, 9.0), (0.0, 3.0))  # m, of the thesis
+READINGS = (
+    (PRINTED, HEIGHTS, "(a) half of a beam, waves as in the text"),
+    (DOUBLED, TWICE, "(b) clamped beam, waves twice as high"),
+)
+
+
+def _oscillation(all_runs: AllRuns) -> Figure:
+    figure, (panels,) = drawing.panels(1, 2, height=3.6, width=4.4)
+    confirmed = False
+    for panel, (study, heights, title) in zip(panels, READINGS, strict=True):
+        drawing.thesis_axis(panel, *AXES[1])
+        runs = [found[study] for found in all_runs.values() if study in found][:2]
+        for color, beam in zip(palette.CYCLE, BY_PRESTRESS, strict=False):
+            name = f"{beam}, {TABLE_C2[beam].stress / 1e6:g} MPa"
+            swings = [amplitude(runs[0], beam, height) for height in heights]
+            panel.plot(heights, swings, color=color, lw=1.3, marker=".", label=name)
+            for run in runs[1:]:
+                there = [height for height in heights if label_of(beam, height) in run.values]
+                confirmed = confirmed or bool(there)
+                panel.plot(
+                    there, [amplitude(run, beam, height) for height in there], ls="none", marker="o", ms=6.5,
+                    mfc="none", mec=color,
+                )  # fmt: skip
+        drawing.finish(panel, title, "oscillation amplitude [m]", time=False)
+        panel.set_xlabel("wave height [m]", fontsize=8.5)
+        panel.set_xlim(*AXES[0])
+        panel.set_ylim(bottom=0.0)
+    circles = "; circles: the other engine" if confirmed else ""
+    figure.supxlabel(f"the stage that swings most{circles}; pale: the thesis' axis", fontsize=8, color=GREY)
+    return figure
+
+
+FIGURES: tuple[ThesisFigure, ...] = (
+    ThesisFigure("C.8", 195, "Oscillation amplitude over wave height", (PRINTED, DOUBLED), _oscillation),
+)

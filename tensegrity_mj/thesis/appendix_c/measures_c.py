@@ -1,0 +1,341 @@
+"""What the rows of appendix C.1 measure on its beams: stiffness [kN/m], stress [MPa], buckling, slack strings."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.library.thesis_towers import appendix_beam
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.section import Section
+from tensegrity_mj.thesis.appendix_c.beam_tasks import INITIAL_LENGTH
+from tensegrity_mj.thesis.appendix_c.beams import BeamRun
+
+DROPPED = 0.5  # of the stiffness at zero load: below it, a beam has buckled
+
+
+class Buckling(NamedTuple):
+    """Where the stiffness drops: deformation [m] and load [kN]; NaN where it does not."""
+
+    deformation: float
+    load: float
+
+
+def length_ratio(run: BeamRun, beam: str) -> float:
+    """Length after form-finding over that before."""
+    return float(run.of(beam, "length")) / INITIAL_LENGTH
+
+
+def median_stress(run: BeamRun, beam: str) -> float:
+    """[MPa] of the rods' compression after form-finding."""
+    return float(np.median(run.of(beam, "stresses"))) / 1e6
+
+
+def initial(run: BeamRun, beam: str, axis: int = 0) -> float:
+    """[kN/m] at zero load: 0 along the beam, 1 and 2 across it."""
+    return float(run.of(beam, "stiffness")[axis, axis]) / 1e3
+
+
+def anisotropy(run: BeamRun, beam: str) -> float:
+    """Of the stiffness across the beam at zero load: the most of any direction over the least, less one."""
+    values = np.linalg.eigvalsh(run.of(beam, "stiffness")[1:, 1:])
+    return float(values[-1] / values[0] - 1.0)
+
+
+def spread(values: Sequence[float]) -> float:
+    """The largest over the smallest, less one."""
+    return max(values) / min(values) - 1.0
+
+
+def rises(values: Sequence[float] | Array) -> bool:
+    """Whether each is larger than the one before."""
+    return bool(np.all(np.diff(values) > 0))
+
+
+def stiffness(run: BeamRun, label: str) -> Array:
+    """[kN/m] along a path."""
+    return run.of(label, "K").astype(float) / 1e3
+
+
+def last(run: BeamRun, label: str) -> float:
+    """[kN/m] at the end of the thesis' axis."""
+    return float(stiffness(run, label)[-1])
+
+
+def gain(run: BeamRun, label: str) -> float:
+    """[kN/m] by how much the stiffness has risen at the end of the thesis' axis."""
+    return float(np.ptp(stiffness(run, label)[[0, -1]]) * np.sign(last(run, label) - stiffness(run, label)[0]))
+
+
+def stress_rate(run: BeamRun, label: str) -> float:
+    """[MPa/m] by which the largest stress of a rod has risen at the end of the axis."""
+    stress, w = run.of(label, "stress"), run.of(label, "w")
+    return float((stress[-1] - stress[0]) / (w[-1] - w[0]) / 1e6)
+
+
+def largest_stress(*runs: BeamRun) -> float:
+    """[MPa] of any rod on any path."""
+    return max(float(np.max(values["stress"])) for run in runs for values in run.values.values()) / 1e6
+
+
+def buckling(run: BeamRun, label: str) -> Buckling:
+    """Where the stiffness falls below half of what it was at zero load, or the deformation turns back."""
+    K, w, F = (run.of(label, name).astype(float) for name in ("K", "w", "F"))
+    k = _stiff_points(run, label)
+    if k == len(K):
+        return Buckling(math.nan, math.nan)
+    turned = run.of(label, "turned")
+    part = 0.0 if turned[k] else float((K[k - 1] - DROPPED * K[0]) / (K[k - 1] - K[k]))
+    return Buckling(float(w[k - 1] + part * (w[k] - w[k - 1])), float(F[k - 1] + part * (F[k] - F[k - 1])) / 1e3)
+
+
+def stiffest_before(run: BeamRun, label: str) -> float:
+    """[kN/m] the largest stiffness before it buckles."""
+    return float(stiffness(run, label)[: _stiff_points(run, label)].max())
+
+
+def _stiff_points(run: BeamRun, label: str) -> int:
+    """How many points there are before it buckles."""
+    K = stiffness(run, label)
+    gone = np.flatnonzero(run.of(label, "turned") | (K / K[0] < DROPPED))
+    return int(gone[0]) if len(gone) else len(K)
+
+
+def first_slack(run: BeamRun, label: str) -> float:
+    """[m] the deformation at which the first string becomes slack, between two points; infinite where none does."""
+    least, w = run.of(label, "least"), run.of(label, "w")
+    found = np.flatnonzero(least < 0)
+    if not len(found) or found[0] == 0:
+        return 0.0 if len(found) else math.inf
+    k = int(found[0])
+    return float(w[k - 1] + (w[k] - w[k - 1]) * least[k - 1] / (least[k - 1] - least[k]))
+
+
+def turns_negative(run: BeamRun, label: str) -> bool:
+    """Whether the stiffness is below zero somewhere, on the way on or on the way back."""
+    return bool(np.nanmin(stiffness(run, label)) < 0)
+
+
+def before_buckling(run: BeamRun, imperfect: BeamRun, label: str) -> float:
+    """By how much the perfect beam's stiffness changes up to where the imperfect one buckles, relative to its first."""
+    K, w = stiffness(run, label), run.of(label, "w")
+    there = float(np.interp(buckling(imperfect, label).deformation, w, K))
+    return there / float(K[0]) - 1.0
+
+
+def apart(run: BeamRun, beam: str) -> float:
+    """[kN/m] the largest difference of the stiffness in y from that in z, at equal deformation."""
+    y, z = f"{beam} y", f"{beam} z"
+    other = np.interp(run.of(beam + " y", "w"), run.of(z, "w"), stiffness(run, z))
+    return float(np.abs(stiffness(run, y) - other).max())
+
+
+# ------------------------------------------------------------------------------------------------------- the model
+
+
+@cache
+def _scene() -> Scene:
+    return appendix_beam("TB1", form_found=False)
+
+
+def _section() -> Section:
+    section = _scene().structure.rods[0].section
+    assert section is not None
+    return section
+
+
+def beam_rods() -> int:
+    """How many rods a beam has."""
+    return len(_scene().structure.rods)
+
+
+def beam_rod_length() -> float:
+    """[m]"""
+    return float(_scene().structure.rod_lengths[0])
+
+
+def euler_load() -> float:
+    """[kN] of a rod."""
+    return _section().euler_load(beam_rod_length()) / 1e3
+
+
+def euler_stress() -> float:
+    """[MPa] of a rod."""
+    return 1e3 * euler_load() / _section().area / 1e6
+
+
+def euler_over_yield() -> float:
+    """The buckling stress of a rod over its yield stress."""
+    return 1e6 * euler_stress() / float(_section().yield_stress or 0.0)
+
+
+# ------------------------------------------------------------------------------------------------- several beams
+
+
+def is_tensegrity(run: BeamRun) -> bool:
+    """Whether in all beams every rod is compressed and every string taut."""
+    return all(min(v["stresses"]) > 0 and v["least_tension"] > 0 for v in run.values.values())
+
+
+def mean_length(run: BeamRun, beams: Sequence[str]) -> float:
+    """[m] after form-finding."""
+    return INITIAL_LENGTH * float(np.mean([length_ratio(run, beam) for beam in beams]))
+
+
+def spread_of_lengths(run: BeamRun, beams: Sequence[str]) -> float:
+    """The largest ratio of the lengths less the smallest."""
+    return float(np.ptp([length_ratio(run, beam) for beam in beams]))
+
+
+def overlap(run: BeamRun, beam: str) -> float:
+    """[m] by which a stage reaches into the next after form-finding."""
+    return float(run.of(beam, "overlap"))
+
+
+def most_anisotropy(run: BeamRun, beams: Sequence[str]) -> float:
+    """The largest of several beams."""
+    return max(anisotropy(run, beam) for beam in beams)
+
+
+def increases(run: BeamRun, labels: Sequence[str]) -> bool:
+    """Whether the stiffness rises all along each path."""
+    return all(rises(stiffness(run, label)) for label in labels)
+
+
+def first_spread(run: BeamRun, labels: Sequence[str]) -> float:
+    """Of the stiffness at zero load: the most over the least, less one."""
+    return spread([float(stiffness(run, label)[0]) for label in labels])
+
+
+def first_ratio(run: BeamRun, labels: Sequence[str]) -> float:
+    """The stiffness at zero load of the last over that of the first."""
+    return float(stiffness(run, labels[-1])[0] / stiffness(run, labels[0])[0])
+
+
+def gains_rise(run: BeamRun, labels: Sequence[str]) -> bool:
+    """Whether the stiffness rises ever more from one to the next."""
+    return rises([gain(run, label) for label in labels])
+
+
+def gains_spread(run: BeamRun, labels: Sequence[str]) -> float:
+    """Of the rise of the stiffness: the most over the least, less one."""
+    return spread([gain(run, label) for label in labels])
+
+
+def all_gain(run: BeamRun, labels: Sequence[str]) -> bool:
+    """Whether the stiffness at the end of the axis is above that at zero load."""
+    return all(gain(run, label) > 0 for label in labels)
+
+
+def stress_rates_rise(run: BeamRun, labels: Sequence[str]) -> bool:
+    """Whether the stress rises ever more from one to the next."""
+    return rises([stress_rate(run, label) for label in labels])
+
+
+def higher_everywhere(run: BeamRun, labels: Sequence[str]) -> bool:
+    """Whether the stiffness is higher from one to the next at every deformation."""
+    return all(
+        bool(np.all(np.interp(run.of(a, "w"), run.of(b, "w"), stiffness(run, b)) > stiffness(run, a)))
+        for a, b in itertools.pairwise(labels)
+    )
+
+
+def largest_at_end(run: BeamRun, labels: Sequence[str]) -> float:
+    """[kN/m] at the end of the thesis' axis."""
+    return max(last(run, label) for label in labels)
+
+
+def stiffest_of_all_before(run: BeamRun, labels: Sequence[str]) -> float:
+    """[kN/m] the largest stiffness before any of them buckles."""
+    return max(stiffest_before(run, label) for label in labels)
+
+
+def first_apart(run: BeamRun, other: BeamRun, labels: Sequence[str]) -> float:
+    """Largest difference of the stiffness at zero load from that of another study, over this."""
+    return max(abs(float(stiffness(run, label)[0] / stiffness(other, label)[0]) - 1.0) for label in labels)
+
+
+def changed_at(run: BeamRun, label: str, deformation: float) -> float:
+    """By how much the stiffness has changed there [kN/m]."""
+    K = stiffness(run, label)
+    return float(np.interp(deformation, run.of(label, "w"), K) - K[0])
+
+
+def changes_rise(run: BeamRun, labels: Sequence[str], deformation: float, sign: float = 1.0) -> bool:
+    """Whether the stiffness has changed there ever more from one to the next."""
+    return rises([sign * changed_at(run, label, deformation) for label in labels])
+
+
+def changes_more(run: BeamRun, other: BeamRun, labels: Sequence[str], deformation: float) -> bool:
+    """Whether the stiffness has changed there by more than in another study."""
+    return all(changed_at(run, label, deformation) > changed_at(other, label, deformation) for label in labels)
+
+
+def most_apart(run: BeamRun, beams: Sequence[str]) -> float:
+    """[kN/m] the largest difference of the stiffness in y from that in z."""
+    return max(apart(run, beam) for beam in beams)
+
+
+# --------------------------------------------------------------------------------------------------------- buckling
+
+
+def all_turn_negative(run: BeamRun, labels: Sequence[str]) -> bool:
+    """Whether the stiffness of all of them is below zero somewhere."""
+    return all(turns_negative(run, label) for label in labels)
+
+
+def least_over_first(run: BeamRun, label: str) -> float:
+    """The least stiffness over that at zero load."""
+    return float(stiffness(run, label).min() / stiffness(run, label)[0])
+
+
+def all_become_unstable(run: BeamRun, labels: Sequence[str]) -> bool:
+    """Whether all of them become unstable on their path."""
+    return all(run.values[label]["modes"] > 0 for label in labels)
+
+
+def buckling_deformation(run: BeamRun, label: str) -> float:
+    """[m]"""
+    return buckling(run, label).deformation
+
+
+def buckling_deformations_spread(run: BeamRun, labels: Sequence[str]) -> float:
+    """The most over the least, less one."""
+    return spread([buckling(run, label).deformation for label in labels])
+
+
+def buckling_deformations_rise(run: BeamRun, labels: Sequence[str]) -> bool:
+    """Whether each buckles at a larger deformation than the one before."""
+    return rises([buckling(run, label).deformation for label in labels])
+
+
+def buckling_deformation_ratio(run: BeamRun, label: str, other: str) -> float:
+    """The deformation at buckling over that of another."""
+    return buckling(run, label).deformation / buckling(run, other).deformation
+
+
+def buckling_load_ratio(run: BeamRun, label: str, other: str) -> float:
+    """The load at buckling over that of another."""
+    return buckling(run, label).load / buckling(run, other).load
+
+
+def buckling_loads_spread(run: BeamRun, labels: Sequence[str]) -> float:
+    """The most over the least, less one."""
+    return spread([buckling(run, label).load for label in labels])
+
+
+def slack_over_buckling(run: BeamRun, label: str) -> float:
+    """The deformation at the first slack string over that at buckling."""
+    return first_slack(run, label) / buckling(run, label).deformation
+
+
+def three_kinds(run: BeamRun, imperfect: BeamRun, falling: str, constant: str, rising: str) -> bool:
+    """Whether up to buckling the stiffness of one falls, of one stays within 2 %, and of one rises."""
+    change = {label: before_buckling(run, imperfect, label) for label in (falling, constant, rising)}
+    return change[falling] < -0.02 and abs(change[constant]) <= 0.02 and change[rising] > 0.02

@@ -1,0 +1,52 @@
+"""All figures and statements, and which of them a user means by "5.4" or "5"."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.thesis.appendix_c import figures_c, figures_c2
+from tensegrity_mj.thesis.chapter3 import figures3
+from tensegrity_mj.thesis.chapter4 import figures4
+from tensegrity_mj.thesis.chapter5 import figures5
+from tensegrity_mj.thesis.chapter6 import figures6
+from tensegrity_mj.thesis.chapter7 import figures7, figures7_waves
+from tensegrity_mj.thesis.drawing import ThesisFigure
+from tensegrity_mj.thesis.statement import Statement
+from tensegrity_mj.thesis.tables import all_statements
+
+FIGURES: tuple[ThesisFigure, ...] = (
+    *figures3.FIGURES,
+    *figures4.FIGURES,
+    *figures5.FIGURES,
+    *figures6.FIGURES,
+    *figures7.FIGURES,
+    *figures7_waves.FIGURES,
+    *figures_c.FIGURES,
+    *figures_c2.FIGURES,
+)
+STATEMENTS: tuple[Statement, ...] = all_statements()
+
+
+def selected(chosen: Sequence[str]) -> tuple[list[ThesisFigure], list[Statement]]:
+    """The figures and the statements that are meant; all of them where nothing is chosen.
+
+    Args:
+        chosen: numbers of figures ("5.4") and of chapters ("5", "C"). A chapter's statements that belong to no figure
+            come with the chapter only.
+
+    Raises:
+        OptionError: for a number that is neither.
+    """
+    numbers = [figure.number for figure in FIGURES]
+    chapters = sorted({number.partition(".")[0] for number in numbers})
+    for text in chosen:
+        if text not in numbers and text not in chapters:
+            raise OptionError(
+                f"figure {text!r}: it is not among the figures {', '.join(numbers)} and chapters {', '.join(chapters)}"
+            )
+    if not chosen:
+        return list(FIGURES), list(STATEMENTS)
+    figures = [one for one in FIGURES if one.number in chosen or one.number.partition(".")[0] in chosen]
+    statements = [one for one in STATEMENTS if one.figure in chosen or one.chapter in chosen]
+    return figures, statements

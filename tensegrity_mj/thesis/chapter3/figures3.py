@@ -1,0 +1,224 @@
+"""The figures of chapter 3, drawn again: the rigid bar cable's amplitudes, frequencies and drift.
+
+The thesis draws experiments and ABAQUS beside its own model; their data are not in it. In their place stand both
+starts (at rest in the lab frame and in the moving frame), between which the thesis leaves the choice open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tensegrity_mj.pictures import palette
+from tensegrity_mj.thesis import drawing
+from tensegrity_mj.thesis.chapter3.measures3 import element_frequencies
+from tensegrity_mj.thesis.chapter3.series import ELEMENTS, FINE_STEP, SHOWN, SeriesRun
+from tensegrity_mj.thesis.drawing import BLUE, GREEN, GREY, RED, AllRuns, ThesisFigure
+from tensegrity_mj.thesis.experiments import TITLES
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PURPLE = palette.CYCLE[4]
+SECONDS_NOTE = "times are those of this machine"
+
+
+def _series(all_runs: AllRuns, name: str) -> list[tuple[str, SeriesRun]]:
+    """(engine's title, its run) of the engines that have a series, two at most."""
+    return [(TITLES[engine], runs[name]) for engine, runs in all_runs.items() if name in runs][:2]
+
+
+def _note(figure: Figure, all_runs: AllRuns, name: str, extra: str = "") -> None:
+    titles = [title for title, _ in _series(all_runs, name)]
+    text = f"filled: {titles[0]}" + (f"; circles around them: {titles[1]}" if len(titles) > 1 else "")
+    figure.supxlabel("; ".join(part for part in (text, extra) if part), fontsize=8, color=GREY)
+
+
+def _psd(all_runs: AllRuns) -> Figure:
+    figure = drawing.new_figure(6.4, 3.6)
+    panel: Any = figure.subplots()
+    for name, color, label in (("in-line", RED, "lab frame"), ("in-line-moving", BLUE, "moving frame")):
+        run = _series(all_runs, name)[0][1]
+        number = int(np.argmin(np.abs(run.cases.frequencies - 0.7)))
+        density = run.cases.densities[number, SHOWN.index(10), 0]
+        panel.plot(run.cases.spectral_frequencies, density, color=color, lw=1.2, label=f"at rest in the {label}")
+        for peak in run.peaks(10)[number]:
+            panel.axvline(peak, color=color, lw=0.7, ls=":")
+    panel.set_xlim(0.0, 1.2)
+    panel.set_yscale("log")
+    panel.set_ylim(1e-7, 3.0)
+    drawing.finish(
+        panel, "Marker 10, in-plane, in-line 0.70 Hz; dotted: the peaks that are picked", "PSD [m²/Hz]", False
+    )
+    panel.set_xlabel("frequency [Hz]", fontsize=8.5)
+    figure.supxlabel(_series(all_runs, "in-line")[0][0], fontsize=8, color=GREY)
+    return figure
+
+
+def _responses(all_runs: AllRuns, names: tuple[str, str], marker: int, axis: int, last_tick: float) -> Figure:
+    """(a) relative amplitudes and (b) main peaks, over the frequency of the excitation."""
+    figure, ((top,), (bottom,)) = drawing.panels(2, 1, height=2.9, width=6.4)
+    drawing.thesis_axis(top, 0.0, last_tick)
+    styles = ((names[1], BLUE, "s", 3.2, "moving frame"), (names[0], RED, "o", 4.0, "lab frame"))
+    for name, color, mark, size, label in styles:
+        for number, (_, run) in enumerate(_series(all_runs, name)):
+            f = run.cases.frequencies
+            if number == 0:
+                top.plot(
+                    f, run.marker(marker, axis), color=color, marker=mark, ms=size, lw=1.0, label=f"rest in {label}"
+                )
+            else:
+                top.plot(f, run.marker(marker, axis), ls="none", marker="o", ms=7, mfc="none", mec=color, mew=0.7)
+            points = [(x, y) for x, row in zip(f, run.peaks(marker, axis), strict=True) for y in row]
+            x, y = np.array(points).T
+            if number == 0:
+                bottom.plot(x, y, color=color, marker=mark, ms=size, ls="none", alpha=0.8)
+            else:
+                bottom.plot(x, y, ls="none", marker="o", ms=7, mfc="none", mec=color, mew=0.7)
+    plane = ("in-plane", "out-of-plane")[axis]
+    drawing.finish(top, f"(a) Marker {marker}, {plane}: maximum response amplitude", "relative amplitude", False)
+    bottom.plot([0.0, 1.2], [0.0, 1.2], color=GREY, lw=0.6, ls="--")
+    bottom.set_ylim(0.0, 1.25)
+    drawing.finish(bottom, "(b) Main peaks of the PSD (dashed: output = input)", "output frequency [Hz]", False)
+    for panel in (top, bottom):
+        panel.set_xlim(0.0, 1.25)
+        panel.set_xlabel("input frequency [Hz]", fontsize=8.5)
+    _note(figure, all_runs, names[0], "the pale band is the range of the thesis' axis")
+    return figure
+
+
+def _response(excitation: str, marker: int, axis: int, last_tick: float) -> Any:
+    return lambda all_runs: _responses(all_runs, (excitation, f"{excitation}-moving"), marker, axis, last_tick)
+
+
+def _elements(all_runs: AllRuns) -> Figure:
+    figure = drawing.new_figure(6.4, 3.6)
+    panel: Any = figure.subplots()
+    found = np.array([element_frequencies(K) for K in ELEMENTS])
+    labels = (("Fastening arrangement", RED), ("Cable elements", BLUE), ("Bottom load", GREEN))
+    for column, (label, color) in enumerate(labels):
+        panel.plot(ELEMENTS, found[:, column], color=color, marker="o", ms=4, lw=1.0, label=label)
+    panel.set_xlim(0, 140)
+    drawing.thesis_axis(panel, 1.0, 5.5)
+    drawing.finish(panel, "Frequency of one element by itself, (3.28)", "frequency [Hz]", False)
+    panel.set_xlabel("number of elements", fontsize=8.5)
+    return figure
+
+
+def _over_elements(panel: Any, x: Sequence[float], y: Any, title: str, unit: str) -> None:
+    panel.plot(x, y, color=BLUE, marker="o", ms=4, lw=1.0)
+    panel.set_xlim(0, 140)
+    drawing.finish(panel, title, unit, False)
+    panel.set_xlabel("number of elements", fontsize=8.5)
+
+
+def _fixed_step(all_runs: AllRuns) -> Figure:
+    figure, ((left, right),) = drawing.panels(1, 2, height=3.4, width=4.4)
+    run = _series(all_runs, "fixed-step")[0][1]
+    _over_elements(left, ELEMENTS, run.seconds, "(a) Wall time of 45 s at h = 0.01 s", "time [s]")
+    _over_elements(right, ELEMENTS, run.cases.drift, "(b) Drift, largest $|\\|b_i\\| - 1|$", "relative drift")
+    for panel in (left, right):
+        first = next((K for K, status in zip(ELEMENTS, run.cases.statuses, strict=True) if status != "completed"), None)
+        if first is not None:
+            panel.axvspan(first - 6, 140, color=RED, alpha=0.08, lw=0)
+            panel.text(
+                0.97, 0.06, "h beyond the stable step", transform=panel.transAxes, ha="right", fontsize=8, color=RED
+            )
+    right.set_yscale("log")
+    right.set_ylim(1e-4, 1.0)
+    _note(figure, all_runs, "fixed-step", SECONDS_NOTE)
+    return figure
+
+
+def _fixed_drift(all_runs: AllRuns) -> Figure:
+    figure, ((left, right),) = drawing.panels(1, 2, height=3.4, width=4.4)
+    run = _series(all_runs, "fixed-drift")[0][1]
+    steps = [one for one in run.steps if np.isfinite(one.step)]
+    elements = [one.elements for one in steps]
+    _over_elements(left, elements, run.seconds, "(a) Wall time of 45 s", "time [s]")
+    _over_elements(right, elements, [one.step for one in steps], "(b) Largest step with a drift within 2 %", "step [s]")
+    right.plot(elements, [one.limit for one in steps], color=RED, ls="--", lw=1.0, label="stable at rest (RK4)")
+    drawing.thesis_axis(right, 0.0, 0.025)
+    right.set_ylim(bottom=0.0)
+    right.legend(fontsize=7.5, frameon=False)
+    _note(figure, all_runs, "fixed-drift", f"{SECONDS_NOTE}; the pale band is the range of the thesis' axis")
+    return figure
+
+
+def _drift(all_runs: AllRuns) -> Figure:
+    figure, ((left, right),) = drawing.panels(1, 2, height=3.4, width=4.4)
+    run = _series(all_runs, "drift")[0][1]
+    f = run.cases.frequencies
+    left.plot(f, run.seconds, color=BLUE, marker="o", ms=4, lw=1.0)
+    left.set_ylim(bottom=0.0)
+    drawing.finish(left, f"(a) Wall time of 45 s at h = {FINE_STEP:g} s, 13 elements", "time [s]", False)
+    right.plot(f, run.cases.drift, color=BLUE, marker="o", ms=4, lw=1.0)
+    right.set_yscale("log")
+    for k in run.cases.failed:
+        right.plot(
+            f[k], run.cases.drift[k], color=RED, marker="x", ms=8, ls="none", label="stopped: a rod lost its length"
+        )
+    drawing.finish(right, "(b) Drift, largest $|\\|b_i\\| - 1|$", "relative drift", False)
+    for panel in (left, right):
+        panel.set_xlabel("input frequency [Hz]", fontsize=8.5)
+        panel.set_xlim(0.0, 1.4)
+    _note(figure, all_runs, "drift", SECONDS_NOTE)
+    return figure
+
+
+def _refined(all_runs: AllRuns) -> Figure:
+    figure = drawing.new_figure(6.4, 4.0)
+    panel: Any = figure.subplots()
+    drawing.thesis_axis(panel, 0.0, 18.0)
+    marks = ((13, "k", "o"), (25, BLUE, "^"), (37, GREEN, "s"), (49, RED, "p"), (61, PURPLE, "h"))
+    for elements, color, mark in marks:
+        run = _series(all_runs, "in-line" if elements == 13 else f"in-line-{elements}")[0][1]
+        label = f"{elements} elements"
+        panel.plot(
+            run.cases.frequencies, run.marker(10), color=color, marker=mark, ms=5, mfc="none", lw=0.8, label=label
+        )
+    drawing.finish(panel, "Marker 10, in-plane, in-line excitation", "relative amplitude", False)
+    panel.set_xlabel("input frequency [Hz]", fontsize=8.5)
+    _note(figure, all_runs, "in-line-25", "the pale band is the range of the thesis' axis")
+    return figure
+
+
+_IN_LINE, _CIRCULAR = ("in-line", "in-line-moving"), ("circular", "circular-moving")
+
+FIGURES: tuple[ThesisFigure, ...] = (
+    ThesisFigure("3.3", 70, "PSD of marker 10 at 0.70 Hz, in-plane, from both starts", _IN_LINE, _psd),
+    ThesisFigure(
+        "3.4", 73, "Marker 10, in-plane, in-line: MRA and main peaks", _IN_LINE,
+        _response("in-line", 10, 0, 18),
+    ),
+    ThesisFigure(
+        "3.5", 74, "Marker 10, out-of-plane, in-line: MRA and main peaks", _IN_LINE,
+        _response("in-line", 10, 1, 9),
+    ),
+    ThesisFigure(
+        "3.6", 75, "Marker 5, in-plane, in-line: MRA and main peaks", _IN_LINE,
+        _response("in-line", 5, 0, 10),
+    ),
+    ThesisFigure(
+        "3.7", 76, "Marker 5, out-of-plane, in-line: MRA and main peaks", _IN_LINE,
+        _response("in-line", 5, 1, 9),
+    ),
+    ThesisFigure(
+        "3.8", 78, "Marker 10, in-plane, circular: MRA and main peaks", _CIRCULAR,
+        _response("circular", 10, 0, 18),
+    ),
+    ThesisFigure(
+        "3.9", 79, "Marker 5, in-plane, circular: MRA and main peaks", _CIRCULAR,
+        _response("circular", 5, 0, 12),
+    ),
+    ThesisFigure("3.11", 81, "Frequencies of single elements over the number of elements", (), _elements),
+    ThesisFigure("3.12", 84, "13 to 121 elements at 0.8 Hz, h = 0.01 s: time and drift", ("fixed-step",), _fixed_step),
+    ThesisFigure("3.13", 85, "13 to 121 elements at 0.8 Hz, drift 2 %: time and step", ("fixed-drift",), _fixed_drift),
+    ThesisFigure("3.14", 86, "13 elements, h = 0.005 s, over the frequency: time and drift", ("drift",), _drift),
+    ThesisFigure(
+        "3.15", 87, "Marker 10, in-plane: MRA of 13, 25, 37, 49 and 61 elements",
+        ("in-line", *(f"in-line-{K}" for K in ELEMENTS[1:5])), _refined,
+    ),
+)  # fmt: skip

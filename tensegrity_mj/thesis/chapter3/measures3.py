@@ -1,0 +1,247 @@
+"""What the statements of chapter 3 measure on runs of the cable: amplitudes and peaks about its eigenfrequencies."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tensegrity_mj.library.cable import (
+    FASTENING_LENGTH,
+    LOAD_LENGTH,
+    ROPE_LENGTH,
+    arc_lengths,
+    marker_weights,
+    pendulum_frequency,
+    suggest_elements,
+)
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.thesis.chapter3.series import ELEMENTS, SeriesRun
+
+# Hz: between the first two eigenfrequencies, and where the second one is felt, by amplitude or whirling.
+BETWEEN, SECOND = 0.6, (0.775, 1.075)
+BESIDE = 0.035  # Hz from a frequency, within which a peak is its own: one and a half bins of 45 s
+
+
+# ------------------------------------------------------------------------------------------------------- the model
+
+
+def element_frequencies(elements: int) -> tuple[float, float, float]:
+    """(3.28) [Hz] of an element of the fastening, of the rope and of the load; K of §3.5.1."""
+    divisions = (elements - 1) // 12
+    lengths = FASTENING_LENGTH / divisions, ROPE_LENGTH / (11 * divisions), LOAD_LENGTH
+    fastening, rope, load = (pendulum_frequency(length) for length in lengths)
+    return fastening, rope, load
+
+
+def highest_element_frequency() -> float:
+    """[Hz] of all elements of all models of §3.5.1."""
+    return max(max(element_frequencies(K)) for K in ELEMENTS)
+
+
+def lowest_element_frequency() -> float:
+    """[Hz] of all elements of all models of §3.5.1."""
+    return min(min(element_frequencies(K)) for K in ELEMENTS)
+
+
+def suggested_elements(frequency: float, length: float) -> int:
+    """How many elements the procedure of §3.6 gives for an excitation [Hz] of a cable [m]."""
+    return suggest_elements(frequency, length).elements
+
+
+def _structure(run: SeriesRun) -> Structure:
+    return run.cases.cases[0].scene.structure
+
+
+def element_frequency(run: SeriesRun, rod: int) -> float:
+    """(3.28) [Hz] of a rod of the cable that was run, by its number from 0."""
+    return pendulum_frequency(float(_structure(run).rod_lengths[rod]))
+
+
+def cable_length(run: SeriesRun) -> float:
+    """[m] of all rods."""
+    return float(_structure(run).rod_lengths.sum())
+
+
+def end_masses(run: SeriesRun) -> float:
+    """[kg] of the fastening and the load."""
+    masses = _structure(run).rod_masses
+    return float(masses[0] + masses[-1])
+
+
+def rope_mass(run: SeriesRun) -> float:
+    """[kg] of the elements between fastening and load."""
+    return float(_structure(run).rod_masses[1:-1].sum())
+
+
+def markers_off() -> float:
+    """Largest distance [m] of a marker of Table 3.2 from a node of the model of 13 elements."""
+    places = marker_weights(13) @ arc_lengths(13) - FASTENING_LENGTH
+    return float(np.abs(places - 0.25 * np.arange(2, 12)).max())
+
+
+def eigenfrequency(run: SeriesRun, number: int, elements: int = 13) -> float:
+    """[Hz] from the engine's linearized equations, numbered from 1."""
+    return float(run.frequencies[elements][number - 1])
+
+
+# ------------------------------------------------------------------------------------------------------ amplitudes
+
+
+def largest_relative(*runs: SeriesRun, marker: int) -> float:
+    """Largest in-plane amplitude of a marker in several series."""
+    return max(float(run.marker(marker).max()) for run in runs)
+
+
+def second_peak(run: SeriesRun, marker: int) -> float:
+    """Input frequency of the largest in-plane amplitude above `BETWEEN`."""
+    f = run.cases.frequencies
+    return float(f[np.argmax(np.where(f > BETWEEN, run.marker(marker), 0.0))])
+
+
+def first_peak(run: SeriesRun, marker: int) -> float:
+    """The same below it."""
+    f = run.cases.frequencies
+    return float(f[np.argmax(np.where(f < BETWEEN, run.marker(marker), 0.0))])
+
+
+def about(run: SeriesRun, second: bool) -> NDArray[np.bool_]:
+    """The input frequencies about the second eigenfrequency, or about the first."""
+    f = run.cases.frequencies
+    return (f > SECOND[0]) & (f < SECOND[1]) if second else (f > 0.225) & (f < 0.425)
+
+
+def largest(run: SeriesRun, marker: int, axis: int, second: bool | None = None) -> float:
+    """Largest amplitude along an axis, of all inputs or of those about one eigenfrequency."""
+    values = run.marker(marker, axis)
+    return float(values.max() if second is None else values[about(run, second)].max())
+
+
+def ratio(run: SeriesRun, marker: int, axis: int = 0) -> float:
+    """The largest amplitude about the first eigenfrequency over that about the second."""
+    return largest(run, marker, axis, False) / largest(run, marker, axis, True)
+
+
+def inverse_ratio(run: SeriesRun, marker: int, axis: int = 0) -> float:
+    """The largest amplitude about the second eigenfrequency over that about the first."""
+    return 1.0 / ratio(run, marker, axis)
+
+
+def out_over_in(run: SeriesRun, marker: int, second: bool) -> float:
+    """Largest out-of-plane over largest in-plane amplitude about an eigenfrequency."""
+    return largest(run, marker, 1, second) / largest(run, marker, 0, second)
+
+
+def grown(run: SeriesRun, marker: int, second: bool) -> float:
+    """Largest out-of-plane amplitude about an eigenfrequency over the smallest of all: the seed's own swing."""
+    return largest(run, marker, 1, second) / float(run.marker(marker, 1).min())
+
+
+def has(peaks: tuple[float, ...], low: float, high: float) -> bool:
+    """Whether a peak is in a range [Hz], or `BESIDE` it."""
+    return any(low - BESIDE <= peak <= high + BESIDE for peak in peaks)
+
+
+def other_peaks(run: SeriesRun, marker: int, frequency: float) -> int:
+    """How many main peaks there are besides the largest at an input frequency [Hz]."""
+    return len(run.peaks(marker)[_at(run, frequency)]) - 1
+
+
+def _at(run: SeriesRun, frequency: float) -> int:
+    return int(np.argmin(np.abs(run.cases.frequencies - frequency)))
+
+
+def input_part(run: SeriesRun, marker: int) -> float:
+    """At how many of the input frequencies a main peak is at the input."""
+    rows = zip(run.cases.frequencies, run.peaks(marker), strict=True)
+    return float(np.mean([has(peaks, f, f) for f, peaks in rows]))
+
+
+def present_from(run: SeriesRun, marker: int, low: float, high: float) -> float:
+    """The lowest input frequency with a main peak in a range that is not the input's own."""
+    for f, peaks in zip(run.cases.frequencies, run.peaks(marker), strict=True):
+        if any(low <= peak <= high and abs(peak - f) > BESIDE for peak in peaks):
+            return float(f)
+    return math.nan
+
+
+def first_part(run: SeriesRun, marker: int, low: float, high: float, axis: int = 0) -> float:
+    """At how many of the input frequencies in a range the first eigenfrequency has a main peak."""
+    rows = zip(run.cases.frequencies, run.peaks(marker, axis), strict=True)
+    return float(np.mean([has(peaks, 0.324, 0.324) for f, peaks in rows if low - 1e-9 <= f <= high + 1e-9]))
+
+
+def out_of_plane_peaks(run: SeriesRun, marker: int) -> float:
+    """Lowest frequency of the largest out-of-plane peak of a run, among runs with whirling about the second one."""
+    whirling = about(run, True) & (run.marker(marker, 1) > 1.0)
+    return min(peaks[0] for peaks, yes in zip(run.peaks(marker, 1), whirling, strict=True) if yes)
+
+
+def first_drift(run: SeriesRun) -> float:
+    """log₁₀ of the drift of the first case."""
+    return math.log10(run.cases.drift[0])
+
+
+def largest_drift(run: SeriesRun) -> float:
+    """Largest drift of all cases."""
+    return float(run.cases.drift.max())
+
+
+def largest_step(run: SeriesRun) -> float:
+    """Largest step [s] that was found."""
+    return max(one.step for one in run.steps)
+
+
+def drift_at_steps(run: SeriesRun) -> float:
+    """Largest drift at the steps that were found."""
+    return max(one.drift for one in run.steps)
+
+
+def drift_trend(run: SeriesRun) -> float:
+    """Spearman's correlation of the drift and the input frequency."""
+    order = np.argsort(np.argsort(run.cases.drift))
+    return float(np.corrcoef(order, np.arange(len(order)))[0, 1])
+
+
+def drift_near_second(run: SeriesRun) -> float:
+    """Largest drift about the second eigenfrequency over that beyond it."""
+    f, drift = run.cases.frequencies, run.cases.drift
+    return float(drift[about(run, True)].max() / drift[f > SECOND[1]].max())
+
+
+def refined_apart(*runs: SeriesRun) -> float:
+    """Largest difference of relative amplitudes of marker 10 between models, away from the second one."""
+    amplitudes = np.array([run.marker(10) for run in runs])
+    f = runs[0].cases.frequencies
+    away = (f < 0.775) | (f > SECOND[1])
+    return float(np.ptp(amplitudes[:, away], axis=0).max())
+
+
+def refined_apart_near(fine: SeriesRun, finer: SeriesRun) -> float:
+    """Largest difference of relative amplitudes of marker 10 between two models about the second one."""
+    near_it = about(fine, True)
+    return float(np.abs(fine.marker(10) - finer.marker(10))[near_it].max())
+
+
+def violence(run: SeriesRun) -> float:
+    """Amplitude of marker 10 at 1.20 Hz over the mean of those at 1.10 and 1.15 Hz."""
+    values = dict(zip(np.round(run.cases.frequencies, 2), run.marker(10), strict=True))
+    return float(values[1.2] / (0.5 * (values[1.1] + values[1.15])))
+
+
+def stable(run: SeriesRun) -> float:
+    """How many of the ten models ran to the end."""
+    return float(len(run.cases.cases) - len(run.cases.failed))
+
+
+def drift_falls(run: SeriesRun) -> bool:
+    """Whether the drift of the models that ran falls with the number of elements."""
+    drift = run.cases.drift[~np.isnan(run.cases.drift)]
+    return len(drift) > 1 and bool(drift[-1] < drift[0])
+
+
+def step_grows(run: SeriesRun) -> bool:
+    """Whether the step with the allowed drift grows from 49 elements on."""
+    steps = [one.step for one in run.steps if one.elements >= 49]
+    return bool(steps[-1] > steps[0])

@@ -1,0 +1,350 @@
+"""The runs of chapter 3: series of excited cables, of which a statement reads measures and no single trajectory."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.files import replacing
+from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
+from tensegrity_mj.errors import OptionError, TensegrityError
+from tensegrity_mj.library.cable import FASTENING_LENGTH, MARKERS, Excitation, Start, cable, refined
+from tensegrity_mj.runs.trajectory import Status
+from tensegrity_mj.studies.many import run_many
+from tensegrity_mj.thesis.disturbance import Disturbance, disturbance_of, disturbed
+from tensegrity_mj.thesis.experiments import EngineName
+
+if TYPE_CHECKING:
+    from tensegrity_mj.model.scene import Scene
+    from tensegrity_mj.studies.cable.cases import Case, CaseResults
+    from tensegrity_mj.studies.cable.steps import FoundStep
+    from tensegrity_mj.studies.workers import Workers
+
+
+# Frequencies of §3.3.2 [Hz]; 0.05 Hz apart, as "some 240 simulations" (§3.5.5), ten of each, would have them.
+IN_LINE = tuple(round(0.05 * k, 2) for k in range(1, 25))
+CIRCULAR = tuple(round(0.05 * k, 2) for k in range(2, 23))
+ELEMENTS = tuple(refined(divisions) for divisions in range(1, 11))
+# rad, 9 mm at the cable's end. The disturbances of the thesis' simulations are not given; this size fits its figures.
+SEED = 3e-3
+SHOWN = (5, 10)  # the markers of the figures
+PLACES = tuple(FASTENING_LENGTH + MARKERS[number - 1] for number in SHOWN)  # m
+AMPLITUDE = 0.05  # m
+FIXED_STEP, FINE_STEP, ALLOWED_DRIFT, STUDIED = 0.01, 0.005, 0.02, 0.8  # s, s, 1, Hz: §3.5.2
+REFINED_COARSENESS = 0.7  # h ω of refined cables: that of thirteen elements at 0.01 s
+BOTH = (EngineName.DAE, EngineName.MUJOCO)
+DAE_ONLY = (EngineName.DAE,)
+ROPE = slice(1, -1)  # the rods between fastening and load
+
+
+@dataclass(frozen=True, eq=False)
+class SeriesRun:
+    """A series in one engine.
+
+    Attributes:
+        name, engine: of the series, and in words.
+        results: of the cases, or None.
+        steps: found by §3.5.4's search, or ().
+        frequencies: (K,) [Hz] of small oscillations by the number of elements.
+        seconds: wall time [s] of each run of a timed series.
+        cost: wall time [s] of this call; nothing where it was there.
+        status, message, time: as of a `Trajectory`; where a case of a sweep failed, the series did not complete.
+            Of series that are there to see which steps are stable, cases may fail.
+    """
+
+    name: str
+    engine: str
+    results: CaseResults | None = None
+    steps: tuple[FoundStep, ...] = ()
+    frequencies: Mapping[int, Array] = field(default_factory=dict)
+    seconds: tuple[float, ...] = ()
+    cost: Mapping[str, float] = field(default_factory=dict)
+    status: Status = Status.COMPLETED
+    message: str = ""
+    time: Array = field(default_factory=lambda: np.zeros(1))
+
+    @property
+    def cases(self) -> CaseResults:
+        """The results of a series of cases."""
+        assert self.results is not None
+        return self.results
+
+    @cached_property
+    def relative(self) -> Array:
+        """(C, 2, 3) relative amplitudes of markers 5 and 10 in-plane, out-of-plane and vertically."""
+        return self.cases.relative
+
+    def marker(self, number: int, axis: int = 0) -> Array:
+        """(C,) relative amplitudes of a marker of the figures along an axis."""
+        return self.relative[:, SHOWN.index(number), axis]
+
+    def peaks(self, number: int, axis: int = 0) -> list[tuple[float, ...]]:
+        """The main peaks [Hz] of each run by the thesis' two criteria, largest first."""
+        from tensegrity_mj.studies.cable.spectrum import Spectrum, peaks_of, picked
+
+        grid, column = self.cases.spectral_frequencies, SHOWN.index(number)
+        found = [
+            () if np.isnan(density).any() else peaks_of(Spectrum(grid, density))
+            for density in self.cases.densities[:, column, axis]
+        ]
+        return [tuple(peak.frequency for peak in row) for row in picked(found)]
+
+
+@dataclass(frozen=True)
+class Series:
+    """What is run.
+
+    Attributes:
+        name: unique among series and experiments.
+        about: what it is, with the page.
+        engines: that compute it.
+        cases: of an engine; none for a series of another kind.
+        frequencies: of which numbers of elements the small oscillations are asked for.
+        search: whether it is the search for the step with a given drift.
+        timed: whether the wall times of its runs are measured too, one after another, for figures alone.
+    """
+
+    name: str
+    about: str
+    engines: tuple[EngineName, ...]
+    cases: Callable[[EngineName], list[Case]] | None = None
+    frequencies: tuple[int, ...] = ()
+    search: bool = False
+    timed: bool = False
+
+    def compute(
+        self,
+        engine: EngineName,
+        folder: Path,
+        workers: Workers | None,
+        progress: bool,
+        disturbance: Disturbance | None = None,
+    ) -> SeriesRun:
+        """Its results in one engine; what the folder has of it is not computed again.
+
+        Args:
+            folder: where the folder of this series is made.
+            workers, progress: see `run_many`.
+            disturbance: of the cables.
+        """
+        from tensegrity_mj.simulation import versions
+        from tensegrity_mj.studies.cable.cases import run_cases
+        from tensegrity_mj.studies.cable.steps import steps_within
+        from tensegrity_mj.thesis.runs import code_digest
+
+        started = time.perf_counter()
+        identity: dict[str, Any] = {"code": code_digest()}
+        label = f"{self.name}, {engine.value}"
+        cases = [] if self.cases is None else self.cases(engine)
+        cases = [replace(case, scene=disturbed(case.scene, disturbance, ROPE)) for case in cases]
+        error = {} if disturbance is None else {"disturbance": disturbance.plain}
+        identity |= error
+        # A change of versions, code or settings is another study, in a folder of its own.
+        told = to_exact_json([identity, versions(), self.frequencies, [_told(case) for case in cases]])
+        place = folder / f"{self.name}-{engine.value}-{hashlib.sha256(told.encode()).hexdigest()[:8]}"
+        how: dict[str, Any] = {"identity": identity, "workers": workers, "progress": progress}
+        found = SeriesRun(self.name, engine.value)
+        if self.frequencies:
+            points = [{"elements": K, "engine": engine.value, **error} for K in self.frequencies]
+            study = run_many(oscillations, points, place, label=label, **how)
+            own = [np.array(values) for values in study.values("frequencies")]
+            found = replace(found, frequencies=dict(zip(self.frequencies, own, strict=True)))
+        elif self.search:
+            found = replace(found, steps=tuple(steps_within(cases, ALLOWED_DRIFT, place, **how)))
+            pairs = [pair for pair in zip(cases, found.steps, strict=True) if math.isfinite(pair[1].step)]
+            cases = [replace(case, engine=replace(case.engine, timestep=one.step)) for case, one in pairs]
+        else:
+            found = replace(found, results=run_cases(cases, PLACES, place, label=label, **how))
+        lost = [] if found.results is None or self.timed else found.results.failed
+        if lost and found.results is not None:
+            text = f"{len(lost)} of {len(cases)} cases, the first at {cases[lost[0]].frequency:g} Hz: "
+            found = replace(found, status=Status.DIVERGED, message=text + found.results.messages[lost[0]])
+        if self.timed:
+            found = replace(found, seconds=_timed(cases, found, folder / f"{place.name}-timing.json"))
+        return replace(found, cost={"wall_time": time.perf_counter() - started})
+
+
+def oscillations(point: dict[str, Any]) -> dict[str, Any]:
+    """A task of `run_many`: the frequencies [Hz] of the small oscillations of a cable in an engine."""
+    from tensegrity_mj.studies.cable.cases import COARSENESS
+    from tensegrity_mj.studies.cable.frequencies import engine_frequencies
+
+    scene = disturbed(hanging(point["elements"]), disturbance_of(point.get("disturbance")), ROPE)
+    return {"frequencies": engine_frequencies(scene, _engine(EngineName(point["engine"]), scene, COARSENESS)).tolist()}
+
+
+def _timed(cases: Sequence[Case], found: SeriesRun, path: Path) -> tuple[float, ...]:
+    """Wall time [s] of each run, the least of two, one after another; NaN for one that did not complete.
+
+    Times are no part of a study's results, which are the same on every machine; they are kept beside it.
+    """
+    from tensegrity_mj.studies.cable.cases import simulated
+
+    if path.is_file():
+        try:
+            kept = from_exact_json(path.read_text(encoding="utf-8"))["wall_time"]
+            if len(kept) == len(cases):
+                return tuple(float(one) for one in kept)
+        except (ValueError, KeyError, TypeError):
+            pass  # damaged: measured again
+    completed = Status.COMPLETED.value
+    ran = [True] * len(cases) if found.results is None else [one == completed for one in found.results.statuses]
+    times = []
+    for case, right in zip(cases, ran, strict=True):
+        step = float(case.engine.timestep)
+        interval = step * max(1, round(0.1 / step))
+        spent = [simulated(case, interval=interval).cost["wall_time"] for _ in range(2)] if right else [float("nan")]
+        times.append(min(spent))
+    with replacing(path) as part:
+        part.write_text(to_exact_json({"wall_time": times}) + "\n", encoding="utf-8")
+    return tuple(times)
+
+
+def _told(case: Case) -> dict[str, Any]:
+    return {
+        "elements": len(case.scene.structure.rods),
+        "settings": [case.frequency, case.excitation.value, case.amplitude, case.start.value, case.seed],
+        "engine": repr(case.engine),
+    }
+
+
+def hanging(elements: int) -> Scene:
+    """The cable at rest."""
+    return cable(elements, excitation=Excitation.NONE)
+
+
+def _engine(name: EngineName, scene: Scene, coarseness: float) -> Any:
+    """The engine of a series: classical Runge-Kutta in both, at the same step."""
+    from tensegrity_mj.studies.cable.cases import default_step
+
+    step = default_step(scene, coarseness)
+    if name is EngineName.MUJOCO:
+        from tensegrity_mj.engines.mujoco.engine import MuJoCo
+
+        return MuJoCo(timestep=step)
+    from tensegrity_mj.engines.reference.dae import DAE, Drift
+    from tensegrity_mj.engines.reference.method import Method
+
+    return DAE(method=Method.RK4, timestep=step, drift=Drift.NORMALIZE)
+
+
+def _sweep(
+    elements: int,
+    frequencies: Sequence[float],
+    excitation: Excitation = Excitation.IN_LINE,
+    start: Start = Start.LAB_FRAME,
+) -> Callable[[EngineName], list[Case]]:
+    def cases(engine: EngineName) -> list[Case]:
+        from tensegrity_mj.studies.cable.cases import COARSENESS, Case
+
+        scene = hanging(elements)
+        chosen = _engine(engine, scene, COARSENESS if elements == ELEMENTS[0] else REFINED_COARSENESS)
+        return [Case(scene, one, excitation, AMPLITUDE, start, SEED, chosen) for one in frequencies]
+
+    return cases
+
+
+def _monitored(
+    elements: Sequence[int], frequencies: Sequence[float], step: float
+) -> Callable[[EngineName], list[Case]]:
+    """The thesis' runs of §3.5: a fixed step, and no treatment of drift."""
+
+    def cases(engine: EngineName) -> list[Case]:
+        from tensegrity_mj.engines.reference.dae import DAE, Drift
+        from tensegrity_mj.engines.reference.method import Method
+        from tensegrity_mj.studies.cable.cases import Case
+
+        dae = DAE(method=Method.RK4, timestep=step, drift=Drift.MONITOR)
+        return [
+            Case(scene, one, amplitude=AMPLITUDE, engine=dae) for scene in map(hanging, elements) for one in frequencies
+        ]
+
+    return cases
+
+
+def _starts(engine: EngineName) -> list[Case]:
+    """0.7 Hz from both starts, in the plane."""
+    from tensegrity_mj.studies.cable.cases import COARSENESS, Case
+
+    scene = hanging(ELEMENTS[0])
+    chosen = _engine(engine, scene, COARSENESS)
+    return [Case(scene, 0.7, amplitude=AMPLITUDE, start=start, engine=chosen) for start in Start]
+
+
+SERIES: Mapping[str, Series] = {
+    one.name: one
+    for one in (
+        Series("cable", "§3.5.1: small oscillations of 13 and 121 elements", BOTH, frequencies=(13, 121)),
+        Series("starts", "13 elements, in-line 0.7 Hz, at rest in the moving and in the lab frame", BOTH, _starts),
+        Series("in-line", "§3.4.1: 13 elements, in-line, at rest in the lab frame", BOTH, _sweep(13, IN_LINE)),
+        Series(
+            "in-line-moving", "§3.4.1: 13 elements, in-line, at rest in the moving frame", DAE_ONLY,
+            _sweep(13, IN_LINE, start=Start.MOVING_FRAME),
+        ),
+        Series(
+            "circular", "§3.4.2: 13 elements, circular, at rest in the lab frame", BOTH,
+            _sweep(13, CIRCULAR, Excitation.CIRCULAR),
+        ),
+        Series(
+            "circular-moving", "§3.4.2: 13 elements, circular, at rest in the moving frame", DAE_ONLY,
+            _sweep(13, CIRCULAR, Excitation.CIRCULAR, Start.MOVING_FRAME),
+        ),
+        *(
+            Series(f"in-line-{K}", f"§3.5.6: {K} elements, in-line", DAE_ONLY, _sweep(K, IN_LINE))
+            for K in ELEMENTS[1:5]
+        ),
+        Series(
+            "fixed-step", "§3.5.3: 13 to 121 elements at 0.8 Hz, h = 0.01 s", DAE_ONLY,
+            _monitored(ELEMENTS, (STUDIED,), FIXED_STEP), timed=True,
+        ),
+        Series(
+            "fixed-drift", "§3.5.4: the step of 13 to 121 elements with a drift of 2 %", DAE_ONLY,
+            _monitored(ELEMENTS, (STUDIED,), FIXED_STEP), search=True, timed=True,
+        ),
+        Series(
+            "drift", "§3.5.5: 13 elements, in-line, h = 0.005 s", DAE_ONLY,
+            _monitored(ELEMENTS[:1], IN_LINE, FINE_STEP), timed=True,
+        ),
+    )
+}  # fmt: skip
+
+
+def run_series(
+    names: Sequence[str],
+    engines: Sequence[EngineName],
+    folder: Path,
+    *,
+    workers: Workers | None = None,
+    progress: bool = False,
+    among: Mapping[str, Any] = SERIES,
+    disturbance: Disturbance | None = None,
+) -> tuple[dict[EngineName, dict[str, Any]], dict[tuple[EngineName, str], str]]:
+    """All these series in those of the engines that compute them, and why some could not be.
+
+    Args:
+        folder: exists; each series has a folder in it.
+        among: the series (or studies of beams) by name.
+        disturbance: of what is run.
+    """
+    runs: dict[EngineName, dict[str, Any]] = {engine: {} for engine in engines}
+    failures: dict[tuple[EngineName, str], str] = {}
+    for name in names:
+        for engine in engines:
+            if engine not in among[name].engines:
+                continue
+            try:
+                runs[engine][name] = among[name].compute(engine, folder, workers, progress, disturbance)
+            except OptionError:
+                raise
+            except TensegrityError as error:
+                failures[engine, name] = str(error)
+    return runs, failures

@@ -1,0 +1,90 @@
+"""What the rows of chapter 6 measure: projection based control of the pinned rod (§6.2) and of the prism (§6.3)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.controllers.landscape import angles
+from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.thesis import measures
+
+
+def _scalars(run: Trajectory) -> tuple[Array, ...]:
+    """b_dᵀb, b_dᵀḃ, ḃᵀḃ of the first rod, (T,) each."""
+    b, rate = measures.directions(run)[:, 0], measures.rates(run)[:, 0]
+    goal = measures.directions(run, measures.aims(run))[:, 0]
+    return np.sum(goal * b, axis=1), np.sum(goal * rate, axis=1), np.sum(rate * rate, axis=1)
+
+
+def candidate_off(run: Trajectory, number: int) -> float:
+    """Largest difference of the printed V1, V2 or V3, (6.18) to (6.20), from the V that the law reports."""
+    aligned, along, square = _scalars(run)
+    if number == 1:
+        value = 1.0 - aligned - along + 0.75 * square
+    else:
+        mixed = along if number == 2 else aligned * along
+        value = 0.5 - 0.5 * aligned**2 - mixed + 0.75 * square
+    return float(np.abs(value - run.lyapunov).max())
+
+
+def candidate_in_angles_off(run: Trajectory, number: int) -> float:
+    """Largest difference of V_φ + V_θ, (6.21) to (6.23), from the V that the law reports."""
+    way = angles(run)
+    phi, rate = way.phi, way.phi_rate
+    first = 1.0 - np.cos(phi) if number == 1 else 0.5 * np.sin(phi) ** 2
+    mixed = rate * np.sin(phi) * (np.cos(phi) if number == 3 else 1.0)
+    turning = 0.75 * (np.sin(phi) * way.theta_rate) ** 2
+    return float(np.abs(first + mixed + 0.75 * rate**2 + turning - run.lyapunov).max())
+
+
+def tip_error(run: Trajectory) -> float:
+    """Distance [m] of the node farthest from its target at the end."""
+    return float(run.target_error()[-1])
+
+
+def first_candidate_ratio(run: Trajectory, other: Trajectory) -> float:
+    """V(0) over that of another run."""
+    return float(run.lyapunov[0] / other.lyapunov[0])
+
+
+def converges_as_third(run: Trajectory, second: Trajectory, third: Trajectory) -> bool:
+    """Whether the error falls to a tenth at a time nearer to that of the third run than to that of the second."""
+    own, two, three = (measures.time_below(one, 0.1) for one in (run, second, third))
+    return abs(own - three) < abs(own - two)
+
+
+def orientation_rise(run: Trajectory) -> float:
+    """The largest orientation terms of V over those at the start."""
+    return float(run.lyapunov_error.max() / run.lyapunov_error[0])
+
+
+def highest_orientation_terms(run: Trajectory) -> float:
+    """Largest orientation terms of V."""
+    return float(run.lyapunov_error.max())
+
+
+def lowest_velocity_terms(run: Trajectory) -> float:
+    """Lowest velocity terms of V."""
+    return float(run.lyapunov_velocity.min())
+
+
+def lowest_velocity_terms_ratio(run: Trajectory, other: Trajectory) -> float:
+    """Lowest velocity terms of V over those of another run."""
+    return lowest_velocity_terms(run) / lowest_velocity_terms(other)
+
+
+def parts_off(*runs: Trajectory) -> float:
+    """Largest difference of V and the sum of its parts."""
+    return max(float(np.abs(one.lyapunov_error + one.lyapunov_velocity - one.lyapunov).max()) for one in runs)
+
+
+def nodes_apart(run: Trajectory, other: Trajectory) -> float:
+    """Largest distance [m] of a node from where another run has it."""
+    return float(np.linalg.norm(run.nodes - other.nodes, axis=-1).max())
+
+
+def controls_apart(run: Trajectory, other: Trajectory) -> float:
+    """RMS difference of the u from those of another run, over the RMS of these."""
+    difference = np.linalg.norm(run.force_densities - other.force_densities)
+    return float(difference / np.linalg.norm(other.force_densities))

@@ -1,0 +1,115 @@
+"""What the rows of chapter 7 measure: the tower before and after form-finding, and in waves (§7.2.3)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.library.thesis_towers import CHAPTER7_STAGES, PRESTRESS_MEASURES, STIFFNESSES
+from tensegrity_mj.studies.waves.cases import label_of
+from tensegrity_mj.thesis.appendix_c.beams import TOWER, BeamRun, tower_label
+
+FIRST, STAGES = 8, 3  # of the close view of figure 7.6: stages 8 to 10 of 15
+FORMED = tower_label(*TOWER[0])
+SOFT, STIFF = (label_of(STIFFNESSES[k], PRESTRESS_MEASURES[k]) for k in (0, 2))
+SHOWN = label_of(STIFFNESSES[2], PRESTRESS_MEASURES[0])  # of figure 7.8
+PERIODS = 3  # of the wave, at the end of each run
+LIKE = 0.1  # of D: how far periods may differ that count as alike
+
+
+# ------------------------------------------------------------------------------------------------------ form-finding
+
+
+def tower_rods(run: BeamRun) -> float:
+    """How many rods the tower has."""
+    return float(run.of(FORMED, "rods_count"))
+
+
+def tower_strings(run: BeamRun, label: str) -> float:
+    """How many strings a tower has."""
+    return float(run.of(label, "strings_count"))
+
+
+def stage_turn(run: BeamRun) -> float:
+    """[°] by which each stage is turned from the one below, before form-finding, within 120°."""
+    nodes = run.of(FORMED, "before").reshape(CHAPTER7_STAGES, 2, 3, 3)
+    angles = np.degrees(np.arctan2(nodes[:, 0, 0, 2], nodes[:, 0, 0, 1]))
+    return float(np.max(np.mod(np.diff(angles), 120.0)))
+
+
+def unbalanced_before(run: BeamRun) -> float:
+    """Before form-finding: the largest force that no rod balances, over the strings' largest."""
+    return float(run.of(FORMED, "unbalanced_before"))
+
+
+def unbalanced_after(run: BeamRun) -> float:
+    """After form-finding: the force that is left over the largest tension."""
+    return float(run.of(FORMED, "unbalanced_after"))
+
+
+def tower_is_tensegrity(run: BeamRun) -> bool:
+    """Whether after form-finding every rod is compressed and every string taut."""
+    return bool(run.of(FORMED, "least_tension") > 0 and run.of(FORMED, "rod_forces").max() < 0)
+
+
+def extent_of_stages(run: BeamRun, after: bool, axis: int) -> float:
+    """[m] of the three stages that figure 7.6 shows here, before or after form-finding."""
+    nodes = run.of(FORMED, "nodes" if after else "before")[6 * (FIRST - 1) : 6 * (FIRST - 1 + STAGES)]
+    return float(np.ptp(nodes[:, axis]))
+
+
+# ---------------------------------------------------------------------------------------------------------- in waves
+
+
+def grid(run: BeamRun, name: str = "largest") -> Array:
+    """(3, 3): of each stiffness a row, over prestress measures."""
+    return np.array([[run.values[label_of(k, p)][name] for p in PRESTRESS_MEASURES] for k in STIFFNESSES], float)
+
+
+def cyclic(run: BeamRun, label: str) -> float:
+    """How much the largest D of the last periods differ, over their mean."""
+    time, D = run.of(label, "time"), run.of(label, "D")
+    period = run.values[label]["period"]
+    largest = [D[(time > time[-1] - (n + 1) * period) & (time <= time[-1] - n * period)].max() for n in range(PERIODS)]
+    return float(np.ptp(largest) / np.mean(largest))
+
+
+def _afloat(run: BeamRun, label: str) -> bool:
+    """Whether the axis was below the surface and then is about it."""
+    height = run.of(label, "height")
+    return bool(height[0] < -0.9 and abs(height[-len(height) // 8 :].mean()) < 0.5)
+
+
+def floats_and_repeats(run: BeamRun) -> bool:
+    """Whether the tower comes to float, and its motion to repeat, in all cases."""
+    return all(cyclic(run, label) < LIKE and _afloat(run, label) for label in run.values)
+
+
+def lowest_node(run: BeamRun) -> float:
+    """[m] over the last period, in the case of figure 7.8."""
+    return float(run.of(SHOWN, "nodes")[1:][..., 2].min())
+
+
+def highest_node(run: BeamRun) -> float:
+    """[m] likewise."""
+    return float(run.of(SHOWN, "nodes")[1:][..., 2].max())
+
+
+def deformation_falls(run: BeamRun, axis: int) -> bool:
+    """Whether the largest D falls with stiffness (axis 0) or with prestress (1) over the grid."""
+    return bool(np.all(np.diff(grid(run), axis=axis) < 0))
+
+
+def deformation(run: BeamRun, case: list[int]) -> float:
+    """[m] the largest D of a case, by its row and column of the grid."""
+    return float(grid(run)[case[0], case[1]])
+
+
+def reduction(run: BeamRun, before: list[int], after: list[int]) -> float:
+    """[%] by which the largest D of one case is less than that of another."""
+    return 100 * (1 - deformation(run, after) / deformation(run, before))
+
+
+def mean_rod_force(run: BeamRun, label: str) -> float:
+    """[kN] of the rods' compression, over rods and time."""
+    return float(run.of(label, "mean_force"))

@@ -1,0 +1,170 @@
+"""A plant (or a law) that is not as stated: one quantity in error, to see which rows of the ledger notice it."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.basics.checks import member, positive
+from tensegrity_mj.model.elements.resistance import Resistance
+from tensegrity_mj.model.members import Rod
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.target import Target
+
+
+class Quantity(enum.Enum):
+    """What is in error.
+
+    MASS: of rods; of a hanging cable those between its ends, since one factor on all of them changes nothing there.
+    STIFFNESS: of strings, at their rest lengths.
+    DAMPING: of strings, of joints, and by fluids and water.
+    GAIN: the decay rate, or the natural frequency, that the law is given.
+    GEOMETRY: all lengths of rods, places of supports and targets; rest lengths of strings stay.
+    """
+
+    MASS = "mass"
+    STIFFNESS = "stiffness"
+    DAMPING = "damping"
+    GAIN = "gain"
+    GEOMETRY = "geometry"
+
+
+# The option of each law that is its gain.
+GAINS = {"feedback_linearization": "natural_frequency", "lyapunov": "decay_rate", "projection": "decay_rate"}
+DEFAULT_GAIN = 1.0  # of every law that is given none
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """One quantity, and the factor that it is wrong by.
+
+    Raises:
+        OptionError: for another quantity, or a factor that is not positive.
+    """
+
+    quantity: Quantity
+    factor: float
+
+    def __post_init__(self) -> None:
+        member("disturbance: quantity", self.quantity, Quantity)
+        object.__setattr__(self, "factor", positive("disturbance: factor", self.factor))
+
+    @property
+    def plain(self) -> list[Any]:
+        """For files and tasks."""
+        return [self.quantity.value, self.factor]
+
+    def __str__(self) -> str:
+        return f"{self.quantity.value} x {self.factor:g}"
+
+
+def disturbance_of(plain: Any) -> Disturbance | None:
+    """The disturbance of plain values; None for None."""
+    return None if plain is None else Disturbance(Quantity(plain[0]), plain[1])
+
+
+def disturbed(scene: Scene, disturbance: Disturbance | None, rods: slice = slice(None)) -> Scene:
+    """The scene with its error; itself where there is none, or where the scene lacks what is in error.
+
+    Args:
+        rods: of which the mass is in error.
+    """
+    if disturbance is None:
+        return scene
+    structure, factor = scene.structure, disturbance.factor
+    match disturbance.quantity:
+        case Quantity.MASS:
+            chosen = set(range(len(structure.rods))[rods])
+            heavy = tuple(
+                replace(rod, mass=factor * rod.mass) if k in chosen else rod for k, rod in enumerate(structure.rods)
+            )
+            points = tuple(replace(point, mass=factor * point.mass) for point in structure.point_masses)
+            return scene.with_(structure=replace(structure, rods=heavy, point_masses=points))
+        case Quantity.STIFFNESS:
+            if not structure.strings:
+                return scene
+            stiffness = [factor * string.stiffness for string in structure.strings]
+            return scene.with_(structure=_cut(structure).with_strings(stiffness=stiffness))
+        case Quantity.DAMPING:
+            return _damped(scene, factor)
+        case Quantity.GEOMETRY:
+            return _scaled(scene, factor)
+    return scene  # of the gain: the law's
+
+
+def disturbed_options(
+    scene: Scene, law: str | None, options: Mapping[str, Any], disturbance: Disturbance | None
+) -> dict[str, Any]:
+    """The options that a law of a scene is given in place of the scene's, with their error."""
+    if disturbance is None or disturbance.quantity is not Quantity.GAIN:
+        return dict(options)
+    own = {} if scene.control is None else scene.control.options
+    name = GAINS[str(law if law is not None or scene.control is None else scene.control.law)]
+    return {**options, name: disturbance.factor * options.get(name, own.get(name, DEFAULT_GAIN))}
+
+
+def _cut(structure: Structure) -> Structure:
+    """The structure with rest lengths where strings are given by tensions or force densities."""
+    strings = tuple(
+        string
+        if string.tension is None and string.force_density is None
+        else replace(string, rest_length=float(length), tension=None, force_density=None)
+        for string, length in zip(structure.strings, structure.rest_lengths, strict=True)
+    )
+    return replace(structure, strings=strings)
+
+
+def _damped(scene: Scene, factor: float) -> Scene:
+    changes: dict[str, Any] = {}
+    structure = scene.structure
+    if any(string.damping for string in structure.strings):
+        changes["structure"] = structure.with_strings(damping=[factor * one.damping for one in structure.strings])
+    if scene.resistance is not None:
+        changes["resistance"] = _resisting(scene.resistance, factor)
+    if scene.water is not None:
+        water = scene.water
+        changes["water"] = replace(water, drag=factor * water.drag, tangential_drag=factor * water.tangential_drag)
+    return scene.with_(**changes) if changes else scene
+
+
+def _resisting(given: Resistance, factor: float) -> Resistance:
+    drag = given.drag
+    if drag is not None:
+        drag = replace(drag, normal=factor * drag.normal, tangential=factor * drag.tangential)
+    bending = given.bending
+    if bending is not None:
+        bending = replace(bending, damping=factor * bending.damping)
+    return replace(given, viscous=factor * given.viscous, drag=drag, bending=bending)
+
+
+def _scaled(scene: Scene, factor: float) -> Scene:
+    structure = _cut(scene.structure)
+    nodes = {key: (factor * x, factor * y, factor * z) for key, (x, y, z) in structure.nodes.items()}
+    rods = tuple(_scaled_support(rod, factor) for rod in structure.rods)
+    changes: dict[str, Any] = {"structure": replace(structure, nodes=nodes, rods=rods)}
+    if scene.initial_nodes is not None:
+        changes["initial_nodes"] = factor * np.asarray(scene.initial_nodes)
+    if scene.initial_velocities is not None:
+        changes["initial_velocities"] = factor * np.asarray(scene.initial_velocities)
+    if scene.target is not None:
+        changes["target"] = _scaled_target(scene.target, factor)
+    return scene.with_(**changes)
+
+
+def _scaled_support(rod: Rod, factor: float) -> Rod:
+    values = rod.support.values
+    if values is None:
+        return rod
+    return replace(rod, support=replace(rod.support, values=tuple(factor * value for value in values)))
+
+
+def _scaled_target(target: Target, factor: float) -> Target:
+    if target.along is None:
+        return Target.path(target.times, factor * np.asarray(target.nodes))
+    along = target.along
+    return replace(target, along=replace(along, shapes=factor * np.asarray(along.shapes)))

@@ -1,0 +1,278 @@
+"""How the thesis' figures are drawn again: the first engine's curves as lines, the second's as circles upon them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.pictures import palette
+from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.thesis import measures
+from tensegrity_mj.thesis.experiments import TITLES, EngineName
+from tensegrity_mj.thesis.statement import Runs
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+AllRuns = Mapping[EngineName, Runs]
+
+BLUE, GREEN, RED = palette.CYCLE[:3]
+BLACK = (0.1, 0.1, 0.1)
+GREY = (0.45, 0.47, 0.5)
+GRID = (0.9, 0.91, 0.92)
+PANEL = (3.9, 2.6)  # inches
+MARKS = 24  # circles along a curve
+
+
+@dataclass(frozen=True)
+class ThesisFigure:
+    """One figure of the thesis.
+
+    Attributes:
+        number: as in the thesis.
+        page: of the thesis.
+        title: what it shows, in our words.
+        needs: the experiments, or series, that are drawn.
+        draw: from the runs of the engines, in order; the first engine has all that are needed.
+    """
+
+    number: str
+    page: int
+    title: str
+    needs: tuple[str, ...]
+    draw: Callable[[AllRuns], Figure]
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """A figure without pyplot."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure as MatplotlibFigure
+
+    figure = MatplotlibFigure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def panels(rows: int, columns: int, height: float = PANEL[1], width: float = PANEL[0]) -> tuple[Figure, Any]:
+    """A figure with a grid of panels, as a (rows, columns) array."""
+    figure = new_figure(columns * width, rows * height + 0.3)
+    return figure, figure.subplots(rows, columns, squeeze=False)
+
+
+def versions_of(all_runs: AllRuns, name: str) -> list[tuple[EngineName, Trajectory]]:
+    """The runs of an experiment, of two engines at most."""
+    return [(engine, runs[name]) for engine, runs in all_runs.items() if name in runs][:2]
+
+
+def curves(
+    panel: Any,
+    all_runs: AllRuns,
+    name: str,
+    values: Callable[[Trajectory], Array],
+    colors: Sequence[Any] = palette.CYCLE,
+    *,
+    style: str = "-",
+    label: str | None = None,
+    labels: Sequence[str] = (),
+    marks: bool = True,
+    width: float = 1.1,
+) -> None:
+    """Draw a quantity over time, (T,) or (T, n); of the second engine as circles, of many curves only the first 24."""
+    for number, (_, run) in enumerate(versions_of(all_runs, name)):
+        found = np.asarray(values(run)).reshape(len(run.time), -1)
+        for column, series in enumerate(found.T):
+            color = colors[column % len(colors)]
+            if number == 0:
+                text = labels[column] if column < len(labels) else label if column == 0 else None
+                panel.plot(run.time, series, color=color, ls=style, lw=width, label=text)
+            elif marks and column < MARKS:
+                every = max(1, len(run.time) // MARKS)
+                # Shifted from curve to curve, so that circles of curves that coincide do not hide one another.
+                first = (column * every) // max(1, min(found.shape[1], MARKS))
+                panel.plot(
+                    run.time, series, ls="none", marker="o", ms=3.2, mfc="none", mec=color, mew=0.7,
+                    markevery=(first, every),
+                )  # fmt: skip
+
+
+def finish(panel: Any, title: str, unit: str, time: bool = True) -> None:
+    """Title, unit, grid and legend in one style."""
+    panel.set_title(title, fontsize=9.5)
+    panel.set_ylabel(unit, fontsize=8.5)
+    if time:
+        panel.set_xlabel("time [s]", fontsize=8.5)
+        panel.margins(x=0.0)
+    panel.grid(True, color=GRID, lw=0.7)
+    panel.set_axisbelow(True)
+    panel.tick_params(labelsize=8, color=GREY)
+    for side in panel.spines.values():
+        side.set_color(GREY)
+        side.set_linewidth(0.7)
+    handles, labels = panel.get_legend_handles_labels()
+    if handles:
+        columns = 2 if len(handles) > 3 else 1
+        panel.legend(handles, labels, fontsize=7, framealpha=0.75, edgecolor="none", ncols=columns)
+
+
+def thesis_axis(panel: Any, low: float, high: float) -> None:
+    """Show the range of the thesis' axis as a pale band, without cutting off what lies outside."""
+    panel.axhspan(low, high, color=(0.12, 0.36, 0.78), alpha=0.05, lw=0)
+
+
+def engines_note(figure: Figure, all_runs: AllRuns, extra: str = "") -> None:
+    """Say below the panels which engine is which."""
+    names = [TITLES[engine] for engine in all_runs][:2]
+    text = f"lines: {names[0]}" + (f"; circles: {names[1]}" if len(names) > 1 else "")
+    figure.supxlabel(f"{text}{'; ' if extra else ''}{extra}", fontsize=8, color=GREY)
+
+
+# ------------------------------------------------------------------------------------------- panels of chapters 5, 6
+
+
+def coordinates(panel: Any, all_runs: AllRuns, name: str) -> None:
+    """b (blue, green, red) with its target dotted and ‖b‖² dashed."""
+    curves(panel, all_runs, name, lambda run: measures.directions(run)[:, 0], labels=("$b_x$", "$b_y$", "$b_z$"))
+    curves(
+        panel, all_runs, name, lambda run: measures.directions(run, measures.aims(run))[:, 0], style=":", label="$b_d$",
+        marks=False,
+    )  # fmt: skip
+    curves(
+        panel, all_runs, name, lambda run: np.sum(measures.directions(run)[:, 0] ** 2, axis=1), (BLACK,), style="--",
+        label=r"$\|b\|^2$", marks=False,
+    )  # fmt: skip
+    finish(panel, "Coordinates $b$ and $b_d$", "component [1]")
+
+
+def controls(panel: Any, all_runs: AllRuns, name: str, title: str = "", top: float | None = None) -> None:
+    """Every u."""
+    count = _first(all_runs, name).force_densities.shape[1]
+    labels = [f"$u_{{{number + 1}}}$" for number in range(count)] if count <= 4 else ()
+    curves(panel, all_runs, name, lambda run: run.force_densities, labels=labels)
+    if top is not None:
+        thesis_axis(panel, 0.0, top)
+    finish(panel, title or f"Controls $u_1 \\ldots u_{{{count}}}$", "force density [N/m]")
+
+
+def multipliers(panel: Any, all_runs: AllRuns, name: str, bottom: float | None = None) -> None:
+    """Every λ."""
+    count = _first(all_runs, name).multipliers.shape[1]
+    labels = [rf"$\lambda_{{{number + 1}}}$" for number in range(count)] if count > 1 else ()
+    curves(panel, all_runs, name, lambda run: run.multipliers, labels=labels)
+    if bottom is not None:
+        thesis_axis(panel, bottom, 0.0)
+    finish(panel, "Lagrange multiplier" + ("s" if count > 1 else "") + r" $\lambda$", r"$\lambda$ [1/s²]")
+
+
+def errors(panel: Any, all_runs: AllRuns, name: str) -> None:
+    """‖e_b‖ full and ‖e_r‖ dashed, a colour for each rod."""
+    curves(panel, all_runs, name, measures.rotation_errors, labels=[rf"$\|e_{{b_{n}}}\|$" for n in (1, 2, 3)])
+    curves(panel, all_runs, name, measures.translation_errors, style="--")
+    thesis_axis(panel, 0.0, 0.3)
+    finish(panel, r"Errors $\|e_b\|$ (full), $\|e_r\|$ (dashed)", "$b$ [1], $r$ [m]")
+
+
+def space_paths(
+    all_runs: AllRuns, names: Sequence[str], colors: Sequence[Any], labels: Sequence[str], title: str
+) -> Figure:
+    """Paths of the moving nodes in space, a colour for each experiment; rods and strings of the last at its end.
+
+    The second engine's are circles.
+    """
+    figure = new_figure(6.4, 5.8)
+    axes: Any = figure.add_subplot(projection="3d")
+    everything = []
+    for name, color, label in zip(names, colors, labels, strict=True):
+        for number, (_, run) in enumerate(versions_of(all_runs, name)):
+            everything.append(run.nodes.reshape(-1, 3))
+            moving = np.flatnonzero(np.ptp(run.nodes, axis=0).max(axis=1) > 1e-9)
+            for count, node in enumerate(moving):
+                path = run.nodes[:, node].T
+                if number == 0:
+                    axes.plot(*path, color=color, lw=1.3, label=label if count == 0 else None)
+                else:
+                    every = max(1, len(run.time) // MARKS)
+                    axes.plot(*path[:, ::every], ls="none", marker="o", ms=3.2, mfc="none", mec=color, mew=0.7)
+    run = _first(all_runs, names[-1])
+    structure, end = run.scene.structure, run.nodes[-1]
+    for i, j in structure.string_nodes:
+        axes.plot(*end[[i, j]].T, color=palette.TARGET, lw=0.7)
+    for i, j in structure.rod_nodes:
+        axes.plot(*end[[i, j]].T, color="black", lw=2.2, solid_capstyle="round")
+    equal_scales(axes, np.concatenate(everything))
+    axes.set_title(title, fontsize=9.5)
+    if any(labels):
+        axes.legend(fontsize=7.5, frameon=False, loc="upper left")
+    engines_note(figure, all_runs)
+    return figure
+
+
+def landscape(all_runs: AllRuns, name: str, title: str, law: Any) -> Figure:
+    """Contours of V over φ and φ̇, and a run's way over them."""
+    from tensegrity_mj.controllers.landscape import Landscape, angles
+
+    figure = new_figure(6.4, 4.4)
+    panel: Any = figure.subplots()
+    phi, rate = np.linspace(-np.pi, np.pi, 361), np.linspace(-1.0, 1.0, 241)
+    contours = panel.contour(
+        phi, rate, Landscape.of(law)(phi, rate[:, None]), levels=24, cmap="viridis", linewidths=0.8
+    )
+    figure.colorbar(contours, ax=panel, label=r"$V_\varphi$")
+    for number, (_, run) in enumerate(versions_of(all_runs, name)):
+        way = angles(run)
+        if number == 0:
+            panel.plot(way.phi, way.phi_rate, color=RED, lw=1.6)
+            panel.plot(way.phi[:1], way.phi_rate[:1], color=RED, marker="o", ms=5, ls="none")
+        else:
+            every = max(1, len(run.time) // (2 * MARKS))
+            panel.plot(
+                way.phi[::every], way.phi_rate[::every], ls="none", marker="o", ms=3.2, mfc="none", mec=RED, mew=0.7
+            )
+    finish(panel, title, r"$\dot\varphi$ [rad/s]", time=False)
+    panel.set_xlabel(r"$\varphi$ [rad]", fontsize=8.5)
+    panel.set_xticks([-np.pi, 0, np.pi], [r"$-\pi$", "0", r"$\pi$"])
+    panel.set_ylim(-1.0, 1.0)
+    engines_note(figure, all_runs, "the dot is the start")
+    return figure
+
+
+def rows_of_panels(all_runs: AllRuns, lines: Sequence[tuple[str, str]]) -> Figure:
+    """Figures 5.4 and 6.4: for each experiment a line of coordinates, controls and λ; (name, title) each."""
+    figure, grid = panels(len(lines), 3)
+    for row, (name, title) in zip(grid, lines, strict=True):
+        coordinates(row[0], all_runs, name)
+        row[0].set_title(title, fontsize=9.5)
+        controls(row[1], all_runs, name, top=0.06)
+        multipliers(row[2], all_runs, name, bottom=-0.3)
+    engines_note(figure, all_runs, "the pale band is the range of the thesis' axis")
+    return figure
+
+
+def prism_panels(all_runs: AllRuns, name: str) -> Figure:
+    """Figures 5.7 and 6.9: errors, controls and λ."""
+    figure, grid = panels(1, 3, height=3.2)
+    errors(grid[0, 0], all_runs, name)
+    controls(grid[0, 1], all_runs, name, top=0.15)
+    multipliers(grid[0, 2], all_runs, name, bottom=-0.5)
+    engines_note(figure, all_runs, "the pale band is the range of the thesis' axis")
+    return figure
+
+
+def _first(all_runs: AllRuns, name: str) -> Trajectory:
+    return versions_of(all_runs, name)[0][1]
+
+
+def equal_scales(axes: Any, positions: Array) -> None:
+    """Limits that show a metre along x, y and z at the same length, round positions (n, 3)."""
+    low, high = positions.min(axis=0), positions.max(axis=0)
+    half = np.maximum(0.5 * (high - low), 0.15 * float(np.max(high - low))) * 1.05
+    middle = 0.5 * (low + high)
+    for name, m, h in zip("xyz", middle, half, strict=True):
+        getattr(axes, f"set_{name}lim")(m - h, m + h)
+        getattr(axes, f"set_{name}label")(f"{name} [m]", fontsize=8.5)
+    axes.set_box_aspect(half)
+    axes.tick_params(labelsize=7)
+    axes.view_init(elev=22.0, azim=-55.0)

@@ -1,0 +1,45 @@
+"""The measures of the ledger by their names: functions of the modules below, each named once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import cache
+from inspect import getmembers, isfunction
+from typing import Any
+
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.thesis import measures
+from tensegrity_mj.thesis.appendix_c import measures_c, measures_c2
+from tensegrity_mj.thesis.chapter3 import measures3
+from tensegrity_mj.thesis.chapter4 import measures4
+from tensegrity_mj.thesis.chapter5 import measures5
+from tensegrity_mj.thesis.chapter6 import measures6
+from tensegrity_mj.thesis.chapter7 import measures7
+from tensegrity_mj.thesis.statement import Runs, Statement
+
+MODULES = (measures, measures3, measures4, measures5, measures6, measures7, measures_c, measures_c2)
+
+
+@cache
+def all_measures() -> Mapping[str, Callable[..., Any]]:
+    """Every public function of the modules of measures, by its name."""
+    found: dict[str, Callable[..., Any]] = {}
+    for module in MODULES:
+        for name, function in getmembers(module, isfunction):
+            if name.startswith("_") or function.__module__ != module.__name__:
+                continue
+            assert name not in found, f"{name} is the name of two measures"
+            found[name] = function
+    return found
+
+
+def measured(statement: Statement, runs: Runs) -> float:
+    """Our value of a statement, of the runs of one engine.
+
+    Raises:
+        OptionError: for a measure that is none.
+    """
+    if statement.measure not in all_measures():
+        raise OptionError(f"measure {statement.measure!r}: there is none of that name in the modules of measures")
+    found = all_measures()[statement.measure](*(runs[name] for name in statement.needs), **statement.arguments)
+    return float(found)

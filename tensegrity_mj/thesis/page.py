@@ -1,0 +1,311 @@
+"""The ledger as an HTML page (self-contained), as JSON, and as the Markdown table of docs/reproduction.md."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from tensegrity_mj.basics.files import replacing
+from tensegrity_mj.thesis.drawing import ThesisFigure
+from tensegrity_mj.thesis.experiments import TITLES, EngineName
+from tensegrity_mj.thesis.ledger import Row, Verdict, value_text
+from tensegrity_mj.thesis.noticed import FORMULA, NOT_STUDIED, NOTHING, noticed
+from tensegrity_mj.thesis.statement import Class
+
+THESIS = "A. S. Wroldsen, Modelling and Control of Tensegrity Structures, NTNU 2007:190"
+# Classes of the page's rows.
+KINDS = {
+    Verdict.UNJUDGED: "open",
+    Verdict.REPRODUCED: "good",
+    Verdict.DIFFERS: "known",
+    Verdict.UNEXPLAINED: "bad",
+}
+
+
+def counts(rows: Sequence[Row]) -> dict[str, int]:
+    """How many rows there are of each verdict."""
+    return {verdict.value: sum(row.verdict is verdict for row in rows) for verdict in Verdict}
+
+
+def counts_by_class(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
+    """The same for each class; of numbers also how many are within 10 % of what is stated."""
+    found = {}
+    for kind in Class:
+        own = [row for row in rows if row.statement.kind is kind]
+        found[kind.value] = {"rows": len(own), **counts(own)}
+    numbers = [row for row in rows if row.statement.kind is Class.NUMBER]
+    found[Class.NUMBER.value]["within 10 %"] = sum(row.is_within_ten_percent for row in numbers)
+    return found
+
+
+def summary(rows: Sequence[Row]) -> str:
+    """The headline: numbers and statements alone, and what differs otherwise than recorded in any class."""
+    parts = []
+    for kind, what in ((Class.NUMBER, "numbers that the thesis states"), (Class.STATEMENT, "of its statements")):
+        own = [row for row in rows if row.statement.kind is kind]
+        found = counts(own)
+        differ = [row for row in own if row.verdict is Verdict.DIFFERS]
+        unknown = sum(row.statement.known is not None and not row.statement.known.is_explained for row in differ)
+        text = f"{len(own)} {what}: {found[Verdict.REPRODUCED.value]} come out, {len(differ)} differ"
+        text += f" ({unknown} without a known cause), {found[Verdict.UNJUDGED.value]} cannot be judged"
+        if kind is Class.NUMBER:
+            text += f"; {sum(row.is_within_ten_percent for row in own)} are within 10 % of what is stated"
+        parts.append(text)
+    text = ". ".join(parts)
+    wrong = sum(row.verdict is Verdict.UNEXPLAINED for row in rows)
+    return f"{text}. {wrong} of all {len(rows)} rows differ, and not as recorded" if wrong else text
+
+
+def row_data(row: Row) -> dict[str, Any]:
+    """A row as plain values, for JSON."""
+    statement = row.statement
+    return {
+        "id": statement.id,
+        "class": statement.kind.value,
+        "figure": statement.figure or None,
+        "place": statement.place,
+        "page": statement.page,
+        "line": statement.line or None,
+        "says": statement.says,
+        "stated": statement.stated,
+        "value": list(statement.value),
+        "unit": statement.unit,
+        "accepted": {"low": statement.accepted.low, "high": statement.accepted.high, "why": statement.tolerance},
+        "measure": statement.measure,
+        "arguments": dict(statement.arguments),
+        "runs": list(statement.needs),
+        "ours": {
+            engine.value: {"value": cell.value, "verdict": cell.verdict.value, "note": cell.note}
+            for engine, cell in row.cells.items()
+        },
+        "verdict": row.verdict.value,
+        "cause": row.cause,
+        "origin": statement.origin,
+        "notices": noticed(statement),
+    }
+
+
+# ---------------------------------------------------------------------------------------------------------- Markdown
+
+_INTRODUCTION = """\
+# What the thesis states, and what comes out here
+
+Made by `tensegrity-mj reproduce --table docs/reproduction.md`; a test checks that it is what the code gives. The
+rows are those of `tensegrity_mj/thesis/tables/`, one TOML file a chapter.
+
+A row has a value in each engine, with as many digits as its tolerance asks for. Where forms and strength are asked
+for, statics with elastic rods takes the place of an engine, and MuJoCo, whose rods are rigid, confirms it by the
+forces of its own equations. The verdict is computed from a tolerance that is stored with the row; its reason is in
+`tensegrity-mj reproduce --json`. A row that differs has the size of its difference recorded too: a value that is
+neither accepted nor recorded is a mistake of this program until a cause is found, and the command fails.
+
+Only the classes *number* and *statement* are evidence. The pictures of the thesis were not at hand, only its text with
+captions, tables and the tick labels of the axes. The classes are:
+
+- *number*: a value that stands in the text, in a caption or in a table, and that nothing here was given;
+- *statement*: a sentence that can be true or false;
+- *axis*: our curve fits the axes of the thesis' figure. An axis ends below the next tick after its last, so a curve
+  fits where it stays below that, and the panel was made for it where it fills more than half;
+- *input*: an echo of what was put in, or true by construction of the scene, the law or the engine;
+- *calibrated*: a start, a seed or a parameter was chosen so that the figure or the sentence comes out;
+- *independent computation*: the value is from another coding of the same equations, and stands nowhere in the thesis.
+
+The last column says of each number and statement which errors it notices: by what a quantity must be wrong, 1 % or
+10 %, in one direction or the other, to change the verdict or to leave the recorded difference
+(`tensegrity-mj reproduce --sensitivity`, in one engine). Mass (of a cable: its rope's), stiffness (of strings), damping
+and geometry (all lengths) are those of the plant, of which the law knows nothing; gain is the law's decay rate or
+natural frequency. A quantity that a row does not name is not noticed, or its experiment has none; rows that notice
+nothing say so.
+"""
+
+
+def markdown(rows: Sequence[Row]) -> str:
+    """The text of docs/reproduction.md."""
+    lines = [_INTRODUCTION, f"**{summary(rows)}.**", "", *_class_table(rows), "", _notices(rows), ""]
+    for chapter in sorted({row.statement.chapter for row in rows}):
+        own = [row for row in rows if row.statement.chapter == chapter]
+        title = f"Chapter {chapter}" if chapter.isdigit() else f"Appendix {chapter}"
+        columns = list(dict.fromkeys(engine for row in own for engine in row.cells))
+        lines += [f"## {title}", "", *_markdown_head(columns)]
+        lines += [markdown_row(row, columns) for row in own]
+        causes = dict.fromkeys((row.cause, row.verdict) for row in own if row.cause)
+        if causes:
+            lines += ["", "Why rows differ, or cannot be judged:", ""]
+        for cause, _ in causes:
+            names = ", ".join(f"`{row.statement.id}`" for row in own if row.cause == cause)
+            lines.append(f"- {names}: {cause}.")
+        origins = dict.fromkeys(row.statement.origin for row in own if row.statement.origin)
+        if origins:
+            lines += ["", "What was chosen so that rows come out, and where values are from that the thesis lacks:", ""]
+        for origin in origins:
+            names = ", ".join(f"`{row.statement.id}`" for row in own if row.statement.origin == origin)
+            lines.append(f"- {names}: {origin}.")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _notices(rows: Sequence[Row]) -> str:
+    """How many numbers and statements notice an error."""
+    found = [noticed(row.statement) for row in rows if row.statement.kind.is_evidence and not row.statement.unjudged]
+    studied = [text for text in found if text not in (NOT_STUDIED, FORMULA)]
+    return (
+        f"Of the {len(found)} numbers and statements that are judged, {len(studied)} were studied for errors: "
+        f"{studied.count(NOTHING)} notice none of up to 10 %. {found.count(NOT_STUDIED)} were not studied, and "
+        f"{found.count(FORMULA)} are formulas, of no run."
+    )
+
+
+def _class_table(rows: Sequence[Row]) -> list[str]:
+    """Rows by class and verdict."""
+    lines = ["| class | rows | come out | differ | cannot be judged |", "|---|---|---|---|---|"]
+    for name, found in counts_by_class(rows).items():
+        differ = found[Verdict.DIFFERS.value] + found[Verdict.UNEXPLAINED.value]
+        values = (found["rows"], found[Verdict.REPRODUCED.value], differ, found[Verdict.UNJUDGED.value])
+        lines.append(f"| {name} | " + " | ".join(map(str, values)) + " |")
+    return lines
+
+
+def _markdown_head(engines: Sequence[EngineName]) -> list[str]:
+    heads = ["row", "class", "where", "what", "thesis", *(TITLES[one] for one in engines), "verdict", "notices"]
+    return ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
+
+
+def markdown_row(row: Row, engines: Sequence[EngineName] | None = None) -> str:
+    """One line of the table, with a column for each engine; for those that the row has by default."""
+    statement = row.statement
+    values = value_texts(row, list(row.cells) if engines is None else engines)
+    where = f"{statement.place}, p. {statement.page}"
+    head = [f"`{statement.id}`", statement.kind.value, where, statement.says, statement.stated]
+    cells = [*head, *values, row.verdict.value, noticed(statement)]
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def value_texts(row: Row, engines: Sequence[EngineName]) -> list[str]:
+    """Our value and its unit in each engine; a dash where there is none."""
+    statement = row.statement
+    texts = [value_text(statement, row.cells[one].value) if one in row.cells else "–" for one in engines]
+    return [with_unit(text, statement.unit) for text in texts]
+
+
+def with_unit(text: str, unit: str) -> str:
+    """A value and its unit, or a dash."""
+    return text if text == "–" or not unit else f"{text}{'' if unit == '°' else ' '}{unit}"
+
+
+# -------------------------------------------------------------------------------------------------------------- HTML
+
+
+def html(
+    rows: Sequence[Row],
+    engines: Sequence[EngineName],
+    figures: Sequence[tuple[ThesisFigure, bytes]],
+    runs: Sequence[Mapping[str, Any]],
+    note: str = "",
+) -> str:
+    """The page: the ledger above, the figures below, then what was run.
+
+    Args:
+        figures: with the content of a PNG file each.
+        runs: a line for each run: experiment, about, engine, status, wall time, difference from the first engine.
+    """
+    parts = [f"<h1>The thesis, reproduced</h1><p>{escape(THESIS)}</p>"]
+    if note:
+        parts.append(f'<p class="note">{escape(note)}</p>')
+    parts += [f"<p>{escape(summary(rows))}.</p>", _classes(rows), _ledger(rows, engines)]
+    if figures:
+        parts.append("<h2>Figures</h2>")
+    for figure, content in figures:
+        caption = f"Figure {figure.number} (page {figure.page} of the thesis): {figure.title}"
+        url = base64.b64encode(content).decode("ascii")
+        parts.append(
+            f'<figure id="f{figure.number}"><img alt="{escape(caption)}" src="data:image/png;base64,{url}">'
+            f"<figcaption>{escape(caption)}</figcaption></figure>"
+        )
+    parts += ["<h2>Runs</h2>", _runs(runs)]
+    return _PAGE.format(style=_STYLE, body="\n".join(parts))
+
+
+def _classes(rows: Sequence[Row]) -> str:
+    """The table of classes: its Markdown cells as HTML."""
+    heads, _, *lines = [line.strip("| ").split(" | ") for line in _class_table(rows)]
+    body = ["".join(f"<td>{escape(cell)}</td>" for cell in line) for line in lines]
+    head = "".join(f"<th>{escape(cell)}</th>" for cell in heads)
+    return f'<div class="table"><table><tr>{head}</tr><tr>{"</tr><tr>".join(body)}</tr></table></div>'
+
+
+def _ledger(rows: Sequence[Row], engines: Sequence[EngineName]) -> str:
+    heads = ["where", "class", "what", "thesis", *(TITLES[engine] for engine in engines), "verdict"]
+    lines = ["<thead><tr>", *(f"<th>{escape(head)}</th>" for head in heads), "</tr></thead>"]
+    for row in rows:
+        statement = row.statement
+        kind = KINDS[row.verdict]
+        place = escape(f"{statement.place}, p. {statement.page}")
+        if statement.figure:
+            place = f'<a href="#f{statement.figure}">{place}</a>'
+        values = "".join(f'<td class="n">{escape(text)}</td>' for text in value_texts(row, engines))
+        cause = f'<div class="cause">{escape(row.cause)}</div>' if row.cause else ""
+        why = f"accepted: {statement.tolerance}"
+        lines.append(
+            f'<tr class="{kind}" id="{escape(statement.id)}"><td>{place}</td><td>{escape(statement.kind.value)}</td>'
+            f"<td>{escape(statement.says)}</td>"
+            f'<td title="{escape(why)}">{escape(statement.stated)}</td>{values}'
+            f"<td><b>{escape(row.verdict.value)}</b>{cause}</td></tr>"
+        )
+    return f'<div class="table"><table>{"".join(lines)}</table></div>'
+
+
+def _runs(runs: Sequence[Mapping[str, Any]]) -> str:
+    heads = list(runs[0]) if runs else []
+    lines = ["<thead><tr>", *(f"<th>{escape(head)}</th>" for head in heads), "</tr></thead>"]
+    lines += ["<tr>" + "".join(f"<td>{escape(_shown(line[head]))}</td>" for head in heads) + "</tr>" for line in runs]
+    return f'<div class="table"><table>{"".join(lines)}</table></div>'
+
+
+def _shown(value: object) -> str:
+    if value is None:
+        return "–"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def write(path: Path, text: str) -> None:
+    """Write a text file as a whole or not at all."""
+    with replacing(path) as part:
+        part.write_text(text, encoding="utf-8")
+
+
+_STYLE = """
+body { margin: 0 auto; padding: 1rem; max-width: 84rem; color: #22262c; background: #fff;
+       font: 1rem/1.45 system-ui, sans-serif; overflow-wrap: break-word; }
+h1 { font-size: 1.5rem; } h2 { font-size: 1.15rem; margin-top: 2rem; border-bottom: 2px solid #1f5cc6; }
+.table { overflow-x: auto; }
+table { border-collapse: collapse; font-size: .88rem; }
+th, td { text-align: left; vertical-align: top; padding: .25rem .6rem; border-bottom: 1px solid #dde1e6; }
+td.n { font-variant-numeric: tabular-nums; white-space: nowrap; }
+tr.good td:last-child { background: #e3f4e6; color: #14532d; }
+tr.known td:last-child { background: #fdeaea; color: #7f1d1d; }
+tr.open td:last-child { background: #eef0f3; color: #3d4450; }
+tr.bad td:last-child { background: #b91c1c; color: #fff; }
+.cause { font-size: .85em; max-width: 28rem; }
+.note { border-left: 4px solid #b91c1c; padding-left: .6rem; }
+figure { margin: 0 0 1.8rem; }
+img { display: block; max-width: 100%; height: auto; border: 1px solid #dde1e6; }
+figcaption { color: #667080; font-size: .9rem; }
+"""
+
+_PAGE = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
+<title>The thesis, reproduced</title>
+<style>{style}</style>
+</head>
+<body>
+{body}
+</body>
+</html>
+"""

@@ -1,0 +1,128 @@
+"""Rods and point masses as bodies of small motions: their coordinates, masses and how nodes move with them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.model.forest import spanning_forest
+from tensegrity_mj.model.rods import inertia_terms
+from tensegrity_mj.model.structure import Structure
+
+SLOTS = 5  # coordinates a body
+
+
+DENSE = 150  # coordinates up to which matrices are dense
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """What of a structure does not depend on its state; B bodies, N nodes.
+
+    Attributes:
+        body: (N,) of each node, the first in the forest of those that share it; B for a fixed one.
+        lever: (N,) [m] from the point at σ of that body to the node, along b.
+        ends: (R, 2) [m] from the point at σ of a rod to its ends, along b.
+        joints: (J, 3) node, its body, and another body that ends there.
+        mass, f, J: (B,) of (2.30); f = 0 and J = 1 for a point mass.
+        length, sigma: (R,) of the rods.
+        E: (B, 3, 3) translations, padded with zero columns.
+        planes: (R, 3) unit normals of planar rods, zero for others.
+    """
+
+    structure: Structure
+    body: IntArray
+    lever: Array
+    ends: Array
+    joints: IntArray
+    mass: Array
+    f: Array
+    J: Array
+    length: Array
+    sigma: Array
+    E: Array
+    planes: Array
+
+    @classmethod
+    def of(cls, structure: Structure) -> Bodies:
+        """The bodies of a structure."""
+        R, P = len(structure.rods), len(structure.point_masses)
+        body = np.full(len(structure.nodes), R + P)
+        lever = np.zeros(len(structure.nodes))
+        E, planes = np.zeros((R + P, 3, 3)), np.zeros((R, 3))
+        sigma = np.array([rod.support.sigma for rod in structure.rods], float)
+        length = structure.rod_lengths
+        f, J = np.zeros(R + P), np.ones(R + P)
+        f[:R], J[:R] = inertia_terms(structure.rod_masses, length, sigma)
+        mass = np.concatenate([structure.rod_masses, [point.mass for point in structure.point_masses]])
+        ends = np.stack([-sigma * length, (1 - sigma) * length], axis=1)
+        forest = spanning_forest(structure)
+        for rod in forest.order[::-1]:  # so that the first one stays
+            body[structure.rod_nodes[rod]], lever[structure.rod_nodes[rod]] = rod, ends[rod]
+        joints = np.array(forest.joints, np.int64).reshape(-1, 3)
+        for number, rod in enumerate(structure.rods):
+            basis = rod.support.translation_basis
+            E[number, :, : basis.shape[1]] = basis
+            if rod.support.plane is not None:
+                planes[number] = np.array(rod.support.plane) / np.linalg.norm(rod.support.plane)
+        for number, point in enumerate(structure.point_masses):
+            body[structure.node_index[point.node]] = R + number
+            basis = point.translation_basis
+            E[R + number, :, : basis.shape[1]] = basis
+        return cls(structure, body, lever, ends, joints, mass, f, J, length, sigma, E, planes)
+
+    @property
+    def mobilities(self) -> Array:
+        """(N,) [1/kg] bound on what a force at a node accelerates it by: that of a free rod, 0 for a fixed node."""
+        moment = self.J - self.f**2 / self.mass  # about the center of mass
+        per_body_mass, per_body_moment = np.append(1 / self.mass, 0.0), np.append(1 / moment, 0.0)
+        # From the center of mass, r + (f/m) b.
+        arm = self.lever - np.append(self.f / self.mass, 0.0)[self.body]
+        return np.asarray(per_body_mass[self.body] + arm**2 * per_body_moment[self.body])
+
+
+class _Motion(NamedTuple):
+    """How nodes move with the coordinates y."""
+
+    b: Array  # (R, 3)
+    T: Array  # (B, 3, 2) the ways that b can turn
+    inverse: Array  # (B, 5, 5) L⁻ᵀ
+    turned: Array  # (N, 3, 5) X
+
+
+def motion_of_bodies(bodies: Bodies, nodes: Array) -> _Motion:
+    """How the bodies of a structure move about these node positions (N, 3) [m]."""
+    R, B = len(bodies.length), len(bodies.mass)
+    first, second = bodies.structure.rod_nodes.T
+    b = (nodes[second] - nodes[first]) / bodies.length[:, None]
+    b = b / np.sqrt(np.sum(b * b, axis=1))[:, None]
+    planar = np.any(bodies.planes != 0, axis=1)
+    one = _cross(np.where(planar[:, None], bodies.planes, np.eye(3)[np.argmin(np.abs(b), axis=1)]), b)
+    one = one / np.sqrt(np.sum(one * one, axis=1))[:, None]
+    T = np.zeros((B, 3, 2))
+    T[:R, :, 0] = one
+    T[:R, :, 1] = np.where(planar[:, None], 0.0, _cross(b, one))
+
+    M = np.zeros((B, SLOTS, SLOTS))
+    M[:, :3, :3] = bodies.mass[:, None, None] * np.eye(3)
+    M[:, 3:, 3:] = bodies.J[:, None, None] * np.eye(2)
+    coupling = bodies.f[:, None, None] * (np.swapaxes(bodies.E, 1, 2) @ T)
+    M[:, :3, 3:], M[:, 3:, :3] = coupling, np.swapaxes(coupling, 1, 2)
+    inverse = np.swapaxes(np.linalg.inv(np.linalg.cholesky(M)), 1, 2)
+
+    moved = np.zeros((B + 1, 3, SLOTS))
+    moved[:B, :, :3] = bodies.E
+    levered = np.zeros((B + 1, 3, SLOTS))
+    levered[:B, :, 3:] = T
+    padded = np.zeros((B + 1, SLOTS, SLOTS))
+    padded[:B] = inverse
+    turned = (moved[bodies.body] + bodies.lever[:, None, None] * levered[bodies.body]) @ padded[bodies.body]
+    return _Motion(b, T, inverse, turned)
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Cross products of rows: numpy's own spends its time elsewhere."""
+    return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]

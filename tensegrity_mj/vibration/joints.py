@@ -1,0 +1,104 @@
+"""Joints of rods in the linear model of small motions: what they forbid, and the forces that they carry.
+
+A joint of rods a and b at a node is C y = 0, C = X_a - X_b, three rows, in coordinates y of `small_motions`, where
+the mass matrix is one. With y = P y of the projection P = 1 - C⁺ C, a matrix of unjoined bodies becomes P K P: what
+joints forbid stays zero, and no eigenvalue above zero is larger than before. Joints that say what others say already
+(loops, rows across a plane) change nothing in P; of their forces the least are taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array, IntArray
+
+RANK = 1e-9  # of the largest singular value: below it, a row says what others say
+SOFT = 1e-12  # of a row's own: what keeps the sparse equations of redundant rows solvable
+
+
+@dataclass(frozen=True, eq=False)
+class Joints:
+    """The constraints of J joints between bodies of `slots` coordinates each.
+
+    Attributes:
+        pairs: (J, 2) bodies a, b.
+        maps: (2, J, 3, slots) X of the joint's node as the end of a, and of b.
+        bodies: B.
+        dense: whether matrices are arrays.
+    """
+
+    pairs: IntArray
+    maps: Array = field(repr=False)
+    bodies: int
+    dense: bool
+
+    @cached_property
+    def _rows(self) -> tuple[Any, Array]:
+        """C (3 J, n) with rows of length one, and what each was divided by; rows of nothing stay so."""
+        J, slots = len(self.pairs), self.maps.shape[-1]
+        size = np.sqrt(np.sum(self.maps**2, axis=(0, 3))).reshape(3 * J)
+        size[size <= RANK * size.max(initial=0.0)] = np.inf
+        scaled = self.maps / size.reshape(J, 3)[None, :, :, None]
+        values = np.stack([scaled[0], -scaled[1]])
+        row = np.broadcast_to(np.arange(3 * J).reshape(1, J, 3, 1), values.shape)
+        column = slots * self.pairs.T[:, :, None, None] + np.arange(slots)
+        column = np.broadcast_to(column, values.shape)
+        shape = (3 * J, slots * self.bodies)
+        if self.dense:
+            C = np.zeros(shape)
+            C[row.ravel(), column.ravel()] = values.ravel()
+            return C, size
+        from scipy.sparse import coo_array
+
+        return coo_array((values.ravel(), (row.ravel(), column.ravel())), shape=shape).tocsr(), size
+
+    @cached_property
+    def _solve(self) -> Callable[[Array], Array]:
+        """x (3 J,) -> (C Cᵀ)⁺ x, with C of rows of length one."""
+        C, _ = self._rows
+        if self.dense:
+            inverse = np.linalg.pinv(C, rcond=RANK)
+            return lambda x: np.asarray(inverse.T @ (inverse @ x))
+        from scipy.sparse import eye_array
+        from scipy.sparse.linalg import splu
+
+        S = (C @ C.T).tocsc()
+        factors = splu((S + SOFT * eye_array(S.shape[0], format="csc")).tocsc())
+
+        def solve(x: Array) -> Array:
+            found = factors.solve(x)
+            for _ in range(2):  # what SOFT takes from the softest row of a long chain
+                found = found + factors.solve(x - S @ found)
+            return np.asarray(found)
+
+        return solve
+
+    def forces(self, pushes: Array, bias: Array) -> Array:
+        """(J, 3) [N] on the end of a, for pushes y (n,) and bias (J, 3) [m/s²].
+
+        The bias is how much faster a's end accelerates than b's where ÿ = 0.
+        """
+        C, size = self._rows
+        wanted = -(bias.reshape(-1) / size) - C @ pushes
+        return np.asarray((self._solve(wanted) / size).reshape(-1, 3))
+
+    def project(self, y: Array) -> Array:
+        """P y (n,)."""
+        if self.dense:
+            return np.asarray(self.projection @ y)
+        C, _ = self._rows
+        return np.asarray(y - C.T @ self._solve(C @ y))
+
+    @cached_property
+    def projection(self) -> Array:
+        """P (n, n), dense: of the right singular vectors that the rows do not reach."""
+        C, _ = self._rows
+        C = C if self.dense else C.toarray()
+        _, size, V = np.linalg.svd(C, full_matrices=False)
+        held = V[size > RANK * size.max(initial=0.0)]
+        return np.asarray(np.eye(C.shape[1]) - held.T @ held)

@@ -1,0 +1,92 @@
+"""What resists rods, in the linear model of small motions: stiffness and dampers of joints in bending, viscous forces.
+
+With δe = G y the change of e = d_a - d_b of a joint, bending adds κ Gᵀ G to K and γ Gᵀ G to D, and pulls on b of its
+rods, whose turns these pulls stiffen or soften as any other. A viscous fluid adds c ∫ Xᵀ X ds along each rod to D. The
+derivative of drag is left out: it grows with the speed of the fluid past a rod, and is zero at rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.model.elements.resistance import bending_joints, resisting_forces
+from tensegrity_mj.model.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """A sum of blocks (..., slots, slots) of a matrix of bodies, at these rows and columns of blocks."""
+
+    values: Array
+    rows: IntArray
+    columns: IntArray
+
+    def times(self, factor: float) -> Blocks:
+        """The blocks, each times a factor."""
+        return Blocks(factor * self.values, self.rows, self.columns)
+
+
+def fluid_forces(scene: Scene, nodes: Array, velocities: Array) -> Array:
+    """(N, 3) [N] of viscous forces and drag on the nodes."""
+    resistance = scene.resistance
+    if resistance is None or (resistance.viscous == 0 and resistance.drag is None):
+        return np.zeros_like(nodes)
+    return resisting_forces(scene.with_(resistance=replace(resistance, bending=None)), nodes, velocities)
+
+
+def bending_pulls(scene: Scene, b: Array) -> Array:
+    """(R, 3) [N m] the generalized forces of bent joints on the directions b (R, 3) of the rods."""
+    pulls = np.zeros_like(b)
+    if scene.resistance is None or scene.resistance.bending is None:
+        return pulls
+    rods, signs = _ends_of_joints(scene)
+    e = signs[:, :1] * b[rods[:, 0]] - signs[:, 1:] * b[rods[:, 1]]
+    pull = scene.resistance.bending.stiffness * e
+    np.subtract.at(pulls, rods[:, 0], signs[:, :1] * pull)
+    np.add.at(pulls, rods[:, 1], signs[:, 1:] * pull)
+    return pulls
+
+
+def bending_blocks(scene: Scene, turns: Array) -> Blocks | None:
+    """Σ Gᵀ G of all joints that resist bending, for δb = `turns` (R, 3, slots) y; None where none does."""
+    if scene.resistance is None or scene.resistance.bending is None:
+        return None
+    rods, signs = _ends_of_joints(scene)
+    if not len(rods):
+        return None
+    parts = (signs[:, 0, None, None] * turns[rods[:, 0]], -signs[:, 1, None, None] * turns[rods[:, 1]])
+    values, rows, columns = [], [], []
+    for p in range(2):
+        for q in range(2):
+            values.append(np.swapaxes(parts[p], 1, 2) @ parts[q])
+            rows.append(rods[:, p])
+            columns.append(rods[:, q])
+    return Blocks(np.concatenate(values), np.concatenate(rows), np.concatenate(columns))
+
+
+def viscous_blocks(scene: Scene, ends: Any) -> Blocks | None:
+    """c ∫ Xᵀ X ds of all rods, for δx = `ends` (2, R, 3, slots) y of their ends; None where nothing is viscous."""
+    if scene.resistance is None or not scene.resistance.viscous:
+        return None
+    first, second = ends
+    weight = scene.resistance.viscous * scene.structure.rod_lengths[:, None, None] / 6
+    back, ahead = (np.swapaxes(part, 1, 2) for part in ends)
+    values = weight * (2 * back @ first + back @ second + ahead @ first + 2 * ahead @ second)
+    rows = np.arange(len(values))
+    return Blocks(values, rows, rows)
+
+
+def _ends_of_joints(scene: Scene) -> tuple[IntArray, Array]:
+    """Rods (J, 2) of the joints that resist bending, and signs (J, 2): d = sign · b points into a joint, then out."""
+    structure = scene.structure
+    assert scene.resistance is not None
+    joints = bending_joints(structure, scene.resistance.bending)
+    rods = np.array([joint.rods for joint in joints], np.int64).reshape(-1, 2)
+    node = np.array([joint.nodes[1] for joint in joints], np.int64)
+    into = np.where(structure.rod_nodes[rods[:, 0], 1] == node, 1.0, -1.0)
+    out = np.where(structure.rod_nodes[rods[:, 1], 0] == node, 1.0, -1.0)
+    return rods, np.stack([into, out], axis=1)

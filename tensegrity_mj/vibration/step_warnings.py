@@ -1,0 +1,171 @@
+"""Warnings of steps that are too long: before a run by the linear model, after it by what it passed through."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import Any
+
+from tensegrity_mj.dynamics.native.law import NativeLaw
+from tensegrity_mj.errors import SceneError, StabilityWarning
+from tensegrity_mj.model.actuation import Actuation, Mode
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.vibration.bodies import SLOTS, Bodies
+from tensegrity_mj.vibration.contact_steps import check_contact
+from tensegrity_mj.vibration.integrators import Scheme, is_stable, scheme_of
+from tensegrity_mj.vibration.small_motions import stiffness_bounds
+from tensegrity_mj.vibration.stable_step import (
+    StableStep,
+    _constraint_modes,
+    _Law,
+    _model,
+    _solvable,
+    _step_of,
+    stable_step,
+)
+
+LAW_COORDINATES = 100  # of a structure up to which the check before a run asks the law for its derivative
+
+
+RUN_COORDINATES = 1000  # of a structure up to which the states of a run without a law are looked at
+
+
+HALF_DISC = 2.6  # |z| within which Runge-Kutta's R(z) <= 1 for all Re z <= 0 (its smallest radius there is 2.615)
+
+
+def before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) -> tuple[dict[str, Any] | None, str]:
+    """What is known of the step before a run: for `run.reports["stability"]`, and the text of a warning or "".
+
+    A bound that costs next to nothing comes first, and the model only where the step is beyond it. It never asks a
+    law of Python's, or one that is not a function of the state alone. None where there is nothing to check. What
+    contact asks of a step is looked at apart: `contact_steps`.
+    """
+    scheme, step = scheme_of(engine), getattr(engine, "timestep", None)
+    if scheme is None or step is None:
+        return None, ""
+    try:
+        with _solvable(scene):
+            report, text = _checked(scene, engine, scheme, float(step), law, actuation)
+    except SceneError as error:
+        report, text = {"step": step, "checked": False, "reason": str(error)}, f"the step was not checked: {error}"
+    except Exception as error:
+        # Loads are a user's code: no check stands in the way of a run, which itself reports better what is wrong.
+        report, text = {"step": step, "checked": False, "reason": f"{type(error).__name__}: {error}"}, ""
+    if scene.contact is not None:
+        report["contact"], more = check_contact(scene.contact, scheme, float(step))
+        text = "; and ".join(part for part in (text, more) if part)
+    return report, text
+
+
+def warn_before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) -> dict[str, Any] | None:
+    """`before_run`, with the warning given to whoever called `simulate`."""
+    report, text = before_run(scene, engine, law, actuation)
+    if text:
+        warnings.warn(text, StabilityWarning, stacklevel=3)
+    return report
+
+
+def after_run(run: Trajectory, engine: Any, law: NativeLaw, actuation: Actuation) -> None:
+    """Where a run is off and its step is to blame, say so in its reports.
+
+    Before a run, the states that it will go through are not known: this looks at those that it has seen. Laws must be
+    continuous; without one, the rest lengths stay.
+    """
+    scheme, step = scheme_of(engine), getattr(engine, "timestep", None)
+    if scheme is None or step is None or law.failure is not None or law.discontinuous:
+        return
+    # A law of Python's that has no address is none at all.
+    asked = law if law.address else None
+    coordinates = SLOTS * (len(run.scene.structure.rods) + len(run.scene.structure.point_masses))
+    most = LAW_COORDINATES if asked is not None else RUN_COORDINATES
+    if actuation.mode is not Mode.CONTINUOUS or coordinates > most or not run.reports.get("warnings"):
+        return
+    try:
+        found = stable_step(run.scene, engine, law=asked, run=run)
+    except Exception:  # as in `before_run`
+        return
+    if found.limit < step and not run.reports.get("stability", {}).get("exceeded"):
+        run.reports["stability"] = {"step": step, "checked": True, "exceeded": True, **found.to_dict()}
+        run.reports["warnings"].append(message(found, engine, float(step)))
+
+
+def _checked(
+    scene: Scene, engine: Any, scheme: Scheme, step: float, law: NativeLaw, actuation: Actuation
+) -> tuple[dict[str, Any], str]:
+    structure = scene.structure
+    bodies = Bodies.of(structure)
+    # A law of Python's has a list for its failure; one that is not a function of the state has a reason.
+    pure = bool(law.address) and law.failure is None and not law.discontinuous
+    continuous = actuation.mode is Mode.CONTINUOUS
+    by_density = bool(law.address) and (actuation.mode is Mode.HOLD_FORCE_DENSITY or continuous)
+    if by_density and not pure:
+        return {"step": step, "checked": False, "reason": "the law is Python's or not a function of the state"}, ""
+    small = SLOTS * len(bodies.mass) <= LAW_COORDINATES
+    if by_density and not small:
+        return {"step": step, "checked": False, "reason": "the loop through the law is too large to look at"}, ""
+    # Which dampers an implicit integrator knows between rods that share nodes, only the model tells.
+    known = scheme is not Scheme.VELOCITY_IMPLICIT or structure.class_number <= 1 or not structure.damping.any()
+    if not by_density and known:
+        bound = _bound(
+            scheme, *stiffness_bounds(scene, bodies, scene.nodes0, scene.velocities0, structure.rest_lengths)
+        )
+        if step <= bound:
+            return {"step": step, "checked": True, "exceeded": False, "at_least": bound}, ""
+    asked = _Law(scene, law) if pure else None
+    held = actuation.mode if asked is not None else None
+    model = _model(scene, asked, held, scene.nodes0, scene.velocities0, None, 0.0, bodies)
+    if not is_stable(model, scheme, step, _constraint_modes(engine)):
+        found = _step_of(model, engine, scheme, 0.0)
+        return {"step": step, "checked": True, "exceeded": True, **found.to_dict()}, message(found, engine, step)
+    return {"step": step, "checked": True, "exceeded": False}, ""
+
+
+def message(found: StableStep, engine: Any, step: float) -> str:
+    """What a run is told whose step is beyond the limit."""
+    where = "at the start" if found.time == 0 else f"at t = {found.time:.4g} s"
+    kind = found.scheme.value if found.scheme is not None else ""
+    loop = "in the loop with the law" if found.closed_loop else f"stiffest motion ω = {found.omega:.4g} rad/s"
+    blame = f"'{found.rod}' ({found.rod_share:.0%} of the motion)" if found.rod else "the law alone"
+    if found.string:
+        blame += f" on string '{found.string}' ({found.string_share:.0%} of its energy)"
+    remedies = [f"use a step below {found.limit:.3g} s"]
+    if hasattr(engine, "integrator"):
+        # It knows the stiffness of strings, and nothing of what weight and joints hold.
+        if found.scheme is not Scheme.LINEARLY_IMPLICIT and not found.closed_loop and found.string:
+            remedies.append("Integrator.DISCRETE (stable, not accurate)")
+    elif not found.closed_loop:
+        remedies.append("Method.RADAU, which chooses its steps")
+    if hasattr(engine, "accuracy"):
+        remedies.append("accuracy=..., which chooses the step")
+    return (
+        f"the step of {step:g} s is beyond the largest stable one, {found.limit:.4g} s {where} ({kind}, {loop}): "
+        f"small motions of {blame} grow without bound; {', or '.join(remedies)}"
+    )
+
+
+def _bound(scheme: Scheme, material: float, rest: float, damper: float, other: float) -> float:
+    """A step [s] that is stable for every structure with up to these stiffnesses and dampers.
+
+    Args:
+        scheme: of the integrator.
+        material, damper: [1/s²], [1/s] of strings, as the implicit integrators know them.
+        rest, other: the same of all else, which none of them knows.
+    """
+    whole, all_dampers = material + rest, damper + other
+    match scheme:
+        case Scheme.RUNGE_KUTTA:
+            fastest = 0.5 * (all_dampers + math.sqrt(all_dampers**2 + 4 * whole))  # of |λ|² <= d |λ| + k
+            return HALF_DISC / fastest if fastest > 0 else math.inf
+        case Scheme.SEMI_IMPLICIT:
+            return _explicit_bound(whole, all_dampers)
+        case Scheme.VELOCITY_IMPLICIT:
+            return _explicit_bound(whole, other)
+        case Scheme.LINEARLY_IMPLICIT:
+            return _explicit_bound(rest, other)
+
+
+def _explicit_bound(stiffness: float, damper: float) -> float:
+    """h with h² k / 4 + h d / 2 = 1."""
+    largest = damper + math.sqrt(damper**2 + 4 * stiffness)
+    return 4 / largest if largest > 0 else math.inf

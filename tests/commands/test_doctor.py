@@ -1,0 +1,122 @@
+"""The doctor finds what is broken and says how to mend it."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+
+import pytest
+
+from tensegrity_mj.commands import doctor
+from tensegrity_mj.commands.doctor import (
+    OPENGL_PACKAGES,
+    check_compiler,
+    check_display,
+    check_ffmpeg,
+    check_numba_cache,
+    check_opengl,
+    check_package,
+    examine,
+)
+
+
+def test_this_machine_has_what_simulation_needs() -> None:
+    for check in examine():
+        if check.needed_for == "everything":
+            assert check.works, f"{check.name}: {check.found}; {check.remedy}"
+            assert check.found
+            assert not check.remedy
+
+
+def test_every_failure_names_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "_run_probe", lambda code: (False, "broken on purpose"))
+    for check in (check_compiler(), check_opengl()):
+        assert not check.works
+        assert "broken on purpose" in check.found
+        assert check.remedy
+
+
+def test_a_missing_package_and_an_old_one_are_told_apart() -> None:
+    missing = check_package("no-such-package-of-ours", ">=1")
+    assert not missing.works
+    assert missing.found == "not installed"
+    assert 'install "no-such-package-of-ours>=1"' in missing.remedy
+    old = check_package("numpy", ">=999")
+    assert not old.works
+    assert "needed: >=999" in old.found
+    assert check_package("numpy", ">=1").works
+
+
+def test_opengl_that_is_switched_off_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MUJOCO_GL", "disabled")
+    check = check_opengl()
+    assert not check.works
+    assert check.required
+    assert check.needed_for == "video"
+    assert "MUJOCO_GL=disabled" in check.found
+    assert check.remedy.startswith("unset MUJOCO_GL")
+    assert OPENGL_PACKAGES in check.remedy
+
+
+def test_a_chosen_opengl_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MUJOCO_GL", "osmesa")
+    monkeypatch.setattr(doctor, "_run_probe", lambda code: (False, "broken on purpose"))
+    assert check_opengl().found == "broken on purpose (MUJOCO_GL=osmesa)"
+
+
+def test_opengl_names_what_it_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    check = check_opengl()
+    if not check.works:
+        pytest.skip(f"no OpenGL here: {check.found}")
+    kind, _, renderer = check.found.partition(": ")
+    assert kind in {"egl", "osmesa", "glfw", "cgl"}
+    assert renderer
+
+
+def test_a_probe_that_dies_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "_OPENGL_PROBE", "import os; os.abort()")
+    check = check_opengl()
+    assert not check.works
+    assert check.found.startswith("ended with code")
+
+
+def test_ffmpeg_that_cannot_be_run_is_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(tmp_path / "none"))
+    check = check_ffmpeg()
+    assert not check.works
+    assert check.remedy
+
+
+def test_ffmpeg_without_h264_is_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    fake = tmp_path / "ffmpeg"
+    fake.write_text("#!/bin/sh\necho ' V....D mpeg4'\n")
+    fake.chmod(fake.stat().st_mode | stat.S_IXUSR)
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(fake))
+    check = check_ffmpeg()
+    assert not check.works
+    assert "H.264" in check.found
+
+
+def test_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor.sys, "platform", "linux")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.delenv("DISPLAY", raising=False)
+    assert not check_display().works
+    monkeypatch.setenv("DISPLAY", ":7")
+    assert check_display().found == "DISPLAY=:7"
+
+
+def test_numba_cache_follows_its_environment_variable(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "not" / "yet"))
+    assert check_numba_cache().works
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file"))
+    check = check_numba_cache()
+    assert not check.works
+    assert "NUMBA_CACHE_DIR" in check.remedy
+
+
+def test_the_set_up_script_installs_the_packages_that_the_doctor_names() -> None:
+    script = (Path(__file__).resolve().parents[2] / "scripts" / "setup.sh").read_text(encoding="utf-8")
+    assert f"packages=({OPENGL_PACKAGES})" in script

@@ -1,0 +1,234 @@
+"""Compiled functions are kept between runs, and never outlive what they were made of."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tensegrity_mj.dynamics.native import compiling
+from tensegrity_mj.dynamics.native.strings import add_string_forces
+
+ROOT = Path(__file__).resolve().parents[2]
+
+FILES = {
+    "caller.py": """
+from callee import twice
+import numbers_of
+from tensegrity_mj.dynamics.native.compiling import c_function, compiled, njit
+from numba import types
+
+@njit
+def answer(x, table):
+    return twice(x) + numbers_of.PLAIN + table[0].second
+
+@c_function(types.float64(types.float64))
+def by_address(x):
+    return twice(x)
+""",
+    "callee.py": """
+from deeper import scaled
+from tensegrity_mj.dynamics.native.compiling import njit
+
+@njit
+def twice(x):
+    return 2.0 * scaled(x)
+""",
+    "deeper.py": """
+from numbers_of import FACTOR
+from tensegrity_mj.dynamics.native.compiling import njit
+
+@njit
+def scaled(x):
+    return FACTOR * x
+""",
+    "numbers_of.py": """
+import numpy as np
+FACTOR = 10.0
+PLAIN = 0.25
+RECORD = np.dtype([("first", float), ("second", float)])
+""",
+    "ask.py": """
+import numpy as np
+from caller import answer, by_address
+from numbers_of import RECORD
+table = np.zeros(1, RECORD)
+table["second"] = 0.5
+print(answer(1.0, table), by_address.ctypes(1.0), sum(answer.stats.cache_hits.values()), by_address.cache_hits)
+""",
+}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Four files of compiled functions, and a script that calls them."""
+    for name, content in FILES.items():
+        (tmp_path / name).write_text(content)
+    return tmp_path
+
+
+def run(folder: Path, script: str = "ask.py", **environment: str) -> subprocess.CompletedProcess[str]:
+    inherited = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "XDG_"))}
+    return subprocess.run(
+        [sys.executable, script], cwd=folder, capture_output=True, text=True, check=True, env=inherited | environment
+    )
+
+
+def answers(folder: Path, **environment: str) -> tuple[float, ...]:
+    return tuple(map(float, run(folder, **environment).stdout.split()))
+
+
+def edit(path: Path, old: str, new: str) -> None:
+    text = path.read_text()
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new))
+
+
+def test_a_change_of_what_is_called_reaches_the_caller(folder: Path) -> None:
+    """Whatever a caller takes from other files; and what changes nothing costs no compiling."""
+    assert answers(folder) == (20.75, 20.0, 0, 0)
+    assert answers(folder) == (20.75, 20.0, 1, 1)
+    edit(folder / "callee.py", "2.0 * scaled", "3.0 * scaled")
+    assert answers(folder) == (30.75, 30.0, 0, 0)
+    edit(folder / "deeper.py", "FACTOR * x", "FACTOR * x + 1.0")
+    assert answers(folder) == (33.75, 33.0, 0, 0)
+    edit(folder / "numbers_of.py", "FACTOR = 10.0", "FACTOR = 20.0")
+    assert answers(folder) == (63.75, 63.0, 0, 0)
+    edit(folder / "numbers_of.py", "PLAIN = 0.25", "PLAIN = 0.125")
+    assert answers(folder) == (63.625, 63.0, 0, 1)  # the C function does not use it
+    edit(folder / "callee.py", "import njit", "import compiled\n\nnjit = compiled(fastmath=True)")
+    assert answers(folder) == (63.625, 63.0, 0, 0)
+    edit(folder / "callee.py", "return", "# a remark\n\n    return")
+    (folder / "deeper.py").write_text("# another\n" + (folder / "deeper.py").read_text())
+    assert answers(folder) == (63.625, 63.0, 1, 1)
+    # What is replaced is removed: one file for each of four functions.
+    assert len(list((folder / "__pycache__").glob("*.nb*"))) == 4
+
+
+def test_a_changed_record_is_another_signature(folder: Path) -> None:
+    answers(folder)
+    edit(folder / "numbers_of.py", '("first", float), ("second", float)', '("second", float), ("first", float)')
+    assert answers(folder) == (20.75, 20.0, 0, 1)
+
+
+def test_a_damaged_entry_is_compiled_again(folder: Path) -> None:
+    answers(folder)
+    for path in (folder / "__pycache__").glob("*.nbc"):
+        path.write_bytes(path.read_bytes()[:100])
+    assert answers(folder) == (20.75, 20.0, 0, 0)
+    assert answers(folder) == (20.75, 20.0, 1, 1)
+
+
+def test_without_a_writable_folder_beside_the_source_the_users_cache_serves(folder: Path) -> None:
+    # A file where the folder should be: nobody can make one, whatever his rights are.
+    (folder / "__pycache__").write_text("")
+    home = {"HOME": str(folder / "home")}
+    assert answers(folder, **home) == (20.75, 20.0, 0, 0)
+    assert answers(folder, **home) == (20.75, 20.0, 1, 1)
+    assert len(list((folder / "home").rglob("*.nbc"))) == 4
+
+
+def test_without_any_writable_folder_everything_runs_with_one_warning(folder: Path) -> None:
+    (folder / "__pycache__").write_text("")
+    done = run(folder, HOME=os.devnull)
+    assert done.stdout.split() == ["20.75", "20.0", "0", "0"]
+    assert done.stderr.count("RuntimeWarning") == 1
+    assert re.search(r"compiled functions cannot be kept: neither .* NUMBA_CACHE_DIR to a folder", done.stderr)
+
+
+def test_a_folder_that_fills_up_while_running_is_a_warning_too(folder: Path) -> None:
+    (folder / "full.py").write_text(
+        "import resource, sys\nsys.dont_write_bytecode = True\nimport tensegrity_mj.dynamics.native.compiling\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
+        "import ask\n"
+    )
+    done = run(folder, "full.py")
+    assert done.stdout.split() == ["20.75", "20.0", "0", "0"]
+    assert done.stderr.count("RuntimeWarning") == 1
+    assert "File too large" in done.stderr
+    assert not list((folder / "__pycache__").glob("*.nb*"))
+
+
+def test_processes_that_save_at_the_same_time_do_not_mix_signatures(tmp_path: Path) -> None:
+    """numba's common index, read before another process writes it, gives two signatures one file."""
+
+    def function(x: Any) -> Any:
+        return x
+
+    first, second = (compiling._Files(function, {}, tmp_path) for _ in range(2))
+    keys = [((sig,), ("cpu",), ("code", "closure")) for sig in ("float64", "int64")]
+    first.save(keys[0], "for floats")
+    second.save(keys[1], "for integers")
+    for files in (first, second):
+        assert [files.load(key) for key in keys] == ["for floats", "for integers"]
+
+
+def test_a_law_of_the_users_is_compiled_anew_when_what_it_calls_changes(tmp_path: Path) -> None:
+    (tmp_path / "gains.py").write_text(
+        "import numba\n\n@numba.njit(cache=True)\ndef gain(m):\n    return 0.25 * (m + 1)\n"
+    )
+    (tmp_path / "own.py").write_text(
+        "import numba\nfrom gains import gain\n\n@numba.njit(cache=True)\n"
+        "def law(time, nodes, velocities, string_nodes, parameters, command):\n"
+        "    for m in range(len(command)):\n        command[m] = gain(m)\n    return True\n"
+    )
+    (tmp_path / "ask.py").write_text(
+        "import tensegrity_mj as tmj\nfrom own import law\nscene = tmj.load_scene('prism')\n"
+        "made = tmj.CompiledLaw(law, scene.structure)\n"
+        "print(made(0.0, scene.nodes0, scene.velocities0)[1], sum(law.stats.cache_hits.values()))\n"
+    )
+    assert answers(tmp_path) == (0.5, 0)
+    assert answers(tmp_path) == (0.5, 1)
+    edit(tmp_path / "gains.py", "0.25", "0.5")
+    assert answers(tmp_path) == (1.0, 0)
+
+
+# What our own functions use ---------------------------------------------------------------------------------------
+
+
+def test_every_engine_knows_the_string_law_and_its_constants() -> None:
+    from tensegrity_mj.engines.mujoco import callback as mujoco_callback
+    from tensegrity_mj.engines.reference import dae_kernels, ode_kernels
+
+    for function in (dae_kernels.dae_rates._pyfunc, ode_kernels.ode_rates._pyfunc, mujoco_callback.control_stage):
+        used = {compiling._python(one) for one in compiling._used_by(function)}
+        assert add_string_forces.py_func in used, function
+        assert compiling.digest(function) is not None
+
+
+@pytest.mark.parametrize(
+    "value",
+    [1.5, -0.0, np.nan, "text", (1, (2.0, None)), frozenset("abcdef"), np.arange(5.0), np.dtype([("x", "f8", 3)])],
+    ids=["float", "negative zero", "nan", "text", "tuple", "set", "array", "dtype"],
+)
+def test_constants_have_one_text(value: Any) -> None:
+    code = compile("f(x)", "", "eval")
+    assert compiling._text(value, set(code.co_names), []) == compiling._text(value, set(), [])
+    others = [1.25, 0.0, np.inf, "Text", (1, (2.0, 0)), frozenset("abcdeg"), np.arange(5), np.dtype([("x", "f4", 3)])]
+    assert compiling._text(value, set(), []) not in {compiling._text(other, set(), []) for other in others}
+
+
+def test_what_has_no_text_is_not_kept() -> None:
+    held = object()
+
+    def function() -> Any:
+        return held
+
+    assert compiling.digest(function) is None
+
+
+def test_every_compiled_function_of_ours_is_kept_so() -> None:
+    """`cache=True` is numba's own cache, which does not know what a function calls."""
+    sources = [path for folder in ("tensegrity_mj", "controllers") for path in (ROOT / folder).rglob("*.py")]
+    assert len(sources) > 300
+    for path in sources:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call):
+                assert not any(keyword.arg == "cache" for keyword in node.keywords), f"{path}:{node.lineno}"

@@ -1,0 +1,131 @@
+"""The runs of one method, climbed from coarse to fine, on runs whose errors are formulas."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from analytic_runs import cone_run
+
+import tensegrity_mj as tmj
+from tensegrity_mj.engines.accuracy.ladder import STRIKES, Ladder, Rung
+from tensegrity_mj.engines.accuracy.search import MOST_EVALUATIONS, Way, find
+from tensegrity_mj.runs.trajectory import Status, Trajectory
+
+TIMES = np.linspace(0.0, 2.0, 21)
+PLAIN = 80.0  # evaluations of a run with the first step
+
+
+def ladder(**changes: Any) -> Ladder:
+    return Ladder("rk4", 4, 0.1, 1.0, PLAIN, lambda step: step, floor=1e-14, least=1e-9, **changes)
+
+
+def off_by(error: float, *, until: int | None = None) -> Trajectory:
+    """The cone's motion, its tip wrong by an error; up to a sample where it stops, if one is given."""
+    run = cone_run(TIMES)
+    nodes = run.nodes.copy()
+    nodes[:, 1, 2] += error
+    run = replace(run, nodes=nodes)
+    return run if until is None else replace(run.until(until), status=Status.SINGULAR, message="a pole")
+
+
+def made(run: Trajectory, evaluations: float) -> Trajectory:
+    cost = {"evaluations": evaluations, "wall_time": 0.0, "steps": 1}
+    return replace(run, cost=cost, reports={"warnings": []}, provenance={"engine": {}})
+
+
+def test_each_run_has_half_the_step_and_twice_the_cost_of_the_one_before() -> None:
+    one = ladder()
+    assert one.next() == (0.1, PLAIN)
+    one.add(Rung(0.1, off_by(1e-3), 100.0))
+    assert one.next() == pytest.approx((0.05, 200.0))
+    one.add(Rung(0.05, None, 30.0, tmj.DivergenceError("gone", 0.1, None)))  # a run that failed costs too
+    assert one.next() == pytest.approx((0.025, 400.0))
+    assert one.spent == 130.0
+
+
+def test_tolerances_fall_by_thirty() -> None:
+    one = Ladder("dop853", 0, 1e-3, 1 / 8, PLAIN, lambda rtol: rtol, floor=1e-14, least=1e-13)
+    one.add(Rung(1e-3, off_by(1e-3), 100.0))
+    assert one.next() == pytest.approx((1e-3 / 30, 100 * 30 ** (1 / 8)))
+    one.add(Rung(1e-3 / 30, off_by(1e-5), 150.0))
+    assert one.estimate is not None
+    assert one.estimate.settled  # whatever steps are: the method chooses them
+
+
+def test_runs_whose_steps_are_too_long_are_no_evidence() -> None:
+    """Two runs agree to 1e-9 m because both have lost a vibration that takes steps of 0.01 s."""
+    one = ladder(resolving=lambda run: 0.01)
+    one.add(Rung(0.1, off_by(1e-3), 1.0))
+    # A run of 0.02 s can be half of a pair that is evidence: those between are not made.
+    assert one.next()[0] == pytest.approx(0.02)
+    one.add(Rung(0.05, off_by(1e-3 + 1e-9), 1.0))
+    assert one.estimate is not None
+    assert not one.estimate.settled
+    assert "too long for the fastest motion" in one.estimate.reason
+    for step, error in ((0.02, 1e-3), (0.01, 2e-4)):
+        one.add(Rung(step, off_by(error), 1.0))
+    assert one.estimate.settled
+    # An order of 2 is what the last three would show; the first of them has none, and 8e-4 m is what is left.
+    assert one.estimate.value == pytest.approx(8e-4, rel=1e-9)
+
+
+def test_runs_that_stop_early_do_not_end_the_search() -> None:
+    """Coarse steps stop at a pole that finer ones pass. Their differences fall all the same, by 2^4."""
+    one = ladder()
+    for number in range(STRIKES + 2):
+        one.add(Rung(0.1 / 2**number, off_by(1e-2 / 16**number, until=12), 1.0))
+        assert number == 0 or not one.estimate.settled  # type: ignore[union-attr]
+    assert not one.dead
+    one.add(Rung(1e-3, off_by(1e-10), 1.0))
+    assert not one.dead
+    # Where they do not fall, it ends.
+    two = ladder()
+    for number in range(STRIKES + 2):
+        two.add(Rung(0.1 / 2**number, off_by(1e-2 * (-1) ** number, until=12), 1.0))
+    assert "does not fall" in two.dead
+
+
+def test_a_tighter_request_makes_the_runs_of_a_looser_one_and_more() -> None:
+    """Two methods, errors C h^p; whatever is asked for, the sequence of runs is one, and requests only end it."""
+
+    def way(name: str, order: int, cost: float, scale: float) -> Way:
+        def run(step: float) -> Trajectory:
+            return made(off_by(scale * step**order), cost / step)
+
+        one = Ladder(name, order, 0.1, 1.0, 10 * cost, lambda step: step, floor=1e-14, least=1e-9)
+        return Way(one, run, lambda step: {"timestep": step})
+
+    request: Any = SimpleNamespace(duration=1.0)
+    sequences = []
+    for accuracy in (1e-2, 1e-3, 1e-5, 1e-7, 1e-9):
+        found = find(accuracy, [way("rk4", 4, 4.0, 10.0), way("euler", 1, 1.0, 0.1)], request)
+        report = found.reports["accuracy"]
+        assert report["met"]
+        sequences.append([(one["method"], one["timestep"]) for one in report["tried"]])
+    for shorter, longer in itertools.pairwise(sequences):
+        assert longer[: len(shorter)] == shorter
+    assert len(sequences[0]) < len(sequences[-1])
+    # None is tried at more than what all have cost: with k methods a run costs at most k times the best of them.
+    assert {name for name, _ in sequences[-1]} == {"rk4", "euler"}
+
+
+def test_what_would_take_too_many_evaluations_is_refused_or_reported() -> None:
+    def way(per_step: float, error: float) -> Way:
+        def run(step: float) -> Trajectory:
+            return made(off_by(error * step), per_step / step)
+
+        one = Ladder("euler", 1, 0.1, 1.0, 10 * per_step, lambda step: step, floor=1e-14, least=1e-9)
+        return Way(one, run, lambda step: {"timestep": step})
+
+    request: Any = SimpleNamespace(duration=1.0)
+    with pytest.raises(tmj.OptionError, match="shorten the run"):
+        find(1e-3, [way(MOST_EVALUATIONS, 1.0)], request)
+    found = find(1e-8, [way(MOST_EVALUATIONS / 100, 1.0)], request)
+    assert not found.reports["accuracy"]["met"]
+    assert "evaluations that are allowed" in found.reports["accuracy"]["reason"]
+    assert found.reports["accuracy"]["total_cost"]["evaluations"] <= MOST_EVALUATIONS

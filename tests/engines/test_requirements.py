@@ -1,0 +1,266 @@
+"""A scene's model holds what the scene requires and nothing else; what more would add is really more."""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+import tensegrity_mj as tmj
+from tensegrity_mj.cli import main
+from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
+from tensegrity_mj.engines.mujoco.run import MuJoCoRun
+from tensegrity_mj.library.random_structures import random_scene, random_structure
+from tensegrity_mj.model.elements.contact import Contact
+from tensegrity_mj.model.text.sources import scene_names
+from tensegrity_mj.studies.speed import step_timing
+from tensegrity_mj.studies.speed.requirements import JOINTS, degrees_of_freedom
+from tensegrity_mj.studies.speed.step_timing import CONTACT, PARTS, REST, measure, variants
+
+OFF = ("constraint off", "contact off", "autoreset off")
+LOOPS = ("contact off", "autoreset off", "diagexact on")
+# Scene: degrees of freedom, nv, nq, (free, ball, slide, hinge), strings, pairs that may touch, flags. By hand:
+# pinned rod: two angles and the spin. Prism: 3 · 5 - 6 and three spins; its rods slide in 0, 2 and 1 directions. Cross:
+# two angles and a slide. Planar beam: 40 rods of 3, less 2 + 1 of two supports. T-bar: two angles. Falling prism: 3 · 5
+# and three spins, each of three rods with the floor. Towers: 5 and a spin for each of 45 or 87 free rods, 2 if pinned.
+EXPECTED = {
+    "pinned_rod": (2, 3, 4, (0, 1, 0, 0), 3, 0, OFF),
+    "pinned_rod_mirror": (2, 3, 4, (0, 1, 0, 0), 3, 0, OFF),
+    "prism": (9, 12, 15, (0, 3, 3, 0), 12, 0, OFF),
+    "shape_control": (9, 12, 15, (0, 3, 3, 0), 12, 0, OFF),
+    "cross": (3, 3, 3, (0, 0, 1, 2), 4, 0, OFF),
+    "planar_beam": (117, 117, 117, (0, 0, 77, 40), 196, 0, OFF),
+    "tbar": (2, 2, 2, (0, 0, 0, 2), 4, 0, OFF),
+    "prism_drop": (15, 18, 21, (3, 0, 0, 0), 12, 3, ("autoreset off", "diagexact on")),
+    # A rod of a chain has a ball joint, or a hinge in the plane, and a slide drives a support that moves.
+    "cable": (26, 40, 53, (0, 13, 1, 0), 0, 0, OFF),
+    "suspended_cable": (41, 67, 89, (0, 22, 1, 0), 0, 0, LOOPS),
+    "net": (23, 120, 160, (0, 40, 0, 0), 0, 0, LOOPS),
+    "truss_arm": (3, 14, 14, (0, 0, 0, 14), 6, 0, LOOPS),
+    "dbar": (2, 4, 4, (0, 0, 0, 4), 2, 0, LOOPS),
+    "tower": (225, 270, 315, (45, 0, 0, 0), 219, 0, OFF),
+    "tower_waves": (225, 270, 315, (45, 0, 0, 0), 219, 0, OFF),
+    "tower_beam": (441, 531, 621, (87, 3, 0, 0), 444, 0, OFF),
+}
+# Joints that a forest of R rods leaves open. N nodes join 2 R ends by 2 R - N joints, and a rod hangs by one of them
+# unless it is held: R - N + held ones, 22 - 23 + 2, 40 - 25 + 4, 14 - 10 + 2 and 4 - 4 + 1, of three rows each.
+CLOSURES = {"suspended_cable": 1, "net": 19, "truss_arm": 6, "dbar": 1}
+
+
+def test_every_shipped_scene_is_in_the_table() -> None:
+    assert sorted(EXPECTED) == scene_names()
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_shipped_scenes_hold_the_least(name: str) -> None:
+    needs = tmj.requirements(tmj.load_scene(name))
+    dof, nv, nq, joints, strings, pairs, flags = EXPECTED[name]
+    assert (needs.degrees_of_freedom, needs.velocities, needs.positions) == (dof, nv, nq)
+    assert needs.joints == dict(zip(JOINTS, joints, strict=True))
+    open_joints = CLOSURES.get(name, 0)
+    assert (needs.tendons, needs.actuators, needs.sensors, needs.equalities) == (strings, strings, 0, open_joints)
+    assert (needs.contact_pairs, needs.constraint_rows) == (pairs, 3 * open_joints)
+    assert needs.flags == flags
+    assert needs.timing is None
+    text = " ".join(needs.reasons)
+    scene = tmj.load_scene(name)
+    assert ("floor" in text) is (pairs > 0)
+    assert ("control law" in text) is (scene.control is not None)
+    assert ("gravity" in text) is any(scene.gravity)
+    spins = joints[0] + joints[1]
+    assert ("spin of" in text) is (spins > 0)
+    assert (f"spin of {spins} rod" in text) is (spins > 0)
+    if name not in CLOSURES and not scene.motions:
+        assert nv == dof + spins
+    assert "discrete" not in text
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_random_scenes_hold_the_least(seed: int) -> None:
+    """By counting supports: a rod in space has 3 - rows translations and 2 turns, one in a plane 1, masses 3 or 2."""
+    rng = np.random.default_rng(seed)
+    planar = seed % 3 == 0
+    structure = random_structure(
+        rng, rods=1 + seed % 4, planar=planar, own_planes=0.3, point_masses=seed % 3, damping=(0.0, 1.0)
+    )
+    scene = random_scene(rng, structure, moving=True, gravity=bool(seed % 2), loads=seed % 2)
+    dof = spins = 0
+    for rod in structure.rods:
+        support = rod.support
+        held = np.array(support.directions, float).reshape(-1, 3)
+        if support.plane is not None:
+            held = np.vstack([held, support.plane])  # a planar rod stays at its height
+        dof += 3 - int(np.linalg.matrix_rank(held)) if len(held) else 3
+        dof += 2 if support.plane is None else 1
+        spins += support.plane is None
+    dof += sum(3 if mass.plane is None else 2 for mass in structure.point_masses)
+    needs = tmj.requirements(scene)
+    assert (needs.degrees_of_freedom, needs.velocities) == (dof, dof + spins)
+    assert degrees_of_freedom(structure) == dof
+    balls, frees = needs.joints["ball"], needs.joints["free"]
+    assert balls + frees == spins
+    assert needs.positions == needs.velocities + spins
+    assert needs.joints["hinge"] == len(structure.rods) - spins
+    assert needs.bodies == len(structure.rods) + len(structure.point_masses)
+    assert (needs.tendons, needs.actuators) == (len(structure.strings),) * 2
+    assert (needs.sensors, needs.equalities, needs.contact_pairs, needs.constraint_rows) == (0, 0, 0, 0)
+    assert needs.flags == OFF
+
+
+def test_contact_brings_what_it_asks_for_alone() -> None:
+    scene = tmj.load_scene("prism_drop")
+    floor = tmj.requirements(scene)
+    assert floor.rows_per_contact == 3
+    both = tmj.requirements(scene.with_(contact=Contact(floor=0.0, rods=True, friction=0.0)))
+    assert (both.contact_pairs, both.rows_per_contact) == (6, 1)
+    assert any("rods may touch" in reason for reason in both.reasons)
+    none = tmj.requirements(scene.with_(contact=None))
+    assert (none.contact_pairs, none.rows_per_contact, none.flags) == (0, 0, OFF)
+    assert none.velocities == floor.velocities
+    # Three feet on the floor: three rows each, and none before.
+    model = mujoco.MjModel.from_xml_string(scene_to_mjcf(scene, 5e-4))
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 400)
+    assert data.nefc == 0
+    mujoco.mj_step(model, data, 3600)
+    mujoco.mj_forward(model, data)
+    assert (data.ncon, data.nefc) == (3, 9)
+
+
+def test_stiff_strings_are_a_reason_for_discrete() -> None:
+    """Strings of 1e12 N/m on rods of 20 kg: ω is some (3 k / m)^½ = 4e5 /s, and RK4's limit 2.8 / ω = 7e-6 s."""
+    scene = tmj.load_scene("tbar")
+    strings = tuple(tmj.String(s.name, s.nodes, 1e12, rest_length=s.rest_length) for s in scene.structure.strings)
+    structure = tmj.Structure("stiff", dict(scene.structure.nodes), scene.structure.rods, strings)
+    needs = tmj.requirements(tmj.Scene(structure))
+    assert 2e-6 < needs.stable_step < 2e-5
+    assert any("discrete" in reason for reason in needs.reasons)
+
+
+def test_what_would_be_more_is_more() -> None:
+    """Each variant has what its name says, the rest is as it was, and it starts where the scene does."""
+
+    def counts(model: mujoco.MjModel) -> dict[str, int]:
+        names = ("nv", "nsensor", "neq", "nu", "ntendon")
+        return {name: int(getattr(model, name)) for name in names} | {
+            "touching": int(np.sum(model.geom_conaffinity > 0)),
+            "energy": int(model.opt.enableflags & mujoco.mjtEnableBit.mjENBL_ENERGY > 0),
+        }
+
+    for name, expected in (
+        (
+            "tbar",
+            {
+                "contact with a floor, without a touch": {"touching": 2},
+                "ball and free joints in the plane": {"nv": 6},
+                "a sensor a string": {"nsensor": 4},
+                "pins as constraint rows": {"nv": 12, "neq": 2},
+                "gravity": {},
+                "MuJoCo's energy": {"energy": 1},
+            },
+        ),
+        ("prism_drop", {CONTACT: {}, "a sensor a string": {"nsensor": 12}, "MuJoCo's energy": {"energy": 1}}),
+        ("cross", {"ball and free joints in the plane": {"nv": 7}}),
+        ("prism", {"contact between rods, without a touch": {"touching": 3}}),
+    ):
+        scene = tmj.load_scene(name)
+        plain = mujoco.MjModel.from_xml_string(scene_to_mjcf(scene))
+        found = {what: mujoco.MjModel.from_xml_string(text) for what, text in variants(scene).items()}
+        assert set(expected) <= set(found)
+        assert name in ("cross", "prism") or set(found) == set(expected)
+        for what, changes in expected.items():
+            model = found[what]
+            assert counts(model) == counts(plain) | changes, what
+            data = mujoco.MjData(model)
+            mujoco.mj_step(model, data, 20)
+            assert data.ncon == 0
+            assert not data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number
+            mujoco.mj_resetData(model, data)
+            mujoco.mj_kinematics(model, data)
+            for node, position in zip(scene.structure.node_names, scene.nodes0, strict=True):
+                np.testing.assert_allclose(data.site(node).xpos, position, rtol=0, atol=1e-12)
+    drop = tmj.load_scene("prism_drop")
+    without = mujoco.MjModel.from_xml_string(variants(drop)[CONTACT])
+    assert without.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONTACT
+
+
+def test_timing_says_what_it_must() -> None:
+    for name in ("pinned_rod", "prism_drop"):
+        scene = tmj.load_scene(name)
+        timing = measure(scene, rounds=2)
+        assert set(timing.shares) == {*PARTS, REST}
+        assert sum(timing.shares.values()) == pytest.approx(1.0, abs=1e-12)
+        assert min(timing.shares[part] for part in PARTS) > 0
+        assert 0 < timing.step < 1
+        assert (timing.closed_loop is None) is (scene.control is None)
+        assert {extra.what for extra in timing.extras} == set(variants(scene))
+        assert [extra.what for extra in timing.extras if extra.needed] == ([CONTACT] if scene.contact else [])
+    assert mujoco.get_mjcb_time() is None
+
+
+def test_a_further_step_is_what_a_longer_run_takes_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a clock that only the steps of runs advance: what is done but once, or by others, is not of a step."""
+    now, passive, closed, once, others = [0.0], 20e-6, 30e-6, 0.05, 0.025
+    advance, pieces = MuJoCoRun._advance, [0]
+
+    def advanced(run: MuJoCoRun, first: int, count: int) -> None:
+        advance(run, first, count)
+        pieces[0] += 1
+        now[0] += count * (passive if run.request.law.address == 0 else closed)
+        now[0] += once if first == 0 else 0.0
+        now[0] += others if pieces[0] % 5 == 0 else 0.0  # another process had its turn
+
+    monkeypatch.setattr(MuJoCoRun, "_advance", advanced)
+    monkeypatch.setattr(step_timing, "_race", lambda models, rounds: (dict.fromkeys(models, passive), 10))
+    monkeypatch.setattr(time, "perf_counter", lambda: now[0])
+    timing = measure(tmj.load_scene("pinned_rod"), rounds=2)
+    assert timing.passive_run == pytest.approx(passive, rel=1e-9)  # a clock of seconds has digits for 1e-11 of a step
+    assert timing.closed_loop == pytest.approx(closed, rel=1e-9)
+    assert 0 < timing.run_time <= tmj.load_scene("pinned_rod").duration
+    assert timing.timestep == pytest.approx(1e-3)
+
+
+def test_a_scene_that_no_run_of_the_usual_step_survives_is_measured_all_the_same(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    prism, drop = tmj.load_scene("prism"), tmj.load_scene("prism_drop").with_(contact=None)
+    assert prism.control is not None
+    strings = [replace(string, stiffness=1e5 * string.stiffness) for string in drop.structure.strings]
+    stiff = drop.with_(structure=replace(drop.structure, strings=strings))
+    assert measure(stiff, rounds=2).passive_run
+    for changes, closes in (({"norm": 1}, True), ({"maximum_force_density": 1e-9}, False)):
+        scene = prism.with_(control=replace(prism.control, options={**prism.control.options, **changes}))
+        assert (measure(scene, rounds=2).closed_loop is not None) is closes
+    assert not list(tmp_path.iterdir())  # MuJoCo writes its warnings into the current folder
+
+
+def test_the_command_prints_it(capsys: pytest.CaptureFixture[str]) -> None:
+    answers = []
+    for arguments in (["--no-timing"], ["--no-timing"], []):
+        assert main(["scenes", "prism_drop", "--json", *arguments]) == 0
+        answers.append(json.loads(capsys.readouterr().out))
+    assert answers[0] == answers[1]
+    assert answers[0]["needs"]["velocities"] == answers[0]["mujoco_velocities"] == 18
+    assert answers[0]["needs"]["contact_pairs"] == 3
+    assert answers[0]["contact"]["floor"] == 0.0
+    timing = answers[2].pop("timing")
+    assert answers[2] == answers[0]  # measured times are under "timing" alone
+    assert timing["step"] > 0
+    assert main(["scenes", "prism_drop"]) == 0
+    text = capsys.readouterr().out
+    for part in (
+        "nv = 18",
+        "3 pairs may touch",
+        "the scene has a floor",
+        "it is here",
+        "µs without a law; ledger and rec",
+    ):
+        assert part in text
+
+
+def test_what_is_no_scene_is_refused() -> None:
+    with pytest.raises(tmj.OptionError, match="use a Scene"):
+        tmj.requirements("prism")  # type: ignore[arg-type]
