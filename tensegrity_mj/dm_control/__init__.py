@@ -20,9 +20,9 @@ require_dm_control()
 
 from tensegrity_mj.dm_control.elements import adopt_options, element  # noqa: E402 - after the check
 from tensegrity_mj.dm_control.environments import environment  # noqa: E402
+from tensegrity_mj.dm_control.episodes import RandomStart  # noqa: E402
 from tensegrity_mj.dm_control.models import physics  # noqa: E402
 from tensegrity_mj.dm_control.repairing import repair  # noqa: E402
-from tensegrity_mj.dm_control.tasks import RandomStart  # noqa: E402
 
 if TYPE_CHECKING:
     from tensegrity_mj.dm_control.entities import TensegrityEntity as TensegrityEntity

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import member, positive, real_array
+from tensegrity_mj.dm_control.episodes import RandomStart, Reward, Termination
 from tensegrity_mj.dm_control.models import physics
 from tensegrity_mj.dm_control.repairing import repair
-from tensegrity_mj.dm_control.tasks import RandomStart, Reward, Termination
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.engines.mujoco.settings import Integrator
 from tensegrity_mj.errors import OptionError

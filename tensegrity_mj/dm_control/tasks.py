@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from dm_control.rl import control
 from dm_env import specs
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import finite
+from tensegrity_mj.dm_control.episodes import RandomStart, Reward, Termination
 from tensegrity_mj.dm_control.stepping import ScenePhysics, checked_command
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.dynamics.target import target_nodes
 from tensegrity_mj.errors import ControllerError, OptionError
 from tensegrity_mj.model.elements.contact import overlaps
 from tensegrity_mj.model.scene import Scene
-
-if TYPE_CHECKING:
-    pass
 
 # How far outside its bounds an action may be, relative to their size: single precision, rounded.
 ROUNDING = 1e-6
@@ -154,36 +149,3 @@ class TensegrityTask(control.Task):  # type: ignore[misc]
 
     def _ask(self, function: Any, physics: ScenePhysics) -> Any:
         return function(self.scene, physics.nodes(), physics.velocities(), physics.force_densities())
-
-
-# (scene, nodes (N, 3), velocities (N, 3), force densities (M,)) after a control step.
-Reward = Callable[[Scene, Array, Array, Array], float]
-
-
-Termination = Callable[[Scene, Array, Array, Array], float | None]
-
-
-@dataclass(frozen=True)
-class RandomStart:
-    """Episodes that start near the scene's start, drawn evenly and in all ways that rods and supports allow.
-
-    Of a scene with contact starts at which something overlaps are drawn anew.
-
-    Attributes:
-        displacement: largest shift and turn of each degree of freedom [m, rad], >= 0.
-        speed: largest change of its velocity [m/s, rad/s], >= 0.
-        seed: of the whole sequence of episodes.
-    """
-
-    displacement: float = 0.0
-    speed: float = 0.0
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        for name in ("displacement", "speed"):
-            value = finite(f"RandomStart: {name}", getattr(self, name), " >= 0")
-            if value < 0:
-                raise OptionError(f"RandomStart: {name} = {value!r}; it must be a finite number >= 0")
-            object.__setattr__(self, name, value)
-        if isinstance(self.seed, bool) or not isinstance(self.seed, (int, np.integer)) or self.seed < 0:
-            raise OptionError(f"RandomStart: seed = {self.seed!r}; it must be a whole number >= 0")

@@ -15,9 +15,6 @@ from tensegrity_mj.model.structure import Structure
 SLOTS = 5  # coordinates a body
 
 
-DENSE = 150  # coordinates up to which matrices are dense
-
-
 @dataclass(frozen=True, eq=False)
 class Bodies:
     """What of a structure does not depend on its state; B bodies, N nodes.

@@ -34,12 +34,14 @@ from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.vibration.bodies import DENSE, SLOTS, Bodies, _Motion, motion_of_bodies
+from tensegrity_mj.vibration.bodies import SLOTS, Bodies, _Motion, motion_of_bodies
 from tensegrity_mj.vibration.joints import Joints
 from tensegrity_mj.vibration.resistance import Blocks, bending_blocks, bending_pulls, fluid_forces, viscous_blocks
 
 ROUND_OFF = 1e-14  # of the forces on a rod's ends
 EDGE = 1e-12  # of its length: within round-off of its rest length, a string counts as taut
+
+DENSE = 150  # coordinates up to which matrices are dense
 
 
 @dataclass(frozen=True, eq=False)

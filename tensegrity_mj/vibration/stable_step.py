@@ -26,10 +26,10 @@ from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.capabilities import require_class_1
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
-from tensegrity_mj.vibration.bodies import DENSE, SLOTS, Bodies
+from tensegrity_mj.vibration.bodies import SLOTS, Bodies
 from tensegrity_mj.vibration.contact_steps import contact_limit
 from tensegrity_mj.vibration.integrators import Scheme, largest_frequency, limit_of, scheme_of
-from tensegrity_mj.vibration.small_motions import LawDerivative, Vibration, vibration
+from tensegrity_mj.vibration.small_motions import DENSE, LawDerivative, Vibration, vibration
 from tensegrity_mj.vibration.tree import has_tree_model
 
 SAMPLES = 25  # configurations looked at along a run

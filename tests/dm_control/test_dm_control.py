@@ -17,6 +17,7 @@ from tensegrity_mj import Actuation, Integrator, OptionError, SceneError, Struct
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities
 from tensegrity_mj.library.random_structures import random_scene, random_structure
+from tensegrity_mj.model import strings
 from tensegrity_mj.model.scene import Scene
 
 pytest.importorskip("tensegrity_mj.dm_control")
@@ -80,7 +81,7 @@ def test_a_control_loop_in_dm_control_is_the_engine_with_held_rest_lengths(integ
     for _ in range(count):
         nodes = nodes_of(env, scene)
         u = np.asarray(law(env.time(), nodes, velocities_of(env, scene)))
-        rest = tmj.strings.rest_length(structure.stiffness, structure.string_lengths(nodes), u)
+        rest = strings.rest_length(structure.stiffness, structure.string_lengths(nodes), u)
         positions.append(nodes)
         ctrl.append(rest)
         env.set_control(rest - structure.rest_lengths)

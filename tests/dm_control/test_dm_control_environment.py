@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 import tensegrity_mj as tmj
 from tensegrity_mj import Actuation, Command, ControllerError, DivergenceError, Integrator, OptionError, StringLaw
 from tensegrity_mj.library.random_structures import random_scene, random_structure
+from tensegrity_mj.model import strings
 from tensegrity_mj.model.events import Break
 from tensegrity_mj.model.scene import Scene
 
@@ -56,7 +57,7 @@ def law_actions(env: Any, scene: Scene, command: Command) -> Any:
         u = np.asarray(law(env.physics.time(), seen["nodes"], seen["velocities"]))
         if command is Command.FORCE_DENSITY:
             return u
-        return tmj.strings.rest_length(stiffness, seen["string_lengths"], u)
+        return strings.rest_length(stiffness, seen["string_lengths"], u)
 
     return act
 
@@ -85,7 +86,7 @@ def test_an_episode_under_the_thesis_law_is_the_engines_run(name: str, command: 
     else:
         rest = lengths[1:] * (1 - run.force_densities[:-1] / scene.structure.stiffness)
     np.testing.assert_allclose(observed(episode[1:], "rest_lengths"), rest, rtol=0, atol=ROUND_OFF)
-    tensions = tmj.strings.elastic_tension(scene.structure.stiffness, lengths[1:], rest)
+    tensions = strings.elastic_tension(scene.structure.stiffness, lengths[1:], rest)
     np.testing.assert_allclose(observed(episode[1:], "tensions"), tensions, rtol=0, atol=ROUND_OFF * 10)
     assert np.max(np.abs(run.nodes[-1] - run.nodes[0])) > 0.04
     # The other thing that could be held is another experiment.
@@ -169,7 +170,7 @@ def test_dampers_slack_strings_breaks_and_loads_are_the_engines(
     # Tensions follow from the observed state by the string law: T of 50 N/m and 2 N s/m, rates with 100 roundings more.
     last, structure = episode[-1].observation, scene.structure
     rates = structure.string_rates(last["nodes"], last["velocities"])
-    law = tmj.strings.tension(
+    law = strings.tension(
         structure.stiffness,
         structure.damping,
         last["string_lengths"],
@@ -296,7 +297,7 @@ def test_a_scene_that_starts_in_motion_starts_so_and_the_first_tensions_are_the_
         np.testing.assert_allclose(seen["nodes"], scene.nodes0, rtol=0, atol=1e-14)
         np.testing.assert_allclose(seen["velocities"], scene.velocities0, rtol=0, atol=1e-14)
         lengths = structure.string_lengths(scene.nodes0)
-        expected = tmj.strings.elastic_tension(structure.stiffness, lengths, structure.rest_lengths)
+        expected = strings.elastic_tension(structure.stiffness, lengths, structure.rest_lengths)
         np.testing.assert_allclose(seen["tensions"], expected, rtol=0, atol=1e-12)
         assert expected.max() > 1
 

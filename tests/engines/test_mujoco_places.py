@@ -219,7 +219,7 @@ def test_what_a_compiler_moves_is_refused_by_name(kind: str, monkeypatch: pytest
     """The check itself: without the turns, MuJoCo puts node o onto the origin, and a center of mass onto its body."""
     scene = near_frames()
     for module in ("mjcf_bodies", "mjcf"):
-        monkeypatch.setattr(f"tensegrity_mj.{module}.must_turn", lambda *_: False)
+        monkeypatch.setattr(f"tensegrity_mj.engines.mujoco.{module}.must_turn", lambda *_: False)
     if kind == "body":  # of centers of mass alone
         monkeypatch.setattr(mujoco_places, "_compare", _without_nodes(mujoco_places._compare))
     complaint = (

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 import tensegrity_mj as tmj
+from tensegrity_mj.model.rods import string_forces
 from tensegrity_mj.model.strings import tension
 
 Array = NDArray[np.float64]
@@ -38,7 +39,7 @@ def nodes_of(scene: tmj.Scene, times: Array, method: str = "DOP853", rtol: float
             structure.rest_lengths,
             structure.string_law,
         )
-        forces = tmj.rods.string_forces(structure, nodes, pulls)
+        forces = string_forces(structure, nodes, pulls)
         found: Any = accelerations(structure, nodes, velocities, forces, scene.gravity)[0]
         return np.concatenate([velocities.ravel(), found.ravel()])
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-import tensegrity_mj as tmj
+from tensegrity_mj.model import rods
 from tensegrity_mj.model.members import Support
 from tensegrity_mj.model.structure import Structure
 
@@ -176,4 +176,4 @@ def string_forces(structure, nodes, velocities):
     lengths, rates = structure.string_lengths(nodes), structure.string_rates(nodes, velocities)
     stretch = lengths - structure.rest_lengths
     pull = np.where(stretch > 0, np.maximum(0.0, structure.stiffness * stretch + structure.damping * rates), 0.0)
-    return tmj.rods.string_forces(structure, nodes, pull)
+    return rods.string_forces(structure, nodes, pull)

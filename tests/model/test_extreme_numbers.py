@@ -19,7 +19,7 @@ from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.errors import DivergenceError, OptionError, SceneError
 from tensegrity_mj.library.load import load_scene
 from tensegrity_mj.simulation import Engine
-from tensegrity_mj.vibration import stable_step as stability
+from tensegrity_mj.vibration import step_warnings
 from tensegrity_mj.vibration.step_warnings import before_run
 
 
@@ -85,7 +85,7 @@ def test_a_check_that_fails_warns(monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(*given: object) -> None:
         raise np.linalg.LinAlgError("Eigenvalues did not converge")
 
-    monkeypatch.setattr(stability, "_checked", fails)
+    monkeypatch.setattr(step_warnings, "_checked", fails)
     report, text = before_run(
         load_scene("prism"), MuJoCo(), native_law(None, load_scene("prism").structure), Actuation.continuous()
     )

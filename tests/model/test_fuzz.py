@@ -103,30 +103,31 @@ def test_cases_come_from_their_numbers_alone(tmp_path: Path) -> None:
 
 def test_what_must_not_happen_is_seen(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Each check fails on what it is there for."""
-    from tensegrity_mj.model import text as textformat
+    from tensegrity_mj.errors import FormatError
+    from tensegrity_mj.library import load
 
     fuzz_cases.base_run(tmp_path)  # with the functions as they are
 
     def answer(work: object) -> tuple[str, str]:
         with monkeypatch.context() as patch:
-            patch.setattr(textformat, "load_scene", work)
+            patch.setattr(load, "load_scene", work)
             return fuzzing.attempt(0, tmp_path)
 
     def crashes(path: Path) -> None:
         raise KeyError("x")
 
     def tells(path: Path) -> None:
-        error = textformat.reading.FormatError("x")
+        error = FormatError("x")
         error.args = ("\x1b[31m",)
         raise error
 
     def writes(path: Path) -> None:
         (path.parent.parent / "stray").write_text("x")
-        raise textformat.reading.FormatError("x")
+        raise FormatError("x")
 
     def leaves(path: Path) -> None:
         (path.parent / ".new-abc.part.nc").write_text("x")
-        raise textformat.reading.FormatError("x")
+        raise FormatError("x")
 
     for work, word in (
         (crashes, "KeyError"),

@@ -203,7 +203,7 @@ def test_the_half_disc_of_runge_kutta() -> None:
 def test_sparse_and_dense_agree(damped: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     structure = random_taut_structure(np.random.default_rng(3), rods=12, damping_ratio=(0.0, 2.0 if damped else 0.0))
     dense = [limit_of(model_of(structure), scheme)[0] for scheme in Scheme]
-    monkeypatch.setattr("tensegrity_mj.vibration.bodies.DENSE", 10)
+    monkeypatch.setattr("tensegrity_mj.vibration.small_motions.DENSE", 10)
     model = model_of(structure)
     assert not isinstance(model.material, np.ndarray)
     # The sparse solver stops at 1e-9 of an eigenvalue.

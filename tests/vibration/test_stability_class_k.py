@@ -330,10 +330,10 @@ def test_sparse_and_dense_agree(make: str, monkeypatch: pytest.MonkeyPatch) -> N
         "suspended": lambda: scene_at_rest(suspended(False))[0],
         "tree": lambda: scene_at_rest(random_tree(np.random.default_rng(5), 8, True, "free"))[0],
     }[make]()
-    monkeypatch.setattr("tensegrity_mj.vibration.bodies.DENSE", 1000)
+    monkeypatch.setattr("tensegrity_mj.vibration.small_motions.DENSE", 1000)
     dense = [limit_of(model_of(scene), scheme)[0] for scheme in Scheme]
     assert isinstance(model_of(scene).material, np.ndarray)
-    monkeypatch.setattr("tensegrity_mj.vibration.bodies.DENSE", 10)
+    monkeypatch.setattr("tensegrity_mj.vibration.small_motions.DENSE", 10)
     assert not isinstance(model_of(scene).material, np.ndarray)
     # Lanczos iterations stop at 1e-9 of an eigenvalue, those of damped models at 1e-8.
     np.testing.assert_allclose([limit_of(model_of(scene), scheme)[0] for scheme in Scheme], dense, rtol=1e-7)
