@@ -54,10 +54,11 @@ PROBE_TIMEOUT = 60.0  # s; a cold start of MuJoCo on a slow disk takes a few
 # Opens OpenGL as the renderer does, then asks for its name.
 _OPENGL_PROBE = """
 import importlib
-import mujoco
 from tensegrity_mj.errors import TensegrityError
-from tensegrity_mj.pictures.opengl import Canvas
+from tensegrity_mj.pictures.opengl import Canvas, choose_backend
 try:
+    choose_backend()  # MuJoCo cannot be imported where MUJOCO_GL means nothing
+    import mujoco
     with Canvas(mujoco.MjModel.from_xml_string("<mujoco/>"), 64, 64) as canvas:
         kind = canvas.backend
 except TensegrityError as error:
@@ -84,6 +85,13 @@ _COMPILER_PROBE = """
 import numba
 assert numba.njit(lambda x: 2 * x)(21) == 42
 print(f"numba {numba.__version__} compiles")
+"""
+
+
+# Asks the cache itself: where it writes depends on the environment when numba is imported.
+_CACHE_PROBE = """
+from tensegrity_mj.dynamics.native.compiling import cache_folder
+print(cache_folder())
 """
 
 
@@ -180,21 +188,11 @@ def check_compiler() -> Check:
     return Check("compiled laws", works, found, "everything", remedy=remedy)
 
 
-def check_numba_cache(package: Path | None = None) -> Check:
-    """Whether compiled functions can be kept between runs; without it every start compiles again.
-
-    `package` is the folder of the compiled modules; by default this package's own.
-    """
-    package = package or Path(__file__).parent
-    chosen = os.environ.get("NUMBA_CACHE_DIR")
-    # numba keeps its files in NUMBA_CACHE_DIR, else beside the module, else in the user's cache folder.
-    places = [Path(chosen)] if chosen else [package / "__pycache__", Path.home() / ".cache" / "numba"]
-    for place in places:
-        if _can_make_files_in(place):
-            return Check("numba cache", True, str(place), "a fast start", required=False)
-    found = f"not writable: {', '.join(str(place) for place in places)}"
-    remedy = "set NUMBA_CACHE_DIR to a folder that you may write in"
-    return Check("numba cache", False, found, "a fast start", required=False, remedy=remedy)
+def check_numba_cache() -> Check:
+    """Whether compiled functions can be kept between runs; without it every start compiles again."""
+    works, found = _run_probe(_CACHE_PROBE)
+    remedy = "" if works else "set NUMBA_CACHE_DIR to a folder that you may write in"
+    return Check("numba cache", works, found, "a fast start", required=False, remedy=remedy)
 
 
 def check_opengl() -> Check:
@@ -253,10 +251,3 @@ def _run_probe(code: str) -> tuple[bool, str]:
         return False, f"no answer within {PROBE_TIMEOUT:.0f} s"
     lines = (child.stdout if child.returncode == 0 else child.stderr).strip().splitlines()
     return child.returncode == 0, lines[-1].strip() if lines else f"ended with code {child.returncode}"
-
-
-def _can_make_files_in(folder: Path) -> bool:
-    """Whether the folder, or the nearest one above that exists, may be written in."""
-    while not folder.exists() and folder != folder.parent:
-        folder = folder.parent
-    return folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)

@@ -27,7 +27,8 @@ MAX_SIZE = 4096  # px; a frame's largest side
 MAX_BUFFER = 8192  # px; what every OpenGL of the last ten years can hold
 
 _OFF = ("disable", "disabled", "off", "false", "0")
-_WINDOW = ("glfw", "glx", "wgl", "enable", "enabled", "on", "true", "1")
+# What MuJoCo itself takes here: it cannot be imported with another value.
+_WINDOW = ("glfw", "enable", "enabled", "on", "true", "1", {"linux": "glx", "win32": "wgl"}.get(sys.platform, "glfw"))
 
 Image = NDArray[np.uint8]
 

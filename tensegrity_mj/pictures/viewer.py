@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import tensegrity_mj.engines.mujoco  # noqa: F401  (refuses an environment in which MuJoCo cannot be imported)
 from tensegrity_mj.errors import MissingLibraryError
 from tensegrity_mj.runs.trajectory import Trajectory
 

@@ -18,6 +18,7 @@ from tensegrity_mj.commands.doctor import (
     check_package,
     examine,
 )
+from tensegrity_mj.dynamics.native import compiling
 
 
 def test_this_machine_has_what_simulation_needs() -> None:
@@ -107,14 +108,46 @@ def test_display(monkeypatch: pytest.MonkeyPatch) -> None:
     assert check_display().found == "DISPLAY=:7"
 
 
-def test_numba_cache_follows_its_environment_variable(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "not" / "yet"))
-    assert check_numba_cache().works
+# Root may write anywhere: that the tree is read-only is said to numba, of all its places in the tree.
+READ_ONLY_TREE = """
+from numba.core import caching
+def refuse(self):
+    raise OSError("read-only")
+for name in dir(caching):
+    if name.lstrip("_").startswith("InTreeCacheLocator"):
+        getattr(caching, name).ensure_cache_path = refuse
+"""
+
+
+def test_where_the_doctor_says_the_numba_cache_is_there_it_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """numba's rule: NUMBA_CACHE_DIR, beside the source, XDG_CACHE_HOME; the first that can be written."""
+    beside = Path(compiling.__file__).parent / "__pycache__"
     (tmp_path / "file").write_text("")
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "not" / "yet"))
+    assert Path(check_numba_cache().found).parent == tmp_path / "not" / "yet"
+    for none in ("", str(tmp_path / "file")):
+        monkeypatch.setenv("NUMBA_CACHE_DIR", none)
+        check = check_numba_cache()
+        assert check.works, check.found
+        assert Path(check.found) == beside
+    monkeypatch.setattr(doctor, "_CACHE_PROBE", READ_ONLY_TREE + doctor._CACHE_PROBE)
+    check = check_numba_cache()
+    assert check.works, check.found
+    assert Path(check.found).parent == tmp_path / "cache" / "numba"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     check = check_numba_cache()
     assert not check.works
+    assert check.found
     assert "NUMBA_CACHE_DIR" in check.remedy
+
+
+def test_an_unknown_kind_of_opengl_is_reported_with_those_that_are_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MUJOCO_GL", "paper")
+    check = check_opengl()
+    assert not check.works
+    assert "MUJOCO_GL=paper: allowed are egl, osmesa and glfw" in check.found
+    assert check.remedy.startswith("unset MUJOCO_GL")
 
 
 def test_the_set_up_script_installs_the_packages_that_the_doctor_names() -> None:

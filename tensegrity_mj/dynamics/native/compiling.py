@@ -251,6 +251,16 @@ class _Files:
             old.unlink(missing_ok=True)
 
 
+def cache_folder() -> Path:
+    """Where the compiled functions of this folder are kept: the first that numba can write of NUMBA_CACHE_DIR,
+    `__pycache__` beside the source, and the user's cache folder (on Linux `numba` in XDG_CACHE_HOME, or in ~/.cache).
+
+    Raises:
+        RuntimeError, OSError: if none of these can be written.
+    """
+    return Path(FunctionCache(cache_folder).cache_path)
+
+
 def _cache_of(function: Any, options: dict[str, Any]) -> _Cache | None:
     try:
         return _Cache(function, options)
