@@ -1,4 +1,8 @@
-"""Equilibrium and rigidity matrices of a structure at given nodes, and the static forces that solve them."""
+"""Jacobians of members and supports at given nodes, equilibrium matrices of these, and the forces that solve them.
+
+Lengths change with the nodes by the unit vectors of members (`members_at`), and forces along members act on the nodes
+by the transpose (`nodal_forces`). Supports leave the free coordinates of `free_motions`.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.basics.values import array_of_shape
 from tensegrity_mj.model.members import null_space_basis
 from tensegrity_mj.model.rods import lumped_masses
@@ -18,6 +22,10 @@ from tensegrity_mj.model.structure import Structure
 # Singular values of A below this part of the largest count as zero: far above the round-off of 17 digits, far
 # below the 1e-4 of coordinates printed with four digits (which are in no exact equilibrium).
 RANK_TOLERANCE = 1e-9
+
+CROSS = np.zeros((3, 3, 3))  # (e_k × v)_a = Σ_b CROSS[a, k, b] v_b
+for _k in range(3):
+    CROSS[:, _k] = np.cross(np.eye(3)[_k], np.eye(3)).T
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +45,50 @@ class StaticForces:
     anchor_forces: Array
 
 
+class Members(NamedTuple):
+    """Lengths (m,) [m] of members and their unit vectors (m, 3), from the first node to the second."""
+
+    lengths: Array
+    directions: Array
+
+
+def members_at(pairs: IntArray, nodes: Array) -> Members:
+    """Members between pairs (m, 2) of nodes (N, 3); where two nodes coincide the direction is zero."""
+    spans = spans_at(pairs, nodes)
+    lengths = np.sqrt(np.einsum("mi,mi->m", spans, spans))
+    return Members(lengths, spans / np.where(lengths > 0, lengths, 1.0)[:, None])
+
+
+def spans_at(pairs: IntArray, nodes: Array) -> Array:
+    """(m, 3) [m] from the first to the second node of each pair (m, 2)."""
+    return np.asarray(nodes[pairs[:, 1]] - nodes[pairs[:, 0]])
+
+
+def nodal_forces(pairs: IntArray, vectors: Array, count: int) -> Array:
+    """Forces on `count` nodes (3N, m) by members that pull: vectors (m, 3) at the first node, minus these at the last.
+
+    Unit vectors give those of forces of 1 N, spans those of force densities of 1 N/m. For unit vectors the negative
+    transpose is the Jacobian of the lengths.
+    """
+    forces = np.zeros((count, 3, len(pairs)))
+    columns = np.arange(len(pairs))
+    forces[pairs[:, 0], :, columns] = vectors
+    forces[pairs[:, 1], :, columns] = -vectors
+    return forces.reshape(3 * count, len(pairs))
+
+
+def body_motions(nodes: Array) -> Array:
+    """(3N, 6) three shifts, and three turns about the nodes' mean whose largest move is about that of a shift."""
+    offsets = nodes - nodes.mean(axis=0)
+    size = float(np.abs(offsets).max()) or 1.0
+    return np.hstack([np.tile(np.eye(3), (len(nodes), 1)), turned(offsets / size)])
+
+
+def turned(vectors: Array) -> Array:
+    """(3N, 3): e_k × v for the three axes k of the world and vectors (N, 3)."""
+    return np.einsum("akb,nb->nak", CROSS, vectors).reshape(-1, 3)
+
+
 class Equilibrium(NamedTuple):
     """How well strings that only pull can hold a configuration."""
 
@@ -47,7 +99,7 @@ class Equilibrium(NamedTuple):
 
 def free_motions(structure: Structure, nodes: ArrayLike | None = None) -> Array:
     """Node displacements (3N, q) of a unit of each free coordinate; nodes (N, 3) [m], the reference by default."""
-    positions = _nodes(structure, nodes)
+    positions = nodes_of(structure, nodes)
     motions, apart = _motions_of_ends(structure, positions)
     if not len(apart):
         return motions
@@ -87,7 +139,7 @@ def _motions_of_ends(structure: Structure, positions: Array) -> tuple[Array, Arr
                 motion[row] = weight * direction
             columns.append(motion.ravel())
 
-    spans = positions[structure.rod_nodes[:, 1]] - positions[structure.rod_nodes[:, 0]]
+    spans = spans_at(structure.rod_nodes, positions)
     for rod, (i, j), span in zip(structure.rods, ends.tolist(), spans, strict=True):
         sigma = rod.support.sigma
         add({i: 1.0, j: 1.0}, rod.support.translation_basis)
@@ -103,7 +155,7 @@ def _motions_of_ends(structure: Structure, positions: Array) -> tuple[Array, Arr
 
 def equilibrium_matrix(structure: Structure, nodes: ArrayLike | None = None) -> Array:
     """A (q, M) [m]: forces [N] on the free coordinates of unit force densities [N/m] of the strings."""
-    positions = _nodes(structure, nodes)
+    positions = nodes_of(structure, nodes)
     return free_motions(structure, positions).T @ _string_forces(structure, positions)
 
 
@@ -122,9 +174,9 @@ def equilibrium_residual(
         gravity: (3,) [m/s²]; a rod's weight acts half at each of its nodes.
         loads: (N, 3) [N].
     """
-    positions = _nodes(structure, nodes)
+    positions = nodes_of(structure, nodes)
     u = _per_string(structure, force_densities)
-    forces = _string_forces(structure, positions) @ u + _loads(structure, gravity, loads).ravel()
+    forces = _string_forces(structure, positions) @ u + loads_on(structure, gravity, loads).ravel()
     residual: Array = free_motions(structure, positions).T @ forces
     return residual
 
@@ -137,14 +189,14 @@ def static_forces(
     loads: ArrayLike | None = None,
 ) -> StaticForces:
     """Rod forces and support reactions in an equilibrium; arguments as `equilibrium_residual`."""
-    positions = _nodes(structure, nodes)
+    positions = nodes_of(structure, nodes)
     u = _per_string(structure, force_densities)
-    forces = (_string_forces(structure, positions) @ u).reshape(-1, 3) + _loads(structure, gravity, loads)
+    forces = (_string_forces(structure, positions) @ u).reshape(-1, 3) + loads_on(structure, gravity, loads)
     count = len(structure.rods)
     densities, supports, moments = np.zeros(count), np.zeros((count, 3)), np.zeros((count, 3))
     anchors = np.zeros_like(forces)
     ends, copied = _ends(structure)
-    spans = positions[structure.rod_nodes[:, 1]] - positions[structure.rod_nodes[:, 0]]
+    spans = spans_at(structure.rod_nodes, positions)
     if len(copied):
         # What a joint's rods pass on to each other is what leaves each of them in balance.
         motions, apart = _motions_of_ends(structure, positions)
@@ -175,20 +227,20 @@ def equilibrium_force_densities(
     """Force densities u >= 0 that come closest to equilibrium (non-negative least squares).
 
     Without gravity and loads that is u = 0: every configuration is an equilibrium of slack strings, and only
-    the number of self-stress modes tells more. Arguments as `equilibrium_residual`.
+    the number of self-stress modes says more. Arguments as `equilibrium_residual`.
     """
     from scipy.optimize import nnls
 
-    positions = _nodes(structure, nodes)
-    matrix, external = _equations(structure, positions, free_motions(structure, positions), gravity, loads)
-    modes = len(_solve(matrix, external).modes)
+    positions = nodes_of(structure, nodes)
+    matrix, external = equilibrium_equations(structure, positions, free_motions(structure, positions), gravity, loads)
+    modes = len(balanced_states(matrix, external).modes)
     if not structure.strings:
         return Equilibrium(np.zeros(0), float(np.linalg.norm(external)), modes)
     u, residual = nnls(matrix, -external)
     return Equilibrium(u, float(residual), modes)
 
 
-class _States(NamedTuple):
+class BalancedStates(NamedTuple):
     """All u with A u + f = 0: particular + any combination of modes (S, M); what no u balances is the residual."""
 
     modes: Array
@@ -197,30 +249,25 @@ class _States(NamedTuple):
     singular_values: Array
 
 
-def _equations(
+def equilibrium_equations(
     structure: Structure, positions: Array, motions: Array, gravity: ArrayLike | None, loads: ArrayLike | None
 ) -> tuple[Array, Array]:
     """A (q, M) and f (q,) of A u + f = 0."""
-    return motions.T @ _string_forces(structure, positions), motions.T @ _loads(structure, gravity, loads).ravel()
+    return motions.T @ _string_forces(structure, positions), motions.T @ loads_on(structure, gravity, loads).ravel()
 
 
-def _solve(matrix: Array, external: Array) -> _States:
+def balanced_states(matrix: Array, external: Array) -> BalancedStates:
     left, singular, right = np.linalg.svd(matrix)
     rank = int(np.sum(singular > RANK_TOLERANCE * singular[0])) if singular.size and singular[0] > 0 else 0
     modes = right[rank:]
     modes = modes * np.where(modes.sum(axis=1) < 0, -1.0, 1.0)[:, None]
     particular = -right[:rank].T @ (left[:, :rank].T @ external / singular[:rank])
-    return _States(modes, particular, matrix @ particular + external, singular)
+    return BalancedStates(modes, particular, matrix @ particular + external, singular)
 
 
-def _rigid_motions(positions: Array, motions: Array) -> int:
+def count_rigid_motions(positions: Array, motions: Array) -> int:
     """How many independent motions of all nodes as one body lie in the span of the given ones (3N, q)."""
-    offsets = positions - positions.mean(axis=0)
-    scale = float(np.abs(offsets).max()) or 1.0
-    turns = [np.cross(axis, offsets / scale) for axis in np.eye(3)]
-    shifts = [np.broadcast_to(axis, offsets.shape) for axis in np.eye(3)]
-    bodies = np.array([motion.ravel() for motion in shifts + turns]).T
-    left, singular, _ = np.linalg.svd(bodies, full_matrices=False)
+    left, singular, _ = np.linalg.svd(body_motions(positions), full_matrices=False)
     bodies = left[:, singular > RANK_TOLERANCE * singular[0]]  # nodes on one line: turning about it moves none
     span, _ = np.linalg.qr(motions)
     outside = np.linalg.svd(bodies - span @ (span.T @ bodies), compute_uv=False)
@@ -230,15 +277,10 @@ def _rigid_motions(positions: Array, motions: Array) -> int:
 def _string_forces(structure: Structure, positions: Array) -> Array:
     """Forces on the nodes (3N, M) of unit force densities: each end is pulled towards the other."""
     pairs = structure.string_nodes
-    spans = positions[pairs[:, 1]] - positions[pairs[:, 0]]
-    forces = np.zeros((len(positions), 3, len(pairs)))
-    columns = np.arange(len(pairs))
-    forces[pairs[:, 0], :, columns] = spans
-    forces[pairs[:, 1], :, columns] = -spans
-    return forces.reshape(3 * len(positions), len(pairs))
+    return nodal_forces(pairs, spans_at(pairs, positions), len(positions))
 
 
-def _loads(structure: Structure, gravity: ArrayLike | None, loads: ArrayLike | None) -> Array:
+def loads_on(structure: Structure, gravity: ArrayLike | None, loads: ArrayLike | None) -> Array:
     """External forces and weights on the nodes (N, 3) [N]."""
     count = len(structure.nodes)
     forces = np.zeros((count, 3)) if loads is None else array_of_shape("loads", loads, (count, 3), broadcast=False)
@@ -248,7 +290,7 @@ def _loads(structure: Structure, gravity: ArrayLike | None, loads: ArrayLike | N
     return forces
 
 
-def _nodes(structure: Structure, nodes: ArrayLike | None) -> Array:
+def nodes_of(structure: Structure, nodes: ArrayLike | None) -> Array:
     if nodes is None:
         return structure.positions
     return array_of_shape("nodes", nodes, (len(structure.nodes), 3), broadcast=False)

@@ -1,4 +1,4 @@
-"""Motions of a whole structure as one body: which of them loads drive, and which nothing resists."""
+"""Motions of a whole structure as one body: which of them loads drive, which nothing resists, which nothing stops."""
 
 from __future__ import annotations
 
@@ -6,24 +6,10 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import InfeasibleError
+from tensegrity_mj.model.rigidity import body_motions, turned
 from tensegrity_mj.statics import linear_systems
+from tensegrity_mj.statics.boundary import Boundary
 from tensegrity_mj.statics.model import StaticModel
-
-CROSS = np.zeros((3, 3, 3))  # (e_k × v)_a = Σ_b CROSS[a, k, b] v_b
-for _k in range(3):
-    CROSS[:, _k] = np.cross(np.eye(3)[_k], np.eye(3)).T
-
-
-def body_motions(nodes: Array) -> Array:
-    """(3N, 6) three shifts, and three turns about the nodes' mean whose largest move is about that of a shift."""
-    offsets = nodes - nodes.mean(axis=0)
-    size = float(np.abs(offsets).max()) or 1.0
-    return np.hstack([np.tile(np.eye(3), (len(nodes), 1)), turned(offsets / size)])
-
-
-def turned(vectors: Array) -> Array:
-    """(3N, 3): e_k × v for the three axes k of the world and vectors (N, 3)."""
-    return np.einsum("akb,nb->nak", CROSS, vectors).reshape(-1, 3)
 
 
 def driven(model: StaticModel, parameter: float = 1.0) -> Array:
@@ -97,3 +83,20 @@ def neutral_motions(model: StaticModel, x: Array, parameter: float = 1.0, rod_fo
     left, singular, _ = np.linalg.svd(found, full_matrices=False)
     # Nodes on one line: turning about it moves none; nearly on one: as little as the bound above lets through.
     return np.asarray(left[:, singular > 1e-6])
+
+
+def lasting_motions(boundary: Boundary, nodes: Array) -> Array:
+    """Orthonormal motions (3N, p) of the whole as one body that go on, as far as supports and holds leave them.
+
+    A turn is one of them where what holds the nodes turns into itself: where it does not, the nodes leave the
+    circle, and the motion is a mechanism of the structure and its supports.
+    """
+    G, Z = boundary.rows, boundary.Z
+    bodies = body_motions(nodes)
+    rows = [np.zeros((6, 6)), np.asarray(G @ bodies)]
+    for held in G.toarray():
+        change = np.asarray(Z.T @ turned(held.reshape(-1, 3)))
+        rows.append(np.hstack([np.zeros_like(change), change]))
+    _, values, right = np.linalg.svd(np.vstack(rows), full_matrices=False)
+    left, size, _ = np.linalg.svd(bodies @ right[values < 1e-7].T, full_matrices=False)
+    return np.asarray(left[:, size > 1e-9])

@@ -1,4 +1,4 @@
-"""What statics reckons with: the potential of strings, weights and loads over the positions of the nodes.
+"""What statics computes with: the potential of strings, weights and loads over the positions of the nodes.
 
     Π(x) = Σ ½ k (L - L0)₊² + Σ ½ κ ‖e‖² - Σ m g·x - Σ f·x        x (3N,): node positions, one after another
 
@@ -14,7 +14,6 @@ import enum
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +23,7 @@ from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.basics.checks import member, real_array
 from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.model.elements.resistance import bending_joints
+from tensegrity_mj.model.rigidity import Members, members_at, spans_at
 from tensegrity_mj.model.rods import lumped_masses
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -35,13 +35,6 @@ class Rods(enum.Enum):
 
     RIGID = "rigid"
     ELASTIC = "elastic"
-
-
-class Members(NamedTuple):
-    """Lengths (m,) [m] of members and their unit vectors (m, 3), from the first node to the second."""
-
-    lengths: Array
-    directions: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,18 +207,17 @@ class StaticModel:
         return _block_places(np.concatenate([self.structure.string_nodes, self.structure.rod_nodes]))
 
     def _spans(self, x: Array) -> Array:
-        nodes, pairs = x.reshape(-1, 3), self.structure.rod_nodes
-        return (nodes[pairs[:, 1]] - nodes[pairs[:, 0]]).ravel()
+        return spans_at(self.structure.rod_nodes, x.reshape(-1, 3)).ravel()
 
     # ---------------------------------------------------------------------------------------------- at given nodes
 
     def strings(self, x: Array) -> Members:
         """Lengths and directions of the strings at x (3N,)."""
-        return _members(self.structure.string_nodes, x)
+        return members_at(self.structure.string_nodes, x.reshape(-1, 3))
 
     def rods(self, x: Array) -> Members:
         """Lengths and directions of the rods."""
-        return _members(self.structure.rod_nodes, x)
+        return members_at(self.structure.rod_nodes, x.reshape(-1, 3))
 
     def tensions(self, lengths: Array) -> Array:
         """(M,) [N]."""
@@ -316,14 +308,6 @@ class StaticModel:
     def reactions(self, x: Array, rod_forces: Array, parameter: float = 1.0) -> Array:
         """(N, 3) [N]: what supports and holds push the nodes with, in equilibrium."""
         return np.asarray((self.gradient(x, parameter) + self.rod_pulls(x, rod_forces)).reshape(-1, 3))
-
-
-def _members(pairs: IntArray, x: Array) -> Members:
-    nodes = x.reshape(-1, 3)
-    span = nodes[pairs[:, 1]] - nodes[pairs[:, 0]]
-    lengths = np.sqrt(np.einsum("mi,mi->m", span, span))
-    # Nodes that coincide pull in no direction.
-    return Members(lengths, span / np.where(lengths > 0, lengths, 1.0)[:, None])
 
 
 def _add_spans(out: Array, pairs: IntArray, pulls: Array) -> None:

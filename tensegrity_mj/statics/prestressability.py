@@ -1,6 +1,6 @@
 """What a structure at given nodes can carry by itself: self-stress, its signs, mechanisms, and what prestress holds.
 
-B (M + R, q) tells how the lengths of strings and rods change with the free coordinates of `Boundary`, all rods
+B (M + R, q) says how the lengths of strings and rods change with the free coordinates of `Boundary`, all rods
 counted as members. Its singular values divide
 
     states of self-stress   Bᵀ t = 0      member forces t [N] that are in balance without loads,
@@ -21,31 +21,28 @@ Bent joints' stiffness and loads have no part in any of it.
 
 from __future__ import annotations
 
-import enum
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import real_array
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.rigidity import members_at
+from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.statics.model import Members
+from tensegrity_mj.statics.assembly import Assembly, member_pairs, rank_of
+from tensegrity_mj.statics.boundary import Hold
+from tensegrity_mj.statics.model import StaticModel
+from tensegrity_mj.statics.signs import Flags, can_pull, can_push, listed, obstacle
+from tensegrity_mj.statics.state import StaticState
+from tensegrity_mj.statics.stiffening import Verdict, judged, stiffest, super_stable
 from tensegrity_mj.statics.words import counted
 
-Flags = NDArray[np.bool_]
-
-RANK = 1e-9  # of the largest singular value, as in `self_stress`
 CLEAR = 1e4  # between the smallest singular value that counts and the largest that does not
-
-
-class Verdict(enum.Enum):
-    """An answer that may be left open."""
-
-    YES = "yes"
-    NO = "no"
-    UNDECIDED = "undecided"  # numbers too close to call, or more cutting planes needed than allowed
-    NOT_APPLICABLE = "not applicable"  # the question does not fit; `reasons` says why
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +50,7 @@ class Prestressability:
     """What a structure can carry by itself; N nodes, M strings, R rods, q free coordinates, S states, m mechanisms.
 
     Attributes:
-        structure, nodes: what was asked about; (N, 3) [m].
+        structure, nodes: what was analysed; (N, 3) [m].
         free_coordinates: q.
         singular_values: of B, descending, dimensionless.
         self_stress: (S, M + R) [N] orthonormal member forces in balance, strings first; tension is positive.
@@ -71,7 +68,7 @@ class Prestressability:
             strings leave.
         prestress_stiffness: (k,) [N/m] eigenvalues of the prestress' form on `taut_mechanisms`, ascending.
         stiffness_bound: [N/m] no prestress of a largest string tension of 1 N or less makes the lowest of these larger;
-            NaN where that was not asked.
+            NaN where that was not sought.
         stress_matrix: (N, N) [N/m] of the prestress.
         prestress_stable, super_stable: verdicts.
         reasons: (2,) sentences for the two verdicts.
@@ -101,7 +98,7 @@ class Prestressability:
     @property
     def rank(self) -> int:
         """Of B."""
-        return _rank(self.singular_values)
+        return rank_of(self.singular_values)
 
     @property
     def gap(self) -> tuple[float, float]:
@@ -137,8 +134,7 @@ class Prestressability:
 
     @property
     def _lengths(self) -> Array:
-        strings, rods = _members(self.structure, self.nodes)
-        return np.concatenate([strings.lengths, rods.lengths])
+        return members_at(member_pairs(self.structure), self.nodes).lengths
 
     def describe(self) -> list[str]:
         """What there is to say, a sentence a line."""
@@ -163,11 +159,11 @@ class Prestressability:
             lines.append("every string can pull at once")
         elif strings:
             lines.append(
-                f"{_listed(strings, ~self.can_pull, 'string')} cannot pull while no string pushes: a motion keeps the "
+                f"{listed(strings, ~self.can_pull, 'string')} cannot pull while no string pushes: a motion keeps the "
                 "rods' lengths, shortens no string and lengthens these"
             )
         if rods and self.can_pull.any():
-            pushed = _listed(rods, self.can_push, "rod") or "no rod"
+            pushed = listed(rods, self.can_push, "rod") or "no rod"
             together = "every rod can be in compression at once meanwhile"
             lines.append(together if self.all_can_push else f"{pushed} can be in compression meanwhile")
         if len(self.prestress_stiffness) and self.prestress is not None:
@@ -214,22 +210,90 @@ class Prestressability:
         }
 
 
-def _members(structure: Structure, nodes: Array) -> tuple[Members, Members]:
-    """Strings and rods at nodes (N, 3)."""
+def prestressability(
+    source: Structure | Scene | StaticModel | StaticState,
+    *,
+    nodes: ArrayLike | None = None,
+    holds: Sequence[Hold] = (),
+) -> Prestressability:
+    """What a structure at given nodes can carry by itself, whatever its supports and joints.
 
-    def along(pairs: NDArray[np.int64]) -> Members:
-        span = nodes[pairs[:, 1]] - nodes[pairs[:, 0]]
-        lengths = np.linalg.norm(span, axis=1)
-        return Members(lengths, span / np.where(lengths > 0, lengths, 1.0)[:, None])
+    Args:
+        source: a structure at its reference nodes; a scene at its start; a model at its start, with its holds and
+            without its broken strings; or a state, whose own forces are then the prestress that is judged. (Under loads
+            these are no state of self-stress; what they do to mechanisms is the same sum.)
+        nodes: (N, 3) [m] instead of these; not with a state.
+        holds: further nodes that are held; not with a model or a state, which have their own.
 
-    return along(structure.string_nodes), along(structure.rod_nodes)
+    Raises:
+        OptionError: for arguments that do not fit, and members without length.
+    """
+    tensions = forces = None
+    if isinstance(source, StaticState):
+        if nodes is not None:
+            raise OptionError("prestressability: nodes: a state has its own; leave them out, or give its model")
+        model, places = source.model, source.nodes
+        tensions, forces = source.tensions, source.rod_forces
+    else:
+        if not isinstance(source, (Structure, Scene, StaticModel)):
+            raise OptionError(
+                f"prestressability of {source!r}: use a Structure, a Scene, a StaticModel or a StaticState"
+            )
+        model = source if isinstance(source, StaticModel) else StaticModel.of(source, holds=holds)
+        shape = (len(model.structure.nodes), 3)
+        places = model.start if nodes is None else real_array("nodes", nodes, shape, "m", scalar=False)
+    if holds and isinstance(source, (StaticModel, StaticState)):
+        raise OptionError("prestressability: holds: a model has its own; leave them out, or give its scene")
+    at = Assembly.of(model.structure, model.boundary, np.array(places, float), model.stiffness > 0)
+    return _analysed(at, None if tensions is None or forces is None else np.concatenate([tensions, forces]))
 
 
-def _rank(values: Array) -> int:
-    return int(np.sum(values > RANK * values.max(initial=0.0))) if values.size else 0
-
-
-def _listed(names: list[str], chosen: Flags, what: str) -> str:
-    found = [f"'{name}'" for name, one in zip(names, chosen, strict=True) if one]
-    more = "" if len(found) <= 12 else f", ... ({len(found)} in all)"
-    return f"{what}{'s' if len(found) > 1 else ''} {', '.join(found[:12])}{more}" if found else ""
+def _analysed(at: Assembly, own: Array | None) -> Prestressability:
+    """All of it, for the forces (M + R,) of a state, or for the stiffest prestress."""
+    M, Z = len(at.whole), at.boundary.Z
+    there = np.append(at.whole, np.ones(len(at.B) - M, bool))
+    left, values, right = (np.asarray(part, float) for part in np.linalg.svd(at.B[there]))
+    rank = rank_of(values)
+    states = np.zeros((len(left) - rank, len(at.B)))
+    states[:, there] = left[:, rank:].T
+    states *= np.where(states[:, :M].sum(axis=1) < 0, -1.0, 1.0)[:, None]
+    mechanisms = at.without_bodies(right[rank:].T)
+    pulling = can_pull(states, M)
+    pushing, all_push = can_push(states, pulling)
+    barrier = None
+    if not pulling[at.whole].all():
+        motion = np.asarray(Z @ obstacle(at.B[:M][at.whole], at.B[M:], ~pulling[at.whole]))
+        barrier = motion / (float(np.linalg.norm(motion.reshape(-1, 3), axis=1).max()) or 1.0)
+    taut = pulling if own is None else (own[:M] > 0) & at.whole
+    loose = at.loose(taut)
+    prestress, bound, stability = own, float("nan"), (Verdict.NOT_APPLICABLE, "")
+    if own is None:
+        prestress, bound, stability = stiffest(at, states, pulling, loose)
+    stiffness: Array = np.zeros(0)
+    if prestress is not None and loose.shape[1]:
+        stiffness = np.asarray(np.linalg.eigvalsh(at.form(prestress, loose)), float)
+    if own is not None:
+        stability = judged(at, own, stiffness)
+    superb = super_stable(at, states, pulling, own)
+    return Prestressability(
+        structure=at.structure,
+        nodes=at.nodes,
+        free_coordinates=Z.shape[1],
+        singular_values=values,
+        self_stress=states,
+        rigid_motions=at.bodies,
+        mechanisms=mechanisms,
+        can_pull=pulling,
+        can_push=pushing,
+        all_can_push=all_push,
+        obstacle=barrier,
+        prestress=prestress,
+        own=own is not None,
+        taut_mechanisms=loose,
+        prestress_stiffness=stiffness,
+        stiffness_bound=bound,
+        stress_matrix=at.stress_matrix(np.zeros(len(at.B)) if prestress is None else prestress),
+        prestress_stable=stability[0],
+        super_stable=superb[0],
+        reasons=(stability[1], superb[1]),
+    )

@@ -29,6 +29,7 @@ from scipy.linalg import qr
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import positive, real_array
 from tensegrity_mj.errors import InfeasibleError, OptionError
+from tensegrity_mj.model.rigidity import members_at, nodal_forces
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics.boundary import Boundary, Hold
@@ -288,8 +289,10 @@ class _Task:
     @cached_property
     def pulls(self) -> tuple[Array, Array]:
         """Forces on the nodes (3N, R) and (3N, M) of unit forces in members: each end is pulled to the other."""
+        nodes = self.structure.positions
         return tuple(  # type: ignore[return-value]
-            _pulls(self.structure.positions, pairs) for pairs in (self.structure.rod_nodes, self.structure.string_nodes)
+            nodal_forces(pairs, members_at(pairs, nodes).directions, len(nodes))
+            for pairs in (self.structure.rod_nodes, self.structure.string_nodes)
         )
 
     @cached_property
@@ -510,16 +513,6 @@ def _materials(what: str, given: Material | Sequence[Material], size: int) -> tu
     if len(several) != size:
         raise OptionError(f"{what}: {len(several)} materials for {size} of them; give one, or one each")
     return tuple(several)
-
-
-def _pulls(positions: Array, pairs: NDArray[np.int64]) -> Array:
-    spans = positions[pairs[:, 1]] - positions[pairs[:, 0]]
-    units = spans / np.linalg.norm(spans, axis=1)[:, None]
-    forces = np.zeros((len(positions), 3, len(pairs)))
-    columns = np.arange(len(pairs))
-    forces[pairs[:, 0], :, columns] = units
-    forces[pairs[:, 1], :, columns] = -units
-    return forces.reshape(3 * len(positions), len(pairs))
 
 
 def _radii(masses: Array, materials: tuple[Material, ...], lengths: Array) -> Array:

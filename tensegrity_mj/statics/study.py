@@ -24,10 +24,9 @@ from tensegrity_mj.statics.materials import Material
 from tensegrity_mj.statics.model import Rods, StaticModel
 from tensegrity_mj.statics.modes import Modes, natural_modes
 from tensegrity_mj.statics.path import follow
-from tensegrity_mj.statics.prestressability import Prestressability
+from tensegrity_mj.statics.prestressability import Prestressability, prestressability
 from tensegrity_mj.statics.relaxation import relax
 from tensegrity_mj.statics.response import Response
-from tensegrity_mj.statics.self_stress import prestressability
 from tensegrity_mj.statics.sizing import Sizing, minimal_mass
 from tensegrity_mj.statics.standalone import require_rigid_and_free, standalone_scene
 from tensegrity_mj.statics.state import StaticState

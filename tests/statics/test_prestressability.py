@@ -15,8 +15,9 @@ from tensegrity_mj.model.rigidity import free_motions
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics import Hold, StaticModel, find_equilibrium, linear_systems
-from tensegrity_mj.statics.prestressability import Prestressability, Verdict
-from tensegrity_mj.statics.self_stress import prestressability, self_stress
+from tensegrity_mj.statics.prestressability import Prestressability, prestressability
+from tensegrity_mj.statics.self_stress import self_stress
+from tensegrity_mj.statics.stiffening import Verdict
 
 Array = NDArray[np.float64]
 ROUND_OFF = 1e-12  # of singular values between 0.1 and 3, and 1e2 operations
