@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 _HOME = {
     "Actuation": "model.actuation",
     "OnInfeasible": "model.actuation",
-    "Approach": "runs.clearances",
-    "Clearance": "runs.clearances",
-    "Event": "runs.clearances",
-    "Pairs": "runs.clearances",
+    "Approach": "runs.approaches",
+    "Clearance": "runs.approaches",
+    "Event": "runs.approaches",
+    "Pairs": "runs.approaches",
     "clearance": "runs.clearances",
     "Comparison": "runs.comparison",
     "compare": "runs.comparison",
@@ -176,10 +176,10 @@ if TYPE_CHECKING:  # the same names, for type checkers and editors
     from tensegrity_mj.pictures.video import picture as picture
     from tensegrity_mj.pictures.video import render as render
     from tensegrity_mj.pictures.video import render_frame as render_frame
-    from tensegrity_mj.runs.clearances import Approach as Approach
-    from tensegrity_mj.runs.clearances import Clearance as Clearance
-    from tensegrity_mj.runs.clearances import Event as Event
-    from tensegrity_mj.runs.clearances import Pairs as Pairs
+    from tensegrity_mj.runs.approaches import Approach as Approach
+    from tensegrity_mj.runs.approaches import Clearance as Clearance
+    from tensegrity_mj.runs.approaches import Event as Event
+    from tensegrity_mj.runs.approaches import Pairs as Pairs
     from tensegrity_mj.runs.clearances import clearance as clearance
     from tensegrity_mj.runs.comparison import Comparison as Comparison
     from tensegrity_mj.runs.comparison import compare as compare

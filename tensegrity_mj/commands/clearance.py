@@ -18,7 +18,7 @@ from tensegrity_mj.commands.common import (
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
-    from tensegrity_mj.runs.clearances import Approach, Clearance
+    from tensegrity_mj.runs.approaches import Approach, Clearance
 
 HELP = "the smallest distances between rods and strings along a run: who, when, where; what touches or passes through"
 EXAMPLES = """\

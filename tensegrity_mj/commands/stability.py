@@ -86,7 +86,7 @@ def execute(options: argparse.Namespace) -> Outcome:
 def _write(folder: Path, data: dict[str, Any], small: bool) -> Path:
     from tensegrity_mj.basics.files import replacing
     from tensegrity_mj.basics.jsontext import to_json
-    from tensegrity_mj.pictures.plots import save_figure
+    from tensegrity_mj.pictures.figure import save_figure
     from tensegrity_mj.studies.stability import figures, page
 
     with replacing(folder / "stability.json") as part:

@@ -1,4 +1,4 @@
-"""What a uniform thin rod's ends tell about it: energy, momentum, and the multiplier of its rigidity.
+"""What follows from the ends of uniform thin rods: direction, energy, momentum, and the multiplier of rigidity.
 
 Every function takes node positions and velocities (..., N, 3) in the world frame, SI units.
 """
@@ -21,6 +21,19 @@ def inertia_terms(mass: Any, length: Any, sigma: Any) -> tuple[Any, Any]:
 def ends(structure: Structure, nodes: Array) -> tuple[Array, Array]:
     """Positions (or velocities) of the rods' first and second nodes, (..., R, 3) each."""
     return nodes[..., structure.rod_nodes[:, 0], :], nodes[..., structure.rod_nodes[:, 1], :]
+
+
+def directions(structure: Structure, nodes: Array) -> Array:
+    """b (..., R, 3) of (2.4): from a rod's first node to its second over its length; of velocities ḃ [1/s]."""
+    first, second = ends(structure, nodes)
+    return (second - first) / structure.rod_lengths[:, None]
+
+
+def support_points(structure: Structure, nodes: Array) -> Array:
+    """r (..., R, 3) of (2.6): the point (1 - σ) n_i + σ n_j of each rod."""
+    first, second = ends(structure, nodes)
+    sigma = np.array([rod.support.sigma for rod in structure.rods])[:, None]
+    return (1.0 - sigma) * first + sigma * second
 
 
 def kinetic_energy(structure: Structure, velocities: Array) -> Array:

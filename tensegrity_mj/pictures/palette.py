@@ -39,6 +39,12 @@ CYCLE: tuple[Color, ...] = (
     (0.25, 0.25, 0.28),
 )
 
+
+def color_of(number: int) -> Color:
+    """The colour of the curve of that number."""
+    return CYCLE[number % len(CYCLE)]
+
+
 # Tension from none to the largest: dark blue, violet, red, orange. It gets lighter all the way, so that it also reads
 # in grey, and stays clear of the background.
 _RAMP = np.array(

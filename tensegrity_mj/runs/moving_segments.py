@@ -3,10 +3,51 @@
 from __future__ import annotations
 
 from math import sqrt
+from typing import NamedTuple
 
 from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.dynamics.native.compiling import njit
 from tensegrity_mj.runs.segments import closest
+
+Ends = tuple[int, int, int, int]
+
+
+class Motion(NamedTuple):
+    """A motion as the searches read it: N nodes and E elements at T samples.
+
+    Attributes:
+        P, V: (N, T, 3) [m], [m/s] seen from the mean of all nodes.
+        time: (T,) [s].
+        way: (E, T) of `paths`.
+    """
+
+    P: Array
+    V: Array
+    time: Array
+    way: Array
+
+
+class Between(NamedTuple):
+    """Two elements between a sample and the next.
+
+    Attributes:
+        P, V: of `Motion`.
+        ends: their four nodes.
+        k: the first sample.
+        h: [s] to the next.
+    """
+
+    P: Array
+    V: Array
+    ends: Ends
+    k: int
+    h: float
+
+
+@njit
+def between(motion: Motion, ends: Ends, k: int) -> Between:
+    """The elements with these nodes in the interval that begins at the sample k."""
+    return Between(motion.P, motion.V, ends, k, motion.time[k + 1] - motion.time[k])
 
 
 @njit
@@ -23,8 +64,9 @@ def point(P: Array, V: Array, n: int, k: int, h: float, x: float) -> tuple[float
 
 
 @njit
-def sides(P: Array, V: Array, ends: tuple, k: int, h: float, x: float) -> tuple:  # type: ignore[type-arg]
+def sides(piece: Between, x: float) -> tuple:  # type: ignore[type-arg]
     """(w, u, v) of two segments with these four nodes, see `segments`."""
+    P, V, ends, k, h = piece
     a, b = point(P, V, ends[0], k, h, x), point(P, V, ends[1], k, h, x)
     c, d = point(P, V, ends[2], k, h, x), point(P, V, ends[3], k, h, x)
     return (
@@ -35,25 +77,32 @@ def sides(P: Array, V: Array, ends: tuple, k: int, h: float, x: float) -> tuple:
 
 
 @njit
-def moving(P: Array, V: Array, ends: tuple, k: int, h: float, x: float) -> tuple[float, float, float]:  # type: ignore[type-arg]
-    """(D, s, t) at the part x of the interval k."""
-    w, u, v = sides(P, V, ends, k, h, x)
+def moving(piece: Between, x: float) -> tuple[float, float, float]:
+    """(D, s, t) at the part x of the interval."""
+    w, u, v = sides(piece, x)
     return closest(w, u, v)
 
 
 @njit
-def at_sample(P: Array, ends: tuple, k: int) -> float:  # type: ignore[type-arg]
+def at_sample(P: Array, ends: Ends, k: int) -> float:
     """Distance at the sample k [m]."""
+    return sqrt(closest_at_sample(P, ends, k)[0])
+
+
+@njit
+def closest_at_sample(P: Array, ends: Ends, k: int) -> tuple[float, float, float]:
+    """(D, s, t) at the sample k."""
     a, b, c, d = ends
     w = (P[a, k, 0] - P[c, k, 0], P[a, k, 1] - P[c, k, 1], P[a, k, 2] - P[c, k, 2])
     u = (P[b, k, 0] - P[a, k, 0], P[b, k, 1] - P[a, k, 1], P[b, k, 2] - P[a, k, 2])
     v = (P[d, k, 0] - P[c, k, 0], P[d, k, 1] - P[c, k, 1], P[d, k, 2] - P[c, k, 2])
-    return sqrt(closest(w, u, v)[0])
+    return closest(w, u, v)
 
 
 @njit
-def motion_bounds(P: Array, V: Array, ends: tuple, k: int, h: float) -> tuple[float, float]:  # type: ignore[type-arg]
+def motion_bounds(piece: Between) -> tuple[float, float]:
     """V and A: the largest first and second derivatives of the four corners' cubics by the part of the interval."""
+    P, V, ends, k, h = piece
     speed, bend = 0.0, 0.0
     for i in range(2):
         for j in range(2, 4):

@@ -10,7 +10,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.plots import GREY
+from tensegrity_mj.pictures.figure import GREY, frame, new_figure
 from tensegrity_mj.statics.modes import Modes
 from tensegrity_mj.statics.path_criticals import Kind
 from tensegrity_mj.statics.response import Response
@@ -37,7 +37,7 @@ FAINT = (0.72, 0.74, 0.77)
 def structure_figure(before: Array, state: StaticState) -> Figure:
     """The structure before, in grey, and in equilibrium, its strings in the colours of their tensions."""
     view = _view(np.concatenate([before, state.nodes]))
-    figure = _figure(WIDTH, _height(np.concatenate([before, state.nodes]), view))
+    figure = new_figure(WIDTH, _height(np.concatenate([before, state.nodes]), view))
     panel = figure.subplots()
     structure, whole = state.model.structure, state.model.stiffness > 0
     _draw_plain(panel, structure, before @ view.T, whole, FAINT, 0.9)
@@ -72,7 +72,7 @@ def members_figure(state: StaticState) -> Figure:
         ("rods", "axial force [N]", [rod.name for rod in structure.rods], state.rod_forces),
     ]
     kinds = [kind for kind in kinds if len(kind[2])]
-    figure = _figure(WIDTH, 3.2)
+    figure = new_figure(WIDTH, 3.2)
     for panel, (title, unit, names, values) in zip(np.atleast_1d(figure.subplots(1, len(kinds))), kinds, strict=True):
         order = np.argsort(-np.abs(values), kind="stable")
         colors = [palette.CYCLE[0] if value >= 0 else palette.CYCLE[2] for value in values[order]]
@@ -81,7 +81,7 @@ def members_figure(state: StaticState) -> Figure:
             panel.set_xticks(np.arange(len(values)), [figure_text(names[k]) for k in order], rotation=90)
         else:
             panel.set_xlabel(f"{len(values)} {title}, the largest first", fontsize=9)
-        _finish(panel, f"{title}: blue in tension, red in compression" if title == "rods" else title, unit)
+        frame(panel, f"{title}: blue in tension, red in compression" if title == "rods" else title, y=unit)
     return figure
 
 
@@ -89,7 +89,7 @@ def response_figure(response: Response) -> Figure:
     """Force over displacement, the lowest stiffness, tensions and rod forces along a path."""
     path = response.path
     s, strings, rods = path.parameters, path.tensions, path.rod_forces
-    figure = _figure(WIDTH, 6.4)
+    figure = new_figure(WIDTH, 6.4)
     panels = figure.subplots(2, 2)
     for number, curve in enumerate(response.curves[:CURVES]):
         color = palette.CYCLE[number % len(palette.CYCLE)]
@@ -103,7 +103,7 @@ def response_figure(response: Response) -> Figure:
             )
         for event in response.slack_events:
             panels[0, 0].plot(curve.displacement[event.point], curve.force[event.point], ".", ms=4, color=palette.SLACK)
-    _finish(panels[0, 0], "force over displacement", "[N]")
+    frame(panels[0, 0], "force over displacement", y="[N]")
     panels[0, 0].set_xlabel("[m]", fontsize=9)
     low = path.lowest.copy()
     low[~np.isfinite(low)] = np.nan
@@ -112,7 +112,7 @@ def response_figure(response: Response) -> Figure:
     for kind in dict.fromkeys(critical.kind for critical in path.criticals):
         points = [critical.parameter for critical in path.criticals if critical.kind is kind]
         panels[0, 1].plot(points, np.zeros(len(points)), label=kind.value, **_mark(kind))
-    _finish(panels[0, 1], "lowest stiffness", "[N/m]")
+    frame(panels[0, 1], "lowest stiffness", y="[N/m]")
     _bundle(panels[1, 0], s, strings, [string.name for string in path.model.structure.strings], "tensions")
     for event in response.slack_events:
         panels[1, 0].plot(event.parameter, 0.0, ".", ms=4, color=palette.SLACK)
@@ -157,7 +157,7 @@ def _shapes_figure(
     columns = min(3, len(shapes))
     rows = -(-len(shapes) // columns)
     height = _height(np.concatenate([*at, *moved]), view, WIDTH / columns)
-    figure = _figure(WIDTH, rows * (height + 0.3))
+    figure = new_figure(WIDTH, rows * (height + 0.3))
     panels = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     for panel, x, there, title in zip(panels, at, moved, titles, strict=False):
         _draw_plain(panel, structure, x @ view.T, whole, FAINT, 0.7)
@@ -238,7 +238,7 @@ def _bundle(panel: Axes, s: Array, values: Array, names: list[str], title: str) 
         panel.text(0.5, 0.5, "none", transform=panel.transAxes, ha="center", color=GREY, fontsize=9)
     elif len(names) <= LINES:
         for k, name in enumerate(names):
-            panel.plot(s, values[:, k], lw=1.2, color=palette.CYCLE[k % len(palette.CYCLE)], label=figure_text(name))
+            panel.plot(s, values[:, k], lw=1.2, color=palette.color_of(k), label=figure_text(name))
     else:
         if np.all(np.diff(s) > 0) or np.all(np.diff(s) < 0):
             panel.fill_between(s, values.min(axis=1), values.max(axis=1), color=palette.CYCLE[0], alpha=0.12, lw=0)
@@ -248,7 +248,7 @@ def _bundle(panel: Axes, s: Array, values: Array, names: list[str], title: str) 
             ("least", values.min(axis=1), ":"),
         ):
             panel.plot(s, curve, ls=style, lw=1.3, color=palette.CYCLE[0], label=name)
-    _finish(panel, title, "[N]")
+    frame(panel, title, y="[N]")
 
 
 def _along(response: Response, parameter: float, nodes: Array) -> float:
@@ -271,27 +271,3 @@ def _mark(kind: Kind) -> dict[str, Any]:
         Kind.SLACK: ("s", palette.SLACK),
     }[kind]
     return {"marker": shape, "color": color, "ls": "none", "ms": 6, "zorder": 5}
-
-
-def _finish(panel: Axes, title: str, unit: str) -> None:
-    panel.set_title(title, fontsize=10)
-    panel.set_ylabel(unit, fontsize=9)
-    panel.grid(True, color=(0.9, 0.91, 0.92), lw=0.7)
-    panel.set_axisbelow(True)
-    panel.tick_params(labelsize=8, color=GREY)
-    for side in panel.spines.values():
-        side.set_color(GREY)
-        side.set_linewidth(0.7)
-    handles, labels = panel.get_legend_handles_labels()
-    if handles:
-        columns = 2 if len(handles) > 4 else 1
-        panel.legend(handles, labels, fontsize=7.5, framealpha=0.75, edgecolor="none", ncols=columns)
-
-
-def _figure(width: float, height: float) -> Figure:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure as MatplotlibFigure
-
-    figure = MatplotlibFigure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure

@@ -10,8 +10,8 @@ import numpy as np
 
 from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.pictures import palette
+from tensegrity_mj.pictures.figure import COLUMN, GREY, MAX_LEGEND, frame, line_style, new_figure
 from tensegrity_mj.pictures.page import Picture
-from tensegrity_mj.pictures.plots import COLUMN, GREY, MAX_LEGEND, RUN_STYLES
 from tensegrity_mj.studies.measures import MEASURES
 from tensegrity_mj.studies.table import Row, as_number, parameter_label, shown
 
@@ -55,42 +55,43 @@ def _caption(measure: str, over: Sequence[str]) -> str:
 
 def _lines(rows: Sequence[Row], name: str, other: Sequence[str], measure: str) -> Figure:
     """The measure over one parameter, a line for each combination of the others: the median of its samples."""
-    figure = _figure(2.2 * COLUMN, 1.15 * COLUMN)
+    figure = new_figure(2.2 * COLUMN, 1.15 * COLUMN)
     panel = figure.subplots()
     groups = _grouped(rows, other)
     for number, (label, members) in enumerate(groups.items()):
         x, y = _numbers(members, name, measure)
-        color = palette.CYCLE[number % len(palette.CYCLE)]
+        color = palette.color_of(number)
         places = np.unique(x)
         middle = [float(np.median(y[x == place])) for place in places]
-        style = RUN_STYLES[number % len(RUN_STYLES)]  # lines that coincide stay visible
+        style = line_style(number)  # lines that coincide stay visible
         panel.plot(places, middle, color=color, ls=style, lw=1.4, marker="o", ms=4, label=figure_text(label) or None)
         if len(x) > len(places):
             panel.plot(x, y, color=color, lw=0, marker=".", ms=3, alpha=0.5)
     _scales(panel)
-    _finish(panel, _axis(rows, name), measure, legend=1 < len(groups) <= MAX_LEGEND)
+    frame(panel, "", _axis(rows, name), _label(measure), legend=1 < len(groups) <= MAX_LEGEND)
     return figure
 
 
 def _dots(rows: Sequence[Row], over: Sequence[str], other: Sequence[str], measure: str) -> Figure:
     """The measure over each drawn parameter."""
-    figure = _figure(max(1.6, len(over)) * COLUMN, COLUMN)
+    figure = new_figure(max(1.6, len(over)) * COLUMN, COLUMN)
     panels = np.atleast_1d(figure.subplots(1, len(over), sharey=True))
     groups = _grouped(rows, other)
     for panel, name in zip(panels, over, strict=True):
         for number, (label, members) in enumerate(groups.items()):
             x, y = _numbers(members, name, measure)
-            color = palette.CYCLE[number % len(palette.CYCLE)]
+            color = palette.color_of(number)
             panel.plot(x, y, color=color, lw=0, marker="o", ms=4, alpha=0.8, label=figure_text(label) or None)
         _scales(panel)
-        _finish(panel, _axis(rows, name), measure if panel is panels[0] else "", legend=1 < len(groups) <= MAX_LEGEND)
+        unit = _label(measure) if panel is panels[0] else ""
+        frame(panel, "", _axis(rows, name), unit, legend=1 < len(groups) <= MAX_LEGEND)
     return figure
 
 
 def _maps(rows: Sequence[Row], names: Sequence[str], other: Sequence[str], measure: str) -> Figure:
     """The measure over two parameters, a map for each combination of the others (at most four): medians of samples."""
     groups = list(_grouped(rows, other).items())[:4]
-    figure = _figure(max(1.5, 1.35 * len(groups)) * COLUMN, 1.15 * COLUMN)
+    figure = new_figure(max(1.5, 1.35 * len(groups)) * COLUMN, 1.15 * COLUMN)
     panels = np.atleast_1d(figure.subplots(1, len(groups)))
     x_all, y_all = (sorted({_numeric(row, name) for row in rows}) for name in names)
     cells: list[Any] = []
@@ -168,26 +169,3 @@ def _scales(panel: Axes) -> None:
         values = np.concatenate(lines) if lines else np.array([])
         if values.size and values.min() > 0 and values.max() > WIDE * values.min():
             getattr(panel, f"set_{axis}scale")("log")
-
-
-def _finish(panel: Axes, x: str, measure: str, legend: bool) -> None:
-    panel.set_xlabel(x, fontsize=9)
-    if measure:
-        panel.set_ylabel(_label(measure), fontsize=9)
-    panel.grid(True, color=(0.9, 0.91, 0.92), lw=0.7)
-    panel.set_axisbelow(True)
-    panel.tick_params(labelsize=8, color=GREY)
-    for side in panel.spines.values():
-        side.set_color(GREY)
-        side.set_linewidth(0.7)
-    if legend:
-        panel.legend(fontsize=7.5, frameon=True, framealpha=0.75, edgecolor="none")
-
-
-def _figure(width: float, height: float) -> Figure:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure as MatplotlibFigure
-
-    figure = MatplotlibFigure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure

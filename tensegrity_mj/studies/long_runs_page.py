@@ -5,12 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
+from tensegrity_mj.pictures.figure import frame, new_figure
 from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Data = Mapping[str, Any]
 LEAST = 1e-17  # of a course that is drawn on a logarithmic axis
@@ -38,17 +41,13 @@ def write_long_runs_page(path: str | os.PathLike[str], data: Data) -> Path:
 
 def course_figure(data: Data, name: str) -> Figure:
     """How a quantity grew over the steps, for each method that let it grow at all."""
-    figure = Figure(figsize=(9, 4.5), layout="constrained")
+    figure = new_figure(9.0, 4.5)
     axes = figure.add_subplot()
     for row in data["rows"]:
         course = row.get("course", {})
         if any(value > 0 for value in course.get(name, [])):
             axes.loglog(course["steps"], np.maximum(course[name], LEAST), label=row["method"])
-    axes.set_xlabel("steps")
-    axes.set_ylabel(QUANTITIES[name])
-    axes.grid(True, alpha=0.3)
-    if axes.lines:
-        axes.legend(fontsize="small", ncols=2)
+    frame(axes, "", "steps", QUANTITIES[name])
     return figure
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.basics.files import replacing
 from tensegrity_mj.basics.jsontext import to_json
+from tensegrity_mj.pictures.figure import frame, new_figure
 from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.studies.promise import DATA, PAGE, Promise
 
@@ -18,12 +19,12 @@ COLUMNS = {
     "number": "",
     "experiment": "experiment",
     "engine": "engine",
-    "requested": "asked for [m]",
+    "requested": "requested [m]",
     "estimate": "estimate [m]",
     "error": "true error [m]",
     "settled": "settled",
     "cost_ratio": "evaluations over the cheapest adequate",
-    "lucky_ratio": "be it by luck",
+    "lucky_ratio": "even by chance",
     "outcome": "outcome",
 }
 
@@ -47,13 +48,15 @@ def write_promise(folder: str | os.PathLike[str], found: Promise) -> Path:
             Section(
                 "True errors and costs",
                 parts=[
-                    Picture(_errors(found), "True error and estimate against what was asked for."),
+                    Picture(_errors(found), "True error and estimate against what was requested."),
                     Picture(_costs(found), "Evaluations of all runs, over those of the cheapest adequate setting."),
                 ],
             ),
             Section(
                 "Promises broken",
-                parts=[Table("", ["", "which", "experiment", "engine", "asked, true [m]", "cost", "why"], failures)],
+                parts=[
+                    Table("", ["", "which", "experiment", "engine", "requested, true [m]", "cost", "why"], failures)
+                ],
             ),
             Section("Not measured", parts=[Table("", ["", "outcome", "cause"], silent)]),
             Section("All experiments", parts=[Table("", heads, rows, folded=True)]),
@@ -68,9 +71,7 @@ def _why(row: dict[str, Any]) -> list[Any]:
 
 
 def _errors(found: Promise) -> Figure:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6.5, 4.5), layout="constrained")
+    figure = new_figure(6.5, 4.5)
     axes = figure.add_subplot()
     for settled, colour, label in ((True, "tab:blue", "settled"), (False, "tab:red", "not settled")):
         rows = [row for row in found.rows if row["outcome"] == "measured" and row["settled"] is settled]
@@ -78,23 +79,17 @@ def _errors(found: Promise) -> Figure:
         axes.loglog(asked, [row["error"] or 1e-17 for row in rows], "o", color=colour, ms=4, label=f"true, {label}")
         axes.loglog(asked, [row["estimate"] for row in rows], "_", color=colour, ms=7, label=f"estimate, {label}")
     ends = [1e-10, 1e-2]
-    axes.loglog(ends, ends, "k-", lw=0.8, label="asked for")
+    axes.loglog(ends, ends, "k-", lw=0.8, label="requested")
     axes.loglog(ends, [3 * end for end in ends], "k:", lw=0.8, label="three times that")
-    axes.set(xlabel="asked for [m]", ylabel="largest node error [m]")
-    axes.legend(fontsize="small")
-    axes.grid(True, alpha=0.3)
+    frame(axes, "", "requested [m]", "largest node error [m]")
     return figure
 
 
 def _costs(found: Promise) -> Figure:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6.5, 4.0), layout="constrained")
+    figure = new_figure(6.5, 4.0)
     axes = figure.add_subplot()
     for engine in sorted({row["engine"] for row in found.rows if "engine" in row}):
         rows = [row for row in found.rows if row.get("engine") == engine and "cost_ratio" in row and row["met"]]
         axes.loglog([row["requested"] for row in rows], [row["cost_ratio"] for row in rows], "o", ms=4, label=engine)
-    axes.set(xlabel="asked for [m]", ylabel="cost over the cheapest")
-    axes.legend(fontsize="small")
-    axes.grid(True, alpha=0.3)
+    frame(axes, "", "requested [m]", "cost over the cheapest")
     return figure

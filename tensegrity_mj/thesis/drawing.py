@@ -10,6 +10,8 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.pictures import palette
+from tensegrity_mj.pictures.figure import GREY, equal_scales, frame, new_figure
+from tensegrity_mj.pictures.plots import contours_of
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.thesis import measures
 from tensegrity_mj.thesis.experiments import TITLES, EngineName
@@ -22,8 +24,6 @@ AllRuns = Mapping[EngineName, Runs]
 
 BLUE, GREEN, RED = palette.CYCLE[:3]
 BLACK = (0.1, 0.1, 0.1)
-GREY = (0.45, 0.47, 0.5)
-GRID = (0.9, 0.91, 0.92)
 PANEL = (3.9, 2.6)  # inches
 MARKS = 24  # circles along a curve
 
@@ -45,16 +45,6 @@ class ThesisFigure:
     title: str
     needs: tuple[str, ...]
     draw: Callable[[AllRuns], Figure]
-
-
-def new_figure(width: float, height: float) -> Figure:
-    """A figure without pyplot."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure as MatplotlibFigure
-
-    figure = MatplotlibFigure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
 
 
 def panels(rows: int, columns: int, height: float = PANEL[1], width: float = PANEL[0]) -> tuple[Figure, Any]:
@@ -101,21 +91,9 @@ def curves(
 
 def finish(panel: Any, title: str, unit: str, time: bool = True) -> None:
     """Title, unit, grid and legend in one style."""
-    panel.set_title(title, fontsize=9.5)
-    panel.set_ylabel(unit, fontsize=8.5)
+    frame(panel, title, "time [s]" if time else "", unit, small=0.5)
     if time:
-        panel.set_xlabel("time [s]", fontsize=8.5)
         panel.margins(x=0.0)
-    panel.grid(True, color=GRID, lw=0.7)
-    panel.set_axisbelow(True)
-    panel.tick_params(labelsize=8, color=GREY)
-    for side in panel.spines.values():
-        side.set_color(GREY)
-        side.set_linewidth(0.7)
-    handles, labels = panel.get_legend_handles_labels()
-    if handles:
-        columns = 2 if len(handles) > 3 else 1
-        panel.legend(handles, labels, fontsize=7, framealpha=0.75, edgecolor="none", ncols=columns)
 
 
 def thesis_axis(panel: Any, low: float, high: float) -> None:
@@ -216,11 +194,7 @@ def landscape(all_runs: AllRuns, name: str, title: str, law: Any) -> Figure:
 
     figure = new_figure(6.4, 4.4)
     panel: Any = figure.subplots()
-    phi, rate = np.linspace(-np.pi, np.pi, 361), np.linspace(-1.0, 1.0, 241)
-    contours = panel.contour(
-        phi, rate, Landscape.of(law)(phi, rate[:, None]), levels=24, cmap="viridis", linewidths=0.8
-    )
-    figure.colorbar(contours, ax=panel, label=r"$V_\varphi$")
+    contours_of(panel, Landscape.of(law), 1.0)
     for number, (_, run) in enumerate(versions_of(all_runs, name)):
         way = angles(run)
         if number == 0:
@@ -232,9 +206,6 @@ def landscape(all_runs: AllRuns, name: str, title: str, law: Any) -> Figure:
                 way.phi[::every], way.phi_rate[::every], ls="none", marker="o", ms=3.2, mfc="none", mec=RED, mew=0.7
             )
     finish(panel, title, r"$\dot\varphi$ [rad/s]", time=False)
-    panel.set_xlabel(r"$\varphi$ [rad]", fontsize=8.5)
-    panel.set_xticks([-np.pi, 0, np.pi], [r"$-\pi$", "0", r"$\pi$"])
-    panel.set_ylim(-1.0, 1.0)
     engines_note(figure, all_runs, "the dot is the start")
     return figure
 
@@ -263,16 +234,3 @@ def prism_panels(all_runs: AllRuns, name: str) -> Figure:
 
 def _first(all_runs: AllRuns, name: str) -> Trajectory:
     return versions_of(all_runs, name)[0][1]
-
-
-def equal_scales(axes: Any, positions: Array) -> None:
-    """Limits that show a metre along x, y and z at the same length, round positions (n, 3)."""
-    low, high = positions.min(axis=0), positions.max(axis=0)
-    half = np.maximum(0.5 * (high - low), 0.15 * float(np.max(high - low))) * 1.05
-    middle = 0.5 * (low + high)
-    for name, m, h in zip("xyz", middle, half, strict=True):
-        getattr(axes, f"set_{name}lim")(m - h, m + h)
-        getattr(axes, f"set_{name}label")(f"{name} [m]", fontsize=8.5)
-    axes.set_box_aspect(half)
-    axes.tick_params(labelsize=7)
-    axes.view_init(elev=22.0, azim=-55.0)

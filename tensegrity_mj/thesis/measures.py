@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.target import target_nodes
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model import rods
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.thesis.experiments import BEAM_CELLS, cell_strings
 
@@ -18,10 +19,7 @@ ACTIVE = 1e-9  # N/m; below it a string is slack: what rounding leaves of u = 0 
 
 def directions(run: Trajectory, nodes: Array | None = None) -> Array:
     """b (T, R, 3) of every rod."""
-    structure = run.scene.structure
-    positions = run.nodes if nodes is None else nodes
-    pairs = structure.rod_nodes
-    return (positions[..., pairs[:, 1], :] - positions[..., pairs[:, 0], :]) / structure.rod_lengths[:, None]
+    return rods.directions(run.scene.structure, run.nodes if nodes is None else nodes)
 
 
 def rates(run: Trajectory) -> Array:
@@ -30,12 +28,8 @@ def rates(run: Trajectory) -> Array:
 
 
 def points(run: Trajectory, nodes: Array | None = None) -> Array:
-    """r (T, R, 3) of every rod: (1 - σ) n_i + σ n_j."""
-    structure = run.scene.structure
-    positions = run.nodes if nodes is None else nodes
-    pairs = structure.rod_nodes
-    sigma = np.array([rod.support.sigma for rod in structure.rods])[:, None]
-    return (1.0 - sigma) * positions[..., pairs[:, 0], :] + sigma * positions[..., pairs[:, 1], :]
+    """r (T, R, 3) of every rod."""
+    return rods.support_points(run.scene.structure, run.nodes if nodes is None else nodes)
 
 
 def aims(run: Trajectory) -> Array:

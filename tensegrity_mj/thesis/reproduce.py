@@ -12,7 +12,7 @@ import numpy as np
 from tensegrity_mj.basics.files import made_folder
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.errors import OptionError, TensegrityError
-from tensegrity_mj.pictures.plots import save_figure
+from tensegrity_mj.pictures.figure import save_figure
 from tensegrity_mj.runs.comparison import compare
 from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.thesis import page

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.plots import COLUMN
+from tensegrity_mj.pictures.figure import COLUMN, common_legend, frame, grid_of_panels, new_figure
 from tensegrity_mj.studies.stability.cases import AXES
 from tensegrity_mj.studies.stability.engines import NAMES, TITLES
 
@@ -50,26 +50,15 @@ def pictures(data: Data) -> dict[str, Drawn]:
 
 def maps(data: Data) -> Figure:
     """A panel an axis: predicted lines and measured marks over the property varied."""
-    from matplotlib.figure import Figure
-
     axes = _mapped(data)
-    columns = min(3, len(axes))
-    lines = -(-len(axes) // columns)
-    figure = Figure(figsize=(columns * 1.15 * COLUMN, lines * 0.95 * COLUMN + 0.4), layout="constrained")
-    panels = np.atleast_1d(figure.subplots(lines, columns)).ravel()
-    for panel in panels[len(axes) :]:
-        panel.set_visible(False)
-    for panel, axis in zip(panels, axes, strict=False):
+    figure, panels = grid_of_panels(len(axes), 3, 1.15 * COLUMN, 0.95 * COLUMN, 0.4)
+    for panel, axis in zip(panels, axes, strict=True):
         rows = [row for row in data["maps"] if row["axis"] == axis and row["values"] is not None]
         for order, name in enumerate(_engines(data)):
             # The first ones broader: limits that coincide stay visible.
             _line(panel, axis, rows, name, 4.0 - 0.9 * min(order, 3))
-        _finish(panel, AXES[axis][0], "limit / (2/ω)")
-    used: dict[str, Any] = {}
-    for panel in panels[: len(axes)]:
-        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
-            used.setdefault(label, handle)
-    figure.legend(used.values(), used.keys(), loc="outside lower center", ncols=len(used), fontsize=8, frameon=False)
+        frame(panel, "", AXES[axis][0], "limit / (2/ω)", legend=False)
+    common_legend(figure, panels)
     return figure
 
 
@@ -107,15 +96,11 @@ def _line(panel: Axes, axis: str, rows: Any, name: str, width: float) -> None:
 def heat(data: Data) -> Figure:
     """A panel an axis: engines down, values across, the predicted limit over 2/ω as a colour."""
     from matplotlib.colors import LogNorm
-    from matplotlib.figure import Figure
 
     axes, names = _mapped(data), _engines(data)
-    columns = min(3, len(axes))
-    lines = -(-len(axes) // columns)
-    figure = Figure(figsize=(columns * 1.15 * COLUMN, lines * 0.62 * COLUMN + 0.3), layout="constrained")
-    panels = np.atleast_1d(figure.subplots(lines, columns)).ravel()
+    figure, panels = grid_of_panels(len(axes), 3, 1.15 * COLUMN, 0.62 * COLUMN, 0.3)
     image = None
-    for panel, axis in zip(panels, axes, strict=False):
+    for panel, axis in zip(panels, axes, strict=True):
         rows = [row for row in data["maps"] if row["axis"] == axis and row["values"] is not None]
         table = np.full((len(names), len(rows)), np.nan)
         for column, row in enumerate(rows):
@@ -130,8 +115,6 @@ def heat(data: Data) -> Figure:
         ticks = list(range(0, len(rows), every))
         panel.set_xticks(ticks, [f"{rows[k]['value']:.3g}" for k in ticks], fontsize=7)
         panel.set_xlabel(AXES[axis][0], fontsize=8)
-    for panel in panels[len(axes) :]:
-        panel.set_visible(False)
     if image is not None:
         bar = figure.colorbar(image, ax=panels.tolist(), shrink=0.8)
         bar.set_label("limit / (2/ω), 300 and none alike", fontsize=8)
@@ -140,9 +123,7 @@ def heat(data: Data) -> Figure:
 
 def scatter(data: Data) -> Figure:
     """Predicted against measured, and the distribution of their differences."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(2.4 * COLUMN, 1.05 * COLUMN), layout="constrained")
+    figure = new_figure(2.4 * COLUMN, 1.05 * COLUMN)
     left, right = figure.subplots(1, 2)
     allowed = data["random"]["summary"]["allowed"]
     for name in data["engines"]:
@@ -163,16 +144,6 @@ def scatter(data: Data) -> Figure:
     left.plot(span, span, color=palette.GUIDE, lw=0.8, zorder=0)
     right.axvline(allowed, color=palette.WARNING, lw=0.9, ls="--")
     right.set_xscale("log")
-    _finish(left, "measured limit / (2/ω)", "predicted limit / (2/ω)")
-    _finish(right, "|predicted / measured - 1|", "part of the structures")
-    left.legend(fontsize=7, frameon=False)
+    frame(left, "", "measured limit / (2/ω)", "predicted limit / (2/ω)")
+    frame(right, "", "|predicted / measured - 1|", "part of the structures", legend=False)
     return figure
-
-
-def _finish(panel: Axes, x: str, y: str) -> None:
-    panel.set_xlabel(x)
-    panel.set_ylabel(y)
-    panel.grid(color=palette.GRID, lw=0.6)
-    panel.set_axisbelow(True)
-    for side in ("top", "right"):
-        panel.spines[side].set_visible(False)

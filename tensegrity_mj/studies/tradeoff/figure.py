@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.plots import GREY
+from tensegrity_mj.pictures.figure import GREY, frame, new_figure
 from tensegrity_mj.studies.tradeoff.sentence import metres
 
 if TYPE_CHECKING:
@@ -93,9 +93,6 @@ def diagram(data: Data, cost: Cost, experiments: Sequence[str] | None = None) ->
     Raises:
         OptionError: where there is nothing to draw.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure as MatplotlibFigure
-
     panels = _panels(data, experiments)
     if not panels:
         raise OptionError(
@@ -107,8 +104,7 @@ def diagram(data: Data, cost: Cost, experiments: Sequence[str] | None = None) ->
     width = max(columns, 2) * PANEL[0]
     across = int(width / LEGEND_COLUMN)
     legend = LEGEND_ROW * math.ceil(len(handles) / across)
-    figure = MatplotlibFigure(figsize=(width, rows * PANEL[1] + legend + 0.3), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(width, rows * PANEL[1] + legend + 0.3)
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for place, panel in zip(grid, panels, strict=False):
         _draw(place, panel, cost)
@@ -196,13 +192,7 @@ def _draw(place: Axes, panel: Panel, cost: Cost) -> None:
     high = max([*drawn, low * 10], default=1.0)
     place.set_ylim(max(low, LEAST) / 30, high * 300)
     _lines(place, experiment, own)
-    place.set_title(panel.title, fontsize=8.5)
-    place.grid(True, color=palette.GRID, lw=0.5)
-    place.set_axisbelow(True)
-    place.tick_params(labelsize=7.5, color=GREY)
-    for side in place.spines.values():
-        side.set_color(GREY)
-        side.set_linewidth(0.7)
+    frame(place, panel.title, legend=False, small=1.0)
 
 
 def _lines(place: Axes, experiment: Data, own: float | None) -> None:

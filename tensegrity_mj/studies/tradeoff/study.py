@@ -65,7 +65,7 @@ class Tradeoff:
 
     def save_figure(self, path: str | os.PathLike[str]) -> Path:
         """Write the diagram, error against wall time, as .png, .svg or .pdf; returns its path."""
-        from tensegrity_mj.pictures.plots import save_figure
+        from tensegrity_mj.pictures.figure import save_figure
         from tensegrity_mj.studies.tradeoff.figure import Cost, diagram
 
         return save_figure(diagram(self.data, Cost.WALL_TIME), Path(path))

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.pictures import palette
+from tensegrity_mj.pictures.figure import COLUMN, GREY, frame, line_style, new_figure
 from tensegrity_mj.pictures.page import Picture
-from tensegrity_mj.pictures.plots import COLUMN, GREY, RUN_STYLES
 from tensegrity_mj.studies.validation.findings import left_promise
 from tensegrity_mj.studies.validation.sentences import title
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Data = Mapping[str, Any]
 
@@ -49,52 +45,31 @@ def of_section(section: str, data: Data) -> Iterator[Picture]:
         yield from maker(data)
 
 
-def _figure(width: float, height: float) -> Figure:
-    from matplotlib.figure import Figure
-
-    return Figure(figsize=(width, height), layout="constrained")
-
-
-def _finish(panel: Axes, x: str, y: str, legend: bool = True) -> None:
-    panel.set_xlabel(x)
-    panel.set_ylabel(y)
-    panel.grid(color=palette.GRID, lw=0.6)
-    panel.set_axisbelow(True)
-    for side in ("top", "right"):
-        panel.spines[side].set_visible(False)
-    if legend and panel.get_legend_handles_labels()[0]:
-        panel.legend(fontsize=8, frameon=False)
-
-
-def _style(number: int) -> str:
-    return RUN_STYLES[number % len(RUN_STYLES)]
-
-
 def _nominal(data: Data) -> Iterator[Picture]:
     runs = {engine: one for engine, one in data["nominal"]["engines"].items() if one.get("series")}
     if not runs:
         return
     first = next(iter(runs.values()))
     panels = ["error", *(["lyapunov"] if first["lyapunov"] else []), "force_density"]
-    figure = _figure(len(panels) * COLUMN, 0.85 * COLUMN)
+    figure = new_figure(len(panels) * COLUMN, 0.85 * COLUMN)
     labels = {"error": "target error [m]", "lyapunov": "V", "force_density": "largest u [N/m]"}
     for panel, name in zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True):
         for number, (engine, one) in enumerate(runs.items()):
             series = one["series"]
             values = np.array([math.nan if value is None else value for value in series[name]], float)
-            panel.plot(series["times"], values, color=palette.CYCLE[number], ls=_style(number), label=title(engine))
+            panel.plot(series["times"], values, color=palette.CYCLE[number], ls=line_style(number), label=title(engine))
             if name == "lyapunov" and one["lyapunov"] and one["lyapunov"]["promised_rate"]:
                 V = one["lyapunov"]["initial"] * np.exp(-one["lyapunov"]["promised_rate"] * np.array(series["times"]))
                 if number == 0:
                     panel.plot(series["times"], V, color=GREY, lw=3, alpha=0.4, zorder=0, label="promised")
         if name != "force_density" and np.all(np.isfinite(values)) and np.all(values > 0):
             panel.set_yscale("log")
-        _finish(panel, "t [s]", labels[name])
+        frame(panel, "", "t [s]", labels[name])
     yield Picture(figure, "The nominal run in each engine; lines that coincide agree.")
 
 
 def _sampling(data: Data) -> Iterator[Picture]:
-    figure = _figure(2 * COLUMN, 1.05 * COLUMN)
+    figure = new_figure(2 * COLUMN, 1.05 * COLUMN)
     panel = figure.subplots()
     drawn = False
     for number, (engine, part) in enumerate(data["sampling"].items()):
@@ -105,9 +80,11 @@ def _sampling(data: Data) -> Iterator[Picture]:
                 drawn = True
                 color = palette.CYCLE[0 if "force" in mode else 2]
                 x, y = [1e3 * one["period"] for one in own], [one["node_error"] for one in own]
-                panel.loglog(x, y, color=color, ls=_style(number), marker="o", ms=4, label=f"{mode}, {title(engine)}")
+                panel.loglog(
+                    x, y, color=color, ls=line_style(number), marker="o", ms=4, label=f"{mode}, {title(engine)}"
+                )
     if drawn:
-        _finish(panel, "control period [ms]", "largest node error [m]")
+        frame(panel, "", "control period [ms]", "largest node error [m]")
         yield Picture(figure, "What sampling costs: the largest node error against the control period.")
 
 
@@ -115,7 +92,7 @@ def _gains(data: Data) -> Iterator[Picture]:
     engine, part = next(iter(data["gains"].items()))
     if not part["rows"]:
         return
-    figure = _figure(2 * COLUMN, COLUMN)
+    figure = new_figure(2 * COLUMN, COLUMN)
     panels = figure.subplots(1, 2)
     names = (("settling_10", "settled to 10 % [s]"), ("peak_force_density", "peak u [N/m]"))
     for panel, (quantity, label) in zip(panels, names, strict=True):
@@ -128,7 +105,7 @@ def _gains(data: Data) -> Iterator[Picture]:
             panel.set_xscale("log", base=2)
             if quantity == "peak_force_density":
                 panel.set_yscale("log")
-        _finish(panel, "factor on the gain", label)
+        frame(panel, "", "factor on the gain", label)
     yield Picture(figure, f"Trends of the gains ({title(engine)}); runs that never settle are left out.")
 
 
@@ -151,14 +128,14 @@ def _delay(data: Data) -> Iterator[Picture]:
 
 def _against(section: Data, panels: Any, caption: str) -> Iterator[Picture]:
     """The final error against one fact, coloured by outcome."""
-    figure = _figure(max(1.6, len(panels)) * COLUMN, COLUMN)
+    figure = new_figure(max(1.6, len(panels)) * COLUMN, COLUMN)
     seen: set[str] = set()
     for panel, (key, other, label) in zip(np.atleast_1d(figure.subplots(1, len(panels))), panels, strict=True):
         for number, part in enumerate(section.values()):
             own = [one for one in part["rows"] if one[key] and not one.get(other) and one["final_error"] is not None]
             own.sort(key=lambda one: one[key])
             x, y = [one[key] for one in own], [one["final_error"] for one in own]
-            panel.plot(x, y, color=GREY, ls=_style(number), lw=1, zorder=1)
+            panel.plot(x, y, color=GREY, ls=line_style(number), lw=1, zorder=1)
             for one in own:
                 name = one["outcome"] if one["outcome"] not in seen else None
                 seen.add(one["outcome"])
@@ -167,7 +144,7 @@ def _against(section: Data, panels: Any, caption: str) -> Iterator[Picture]:
             panel.set_yscale("log")
         if other:
             panel.set_xscale("log")
-        _finish(panel, label, "final error [m]")
+        frame(panel, "", label, "final error [m]")
     if seen:
         yield Picture(figure, caption)
 
@@ -178,13 +155,13 @@ def _starts(data: Data) -> Iterator[Picture]:
     if "direction" in rows[0]:
         yield from _map(engine, rows)
         return
-    figure = _figure(1.6 * COLUMN, COLUMN)
+    figure = new_figure(1.6 * COLUMN, COLUMN)
     panel = figure.subplots()
     for number, (name, own) in enumerate(data["starts"].items()):
         x, y = [one["amplitude"] for one in own["fractions"]], [one["converged"] for one in own["fractions"]]
-        panel.plot(x, y, color=palette.CYCLE[number], ls=_style(number), marker="o", ms=4, label=title(name))
+        panel.plot(x, y, color=palette.CYCLE[number], ls=line_style(number), marker="o", ms=4, label=title(name))
     panel.set_ylim(-0.05, 1.05)
-    _finish(panel, "amplitude of the perturbation [rad; of the mean rod length]", "part of the starts that converge")
+    frame(panel, "", "amplitude of the perturbation [rad; of the mean rod length]", "part of the starts that converge")
     yield Picture(figure, "Random starts of growing distance from the nominal one.")
 
 
@@ -192,7 +169,7 @@ def _map(engine: str, rows: Any) -> Iterator[Picture]:
     names = list(dict.fromkeys(one["law"] for one in rows))
     columns = 2
     lines = math.ceil(len(names) / columns)
-    figure = _figure(columns * 1.25 * COLUMN, lines * 0.8 * COLUMN)
+    figure = new_figure(columns * 1.25 * COLUMN, lines * 0.8 * COLUMN)
     used: dict[str, Any] = {}
     for number, name in enumerate(names):
         panel = figure.add_subplot(lines, columns, number + 1, projection="mollweide")

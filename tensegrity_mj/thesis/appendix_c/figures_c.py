@@ -9,10 +9,11 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.pictures import palette
+from tensegrity_mj.pictures.figure import GREY, new_figure
 from tensegrity_mj.thesis import drawing
 from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, BY_STIFFNESS, BeamRun
 from tensegrity_mj.thesis.appendix_c.measures_c import buckling, initial, stiffness
-from tensegrity_mj.thesis.drawing import GREY, AllRuns, ThesisFigure
+from tensegrity_mj.thesis.drawing import AllRuns, ThesisFigure
 from tensegrity_mj.thesis.experiments import EngineName
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def _compression(all_runs: AllRuns) -> Figure:
 def _configuration(all_runs: AllRuns) -> Figure:
     """(a), (b) rods across the beam, (c), (d) the beam from its side, before and after form-finding."""
     run = _run(all_runs, "beams")
-    figure = drawing.new_figure(9.0, 4.6)
+    figure = new_figure(9.0, 4.6)
     panels: Any = figure.subplots(2, 2, width_ratios=[1, 4.2])
     rods, strings = run.of(SHOWN, "rods"), run.of(SHOWN, "strings")
     for (cross, side), name, text in zip(panels, ("before", "nodes"), ("prior to", "after"), strict=True):

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING
 
 from tensegrity_mj.library.thesis_towers import TABLE_C2
 from tensegrity_mj.pictures import palette
+from tensegrity_mj.pictures.figure import GREY
 from tensegrity_mj.thesis import drawing
 from tensegrity_mj.thesis.appendix_c.beam_wave_studies import DOUBLED, HEIGHTS, PRINTED, TWICE, label_of
 from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS
 from tensegrity_mj.thesis.appendix_c.measures_c2 import amplitude
-from tensegrity_mj.thesis.drawing import GREY, AllRuns, ThesisFigure
+from tensegrity_mj.thesis.drawing import AllRuns, ThesisFigure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tensegrity_mj.pictures import palette
+from tensegrity_mj.pictures.figure import GREY, new_figure
 from tensegrity_mj.thesis import drawing
 from tensegrity_mj.thesis.chapter3.measures3 import element_frequencies
 from tensegrity_mj.thesis.chapter3.series import ELEMENTS, FINE_STEP, SHOWN, SeriesRun
-from tensegrity_mj.thesis.drawing import BLUE, GREEN, GREY, RED, AllRuns, ThesisFigure
+from tensegrity_mj.thesis.drawing import BLUE, GREEN, RED, AllRuns, ThesisFigure
 from tensegrity_mj.thesis.experiments import TITLES
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def _note(figure: Figure, all_runs: AllRuns, name: str, extra: str = "") -> None
 
 
 def _psd(all_runs: AllRuns) -> Figure:
-    figure = drawing.new_figure(6.4, 3.6)
+    figure = new_figure(6.4, 3.6)
     panel: Any = figure.subplots()
     for name, color, label in (("in-line", RED, "lab frame"), ("in-line-moving", BLUE, "moving frame")):
         run = _series(all_runs, name)[0][1]
@@ -94,7 +95,7 @@ def _response(excitation: str, marker: int, axis: int, last_tick: float) -> Any:
 
 
 def _elements(all_runs: AllRuns) -> Figure:
-    figure = drawing.new_figure(6.4, 3.6)
+    figure = new_figure(6.4, 3.6)
     panel: Any = figure.subplots()
     found = np.array([element_frequencies(K) for K in ELEMENTS])
     labels = (("Fastening arrangement", RED), ("Cable elements", BLUE), ("Bottom load", GREEN))
@@ -169,7 +170,7 @@ def _drift(all_runs: AllRuns) -> Figure:
 
 
 def _refined(all_runs: AllRuns) -> Figure:
-    figure = drawing.new_figure(6.4, 4.0)
+    figure = new_figure(6.4, 4.0)
     panel: Any = figure.subplots()
     drawing.thesis_axis(panel, 0.0, 18.0)
     marks = ((13, "k", "o"), (25, BLUE, "^"), (37, GREEN, "s"), (49, RED, "p"), (61, PURPLE, "h"))

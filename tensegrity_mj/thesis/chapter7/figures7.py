@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tensegrity_mj.library.tower import Topology
-from tensegrity_mj.thesis import drawing
+from tensegrity_mj.pictures.figure import GREY, equal_scales, new_figure
 from tensegrity_mj.thesis.appendix_c.beams import BeamRun
 from tensegrity_mj.thesis.appendix_c.figures_c import lines
 from tensegrity_mj.thesis.chapter7.measures7 import FIRST, FORMED, STAGES
-from tensegrity_mj.thesis.drawing import GREY, AllRuns, ThesisFigure
+from tensegrity_mj.thesis.drawing import AllRuns, ThesisFigure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,12 +23,12 @@ def _close_view(all_runs: AllRuns) -> Figure:
     rods, strings = run.of(FORMED, "rods"), run.of(FORMED, "strings")
     chosen = range(6 * (FIRST - 1), 6 * (FIRST - 1 + STAGES))  # six nodes a stage
     inside = [np.array([pair for pair in pairs if set(pair) <= set(chosen)]) for pairs in (rods, strings)]
-    figure = drawing.new_figure(9.0, 3.9)
+    figure = new_figure(9.0, 3.9)
     for number, (name, text) in enumerate((("before", "before"), ("nodes", "after")), start=1):
         panel: Any = figure.add_subplot(1, 2, number, projection="3d")
         nodes = run.of(FORMED, name)
         lines(panel, nodes, *inside)
-        drawing.equal_scales(panel, nodes[list(chosen)])
+        equal_scales(panel, nodes[list(chosen)])
         panel.set_title(f"Structure geometry {text} form-finding", fontsize=9.5)
     figure.supxlabel(
         f"stages {FIRST} to {FIRST + STAGES - 1} of 15; statics with rigid rods; {Topology.FULL.value} topology, "

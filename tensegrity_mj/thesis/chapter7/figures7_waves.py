@@ -9,15 +9,15 @@ import numpy as np
 from tensegrity_mj.library.thesis_towers import PRESTRESS_MEASURES, STIFFNESSES
 from tensegrity_mj.model.elements.water import sea_of
 from tensegrity_mj.pictures import palette
+from tensegrity_mj.pictures.figure import GREY, new_figure
 from tensegrity_mj.runs.deformation import centres, distances_from_line, interconnections
 from tensegrity_mj.studies.waves.cases import GRID
 from tensegrity_mj.studies.waves.task import scene_of
-from tensegrity_mj.thesis import drawing
 from tensegrity_mj.thesis.appendix_c.beams import BeamRun
 from tensegrity_mj.thesis.appendix_c.figures_c import lines
 from tensegrity_mj.thesis.chapter7.measures7 import SHOWN, SOFT, grid
 from tensegrity_mj.thesis.chapter7.waves import STUDY
-from tensegrity_mj.thesis.drawing import GREY, AllRuns, ThesisFigure
+from tensegrity_mj.thesis.drawing import AllRuns, ThesisFigure
 from tensegrity_mj.thesis.experiments import TITLES
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def _measure(all_runs: AllRuns) -> Figure:
     D = distances_from_line(points)
     way, most = points[-1] - points[0], int(D.argmax())
     foot = points[0] + way * ((points[most] - points[0]) @ way) / (way @ way)
-    figure = drawing.new_figure(8.0, 3.4)
+    figure = new_figure(8.0, 3.4)
     panel: Any = figure.add_subplot()
     _side(panel, run, SOFT, 0)
     for places, style in ((points[[0, -1]], "--"), (points, "o-")):
@@ -65,7 +65,7 @@ def _measure(all_runs: AllRuns) -> Figure:
 
 def _snapshots(all_runs: AllRuns) -> Figure:
     """Figure 7.8: three moments of the last period."""
-    run, figure = _run(all_runs), drawing.new_figure(8.0, 6.0)
+    run, figure = _run(all_runs), new_figure(8.0, 6.0)
     panels: Any = figure.subplots(3, 1, sharex=True, sharey=True)
     for number, panel in enumerate(panels, start=1):
         _side(panel, run, SHOWN, number)
@@ -77,7 +77,7 @@ def _snapshots(all_runs: AllRuns) -> Figure:
 def _trend(all_runs: AllRuns) -> Figure:
     """Figure 7.9: surfaces of the largest D, of the run and after 30 s."""
     run = _run(all_runs)
-    figure = drawing.new_figure(9.2, 4.2)
+    figure = new_figure(9.2, 4.2)
     k, p = np.meshgrid(np.array(STIFFNESSES) / 1e3, PRESTRESS_MEASURES, indexing="ij")
     for number, (name, title) in enumerate((("largest", "of the run"), ("steady", "after 30 s")), start=1):
         panel: Any = figure.add_subplot(1, 2, number, projection="3d")
