@@ -1,4 +1,4 @@
-"""MuJoCo as an engine. An environment in which MuJoCo cannot be imported is refused here, before any module of this room."""
+"""MuJoCo as an engine. An environment that cannot import it is refused here, before any module of this room."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def _check_import() -> None:
         import mujoco  # noqa: F401
     except RuntimeError as error:
         raise OptionError(
-            f"MUJOCO_GL={chosen}: MuJoCo cannot be imported ({error}); allowed are egl, osmesa, glfw, and off; unset it "
-            "to have one chosen"
+            f"MUJOCO_GL={chosen}: MuJoCo cannot be imported ({error}); allowed are egl, osmesa, glfw, and off; unset "
+            "it to have one chosen"
         ) from error
     except Exception as error:  # PyOpenGL without the library: ImportError, AttributeError, OSError
         raise MissingLibraryError(
