@@ -1,27 +1,24 @@
+# PYTHON_ARGCOMPLETE_OK
 """The command line `tensegrity-mj`: arguments in, exit code out. Every command is a module of `commands`."""
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import os
 import sys
 import traceback
 from collections.abc import Iterator, Sequence
-from typing import Any, NoReturn
+from typing import Any
 
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.commands import (
-    benchmark,
+    audit,
     clearance,
     compare,
     demo,
     doctor,
-    drift,
     export,
-    extremes,
     linearize,
-    promise,
     render,
     reproduce,
     run,
@@ -32,7 +29,8 @@ from tensegrity_mj.commands import (
     tradeoff,
     validate,
 )
-from tensegrity_mj.commands.common import EXIT_CODES, ExitCode, Outcome
+from tensegrity_mj.commands.common import ExitCode, Outcome
+from tensegrity_mj.commands.parser import Groups, Parser, UsageError, build
 from tensegrity_mj.errors import (
     DivergenceError,
     InfeasibleError,
@@ -42,70 +40,21 @@ from tensegrity_mj.errors import (
     printable_message,
 )
 
-COMMANDS = {
-    "scenes": scenes,
-    "run": run,
-    "compare": compare,
-    "clearance": clearance,
-    "render": render,
-    "export": export,
-    "linearize": linearize,
-    "doctor": doctor,
-    "benchmark": benchmark,
-    "sweep": sweep,
-    "tradeoff": tradeoff,
-    "promise": promise,
-    "validate": validate,
-    "stability": stability,
-    "statics": statics,
-    "reproduce": reproduce,
-    "extremes": extremes,
-    "drift": drift,
-    "demo": demo,
+GROUPS: Groups = {
+    "simulate and see": {"run": run, "compare": compare, "render": render, "export": export},
+    "analyse": {"statics": statics, "linearize": linearize, "stability": stability, "clearance": clearance},
+    "many runs": {"sweep": sweep, "tradeoff": tradeoff, "validate": validate},
+    "the thesis": {"reproduce": reproduce},
+    "this package": {"audit": audit},
+    "what is there": {"scenes": scenes, "doctor": doctor, "demo": demo},
 }
-
-
-class UsageError(Exception):
-    """Arguments that argparse refuses; carries the usage line of the command concerned."""
-
-    def __init__(self, message: str, usage: str) -> None:
-        super().__init__(message)
-        self.usage = usage
-
-
-class Parser(argparse.ArgumentParser):
-    """An argparse parser that raises instead of exiting, so that --json can answer bad usage too."""
-
-    def error(self, message: str) -> NoReturn:
-        raise UsageError(message, self.format_usage())
+DESCRIPTION = "Simulate tensegrity structures in MuJoCo and in an independent reference model, and compare them."
+EPILOG = "example:\n  tensegrity-mj run prism --out prism.nc --video prism.mp4\n\nSI units and radians everywhere."
 
 
 def build_parser() -> Parser:
     """The parser of the whole command line."""
-    parser = Parser(
-        prog="tensegrity-mj",
-        description="Simulate tensegrity structures in MuJoCo and in an independent reference model, and compare them.",
-        epilog=f"example:\n  tensegrity-mj run prism --out prism.nc --video prism.mp4\n\n{EXIT_CODES}\n"
-        "SI units and radians everywhere.",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("--version", action="store_true", help="print the version and exit")
-    commands = parser.add_subparsers(dest="command", metavar="COMMAND", required=False)
-    for name, module in COMMANDS.items():
-        command = commands.add_parser(
-            name,
-            help=module.HELP,
-            description=module.__doc__,
-            epilog=f"{module.EXAMPLES.rstrip()}\n\n{EXIT_CODES}",
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-            allow_abbrev=False,
-        )
-        module.configure(command)
-        command.add_argument(
-            "--json", action="store_true", help="print one JSON object on stdout; everything else goes to stderr"
-        )
-        command.set_defaults(execute=module.execute)
-    return parser
+    return build(GROUPS, DESCRIPTION, EPILOG)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -114,19 +63,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
     as_json = "--json" in arguments
     try:
         parser = build_parser()
+        if "_ARGCOMPLETE" in os.environ:
+            from tensegrity_mj.commands.completion import complete
+
+            complete(parser)
         options = parser.parse_args(arguments)
         if options.version:
             from importlib.metadata import version
 
             print(version("tensegrity-mj"))
             return ExitCode.SUCCESS
-        if options.command is None:
-            parser.error(f"name a command: {', '.join(COMMANDS)}")
+        if not hasattr(options, "execute"):
+            parser.error(f"name a command: {', '.join(parser.commands)}")
         with _stdout_to_stderr():
             outcome: Outcome = options.execute(options)
         answer = to_json(outcome.data) if as_json else printable(outcome.text, keep="\n")
     except UsageError as error:
-        print(error.usage, end="", file=sys.stderr)
         return _fail(ExitCode.BAD_INPUT, str(error), as_json)
     except TensegrityError as error:
         return _fail(_code_of_error(error), str(error), as_json)

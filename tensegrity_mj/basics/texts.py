@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import re
 import unicodedata
+from collections.abc import Iterable
 
 from tensegrity_mj.errors import printable
 
@@ -56,3 +57,17 @@ def figure_text(text: str, most: int = 120) -> str:
     shown = shown.replace("$", r"\$")
     # Labels that begin with an underscore stay out of legends.
     return rf"$\_${shown[1:]}" if shown.startswith("_") else shown
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """The one of the known words that a misspelt one was probably meant to be, or nothing."""
+    import difflib  # only where something is misspelt
+
+    match = difflib.get_close_matches(word, list(known), 1)
+    return match[0] if match else ""
+
+
+def closest(word: str, known: Iterable[str]) -> str:
+    """What a misspelt word was probably meant to be, as the end of a sentence, or nothing."""
+    meant = nearest(word, known)
+    return f" (did you mean '{meant}'?)" if meant else ""

@@ -20,7 +20,7 @@ from tensegrity_mj.errors import OptionError
 if TYPE_CHECKING:
     from tensegrity_mj.runs.approaches import Approach, Clearance
 
-HELP = "the smallest distances between rods and strings along a run: who, when, where; what touches or passes through"
+HELP = "the smallest distances between rods and strings along a run"
 EXAMPLES = """\
 examples:
   tensegrity-mj clearance prism.nc              # of tensegrity-mj run prism --out prism.nc
@@ -65,7 +65,9 @@ def execute(options: argparse.Namespace) -> Outcome:
     if out and not is_run:
         raise OptionError(f"--out plots distances over time, and {options.input} is one shape: give the file of a run")
 
-    from tensegrity_mj import Pairs, Trajectory, clearance, load_scene
+    from tensegrity_mj.library.load import load_scene
+    from tensegrity_mj.runs.clearances import Pairs, clearance
+    from tensegrity_mj.runs.trajectory import Trajectory
 
     what = Trajectory.load(options.input) if is_run else load_scene(options.input)
     found = clearance(

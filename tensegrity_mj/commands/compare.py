@@ -24,9 +24,12 @@ from tensegrity_mj.commands.common import (
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
-    from tensegrity_mj import DAE, ODE, MuJoCo, Trajectory
+    from tensegrity_mj.engines.mujoco.engine import MuJoCo
+    from tensegrity_mj.engines.reference.dae import DAE
+    from tensegrity_mj.engines.reference.ode import ODE
+    from tensegrity_mj.runs.trajectory import Trajectory
 
-HELP = "compare two engines on one scene (MuJoCo with the DAE reference model), or two files"
+HELP = "compare two engines on one scene, or two recorded runs"
 EXAMPLES = """\
 examples:
   tensegrity-mj compare prism --timestep 5e-3 --duration 4 --json
@@ -36,7 +39,7 @@ examples:
   tensegrity-mj compare a.nc b.nc --tolerance 1e-8 --plot difference.png
 
 By default: MuJoCo with RK4 at --timestep against the DAE at its default tolerances, under the scene's law,
-evaluated continuously. With --accuracy both engines choose, and their errors are told beside the difference.
+evaluated continuously. With --accuracy both engines choose, and their errors are reported beside the difference.
 """
 
 # unit of each number of a comparison, for people
@@ -86,7 +89,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     else:
         raise OptionError(f"compare {' '.join(options.inputs)}: give one scene, or two .nc files")
 
-    from tensegrity_mj import Status
+    from tensegrity_mj.runs.trajectory import Status
 
     for run in (first, second):
         if "accuracy" in run.reports and not run.reports["accuracy"]["met"]:
@@ -100,7 +103,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         numbers: dict[str, Any] = {**dict.fromkeys(UNITS), "first_exceeded": {}}
         plot = None
     else:
-        from tensegrity_mj import compare
+        from tensegrity_mj.runs.comparison import compare
 
         comparison = compare(first, second, **({} if options.tolerance is None else {"tolerance": options.tolerance}))
         numbers = comparison.to_dict()
@@ -161,7 +164,10 @@ def _engines(options: argparse.Namespace) -> tuple[str, str]:
 
 
 def _simulate(options: argparse.Namespace, names: tuple[str, str]) -> tuple[Trajectory, Trajectory]:
-    from tensegrity_mj import OnInfeasible, Status, load_scene, simulate
+    from tensegrity_mj.library.load import load_scene
+    from tensegrity_mj.model.actuation import OnInfeasible
+    from tensegrity_mj.runs.trajectory import Status
+    from tensegrity_mj.simulation import simulate
 
     experiment.check_control(options)
     scene = load_scene(options.inputs[0])
@@ -196,7 +202,7 @@ def _simulate(options: argparse.Namespace, names: tuple[str, str]) -> tuple[Traj
 
 
 def _read(options: argparse.Namespace) -> tuple[Trajectory, Trajectory]:
-    from tensegrity_mj import Trajectory
+    from tensegrity_mj.runs.trajectory import Trajectory
 
     if len(options.inputs) != 2:
         raise OptionError(f"compare {' '.join(options.inputs)}: give two .nc files, not {len(options.inputs)}")

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.runs.comparison import Comparison
     from tensegrity_mj.runs.trajectory import Trajectory
 
-HELP = "run the main job: the prism in both engines, compared and filmed"
+HELP = "the main job: the prism in both engines, compared and filmed"
 EXAMPLES = """\
 examples:
   tensegrity-mj demo
@@ -104,7 +104,7 @@ def run_demo(out: str | os.PathLike[str] = "results", scene: str = "prism", *, p
         OptionError: if the folder cannot be made or written in, or the scene has no control law.
         InfeasibleError, DivergenceError: if a simulation ends before its time.
     """
-    from tensegrity_mj import controllers
+    from tensegrity_mj.controllers import from_scene
     from tensegrity_mj.library.load import load_scene
     from tensegrity_mj.runs.trajectory import Status
 
@@ -113,7 +113,7 @@ def run_demo(out: str | os.PathLike[str] = "results", scene: str = "prism", *, p
         raise OptionError(
             f"scene '{experiment.name}' has no control law; choose one that has, such as prism or pinned_rod"
         )
-    law = controllers.from_scene(experiment)
+    law = from_scene(experiment)
     folder = _writable_folder(out)
     name = file_name(experiment.name)
 

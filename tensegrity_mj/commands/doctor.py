@@ -12,7 +12,7 @@ from importlib import metadata
 
 from tensegrity_mj.commands.common import ExitCode, Outcome
 
-HELP = "say what works on this machine and how to mend what does not"
+HELP = "what works on this machine, and how to mend what does not"
 EXAMPLES = """\
 example:
   tensegrity-mj doctor

@@ -11,7 +11,10 @@ from tensegrity_mj.commands.common import positive, refuse
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
-    from tensegrity_mj import DAE, ODE, Actuation, MuJoCo
+    from tensegrity_mj.engines.mujoco.engine import MuJoCo
+    from tensegrity_mj.engines.reference.dae import DAE
+    from tensegrity_mj.engines.reference.ode import ODE
+    from tensegrity_mj.model.actuation import Actuation
     from tensegrity_mj.model.scene import Scene
 
 # The values of the enums of the same names: written here so that --help need not import them (tested to agree).
@@ -111,7 +114,7 @@ def law_of(options: argparse.Namespace, scene: Scene) -> Any:
     Raises:
         OptionError: law options for a scene without a law, or a law without a target.
     """
-    from tensegrity_mj import controllers
+    from tensegrity_mj.controllers import from_scene
 
     overrides: dict[str, Any] = dict(options.law_option or ())
     if options.norm is not None:
@@ -123,7 +126,7 @@ def law_of(options: argparse.Namespace, scene: Scene) -> Any:
     if scene.control is None and options.law is None:
         refuse(options, LAW_OPTIONS, f"needs a control law, and scene '{scene.name}' has none: add --law {LAWS[0]}")
         return None
-    return controllers.from_scene(scene, options.law, **overrides)
+    return from_scene(scene, options.law, **overrides)
 
 
 def law_option(text: str) -> tuple[str, Any]:
@@ -141,7 +144,7 @@ def law_option(text: str) -> tuple[str, Any]:
 
 def actuation_of(options: argparse.Namespace) -> Actuation:
     """What is held between control samples."""
-    from tensegrity_mj import Actuation
+    from tensegrity_mj.model.actuation import Actuation
 
     match options.actuation:
         case "hold-force-density":
@@ -153,7 +156,8 @@ def actuation_of(options: argparse.Namespace) -> Actuation:
 
 def mujoco_of(options: argparse.Namespace) -> MuJoCo:
     """The MuJoCo engine with the options given, defaults elsewhere."""
-    from tensegrity_mj import Integrator, MuJoCo
+    from tensegrity_mj.engines.mujoco.engine import MuJoCo
+    from tensegrity_mj.engines.mujoco.settings import Integrator
 
     check_accuracy(options)
     chosen = _given(options, ("timestep", "accuracy", "locate_slack"))
@@ -164,7 +168,7 @@ def mujoco_of(options: argparse.Namespace) -> MuJoCo:
 
 def dae_of(options: argparse.Namespace, *, with_timestep: bool = True) -> DAE:
     """The DAE engine with the options given, defaults elsewhere."""
-    from tensegrity_mj import DAE, Drift
+    from tensegrity_mj.engines.reference.dae import DAE, Drift
 
     chosen = _integration_of(options, with_timestep)
     if options.drift is not None:
@@ -174,7 +178,7 @@ def dae_of(options: argparse.Namespace, *, with_timestep: bool = True) -> DAE:
 
 def ode_of(options: argparse.Namespace, *, with_timestep: bool = True) -> ODE:
     """The ODE engine with the options given, defaults elsewhere."""
-    from tensegrity_mj import ODE
+    from tensegrity_mj.engines.reference.ode import ODE
 
     return ODE(**_integration_of(options, with_timestep))
 
@@ -184,6 +188,16 @@ def engine_of(name: str, options: argparse.Namespace, *, with_timestep: bool = T
     if name == "mujoco":
         return mujoco_of(options)
     return (dae_of if name == "dae" else ode_of)(options, with_timestep=with_timestep)
+
+
+def kind_of(name: str) -> type[MuJoCo | DAE | ODE]:
+    """The class of the engine of this name."""
+    from tensegrity_mj.engines.mujoco.engine import MuJoCo
+    from tensegrity_mj.engines.reference.dae import DAE
+    from tensegrity_mj.engines.reference.ode import ODE
+
+    kinds: dict[str, type[MuJoCo | DAE | ODE]] = {"mujoco": MuJoCo, "dae": DAE, "ode": ODE}
+    return kinds[name]
 
 
 def refuse_options_of_other_engines(options: argparse.Namespace, used: Sequence[str]) -> None:
@@ -203,7 +217,7 @@ def refuse_options_of_other_engines(options: argparse.Namespace, used: Sequence[
 
 def _integration_of(options: argparse.Namespace, with_timestep: bool) -> dict[str, Any]:
     """What DAE and ODE have in common."""
-    from tensegrity_mj import Method
+    from tensegrity_mj.engines.reference.method import Method
 
     check_accuracy(options)
     fixed = ("timestep", "locate_slack") if with_timestep else ()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from tensegrity_mj.commands.common import Outcome, output_file
+from tensegrity_mj.commands.common import Outcome, add_scene, output_file
 
 HELP = "write a scene as MJCF (.xml) or TOML (.toml)"
 EXAMPLES = """\
@@ -16,7 +16,7 @@ examples:
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The options of `export`."""
-    parser.add_argument("scene", metavar="SCENE", help="a scene (see `scenes`), a .toml file, or a family's call")
+    add_scene(parser)
     parser.add_argument("--out", metavar="FILE", required=True, help="what to write: .xml (MJCF) or .toml")
 
 
@@ -24,7 +24,8 @@ def execute(options: argparse.Namespace) -> Outcome:
     """Write the file."""
     out = output_file(options.out, "--out", (".xml", ".toml"))
 
-    from tensegrity_mj import load_scene, save_scene
+    from tensegrity_mj.library.load import load_scene
+    from tensegrity_mj.model.text.writing import save_scene
 
     scene = load_scene(options.scene)
     if out.suffix.lower() == ".toml":

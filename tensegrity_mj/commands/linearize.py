@@ -7,7 +7,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.commands import experiment
-from tensegrity_mj.commands.common import Outcome, number, output_file, positive, refuse, table
+from tensegrity_mj.commands.common import Outcome, add_scene, number, output_file, positive, refuse, table
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ MOST_LINES = 20
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The options of `linearize`."""
-    parser.add_argument("scene", metavar="SCENE", help="a scene (see `scenes`), a .toml file, or a family's call")
+    add_scene(parser)
     parser.add_argument("--engine", choices=experiment.ENGINES, default="mujoco", help="(mujoco)")
     parser.add_argument("--inputs", choices=("rest-length", "force-density"), default="rest-length", help="what v is")
     parser.add_argument("--closed-loop", action="store_true", help="with the scene's control law: A is A + B ∂v/∂x")
@@ -45,22 +45,24 @@ def execute(options: argparse.Namespace) -> Outcome:
     if options.state is None:
         refuse(options, ("time",), "needs --state FILE.nc, the run whose sample it chooses")
 
-    from tensegrity_mj import DAE, ODE, Command, MuJoCo, linearize, load_scene
+    from tensegrity_mj.dynamics.native.law import Command
+    from tensegrity_mj.library.load import load_scene
+    from tensegrity_mj.linearization.linearizing import linearize
 
     scene = load_scene(options.scene)
     law = None
     if options.closed_loop:
         if scene.control is None:
             raise OptionError(f"--closed-loop: scene '{scene.name}' names no control law")
-        from tensegrity_mj import controllers
+        from tensegrity_mj.controllers import from_scene
 
-        law = controllers.from_scene(scene)
+        law = from_scene(scene)
     state = {} if options.state is None else _state_of(options, [*scene.structure.node_names])
     if law is not None:
         state.pop("rest_lengths", None)
     model = linearize(
         scene,
-        {"mujoco": MuJoCo, "dae": DAE, "ode": ODE}[options.engine](),
+        experiment.kind_of(options.engine)(),
         law=law,
         inputs=Command.FORCE_DENSITY if options.inputs == "force-density" else Command.REST_LENGTH,
         **state,
@@ -97,7 +99,7 @@ def _largest(model: Linearization) -> float:
 
 def _state_of(options: argparse.Namespace, node_names: list[str]) -> dict[str, Any]:
     """The state of a recorded run."""
-    from tensegrity_mj import Trajectory
+    from tensegrity_mj.runs.trajectory import Trajectory
 
     run = Trajectory.load(options.state)
     if len(run.time) == 0:

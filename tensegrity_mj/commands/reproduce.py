@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tensegrity_mj.commands.common import ExitCode, Outcome, output_file
+from tensegrity_mj.commands.common import ExitCode, Outcome, add_workers, output_file
 
 if TYPE_CHECKING:
     from tensegrity_mj.thesis.disturbance import Disturbance
@@ -41,7 +41,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--engine", nargs="+", choices=ENGINES, default=["dae", "mujoco", "statics"], help="(dae mujoco statics)"
     )
-    parser.add_argument("--workers", type=int, metavar="N", help="runs at a time (all cores)")
+    add_workers(parser)
     parser.add_argument("--format", choices=("png", "svg", "pdf"), default="png", help="of the figures' files (png)")
     parser.add_argument("--no-figures", action="store_true", help="the ledger alone")
     parser.add_argument("--table", metavar="FILE.md", help="write the ledger as a Markdown table too")

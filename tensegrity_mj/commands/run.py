@@ -11,6 +11,7 @@ from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import (
     PLOT_SUFFIXES,
     Outcome,
+    add_scene,
     code_of_status,
     distinct,
     number,
@@ -23,7 +24,7 @@ from tensegrity_mj.commands.common import (
 from tensegrity_mj.errors import DivergenceError, OptionError
 
 if TYPE_CHECKING:
-    from tensegrity_mj import Actuation
+    from tensegrity_mj.model.actuation import Actuation
     from tensegrity_mj.model.scene import Scene
     from tensegrity_mj.runs.trajectory import Trajectory
 
@@ -42,7 +43,7 @@ REPLAY_QUANTITIES = ("rest-length", "force-density")
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The options of `run`."""
-    parser.add_argument("scene", metavar="SCENE", help="a scene (see `scenes`), a .toml file, or a family's call")
+    add_scene(parser)
     parser.add_argument("--duration", type=positive, metavar="S", help="simulated time [s] (the scene's)")
     engine = parser.add_argument_group("engine")
     engine.add_argument("--engine", choices=experiment.ENGINES, default="mujoco", help="(mujoco)")
@@ -74,7 +75,10 @@ def execute(options: argparse.Namespace) -> Outcome:
 
         require_display()
 
-    from tensegrity_mj import OnInfeasible, Status, load_scene, simulate
+    from tensegrity_mj.library.load import load_scene
+    from tensegrity_mj.model.actuation import OnInfeasible
+    from tensegrity_mj.runs.trajectory import Status
+    from tensegrity_mj.simulation import simulate
 
     scene = load_scene(options.scene)
     engine = experiment.engine_of(options.engine, options)
@@ -103,7 +107,7 @@ def execute(options: argparse.Namespace) -> Outcome:
 
         plot_run(run, plot)
     if video:
-        from tensegrity_mj import render
+        from tensegrity_mj.pictures.video import render
 
         render(run, video, progress=True)
     if options.view and len(run.time):
@@ -189,9 +193,10 @@ def _law_of(options: argparse.Namespace, scene: Scene) -> tuple[Any, Actuation, 
 
 def _replay_of(options: argparse.Namespace) -> tuple[Any, Actuation, float | None]:
     """What was recorded, actuated as it was if it was held, for as long as it was, unless options say otherwise."""
-    from tensegrity_mj import Actuation, Command, Trajectory
     from tensegrity_mj.controllers import Replay
-    from tensegrity_mj.model.actuation import Mode
+    from tensegrity_mj.dynamics.native.law import Command
+    from tensegrity_mj.model.actuation import Actuation, Mode
+    from tensegrity_mj.runs.trajectory import Trajectory
 
     recorded = Trajectory.load(options.replay)
     if len(recorded.time) < 2:

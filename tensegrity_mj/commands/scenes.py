@@ -35,7 +35,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 def execute(options: argparse.Namespace) -> Outcome:
     """List, or describe one."""
-    from tensegrity_mj import load_scene
+    from tensegrity_mj.library.load import load_scene
     from tensegrity_mj.model.text.sources import scene_names
 
     if options.scene is not None:

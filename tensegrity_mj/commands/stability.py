@@ -6,13 +6,13 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.basics.files import made_folder
-from tensegrity_mj.commands.common import Outcome, output_file
+from tensegrity_mj.commands.common import Outcome, add_scene, output_file
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-HELP = "the largest stable step of each integrator: predicted and measured"
+HELP = "the largest stable step of each integrator"
 EXAMPLES = """\
 examples:
   tensegrity-mj stability prism
@@ -31,7 +31,7 @@ AXES = ("stiffness", "damping", "mass_ratio", "prestress", "slenderness", "rods"
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The options of `stability`."""
-    parser.add_argument("scene", metavar="SCENE", help="a scene (see `scenes`), a .toml file, or a family's call")
+    add_scene(parser)
     parser.add_argument("--engines", nargs="+", choices=ENGINES, default=list(ENGINES), help="which ones (all)")
     parser.add_argument("--open-loop", action="store_true", help="leave the scene's control law out")
     parser.add_argument("--maps", nargs="*", choices=AXES, help="maps over these properties (all, if none is named)")
@@ -60,8 +60,9 @@ def execute(options: argparse.Namespace) -> Outcome:
     if options.seed < 0:
         raise OptionError(f"--seed {options.seed}: it must be >= 0")
 
-    from tensegrity_mj import Workers, load_scene
+    from tensegrity_mj.library.load import load_scene
     from tensegrity_mj.studies.stability.report import describe, study_stability
+    from tensegrity_mj.studies.workers import Workers
 
     scene = load_scene(options.scene)
     maps = () if options.maps is None else tuple(options.maps) or AXES
@@ -104,9 +105,9 @@ def _law_of(scene: Any, open_loop: bool) -> Any:
     """The scene's law where it can be evaluated at every stage."""
     if open_loop or scene.control is None:
         return None
-    from tensegrity_mj import controllers
+    from tensegrity_mj.controllers import from_scene
 
-    law = controllers.from_scene(scene)
+    law = from_scene(scene)
     return None if getattr(law, "discontinuous", "") else law
 
 

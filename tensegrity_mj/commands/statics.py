@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.commands import experiment
-from tensegrity_mj.commands.common import ExitCode, Outcome, distinct, output_file, positive, refuse, table
+from tensegrity_mj.commands.common import ExitCode, Outcome, add_scene, distinct, output_file, positive, refuse, table
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
     from tensegrity_mj.statics.boundary import Hold
     from tensegrity_mj.statics.study import Materials, StaticStudy
 
-HELP = "equilibrium, prestress, stiffness, modes, buckling and strength of a scene"
+HELP = "equilibrium, prestress, stiffness, modes, buckling, strength"
 EXAMPLES = """\
 examples:
   tensegrity-mj statics prism
@@ -41,7 +41,7 @@ SECONDS = 2.0  # of a mode's video a period
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The options of `statics`."""
-    parser.add_argument("scene", metavar="SCENE", help="a shipped scene, a .toml file, or a family's call")
+    add_scene(parser)
     problem = parser.add_argument_group("the problem")
     problem.add_argument("--rods", choices=RODS, default="rigid", help="elastic ones need sections (rigid)")
     problem.add_argument(
@@ -93,7 +93,9 @@ def execute(options: argparse.Namespace) -> Outcome:
     if video is not None:
         experiment.require_off_screen_opengl()
 
-    from tensegrity_mj import DAE, ODE, MuJoCo, Trajectory, load_scene, save_scene
+    from tensegrity_mj.library.load import load_scene
+    from tensegrity_mj.model.text.writing import save_scene
+    from tensegrity_mj.runs.trajectory import Trajectory
     from tensegrity_mj.statics.model import Rods
     from tensegrity_mj.statics.study import Search, analyse
 
@@ -105,7 +107,6 @@ def execute(options: argparse.Namespace) -> Outcome:
     for node, force in options.load or ():
         before = loads.get(node, (0.0, 0.0, 0.0))
         loads[node] = tuple(old + factor * new for old, new in zip(before, force, strict=True))
-    engines = {"mujoco": MuJoCo, "dae": DAE, "ode": ODE}
     study = analyse(
         scene,
         rods=Rods(options.rods),
@@ -117,7 +118,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         path=options.path,
         points=options.points or 100,
         modes=options.modes,
-        engine=engines[options.check_engine]() if options.check_engine else None,
+        engine=experiment.kind_of(options.check_engine)() if options.check_engine else None,
         materials=_sizes(options),
         run=None if options.run is None else Trajectory.load(options.run),
         progress=True,
@@ -141,7 +142,7 @@ def execute(options: argparse.Namespace) -> Outcome:
 
 
 def _film(study: StaticStudy, mode: int, video: Path) -> None:
-    from tensegrity_mj import render
+    from tensegrity_mj.pictures.video import render
     from tensegrity_mj.statics.modes import mode_trajectory
 
     if study.modes is None:

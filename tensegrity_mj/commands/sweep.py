@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tensegrity_mj.commands.common import Outcome, table
+from tensegrity_mj.commands.common import Outcome, add_scene, add_workers, table
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.studies.table import Row
     from tensegrity_mj.studies.workers import Workers
 
-HELP = "simulate a scene over values of its parameters, or random draws"
+HELP = "simulate over values of any parameter, or random draws"
 EXAMPLES = """\
 examples:
   tensegrity-mj sweep prism --vary law.decay_rate=0.5,1,2 --vary engine.timestep=log:1e-3:1e-2:3 --out study/
@@ -55,7 +55,7 @@ BACKENDS = ("processes", "this-process")
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The options of `sweep`."""
-    parser.add_argument("scene", metavar="SCENE", help="a scene (see `scenes`), a .toml file, or a family's call")
+    add_scene(parser)
     what = parser.add_argument_group("what varies")
     repeated: dict[str, Any] = {"action": "append", "default": []}
     what.add_argument("--vary", metavar="PATH=VALUES", help="a parameter and its values, with all others'", **repeated)
@@ -67,7 +67,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     what.add_argument("--samples", type=int, metavar="N", help="draws at every combination of values (1)")
     what.add_argument("--seed", type=int, metavar="N", help="of the draws; the same seed draws the same")
     who = parser.add_argument_group("who computes")
-    who.add_argument("--workers", type=int, metavar="N", help="points at a time (all cores)")
+    add_workers(who, "points")
     who.add_argument("--backend", choices=BACKENDS, help="worker processes, or this process, to debug (processes)")
     who.add_argument("--cluster", metavar="ADDRESS", help="of the scheduler of a Dask cluster, such as tcp://host:8786")
     output = parser.add_argument_group("output")

@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.basics.texts import file_name
-from tensegrity_mj.commands.common import Outcome, positive
+from tensegrity_mj.commands import experiment
+from tensegrity_mj.commands.common import Outcome, add_several, positive
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
     from tensegrity_mj.studies.tradeoff.options import TradeoffOptions
 
-HELP = "speed against accuracy: the work-precision diagram of a scene, and what to use"
+HELP = "speed against accuracy of every engine; what to use"
 EXAMPLES = """\
 examples:
   tensegrity-mj tradeoff prism --out tradeoff/
@@ -26,10 +27,8 @@ Errors are the largest distance of a node from where a tight reference has it [m
 Nothing else should use the machine: wall times are measured one run at a time. Interrupted, the same command goes on.
 """
 
-# The values of `Loop`, `Kind` and `Mode`: written here so that --help need not import them (tested to agree).
+# The values of `Loop`: written here so that --help need not import it (tested to agree).
 LOOPS = ("open", "closed")
-ENGINES = ("mujoco", "dae", "ode")
-ACTUATIONS = ("continuous", "hold-force-density", "hold-rest-length")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
@@ -46,13 +45,11 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--duration", type=positive, metavar="S", help="of each run [s] (the scene's)")
     sweep = parser.add_argument_group("what is swept")
     sweep.add_argument("--loops", nargs="+", choices=LOOPS, metavar="LOOP", help="of open, closed (both)")
-    sweep.add_argument("--engines", nargs="+", choices=ENGINES, metavar="ENGINE", help="of mujoco, dae, ode (all)")
+    add_several(sweep, "--engines", experiment.ENGINES, "ENGINE")
     sweep.add_argument(
         "--families", nargs="+", metavar="WORD", help="only those whose name has one of these: RK4, Euler, DOP853, ..."
     )
-    sweep.add_argument(
-        "--actuations", nargs="+", choices=ACTUATIONS, metavar="MODE", help=f"of {', '.join(ACTUATIONS)} (all)"
-    )
+    add_several(sweep, "--actuations", experiment.ACTUATIONS, "MODE")
     sweep.add_argument(
         "--periods", nargs="+", type=positive, metavar="S", help="between control samples where held [s] (0.01 0.001)"
     )

@@ -6,10 +6,11 @@ import argparse
 import sys
 from typing import Any
 
-from tensegrity_mj.commands.common import Outcome, positive
+from tensegrity_mj.commands import experiment
+from tensegrity_mj.commands.common import Outcome, add_scene, add_several, add_workers, positive
 from tensegrity_mj.errors import OptionError
 
-HELP = "test a control law: convergence, sampling, gains, robustness, region of attraction"
+HELP = "test a control law: sampling, gains, robustness, attraction"
 EXAMPLES = """\
 examples:
   tensegrity-mj validate prism --out report
@@ -17,26 +18,20 @@ examples:
   tensegrity-mj validate pinned_rod --law my_laws.py:damp --out report --workers 4
 """
 
-# As in studies.validation.sections.SECTIONS and studies.parameters.ENGINES: written here so that --help need not
-# import them (tested to agree).
+# As in studies.validation.sections.SECTIONS: written here so that --help need not import it (tested to agree).
 SECTIONS = ("nominal", "sampling", "gains", "mass", "stiffness", "noise", "delay", "breaks", "gravity", "starts")
-ENGINES = ("mujoco", "dae", "ode")
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
     """The options of `validate`."""
-    parser.add_argument("scene", metavar="SCENE", help="a scene (see `scenes`), a .toml file, or a family's call")
+    add_scene(parser)
     parser.add_argument(
         "--law",
         metavar="LAW",
         help="a built-in law, or module:name or path.py:name of a law or of a function scene -> law (the scene's)",
     )
-    parser.add_argument(
-        "--only", nargs="+", choices=SECTIONS, metavar="SECTION", help=f"of {', '.join(SECTIONS)} (all)"
-    )
-    parser.add_argument(
-        "--engines", nargs="+", choices=ENGINES, metavar="ENGINE", help=f"of {', '.join(ENGINES)} (all)"
-    )
+    add_several(parser, "--only", SECTIONS, "SECTION")
+    add_several(parser, "--engines", experiment.ENGINES, "ENGINE")
     parser.add_argument("--quick", action="store_true", help="a few points of each section")
     parser.add_argument("--duration", type=positive, metavar="S", help="of each run [s] (the scene's)")
     parser.add_argument("--timestep", type=positive, metavar="S", default=1e-3, help="of RK4 [s]; divides 0.01 (0.001)")
@@ -44,7 +39,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--control-period", type=positive, metavar="S", default=1e-3, help="of sampled runs [s]; divides 0.01 (0.001)"
     )
     parser.add_argument("--seed", type=int, default=0, help="of everything random (0)")
-    parser.add_argument("--workers", type=int, metavar="N", help="how many runs at a time (all cores)")
+    add_workers(parser)
     parser.add_argument(
         "--out",
         metavar="FOLDER",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 
+from tensegrity_mj.library.named import family_scene, is_family_call
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.text.reading import scene_from_toml, structure_from_toml
@@ -39,8 +40,6 @@ def load_structure(name_or_path: str | os.PathLike[str]) -> Structure:
 
 def _called(name_or_path: str | os.PathLike[str]) -> Scene | None:
     """The scene of a family's call, or None where it is none."""
-    from tensegrity_mj.library.named import family_scene, is_family_call  # which takes `closest` from here
-
     if not isinstance(name_or_path, str) or not is_family_call(name_or_path):
         return None
     return family_scene(name_or_path)

@@ -16,9 +16,9 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
+from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.text.table import closest
 
 _HOME = {
     "appendix_beam": "thesis_towers",

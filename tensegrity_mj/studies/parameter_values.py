@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import enum
 import math
 import re
@@ -12,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tensegrity_mj.basics.checks import finite
+from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.members import Vector
 
@@ -135,6 +135,4 @@ def choice_from(path: str, kind: type[enum.Enum], value: Any) -> Any:
 def unknown(given: str, known: Iterable[str], what: str) -> str:
     """'rods' is no ...: what is allowed, and what was probably meant."""
     names = list(known)
-    close = difflib.get_close_matches(given, names, n=1)
-    meant = f" (did you mean '{close[0]}'?)" if close else ""
-    return f"there is no {what} '{given}'{meant}; allowed: {', '.join(names)}"
+    return f"there is no {what} '{given}'{closest(given, names)}; allowed: {', '.join(names)}"

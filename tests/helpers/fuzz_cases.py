@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import copy
 import json
@@ -46,7 +45,7 @@ KINDS = ("scene", "scene", "scene", "text", "scene", "trajectory", "scene", "com
 DURATIONS = ["0.01", "0.02", "0.05", "-1", "0", "nan", "inf", "1e-320", "1e-9", "x", "1e400"]
 STEPS = ["1e-3", "1e-2", "0.005", "0.3", "-1", "0", "nan", "1e-320", "1e99", "x"]
 # Commands that take long where nothing is wrong: something always is.
-LONG = ("benchmark", "tradeoff", "promise", "validate", "stability", "reproduce", "extremes", "drift", "demo", "render")
+LONG = ("tradeoff", "validate", "stability", "reproduce", "demo", "render")  # and all of `audit`
 BAD = ["nan", "-1", "x", "", "1e400", "1e-320", "\x1b[31m", "9" * 5000, "--", "0x10", "1_0e999"]
 
 
@@ -244,7 +243,8 @@ def command_line(rng: random.Random, folder: Path) -> list[str]:
     """A command with options of its own, some of them as they should be."""
     from tensegrity_mj.cli import build_parser
 
-    parsers = next(one for one in build_parser()._actions if isinstance(one, argparse._SubParsersAction)).choices
+    commands = build_parser().commands.values()
+    parsers = {one.words: one for command in commands for one in (command.commands.values() or [command])}
     name = rng.choice(
         [*parsers, "run", "run", "compare", "scenes", "statics", "linearize", "sweep", "export", "nonsense"]
     )
@@ -258,6 +258,7 @@ def command_line(rng: random.Random, folder: Path) -> list[str]:
     options = [
         one for one in parsers[name]._actions if one.option_strings and one.dest not in ("help", "view", "cluster")
     ]
+    long = name in LONG or name.startswith("audit ")
     words = [name]
     for option in options:
         if option.dest == "backend":
@@ -265,16 +266,16 @@ def command_line(rng: random.Random, folder: Path) -> list[str]:
         elif option.dest == "no_timing" or (option.dest == "json" and rng.random() < 0.3):
             words.append(option.option_strings[0])
         elif rng.random() < min(0.3, 2.0 / len(options)):
-            words += option_words(rng, option, name in LONG, folder)
+            words += option_words(rng, option, long, folder)
     if "--duration" not in words and any(option.dest == "duration" for option in options):
         words += ["--duration", "0.02"]
     for action in parsers[name]._actions:
         if not action.option_strings:
             count = {None: 1, "?": rng.randrange(2), "*": rng.randrange(2), "+": rng.choice([1, 1, 2])}[action.nargs]
             words[1:1] = [rng.choice(inputs) for _ in range(count)]
-    if name in LONG:
+    if long:
         words.append("--no-such-option")
-    return words
+    return [*name.split(), *words[1:]]
 
 
 def option_words(rng: random.Random, option: Any, only_bad: bool, folder: Path) -> list[str]:

@@ -15,7 +15,7 @@ from tensegrity_mj.studies.speed.benchmark import Benchmark, lines, run_benchmar
 
 def test_it_prints_json_with_all_that_was_measured(capsys) -> None:
     code = main(
-        "benchmark prism cross --repeats 1 --sample 1e-4 --simulations 3 --threads 1,2 --no-renderer --json".split()
+        "audit speed prism cross --repeats 1 --sample 1e-4 --simulations 3 --threads 1,2 --no-renderer --json".split()
     )
     assert code == 0
     data = json.loads(capsys.readouterr().out)

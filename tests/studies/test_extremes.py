@@ -15,7 +15,7 @@ from engine_accelerations import dae_accelerations
 
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
-from tensegrity_mj.commands.extremes import KINDS
+from tensegrity_mj.commands.audit.extremes import KINDS
 from tensegrity_mj.errors import ControllerError, DivergenceError, OptionError, StructureError
 from tensegrity_mj.library.random_structures import random_structure
 from tensegrity_mj.model.actuation import Mode
@@ -525,7 +525,8 @@ def test_a_failed_task_is_counted_as_undetected() -> None:
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert tuple(kind.name.lower() for kind in Kind) == KINDS
     out = tmp_path / "study"
-    arguments = ["extremes", "--runs", "4", "--kinds", "spin", "bad_law", "--workers", "1", "--out", str(out), "--json"]
+    words = "audit extremes --runs 4 --kinds spin bad_law --workers 1 --json --out"
+    arguments = [*words.split(), str(out)]
     assert main(arguments) == 0
     told = json.loads(capsys.readouterr().out)
     assert told.pop("timing")["seconds"] > 0
@@ -537,9 +538,9 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert main(arguments) == 0  # all is there already
     assert (out / "extremes.json").read_bytes() == first
     capsys.readouterr()
-    assert main(["extremes", "--runs", "0"]) == 2
-    assert main(["extremes", "--seed", "-1"]) == 2
-    assert main(["extremes", "--workers", "0"]) == 2
+    assert main(["audit", "extremes", "--runs", "0"]) == 2
+    assert main(["audit", "extremes", "--seed", "-1"]) == 2
+    assert main(["audit", "extremes", "--workers", "0"]) == 2
 
 
 # What the study found ------------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import pytest
 
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
-from tensegrity_mj.commands.drift import METHODS as COMMAND_METHODS
+from tensegrity_mj.commands.audit.drift import METHODS as COMMAND_METHODS
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.studies import long_runs as module
 from tensegrity_mj.studies.extremes.pace import pace
@@ -134,13 +134,14 @@ def test_a_run_that_diverges_is_a_row() -> None:
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert COMMAND_METHODS == METHODS
-    arguments = ["drift", "pinned_rod", "--steps", "1000", "--methods", "dae normalize", "--workers", "1", "--json"]
+    words = "audit drift pinned_rod --steps 1000 --workers 1 --json --methods"
+    arguments = [*words.split(), "dae normalize"]
     assert main(arguments) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["rows"][0]["method"] == "dae normalize"
     assert set(told["setup"]) == {"scene", "steps", "timestep", "seed", "marks"}
-    assert main(["drift", "pinned_rod", "--steps", "1500"]) == 2
-    assert main(["drift", "pinned_rod", "--workers", "0"]) == 2
+    assert main(["audit", "drift", "pinned_rod", "--steps", "1500"]) == 2
+    assert main(["audit", "drift", "pinned_rod", "--workers", "0"]) == 2
     for bad in ({"steps": 10}, {"seed": -1}, {"methods": ["heun"]}):
         with pytest.raises(OptionError):
             long_runs("pinned_rod", **{"steps": 1000, **bad})  # type: ignore[arg-type]

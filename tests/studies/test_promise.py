@@ -196,12 +196,12 @@ def test_the_page_and_the_data(tmp_path: Path) -> None:
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["promise", "--runs", "2", "--seed", "3", "--workers", "1", "--out", str(tmp_path / "p"), "--json"]
+    arguments = [*"audit promise --runs 2 --seed 3 --workers 1 --json --out".split(), str(tmp_path / "p")]
     assert main(arguments) == 0
     answer = json.loads(capsys.readouterr().out)
     assert answer["fractions"]["runs"] == 2
     assert (tmp_path / "p" / "promise.html").is_file()
-    assert main(["promise", "--runs", "0", "--json"]) == 2
+    assert main(["audit", "promise", "--runs", "0", "--json"]) == 2
     assert "--runs 0" in capsys.readouterr().out
 
 

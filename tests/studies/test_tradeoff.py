@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.commands import tradeoff as command
+from tensegrity_mj.commands.experiment import ACTUATIONS, ENGINES
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.model.actuation import Mode
@@ -669,8 +670,8 @@ def test_the_reference_is_part_of_every_bound() -> None:
 
 def test_the_commands_words_are_those_of_the_enums() -> None:
     assert list(command.LOOPS) == [one.value for one in Loop]
-    assert list(command.ENGINES) == [one.value for one in Kind]
-    assert list(command.ACTUATIONS) == [one.value.replace(" ", "-") for one in Mode]
+    assert list(ENGINES) == [one.value for one in Kind]
+    assert list(ACTUATIONS) == [one.value.replace(" ", "-") for one in Mode]
 
 
 def test_the_command_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,9 +7,9 @@ import os
 from pathlib import Path
 
 from tensegrity_mj.basics.files import content_of
+from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.text.keys import MOST_BYTES
-from tensegrity_mj.model.text.table import closest
 
 
 def scene_names() -> list[str]:

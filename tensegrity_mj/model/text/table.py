@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.structure_checks import names_of
@@ -125,9 +125,3 @@ def shown(value: Any) -> str:
     except ValueError:  # an integer of thousands of digits
         text = "..."
     return f"{text if len(text) <= 60 else text[:57] + '...'} ({kinds.get(type(value), 'a ' + type(value).__name__)})"
-
-
-def closest(word: str, known: Iterable[str]) -> str:
-    """What a misspelt word was probably meant to be, as the end of a sentence, or nothing."""
-    match = difflib.get_close_matches(word, list(known), 1)
-    return f" (did you mean '{match[0]}'?)" if match else ""

@@ -6,15 +6,15 @@ import argparse
 import sys
 from typing import Any
 
-from tensegrity_mj.commands.common import Outcome, table
+from tensegrity_mj.commands.common import Outcome, add_workers, table
 from tensegrity_mj.errors import OptionError
 
-HELP = "measure what --accuracy promises: true errors, costs and doubts over many experiments"
+HELP = "what --accuracy promises: true errors, costs and doubts"
 EXAMPLES = """\
 examples:
-  tensegrity-mj promise --runs 72 --seed 1
-  tensegrity-mj promise --runs 1000 --seed 11 --out promise/
-  tensegrity-mj promise --runs 72 --kind shipped
+  tensegrity-mj audit promise --runs 72 --seed 1
+  tensegrity-mj audit promise --runs 1000 --seed 11 --out promise/
+  tensegrity-mj audit promise --runs 72 --kind shipped
 
 Each run draws an experiment, an engine and an accuracy from 1e-2 to 1e-10 m: a random structure of 1 to 6 rods, strings
 of 1e-3 to 1e10 N/m, any damping and spin, or a shipped scene in open or closed loop. Its true error is measured against
@@ -24,11 +24,11 @@ adequate setting of a sweep.
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """The options of `promise`."""
+    """The options of `audit promise`."""
     parser.add_argument("--runs", type=int, default=72, metavar="N", help="how many experiments (72)")
     parser.add_argument("--seed", type=int, default=1, help="of the experiments (1)")
     parser.add_argument("--kind", choices=("random", "shipped"), default="random", help="what is drawn from (random)")
-    parser.add_argument("--workers", type=int, metavar="N", help="experiments at a time (all cores)")
+    add_workers(parser, "experiments")
     parser.add_argument("--out", metavar="FOLDER", help="write promise.json and promise.html; go on if interrupted")
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 import sys
 
-from tensegrity_mj.commands.common import Outcome, positive
+from tensegrity_mj.commands.common import Outcome, add_scene, add_several, add_workers, positive
 
-HELP = "drift of energy and constraints over a million steps, for each integrator"
+HELP = "drift of energy and constraints over a million steps"
 EXAMPLES = """\
 examples:
-  tensegrity-mj drift prism --steps 1000000 --out drift
-  tensegrity-mj drift pinned_rod --steps 100000 --methods rk4 "dae normalize" ode
+  tensegrity-mj audit drift prism --steps 1000000 --out drift
+  tensegrity-mj audit drift pinned_rod --steps 100000 --methods rk4 "dae normalize" ode
 """
 
 # As in studies.long_runs.METHODS: written here so that --help need not import it (tested to agree).
@@ -29,15 +29,13 @@ METHODS = (
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """The options of `drift`."""
-    parser.add_argument("scene", metavar="SCENE", help="a scene (see `scenes`), a .toml file, or a family's call")
+    """The options of `audit drift`."""
+    add_scene(parser)
     parser.add_argument("--steps", type=int, metavar="N", default=1_000_000, help="a multiple of 1000 (1000000)")
     parser.add_argument("--timestep", type=positive, metavar="S", help="[s] (a tenth of the shortest time scale)")
-    parser.add_argument(
-        "--methods", nargs="+", choices=METHODS, metavar="METHOD", help=f"of {', '.join(METHODS)} (all)"
-    )
+    add_several(parser, "--methods", METHODS, "METHOD")
     parser.add_argument("--seed", type=int, metavar="N", default=0, help="of the motion of a scene at rest (0)")
-    parser.add_argument("--workers", type=int, metavar="N", help="how many runs at a time (all cores)")
+    add_workers(parser)
     parser.add_argument("--out", metavar="FOLDER", help="write drift.json and drift.html there; go on if interrupted")
 
 

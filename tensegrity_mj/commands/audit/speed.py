@@ -7,12 +7,12 @@ import sys
 
 from tensegrity_mj.commands.common import Outcome, positive
 
-HELP = "measure the speed: the law and the ledger against bare MuJoCo, and more"
+HELP = "speed of closed loops against bare MuJoCo, side by side"
 EXAMPLES = """\
 examples:
-  tensegrity-mj benchmark
-  tensegrity-mj benchmark prism --repeats 30 --threads 1,2,4
-  tensegrity-mj benchmark my/scene.toml --simulations 0 --no-renderer --json
+  tensegrity-mj audit speed
+  tensegrity-mj audit speed prism --repeats 30 --threads 1,2,4
+  tensegrity-mj audit speed my/scene.toml --simulations 0 --no-renderer --json
 
 Each figure is the best of the repetitions, which are interleaved. Run it on an idle machine. Everything measured is
 under "timing" of the JSON object.
@@ -20,7 +20,7 @@ under "timing" of the JSON object.
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """The options of `benchmark`."""
+    """The options of `audit speed`."""
     parser.add_argument(
         "scenes",
         nargs="*",

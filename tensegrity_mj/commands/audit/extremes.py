@@ -1,18 +1,18 @@
-"""Make seeded random runs at the extremes, and judge each: right, refused, stopped, or wrong without a word."""
+"""Make seeded random runs at the extremes, and judge each: right, refused, stopped, or wrong without a warning."""
 
 from __future__ import annotations
 
 import argparse
 import sys
 
-from tensegrity_mj.commands.common import ExitCode, Outcome
+from tensegrity_mj.commands.common import ExitCode, Outcome, add_several, add_workers
 
-HELP = "a thousand random extreme runs: is any of them wrong without a word?"
+HELP = "random extreme runs: is any of them wrong without a warning?"
 EXAMPLES = """\
 examples:
-  tensegrity-mj extremes --runs 1000 --seed 0 --out extremes
-  tensegrity-mj extremes --runs 50 --kinds stiff slack past_limit
-  tensegrity-mj extremes --runs 60 --kinds past_limit bad_law --autoreset   # the test of the test: failures must show
+  tensegrity-mj audit extremes --runs 1000 --seed 0 --out extremes
+  tensegrity-mj audit extremes --runs 50 --kinds stiff slack past_limit
+  tensegrity-mj audit extremes --runs 60 --kinds past_limit bad_law --autoreset  # here failures must show
 """
 
 # As in studies.extremes.experiment.Kind: written here so that --help need not import it (tested to agree).
@@ -40,11 +40,11 @@ KINDS = (
 
 
 def configure(parser: argparse.ArgumentParser) -> None:
-    """The options of `extremes`."""
+    """The options of `audit extremes`."""
     parser.add_argument("--runs", type=int, metavar="N", default=1000, help="how many (1000)")
     parser.add_argument("--seed", type=int, metavar="N", default=0, help="of everything random (0)")
-    parser.add_argument("--kinds", nargs="+", choices=KINDS, metavar="KIND", help=f"of {', '.join(KINDS)} (all)")
-    parser.add_argument("--workers", type=int, metavar="N", help="how many runs at a time (all cores)")
+    add_several(parser, "--kinds", KINDS, "KIND")
+    add_workers(parser)
     parser.add_argument(
         "--autoreset",
         action="store_true",
