@@ -45,7 +45,7 @@ def law_policy(env: Any, scene: tmj.Scene, action: tmj.Command) -> Policy:
         seen = timestep.observation
         try:
             u = law(env.physics.time(), seen["nodes"], seen["velocities"])
-        except tmj.InfeasibleError:
+        except tmj.errors.InfeasibleError:
             return kept
         if action is tmj.Command.REST_LENGTH:
             u = rest_length(scene.structure.stiffness, seen["string_lengths"], u)

@@ -80,7 +80,9 @@ def engines() -> dict[str, Callable[[float], Any]]:
     }
     made["mujoco located"] = lambda step: tmj.MuJoCo(step, locate_slack=True)
     made["dae rk4"] = lambda step: tmj.DAE(method=tmj.Method.RK4, timestep=step)
-    made["dae normalized"] = lambda step: tmj.DAE(method=tmj.Method.RK4, timestep=step, drift=tmj.Drift.NORMALIZE)
+    made["dae normalized"] = lambda step: tmj.DAE(
+        method=tmj.Method.RK4, timestep=step, drift=tmj.engines.Drift.NORMALIZE
+    )
     made["dae dop853"] = lambda step: tmj.DAE(rtol=1e-9, atol=1e-10)
     made["ode rk4"] = lambda step: tmj.ODE(method=tmj.Method.RK4, timestep=step)
     made["ode dop853"] = lambda step: tmj.ODE(rtol=1e-9, atol=1e-10)
@@ -128,7 +130,7 @@ def runs(name: str) -> Iterator[tuple[str, Any]]:
     if len(scene.structure.rods) <= 20:
         key = f"{name} | equilibrium"
         try:
-            yield key, {"nodes": digest(tmj.find_equilibrium(scene).nodes)}
+            yield key, {"nodes": digest(tmj.statics.find_equilibrium(scene).nodes)}
         except tmj.TensegrityError as error:
             yield key, {"error": f"{type(error).__name__}: {error}"}
 

@@ -66,7 +66,8 @@ def execute(options: argparse.Namespace) -> Outcome:
         raise OptionError(f"--out plots distances over time, and {options.input} is one shape: give the file of a run")
 
     from tensegrity_mj.library.load import load_scene
-    from tensegrity_mj.runs.clearances import Pairs, clearance
+    from tensegrity_mj.runs.approaches import Pairs
+    from tensegrity_mj.runs.clearances import clearance
     from tensegrity_mj.runs.trajectory import Trajectory
 
     what = Trajectory.load(options.input) if is_run else load_scene(options.input)

@@ -10,47 +10,24 @@ See docs/dm_control.md. None of it installs a callback in MuJoCo: any number of 
 Importing it raises `tensegrity_mj.errors.MissingPackageError` where dm-control, or a package that it needs, is missing.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from tensegrity_mj.basics.dependencies import require_dm_control
+from tensegrity_mj.basics.faces import face
 
 require_dm_control()
 
-from tensegrity_mj.dm_control.elements import adopt_options, element  # noqa: E402 - after the check
-from tensegrity_mj.dm_control.environments import environment  # noqa: E402
-from tensegrity_mj.dm_control.episodes import RandomStart  # noqa: E402
-from tensegrity_mj.dm_control.models import physics  # noqa: E402
-from tensegrity_mj.dm_control.repairing import repair  # noqa: E402
+from tensegrity_mj.dm_control.elements import adopt_options as adopt_options  # noqa: E402 - after the check
+from tensegrity_mj.dm_control.elements import element as element  # noqa: E402
+from tensegrity_mj.dm_control.environments import environment as environment  # noqa: E402
+from tensegrity_mj.dm_control.episodes import RandomStart as RandomStart  # noqa: E402
+from tensegrity_mj.dm_control.models import physics as physics  # noqa: E402
+from tensegrity_mj.dm_control.repairing import repair as repair  # noqa: E402
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # these subclass dm_control's own classes, which are repaired before they are imported
     from tensegrity_mj.dm_control.entities import TensegrityEntity as TensegrityEntity
     from tensegrity_mj.dm_control.stepping import PhysicsDivergence as PhysicsDivergence
     from tensegrity_mj.dm_control.stepping import ScenePhysics as ScenePhysics
     from tensegrity_mj.dm_control.tasks import TensegrityTask as TensegrityTask
-
-# These subclass dm_control's own classes; importing them imports dm_control.
-_HOME = {
-    "TensegrityEntity": "entities",
-    "PhysicsDivergence": "stepping",
-    "ScenePhysics": "stepping",
-    "TensegrityTask": "tasks",
-}
-
-__all__ = ["RandomStart", "adopt_options", "element", "environment", "physics", "repair", *_HOME]
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module '{__name__}' has no attribute '{name}'; it has {', '.join(sorted(__all__))}")
-    from importlib import import_module
-
-    repair()
-    value = getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+else:
+    __getattr__, __dir__ = face(__name__, before=repair)

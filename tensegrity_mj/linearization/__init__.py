@@ -7,5 +7,12 @@ law          a law's rest lengths and force densities as inputs
 model        the matrices, and what follows from them
 """
 
-from tensegrity_mj.linearization.linearizing import linearize as linearize
-from tensegrity_mj.linearization.model import Linearization as Linearization
+from typing import TYPE_CHECKING
+
+from tensegrity_mj.basics.faces import face
+
+if TYPE_CHECKING:
+    from tensegrity_mj.linearization.linearizing import linearize as linearize
+    from tensegrity_mj.linearization.model import Linearization as Linearization
+else:
+    __getattr__, __dir__ = face(__name__)

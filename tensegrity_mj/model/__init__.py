@@ -1,0 +1,36 @@
+"""What is simulated: structures, scenes, what acts on them, targets and moved supports, and their text format."""
+
+from typing import TYPE_CHECKING
+
+from tensegrity_mj.basics.faces import face
+
+if TYPE_CHECKING:
+    from tensegrity_mj.model.actuation import Actuation as Actuation
+    from tensegrity_mj.model.actuation import OnInfeasible as OnInfeasible
+    from tensegrity_mj.model.elements.contact import Contact as Contact
+    from tensegrity_mj.model.elements.resistance import Bending as Bending
+    from tensegrity_mj.model.elements.resistance import Drag as Drag
+    from tensegrity_mj.model.elements.resistance import Resistance as Resistance
+    from tensegrity_mj.model.elements.water import Water as Water
+    from tensegrity_mj.model.elements.water import Weights as Weights
+    from tensegrity_mj.model.elements.waves import AboveLevel as AboveLevel
+    from tensegrity_mj.model.elements.waves import Sea as Sea
+    from tensegrity_mj.model.elements.waves import Wave as Wave
+    from tensegrity_mj.model.events import Break as Break
+    from tensegrity_mj.model.events import ControlSpec as ControlSpec
+    from tensegrity_mj.model.events import Load as Load
+    from tensegrity_mj.model.members import PointMass as PointMass
+    from tensegrity_mj.model.members import Rod as Rod
+    from tensegrity_mj.model.members import String as String
+    from tensegrity_mj.model.members import Support as Support
+    from tensegrity_mj.model.motion import Harmonic as Harmonic
+    from tensegrity_mj.model.motion import Motion as Motion
+    from tensegrity_mj.model.scene import Scene as Scene
+    from tensegrity_mj.model.section import Section as Section
+    from tensegrity_mj.model.strings import StringLaw as StringLaw
+    from tensegrity_mj.model.structure import Structure as Structure
+    from tensegrity_mj.model.target import Target as Target
+    from tensegrity_mj.model.text.writing import save_scene as save_scene
+    from tensegrity_mj.model.text.writing import save_structure as save_structure
+else:
+    __getattr__, __dir__ = face(__name__)

@@ -2,11 +2,11 @@
 
 Every function returns a matplotlib Figure and writes it where a path is given (.png, .pdf or .svg). For example:
 
-    tmj.plots.plot_run([run, reference], "prism.png")     # a row for each run
-    tmj.plots.plot_paths([run, reference], "paths.png")
-    tmj.plots.plot_comparison(tmj.compare(run, reference), "comparison.png", runs=[run, reference])
-    tmj.plots.plot_lyapunov(run, "v.png")
-    tmj.plots.landscape(law, run, "landscape.png")        # V over φ and φ̇, with the run's way over it
+    tmj.pictures.plots.plot_run([run, reference], "prism.png")     # a row for each run
+    tmj.pictures.plots.plot_paths([run, reference], "paths.png")
+    tmj.pictures.plots.plot_comparison(tmj.compare(run, reference), "comparison.png", runs=[run, reference])
+    tmj.pictures.plots.plot_lyapunov(run, "v.png")
+    tmj.pictures.plots.landscape(law, run, "landscape.png")        # V over φ and φ̇, with the run's way over it
 """
 
 from __future__ import annotations

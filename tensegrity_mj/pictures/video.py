@@ -4,8 +4,8 @@ For example:
 
     tmj.render(run, "prism.mp4")                                          # one run
     tmj.render(run, "both.mp4", other=reference)                          # the other as a ghost over it
-    tmj.render(run, "both.mp4", other=reference, layout=tmj.Layout.SIDE_BY_SIDE)
-    tmj.picture(scene, "prism.png")                                       # a scene as it stands at its start
+    tmj.render(run, "both.mp4", other=reference, layout=tmj.pictures.Layout.SIDE_BY_SIDE)
+    tmj.pictures.picture(scene, "prism.png")                              # a scene as it stands at its start
 """
 
 from __future__ import annotations

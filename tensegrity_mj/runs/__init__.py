@@ -1,0 +1,21 @@
+"""Runs and what is measured on them: comparison, clearance, winches, the flow around rods."""
+
+from typing import TYPE_CHECKING
+
+from tensegrity_mj.basics.faces import face
+
+if TYPE_CHECKING:
+    from tensegrity_mj.runs.approaches import Approach as Approach
+    from tensegrity_mj.runs.approaches import Clearance as Clearance
+    from tensegrity_mj.runs.approaches import Event as Event
+    from tensegrity_mj.runs.approaches import Pairs as Pairs
+    from tensegrity_mj.runs.clearances import clearance as clearance
+    from tensegrity_mj.runs.comparison import Comparison as Comparison
+    from tensegrity_mj.runs.comparison import compare as compare
+    from tensegrity_mj.runs.flow_regime import FlowNumbers as FlowNumbers
+    from tensegrity_mj.runs.flow_regime import flow_numbers as flow_numbers
+    from tensegrity_mj.runs.trajectory import Status as Status
+    from tensegrity_mj.runs.trajectory import Trajectory as Trajectory
+    from tensegrity_mj.runs.winches import winch_power as winch_power
+else:
+    __getattr__, __dir__ = face(__name__)

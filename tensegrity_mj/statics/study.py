@@ -24,7 +24,7 @@ from tensegrity_mj.statics.materials import Material
 from tensegrity_mj.statics.model import Rods, StaticModel
 from tensegrity_mj.statics.modes import Modes, natural_modes
 from tensegrity_mj.statics.path import follow
-from tensegrity_mj.statics.prestressability import Prestressability, prestressability
+from tensegrity_mj.statics.prestress import Prestressability, prestressability
 from tensegrity_mj.statics.relaxation import relax
 from tensegrity_mj.statics.response import Response
 from tensegrity_mj.statics.sizing import Sizing, minimal_mass

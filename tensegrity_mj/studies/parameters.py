@@ -94,7 +94,7 @@ class Draft:
         Raises:
             OptionError: if it cannot be made so.
         """
-        from tensegrity_mj import controllers
+        from tensegrity_mj.controllers import from_scene
 
         options, control = dict(self.law_options), self.scene.control
         if self.law == "none" or (self.law is None and self.law_maker is None and control is None):
@@ -108,7 +108,7 @@ class Draft:
         if self.law_maker is not None and self.law is None:
             law = imported(self.law_maker)(self.scene, **options)
         else:
-            law = controllers.from_scene(self.scene, self.law, **options)
+            law = from_scene(self.scene, self.law, **options)
         if self.plant is not None:
             from tensegrity_mj.studies.nominal import NominalWinches
 

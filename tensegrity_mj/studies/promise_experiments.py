@@ -96,7 +96,7 @@ def _request(accuracy: float) -> float:
 
 
 def _shipped(rng: np.random.Generator, duration: float) -> tuple[Scene, Any, str]:
-    from tensegrity_mj import controllers
+    from tensegrity_mj.controllers import from_scene
     from tensegrity_mj.library.load import load_scene
 
     name = str(rng.choice(SHIPPED))
@@ -105,7 +105,7 @@ def _shipped(rng: np.random.Generator, duration: float) -> tuple[Scene, Any, str
     if not closed:
         moving = random_velocities(rng, scene.structure, scene.nodes0, float(rng.uniform(0.05, 0.5)))
         scene = scene.with_(initial_velocities=moving)
-    law = controllers.from_scene(scene) if closed else None
+    law = from_scene(scene) if closed else None
     return scene, law, f"{name} {'closed' if closed else 'open'} loop"
 
 

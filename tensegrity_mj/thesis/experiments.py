@@ -112,13 +112,13 @@ def simulate_experiment(
     Args:
         disturbance: of the plant, of which the law knows nothing, or of the law's gain.
     """
-    from tensegrity_mj import controllers
+    from tensegrity_mj.controllers import from_scene
     from tensegrity_mj.simulation import simulate
     from tensegrity_mj.thesis.disturbance import disturbed, disturbed_options
 
     scene = experiment.load()
     options = disturbed_options(scene, experiment.law, experiment.options, disturbance)
-    law = controllers.from_scene(scene, experiment.law, **options)
+    law = from_scene(scene, experiment.law, **options)
     return simulate(
         disturbed(scene, disturbance),
         law,

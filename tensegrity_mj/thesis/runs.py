@@ -121,7 +121,7 @@ def stamp(name: str, engine: EngineName, disturbance: Disturbance | None) -> dic
 @functools.cache
 def code_digest() -> str:
     """A digest of the sources that decide what a run is: engines, laws, and what they stand on."""
-    from tensegrity_mj import controllers
+    import tensegrity_mj.controllers as controllers
 
     package = Path(__file__).parents[1]
     files = [path for name in CODE for path in sorted(package.glob(name))]

@@ -117,11 +117,11 @@ def test_choices_are_the_values_of_the_enums() -> None:
     for choices, kind in (
         (experiment.INTEGRATORS, tmj.Integrator),
         (experiment.METHODS, tmj.Method),
-        (experiment.DRIFTS, tmj.Drift),
+        (experiment.DRIFTS, tmj.engines.Drift),
         (experiment.INFEASIBLE_CHOICES, tmj.OnInfeasible),
     ):
         assert set(choices) == {item.value for item in kind}
-    assert {name.replace("-", "_").upper() for name in LAYOUTS} == {item.name for item in tmj.Layout}
+    assert {name.replace("-", "_").upper() for name in LAYOUTS} == {item.name for item in tmj.pictures.Layout}
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
@@ -526,7 +526,7 @@ def test_options_reach_the_simulation(capsys: pytest.CaptureFixture[str], monkey
         "--decay-rate 0.7 --actuation hold-force-density --control-period 4e-3 --on-infeasible passive"
     )
     assert ask(capsys, *words.split())[1]["error"] == "recorded"
-    assert asked["engine"] == tmj.DAE(method=tmj.Method.RK4, timestep=2e-3, drift=tmj.Drift.BAUMGARTE)
+    assert asked["engine"] == tmj.DAE(method=tmj.Method.RK4, timestep=2e-3, drift=tmj.engines.Drift.BAUMGARTE)
     assert asked["duration"] == 3.0
     assert asked["actuation"] == tmj.Actuation.hold_force_density(4e-3)
     assert asked["on_infeasible"] is tmj.OnInfeasible.PASSIVE
@@ -738,11 +738,11 @@ def test_options_reach_the_renderer(
     monkeypatch.setattr(experiment, "require_off_screen_opengl", lambda: None)
     words = ("render", run, run, "--out", tmp_path / "v.mp4", "--size", "640x360", "--fps", "25", "--speed", "0.5")
     assert ask(capsys, *words, "--layout", "side-by-side")[0] == 0
-    assert asked["layout"] is tmj.Layout.SIDE_BY_SIDE
+    assert asked["layout"] is tmj.pictures.Layout.SIDE_BY_SIDE
     assert (asked["size"], asked["fps"], asked["speed"]) == ((640, 360), 25.0, 0.5)
     assert asked["other"] is not None
     assert ask(capsys, *words)[0] == 0
-    assert asked["layout"] is tmj.Layout.OVERLAY
+    assert asked["layout"] is tmj.pictures.Layout.OVERLAY
 
 
 @pytest.mark.slow

@@ -30,13 +30,13 @@ def ask(capsys: pytest.CaptureFixture[str], *arguments: object, code: int = 0) -
 def strong(tmp_path: Path) -> Path:
     """The arm with sections and strengths."""
     scene = tmj.load_scene("truss_arm")
-    structure = scene.structure.with_sections(tmj.Section.tube(5e-3, 1e-3, 70e9, 2e8)).with_strings(strength=30.0)
+    structure = scene.structure.with_sections(tmj.model.Section.tube(5e-3, 1e-3, 70e9, 2e8)).with_strings(strength=30.0)
     return tmj.save_scene(scene.with_(structure=structure), tmp_path / "strong.toml")
 
 
 def test_the_words_of_the_command_are_those_of_the_library() -> None:
     assert {search.value for search in Search} == set(command.METHODS)
-    assert {rods.value for rods in tmj.Rods} == set(command.RODS)
+    assert {rods.value for rods in tmj.statics.Rods} == set(command.RODS)
     known = {name.lower() for name, value in vars(materials).items() if isinstance(value, materials.Material)}
     assert known == set(command.MATERIALS)
 
@@ -78,7 +78,7 @@ def test_what_is_unstable_has_a_rate_and_no_frequency(capsys: pytest.CaptureFixt
         (tmj.Rod("low", ("a", "b"), 1.0, support=tmj.Support.pinned(0.0)), tmj.Rod("high", ("b", "c"), 1.0)),
         (),
     )
-    scene = tmj.Scene(structure, resistance=tmj.Resistance(bending=tmj.Bending(3.0)))
+    scene = tmj.Scene(structure, resistance=tmj.Resistance(bending=tmj.model.Bending(3.0)))
     file = tmj.save_scene(scene, tmp_path / "column.toml")
     assert main(["statics", str(file), "--hold", "c:xy", "--load", "c=0,0,-10", "--path"]) == 0
     text = capsys.readouterr().out
@@ -176,7 +176,7 @@ def test_members(strong: Path, capsys: pytest.CaptureFixture[str], tmp_path: Pat
     data = ask(capsys, strong, *LOAD, "--rods", "elastic", "--path", "--points", "20")
     assert data["setup"]["rods"] == "elastic"
     rod = data["equilibrium"]["rods"]["lower1"]
-    area = tmj.Section.tube(5e-3, 1e-3, 70e9).area
+    area = tmj.model.Section.tube(5e-3, 1e-3, 70e9).area
     # ΔL = N ℓ / E A, to the length's round-off.
     assert (rod["length"] / 0.25 - 1) * 70e9 * area == pytest.approx(rod["force"], abs=1e-16 / 0.25 * 70e9 * area * 8)
     violations = data["members"]["violations"]
@@ -237,7 +237,7 @@ def test_without_an_equilibrium_what_else_was_asked_for_is_answered(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def none(*_: object, **__: object) -> None:
-        raise tmj.InfeasibleError("there is none")
+        raise tmj.errors.InfeasibleError("there is none")
 
     monkeypatch.setattr("tensegrity_mj.statics.study.find_equilibrium", none)
     fallen = ask(capsys, "truss_arm", *LOAD, "--size", "steel,uhmwpe", "--least-radius", 1e-4, code=3)
@@ -312,7 +312,7 @@ def test_a_mode_is_filmed_a_period_in_two_seconds(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(tmj, "render", render)
     monkeypatch.setattr(command.experiment, "require_off_screen_opengl", lambda: None)
     assert main(["statics", "truss_arm", "--mode-video", "2", str(tmp_path / "m.mp4")]) == 0
-    frequency = tmj.statics.natural_modes(tmj.find_equilibrium(tmj.load_scene("truss_arm"))).frequencies[1]
+    frequency = tmj.statics.natural_modes(tmj.statics.find_equilibrium(tmj.load_scene("truss_arm"))).frequencies[1]
     assert seen["path"] == tmp_path / "m.mp4"
     assert seen["speed"] == pytest.approx(1 / frequency / 2)
     assert seen["motion"].time[-1] == pytest.approx(2 / frequency)

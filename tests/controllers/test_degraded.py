@@ -165,7 +165,7 @@ def test_two_runs_of_one_law_are_the_same(prism: Any) -> None:
 def test_a_law_without_a_solution_has_none_late(prism: Any) -> None:
     def fails(time: float, nodes: Any, velocities: Any) -> Any:
         if time > 9.5 * PERIOD:
-            raise tmj.InfeasibleError("no more")
+            raise tmj.errors.InfeasibleError("no more")
         return np.full(12, 0.05)
 
     run = tmj.simulate(prism, Delayed(fails, 4, PERIOD), tmj.MuJoCo(1e-3), duration=0.1, actuation=HOLD)
@@ -179,7 +179,7 @@ def test_an_error_of_the_law_is_told_at_once(prism: Any) -> None:
         raise ZeroDivisionError("oh")
 
     for law in (Delayed(fails, 4, PERIOD), Noisy(fails, 0.0, 0.0, 0, PERIOD)):
-        with pytest.raises(tmj.ControllerError, match=r"t = 0 s: ZeroDivisionError: oh"):
+        with pytest.raises(tmj.errors.ControllerError, match=r"t = 0 s: ZeroDivisionError: oh"):
             tmj.simulate(prism, law, tmj.MuJoCo(1e-3), duration=0.1, actuation=HOLD)
 
 

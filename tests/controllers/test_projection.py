@@ -270,7 +270,7 @@ def test_at_the_pole_angles_are_still_numbers(pinned_rod, runs):
 def test_pictures_of_landscapes_show_the_runs_ways(tmp_path, mirror, runs):
     run = runs["mirror target"]
     law = from_scene(mirror, onto="target")
-    figure = tmj.plots.landscape(law, run, tmp_path / "figure_6_7.png")
+    figure = tmj.pictures.plots.landscape(law, run, tmp_path / "figure_6_7.png")
     panel = figure.axes[0]
     line = panel.lines[0]
     assert np.array_equal(line.get_xdata(), angles(run).phi)
@@ -278,36 +278,36 @@ def test_pictures_of_landscapes_show_the_runs_ways(tmp_path, mirror, runs):
     assert panel.get_xlim() == pytest.approx((-math.pi, math.pi))
     assert (tmp_path / "figure_6_7.png").stat().st_size > 10_000
     assert "b_d" in panel.get_title()
-    two = tmj.plots.landscape(Landscape(), [run, runs["mirror current"]]).axes[0]
+    two = tmj.pictures.plots.landscape(Landscape(), [run, runs["mirror current"]]).axes[0]
     assert len(two.get_legend().get_texts()) == 2
-    assert not tmj.plots.landscape(Landscape()).axes[0].lines
-    parts = tmj.plots.plot_lyapunov([run, runs["mirror current"]]).axes
+    assert not tmj.pictures.plots.landscape(Landscape()).axes[0].lines
+    parts = tmj.pictures.plots.plot_lyapunov([run, runs["mirror current"]]).axes
     assert len(parts) == 2
     assert np.array_equal(parts[0].lines[1].get_ydata(), run.lyapunov_error)
 
 
 def test_landscapes_refuse_what_they_cannot_show(pinned_rod, prism, runs):
-    with pytest.raises(tmj.OptionError, match=r"gains of b that are numbers; Kb"):
+    with pytest.raises(tmj.errors.OptionError, match=r"gains of b that are numbers; Kb"):
         Landscape.of(from_scene(pinned_rod, "projection", stiffness=np.diag([1.0, 2.0, 3.0])))
-    with pytest.raises(tmj.OptionError, match=r"rod = 'x'.*rod1, rod2, rod3"):
+    with pytest.raises(tmj.errors.OptionError, match=r"rod = 'x'.*rod1, rod2, rod3"):
         Landscape.of(from_scene(prism), "x")
-    with pytest.raises(tmj.OptionError, match="beta²"):
+    with pytest.raises(tmj.errors.OptionError, match="beta²"):
         Landscape(beta=2.0)
-    with pytest.raises(tmj.OptionError, match="phi = 'wide'"):
+    with pytest.raises(tmj.errors.OptionError, match="phi = 'wide'"):
         Landscape()("wide", 0.0)  # type: ignore[arg-type]
-    with pytest.raises(tmj.OptionError, match="use a Trajectory"):
+    with pytest.raises(tmj.errors.OptionError, match="use a Trajectory"):
         angles("run.nc")  # type: ignore[arg-type]
-    with pytest.raises(tmj.OptionError, match="Lyapunov or a Projection"):
-        tmj.plots.landscape(lambda t, n, v: n)
+    with pytest.raises(tmj.errors.OptionError, match="Lyapunov or a Projection"):
+        tmj.pictures.plots.landscape(lambda t, n, v: n)
     path = tmj.Target.path([0.0, 1.0], [pinned_rod.nodes0, pinned_rod.target.nodes[0]])
     moving = pinned_rod.with_(target=path)
-    with pytest.raises(tmj.OptionError, match="moves"):
+    with pytest.raises(tmj.errors.OptionError, match="moves"):
         angles(tmj.simulate(moving, from_scene(moving), tmj.MuJoCo(1e-2), duration=0.1))
     still = tmj.simulate(pinned_rod.with_(target=None, control=None), None, tmj.MuJoCo(1e-2), duration=0.1)
-    with pytest.raises(tmj.OptionError, match="no target"):
+    with pytest.raises(tmj.errors.OptionError, match="no target"):
         angles(still)
-    with pytest.raises(tmj.OptionError, match="no law with a Lyapunov function"):
-        tmj.plots.plot_lyapunov(still)
+    with pytest.raises(tmj.errors.OptionError, match="no law with a Lyapunov function"):
+        tmj.pictures.plots.plot_lyapunov(still)
 
 
 # ------------------------------------------------------------------------------------------------------- closed loops
@@ -380,7 +380,7 @@ def test_what_the_thesis_says_of_the_second_experiment(runs):
 
 
 def test_projection_onto_the_target_fails_from_the_start_of_section_5_4(pinned_rod):
-    with pytest.raises(tmj.DivergenceError, match=r"t = 0\.11\d* s.*margin max\(v/α\) tends to zero"):
+    with pytest.raises(tmj.errors.DivergenceError, match=r"t = 0\.11\d* s.*margin max\(v/α\) tends to zero"):
         tmj.simulate(pinned_rod, from_scene(pinned_rod, "projection", onto="target"), tmj.DAE(), duration=1.0)
 
 
@@ -468,11 +468,13 @@ def test_a_smallest_rest_length_is_kept(prism, runs):
 def test_what_is_beyond_the_ceilings_is_infeasible_and_said_so(pinned_rod):
     run = tmj.simulate(pinned_rod, from_scene(pinned_rod, maximum_force_density=0.06), tmj.DAE())
     assert run.status is tmj.Status.INFEASIBLE
-    with pytest.raises(tmj.InfeasibleError, match="without the ceilings of the strings there would be one"):
+    with pytest.raises(tmj.errors.InfeasibleError, match="without the ceilings of the strings there would be one"):
         from_scene(pinned_rod, maximum_force_density=0.06)(0.0, pinned_rod.nodes0, pinned_rod.velocities0)
     short = pinned_rod.with_(structure=pinned_rod.structure.with_strings(min_rest_length=5.0))
     law = from_scene(short, minimum_force_density=0.01)
-    with pytest.raises(tmj.InfeasibleError, match=r"string 's\d' is too short to keep its minimum_force_density"):
+    with pytest.raises(
+        tmj.errors.InfeasibleError, match=r"string 's\d' is too short to keep its minimum_force_density"
+    ):
         law(0.0, short.nodes0, short.velocities0)
 
 
@@ -520,11 +522,11 @@ def test_any_scene_runs_with_any_law(name):
     assert (
         from_scene(scene, "projection", stiffness={scene.structure.rods[0].name: 0.3}).form.gains["Kb"][0, 0, 0] == 0.3
     )
-    with pytest.raises(tmj.OptionError, match="onto = 'up'; allowed: current, target"):
+    with pytest.raises(tmj.errors.OptionError, match="onto = 'up'; allowed: current, target"):
         from_scene(scene, "projection", onto="up")
-    with pytest.raises(tmj.OptionError, match=r"unknown law 'magic'; allowed: lyapunov, .*projection"):
+    with pytest.raises(tmj.errors.OptionError, match=r"unknown law 'magic'; allowed: lyapunov, .*projection"):
         from_scene(scene, "magic")
-    with pytest.raises(tmj.OptionError, match="'lyapunov' has no option 'onto'"):
+    with pytest.raises(tmj.errors.OptionError, match="'lyapunov' has no option 'onto'"):
         from_scene(scene, "lyapunov", onto="target")
 
 

@@ -392,7 +392,7 @@ def test_what_an_allocator_cannot_be_given() -> None:
         with pytest.raises(OptionError, match=r"A .*d "):
             allocator.solve(bad_A, bad_d)  # type: ignore[arg-type]
     for bad_A, bad_d in ((A * np.nan, d), (A, d * np.inf)):
-        with pytest.raises(tmj.ControllerError, match="lift"):
+        with pytest.raises(tmj.errors.ControllerError, match="lift"):
             allocator.solve(bad_A, bad_d)
 
 

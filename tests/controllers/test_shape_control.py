@@ -76,9 +76,9 @@ def accelerations(of: tmj.Scene, nodes, velocities, u):
     return mujoco_accelerations(now)
 
 
-@pytest.mark.parametrize("weights", list(tmj.Weights))
+@pytest.mark.parametrize("weights", list(tmj.model.Weights))
 @pytest.mark.parametrize("seed", range(3))
-def test_the_engine_accelerates_as_the_laws_foresee(seed: int, weights: tmj.Weights) -> None:
+def test_the_engine_accelerates_as_the_laws_foresee(seed: int, weights: tmj.model.Weights) -> None:
     # Both solve the same equations for the same forces, to round-off of accelerations of up to 1e2 m/s²; V̇ has terms of
     # up to 1e2 too. HERMITE makes α of rods that are partly wet unsymmetric, which the quadratic laws need transposed.
     of = pierced(waves(scene()))
@@ -215,7 +215,7 @@ def test_winch_power_integrates_to_winch_work() -> None:
     errors = []
     for interval in (0.1, 0.05):
         run = tmj.simulate(of, from_scene(of), tmj.MuJoCo(0.01), duration=4.0, output_interval=interval)
-        power = tmj.winch_power(run)
+        power = tmj.runs.winch_power(run)
         assert power.shape == (len(run.time) - 1, len(of.structure.strings))
         errors.append(abs((power.sum(axis=1) * np.diff(run.time)).sum() - run.winch_work[-1]))
     assert errors[1] == pytest.approx(errors[0] / 4, rel=0.1)  # the trapezoidal rule's second order
@@ -229,13 +229,13 @@ def test_winch_power_integrates_to_winch_work() -> None:
         run = tmj.simulate(
             of, from_scene(of), tmj.MuJoCo(2e-3), duration=0.5, actuation=mode(0.01), output_interval=0.01
         )
-        total = (tmj.winch_power(run).sum(axis=1) * np.diff(run.time)).sum()
+        total = (tmj.runs.winch_power(run).sum(axis=1) * np.diff(run.time)).sum()
         assert total == pytest.approx(run.winch_work[-1] - run.winch_work[0], abs=1e-6)
     # A shape that is held in a steady current costs tension, but no power.
     for current in (0.0, 1.0):
         still = held(current)
         run = tmj.simulate(still, from_scene(still), tmj.MuJoCo(0.01), duration=1.0)
-        assert np.abs(tmj.winch_power(run)).max() < 1e-9 * run.tensions.max()
+        assert np.abs(tmj.runs.winch_power(run)).max() < 1e-9 * run.tensions.max()
 
 
 def test_what_laws_know_of_water_is_told_and_checked() -> None:
@@ -244,12 +244,12 @@ def test_what_laws_know_of_water_is_told_and_checked() -> None:
     assert from_scene(of, water=KnownWater.NONE).water is None
     assert from_scene(of, water="still").water == replace(of.water, current=(0.0, 0.0, 0.0))
     assert from_scene(of.with_(water=None), water="all").water is None
-    with pytest.raises(tmj.OptionError, match="water = 'some'; allowed: all, still, none"):
+    with pytest.raises(tmj.errors.OptionError, match="water = 'some'; allowed: all, still, none"):
         from_scene(of, water="some")
     for law in (FeedbackLinearization, Lyapunov, Projection):
-        with pytest.raises(tmj.SceneError, match="density = 0"):
+        with pytest.raises(tmj.errors.SceneError, match="density = 0"):
             law(of.structure, of.target, water=replace(of.water, density=0.0))
-        with pytest.raises(tmj.SceneError, match="use Water"):
+        with pytest.raises(tmj.errors.SceneError, match="use Water"):
             law(of.structure, of.target, water="sea")
         told = law(of.structure, of.target, gravity=of.gravity, water=of.water).describe()
         assert told["water"]["current"] == [1.0, 0.0, 0.0]

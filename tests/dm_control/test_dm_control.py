@@ -13,9 +13,10 @@ import pytest
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
-from tensegrity_mj import Actuation, Integrator, OptionError, SceneError, StructureError
+from tensegrity_mj import Actuation, Integrator
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities
+from tensegrity_mj.errors import OptionError, SceneError, StructureError
 from tensegrity_mj.library.random_structures import random_scene, random_structure
 from tensegrity_mj.model import strings
 from tensegrity_mj.model.scene import Scene
@@ -140,7 +141,7 @@ def test_scenes_that_it_cannot_hold_are_refused() -> None:
     nodes = {"a": (0.0, 0.0, 0.0), "b": (0.0, 0.0, -1.0)}
     structure = tmj.Structure("one", nodes, (rod,))
     chain = tmj.Structure("two", {**nodes, "c": (0.0, 0.0, -2.0)}, (rod, tmj.Rod("s", ("b", "c"), 1.0)))
-    moved = (tmj.Motion.in_line("r", 0.1, 1.0, (1, 0, 0)),)
+    moved = (tmj.model.Motion.in_line("r", 0.1, 1.0, (1, 0, 0)),)
     for scene, error, message in (
         (Scene(chain), StructureError, "structures of class 1"),
         (Scene(structure, motions=moved), SceneError, "supports that stand still; here 'r' moves"),

@@ -26,7 +26,7 @@ SETTLES_OPENGL = ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL", "PYOPENGL_PLATFORM"
 def backend() -> str:
     try:
         return choose_backend()
-    except tmj.MissingLibraryError as error:
+    except tmj.errors.MissingLibraryError as error:
         pytest.skip(str(error))
 
 
@@ -80,7 +80,7 @@ env.reset()
 assert env.physics.render(120, 160).std() > 5
 assert "MUJOCO_GL" not in os.environ
 import dm_control.viewer
-assert tmj.render_frame(tmj.simulate(env.physics.scene, None, duration=0.01), 0.0).std() > 5
+assert tmj.pictures.render_frame(tmj.simulate(env.physics.scene, None, duration=0.01), 0.0).std() > 5
 """
 
 

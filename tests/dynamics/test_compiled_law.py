@@ -47,7 +47,7 @@ def test_it_answers_as_the_same_law_in_python(prism, law) -> None:
         nodes, velocities = prism.nodes0 + 0.1 * rng.normal(size=(6, 3)), rng.normal(size=(6, 3))
         # A dozen operations on numbers of order 1.
         assert law(0.2, nodes, velocities) == pytest.approx(plain(0.2, nodes, velocities), rel=0, abs=1e-14)
-    with pytest.raises(tmj.InfeasibleError, match=r"0\.35"):
+    with pytest.raises(tmj.errors.InfeasibleError, match=r"0\.35"):
         law(0.35, prism.nodes0, prism.velocities0)
 
 
@@ -86,7 +86,7 @@ def test_a_command_left_unwritten_is_no_answer(prism) -> None:
     def idle(time, nodes, velocities, string_nodes, parameters, command):  # type: ignore[no-untyped-def]
         return True
 
-    with pytest.raises(tmj.ControllerError, match="nan"):
+    with pytest.raises(tmj.errors.ControllerError, match="nan"):
         tmj.simulate(prism, tmj.CompiledLaw(idle, prism.structure), tmj.MuJoCo(), duration=0.1)
 
 
@@ -97,7 +97,7 @@ def test_a_report_that_is_none_is_an_error(prism) -> None:
         def __call__(self, time: float, nodes: Any, velocities: Any) -> Any:
             return np.full(12, 0.1)
 
-    with pytest.raises(tmj.ControllerError, match="good"):
+    with pytest.raises(tmj.errors.ControllerError, match="good"):
         tmj.simulate(prism, Wrong(), tmj.MuJoCo(), duration=0.1)
 
 
@@ -142,11 +142,11 @@ def test_rest_lengths_and_a_function_that_numba_compiled_already(prism) -> None:
     ],
 )
 def test_bad_options_are_refused(prism, options, words) -> None:
-    with pytest.raises(tmj.OptionError) as caught:
+    with pytest.raises(tmj.errors.OptionError) as caught:
         tmj.CompiledLaw(**({"function": damp, "structure": prism.structure, "parameters": PARAMETERS} | options))
     assert all(word in str(caught.value) for word in words), str(caught.value)
 
 
 def test_another_structure_is_refused(law) -> None:
-    with pytest.raises(tmj.OptionError, match="other nodes or strings"):
+    with pytest.raises(tmj.errors.OptionError, match="other nodes or strings"):
         tmj.simulate(tmj.load_scene("pinned_rod"), law, tmj.MuJoCo(), duration=0.1)

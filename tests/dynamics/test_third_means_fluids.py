@@ -93,7 +93,7 @@ def test_viscous_forces_and_wind_bring_a_rod_to_the_winds_speed_and_stop_its_spi
 def test_a_falling_rod_comes_to_its_terminal_velocity(engine, b, C) -> None:
     # m v̇ = m g - ½ ρ C d ℓ v²: v = v_t tanh(g t / v_t), v_t² = 2 m g / (ρ C d ℓ); C_t acts on the circumference π d.
     m = 0.3
-    drag = tmj.Drag(1.3, 0.4, 20.0)
+    drag = tmj.model.Drag(1.3, 0.4, 20.0)
     run = tmj.simulate(one(b, mass=m, resistance=tmj.Resistance(drag=drag)), engine=engine)
     v_t = np.sqrt(2 * m * G / (20.0 * C * D * L))
     fallen = v_t**2 / G * np.log(np.cosh(G * run.time / v_t))
@@ -108,7 +108,7 @@ def test_drag_slows_a_spin_as_one_over_time(engine) -> None:
     # (m ℓ²/12) ω̇ = -∫ ½ ρ C d |ω x| ω x x dx = -ρ C d ω² ℓ⁴/64: ω = ω₀ / (1 + K ω₀ t).
     m, spin = 0.5, 3.0
     ends = np.array([[0, -0.5, 0], [0, 0.5, 0]]) * spin * L
-    scene = one(mass=m, velocities=ends, gravity=0.0, resistance=tmj.Resistance(drag=tmj.Drag(1.2, 0.0, 30.0)))
+    scene = one(mass=m, velocities=ends, gravity=0.0, resistance=tmj.Resistance(drag=tmj.model.Drag(1.2, 0.0, 30.0)))
     run = tmj.simulate(scene, engine=engine)
     slows = 12 * 30.0 * 1.2 * D * L**2 / (64 * m) * spin
     angle = spin / slows * np.log1p(slows * run.time)
@@ -125,7 +125,9 @@ def test_a_bent_joint_swings_with_the_frequency_of_its_stiffness(engine) -> None
     nodes = {"a": (-reach, 0.0, lift), "o": (0.0, 0.0, -lift), "b": (reach, 0.0, lift)}
     rods = (tmj.Rod("p", ("a", "o"), m), tmj.Rod("q", ("o", "b"), m))
     scene = tmj.Scene(
-        tmj.Structure("v", nodes, rods), resistance=tmj.Resistance(bending=tmj.Bending(kappa, gamma)), duration=2.0
+        tmj.Structure("v", nodes, rods),
+        resistance=tmj.Resistance(bending=tmj.model.Bending(kappa, gamma)),
+        duration=2.0,
     )
     run = tmj.simulate(scene, engine=engine)
     delta = 12 * gamma / (m * length**2)
@@ -199,7 +201,7 @@ def test_the_field_above_the_still_surface_is_as_chosen() -> None:
     # In the crest of a wave of A = 1 m, at z = 0.5 m: θ = π/2, so that u = ω A e^{kz} along x alone, and a along -z.
     k = 2 * np.pi / 30
     omega = np.sqrt(G * k)
-    for above, fades in ((tmj.AboveLevel.EXPONENTIAL, np.exp(0.5 * k)), (tmj.AboveLevel.CONSTANT, 1.0)):
+    for above, fades in ((tmj.model.AboveLevel.EXPONENTIAL, np.exp(0.5 * k)), (tmj.model.AboveLevel.CONSTANT, 1.0)):
         water = tmj.Water(waves=(tmj.Wave(1.0, 30.0, phase=np.pi / 2),), above=above)
         found = forces_on(one((0, 1, 0), (0, 0, 0.5), water=water)).sum(axis=0)
         drag = 0.5 * RHO * 1.2 * D * L * (omega * fades) ** 2
@@ -353,7 +355,7 @@ def test_water_slows_a_spin_by_its_segments(engine) -> None:
 def test_hermites_weights_share_a_load_and_added_mass_by_the_cubic() -> None:
     # Two segments, at ¼ and ¾: h = s² (3 - 2 s) is 5/32 and 27/32. A rod that turns about its first node meets 1/16 and
     # 9/16 of the drag of its end; upright, half of the axial buoyancy goes to either node.
-    water = tmj.Water(RHO, drag=1.1, added_mass=0.6, segments=2, weights=tmj.Weights.HERMITE)
+    water = tmj.Water(RHO, drag=1.1, added_mass=0.6, segments=2, weights=tmj.model.Weights.HERMITE)
     scene = one(center=(0, 0, -5), velocities=[[0, 0, 0], [0, 2.0, 0]], water=water)
     f = -0.5 * RHO * 1.1 * D * L / 2 * 4.0 * np.array([1 / 16, 9 / 16])
     h = np.array([5 / 32, 27 / 32])

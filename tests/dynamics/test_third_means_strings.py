@@ -29,7 +29,7 @@ LOCATED = [tmj.DAE(method=tmj.Method.RK4, timestep=1e-3, locate_slack=True), tmj
 both = pytest.mark.parametrize("engine", FINE, ids=["DAE", "MuJoCo"])
 
 
-def hung(length=1.4, damping=0.0, rate=0.0, law=tmj.StringLaw.CLIPPED, limits=None, hook=True, **scene):
+def hung(length=1.4, damping=0.0, rate=0.0, law=tmj.model.StringLaw.CLIPPED, limits=None, hook=True, **scene):
     """The mass `length` below the hook, moving down at `rate`; the string's rest length is 1 m."""
     nodes = {"hook": (0.0, 0.0, 0.0), "m": (0.0, 0.0, -length)}
     structure = tmj.Structure(
@@ -86,12 +86,12 @@ def test_a_mass_on_a_damped_string_is_a_damped_oscillator(engine) -> None:
 
 
 @pytest.mark.parametrize("engine", LOCATED, ids=["DAE", "MuJoCo"])
-@pytest.mark.parametrize("law", list(tmj.StringLaw), ids=lambda law: law.value)
+@pytest.mark.parametrize("law", list(tmj.model.StringLaw), ids=lambda law: law.value)
 def test_a_mass_thrown_up_falls_into_its_string_and_leaves_it(engine, law) -> None:
     # Up at 3.5 m/s from where the string is just slack; back at 2 v/g with v downwards, which the damper meets with a
     # jump of c v; then the oscillator. Clipped, it leaves where k s + c ṡ is zero, which is no jump, and is free until
     # that is positive again. Unclipped, the damper pushes until s = 0: a jump that no engine places, where this ends.
-    c, v, clipped = 1.5, 3.5, law is tmj.StringLaw.CLIPPED
+    c, v, clipped = 1.5, 3.5, law is tmj.model.StringLaw.CLIPPED
     scene = hung(1.0, c, -v, law, duration=1.9)
     run = tmj.simulate(scene, engine=engine, output_interval=1e-3)
 
@@ -130,7 +130,7 @@ def test_a_mass_thrown_up_falls_into_its_string_and_leaves_it(engine, law) -> No
 
 @both
 def test_a_string_that_breaks_lets_go_and_its_energy_is_lost(engine) -> None:
-    run = tmj.simulate(hung(1.4, breaks=(tmj.Break("s", 0.5),), duration=0.8), engine=engine)
+    run = tmj.simulate(hung(1.4, breaks=(tmj.model.Break("s", 0.5),), duration=0.8), engine=engine)
     s, rate = oscillation(0.5, 0.4, 0.0)
     after = np.maximum(run.time - 0.5, 0.0)
     expected = np.where(run.time <= 0.5, oscillation(run.time, 0.4, 0.0)[0], s + rate * after + 0.5 * G * after**2)
@@ -255,7 +255,7 @@ def test_limits_cut_what_a_law_commands(engine) -> None:
 def test_where_a_law_has_no_solution_the_last_rest_length_is_held(engine) -> None:
     def function(t, L):
         if t > 0.3 - 1e-9:
-            raise tmj.InfeasibleError("no more")
+            raise tmj.errors.InfeasibleError("no more")
         return 12.0 + 5 * t
 
     # Sampled: at 0.3 s, with no solution, the rest length of that moment is held.
@@ -282,7 +282,7 @@ def test_a_law_at_every_stage_leaves_the_rest_length_of_the_last_whole_step(engi
     # That step itself is made with what lies between: 0.2 h off over h, a speed of ω² 0.2 h² and a swing of 0.2 h² ω.
     def function(t, L):
         if t > 0.3 - 1e-9:
-            raise tmj.InfeasibleError("no more")
+            raise tmj.errors.InfeasibleError("no more")
         return 0.9 + 0.2 * t
 
     run = tmj.simulate(
@@ -310,7 +310,7 @@ def test_a_load_in_time_and_gravity_move_a_free_mass(engine, as_function) -> Non
     # M ẍ = F cos(ω t + φ): x = F/(M ω²) (cos φ - cos(ω t + φ) - ω t sin φ); and it falls.
     F, omega, phi = np.array([3.0, -2.0, 1.0]), 4.0, 0.7
     structure = tmj.Structure("free", {"m": (0.0, 0.0, 0.0)}, point_masses=(tmj.PointMass("m", M),))
-    loads = (lambda t: [F * np.cos(omega * t + phi)]) if as_function else (tmj.Load("m", tuple(F), omega, phi),)
+    loads = (lambda t: [F * np.cos(omega * t + phi)]) if as_function else (tmj.model.Load("m", tuple(F), omega, phi),)
     run = tmj.simulate(tmj.Scene(structure, gravity=(0, 0, -G), loads=loads, duration=2.0), engine=engine)
     t = run.time[:, None]
     moved = F / (M * omega**2) * (np.cos(phi) - np.cos(omega * t + phi) - omega * t * np.sin(phi))
@@ -326,7 +326,7 @@ def test_a_load_in_time_and_gravity_move_a_free_mass(engine, as_function) -> Non
 def test_a_hook_that_moves_up_and_down_drives_an_oscillator(engine) -> None:
     # z_h = a sin(Ω t + ε): M z̈ = -M g + k (z_h - z - 1), z = -1 - M g/k + p sin(Ω t + ε) and the oscillator's own.
     a, drive, phase = 0.05, 3.0, 0.4
-    motion = tmj.Motion("hook", (tmj.Harmonic((0.0, 0.0, a), drive, phase),))
+    motion = tmj.model.Motion("hook", (tmj.model.Harmonic((0.0, 0.0, a), drive, phase),))
     scene = hung(1 + M * G / K, motions=(motion,))
     run = tmj.simulate(scene, engine=engine)
     t = run.time
@@ -351,7 +351,7 @@ def test_a_hook_that_moves_up_and_down_drives_an_oscillator(engine) -> None:
 def test_a_hook_that_follows_data_does_so_by_quintics(engine) -> None:
     # From rest to rest in 1.5 s: d (10 x³ - 15 x⁴ + 6 x⁵); then it stands still.
     d = np.array([0.2, -0.1, 0.05])
-    motion = tmj.Motion.data("hook", [0.25, 1.75], [np.zeros(3), d])
+    motion = tmj.model.Motion.data("hook", [0.25, 1.75], [np.zeros(3), d])
     run = tmj.simulate(hung(1 + M * G / K, motions=(motion,)), engine=engine)
     x = np.clip((run.time - 0.25) / 1.5, 0, 1)[:, None]
     assert np.abs(run.nodes[:, 0] - d * (10 * x**3 - 15 * x**4 + 6 * x**5)).max() < 1e-12
@@ -368,7 +368,7 @@ def test_a_rod_on_an_accelerated_support_hangs_aside(engine) -> None:
     a = G * np.tan(phi)
     times = np.array([0.0, 0.5, 1.0, 2.0])
     along = np.array([1.0, 0.0, 0.0])
-    motion = tmj.Motion.data(
+    motion = tmj.model.Motion.data(
         "rod", times, np.outer(0.5 * a * times**2, along), np.outer(a * times, along), np.outer(a + 0 * times, along)
     )
     scene = tmj.Scene(structure, gravity=(0, 0, -G), motions=(motion,), duration=1.0)

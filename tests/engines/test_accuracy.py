@@ -172,7 +172,7 @@ def test_files_keep_it(tmp_path: Path) -> None:
 def test_a_law_without_a_solution_is_told_and_does_not_settle() -> None:
     def fails_later(time: float, nodes: np.ndarray, velocities: np.ndarray) -> np.ndarray:
         if time > 0.3:
-            raise tmj.InfeasibleError("nothing is left")
+            raise tmj.errors.InfeasibleError("nothing is left")
         return np.full(3, 1.0)
 
     run = tmj.simulate(string_pendulum(), fails_later, tmj.MuJoCo(accuracy=1e-6))
@@ -205,15 +205,15 @@ def test_what_the_accuracy_chooses_is_refused_beside_it() -> None:
         lambda: tmj.ODE(accuracy=1e-6, method=tmj.Method.RADAU),
         lambda: tmj.DAE(accuracy=1e-6, method=tmj.Method.RK4, timestep=1e-3),
     ):
-        with pytest.raises(tmj.OptionError, match="accuracy"):
+        with pytest.raises(tmj.errors.OptionError, match="accuracy"):
             make()
     for value in (1e-1, 1e-11, 0.0, -1e-3, math.nan, "1e-6"):
-        with pytest.raises(tmj.OptionError, match="accuracy"):
+        with pytest.raises(tmj.errors.OptionError, match="accuracy"):
             tmj.MuJoCo(accuracy=value)  # type: ignore[arg-type]
 
 
 def test_times_without_a_common_divisor_are_refused() -> None:
-    with pytest.raises(tmj.OptionError, match="no step divides all of"):
+    with pytest.raises(tmj.errors.OptionError, match="no step divides all of"):
         tmj.simulate(pendulum(math.pi), None, tmj.MuJoCo(accuracy=1e-4), output_interval=0.1)
     # Alone, any duration will do.
     run = tmj.simulate(pendulum(math.pi / 3), None, tmj.MuJoCo(accuracy=1e-4))

@@ -43,7 +43,7 @@ def test_each_run_has_half_the_step_and_twice_the_cost_of_the_one_before() -> No
     assert one.next() == (0.1, PLAIN)
     one.add(Rung(0.1, off_by(1e-3), 100.0))
     assert one.next() == pytest.approx((0.05, 200.0))
-    one.add(Rung(0.05, None, 30.0, tmj.DivergenceError("gone", 0.1, None)))  # a run that failed costs too
+    one.add(Rung(0.05, None, 30.0, tmj.errors.DivergenceError("gone", 0.1, None)))  # a run that failed costs too
     assert one.next() == pytest.approx((0.025, 400.0))
     assert one.spent == 130.0
 
@@ -123,7 +123,7 @@ def test_what_would_take_too_many_evaluations_is_refused_or_reported() -> None:
         return Way(one, run, lambda step: {"timestep": step})
 
     request: Any = SimpleNamespace(duration=1.0)
-    with pytest.raises(tmj.OptionError, match="shorten the run"):
+    with pytest.raises(tmj.errors.OptionError, match="shorten the run"):
         find(1e-3, [way(MOST_EVALUATIONS, 1.0)], request)
     found = find(1e-8, [way(MOST_EVALUATIONS / 100, 1.0)], request)
     assert not found.reports["accuracy"]["met"]

@@ -69,13 +69,13 @@ def test_holding_a_rest_length_adds_viscosity_and_the_run_says_so(prism):
 
 @pytest.mark.parametrize("norm", [1, float("inf")])
 def test_discontinuous_laws_are_refused_continuously(prism, norm):
-    with pytest.raises(tmj.OptionError, match="sampled"):
+    with pytest.raises(tmj.errors.OptionError, match="sampled"):
         tmj.simulate(prism, from_scene(prism, norm=norm), tmj.MuJoCo(1e-3))
 
 
 @pytest.mark.parametrize("engine", ENGINES[:2], ids=NAMES[:2])
 def test_a_control_period_that_is_no_multiple_of_the_step_is_refused(prism, engine):
-    with pytest.raises(tmj.OptionError, match=r"control period.*0\.003 s.*multiple.*0\.002 s or 0\.004 s"):
+    with pytest.raises(tmj.errors.OptionError, match=r"control period.*0\.003 s.*multiple.*0\.002 s or 0\.004 s"):
         tmj.simulate(prism, from_scene(prism), engine, actuation=tmj.Actuation.hold_rest_length(3e-3))
 
 
@@ -95,13 +95,13 @@ def test_a_control_period_that_is_no_multiple_of_the_step_is_refused(prism, engi
 )
 def test_bad_requests_are_refused(prism, options, words):
     arguments = {"scene": prism, "controller": None, "engine": tmj.MuJoCo(2e-3)} | options
-    with pytest.raises(tmj.OptionError, match=words):
+    with pytest.raises(tmj.errors.OptionError, match=words):
         tmj.simulate(arguments.pop("scene"), arguments.pop("controller"), arguments.pop("engine"), **arguments)
 
 
 @pytest.mark.parametrize("period", [None, 0.0, -1.0, float("nan")])
 def test_bad_periods_are_refused(period):
-    with pytest.raises(tmj.OptionError, match="period"):
+    with pytest.raises(tmj.errors.OptionError, match="period"):
         tmj.Actuation.hold_rest_length(period)
 
 
@@ -114,7 +114,7 @@ def hopeless(prism):
         def __call__(self, time, nodes, velocities):
             if 0.3 <= time < 0.5:
                 lost["count"] += 1
-                raise tmj.InfeasibleError("nothing admissible now")
+                raise tmj.errors.InfeasibleError("nothing admissible now")
             return law(time, nodes, velocities)
 
     return LosesItself()
@@ -204,7 +204,7 @@ def test_rest_lengths_below_zero_are_reported(prism):
 
 
 def test_a_period_without_a_law_is_refused(prism):
-    with pytest.raises(tmj.OptionError, match="without a law"):
+    with pytest.raises(tmj.errors.OptionError, match="without a law"):
         tmj.simulate(prism, None, tmj.MuJoCo(2e-3), actuation=tmj.Actuation.hold_rest_length(1e-2))
 
 
@@ -242,7 +242,7 @@ def test_what_does_not_fit_together_is_warned_of(prism):
 
 def test_a_run_too_long_to_record_is_refused_before_memory_is_asked_for(prism):
     for engine in ENGINES:
-        with pytest.raises(tmj.OptionError, match=r"GiB|counted"):
+        with pytest.raises(tmj.errors.OptionError, match=r"GiB|counted"):
             tmj.simulate(prism, None, engine, duration=1e12)
 
 
@@ -254,7 +254,7 @@ def test_descriptions_that_no_file_can_hold_are_refused_before_the_run(prism):
         def describe(self):
             return {"gain": np.eye(2)}
 
-    with pytest.raises(tmj.OptionError, match="plain values"):
+    with pytest.raises(tmj.errors.OptionError, match="plain values"):
         tmj.simulate(prism, Shapeless(), tmj.MuJoCo(2e-3), duration=0.1)
 
 

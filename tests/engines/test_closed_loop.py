@@ -188,7 +188,7 @@ def test_every_random_structure_closes_its_loop_alike():
         try:
             reference = tmj.simulate(scene, law, tmj.DAE(rtol=1e-11, atol=1e-13))
             run = tmj.simulate(scene, law, tmj.MuJoCo(1e-3))
-        except tmj.DivergenceError:
+        except tmj.errors.DivergenceError:
             continue  # the margin tends to zero from above, and u to infinity: no plant can follow
         assert run.status is reference.status
         if run.status is tmj.Status.COMPLETED:
@@ -201,7 +201,7 @@ def test_every_random_structure_closes_its_loop_alike():
 def test_the_prisms_law_meets_a_singularity_after_the_thesis_ten_seconds(prism):
     """At 12.02 s max(v/α) falls to zero. The DAE stops there soon, with the cause; MuJoCo steps across, and warns."""
     law = from_scene(prism)
-    with pytest.raises(tmj.DivergenceError, match=r"t = 12\.0\d* s.*margin max\(v/α\) tends to zero") as caught:
+    with pytest.raises(tmj.errors.DivergenceError, match=r"t = 12\.0\d* s.*margin max\(v/α\) tends to zero") as caught:
         tmj.simulate(prism, law, tmj.DAE(), duration=20.0)
     assert caught.value.trajectory.feasibility_margin[-1] < 0.1 * np.max(caught.value.trajectory.feasibility_margin)
     across = tmj.simulate(prism, law, tmj.MuJoCo(1e-3), duration=20.0)
@@ -215,7 +215,7 @@ def test_a_run_that_starts_at_its_target_is_not_blamed_for_round_off():
     """V(0) is round-off, and the law is not continuous there: a step that falls away is not a margin that vanishes."""
     scene = tmj.load_scene("cross")
     law = from_scene(scene, "lyapunov")
-    with pytest.raises(tmj.DivergenceError, match="max_steps") as caught:
+    with pytest.raises(tmj.errors.DivergenceError, match="max_steps") as caught:
         tmj.simulate(scene, law, tmj.ODE(max_steps=5000), duration=1.0)
     run = caught.value.trajectory
     assert run.lyapunov[0] < 1e-30

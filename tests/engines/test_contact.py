@@ -292,7 +292,7 @@ def test_a_point_mass_lands_on_its_point() -> None:
 def test_engines_without_contact_say_so() -> None:
     scene = tmj.load_scene("prism_drop")
     for engine in (tmj.DAE(), tmj.ODE(), tmj.DAE(method=tmj.Method.RK4, timestep=1e-3)):
-        with pytest.raises(tmj.OptionError, match=r"has contact.*MuJoCo.*with_\(contact=None\)"):
+        with pytest.raises(tmj.errors.OptionError, match=r"has contact.*MuJoCo.*with_\(contact=None\)"):
             tmj.simulate(scene, None, engine, duration=0.1)
 
 
@@ -301,17 +301,19 @@ def test_linear_models_are_those_without_touch() -> None:
     with_floor, without = tmj.linearize(scene), tmj.linearize(scene.with_(contact=None))
     np.testing.assert_array_equal(with_floor.A, without.A)
     low = scene.nodes0 - [0, 0, 0.405]
-    with pytest.raises(tmj.OptionError, match=r"inside the floor.*no linear model"):
+    with pytest.raises(tmj.errors.OptionError, match=r"inside the floor.*no linear model"):
         tmj.linearize(scene, nodes=low)
 
 
 def test_a_start_inside_something_is_refused() -> None:
     scene = tmj.load_scene("prism_drop")
-    with pytest.raises(tmj.SceneError, match=r"rod 'rod3' at node 'a3' is 0.01 m inside the floor: start higher"):
+    with pytest.raises(
+        tmj.errors.SceneError, match=r"rod 'rod3' at node 'a3' is 0.01 m inside the floor: start higher"
+    ):
         scene.with_(contact=Contact(floor=0.31))
-    with pytest.raises(tmj.SceneError, match=r"\(and 5 more\): start higher"):
+    with pytest.raises(tmj.errors.SceneError, match=r"\(and 5 more\): start higher"):
         scene.with_(contact=Contact(floor=9.0))
-    with pytest.raises(tmj.SceneError, match=r"rods 'rod1' and 'rod2' overlap by 0.01 m.*thinner"):
+    with pytest.raises(tmj.errors.SceneError, match=r"rods 'rod1' and 'rod2' overlap by 0.01 m.*thinner"):
         tmj.Scene(_crossed(), contact=Contact(rods=True))
 
 
@@ -346,7 +348,7 @@ def _crossed() -> tmj.Structure:
     ],
 )
 def test_what_is_no_contact_is_refused(contact: Any, message: str) -> None:
-    with pytest.raises(tmj.SceneError, match=message):
+    with pytest.raises(tmj.errors.SceneError, match=message):
         tmj.load_scene("prism_drop").with_(contact=contact)
 
 
@@ -399,7 +401,7 @@ def test_files_hold_contact_without_loss() -> None:
         ("floor = 0.0", "floor = 0.0, impedance = [0.9]", "impedance.*five numbers"),
     ):
         assert old in text
-        with pytest.raises(tmj.FormatError, match=message):
+        with pytest.raises(tmj.errors.FormatError, match=message):
             scene_from_toml(text.replace(old, new))
 
 
@@ -412,7 +414,7 @@ def test_sweeps_reach_the_parameters_of_contact() -> None:
         ("prism_drop", "scene.contact.fiction", "fiction"),
         ("prism_drop", "scene.contact", "part of contact"),
     ):
-        with pytest.raises(tmj.OptionError, match=message):
+        with pytest.raises(tmj.errors.OptionError, match=message):
             Draft(tmj.load_scene(scene)).apply({path: 0.1})
 
 
@@ -423,7 +425,9 @@ def test_pictures_show_the_floor() -> None:
     areas = {}
     for name, contact in (("level", scene.contact), ("tilted", tilted), ("none", None)):
         source = scene.with_(contact=contact)
-        image = np.asarray(tmj.render_frame(source, size=(320, 240), text=False, quality=tmj.Quality.FAST))
+        image = np.asarray(
+            tmj.pictures.render_frame(source, size=(320, 240), text=False, quality=tmj.pictures.Quality.FAST)
+        )
         _, counts = np.unique(image.reshape(-1, 3), axis=0, return_counts=True)
         areas[name] = sorted(counts)[-2]  # of the second most common colour: the most common is the background
     assert min(areas["level"], areas["tilted"]) > 2 * areas["none"]  # without a floor: the lines of the grid

@@ -85,16 +85,17 @@ def spinning():
 def test_drift_treatments_reduce_the_drift_and_keep_the_motion(spinning):
     step = 5e-3
     runs = {
-        drift: tmj.simulate(spinning, None, tmj.DAE(tmj.Method.RK4, timestep=step, drift=drift)) for drift in tmj.Drift
+        drift: tmj.simulate(spinning, None, tmj.DAE(tmj.Method.RK4, timestep=step, drift=drift))
+        for drift in tmj.engines.Drift
     }
     drift = {kind: run.reports["drift"] for kind, run in runs.items()}
     # RK4 leaves O(h⁴) of drift, which adds up; normalizing leaves round-off; Baumgarte lets it decay.
-    assert drift[tmj.Drift.NORMALIZE] < 1e-14
-    assert drift[tmj.Drift.BAUMGARTE] < 0.1 * drift[tmj.Drift.MONITOR]
-    assert drift[tmj.Drift.MONITOR] > 1e-12
-    assert runs[tmj.Drift.NORMALIZE].reports["rate_drift"] < 1e-13
-    exact = tmj.simulate(spinning, None, tmj.DAE(rtol=1e-12, atol=1e-13, drift=tmj.Drift.NORMALIZE))
-    monitored = tmj.compare(runs[tmj.Drift.MONITOR], exact).max_node_error
+    assert drift[tmj.engines.Drift.NORMALIZE] < 1e-14
+    assert drift[tmj.engines.Drift.BAUMGARTE] < 0.1 * drift[tmj.engines.Drift.MONITOR]
+    assert drift[tmj.engines.Drift.MONITOR] > 1e-12
+    assert runs[tmj.engines.Drift.NORMALIZE].reports["rate_drift"] < 1e-13
+    exact = tmj.simulate(spinning, None, tmj.DAE(rtol=1e-12, atol=1e-13, drift=tmj.engines.Drift.NORMALIZE))
+    monitored = tmj.compare(runs[tmj.engines.Drift.MONITOR], exact).max_node_error
     for run in runs.values():
         # A treatment acts at the order of the method's own error: it may not make the motion worse by much.
         assert tmj.compare(run, exact).max_node_error <= 5 * monitored
@@ -110,7 +111,7 @@ def test_baumgarte_s_gains_are_those_of_its_options(damping):
     engine = tmj.DAE(
         tmj.Method.RK4,
         timestep=1e-3,
-        drift=tmj.Drift.BAUMGARTE,
+        drift=tmj.engines.Drift.BAUMGARTE,
         baumgarte_frequency=omega,
         baumgarte_damping=damping,
     )
@@ -132,7 +133,7 @@ def test_baumgarte_s_gains_are_those_of_its_options(damping):
     np.testing.assert_allclose(found, expected, rtol=0, atol=3e-7 * start)
 
 
-@pytest.mark.parametrize("drift", list(tmj.Drift))
+@pytest.mark.parametrize("drift", list(tmj.engines.Drift))
 def test_rk4_converges_with_order_four(spinning, drift):
     scene = spinning.with_(structure=spinning.structure.with_strings(rest_length=0.05), duration=1.0)
     exact = tmj.simulate(scene, None, tmj.DAE(rtol=1e-13, atol=1e-14))
@@ -170,7 +171,7 @@ def test_radau_takes_overdamped_strings_in_fewer_steps():
         stiffness=(1e6, 1e6),
         damping=(1e4, 1e4),
         stretch=(0.01, 0.02),
-        law=tmj.StringLaw.UNCLIPPED,  # a clipped damper lets go at once, and nothing is stiff any more
+        law=tmj.model.StringLaw.UNCLIPPED,  # a clipped damper lets go at once, and nothing is stiff any more
     )
     scene = random_scene(rng, structure, duration=0.05)
     stiff = tmj.simulate(scene, None, tmj.DAE(tmj.Method.RADAU, rtol=1e-6, atol=1e-9))
@@ -189,11 +190,11 @@ def test_radau_takes_overdamped_strings_in_fewer_steps():
         ({"atol": float("nan")}, ("atol", "nan")),
         ({"rtol": 1e-16}, ("rtol", "2.3e-14")),
         ({"drift": "none"}, ("drift", "Drift.MONITOR")),
-        ({"drift": tmj.Drift.BAUMGARTE, "baumgarte_frequency": -1.0}, ("baumgarte_frequency", "-1.0")),
+        ({"drift": tmj.engines.Drift.BAUMGARTE, "baumgarte_frequency": -1.0}, ("baumgarte_frequency", "-1.0")),
         ({"max_steps": 0}, ("max_steps", ">= 1")),
     ],
 )
 def test_bad_options_are_refused(options, words):
-    with pytest.raises(tmj.OptionError) as caught:
+    with pytest.raises(tmj.errors.OptionError) as caught:
         tmj.DAE(**options)
     assert all(word in str(caught.value) for word in words)

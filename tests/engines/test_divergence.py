@@ -15,21 +15,11 @@ import pytest
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
-from tensegrity_mj import (
-    Actuation,
-    Command,
-    ControllerError,
-    DivergenceError,
-    Integrator,
-    Load,
-    Method,
-    OnInfeasible,
-    OptionError,
-    Status,
-    Trajectory,
-)
+from tensegrity_mj import Actuation, Command, Integrator, Method, OnInfeasible, Status, Trajectory
 from tensegrity_mj.engines.mujoco.engine import MuJoCo
+from tensegrity_mj.errors import ControllerError, DivergenceError, OptionError
 from tensegrity_mj.library.random_structures import random_scene, random_structure, random_velocities
+from tensegrity_mj.model import Load
 from tensegrity_mj.model.members import PointMass, String
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -176,7 +166,9 @@ def test_rods_that_tear_are_told() -> None:
     run = tmj.simulate(tmj.load_scene("prism"), None, tmj.DAE(), duration=0.1)
     nodes = run.nodes.copy()
     nodes[5:, 3] += 1.4 * (nodes[5:, 3] - nodes[5:, 2])
-    with pytest.raises(tmj.DivergenceError, match=r"t = 0\.05 s: rod 'rod2' has 2\.4 times its length") as caught:
+    with pytest.raises(
+        tmj.errors.DivergenceError, match=r"t = 0\.05 s: rod 'rod2' has 2\.4 times its length"
+    ) as caught:
         check_energy(replace(run, nodes=nodes), "reduce the time step")
     assert len(caught.value.trajectory.time) == 5
 
@@ -245,7 +237,7 @@ def test_a_coarse_run_is_no_divergence(seed: int) -> None:
         stiffness=(10.0, 10 ** rng.uniform(1.5, 4)),
         damping=(0.0, float(rng.choice([0.0, 2.0, 20.0]))),
         point_masses=int(rng.integers(2)),
-        law=list(tmj.StringLaw)[seed % 2],
+        law=list(tmj.model.StringLaw)[seed % 2],
     )
     scene = random_scene(
         rng,

@@ -84,7 +84,7 @@ def test_the_number_of_threads_changes_nothing(starts, law) -> None:
 def test_loads_breaks_limits_and_python_laws_are_those_of_a_single_run(prism) -> None:
     string = prism.structure.strings[3].name
     node = prism.structure.rods[1].nodes[1]
-    scene = prism.with_(breaks=(tmj.Break(string, 0.05),), loads=(tmj.Load(node, (0.1, 0.0, -0.2), 5.0),))
+    scene = prism.with_(breaks=(tmj.model.Break(string, 0.05),), loads=(tmj.model.Load(node, (0.1, 0.0, -0.2), 5.0),))
 
     def held(time: float, nodes: Any, velocities: Any) -> Any:
         return np.full(12, 0.1 + 0.05 * np.sin(9 * time))
@@ -120,7 +120,7 @@ def test_one_that_ends_early_is_told_apart_and_stops_no_other(prism, law) -> Non
 
     def unsolvable(time: float, nodes: Any, velocities: Any) -> Any:
         if time >= 0.1:
-            raise tmj.InfeasibleError("no more")
+            raise tmj.errors.InfeasibleError("no more")
         return np.full(12, 0.1)
 
     laws = [law, explosive, wrong, unsolvable, law]
@@ -131,7 +131,7 @@ def test_one_that_ends_early_is_told_apart_and_stops_no_other(prism, law) -> Non
     assert np.array_equal(runs[0].nodes, alone.nodes)
     assert np.array_equal(runs.nodes[4], alone.nodes)
     # What a single run says, it says here.
-    for number, error in ((1, tmj.DivergenceError), (2, tmj.ControllerError)):
+    for number, error in ((1, tmj.errors.DivergenceError), (2, tmj.errors.ControllerError)):
         with pytest.raises(error) as single:
             tmj.simulate(prism, laws[number], RK4, duration=0.2)
         with pytest.raises(error) as among:
@@ -161,7 +161,7 @@ def test_a_step_past_the_limit_is_found_for_that_simulation_alone(prism, starts)
     engine = tmj.MuJoCo(0.05)
     with pytest.warns(StabilityWarning):
         runs = tmj.simulate_many([moving, moving, moving], [None, Slack(), None], engine, duration=2.0, threads=2)
-    with pytest.warns(StabilityWarning), pytest.raises(tmj.DivergenceError) as single:
+    with pytest.warns(StabilityWarning), pytest.raises(tmj.errors.DivergenceError) as single:
         tmj.simulate(moving, None, engine, duration=2.0)
     assert runs.status == (tmj.Status.DIVERGED, tmj.Status.COMPLETED, tmj.Status.DIVERGED)
     assert runs.message(0) == str(single.value)
@@ -188,7 +188,7 @@ def test_what_cannot_be_is_refused(prism, arguments, words) -> None:
     if given.pop("gravity", False):
         scenes = [prism, prism.with_(gravity=(0.0, 0.0, -9.81))]
     scenes = given.pop("scenes", scenes)
-    with pytest.raises(tmj.OptionError) as caught:
+    with pytest.raises(tmj.errors.OptionError) as caught:
         tmj.simulate_many(scenes, **given)
     assert all(word in str(caught.value) for word in words), str(caught.value)
 
@@ -256,7 +256,7 @@ def test_other_models_are_left_alone_while_a_law_is_in(prism, law) -> None:
             assert not data.ctrl.any()
             if other.nq == model.nq:
                 assert np.array_equal(data.qpos, before.qpos)
-        with pytest.raises(tmj.OptionError, match="under way"):
+        with pytest.raises(tmj.errors.OptionError, match="under way"):
             tmj.simulate(prism, law, RK4, duration=0.1)
     assert mujoco.get_mjcb_control() is None
 
@@ -272,7 +272,7 @@ def test_a_model_of_the_same_shape_with_other_strings_is_told_apart(prism, law) 
         model = RK4.model(prism.with_(structure=other, control=None))
         data = mujoco.MjData(model)
         assert RK4.model(prism).signature == model.signature
-        with pytest.raises(tmj.OptionError, match="other strings"), tmj.law_in(prism, law, RK4):
+        with pytest.raises(tmj.errors.OptionError, match="other strings"), tmj.law_in(prism, law, RK4):
             mujoco.mj_step(model, data, 3)
         assert not data.ctrl.any()
     # One number at a time: stiffness as gain and as spring, rest length, damping, an end.
@@ -286,7 +286,7 @@ def test_a_model_of_the_same_shape_with_other_strings_is_told_apart(prism, law) 
         model = RK4.model(prism)
         getattr(model, name)[place] += change
         data = mujoco.MjData(model)
-        with pytest.raises(tmj.OptionError, match="other strings"), tmj.law_in(prism, law, RK4):
+        with pytest.raises(tmj.errors.OptionError, match="other strings"), tmj.law_in(prism, law, RK4):
             mujoco.mj_forward(model, data)
         assert not data.ctrl.any()
     with tmj.law_in(prism, law, RK4) as model:
@@ -314,7 +314,7 @@ def test_a_model_of_the_same_sizes_and_strings_with_other_joints_is_left_alone(p
 
 def test_contact_of_any_member_is_refused() -> None:
     drop = tmj.load_scene("prism_drop")
-    with pytest.raises(tmj.OptionError, match=r"scenes\[1\].*contacts"):
+    with pytest.raises(tmj.errors.OptionError, match=r"scenes\[1\].*contacts"):
         tmj.simulate_many([drop.with_(contact=None), drop], None, RK4, duration=0.1)
 
 
@@ -322,7 +322,7 @@ def test_positions_are_nan_from_where_the_energy_balance_knows_of_a_divergence()
     scene = tmj.load_scene("prism_drop").with_(contact=None)
     with pytest.warns(StabilityWarning):
         runs = tmj.simulate_many([scene], None, tmj.MuJoCo(1e-2, tmj.Integrator.EULER), duration=2.0)
-    with pytest.raises(tmj.DivergenceError, match="energy") as caught:
+    with pytest.raises(tmj.errors.DivergenceError, match="energy") as caught:
         _ = runs[0]
     gone = np.isnan(runs.nodes[0]).any(axis=(1, 2))
     assert np.array_equal(gone, runs.time > caught.value.time)
@@ -337,7 +337,7 @@ def test_a_law_that_steps_what_it_controls_is_stopped(prism) -> None:
         return np.full(12, 0.1)
 
     found.append(RK4.model(prism))
-    with pytest.raises(tmj.ControllerError, match="within itself"), tmj.law_in(prism, predicting, RK4):
+    with pytest.raises(tmj.errors.ControllerError, match="within itself"), tmj.law_in(prism, predicting, RK4):
         mujoco.mj_step(found[0], mujoco.MjData(found[0]))
 
 
@@ -367,10 +367,10 @@ def test_laws_that_cannot_stand_alone_are_refused(prism, law) -> None:
         (cross, tmj.controllers.from_scene(cross), "keeps something"),
         (prism, Delayed(law, 1, 0.01), "sampl"),
         (prism, Lyapunov(prism.structure, prism.target, norm=1), "sampled"),
-        (prism.with_(breaks=(tmj.Break("s1", 0.1),)), law, "break"),
+        (prism.with_(breaks=(tmj.model.Break("s1", 0.1),)), law, "break"),
         (prism, None, "nothing to install"),
     ):
-        with pytest.raises(tmj.OptionError, match=word), tmj.law_in(scene, one, RK4):
+        with pytest.raises(tmj.errors.OptionError, match=word), tmj.law_in(scene, one, RK4):
             pass
 
 
@@ -379,14 +379,14 @@ def test_a_law_in_that_fails_says_so_at_the_end(prism) -> None:
         raise ValueError("oh")
 
     def empty(time: float, nodes: Any, velocities: Any) -> Any:
-        raise tmj.InfeasibleError("none")
+        raise tmj.errors.InfeasibleError("none")
 
     def step() -> None:
         mujoco.mj_step(model, mujoco.MjData(model), 2)
 
-    with pytest.raises(tmj.ControllerError, match="oh"), tmj.law_in(prism, failing, RK4) as model:
+    with pytest.raises(tmj.errors.ControllerError, match="oh"), tmj.law_in(prism, failing, RK4) as model:
         step()
-    with pytest.raises(tmj.InfeasibleError), tmj.law_in(prism, empty, RK4) as model:
+    with pytest.raises(tmj.errors.InfeasibleError), tmj.law_in(prism, empty, RK4) as model:
         step()
     with tmj.law_in(prism, empty, RK4, on_infeasible=tmj.OnInfeasible.PASSIVE) as model:
         step()
@@ -394,7 +394,7 @@ def test_a_law_in_that_fails_says_so_at_the_end(prism) -> None:
     def endless(time: float, nodes: Any, velocities: Any) -> Any:
         return np.full(12, np.inf)
 
-    with pytest.raises(tmj.ControllerError, match="not finite"), tmj.law_in(prism, endless, RK4) as model:
+    with pytest.raises(tmj.errors.ControllerError, match="not finite"), tmj.law_in(prism, endless, RK4) as model:
         step()
     assert mujoco.get_mjcb_control() is None
 
@@ -410,7 +410,7 @@ def test_a_layout_that_is_not_as_declared_is_an_error_and_no_crash(prism, monkey
             return right(a, b) + (8 if (a, b) == (structure, field) else 0)
 
         monkeypatch.setattr(mujoco_layout, "offset", shifted)
-        with pytest.raises(tmj.MissingLibraryError, match=f"{structure}.{field}"):
+        with pytest.raises(tmj.errors.MissingLibraryError, match=f"{structure}.{field}"):
             mujoco_layout.check_layout(model, data, ("ctrl", "cvel", "site_xpos"))
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 import tensegrity_mj as tmj
 
 REFERENCE = tmj.DAE(rtol=1e-12, atol=1e-13)
-RESISTANCE = tmj.Resistance(0.3, tmj.Bending(2.0, 0.1), tmj.Drag(1.1, 0.2, 30.0), (1.0, 2.0, -0.5))
+RESISTANCE = tmj.Resistance(0.3, tmj.model.Bending(2.0, 0.1), tmj.model.Drag(1.1, 0.2, 30.0), (1.0, 2.0, -0.5))
 DURATION = 0.5  # s
 # What the reference's own tolerance leaves of motions of 1 m and energies of 10 J: some ten times rtol of each.
 FLOOR, ENERGY_FLOOR = 2e-11, 2e-10
@@ -37,7 +37,7 @@ def moved() -> tmj.Scene:
     return hung().with_(motions=(pivot, node))
 
 
-def in_water(depth: float = 3.0, weights: tmj.Weights = tmj.Weights.RIGID) -> tmj.Scene:
+def in_water(depth: float = 3.0, weights: tmj.model.Weights = tmj.model.Weights.RIGID) -> tmj.Scene:
     """Two rods in a sea of waves of 0.6 m, joined by taut strings: at 3 m below the surface they stay under water."""
     places = {"a": (0, 0, 0.0), "b": (1, 0, -0.2), "c": (0.2, 1, -0.5), "d": (1.1, 1.2, -0.1)}
     nodes = {name: (x, y, z - depth) for name, (x, y, z) in places.items()}
@@ -55,7 +55,7 @@ def in_air(scene: tmj.Scene) -> tmj.Scene:
 
 
 def loaded() -> tmj.Scene:
-    return hung().with_(loads=(tmj.Load("n3", (0.5, 1.0, 2.0), 9.0), tmj.Load("n2", (0.0, -1.0, 0.0))))
+    return hung().with_(loads=(tmj.model.Load("n3", (0.5, 1.0, 2.0), 9.0), tmj.model.Load("n2", (0.0, -1.0, 0.0))))
 
 
 @dataclass(frozen=True)
@@ -82,10 +82,10 @@ FEATURES = {
     "dampers": Feature(hung, lambda scene: scene.with_(structure=scene.structure.with_strings(damping=0.0))),
     "loads": Feature(loaded, lambda scene: scene.with_(loads=())),
     "moved supports": Feature(moved, lambda scene: scene.with_(motions=())),
-    "breaks": Feature(lambda: hung().with_(breaks=(tmj.Break("s1", 0.2),)), lambda scene: scene.with_(breaks=())),
+    "breaks": Feature(lambda: hung().with_(breaks=(tmj.model.Break("s1", 0.2),)), lambda scene: scene.with_(breaks=())),
     "resistance": Feature(lambda: hung().with_(resistance=RESISTANCE), lambda _: hung()),
     "water": Feature(in_water, in_air),
-    "water, Hermite": Feature(lambda: in_water(weights=tmj.Weights.HERMITE), in_air),
+    "water, Hermite": Feature(lambda: in_water(weights=tmj.model.Weights.HERMITE), in_air),
     "surface": Feature(lambda: in_water(depth=0.2), in_air),
     "contact": Feature(
         lambda: tmj.load_scene("prism_drop"), lambda scene: scene.with_(contact=None), 1, False, (1e-3, 5e-4)

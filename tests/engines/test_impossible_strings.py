@@ -148,7 +148,7 @@ def test_many_runs_at_once_report_it_too() -> None:
 
 
 def test_a_string_that_broke_is_none_of_it() -> None:
-    scene = mass_between_two(breaks=(tmj.Break("left", 0.1), tmj.Break("right", 0.1)))
+    scene = mass_between_two(breaks=(tmj.model.Break("left", 0.1), tmj.model.Break("right", 0.1)))
     run = tmj.simulate(scene, Command([-0.25, -0.25], REST, since=0.15), tmj.MuJoCo(1e-3))
     assert run.reports["warnings"] == []
 

@@ -164,7 +164,7 @@ def test_strings_that_a_law_lets_go(actuation: tmj.Actuation) -> None:
 
 def test_breaks_are_kept() -> None:
     """A string that breaks while it pulls does not pull again, at whatever length: the mass falls freely."""
-    scene = bob().with_(breaks=(tmj.Break("string", 0.5),))
+    scene = bob().with_(breaks=(tmj.model.Break("string", 0.5),))
     engine = tmj.DAE(method=tmj.Method.RK4, timestep=0.02, locate_slack=True)
     run = tmj.simulate(scene, None, engine, output_interval=0.02)
     after = run.time >= 0.5
@@ -199,7 +199,7 @@ def test_where_a_damper_may_push_no_order_is_promised() -> None:
 
 def test_it_belongs_to_rk4() -> None:
     for make in ENDS:
-        with pytest.raises(tmj.OptionError, match="locate_slack = True with DOP853"):
+        with pytest.raises(tmj.errors.OptionError, match="locate_slack = True with DOP853"):
             make(locate_slack=True)
-        with pytest.raises(tmj.OptionError, match="locate_slack = 'yes'"):
+        with pytest.raises(tmj.errors.OptionError, match="locate_slack = 'yes'"):
             make(method=tmj.Method.RK4, timestep=1e-3, locate_slack="yes")

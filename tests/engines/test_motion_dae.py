@@ -69,7 +69,7 @@ def test_a_motion_s_function_that_fails_stops_the_run_with_its_name():
     structure = chain(np.random.default_rng(0), 2)
     scene = tmj.Scene(structure, motions=(Motion.by_function("r1", late),), duration=0.2)
     for engine in (DAE(), DAE(method=Method.RK4, timestep=0.01)):
-        with pytest.raises(tmj.SceneError, match=r"motion of 'r1'.*no data"):
+        with pytest.raises(tmj.errors.SceneError, match=r"motion of 'r1'.*no data"):
             tmj.simulate(scene, None, engine, duration=1.0)
 
 
@@ -181,7 +181,7 @@ def moved_strings():
         fixed_nodes=(4,),
     )
     motions = (Motion.circular("r1", 0.05, 2.0, plane), Motion.in_line("n5", 0.1, 2.5, (1.0, 0.0, 1.0)))
-    load = tmj.Load("n3", (0.0, 0.0, 3.0), 4.0)
+    load = tmj.model.Load("n3", (0.0, 0.0, 3.0), 4.0)
     return tmj.Scene(structure, gravity=(0, 0, -GRAVITY), motions=motions, loads=(load,), duration=0.25)
 
 

@@ -93,7 +93,7 @@ def test_a_tree_hangs_in_joints_and_needs_no_constraint(scene: Scene) -> None:
     assert model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     # One site a node, however many rods and strings end there.
     assert model.nsite == len(structure.nodes)
-    needs = tmj.requirements(scene)
+    needs = tmj.studies.requirements(scene)
     assert (needs.constraint_rows, needs.equalities) == (0, 0)
     assert needs.velocities == needs.degrees_of_freedom + (0 if flat else len(structure.rods))
     assert not any("constraint" in reason for reason in needs.reasons)
@@ -162,8 +162,8 @@ def test_accelerations_and_rod_forces_are_those_of_the_nodal_equations(scene: Sc
     np.testing.assert_array_equal(rods.force_densities(scene.structure, run.multipliers), run.rod_force_densities)
 
 
-@pytest.mark.parametrize("law", list(tmj.StringLaw))
-def test_rod_forces_know_of_dampers_breaks_loads_and_motions(law: tmj.StringLaw) -> None:
+@pytest.mark.parametrize("law", list(tmj.model.StringLaw))
+def test_rod_forces_know_of_dampers_breaks_loads_and_motions(law: tmj.model.StringLaw) -> None:
     scene = random_tree(np.random.default_rng(5), 5, planar=False)
     structure = scene.structure
     strings = tuple(replace(string, damping=3.0) for string in structure.strings)
@@ -172,8 +172,8 @@ def test_rod_forces_know_of_dampers_breaks_loads_and_motions(law: tmj.StringLaw)
         structure=replace(structure, strings=strings, string_law=law),
         initial_velocities=None,
         motions=(motion,),
-        loads=(tmj.Load("n3", (1.0, 0.5, 0.0), 9.0), tmj.Load("n5", (0.0, 2.0, 0.3))),
-        breaks=(tmj.Break("s1", 0.1),),
+        loads=(tmj.model.Load("n3", (1.0, 0.5, 0.0), 9.0), tmj.model.Load("n5", (0.0, 2.0, 0.3))),
+        breaks=(tmj.model.Break("s1", 0.1),),
     )
     run = tmj.simulate(scene, None, tmj.MuJoCo(1e-3), duration=0.3, output_interval=0.02)
     assert run.tensions[2, 1] > 0
@@ -190,9 +190,9 @@ def test_rod_forces_know_of_a_damper_that_pushes() -> None:
         scene = random_tree(np.random.default_rng([2, seed]), 5, planar=False)
         structure = scene.structure
         strings = tuple(replace(s, damping=10.0, rest_length=None, tension=2.0) for s in structure.strings)
-        structure = replace(structure, strings=strings, string_law=tmj.StringLaw.UNCLIPPED)
+        structure = replace(structure, strings=strings, string_law=tmj.model.StringLaw.UNCLIPPED)
         # Once broken, a string has the limit of a slack one in the model, which does not hold for what was before.
-        breaks = tuple(tmj.Break(string.name, 0.1) for string in strings)
+        breaks = tuple(tmj.model.Break(string.name, 0.1) for string in strings)
         speeds = -scene.velocities0 * (-1.0) ** seed
         scene = scene.with_(structure=structure, breaks=breaks, initial_velocities=speeds)
         run = tmj.simulate(scene, None, tmj.MuJoCo(1e-3), duration=0.2, output_interval=0.01)
@@ -463,16 +463,16 @@ def test_what_the_dbar_errs_by_is_what_steps_miss_of_slack_strings() -> None:
 
 
 def test_a_loop_says_why_it_has_constraint_rows() -> None:
-    needs = tmj.requirements(four_bar(planar=True))
+    needs = tmj.studies.requirements(four_bar(planar=True))
     assert (needs.constraint_rows, needs.equalities, needs.degrees_of_freedom, needs.velocities) == (3, 1, 1, 3)
     assert any("1 joint ('C') close loops" in reason for reason in needs.reasons)
     # In space the triangle of the two upper pins and C turns, and so does B about A and C.
-    assert tmj.requirements(four_bar(planar=False)).degrees_of_freedom == 3
-    moving = tmj.requirements(everything_moves(planar=True))
+    assert tmj.studies.requirements(four_bar(planar=False)).degrees_of_freedom == 3
+    moving = tmj.studies.requirements(everything_moves(planar=True))
     assert moving.degrees_of_freedom == 4
     assert moving.velocities == 6 + 1 + 2 + 1
     assert any("'p', 'r0', 'r5' move" in reason for reason in moving.reasons)
-    assert tmj.requirements(suspended(planar=False), timing=True).timing is not None
+    assert tmj.studies.requirements(suspended(planar=False), timing=True).timing is not None
 
 
 def test_names_of_what_a_loop_adds_are_free_of_clashes() -> None:
@@ -496,7 +496,7 @@ def test_many_runs_are_those_of_single_runs(integrator: tmj.Integrator) -> None:
     loop = everything_moves(planar=False)
     for one in (scene, loop):
         gentle = one.with_(duration=0.2)
-        scenes = [gentle, gentle.with_(loads=(tmj.Load("n2", (0.0, 1.0, 0.5)),))]
+        scenes = [gentle, gentle.with_(loads=(tmj.model.Load("n2", (0.0, 1.0, 0.5)),))]
         many = tmj.simulate_many(scenes, None, engine, output_interval=0.02)
         for number, each in enumerate(scenes):
             single = tmj.simulate(each, None, engine, output_interval=0.02)

@@ -126,10 +126,10 @@ def test_works_of_loads_dampers_and_supports(moved: bool) -> None:
             fixed_nodes=("anchor",),
             point_masses=structure.point_masses,
         )
-        motion = tmj.Motion.in_line("rod", 0.1, 2.0, (1.0, 0.0, 0.0))
+        motion = tmj.model.Motion.in_line("rod", 0.1, 2.0, (1.0, 0.0, 0.0))
         scene = tmj.Scene(structure, gravity=(GRAVITY, 0.0, 0.0), duration=1.0, motions=(motion,))
     else:
-        scene = scene.with_(loads=(tmj.Load("bob", (2.0, 0.0, 0.0), angular_frequency=7.0),))
+        scene = scene.with_(loads=(tmj.model.Load("bob", (2.0, 0.0, 0.0), angular_frequency=7.0),))
     true, split, plain = (
         tmj.simulate(scene, None, engine, output_interval=0.1)
         for engine in (tmj.MuJoCo(0.00025), located(0.004), tmj.MuJoCo(0.004))
@@ -222,7 +222,7 @@ def test_strings_that_a_law_lets_go(actuation: tmj.Actuation) -> None:
 
 def test_breaks_are_kept() -> None:
     """A string that breaks while it pulls does not pull again, at whatever length: the mass falls freely."""
-    scene = bob().with_(breaks=(tmj.Break("string", 0.5),))
+    scene = bob().with_(breaks=(tmj.model.Break("string", 0.5),))
     run = tmj.simulate(scene, None, located(0.02), output_interval=0.02)
     after = run.time >= 0.5
     assert np.any(run.tensions[~after] > 0)
@@ -244,7 +244,7 @@ def test_the_part_of_a_step_is_a_step_of_its_length() -> None:
     rest = np.array(structure.rest_lengths)
     rest[opening] = lengths[opening] + 0.004 * rates[opening]  # it comes taut after some 4 ms
     structure = structure.with_strings(rest_length=rest)
-    loads = (tmj.Load("a1", (30.0, 0.0, 0.0), angular_frequency=400.0),)
+    loads = (tmj.model.Load("a1", (30.0, 0.0, 0.0), angular_frequency=400.0),)
     scene = scene.with_(structure=structure, loads=loads)
     law = native_law(None, structure)
     request = Request(scene, law, tmj.Actuation.continuous(), tmj.OnInfeasible.STOP, 0.01, None, False)
@@ -338,7 +338,7 @@ def test_a_law_that_fails_in_a_search_stops_the_run() -> None:
                 raise RuntimeError("no more")
         return own(time, nodes, velocities)
 
-    with pytest.raises(tmj.ControllerError, match="no more"):
+    with pytest.raises(tmj.errors.ControllerError, match="no more"):
         tmj.simulate(scene, law, located(0.005), output_interval=0.005)
 
 
@@ -356,7 +356,7 @@ def test_a_law_that_fails_where_a_part_begins_has_no_row_there() -> None:
     native = native_law(law, scene.structure)
     request = Request(scene, native, tmj.Actuation.continuous(), tmj.OnInfeasible.STOP, 2.0, None, False)
     runs.append(LocatedRun(located(0.005), request))
-    with pytest.raises(tmj.ControllerError, match="no more"):
+    with pytest.raises(tmj.errors.ControllerError, match="no more"):
         runs[0].run()
     assert runs[0].counters[STEP] > 0
     assert np.array_equal(runs[0].times, runs[0].grid.times)
@@ -364,19 +364,19 @@ def test_a_law_that_fails_where_a_part_begins_has_no_row_there() -> None:
 
 def test_it_belongs_to_rk4_without_contact_and_to_single_runs() -> None:
     for integrator in (tmj.Integrator.EULER, tmj.Integrator.DISCRETE):
-        with pytest.raises(tmj.OptionError, match=f"locate_slack = True with {integrator.name}"):
+        with pytest.raises(tmj.errors.OptionError, match=f"locate_slack = True with {integrator.name}"):
             tmj.MuJoCo(1e-3, integrator, locate_slack=True)
-    with pytest.raises(tmj.OptionError, match="locate_slack = 'yes'"):
+    with pytest.raises(tmj.errors.OptionError, match="locate_slack = 'yes'"):
         tmj.MuJoCo(1e-3, locate_slack="yes")  # type: ignore[arg-type]
-    with pytest.raises(tmj.OptionError, match="locate_slack = True with accuracy"):
+    with pytest.raises(tmj.errors.OptionError, match="locate_slack = True with accuracy"):
         tmj.MuJoCo(accuracy=1e-3, locate_slack=True)
-    with pytest.raises(tmj.OptionError, match="has contact"):
+    with pytest.raises(tmj.errors.OptionError, match="has contact"):
         tmj.simulate(tmj.load_scene("prism_drop"), None, located(1e-3), duration=0.01)
-    with pytest.raises(tmj.OptionError, match="simulate_many: locate_slack"):
+    with pytest.raises(tmj.errors.OptionError, match="simulate_many: locate_slack"):
         tmj.simulate_many([bob()], None, located(1e-3))
     scene = tmj.load_scene("prism")
     with (
-        pytest.raises(tmj.OptionError, match="law_in: locate_slack"),
+        pytest.raises(tmj.errors.OptionError, match="law_in: locate_slack"),
         tmj.law_in(scene, tmj.controllers.from_scene(scene), located(1e-3)),
     ):
         pass

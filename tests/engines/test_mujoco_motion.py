@@ -281,7 +281,7 @@ def test_the_ledger_counts_contact_under_a_moved_support() -> None:
         Structure("dragged", nodes, (rod,)),
         gravity=GRAVITY,
         motions=(Motion.in_line("r", 0.1, 0.5, (1, 0, 0)),),
-        contact=tmj.Contact(floor=0.0, friction=0.5),
+        contact=tmj.model.Contact(floor=0.0, friction=0.5),
         duration=1.0,
     )
     residuals = []

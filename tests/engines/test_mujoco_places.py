@@ -169,7 +169,7 @@ def sites_of(scene: tmj.Scene) -> list[dict[str, str]]:
 def test_a_floor_near_the_origin_stays_where_it_is() -> None:
     structure = tmj.Structure("ball", {"n": (0.0, 0.0, 1.0)}, point_masses=(tmj.PointMass("n", 1.0),))
     for height in (NEAR, -2 * NEAR, 0.0, 0.1 + NEAR):
-        scene = tmj.Scene(structure, contact=tmj.Contact(floor=height))
+        scene = tmj.Scene(structure, contact=tmj.model.Contact(floor=height))
         model = tmj.MuJoCo().model(scene)
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)

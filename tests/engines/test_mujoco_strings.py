@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
-from tensegrity_mj import Command, Integrator, StringLaw
-from tensegrity_mj.model import strings
+from tensegrity_mj import Command, Integrator
+from tensegrity_mj.model import StringLaw, strings
 from tensegrity_mj.model.members import PointMass, String
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure

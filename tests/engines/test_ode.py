@@ -266,7 +266,7 @@ def test_the_published_trajectories_come_out(name: str, bound: float) -> None:
     ],
 )
 def test_bad_options_are_refused(options: dict[str, object], words: tuple[str, ...]) -> None:
-    with pytest.raises(tmj.OptionError) as caught:
+    with pytest.raises(tmj.errors.OptionError) as caught:
         tmj.ODE(**options)  # type: ignore[arg-type]
     assert all(word in str(caught.value) for word in words)
 

@@ -47,11 +47,11 @@ def test_recorded_force_densities(prism):
 def test_a_held_replay_is_refused_continuously_and_one_that_was_recorded_too_coarsely(prism):
     actuation = tmj.Actuation.hold_rest_length(5e-3)
     coarse = tmj.simulate(prism, from_scene(prism), tmj.MuJoCo(5e-3), duration=0.1, actuation=actuation)
-    with pytest.raises(tmj.OptionError, match=r"output_interval = 0\.005"):
+    with pytest.raises(tmj.errors.OptionError, match=r"output_interval = 0\.005"):
         Replay.of_run(coarse)
     options = {"duration": 0.1, "actuation": actuation, "output_interval": 5e-3}
     fine = tmj.simulate(prism, from_scene(prism), tmj.MuJoCo(5e-3), **options)
-    with pytest.raises(tmj.OptionError, match="sampled"):
+    with pytest.raises(tmj.errors.OptionError, match="sampled"):
         tmj.simulate(prism, Replay.of_run(fine), tmj.MuJoCo(5e-3), duration=0.1)
 
 
@@ -76,12 +76,12 @@ def test_the_compiled_replay_equals_its_python_call(prism):
     ],
 )
 def test_bad_recordings_are_refused(times, values, words):
-    with pytest.raises(tmj.OptionError, match=words):
+    with pytest.raises(tmj.errors.OptionError, match=words):
         Replay(times, values)
 
 
 def test_a_replay_for_another_structure_is_refused(prism):
-    with pytest.raises(tmj.OptionError, match="values for 3 strings"):
+    with pytest.raises(tmj.errors.OptionError, match="values for 3 strings"):
         tmj.simulate(prism, Replay([0.0, 1.0], np.ones((2, 3))), tmj.MuJoCo(1e-2))
 
 
@@ -89,10 +89,10 @@ def test_a_recording_is_replayed_as_it_was_made(prism):
     actuation = tmj.Actuation.hold_force_density(1e-2)
     options = {"duration": 0.2, "actuation": actuation}
     run = tmj.simulate(prism, from_scene(prism), tmj.MuJoCo(1e-2), **options)
-    with pytest.raises(tmj.OptionError, match=r"Command\.FORCE_DENSITY"):
+    with pytest.raises(tmj.errors.OptionError, match=r"Command\.FORCE_DENSITY"):
         Replay.of_run(run)
     law = Replay.of_run(run, tmj.Command.FORCE_DENSITY)
-    with pytest.raises(tmj.OptionError, match=r"0\.01 s"):
+    with pytest.raises(tmj.errors.OptionError, match=r"0\.01 s"):
         tmj.simulate(prism, law, tmj.MuJoCo(1e-2), duration=0.2, actuation=tmj.Actuation.hold_force_density(2e-2))
     longer = tmj.simulate(prism, law, tmj.MuJoCo(1e-2), duration=0.4, actuation=actuation)
     assert any("recording ends at 0.2 s" in warning for warning in longer.reports["warnings"])

@@ -57,7 +57,7 @@ def test_every_shipped_scene_is_in_the_table() -> None:
 
 @pytest.mark.parametrize("name", EXPECTED)
 def test_shipped_scenes_hold_the_least(name: str) -> None:
-    needs = tmj.requirements(tmj.load_scene(name))
+    needs = tmj.studies.requirements(tmj.load_scene(name))
     dof, nv, nq, joints, strings, pairs, flags = EXPECTED[name]
     assert (needs.degrees_of_freedom, needs.velocities, needs.positions) == (dof, nv, nq)
     assert needs.joints == dict(zip(JOINTS, joints, strict=True))
@@ -98,7 +98,7 @@ def test_random_scenes_hold_the_least(seed: int) -> None:
         dof += 2 if support.plane is None else 1
         spins += support.plane is None
     dof += sum(3 if mass.plane is None else 2 for mass in structure.point_masses)
-    needs = tmj.requirements(scene)
+    needs = tmj.studies.requirements(scene)
     assert (needs.degrees_of_freedom, needs.velocities) == (dof, dof + spins)
     assert degrees_of_freedom(structure) == dof
     balls, frees = needs.joints["ball"], needs.joints["free"]
@@ -113,12 +113,12 @@ def test_random_scenes_hold_the_least(seed: int) -> None:
 
 def test_contact_brings_what_it_asks_for_alone() -> None:
     scene = tmj.load_scene("prism_drop")
-    floor = tmj.requirements(scene)
+    floor = tmj.studies.requirements(scene)
     assert floor.rows_per_contact == 3
-    both = tmj.requirements(scene.with_(contact=Contact(floor=0.0, rods=True, friction=0.0)))
+    both = tmj.studies.requirements(scene.with_(contact=Contact(floor=0.0, rods=True, friction=0.0)))
     assert (both.contact_pairs, both.rows_per_contact) == (6, 1)
     assert any("rods may touch" in reason for reason in both.reasons)
-    none = tmj.requirements(scene.with_(contact=None))
+    none = tmj.studies.requirements(scene.with_(contact=None))
     assert (none.contact_pairs, none.rows_per_contact, none.flags) == (0, 0, OFF)
     assert none.velocities == floor.velocities
     # Three feet on the floor: three rows each, and none before.
@@ -136,7 +136,7 @@ def test_stiff_strings_are_a_reason_for_discrete() -> None:
     scene = tmj.load_scene("tbar")
     strings = tuple(tmj.String(s.name, s.nodes, 1e12, rest_length=s.rest_length) for s in scene.structure.strings)
     structure = tmj.Structure("stiff", dict(scene.structure.nodes), scene.structure.rods, strings)
-    needs = tmj.requirements(tmj.Scene(structure))
+    needs = tmj.studies.requirements(tmj.Scene(structure))
     assert 2e-6 < needs.stable_step < 2e-5
     assert any("discrete" in reason for reason in needs.reasons)
 
@@ -262,5 +262,5 @@ def test_the_command_prints_it(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_what_is_no_scene_is_refused() -> None:
-    with pytest.raises(tmj.OptionError, match="use a Scene"):
-        tmj.requirements("prism")  # type: ignore[arg-type]
+    with pytest.raises(tmj.errors.OptionError, match="use a Scene"):
+        tmj.studies.requirements("prism")  # type: ignore[arg-type]

@@ -98,7 +98,7 @@ def test_a_step_near_the_limit_is_warned_of_and_a_fine_one_is_not(make: Any) -> 
 
 def test_what_jumps_between_steps_is_resolved() -> None:
     """Samples of a law and breaking strings at the start of steps: RK4 within steps knows nothing of them."""
-    scene = oscillator(breaks=(tmj.Break("left", 0.5),), gravity=(0.0, 0.0, -1.0))
+    scene = oscillator(breaks=(tmj.model.Break("left", 0.5),), gravity=(0.0, 0.0, -1.0))
 
     def law(time: float, nodes: Any, velocities: Any) -> Any:
         return [20.0, 20.0] if int(time / 0.01 + 0.5) % 2 else [5.0, 5.0]

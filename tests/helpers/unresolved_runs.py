@@ -149,7 +149,7 @@ def random_run(seed: int) -> Outcome | None:
     try:
         truth = tmj.simulate(scene, law, tmj.DAE(rtol=1e-10, atol=1e-12), **common)
         other = tmj.simulate(scene, law, tmj.DAE(rtol=1e-8, atol=1e-10), **common)
-    except tmj.DivergenceError:
+    except tmj.errors.DivergenceError:
         return Outcome(seed, kind, part, steps, np.nan, (), np.inf, np.nan)
     motion = float(np.max(np.linalg.norm(truth.nodes - truth.nodes[0], axis=-1)))
     if not motion > 1e-9:
@@ -159,7 +159,7 @@ def random_run(seed: int) -> Outcome | None:
         warnings.simplefilter("always", StabilityWarning)
         try:
             run = tmj.simulate(scene, law, engine, **common)
-        except tmj.DivergenceError as error:
+        except tmj.errors.DivergenceError as error:
             return Outcome(seed, kind, part, steps, np.inf, (str(error),), doubt, np.inf)
     if run.status is not tmj.Status.COMPLETED:
         return Outcome(seed, kind, part, steps, np.inf, (run.message,), doubt, np.inf)

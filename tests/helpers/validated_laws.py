@@ -31,7 +31,7 @@ class Late:
     def __call__(self, time: float, nodes: Any, velocities: Any) -> Any:
         self.report = ((time - 0.3) ** 2 + 0.25, np.nan, np.nan, np.nan, np.nan)
         if time >= 0.4995:
-            raise tmj.InfeasibleError("its time is over")
+            raise tmj.errors.InfeasibleError("its time is over")
         return np.full(self.size, 0.05 if time < 0.1 else 0.0)
 
 

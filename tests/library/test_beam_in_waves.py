@@ -291,7 +291,7 @@ def test_the_matrix_of_added_mass_is_what_the_water_answers() -> None:
     """
     scene = held(0.0, BeamEnd.GUIDED)
     node = scene.structure.node_names[-1]
-    pulled = scene.with_(loads=(*scene.loads, tmj.Load(node, (0.0, 700.0, -300.0))))  # type: ignore[misc]
+    pulled = scene.with_(loads=(*scene.loads, tmj.model.Load(node, (0.0, 700.0, -300.0))))  # type: ignore[misc]
     a = accelerations(pulled, tmj.DAE()).ravel()
     state = find_equilibrium(scene.with_(water=None, gravity=(0, 0, 0), loads=()))
     moves = state.model.boundary.Z @ linear_systems.tangent_basis(state.model, state.x)

@@ -110,7 +110,7 @@ def test_runs_are_finite_and_repeat_bit_by_bit(folder: Path, engine: object) -> 
     scene = tmj.load_scene(folder.name)
     if scene.contact is not None:
         if isinstance(engine, tmj.DAE):
-            with pytest.raises(tmj.OptionError, match="contact"):
+            with pytest.raises(tmj.errors.OptionError, match="contact"):
                 tmj.simulate(scene, None, engine, duration=0.05)
             return
         engine = tmj.MuJoCo(1e-3)  # a landing is over in milliseconds

@@ -19,6 +19,7 @@ import pytest
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.errors import FormatError, OptionError, TensegrityError
+from tensegrity_mj.library import load_structure
 from tensegrity_mj.library.beam_in_waves import BeamEnd, beam_in_waves
 from tensegrity_mj.library.cable import RopeMass, cable
 from tensegrity_mj.library.cross import cross
@@ -67,7 +68,7 @@ def test_calls_make_what_python_makes(case: str) -> None:
     text, build = CALLS[case]
     made = tmj.load_scene(text)
     assert made == build()
-    assert tmj.load_structure(text) == made.structure
+    assert load_structure(text) == made.structure
 
 
 def test_every_family_is_called_above() -> None:
@@ -136,7 +137,7 @@ def test_wrong_calls_are_refused_in_words(text: str, message: str) -> None:
         tmj.load_scene(text)
     assert len(str(error.value)) < 600
     with pytest.raises(FormatError):
-        tmj.load_structure(text)
+        load_structure(text)
 
 
 def test_what_a_family_refuses_is_its_own_error() -> None:

@@ -489,7 +489,7 @@ def test_what_gives_tb6_and_tb7_the_stress_of_tb1() -> None:
 
 def test_released_scenes_start_where_loads_hold_them() -> None:
     scene = tower(4, pinned_base=True)
-    loads = [tmj.Load(key, (0.0, 3.0, -10.0)) for key in top_nodes(4)]
+    loads = [tmj.model.Load(key, (0.0, 3.0, -10.0)) for key in top_nodes(4)]
     start = released(scene, loads)
     assert start.loads == ()
     assert start.structure == scene.structure
@@ -500,7 +500,7 @@ def test_released_scenes_start_where_loads_hold_them() -> None:
     assert np.abs(left[:3]).max() > 1
     assert start.nodes0[-3:, 2].mean() < scene.nodes0[-3:, 2].mean() - 1e-3
     with pytest.raises(InfeasibleError):
-        released(tower(2), [tmj.Load("t2_1", (0.0, 3.0, -10.0))])
+        released(tower(2), [tmj.model.Load("t2_1", (0.0, 3.0, -10.0))])
 
 
 def test_the_pluck_of_chapter_7_balances() -> None:

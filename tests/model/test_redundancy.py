@@ -95,16 +95,18 @@ def test_a_run_from_a_singular_start_says_so_whether_it_ends_or_not(engine):
     still = tmj.simulate(tmj.Scene(structure, duration=0.01), None, engine)  # nothing pulls it out of its line
     assert any("start is singular: rods 'r1', 'r2'" in warning for warning in still.reports["warnings"])
     assert np.array_equal(still.nodes[-1], structure.positions)
-    with pytest.raises(tmj.DivergenceError, match=r"; the start is singular: rods 'r1', 'r2'.* start beside it"):
+    with pytest.raises(tmj.errors.DivergenceError, match=r"; the start is singular: rods 'r1', 'r2'.* start beside it"):
         tmj.simulate(tmj.Scene(structure, gravity=(0, 0, -9.81), duration=0.05), None, engine)
 
 
 def test_a_run_whose_support_draws_rods_further_than_they_reach_says_so():
     """A bent pair of rods of 2.06 m between pins 2 m apart, one of which moves off at 0.5 m/s: straight at 0.12 s."""
     structure = between_pins([[0, 0, 0], [1, 0, 0.25], [2, 0, 0]], Y)
-    motion = tmj.Motion.by_function("r2", lambda t: np.array([[0.5 * t, 0, 0], [0.5, 0, 0], [0, 0, 0]]))
+    motion = tmj.model.Motion.by_function("r2", lambda t: np.array([[0.5 * t, 0, 0], [0.5, 0, 0], [0, 0, 0]]))
     scene = tmj.Scene(structure, motions=(motion,), duration=0.2)
-    with pytest.raises(tmj.DivergenceError, match=r"near a singular configuration, 'r[12]' and 'r[12]' most.*reach"):
+    with pytest.raises(
+        tmj.errors.DivergenceError, match=r"near a singular configuration, 'r[12]' and 'r[12]' most.*reach"
+    ):
         tmj.simulate(scene, None, tmj.DAE(max_steps=500))
 
 

@@ -22,7 +22,7 @@ from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.writing import scene_to_toml
 
 Y = (0.0, 1.0, 0.0)
-ALL = tmj.Resistance(0.3, tmj.Bending(2.0, 0.1), tmj.Drag(1.1, 0.2, 30.0), (1.0, 2.0, -0.5))
+ALL = tmj.Resistance(0.3, tmj.model.Bending(2.0, 0.1), tmj.model.Drag(1.1, 0.2, 30.0), (1.0, 2.0, -0.5))
 FINE = tmj.DAE(rtol=1e-12, atol=1e-13)
 
 
@@ -61,7 +61,7 @@ def test_compiled_forces_are_those_of_numpy_and_their_power_is_wind_less_dissipa
 
 def test_forces_of_bending_are_the_gradient_of_its_energy_and_push_and_turn_nothing_as_a_whole():
     rng = np.random.default_rng(4)
-    bending = tmj.Bending(3.0, 0.0, (("r0", "r1"), ("r3", "r2")))
+    bending = tmj.model.Bending(3.0, 0.0, (("r0", "r1"), ("r3", "r2")))
     chain = hanging_chain([0.3, 0.5, 0.4, 0.2], [1.0, 1.0, 1.0, 1.0])
     scene = chain.with_(resistance=tmj.Resistance(bending=bending))
     nodes = chain.nodes0 + 0.3 * rng.normal(size=chain.nodes0.shape)
@@ -95,9 +95,9 @@ def test_joints_of_three_rods_resist_bending_only_where_they_are_named():
     rods = tuple(tmj.Rod(f"r{k}", pair, 1.0) for k, pair in enumerate(ends))
     star = tmj.Scene(tmj.Structure("star", places, rods))
     nodes, right_angle = star.nodes0, 2.0 * (1 - np.cos(np.pi / 2))
-    everywhere = star.with_(resistance=tmj.Resistance(bending=tmj.Bending(2.0)))
+    everywhere = star.with_(resistance=tmj.Resistance(bending=tmj.model.Bending(2.0)))
     assert bending_energy(everywhere, nodes) == pytest.approx(right_angle, rel=1e-14)  # of r2 and r3 alone
-    named = star.with_(resistance=tmj.Resistance(bending=tmj.Bending(2.0, 0.0, (("r0", "r1"), ("r2", "r1")))))
+    named = star.with_(resistance=tmj.Resistance(bending=tmj.model.Bending(2.0, 0.0, (("r0", "r1"), ("r2", "r1")))))
     assert bending_energy(named, nodes) == pytest.approx(2 * right_angle, rel=1e-14)
 
 
@@ -110,7 +110,7 @@ def test_energy_of_bending_is_that_of_the_angle_and_drag_of_wind_on_a_held_rod_i
     assert bending_energy(scene, nodes) == pytest.approx(0.5 * 2.0 * phi**2, rel=phi**2 / 12)
 
     wind, radius, length = np.array([3.0, -1.0, 2.0]), 0.02, 0.8
-    drag = tmj.Drag(1.3, 0.4, 1.9)
+    drag = tmj.model.Drag(1.3, 0.4, 1.9)
     blown = tmj.Resistance(0.0, None, drag, wind)
     held = single_rod(length, radius=radius, direction=(1.0, 1.0, 0.0), resistance=blown)
     along = np.array([1.0, 1.0, 0.0]) / np.sqrt(2)
@@ -121,14 +121,14 @@ def test_energy_of_bending_is_that_of_the_angle_and_drag_of_wind_on_a_held_rod_i
     forces, given, lost = compiled(held)
     assert np.abs(forces - whole / 2).max() <= 1e-14  # half at each end, of forces of 0.1 N
     assert (given, lost) == pytest.approx((whole @ wind, whole @ wind), rel=1e-14)  # at rest all of it heats the air
-    thick = held.with_(resistance=tmj.Resistance(0.0, None, tmj.Drag(1.3, 0.4, 1.9, 0.08), wind))
+    thick = held.with_(resistance=tmj.Resistance(0.0, None, tmj.model.Drag(1.3, 0.4, 1.9, 0.08), wind))
     assert np.abs(compiled(thick)[0] - whole).max() <= 1e-14  # twice the diameter
 
 
 def test_drag_of_a_turning_rod_is_exact_in_a_plane_and_within_its_bound_in_space():
     rng = np.random.default_rng(5)
     length, factor = 0.8, 0.5 * 1.225 * 1.2 * 0.04
-    scene = single_rod(length, resistance=tmj.Resistance(drag=tmj.Drag()))
+    scene = single_rod(length, resistance=tmj.Resistance(drag=tmj.model.Drag()))
     for center in (-0.4, 0.0, 0.3, 0.5, 1.0, 1.2):  # along the rod: where it stands still
         speeds = 2.0 * length * (np.array([0.0, 1.0]) - center)
         forces, _, lost = compiled(scene, scene.nodes0, np.outer(speeds, Y))
@@ -194,7 +194,7 @@ def test_a_viscous_pendulum_swings_as_the_damped_oscillator():
 )
 def test_a_falling_rod_comes_to_its_terminal_velocity(direction, coefficient):
     g, m, length, diameter, density = 9.81, 0.05, 0.8, 0.04, 1.225
-    drag = tmj.Drag(1.2, 0.3, density)
+    drag = tmj.model.Drag(1.2, 0.3, density)
     scene = single_rod(
         length, m, direction=direction, gravity=(0.0, 0.0, -g), resistance=tmj.Resistance(drag=drag)
     )  # fmt: skip
@@ -209,7 +209,7 @@ def test_a_falling_rod_comes_to_its_terminal_velocity(direction, coefficient):
 def test_two_rods_with_a_stiff_joint_swing_as_their_two_angles_do():
     (l1, l2), (m1, m2), g, kappa, gamma, c = (0.4, 0.3), (0.7, 0.5), 9.81, 2.5, 0.03, 0.2
     chain = hanging_chain([l1, l2], [m1, m2], planar=True)
-    scene = chain.with_(resistance=tmj.Resistance(c, tmj.Bending(kappa, gamma)))
+    scene = chain.with_(resistance=tmj.Resistance(c, tmj.model.Bending(kappa, gamma)))
 
     def inertia(a, b):
         """Of the angles, for masses (or viscous coefficients times lengths) a, b of the rods."""
@@ -247,7 +247,7 @@ def test_multipliers_and_one_stage_integrators_know_it():
 
 def test_one_step_of_a_held_force_is_counted_at_both_its_ends():
     # Constant wind on a rod so heavy that its speed hardly changes: the wind's work over one step is F w h.
-    drag = tmj.Drag(1.2, 0.0, 1000.0)
+    drag = tmj.model.Drag(1.2, 0.0, 1000.0)
     scene = single_rod(mass=1e6, resistance=tmj.Resistance(drag=drag, wind=(0.0, 2.0, 0.0)))
     engine = tmj.MuJoCo(timestep=0.01, integrator=tmj.Integrator.EULER)
     run = tmj.simulate(scene, engine=engine, duration=0.05, output_interval=0.01)
@@ -270,14 +270,14 @@ def test_one_step_methods_are_stable_and_exact_in_energy_up_to_the_limit_of_the_
     found = run(0.97 * limit)
     assert found.kinetic_energy[-1] == pytest.approx(found.kinetic_energy[0] * 0.94**600, rel=1e-9)
     assert found.energy_residual <= 1e-13 * found.dissipation[-1]
-    expected = pytest.warns(tmj.StabilityWarning, match=f"beyond the largest stable one, {h / 1.03:.4g} s")
-    with expected, pytest.raises(tmj.DivergenceError, match="energy came from nowhere"):
+    expected = pytest.warns(tmj.errors.StabilityWarning, match=f"beyond the largest stable one, {h / 1.03:.4g} s")
+    with expected, pytest.raises(tmj.errors.DivergenceError, match="energy came from nowhere"):
         run(1.03 * limit)
 
 
 def test_single_rods_are_the_same_in_the_ode_in_ensembles_and_under_moved_supports():
-    plain = tmj.Resistance(0.2, None, tmj.Drag(1.1, 0.3, 40.0), (0.3, 0.0, 0.1))
-    motion = tmj.Motion.circular("rod", 0.05, 1.3, (0.0, 0.0, 1.0))
+    plain = tmj.Resistance(0.2, None, tmj.model.Drag(1.1, 0.3, 40.0), (0.3, 0.0, 0.1))
+    motion = tmj.model.Motion.circular("rod", 0.05, 1.3, (0.0, 0.0, 1.0))
     scene = single_rod(
         support=tmj.Support.pinned(0.0), direction=(1.0, 0.0, -1.0), gravity=(0.0, 0.0, -9.81), motions=(motion,),
         resistance=plain,
@@ -301,7 +301,7 @@ def test_single_rods_are_the_same_in_the_ode_in_ensembles_and_under_moved_suppor
 
 
 def test_a_law_in_mujocos_own_loop_meets_it_too():
-    scene = tmj.load_scene("prism").with_(resistance=tmj.Resistance(5.0, None, tmj.Drag(1.0, 0.0, 1000.0)))
+    scene = tmj.load_scene("prism").with_(resistance=tmj.Resistance(5.0, None, tmj.model.Drag(1.0, 0.0, 1000.0)))
     engine = tmj.MuJoCo(timestep=1e-3)
 
     def law(time, nodes, velocities):
@@ -327,8 +327,10 @@ def test_a_scene_without_resistance_has_no_trace_of_it():
 
 def test_files_keep_it_and_trajectories_of_files_know_their_energy(tmp_path):
     chain = hanging_chain([0.4, 0.25], [1.0, 1.0])
-    named = tmj.Resistance(0.1, tmj.Bending(1.5, 0.0, (("r1", "r0"),)), tmj.Drag(diameter=0.1), (0.1, 1 / 3, 0.0))
-    for resistance in (ALL, named, tmj.Resistance(viscous=2.0), tmj.Resistance(drag=tmj.Drag())):
+    named = tmj.Resistance(
+        0.1, tmj.model.Bending(1.5, 0.0, (("r1", "r0"),)), tmj.model.Drag(diameter=0.1), (0.1, 1 / 3, 0.0)
+    )
+    for resistance in (ALL, named, tmj.Resistance(viscous=2.0), tmj.Resistance(drag=tmj.model.Drag())):
         scene = chain.with_(resistance=resistance)
         assert scene_from_toml(scene_to_toml(scene)) == scene
     assert "resistance" not in scene_to_toml(chain)
@@ -344,7 +346,7 @@ def test_files_keep_it_and_trajectories_of_files_know_their_energy(tmp_path):
         (text.replace("viscous = 0.1", "viscous = [0.1]"), "it must be a number"),
     ):
         assert wrong != text
-        with pytest.raises(tmj.FormatError, match=message):
+        with pytest.raises(tmj.errors.FormatError, match=message):
             scene_from_toml(wrong)
 
 
@@ -356,38 +358,44 @@ def test_files_keep_it_and_trajectories_of_files_know_their_energy(tmp_path):
         (tmj.Resistance(viscous=-1.0), "resistance: viscous = -1.0; it must be >= 0 N s/m²"),
         (tmj.Resistance(viscous=float("nan")), "viscous = nan"),
         (tmj.Resistance(1.0, wind=(0.0, 1.0)), "resistance: wind = .* three finite numbers"),
-        (tmj.Resistance(bending=tmj.Bending(1.0), wind=(0.0, 1.0, 0.0)), "leave wind out"),
+        (tmj.Resistance(bending=tmj.model.Bending(1.0), wind=(0.0, 1.0, 0.0)), "leave wind out"),
         (tmj.Resistance(bending=2.0), "use Bending"),
-        (tmj.Resistance(bending=tmj.Bending(-1.0)), "bending: stiffness = -1.0; it must be >= 0 N m"),
-        (tmj.Resistance(bending=tmj.Bending(1.0, "x")), "bending: damping = 'x'"),
+        (tmj.Resistance(bending=tmj.model.Bending(-1.0)), "bending: stiffness = -1.0; it must be >= 0 N m"),
+        (tmj.Resistance(bending=tmj.model.Bending(1.0, "x")), "bending: damping = 'x'"),
         (
-            tmj.Resistance(bending=tmj.Bending(1.0, 0.0, (("r0", "r9"),))),
+            tmj.Resistance(bending=tmj.model.Bending(1.0, 0.0, (("r0", "r9"),))),
             "unknown rod 'r9'; the rods are 'r0', 'r1', 'r2'",
         ),
-        (tmj.Resistance(bending=tmj.Bending(1.0, 0.0, (("r0", "r2"),))), "must be two that share exactly one node"),
-        (tmj.Resistance(bending=tmj.Bending(1.0, 0.0, (("r0", "r0"),))), "must be two that share exactly one node"),
-        (tmj.Resistance(bending=tmj.Bending(1.0, 0.0, (("r0",),))), "it must name two rods"),
-        (tmj.Resistance(bending=tmj.Bending(1.0, 0.0, 5)), "it must be a sequence"),
-        (tmj.Resistance(bending=tmj.Bending(1.0, 0.0, (("r0", "r1"), ("r1", "r0")))), "are named twice"),
-        (tmj.Resistance(bending=tmj.Bending(1.0, 0.0, ())), "name the two rods of each joint"),
+        (
+            tmj.Resistance(bending=tmj.model.Bending(1.0, 0.0, (("r0", "r2"),))),
+            "must be two that share exactly one node",
+        ),
+        (
+            tmj.Resistance(bending=tmj.model.Bending(1.0, 0.0, (("r0", "r0"),))),
+            "must be two that share exactly one node",
+        ),
+        (tmj.Resistance(bending=tmj.model.Bending(1.0, 0.0, (("r0",),))), "it must name two rods"),
+        (tmj.Resistance(bending=tmj.model.Bending(1.0, 0.0, 5)), "it must be a sequence"),
+        (tmj.Resistance(bending=tmj.model.Bending(1.0, 0.0, (("r0", "r1"), ("r1", "r0")))), "are named twice"),
+        (tmj.Resistance(bending=tmj.model.Bending(1.0, 0.0, ())), "name the two rods of each joint"),
         (tmj.Resistance(drag=1.2), "use Drag"),
-        (tmj.Resistance(drag=tmj.Drag(-1.0)), "drag: normal = -1.0"),
-        (tmj.Resistance(drag=tmj.Drag(tangential=-1.0)), "drag: tangential = -1.0"),
-        (tmj.Resistance(drag=tmj.Drag(density=0.0)), "drag: density = 0.0; it must be > 0 kg/m³"),
-        (tmj.Resistance(drag=tmj.Drag(diameter=0.0)), "drag: diameter = 0.0; it must be > 0 m, or None"),
+        (tmj.Resistance(drag=tmj.model.Drag(-1.0)), "drag: normal = -1.0"),
+        (tmj.Resistance(drag=tmj.model.Drag(tangential=-1.0)), "drag: tangential = -1.0"),
+        (tmj.Resistance(drag=tmj.model.Drag(density=0.0)), "drag: density = 0.0; it must be > 0 kg/m³"),
+        (tmj.Resistance(drag=tmj.model.Drag(diameter=0.0)), "drag: diameter = 0.0; it must be > 0 m, or None"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_words(resistance, message):
     chain = hanging_chain([0.4, 0.25, 0.3], [1.0, 1.0, 1.0])
-    with pytest.raises(tmj.SceneError, match=message):
+    with pytest.raises(tmj.errors.SceneError, match=message):
         chain.with_(resistance=resistance)
 
 
 def test_the_cable_takes_it_and_who_cannot_says_so():
     scene = cable(viscous=0.01, bending_stiffness=1e-4, bending_damping=1e-5, drag=1.1, duration=0.2)
-    assert scene.resistance == tmj.Resistance(0.01, tmj.Bending(1e-4, 1e-5), tmj.Drag(1.1))
+    assert scene.resistance == tmj.Resistance(0.01, tmj.model.Bending(1e-4, 1e-5), tmj.model.Drag(1.1))
     assert cable().resistance is None
-    with pytest.raises(tmj.OptionError, match="viscous = -1"):
+    with pytest.raises(tmj.errors.OptionError, match="viscous = -1"):
         cable(viscous=-1)
     run = tmj.simulate(scene, engine=FINE, duration=0.2)
     other = tmj.simulate(scene, engine=tmj.MuJoCo(timestep=1e-3), duration=0.2)

@@ -277,10 +277,10 @@ def test_arrays_are_taken_for_lists() -> None:
 
 def test_quintics_and_points_that_are_none() -> None:
     for span, start, words in ((0.0, (0, 0, 0), "span"), (1.0, (0, 0), "start"), (1.0, "abc", "start")):
-        with pytest.raises(tmj.OptionError, match=words):
+        with pytest.raises(tmj.errors.OptionError, match=words):
             quintic(span, start, (1, 0, 0))  # type: ignore[arg-type]
     for first, last, count in ((0.0, 1.0, 1), (0.0, 1.0, 2.0), (1.0, 0.0, 3)):
-        with pytest.raises(tmj.OptionError, match="chebyshev_points"):
+        with pytest.raises(tmj.errors.OptionError, match="chebyshev_points"):
             chebyshev_points(first, last, count)  # type: ignore[arg-type]
 
 

@@ -57,7 +57,7 @@ def one(direction=(1.0, 0.0, 0.0), center=(0.0, 0.0, -5.0), mass=3.0, support=No
     )
 
 
-def crowd(seed, weights=tmj.Weights.RIGID, depth=None, above=tmj.AboveLevel.EXPONENTIAL, segments=5):
+def crowd(seed, weights=tmj.model.Weights.RIGID, depth=None, above=tmj.model.AboveLevel.EXPONENTIAL, segments=5):
     """Six rods of every kind of support around the surface, joined by strings, in motion."""
     rng, S = np.random.default_rng(seed), tmj.Support
     supports = [
@@ -187,9 +187,9 @@ def test_the_compiled_loads_are_those_of_the_formulas() -> None:
     for seed in range(40):
         scene = crowd(
             seed,
-            list(tmj.Weights)[seed % 2],
+            list(tmj.model.Weights)[seed % 2],
             [None, 4.0][seed // 2 % 2],
-            list(tmj.AboveLevel)[seed // 4 % 2],
+            list(tmj.model.AboveLevel)[seed // 4 % 2],
             1 + seed % 7,
         )
         force, power, alpha = compiled(scene)
@@ -231,14 +231,14 @@ def test_first_acceleration_of_a_rod_released_from_rest(engine, direction, added
 
 
 @pytest.mark.parametrize("engine", ENGINES, ids=NAMES)
-@pytest.mark.parametrize("weights", list(tmj.Weights), ids=lambda w: w.value)
+@pytest.mark.parametrize("weights", list(tmj.model.Weights), ids=lambda w: w.value)
 def test_first_acceleration_of_a_pinned_rod_has_the_moments_of_segments(engine, weights) -> None:
     # A level rod pinned at one end: (m ℓ²/3 + C_a m_w ℓ² Σ h(s) s / L) φ̈ = (m_w - m) g ℓ/2, s = (k + ½)/L, where
     # h(s) = s with the rigid weights and s² (3 - 2 s) with the thesis'. Both share a constant load alike, and differ by
     # 5 % in how a load that grows along the rod turns it.
     water = tmj.Water(added_mass=0.8, weights=weights)
     s = (np.arange(5) + 0.5) / 5
-    h = s if weights is tmj.Weights.RIGID else s**2 * (3 - 2 * s)
+    h = s if weights is tmj.model.Weights.RIGID else s**2 * (3 - 2 * s)
     inertia = 3.0 * LENGTH**2 / 3 + 0.8 * DISPLACED * LENGTH**2 * np.mean(h * s)
     spin = (DISPLACED - 3.0) * G * LENGTH / 2 / inertia
     found = accelerations(one(support=tmj.Support.pinned(0.0), water=water), engine)
@@ -335,10 +335,10 @@ def test_inertia_may_be_given_apart_from_added_mass() -> None:
 def test_hermite_weights_share_loads_as_the_thesis_has_it() -> None:
     # An inclined rod with its lower half under water: buoyancy across it by the cubic, along it by halves.
     direction = (math.cos(0.5), 0.0, math.sin(0.5))
-    water = tmj.Water(drag=0.0, segments=20, weights=tmj.Weights.HERMITE)
+    water = tmj.Water(drag=0.0, segments=20, weights=tmj.model.Weights.HERMITE)
     scene = one(direction, (0, 0, 0), water=water)
     force = water_forces(scene, 0.0, scene.nodes0, scene.velocities0)[0]
-    shared = scene.with_(water=replace(water, weights=tmj.Weights.RIGID))
+    shared = scene.with_(water=replace(water, weights=tmj.model.Weights.RIGID))
     rigid = water_forces(shared, 0.0, scene.nodes0, scene.velocities0)
     b, up = np.array(direction), DISPLACED * G * np.array([0, 0, 1.0])
     # Over s from 0 to ½: ∫ s²(3 - 2s) = 1/8 - 1/32 against ∫ s = 1/8; the surface cuts a slope of R/ℓ: 1e-2 of it.
@@ -350,7 +350,7 @@ def test_hermite_weights_share_loads_as_the_thesis_has_it() -> None:
 
 def test_added_mass_by_segments_and_weights() -> None:
     s = (np.arange(4) + 0.5) / 4
-    for weights, h in ((tmj.Weights.RIGID, s), (tmj.Weights.HERMITE, s**2 * (3 - 2 * s))):
+    for weights, h in ((tmj.model.Weights.RIGID, s), (tmj.model.Weights.HERMITE, s**2 * (3 - 2 * s))):
         alpha = compiled(one(water=tmj.Water(added_mass=0.6, segments=4, weights=weights)))[2][0]
         expected = [[np.mean((1 - h) * (1 - s)), np.mean((1 - h) * s)], [np.mean(h * (1 - s)), np.mean(h * s)]]
         assert alpha == pytest.approx(0.6 * DISPLACED * np.array(expected), rel=1e-13)
@@ -390,7 +390,7 @@ def test_external_work_is_force_times_velocity() -> None:
     assert np.max(np.abs(work - run.external_work)) < 1e-3 * np.max(np.abs(work))
 
 
-@pytest.mark.parametrize("weights", list(tmj.Weights), ids=lambda w: w.value)
+@pytest.mark.parametrize("weights", list(tmj.model.Weights), ids=lambda w: w.value)
 def test_both_engines_have_the_same_accelerations(weights) -> None:
     # MuJoCo's come from its own inertia, bias and joints; every kind of support, wet, dry and partly wet rods.
     for seed in range(12):
@@ -465,33 +465,35 @@ def test_resistance_goes_with_water() -> None:
 
 def test_what_cannot_be_in_water_says_so() -> None:
     scene = one()
-    with pytest.raises(tmj.SceneError, match="the ODE is for scenes without water"):
+    with pytest.raises(tmj.errors.SceneError, match="the ODE is for scenes without water"):
         tmj.simulate(scene, engine=tmj.ODE())
     for integrator in (tmj.Integrator.IMPLICIT, tmj.Integrator.IMPLICITFAST, tmj.Integrator.DISCRETE):
-        with pytest.raises(tmj.OptionError, match=rf"integrator {integrator.name} in water: added mass"):
+        with pytest.raises(tmj.errors.OptionError, match=rf"integrator {integrator.name} in water: added mass"):
             tmj.simulate(scene, engine=tmj.MuJoCo(1e-3, integrator))
-    for solver in (tmj.Solver.DENSE, tmj.Solver.FULL):
-        with pytest.raises(tmj.OptionError, match=r"in water.*Solver\.JOINTS"):
+    for solver in (tmj.engines.Solver.DENSE, tmj.engines.Solver.FULL):
+        with pytest.raises(tmj.errors.OptionError, match=r"in water.*Solver\.JOINTS"):
             tmj.simulate(scene, engine=tmj.DAE(solver=solver))
-    with pytest.raises(tmj.SceneError, match="simulate_many is for scenes without water"):
+    with pytest.raises(tmj.errors.SceneError, match="simulate_many is for scenes without water"):
         tmj.simulate_many([scene], None, tmj.MuJoCo())
     with (
-        pytest.raises(tmj.SceneError, match="law_in is for scenes without water"),
+        pytest.raises(tmj.errors.SceneError, match="law_in is for scenes without water"),
         tmj.law_in(scene, lambda t, n, v: np.zeros(0)),
     ):
         pass
-    with pytest.raises(tmj.SceneError, match=r"linearization, .* is for scenes without water"):
+    with pytest.raises(tmj.errors.SceneError, match=r"linearization, .* is for scenes without water"):
         tmj.linearize(scene, tmj.DAE())
     nodes = {"a": (0, 0, -3), "b": (1, 0, -3), "c": (2, 0, -3)}
     linked = tmj.Structure("two", nodes, (tmj.Rod("p", ("a", "b"), 1.0), tmj.Rod("q", ("b", "c"), 1.0)))
-    motion = tmj.Motion("rod", (tmj.Harmonic((0.1, 0, 0), 1.0, 0.0),))
+    motion = tmj.model.Motion("rod", (tmj.model.Harmonic((0.1, 0, 0), 1.0, 0.0),))
     for engine, name in zip((tmj.DAE(), tmj.MuJoCo()), ("the DAE", "MuJoCo"), strict=True):
-        with pytest.raises(tmj.StructureError, match=f"{name} in water is for structures of class 1.*'p' and 'q'"):
+        with pytest.raises(
+            tmj.errors.StructureError, match=f"{name} in water is for structures of class 1.*'p' and 'q'"
+        ):
             tmj.simulate(tmj.Scene(linked, gravity=DOWN, water=tmj.Water()), engine=engine)
-        with pytest.raises(tmj.SceneError, match=f"{name} in water is for supports that stand still"):
+        with pytest.raises(tmj.errors.SceneError, match=f"{name} in water is for supports that stand still"):
             tmj.simulate(one(support=tmj.Support.pinned(0.0), motions=(motion,)), engine=engine)
-    with pytest.raises(tmj.SceneError, match="MuJoCo in water is for scenes without contact"):
-        tmj.simulate(one(contact=tmj.Contact(floor=-8.0)), engine=tmj.MuJoCo(1e-4))
+    with pytest.raises(tmj.errors.SceneError, match="MuJoCo in water is for scenes without contact"):
+        tmj.simulate(one(contact=tmj.model.Contact(floor=-8.0)), engine=tmj.MuJoCo(1e-4))
 
 
 @pytest.mark.parametrize(
@@ -520,16 +522,16 @@ def test_what_cannot_be_in_water_says_so() -> None:
     ],
 )
 def test_water_is_validated(change, message) -> None:
-    with pytest.raises(tmj.SceneError, match=message):
+    with pytest.raises(tmj.errors.SceneError, match=message):
         one(water=replace(tmj.Water(), **change))
 
 
 def test_water_needs_gravity_that_fits_it_and_rods() -> None:
-    with pytest.raises(tmj.SceneError, match="the still surface is z = 0"):
+    with pytest.raises(tmj.errors.SceneError, match="the still surface is z = 0"):
         one().with_(gravity=(0.0, 1.0, -9.0))
-    with pytest.raises(tmj.SceneError, match="waves without gravity"):
+    with pytest.raises(tmj.errors.SceneError, match="waves without gravity"):
         one(water=tmj.Water(waves=WAVES)).with_(gravity=(0.0, 0.0, 0.0))
-    with pytest.raises(tmj.SceneError, match="use Water"):
+    with pytest.raises(tmj.errors.SceneError, match="use Water"):
         one().with_(water="sea")
     points = tmj.Structure(
         "points",
@@ -538,7 +540,7 @@ def test_water_needs_gravity_that_fits_it_and_rods() -> None:
         fixed_nodes=("a",),
         point_masses=(tmj.PointMass("b", 1.0),),
     )
-    with pytest.raises(tmj.SceneError, match="has no rod"):
+    with pytest.raises(tmj.errors.SceneError, match="has no rod"):
         tmj.Scene(points, gravity=DOWN, water=tmj.Water())
     # Without gravity nothing floats, and drag and added mass are as ever.
     weightless = one(turn=(0, 0, 1.0)).with_(gravity=(0.0, 0.0, 0.0))
@@ -548,8 +550,8 @@ def test_water_needs_gravity_that_fits_it_and_rods() -> None:
 
 
 def test_water_is_written_and_read_without_loss(tmp_path) -> None:
-    water = tmj.Water(1000, 8, list(WAVES), (0.1, 0, 0), 1, 0.1, 0.5, 1.4, 3, tmj.Weights.HERMITE, 0.11)
-    water = replace(water, above=tmj.AboveLevel.CONSTANT, viscosity=1e-6)
+    water = tmj.Water(1000, 8, list(WAVES), (0.1, 0, 0), 1, 0.1, 0.5, 1.4, 3, tmj.model.Weights.HERMITE, 0.11)
+    water = replace(water, above=tmj.model.AboveLevel.CONSTANT, viscosity=1e-6)
     for scene in (one(water=water), one(), crowd(1)):
         assert scene_from_toml(scene_to_toml(scene)) == scene
     run = tmj.simulate(one(water=water), engine=tmj.DAE(), duration=0.1)
@@ -561,7 +563,7 @@ def test_water_is_written_and_read_without_loss(tmp_path) -> None:
         ("wavelength", "length", "unknown key 'length'"),
         ("viscosity", "viscousity", "unknown key 'viscousity'"),
     ):
-        with pytest.raises(tmj.FormatError, match=message):
+        with pytest.raises(tmj.errors.FormatError, match=message):
             scene_from_toml(text.replace(old, new))
 
 
@@ -574,7 +576,7 @@ def test_people_are_told_of_water() -> None:
     # The rod weighs 3 kg and displaces 9.82: what is unbalanced at rest has buoyancy in it, half on either node.
     assert describe(one())["unbalanced_force"] == pytest.approx((DISPLACED - 3.0) * G / 2, rel=1e-12)
     assert "The water of the scene is not in this file." in scene_to_mjcf(scene)
-    assert any("water" in reason for reason in tmj.requirements(scene).reasons)
+    assert any("water" in reason for reason in tmj.studies.requirements(scene).reasons)
     assert any("water is not in the model" in note for note in tmj.stable_step(crowd(1), tmj.MuJoCo()).notes)
 
 
@@ -585,7 +587,7 @@ def test_reynolds_and_keulegan_carpenter_numbers() -> None:
     scene = one((0, 1, 0), (0, 0, -1.0), support=tmj.Support.pinned(0.5), water=tmj.Water(waves=(wave,)), duration=4.0)
     run = tmj.simulate(scene, engine=tmj.DAE(), output_interval=0.1)
     speed = 0.5 * omega * math.exp(-k)
-    numbers = tmj.flow_numbers(run)
+    numbers = tmj.runs.flow_numbers(run)
     assert numbers.reynolds[0] == pytest.approx(speed * D / 1.19e-6, rel=1e-6)
     assert numbers.keulegan_carpenter[0] == pytest.approx(speed * 2 * math.pi / omega / D, rel=1e-6)
     assert numbers.undisturbed_reynolds[0] == pytest.approx(numbers.reynolds[0], rel=1e-6)
@@ -602,15 +604,15 @@ def test_reynolds_and_keulegan_carpenter_numbers() -> None:
     # A free neutral rod goes with the water: what it meets is far less than what there is.
     free = one((0, 1, 0), (0, 0, -1.0), DISPLACED, water=tmj.Water(waves=(wave,)), duration=4.0)
     start = np.tile(sea_of(free).velocity(0.0, [0, 0, -1.0]), (2, 1))
-    loose = tmj.flow_numbers(tmj.simulate(free.with_(initial_velocities=start), engine=tmj.DAE()))
+    loose = tmj.runs.flow_numbers(tmj.simulate(free.with_(initial_velocities=start), engine=tmj.DAE()))
     assert loose.reynolds[0] < 0.8 * loose.undisturbed_reynolds[0]
     assert len(loose.notes) == 1
 
     calm = tmj.simulate(one(water=tmj.Water(current=(1, 0, 0))), engine=tmj.DAE())
     assert calm.reports["water"]["keulegan_carpenter"] is None
-    assert np.isnan(tmj.flow_numbers(calm).keulegan_carpenter).all()
-    with pytest.raises(tmj.OptionError, match="has no water"):
-        tmj.flow_numbers(tmj.simulate(one().with_(water=None), engine=tmj.DAE()))
+    assert np.isnan(tmj.runs.flow_numbers(calm).keulegan_carpenter).all()
+    with pytest.raises(tmj.errors.OptionError, match="has no water"):
+        tmj.runs.flow_numbers(tmj.simulate(one().with_(water=None), engine=tmj.DAE()))
 
 
 def test_each_rod_has_the_period_of_the_waves_where_it_is() -> None:
@@ -626,7 +628,7 @@ def test_each_rod_has_the_period_of_the_waves_where_it_is() -> None:
         waves = (tmj.Wave(0.5, 60.0), tmj.Wave(0.2, 3.0))
         scene = tmj.Scene(structure, gravity=(0, 0, -9.81), water=tmj.Water(waves=waves))
         run = tmj.simulate(scene, None, tmj.DAE(), duration=8.0, output_interval=0.05)
-        return float(tmj.flow_numbers(run).undisturbed_keulegan_carpenter[0])
+        return float(tmj.runs.flow_numbers(run).undisturbed_keulegan_carpenter[0])
 
     k = 2 * np.pi / 60
     # The speed's peak is met within half a sample's turn of the phase, 1e-3 of itself, and the chop adds 1e-4.
@@ -641,7 +643,7 @@ def test_waves_beyond_linear_theory_are_told() -> None:
     def notes(water: tmj.Water) -> str:
         scene = tmj.Scene(structure, gravity=(0, 0, -9.81), water=water)
         run = tmj.simulate(scene, None, tmj.DAE(), duration=0.02)
-        return " ".join(tmj.flow_numbers(run).notes)
+        return " ".join(tmj.runs.flow_numbers(run).notes)
 
     assert "waves above 1/7 break" in notes(tmj.Water(waves=(tmj.Wave(1.0, 13.9),)))
     assert "1/7" not in notes(tmj.Water(waves=(tmj.Wave(1.0, 14.1),)))

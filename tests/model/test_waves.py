@@ -23,12 +23,12 @@ STEP, TOLERANCE = 1e-4, 1e-7
 
 
 def sea(depth=None, **options):
-    return tmj.Sea.of(COMPONENTS, G, depth, **options)
+    return tmj.model.Sea.of(COMPONENTS, G, depth, **options)
 
 
 def test_a_sea_has_the_gravity_of_the_thesis_by_default() -> None:
     """9.81 m/s²; g = 9.80 would shorten waves of a given frequency by a thousandth."""
-    one = tmj.Sea.of(COMPONENTS)
+    one = tmj.model.Sea.of(COMPONENTS)
     assert one.gravity == 9.81
     assert one.number[1] == pytest.approx(2.0**2 / 9.81, rel=1e-15)  # deep water: ω² = g k
     assert one.frequency[0] == pytest.approx(math.sqrt(9.81 * 2 * math.pi / 15.0), rel=1e-15)
@@ -116,15 +116,15 @@ def test_conditions_at_the_surface_and_at_the_bottom(depth: float | None) -> Non
 
 def test_finite_depth_is_that_of_hyperbolic_functions_and_becomes_deep() -> None:
     wave = tmj.Wave(0.3, 8.0)
-    shallow = tmj.Sea.of([wave], G, 2.0)
+    shallow = tmj.model.Sea.of([wave], G, 2.0)
     k, omega = float(shallow.number[0]), float(shallow.frequency[0])
     z = -0.7
     factor = omega * 0.3 * math.cosh(k * (z + 2.0)) / math.sinh(k * 2.0)
     # θ = π/2 at x = 0: horizontal velocity is at its largest.
     assert shallow.velocity(math.pi / 2 / omega, [0, 0, z])[0] == pytest.approx(factor, rel=1e-14)
-    point, deep = [1.0, 2.0, z], tmj.Sea.of([wave], G)
+    point, deep = [1.0, 2.0, z], tmj.model.Sea.of([wave], G)
     for depth in (60.0, 1e4, 1e300):  # e^{-2kh} is 3e-41 and less
-        finite = tmj.Sea.of([wave], G, depth)
+        finite = tmj.model.Sea.of([wave], G, depth)
         assert np.allclose(finite.velocity(2.0, point), deep.velocity(2.0, point), rtol=1e-14, atol=0)
         assert np.isfinite(finite.pressure(2.0, point, RHO))
 
@@ -132,11 +132,11 @@ def test_finite_depth_is_that_of_hyperbolic_functions_and_becomes_deep() -> None
 def test_components_and_current_are_superposed() -> None:
     t, points = samples(None)
     current = (0.3, -0.1, 0.05)
-    parts = [tmj.Sea.of([wave], G) for wave in COMPONENTS]
+    parts = [tmj.model.Sea.of([wave], G) for wave in COMPONENTS]
     both = sea(current=current)
     assert np.allclose(both.velocity(t, points), sum(p.velocity(t, points) for p in parts) + np.array(current))
     assert np.allclose(both.acceleration(t, points), sum(p.acceleration(t, points) for p in parts))
-    still = tmj.Sea.of([], 0.0, None, current)
+    still = tmj.model.Sea.of([], 0.0, None, current)
     assert np.array_equal(still.velocity(t, points), np.broadcast_to(current, points.shape))
     assert np.all(still.elevation(t, 0.0, 0.0) == 0)
 
@@ -144,9 +144,9 @@ def test_components_and_current_are_superposed() -> None:
 def test_above_the_level_and_below_the_bottom() -> None:
     above, level = [0.4, 0.2, 0.5], [0.4, 0.2, 0.0]
     grows = math.exp(float(sea().number[0]) * 0.5)
-    single = tmj.Sea.of(COMPONENTS[:1], G)
+    single = tmj.model.Sea.of(COMPONENTS[:1], G)
     assert np.allclose(single.velocity(1.0, above), grows * single.velocity(1.0, level), rtol=1e-14)
-    constant = sea(above=tmj.AboveLevel.CONSTANT)
+    constant = sea(above=tmj.model.AboveLevel.CONSTANT)
     assert np.array_equal(constant.velocity(1.0, above), constant.velocity(1.0, level))
     assert np.array_equal(constant.acceleration(1.0, above), sea().acceleration(1.0, level))
     shallow = sea(4.0)
@@ -155,7 +155,7 @@ def test_above_the_level_and_below_the_bottom() -> None:
 
 def test_a_wave_has_a_length_or_a_frequency() -> None:
     for wave in (tmj.Wave(1.0), tmj.Wave(1.0, 10.0, 2.0)):
-        with pytest.raises(tmj.SceneError, match=r"waves\[0\].*give one of the two"):
-            tmj.Sea.of([wave], G)
-    with pytest.raises(tmj.SceneError, match="gravity = 0"):
-        tmj.Sea.of(COMPONENTS, 0.0)
+        with pytest.raises(tmj.errors.SceneError, match=r"waves\[0\].*give one of the two"):
+            tmj.model.Sea.of([wave], G)
+    with pytest.raises(tmj.errors.SceneError, match="gravity = 0"):
+        tmj.model.Sea.of(COMPONENTS, 0.0)

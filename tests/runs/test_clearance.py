@@ -15,8 +15,9 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import lsq_linear
 
 import tensegrity_mj as tmj
-from tensegrity_mj import Pairs, cli
+from tensegrity_mj import cli
 from tensegrity_mj.model.elements.contact import segment_distances
+from tensegrity_mj.runs import Pairs
 from tensegrity_mj.runs.segments import closest_points
 from tensegrity_mj.runs.trajectory import VARIABLES
 from tensegrity_mj.statics import find_equilibrium
@@ -351,7 +352,7 @@ def test_a_broken_string_is_no_obstacle_any_more() -> None:
     """It would pass the rod at 37.5 ms; it breaks at 20 ms, 0.3 m above the rod's line less its radius."""
     structure, time = two_rods(string=True), np.linspace(0.0, 0.2, 5)
     nodes, velocities = motion(structure, time, along(lambda t: 0.5 - 40 * t, lambda t: -40 + 0 * t))
-    scene = tmj.Scene(structure, breaks=(tmj.Break("wire", 0.02),))
+    scene = tmj.Scene(structure, breaks=(tmj.model.Break("wire", 0.02),))
     run = tmj.simulate(scene, None, tmj.DAE(), duration=0.1)
     zeros: dict[str, Any] = {name: np.zeros((5, *getattr(run, name).shape[1:])) for name in VARIABLES}
     found = tmj.clearance(replace(run, **(zeros | {"time": time, "nodes": nodes, "velocities": velocities})))
@@ -388,7 +389,7 @@ def test_the_first_touch_is_where_the_contact_of_mujoco_begins() -> None:
     assert abs(event.start - (0.3704 - 1e-6)) < 1e-9
     assert event.crossings == pytest.approx([0.4004], abs=1e-9)
 
-    touching = scene.with_(contact=tmj.Contact(rods=True, friction=0.0))
+    touching = scene.with_(contact=tmj.model.Contact(rods=True, friction=0.0))
     run = tmj.simulate(touching, None, engine, output_interval=1e-3)
     counts = np.array(run.reports["contact"]["touching"])
     first = int(np.flatnonzero(counts)[0])
@@ -442,7 +443,7 @@ def test_mistakes_are_told(tmp_path: Path) -> None:
         ((structure, np.zeros((3, 3))), "nodes"),
         ((structure, np.full((4, 3), np.nan)), "nodes"),
     ):
-        with pytest.raises(tmj.OptionError, match=text):
+        with pytest.raises(tmj.errors.OptionError, match=text):
             tmj.clearance(*arguments)  # type: ignore[arg-type]
     for options, text in (
         ({"nodes": nodes, "time": [0, 1]}, "velocities are missing"),
@@ -454,9 +455,9 @@ def test_mistakes_are_told(tmp_path: Path) -> None:
         ({"string_radius": -1.0}, "string_radius"),
         ({"below": np.nan}, "below"),
     ):
-        with pytest.raises(tmj.OptionError, match=text):
+        with pytest.raises(tmj.errors.OptionError, match=text):
             tmj.clearance(structure, **options)
-    with pytest.raises(tmj.OptionError, match="broadcast"):
+    with pytest.raises(tmj.errors.OptionError, match="broadcast"):
         closest_points(np.zeros((2, 3)), np.zeros((3, 3)), np.zeros(3), np.zeros(3))
 
 

@@ -21,7 +21,7 @@ ACTUATIONS = {
 }
 
 
-def rich_scene(seed, law=tmj.StringLaw.CLIPPED):
+def rich_scene(seed, law=tmj.model.StringLaw.CLIPPED):
     rng = np.random.default_rng(seed)
     structure = random_structure(
         rng, rods=3, strings=8, point_masses=1, own_planes=0.3, damping=(0.5, 2.0), stretch=(0.0, 0.3), law=law
@@ -29,7 +29,7 @@ def rich_scene(seed, law=tmj.StringLaw.CLIPPED):
     return random_scene(rng, structure, moving=1.0, gravity=True, loads=2, duration=1.0)
 
 
-@pytest.mark.parametrize("law", list(tmj.StringLaw))
+@pytest.mark.parametrize("law", list(tmj.model.StringLaw))
 @pytest.mark.parametrize("seed", range(3))
 def test_the_ledger_closes_with_dampers_loads_and_gravity(seed, law):
     scene = rich_scene(seed, law)

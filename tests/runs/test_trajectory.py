@@ -73,7 +73,7 @@ def test_a_run_without_samples_is_safe_everywhere(run, tmp_path):
     for name in VARIABLES:
         assert getattr(loaded, name).shape == getattr(empty, name).shape, name
     for pair in ((empty, run), (run, empty), (empty, empty)):
-        with pytest.raises(tmj.OptionError, match="share 0 output times"):
+        with pytest.raises(tmj.errors.OptionError, match="share 0 output times"):
             tmj.compare(*pair)
 
 
@@ -119,14 +119,14 @@ def test_places_where_no_file_can_be_written_are_refused(run, tmp_path):
         (tmp_path / "x.txt", r"must end in \.nc"),
         (None, "no path"),
     ):
-        with pytest.raises(tmj.OptionError, match=complaint):
+        with pytest.raises(tmj.errors.OptionError, match=complaint):
             run.save(path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["circle.nc", "folder.nc", "pipe.nc"]
 
 
 @pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="needs a folder that takes no new files")
 def test_a_file_system_that_takes_no_files_is_refused(run):
-    with pytest.raises(tmj.OptionError, match=r"/proc/x\.nc: "):
+    with pytest.raises(tmj.errors.OptionError, match=r"/proc/x\.nc: "):
         run.save("/proc/x.nc")
 
 
@@ -138,7 +138,7 @@ def test_a_disk_that_is_full_leaves_the_old_file(run, tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "replace", full)
-    with pytest.raises(tmj.FormatError, match=r"run\.nc: cannot be written \(No space left on device\)"):
+    with pytest.raises(tmj.errors.FormatError, match=r"run\.nc: cannot be written \(No space left on device\)"):
         run.save(path)
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
@@ -154,7 +154,7 @@ def test_a_save_through_a_link_keeps_the_link(run, tmp_path):
 
 def test_loading_says_what_is_no_file(tmp_path):
     for path, complaint in ((None, "no path"), (tmp_path, "that is a folder"), (tmp_path / "x.nc", "no such file")):
-        with pytest.raises(tmj.FormatError, match=complaint):
+        with pytest.raises(tmj.errors.FormatError, match=complaint):
             tmj.Trajectory.load(path)
 
 
@@ -175,7 +175,7 @@ def test_a_trajectory_with_a_wrong_attribute_is_refused(attribute, value, compla
     path = run.save(tmp_path / "run.nc")
     with h5netcdf.File(path, "a") as file:
         file.attrs[attribute] = scene_to_toml(tmj.load_scene("pinned_rod")) if value is None else value
-    with pytest.raises(tmj.FormatError, match=rf"run\.nc: .*{complaint}"):
+    with pytest.raises(tmj.errors.FormatError, match=rf"run\.nc: .*{complaint}"):
         tmj.Trajectory.load(path)
 
 
@@ -204,7 +204,7 @@ def test_a_trajectory_whose_numbers_are_none_or_run_backwards_is_refused(name, p
     from tensegrity_mj.cli import main
 
     good, bad = run.save(tmp_path / "good.nc"), changed_file(run, tmp_path / "bad.nc", name, place, value)
-    with pytest.raises(tmj.FormatError, match=rf"bad\.nc: {complaint}"):
+    with pytest.raises(tmj.errors.FormatError, match=rf"bad\.nc: {complaint}"):
         tmj.Trajectory.load(bad)
     assert main(["compare", str(good), str(good)]) == 0
     for files in ((good, bad), (bad, good), (bad, bad)):
@@ -233,14 +233,14 @@ def test_files_that_are_no_trajectories_are_refused(content, tmp_path):
     path = tmp_path / "x.nc"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(tmj.FormatError, match=r"x\.nc"):
+    with pytest.raises(tmj.errors.FormatError, match=r"x\.nc"):
         tmj.Trajectory.load(path)
 
 
 def test_a_netcdf_file_of_something_else_is_refused(tmp_path):
     path = tmp_path / "other.nc"
     xarray.Dataset({"a": ("x", [1.0, 2.0])}).to_netcdf(path, engine="h5netcdf")
-    with pytest.raises(tmj.FormatError, match="no trajectory"):
+    with pytest.raises(tmj.errors.FormatError, match="no trajectory"):
         tmj.Trajectory.load(path)
 
 
@@ -270,13 +270,13 @@ def test_every_difference_has_its_documented_maximum(run):
     same = tmj.compare(run, run)
     for name in same.NAMES:
         assert getattr(same, f"max_{name}") == 0
-        assert "[" in getattr(tmj.Comparison, f"max_{name}").__doc__  # its unit
+        assert "[" in getattr(tmj.runs.Comparison, f"max_{name}").__doc__  # its unit
 
 
 @pytest.mark.parametrize("other", [None, "run.nc"])
 def test_only_runs_are_compared(other, run):
     for pair in ((run, other), (other, run)):
-        with pytest.raises(tmj.OptionError, match="must be a Trajectory"):
+        with pytest.raises(tmj.errors.OptionError, match="must be a Trajectory"):
             tmj.compare(*pair)
 
 
@@ -286,14 +286,14 @@ def test_only_common_times_are_compared_and_none_is_made_up(run):
     assert np.array_equal(tmj.compare(run, coarse).time, coarse.time)
     assert tmj.compare(run, coarse).max_node_error == 0
     odd = tmj.simulate(scene, from_scene(scene), tmj.MuJoCo(7e-3), duration=0.49, output_interval=0.245)
-    with pytest.raises(tmj.OptionError, match="output_interval"):
+    with pytest.raises(tmj.errors.OptionError, match="output_interval"):
         tmj.compare(odd.until(2), coarse.until(2).__class__(**{**vars(coarse), "time": coarse.time + 1e-3}))
 
 
 def test_times_that_differ_by_more_than_round_off_are_not_common(run):
     """Samples each 10 ms: what is 3 ms, or 1 µs, apart is another time; 1e-12 s is the round-off of a sum of steps."""
     for shift in (3e-3, -3e-3, 1e-6, -1e-6):
-        with pytest.raises(tmj.OptionError, match="share 0 output times"):
+        with pytest.raises(tmj.errors.OptionError, match="share 0 output times"):
             tmj.compare(run, replace(run, time=run.time + shift))
     assert len(tmj.compare(run, replace(run, time=run.time + 1e-12)).time) == len(run.time)
     # One sample moved: all others are still compared, that one is not.
@@ -320,7 +320,7 @@ def test_a_difference_of_rod_forces_is_that_of_force_densities_times_the_length(
 def test_runs_of_different_structures_are_not_compared(run):
     scene = tmj.load_scene("pinned_rod")
     other = tmj.simulate(scene, from_scene(scene), tmj.MuJoCo(1e-2), duration=0.5)
-    with pytest.raises(tmj.OptionError, match="different nodes"):
+    with pytest.raises(tmj.errors.OptionError, match="different nodes"):
         tmj.compare(run, other)
 
 

@@ -194,7 +194,7 @@ def test_equilibria_are_said_to_be_equilibria() -> None:
 
 def test_elastic_rods_carry_what_their_lengths_say() -> None:
     """At their lengths nothing: the strings' whole pull is left."""
-    structure = tmj.load_scene("tbar").structure.with_sections(tmj.Section.tube(5e-3, 1e-3, 70e9, 2e8))
+    structure = tmj.load_scene("tbar").structure.with_sections(tmj.model.Section.tube(5e-3, 1e-3, 70e9, 2e8))
     rigid, elastic = (balance(StaticModel.of(structure, rods=rods)) for rods in (Rods.RIGID, Rods.ELASTIC))
     assert elastic.unbalanced > rigid.unbalanced
 

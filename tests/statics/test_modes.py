@@ -297,14 +297,14 @@ def test_films_of_elastic_and_unstable_modes() -> None:
 
 def test_what_does_not_fit() -> None:
     modes = natural_modes(find_equilibrium(tower(1)))
-    with pytest.raises(tmj.OptionError, match="use a StaticState"):
+    with pytest.raises(tmj.errors.OptionError, match="use a StaticState"):
         natural_modes(tower(1))  # type: ignore[arg-type]
-    with pytest.raises(tmj.OptionError, match="count"):
+    with pytest.raises(tmj.errors.OptionError, match="count"):
         natural_modes(modes.state, 0)
     for number in (-1, 99, True, 0.5):
-        with pytest.raises(tmj.OptionError, match="number"):
+        with pytest.raises(tmj.errors.OptionError, match="number"):
             mode_trajectory(modes, number)  # type: ignore[arg-type]
-    with pytest.raises(tmj.OptionError, match="amplitude"):
+    with pytest.raises(tmj.errors.OptionError, match="amplitude"):
         mode_trajectory(modes, 0, amplitude=-1.0)
-    with pytest.raises(tmj.OptionError, match="longer than the mean member"):
+    with pytest.raises(tmj.errors.OptionError, match="longer than the mean member"):
         mode_trajectory(modes, 0, amplitude=1e3)

@@ -15,7 +15,7 @@ from tensegrity_mj.model.rigidity import free_motions
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics import Hold, StaticModel, find_equilibrium, linear_systems
-from tensegrity_mj.statics.prestressability import Prestressability, prestressability
+from tensegrity_mj.statics.prestress import Prestressability, prestressability
 from tensegrity_mj.statics.self_stress import self_stress
 from tensegrity_mj.statics.stiffening import Verdict
 
@@ -321,13 +321,13 @@ def test_broken_strings_and_unstable_prestress() -> None:
 
 def test_what_does_not_fit() -> None:
     state = find_equilibrium(tower(1))
-    with pytest.raises(tmj.OptionError, match="use a Structure"):
+    with pytest.raises(tmj.errors.OptionError, match="use a Structure"):
         prestressability("prism")  # type: ignore[arg-type]
-    with pytest.raises(tmj.OptionError, match="a state has its own"):
+    with pytest.raises(tmj.errors.OptionError, match="a state has its own"):
         prestressability(state, nodes=state.nodes)
-    with pytest.raises(tmj.OptionError, match="a model has its own"):
+    with pytest.raises(tmj.errors.OptionError, match="a model has its own"):
         prestressability(state.model, holds=(Hold(("b1_1",)),))
     flat = np.array(prism(30).positions)
     flat[4] = flat[1]
-    with pytest.raises(tmj.OptionError, match="no length at these nodes"):
+    with pytest.raises(tmj.errors.OptionError, match="no length at these nodes"):
         prestressability(prism(30), nodes=flat)

@@ -126,7 +126,7 @@ def test_one_rod_alone_relaxes(name: str) -> None:
 
 def test_an_elastic_rod_takes_up_what_a_hold_moves_it_by() -> None:
     """N = EA d / ℓ, to round-off of the length: 4e-16 of it against a stretch of 1e-6 is 4e-10."""
-    section = tmj.Section.solid(0.01, 70e9)
+    section = tmj.model.Section.solid(0.01, 70e9)
     rod = tmj.Rod("r", ("a", "b"), 1.0, 0.01, tmj.Support.pinned(0.0), section)
     structure = tmj.Structure("bar", {"a": (0.0, 0.0, 0.0), "b": (1.0, 0.0, 0.0)}, (rod,))
     model = StaticModel.of(structure, rods=Rods.ELASTIC, holds=(Hold("b", None, (1e-6, 0.0, 0.0)),))

@@ -124,24 +124,26 @@ def test_unstable_equilibria_are_left(engine: str) -> None:
 def test_what_resists_motion_has_no_part() -> None:
     scene = tower(1, damping=5.0)
     plain = engine_equilibrium(scene, tmj.DAE())
-    thick = scene.with_(resistance=tmj.Resistance(viscous=3.0, wind=(5.0, 0.0, 0.0)), contact=tmj.Contact(floor=-2.0))
+    thick = scene.with_(
+        resistance=tmj.Resistance(viscous=3.0, wind=(5.0, 0.0, 0.0)), contact=tmj.model.Contact(floor=-2.0)
+    )
     assert np.abs(engine_equilibrium(thick, tmj.DAE()).nodes - plain.nodes).max() < AGREEMENT
 
 
 def test_what_does_not_fit() -> None:
     scene = tower(1)
-    with pytest.raises(tmj.OptionError, match="use a Scene"):
+    with pytest.raises(tmj.errors.OptionError, match="use a Scene"):
         engine_equilibrium(scene.structure, tmj.DAE())  # type: ignore[arg-type]
-    with pytest.raises(tmj.OptionError, match="use MuJoCo"):
+    with pytest.raises(tmj.errors.OptionError, match="use MuJoCo"):
         engine_equilibrium(scene, tmj.DAE)  # type: ignore[arg-type]
-    with pytest.raises(tmj.OptionError, match="nodes"):
+    with pytest.raises(tmj.errors.OptionError, match="nodes"):
         engine_equilibrium(scene, tmj.DAE(), nodes=np.zeros((2, 3)))
-    with pytest.raises(tmj.SceneError):
+    with pytest.raises(tmj.errors.SceneError):
         engine_equilibrium(scene, tmj.DAE(), nodes=2 * scene.nodes0)
-    with pytest.raises(tmj.SceneError, match="stand still"):
+    with pytest.raises(tmj.errors.SceneError, match="stand still"):
         engine_equilibrium(tmj.load_scene("cable"), tmj.DAE())
     falling = Structure("drop", {"m": (0, 0, 0)}, point_masses=(PointMass("m", 1.0),))
-    with pytest.raises(tmj.InfeasibleError, match="no equilibrium"):
+    with pytest.raises(tmj.errors.InfeasibleError, match="no equilibrium"):
         engine_equilibrium(Scene(falling, gravity=DOWN), tmj.DAE(), iterations=20)
-    with pytest.raises(tmj.InfeasibleError, match="no equilibrium"):
+    with pytest.raises(tmj.errors.InfeasibleError, match="no equilibrium"):
         engine_equilibrium(tower(2, form_found=False), tmj.DAE(), iterations=1)

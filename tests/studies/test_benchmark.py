@@ -53,7 +53,7 @@ def test_its_lines_name_each_scene() -> None:
     [{"scenes": ()}, {"scenes": ("prism",)}, {"repeats": 0}, {"sample": 0.0}, {"simulations": -1}, {"threads": (0,)}],
 )
 def test_bad_options_are_refused(options) -> None:
-    with pytest.raises(tmj.OptionError, match="benchmark"):
+    with pytest.raises(tmj.errors.OptionError, match="benchmark"):
         Benchmark(**({"scenes": (tmj.load_scene("prism"),)} | options))
 
 

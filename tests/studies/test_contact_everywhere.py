@@ -17,7 +17,7 @@ from tensegrity_mj.model.elements.contact import floor_gaps
 from tensegrity_mj.studies.stability.engines import NAMES
 from tensegrity_mj.studies.stability.report import study_stability
 
-HERE = tmj.Workers(backend=tmj.Backend.THIS_PROCESS)
+HERE = tmj.studies.Workers(backend=tmj.studies.Backend.THIS_PROCESS)
 LANDED = 0.4  # s: the first foot touches at 0.25 s
 
 
@@ -61,7 +61,9 @@ def test_a_replay_does_the_same_to_the_floor(scene: tmj.Scene) -> None:
 
 
 def test_a_sweep_changes_the_floor_and_keeps_what_is_refused(scene: tmj.Scene) -> None:
-    sweep = tmj.Sweep(scene, [tmj.Vary("scene.contact.floor", [0.0, -0.05, 0.5])], fixed={"scene.duration": LANDED})
+    sweep = tmj.studies.Sweep(
+        scene, [tmj.studies.Vary("scene.contact.floor", [0.0, -0.05, 0.5])], fixed={"scene.duration": LANDED}
+    )
     study = sweep.run(workers=HERE)
     low, lower, inside = study.outcomes
     assert low["values"]["status"] == lower["values"]["status"] == "completed"
@@ -124,19 +126,21 @@ def test_random_starts_overlap_nothing(scene: tmj.Scene, monkeypatch: pytest.Mon
     # The first draw that overlaps nothing is the one without contact: no draw is spent before it is needed.
     np.testing.assert_array_equal(drawn[0], free[0])
     monkeypatch.setattr(tasks, "MOST_DRAWS", 1)
-    with pytest.raises(tmj.OptionError, match=r"1 starts in a row overlap .*inside the floor: draw smaller"):
+    with pytest.raises(tmj.errors.OptionError, match=r"1 starts in a row overlap .*inside the floor: draw smaller"):
         starts(scene, 0.5, 20)
 
 
 def test_validate_runs_in_mujoco_alone_and_says_so(scene: tmj.Scene) -> None:
     options: dict[str, Any] = {"sections": ["gravity"], "duration": LANDED, "quick": True, "workers": HERE}
-    report = tmj.validate(scene, pull, **options)
+    report = tmj.studies.validate(scene, pull, **options)
     assert report.data["setup"]["engines"] == ["mujoco"]
     assert report.data["nominal"]["engines"]["mujoco"]["outcome"] != "failed"
     assert "MuJoCo alone has contact: no other engine confirms what is said here." in report.summary
     assert not any("DAE" in text for text in report.summary)
-    with pytest.raises(tmj.OptionError, match=r"engines: dae, ode: scene 'prism_drop' has contact.*leave them out"):
-        tmj.validate(scene, pull, engines=["dae", "mujoco", "ode"], **options)
+    with pytest.raises(
+        tmj.errors.OptionError, match=r"engines: dae, ode: scene 'prism_drop' has contact.*leave them out"
+    ):
+        tmj.studies.validate(scene, pull, engines=["dae", "mujoco", "ode"], **options)
 
 
 def test_compare_says_how_to_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

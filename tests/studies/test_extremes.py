@@ -164,7 +164,9 @@ def test_the_mobility_is_what_the_engine_does_with_forces(seed: int) -> None:
     forces = rng.normal(size=(len(structure.nodes), 3))
     scene = tmj.Scene(
         structure,
-        loads=tuple(tmj.Load(name, tuple(force)) for name, force in zip(structure.nodes, forces.tolist(), strict=True)),
+        loads=tuple(
+            tmj.model.Load(name, tuple(force)) for name, force in zip(structure.nodes, forces.tolist(), strict=True)
+        ),
     )
     ours = (mobility(structure, structure.positions) @ forces.ravel()).reshape(-1, 3)
     # Solutions of systems with condition numbers of some hundreds, in round-off.

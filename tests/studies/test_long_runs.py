@@ -71,7 +71,9 @@ def test_departures_are_measured_from_the_start_and_of_what_was_exchanged() -> N
 def test_the_scene_is_conservative_and_moves() -> None:
     scene = tmj.load_scene("prism")
     structure = scene.structure.with_strings(damping=0.3)
-    busy = scene.with_(structure=structure, loads=(tmj.Load("n1", (1.0, 0, 0)),), breaks=(tmj.Break("s1", 0.1),))
+    busy = scene.with_(
+        structure=structure, loads=(tmj.model.Load("n1", (1.0, 0, 0)),), breaks=(tmj.model.Break("s1", 0.1),)
+    )
     free = conservative(busy, 0)
     assert not free.loads
     assert not free.breaks
@@ -126,7 +128,7 @@ def test_a_page_of_runs_that_have_no_numbers_is_written(tmp_path: Path, monkeypa
 
 def test_a_run_that_diverges_is_a_row() -> None:
     step = 3.0 / pace(conservative(tmj.load_scene("prism"), 0)).fastest
-    with pytest.warns(tmj.StabilityWarning):
+    with pytest.warns(tmj.errors.StabilityWarning):
         result = long_runs("prism", 1000, timestep=step, methods=["euler"], workers=HERE)
     assert "diverged by t = " in result.data["rows"][0]["reason"]
     assert "diverged by t = " in result.text
@@ -157,7 +159,7 @@ def spinning_rod() -> tmj.Scene:
 @pytest.mark.parametrize(("steps", "told"), [(1000, False), (1300, True)])
 def test_a_run_whose_rods_drift_off_their_lengths_says_so_before_the_energy_does(steps: int, told: bool) -> None:
     """RK4 shrinks an oscillation at ω by (hω)⁶/144 a step: bᵀb by 2 n 0.2⁶/144, 8.9e-4 and 1.16e-3; so the energy."""
-    engine = tmj.DAE(method=tmj.Method.RK4, timestep=0.1, drift=tmj.Drift.MONITOR)
+    engine = tmj.DAE(method=tmj.Method.RK4, timestep=0.1, drift=tmj.engines.Drift.MONITOR)
     run = tmj.simulate(spinning_rod(), None, engine, duration=steps * 0.1)
     assert run.reports["drift"] == pytest.approx(2 * steps * 0.2**6 / 144, rel=0.03)
     warnings = run.reports["warnings"]
@@ -167,7 +169,7 @@ def test_a_run_whose_rods_drift_off_their_lengths_says_so_before_the_energy_does
         assert f"{run.reports['drift'] / 2:.2g} of it" in warnings[0]
         assert float(warnings[0].split("t = ")[1].split(" s")[0]) == pytest.approx(first, rel=0.03)
         assert "Drift.NORMALIZE" in warnings[0]
-    kept = tmj.simulate(spinning_rod(), None, replace(engine, drift=tmj.Drift.NORMALIZE), duration=steps * 0.1)
+    kept = tmj.simulate(spinning_rod(), None, replace(engine, drift=tmj.engines.Drift.NORMALIZE), duration=steps * 0.1)
     assert kept.reports["drift"] < 1e-14
     assert kept.reports["warnings"] == []
 
@@ -178,7 +180,7 @@ def test_a_million_steps_that_only_watch_their_drift_say_that_they_are_not_to_be
     run = tmj.simulate(
         scene,
         None,
-        tmj.DAE(method=tmj.Method.RK4, timestep=h, drift=tmj.Drift.MONITOR),
+        tmj.DAE(method=tmj.Method.RK4, timestep=h, drift=tmj.engines.Drift.MONITOR),
         duration=1e6 * h,
         output_interval=1000 * h,
     )

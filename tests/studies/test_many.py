@@ -566,8 +566,8 @@ def test_a_full_disk_is_told_with_the_file_and_nothing_finished_is_lost(tmp_path
         "import resource, sys, study_tasks, tensegrity_mj as tmj\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (5000, 5000))\n"  # study.json has less than that, points.jsonl more
         "points = [{'x': number} for number in range(60)]\n"
-        "here = tmj.Workers(backend=tmj.Backend.THIS_PROCESS)\n"
-        "tmj.run_many(study_tasks.noted, points, sys.argv[1], workers=here)\n"
+        "here = tmj.studies.Workers(backend=tmj.studies.Backend.THIS_PROCESS)\n"
+        "tmj.studies.run_many(study_tasks.noted, points, sys.argv[1], workers=here)\n"
     )
     command = [sys.executable, "-c", script, str(tmp_path / "study")]
     told = subprocess.run(command, cwd=TESTS, capture_output=True, text=True, check=False)

@@ -43,7 +43,7 @@ def loaded() -> tmj.Scene:
     scene = tmj.load_scene("pinned_rod")
     structure = scene.structure.with_strings(damping=0.1)
     return scene.with_(
-        structure=structure, gravity=(0.0, 0.5, -1.0), loads=(tmj.Load("n1", (0.1, 0.0, 0.0), 2.0, 0.5),)
+        structure=structure, gravity=(0.0, 0.5, -1.0), loads=(tmj.model.Load("n1", (0.1, 0.0, 0.0), 2.0, 0.5),)
     )
 
 
@@ -77,11 +77,11 @@ CHANGES: list[tuple[str, Any, Callable[[Any], Any], Any]] = [
     ("structure.strings[s1,s3].stiffness", 5, lambda d: d.scene.structure.stiffness.tolist(), [5, 1, 5]),
     ("structure.strings[s1].damping", Scaled(3), lambda d: string(d.scene, "s1").damping, pytest.approx(0.3)),
     ("structure.strings[s1].max_force_density", 4, lambda d: string(d.scene, "s1").max_force_density, 4.0),
-    ("structure.string_law", "unclipped", lambda d: d.scene.structure.string_law, tmj.StringLaw.UNCLIPPED),
+    ("structure.string_law", "unclipped", lambda d: d.scene.structure.string_law, tmj.model.StringLaw.UNCLIPPED),
     ("structure.nodes[n2].x", 1.3, lambda d: d.scene.structure.nodes["n2"], (1.3, 0.0, 0.0)),
     ("structure.nodes[n2].x", 1.3, lambda d: d.scene.target.nodes[0, 2].tolist(), [1.3, 0.0, 0.0]),
     ("scene.target[n1]", [0, 0.6, 0.8], lambda d: d.scene.target.nodes[0, 1].tolist(), [0, 0.6, 0.8]),
-    ("scene.breaks[s2].time", 1.5, lambda d: d.scene.breaks, (tmj.Break("s2", 1.5),)),
+    ("scene.breaks[s2].time", 1.5, lambda d: d.scene.breaks, (tmj.model.Break("s2", 1.5),)),
     ("law", "none", lambda d: d.make_law(), None),
     ("law.decay_rate", 0.7, lambda d: d.make_law().decay_rate, 0.7),
     ("law.decay_rate", Scaled(2), lambda d: d.make_law().decay_rate, 0.3),
@@ -552,7 +552,9 @@ def test_simulations_on_a_cluster_give_the_same_result(tmp_path: Path) -> None:
 def test_the_page_holds_plots_and_every_point(axes: Any, draws: Any, pictures: int, tmp_path: Path) -> None:
     sweep = Sweep("pinned_rod", axes, draws, samples=3 if draws else 1, seed=1 if draws else None, fixed=SHORT)
     study = sweep.run(workers=HERE)
-    page = tmj.write_sweep_page(tmp_path / "page.html", sweep, study, ["final_error", "max_tension", "holding_ratio"])
+    page = tmj.studies.write_sweep_page(
+        tmp_path / "page.html", sweep, study, ["final_error", "max_tension", "holding_ratio"]
+    )
     text = page.read_text(encoding="utf-8")
     assert text.count("data:image/png;base64,") == pictures
     assert text.count("<td>completed</td>") + text.count("<td>failed</td>") == len(study.points)
@@ -561,7 +563,7 @@ def test_the_page_holds_plots_and_every_point(axes: Any, draws: Any, pictures: i
     assert "largest tension of a string" in text
     assert "thesis" in text.lower() or "Tensegrity" in text
     with pytest.raises(OptionError, match="no measure 'speed'; allowed: status"):
-        tmj.write_sweep_page(tmp_path / "page.html", sweep, study, ["speed"])
+        tmj.studies.write_sweep_page(tmp_path / "page.html", sweep, study, ["speed"])
 
 
 # The command ----------------------------------------------------------------------------------------------------

@@ -128,7 +128,7 @@ def test_the_sweep_covers_every_integrator_and_keeps_its_budget() -> None:
     assert {one.engine.integrator for one in found[Kind.MUJOCO]} == set(tmj.Integrator)  # type: ignore[union-attr]
     for kind in (Kind.DAE, Kind.ODE):
         assert {one.engine.method for one in found[kind]} == set(Method)  # type: ignore[union-attr]
-    assert {one.engine.drift for one in found[Kind.DAE]} == set(tmj.Drift)  # type: ignore[union-attr]
+    assert {one.engine.drift for one in found[Kind.DAE]} == set(tmj.engines.Drift)  # type: ignore[union-attr]
     for one in found[Kind.DAE]:  # a name says what is not the default
         default = tmj.DAE(method=one.engine.method, timestep=one.engine.timestep).drift  # type: ignore[union-attr]
         assert (one.engine.drift is default) == (one.family in ("DAE RK4", "DAE DOP853", "DAE Radau"))  # type: ignore[union-attr]

@@ -30,7 +30,7 @@ from tensegrity_mj.studies.validation.sentences import (
     _start_sentences,
 )
 
-HERE = tmj.Workers(backend=tmj.Backend.THIS_PROCESS)
+HERE = tmj.studies.Workers(backend=tmj.studies.Backend.THIS_PROCESS)
 LAWS = Path(__file__).parents[1] / "helpers" / "validated_laws.py"
 
 
@@ -38,15 +38,21 @@ LAWS = Path(__file__).parents[1] / "helpers" / "validated_laws.py"
 def report(pinned_rod: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
     """Every section, in every engine; runs of 6 s with steps of 5 ms."""
     folder = tmp_path_factory.mktemp("report")
-    return tmj.validate(
-        pinned_rod, folder=folder, quick=True, duration=6.0, timestep=5e-3, control_period=5e-3, workers=tmj.Workers(2)
+    return tmj.studies.validate(
+        pinned_rod,
+        folder=folder,
+        quick=True,
+        duration=6.0,
+        timestep=5e-3,
+        control_period=5e-3,
+        workers=tmj.studies.Workers(2),
     )
 
 
 def small(scene: Any, law: Any = None, **options: Any) -> Any:
     """A report of one engine and short runs, in this process."""
     chosen = {"engines": ["mujoco"], "duration": 1.0, "timestep": 5e-3, "control_period": 5e-3, "workers": HERE}
-    return tmj.validate(scene, law, quick=True, **(chosen | options))
+    return tmj.studies.validate(scene, law, quick=True, **(chosen | options))
 
 
 def rows(report: Any, section: str, engine: str = "mujoco") -> Any:
@@ -167,7 +173,7 @@ def test_strings_break_and_gravity_acts(report: Any, pinned_rod: Any) -> None:
     law = tmj.controllers.from_scene(pinned_rod)
     first = rows(report, "breaks")[0]
     assert (first["string"], first["time"]) == ("s1", pytest.approx(0.6))
-    broken = pinned_rod.with_(breaks=(tmj.Break("s1", 0.6),))
+    broken = pinned_rod.with_(breaks=(tmj.model.Break("s1", 0.6),))
     run = tmj.simulate(broken, law, tmj.MuJoCo(5e-3), duration=6.0)
     assert first["final_error"] == pytest.approx(run.target_error()[-1], rel=1e-12)
     heavy = pinned_rod.with_(gravity=(0.0, 0.0, -0.0981))
@@ -348,7 +354,7 @@ def test_a_python_law_that_workers_cannot_have_runs_here(pinned_rod: Any) -> Non
     assert nominal["lyapunov"] is None
     assert nominal["margin"] is None
     with pytest.raises(OptionError, match=r"law 'law': it exists in this process only.*path\.py:name"):
-        small(pinned_rod, law, workers=tmj.Workers(2))
+        small(pinned_rod, law, workers=tmj.studies.Workers(2))
 
 
 @pytest.mark.parametrize(
@@ -366,7 +372,7 @@ def test_a_law_that_workers_can_have_goes_to_them(pinned_rod: Any, law: Any) -> 
 
 
 def test_a_law_from_a_file_in_worker_processes(pinned_rod: Any) -> None:
-    report = small(pinned_rod, f"{LAWS}:slower", sections=["delay"], workers=tmj.Workers(2))
+    report = small(pinned_rod, f"{LAWS}:slower", sections=["delay"], workers=tmj.studies.Workers(2))
     assert report.data["law"]["from"] == "validated_laws.py:slower"
     assert report.data["law"]["promised_rate"] == 0.1
     assert report.data["nominal"]["engines"]["mujoco"]["lyapunov"]["fitted_rate"] == pytest.approx(0.1, rel=1e-6)
@@ -460,12 +466,12 @@ def test_a_law_that_fails_is_data(pinned_rod: Any) -> None:
 )
 def test_bad_options_are_refused(pinned_rod: Any, options: dict[str, Any], words: str) -> None:
     with pytest.raises(OptionError, match=words):
-        tmj.validate(pinned_rod, quick=True, **options)
+        tmj.studies.validate(pinned_rod, quick=True, **options)
 
 
 def test_a_scene_without_a_law_needs_one() -> None:
     with pytest.raises(OptionError, match="'tbar' names no control law: choose one of lyapunov"):
-        tmj.validate("tbar")
+        tmj.studies.validate("tbar")
 
 
 def test_the_same_call_gives_the_same_bytes_and_computes_nothing_again(
@@ -475,11 +481,13 @@ def test_the_same_call_gives_the_same_bytes_and_computes_nothing_again(
     options: dict[str, Any] = {"quick": True, "duration": 6.0, "timestep": 5e-3, "control_period": 5e-3}
     with monkeypatch.context() as patched:
         patched.setattr(task, "simulate", lambda *_, **__: pytest.fail("it was computed again"))
-        tmj.validate(pinned_rod, folder=report.folder, workers=HERE, **options)
+        tmj.studies.validate(pinned_rod, folder=report.folder, workers=HERE, **options)
     assert (report.folder / study.DATA).read_bytes() == before
     assert b"wall" not in before
     first, second = (
-        tmj.validate(pinned_rod, folder=tmp_path / name, workers=HERE, sections=["noise"], engines=["dae"], **options)
+        tmj.studies.validate(
+            pinned_rod, folder=tmp_path / name, workers=HERE, sections=["noise"], engines=["dae"], **options
+        )
         for name in ("a", "b")
     )
     assert (tmp_path / "a" / study.DATA).read_bytes() == (tmp_path / "b" / study.DATA).read_bytes()
@@ -519,6 +527,6 @@ def test_choices_of_the_command_are_those_of_the_study() -> None:
 
 def test_a_scene_whose_loads_are_a_function_is_refused(pinned_rod: Any) -> None:
     scene = pinned_rod.with_(loads=lambda t: np.zeros((5, 3)))
-    with pytest.raises(tmj.SceneError, match="Python function"):
-        tmj.validate(scene, quick=True)
+    with pytest.raises(tmj.errors.SceneError, match="Python function"):
+        tmj.studies.validate(scene, quick=True)
     assert scene_to_toml(pinned_rod)

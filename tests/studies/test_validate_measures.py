@@ -109,7 +109,7 @@ def test_switches_are_counted(run: Any) -> None:
 
 @pytest.mark.parametrize("engine", [tmj.MuJoCo(1e-3), tmj.DAE(method=tmj.Method.RK4, timestep=1e-3)], ids=str)
 @pytest.mark.parametrize("actuation", [HOLD_U, HOLD_L0], ids=lambda one: one.mode.value)
-@pytest.mark.parametrize("breaks", [(), (tmj.Break("s8", 0.5),)], ids=["whole", "broken"])
+@pytest.mark.parametrize("breaks", [(), (tmj.model.Break("s8", 0.5),)], ids=["whole", "broken"])
 def test_winch_work_of_held_strings_is_the_ledger(prism: Any, engine: Any, actuation: Any, breaks: Any) -> None:
     scene = prism.with_(breaks=breaks)
     law = tmj.controllers.from_scene(scene)

@@ -67,7 +67,7 @@ def test_other_towers_and_other_seas() -> None:
     )
     water = scene.water
     assert water is not None
-    assert (len(scene.structure.rods), water.segments, water.weights) == (12, 7, tmj.Weights.HERMITE)
+    assert (len(scene.structure.rods), water.segments, water.weights) == (12, 7, tmj.model.Weights.HERMITE)
     assert (water.depth, water.current) == (3.0, (0.1, 0, 0))
     assert (water.waves[0].amplitude, water.waves[0].direction) == (0.15, 0.4)
     assert scene.nodes0[:3, 2].mean() == pytest.approx(0.2, abs=1e-6)
@@ -323,7 +323,7 @@ def test_a_sweep_makes_the_familys_scene_anew() -> None:
     call = "tower_in_waves(stages=4, duration=0.3)"
     sweep = Sweep(
         call,
-        [tmj.Vary("family.stiffness", [1e4, 2e4])],
+        [tmj.studies.Vary("family.stiffness", [1e4, 2e4])],
         fixed={"family.topology": "reduced_a", "scene.gravity": [0, 0, -9.0], "engine": "dae"},
     )
     study = sweep.run(workers=HERE)
@@ -348,7 +348,7 @@ def test_a_sweep_makes_the_familys_scene_anew() -> None:
         ("tower(stages=3)", "family.stage", 3, "unknown argument 'stage'"),
         ("tower(stages=3)", "family.stages", 0, "stages = 0"),
         ("tower(stages=3)", "family.topology", "some", "topology = 'some'"),
-        ("tower(stages=3)", "family.stiffness", tmj.Scaled(2), "take values, not factors"),
+        ("tower(stages=3)", "family.stiffness", tmj.studies.Scaled(2), "take values, not factors"),
         ("tower(stages=3)", "family", 2, "family: name one of its arguments"),
         ("prism", "family.stiffness", 2.0, "scene 'prism' is not given by a call of a family"),
     ],

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.library.random_structures import random_configuration, random_scene, random_structure
+from tensegrity_mj.linearization import Linearization
 from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
 from tensegrity_mj.model.scene import Scene
@@ -28,11 +29,11 @@ AGREEMENT = 1e-6
 ROUND_OFF = 1e-9  # what all of them do reach, see above
 
 
-def linearized(scene: Scene, **options: Any) -> dict[str, tmj.Linearization]:
+def linearized(scene: Scene, **options: Any) -> dict[str, Linearization]:
     return {name: tmj.linearize(scene, engine, **options) for name, engine in ENGINES.items()}
 
 
-def assert_equal(models: dict[str, tmj.Linearization], bound: float = ROUND_OFF) -> float:
+def assert_equal(models: dict[str, Linearization], bound: float = ROUND_OFF) -> float:
     """A, B, C and the residual of all engines, relative to the largest entry of each."""
     assert bound <= AGREEMENT
     worst = 0.0
@@ -325,7 +326,7 @@ def test_the_chart_and_its_derivatives(seed: int) -> None:
 def test_a_broken_string_is_left_out_from_its_time_on(engine: str) -> None:
     scene = tmj.load_scene("tbar")
     name = scene.structure.strings[1].name
-    broken = scene.with_(breaks=(tmj.Break(name, 0.5),))
+    broken = scene.with_(breaks=(tmj.model.Break(name, 0.5),))
     whole = tmj.linearize(scene, ENGINES[engine])
     before, after = (tmj.linearize(broken, ENGINES[engine], time=t) for t in (0.49, 0.5))
     # The same as a string that is long enough to be slack.
@@ -347,23 +348,23 @@ def test_bad_requests_are_refused() -> None:
     nodes[1] *= 1.1
     upright = Structure("r", {"a": (0, 0, 0), "b": (0, 0, 1)}, rods=(Rod("mast", ("a", "b"), 1.0),))
     for arguments, kind, words in (
-        ({"scene": "prism"}, tmj.OptionError, "load_scene"),
-        ({"scene": scene, "engine": "ode"}, tmj.OptionError, "ODE"),
-        ({"scene": scene, "inputs": "u"}, tmj.OptionError, "Command.REST_LENGTH"),
-        ({"scene": scene, "time": float("nan")}, tmj.OptionError, "time"),
-        ({"scene": scene, "rest_lengths": [1.0, 2.0]}, tmj.OptionError, "rest_lengths"),
-        ({"scene": scene, "rest_lengths": 1.0, "law": law}, tmj.OptionError, "leave one"),
-        ({"scene": scene, "nodes": nodes}, tmj.SceneError, "rod"),
-        ({"scene": Scene(upright), "engine": tmj.ODE()}, tmj.OptionError, "'mast'.*DAE"),
-        ({"scene": scene, "law": tmj.controllers.from_scene(scene, norm=1)}, tmj.OptionError, "sampled"),
+        ({"scene": "prism"}, tmj.errors.OptionError, "load_scene"),
+        ({"scene": scene, "engine": "ode"}, tmj.errors.OptionError, "ODE"),
+        ({"scene": scene, "inputs": "u"}, tmj.errors.OptionError, "Command.REST_LENGTH"),
+        ({"scene": scene, "time": float("nan")}, tmj.errors.OptionError, "time"),
+        ({"scene": scene, "rest_lengths": [1.0, 2.0]}, tmj.errors.OptionError, "rest_lengths"),
+        ({"scene": scene, "rest_lengths": 1.0, "law": law}, tmj.errors.OptionError, "leave one"),
+        ({"scene": scene, "nodes": nodes}, tmj.errors.SceneError, "rod"),
+        ({"scene": Scene(upright), "engine": tmj.ODE()}, tmj.errors.OptionError, "'mast'.*DAE"),
+        ({"scene": scene, "law": tmj.controllers.from_scene(scene, norm=1)}, tmj.errors.OptionError, "sampled"),
     ):
         with pytest.raises(kind, match=words):
             tmj.linearize(**{"engine": tmj.DAE(), **arguments})  # type: ignore[arg-type]
 
     def lost(time: float, nodes: Array, velocities: Array) -> Array:
-        raise tmj.InfeasibleError("nothing admissible")
+        raise tmj.errors.InfeasibleError("nothing admissible")
 
-    with pytest.raises(tmj.InfeasibleError, match="nothing admissible"):
+    with pytest.raises(tmj.errors.InfeasibleError, match="nothing admissible"):
         tmj.linearize(scene, tmj.DAE(), law=lost)
 
 

@@ -12,8 +12,9 @@ import pytest
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
-from tensegrity_mj import Integrator, Method, OptionError, Scene, StabilityWarning, Structure, stable_step
+from tensegrity_mj import Integrator, Method, Scene, Structure, stable_step
 from tensegrity_mj.dynamics.native.law import native_law
+from tensegrity_mj.errors import OptionError, StabilityWarning
 from tensegrity_mj.library.random_structures import random_scene, random_structure
 from tensegrity_mj.library.random_taut import random_taut_structure
 from tensegrity_mj.model.actuation import Actuation
@@ -340,7 +341,7 @@ def test_a_diverged_run_keeps_what_was_found_before() -> None:
     structure = oscillator(10.0)
     velocities = np.array([[0, 0, 0], [0, 0, 0], [0.1, 0, 0]], float)
     scene = Scene(structure, initial_velocities=velocities)
-    with pytest.warns(StabilityWarning), pytest.raises(tmj.DivergenceError) as caught:
+    with pytest.warns(StabilityWarning), pytest.raises(tmj.errors.DivergenceError) as caught:
         tmj.simulate(scene, None, tmj.MuJoCo(0.5), duration=500.0)
     trajectory: Any = caught.value.trajectory
     assert trajectory.reports["stability"]["limit"] == pytest.approx(math.sqrt(8) / 10)
@@ -358,7 +359,7 @@ def test_scenes_without_strings_or_all_slack_have_no_limit() -> None:
 
 def test_broken_strings_drop_out() -> None:
     structure = oscillator(10.0)
-    scene = Scene(structure, breaks=(tmj.Break("left", 1.0),))
+    scene = Scene(structure, breaks=(tmj.model.Break("left", 1.0),))
     before = stable_step(scene, tmj.MuJoCo(integrator=Integrator.EULER))
     after = stable_step(scene, tmj.MuJoCo(integrator=Integrator.EULER), time=1.0)
     assert after.limit == pytest.approx(math.sqrt(2) * before.limit)
@@ -376,7 +377,7 @@ def test_held_commands_have_the_stiffness_of_what_is_held() -> None:
 
 def test_baumgartes_frequency_limits_the_dae() -> None:
     structure = rod_on_springs(k=1e-3)
-    engine = tmj.DAE(method=Method.RK4, timestep=1.0, drift=tmj.Drift.BAUMGARTE, baumgarte_frequency=50.0)
+    engine = tmj.DAE(method=Method.RK4, timestep=1.0, drift=tmj.engines.Drift.BAUMGARTE, baumgarte_frequency=50.0)
     assert stable_step(Scene(structure), engine).limit == pytest.approx(2.785294 / 50.0, rel=1e-5)
 
 

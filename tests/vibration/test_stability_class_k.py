@@ -23,11 +23,13 @@ from linked_scenes import (
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
-from tensegrity_mj import Drift, Integrator, Method, Motion, Scene, StabilityWarning, Structure, stable_step
+from tensegrity_mj import Integrator, Method, Scene, Structure, stable_step
+from tensegrity_mj.engines import Drift
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
-from tensegrity_mj.errors import StructureError
+from tensegrity_mj.errors import StabilityWarning, StructureError
 from tensegrity_mj.library.cable import Excitation, cable
 from tensegrity_mj.library.random_linked import random_linked_structure
+from tensegrity_mj.model import Motion
 from tensegrity_mj.model.elements.resistance import Bending, Resistance
 from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.members import Rod, String, Support
@@ -396,7 +398,7 @@ def test_a_step_beyond_the_limit_is_flagged_and_grows(what: str, name: str) -> N
         try:
             run = tmj.simulate(pushed, None, engine_of(name, step), duration=300 * step, output_interval=step)
             calm = tmj.simulate(scene, None, engine_of(name, step), duration=300 * step, output_interval=step)
-        except tmj.DivergenceError:
+        except tmj.errors.DivergenceError:
             return math.inf
         return float(np.abs(run.nodes - calm.nodes).max())
 
@@ -642,9 +644,9 @@ def test_the_study_of_a_scene_of_class_k() -> None:
     assert "ode" not in data["base"]["engines"]
     assert "class 1" in data["start"]["engines"]["ode"]["error"]
     assert "class 1" in "\n".join(describe(data))
-    with pytest.raises(tmj.OptionError, match="share nodes"):
+    with pytest.raises(tmj.errors.OptionError, match="share nodes"):
         study_stability(scene, engines=("rk4",), maps=("damping",))
     pendulum = hanging_chain((0.5,), (1.0,)).with_(duration=0.2)
     assert study_stability(pendulum, engines=("rk4",))["base"]["engines"]["rk4"]["agrees"]
-    with pytest.raises(tmj.OptionError, match="no strings"):
+    with pytest.raises(tmj.errors.OptionError, match="no strings"):
         study_stability(pendulum, engines=("rk4",), maps=("damping",))

@@ -118,9 +118,9 @@ def run_benchmark(options: Benchmark, told: Callable[[str], None] = lambda text:
 
 def _law(scene: Scene) -> tuple[Any, Actuation]:
     """The scene's own law, at every stage where it is cheap enough for that, else sampled."""
-    from tensegrity_mj import controllers
+    from tensegrity_mj.controllers import from_scene
 
-    law = controllers.from_scene(scene)
+    law = from_scene(scene)
     cheap = native_law(law, scene.structure).failure is None  # compiled
     return law, Actuation.continuous() if cheap else Actuation.hold_force_density(CONTROL_PERIOD)
 

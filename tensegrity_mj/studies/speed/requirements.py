@@ -1,8 +1,8 @@
 """What a scene makes MuJoCo's model hold, counted, and why it is no less; what a step of it costs is in `step_timing`.
 
-    needs = tmj.requirements(scene)
+    needs = tmj.studies.requirements(scene)
     needs.velocities, needs.joints, needs.contact_pairs, needs.reasons
-    needs = tmj.requirements(scene, timing=True)
+    needs = tmj.studies.requirements(scene, timing=True)
     needs.timing.step, needs.timing.shares, needs.timing.extras
 
 A thin rod has no spin about its own axis. MuJoCo has no joint that leaves it out, so that each rod that turns in space

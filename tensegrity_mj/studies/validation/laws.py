@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj import controllers
+from tensegrity_mj.controllers import LAWS, Gains, KnownWater, from_scene
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.model.scene import Scene
@@ -45,7 +45,7 @@ def spec_of(law: Any, scene: Scene) -> Spec:
     if law is None:
         if scene.control is None:
             raise OptionError(
-                f"scene '{scene.name}' names no control law: choose one of {', '.join(controllers.LAWS)}, or give your "
+                f"scene '{scene.name}' names no control law: choose one of {', '.join(LAWS)}, or give your "
                 "own (a function, module:name or path.py:name)"
             )
         return {"kind": "built-in", "name": scene.control.law, "options": {}}
@@ -68,7 +68,7 @@ def make(spec: Mapping[str, Any], scene: Scene) -> Any:
         OptionError: if it cannot be made.
     """
     if spec["kind"] == "built-in":
-        return controllers.from_scene(scene, spec["name"], **spec["options"])
+        return from_scene(scene, spec["name"], **spec["options"])
     if spec["kind"] == "object":
         return _here[spec["key"]]
     module = _module(spec) if spec["kind"] == "file" else _import(spec["module"])
@@ -112,7 +112,7 @@ def with_gain(law: Any, scene: Scene, gain: str, factor: float) -> Any:
 
     def scaled(given: Any) -> Any:
         every = given if isinstance(given, Mapping) else dict.fromkeys(names, given)
-        own = {name: every.get(name, controllers.Gains()) for name in names}
+        own = {name: every.get(name, Gains()) for name in names}
         return {
             name: dataclasses.replace(g, **{gain: np.asarray(getattr(g, gain)) * factor}) for name, g in own.items()
         }
@@ -138,13 +138,12 @@ def _has(law: Any, name: str) -> bool:
 
 
 def _named(text: str) -> Spec:
-    if text in controllers.LAWS:
+    if text in LAWS:
         return {"kind": "built-in", "name": text, "options": {}}
     place, colon, name = text.rpartition(":")
     if not colon or not place or not name.isidentifier():
         raise OptionError(
-            f"law = {text!r}: it is no built-in law ({', '.join(controllers.LAWS)}); for your own write module:name or "
-            "path.py:name"
+            f"law = {text!r}: it is no built-in law ({', '.join(LAWS)}); for your own write module:name or path.py:name"
         )
     if not place.endswith(".py"):
         _import(place)
@@ -168,19 +167,19 @@ def _named(text: str) -> Spec:
 
 def _built_in(law: Any, scene: Scene) -> Spec | None:
     """A built-in law by its options, where that gives the same law again."""
-    for name, entry in controllers.LAWS.items():
+    for name, entry in LAWS.items():
         if type(law) is not entry.law:
             continue
         fields = {item.name for item in dataclasses.fields(law)}
         options = {key: _plain_option(getattr(law, key)) for key in entry.options if key in fields - {"water"}}
-        known = [one for one in controllers.KnownWater if one.of(scene.water) == law.water]
+        known = [one for one in KnownWater if one.of(scene.water) == law.water]
         if not known:
             return None
-        if known[0] is not controllers.KnownWater.ALL:
+        if known[0] is not KnownWater.ALL:
             options["water"] = known[0].value
         try:
             if (law.structure, law.target, law.gravity) == (scene.structure, scene.target, scene.gravity):
-                again = controllers.from_scene(scene, name, **options)
+                again = from_scene(scene, name, **options)
                 if native_law(again, scene.structure).description == native_law(law, scene.structure).description:
                     return {"kind": "built-in", "name": name, "options": options}
         except (TensegrityError, TypeError, ValueError):
@@ -189,7 +188,7 @@ def _built_in(law: Any, scene: Scene) -> Spec | None:
 
 
 def _plain_option(value: Any) -> Any:
-    if isinstance(value, controllers.Gains):
+    if isinstance(value, Gains):
         return {key: np.asarray(getattr(value, key)).tolist() for key in ("X", "Y", "Z")}
     if isinstance(value, Mapping):
         return {str(key): _plain_option(item) for key, item in value.items()}

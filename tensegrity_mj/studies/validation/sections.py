@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj import controllers
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.controllers import LAWS
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.model.scene import Scene
@@ -313,7 +313,7 @@ def _side_by_side(setup: Setup) -> dict[str, Any]:
     under_test = native_law(setup.law, setup.scene.structure).description
     found: dict[str, Any] = {UNDER_TEST: None}
     for name, spec in SIDE_BY_SIDE.items():
-        if control is None or control.law not in controllers.LAWS:
+        if control is None or control.law not in LAWS:
             # The scene says nothing of them: e^-9 of V(0) is left at the end, as in §5.4.
             spec = spec | {"options": {**spec["options"], "decay_rate": 9.0 / setup.duration}}
         law = laws.make(spec, setup.scene)

@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 
 
 def _landscape(all_runs: AllRuns) -> Figure:
-    from tensegrity_mj import controllers
+    from tensegrity_mj.controllers import from_scene
     from tensegrity_mj.thesis.experiments import experiment_of
 
-    law = controllers.from_scene(experiment_of("pinned-fast").load())
+    law = from_scene(experiment_of("pinned-fast").load())
     return drawing.landscape(all_runs, "pinned-fast", "Lyapunov law, δ = 0.20, p = 2", law)
 
 

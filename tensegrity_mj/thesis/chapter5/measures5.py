@@ -59,9 +59,9 @@ def coordinates_go_astray(run: Trajectory) -> bool:
 
 def least_norms(run: Trajectory) -> bool:
     """Whether along the run each law's u has the least of its own norm."""
-    from tensegrity_mj import controllers
+    from tensegrity_mj.controllers import from_scene
 
-    laws = {p: controllers.from_scene(run.scene, norm=p) for p in (1, 2, math.inf)}
+    laws = {p: from_scene(run.scene, norm=p) for p in (1, 2, math.inf)}
     for k in range(0, len(run.time), 50):
         state = run.time[k], run.nodes[k], run.velocities[k]
         u = {p: law(*state) for p, law in laws.items()}

@@ -13,11 +13,11 @@ if TYPE_CHECKING:
 
 
 def _law(name: str) -> Any:
-    from tensegrity_mj import controllers
+    from tensegrity_mj.controllers import from_scene
     from tensegrity_mj.thesis.experiments import experiment_of
 
     experiment = experiment_of(name)
-    return controllers.from_scene(experiment.load(), experiment.law, **experiment.options)
+    return from_scene(experiment.load(), experiment.law, **experiment.options)
 
 
 def _landscape_b(all_runs: AllRuns) -> Figure:

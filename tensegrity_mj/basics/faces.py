@@ -1,0 +1,79 @@
+"""The face of a package: the names that a user meets there, each imported when it is first used.
+
+    if TYPE_CHECKING:
+        from tensegrity_mj.model.scene import Scene as Scene
+    else:
+        __getattr__, __dir__ = face(__name__)
+
+So a name stands once, as the import that type checkers and editors read, and importing the package costs next to
+nothing.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from typing import Any
+
+
+def face(
+    package: str, before: Callable[[], object] | None = None
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """`__getattr__` and `__dir__` of a package with the names that it imports under `if TYPE_CHECKING`.
+
+    `before` is called before any of them is imported. `__all__` and `dir` have these names, and those that the package
+    imports at once by the same form, `import name as name`.
+    """
+
+    @cache
+    def homes() -> dict[str, str]:
+        return _homes(package)
+
+    def get(name: str) -> Any:
+        if name == "__all__":
+            return listed()
+        if name.startswith("__") or name not in homes():
+            raise AttributeError(_unknown(package, name, listed), name=name, obj=sys.modules[package])
+        if before is not None:
+            before()
+        home = homes()[name]
+        # A module of the package, or a name of one.
+        value = import_module(f"{package}.{name}") if home == package else getattr(import_module(home), name)
+        setattr(sys.modules[package], name, value)
+        return value
+
+    def listed() -> list[str]:
+        return sorted(homes())
+
+    return get, listed
+
+
+def _homes(package: str) -> dict[str, str]:
+    """The module that each name comes from."""
+    import ast
+    import inspect
+
+    lines: list[ast.stmt] = []
+    for node in ast.parse(inspect.getsource(sys.modules[package])).body:
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
+            lines += node.body
+        else:
+            lines.append(node)
+    return {
+        alias.name: line.module
+        for line in lines
+        if isinstance(line, ast.ImportFrom) and line.module is not None
+        for alias in line.names
+        if alias.asname == alias.name
+    }
+
+
+def _unknown(package: str, name: str, listed: Callable[[], list[str]]) -> str:
+    message = f"module '{package}' has no attribute '{name}'"
+    if name.startswith("__"):  # Python looks for many such names, and reads no message
+        return message
+    from tensegrity_mj.basics.texts import closest
+
+    return f"{message}{closest(name, listed())}; it has {', '.join(listed())}"

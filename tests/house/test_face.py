@@ -1,0 +1,79 @@
+"""The faces of the package and of its rooms: few names, each listed once, each there, and imported when first used."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import tensegrity_mj as tmj
+
+ROOT = Path(__file__).resolve().parents[2]
+FACES = [
+    "",
+    "engines",
+    "library",
+    "linearization",
+    "model",
+    "pictures",
+    "runs",
+    "statics",
+    "studies",
+    "studies.tradeoff",
+]
+
+
+@pytest.mark.parametrize("room", FACES)
+def test_every_name_is_there_and_stands_once(room: str) -> None:
+    module = import_module(f"tensegrity_mj.{room}".rstrip("."))
+    source = Path(str(module.__file__)).read_text(encoding="utf-8")
+    written = re.findall(r"import \w+ as (\w+)", source)
+    assert written
+    assert sorted(written) == module.__all__ == dir(module)
+    for name in written:
+        assert source.count(f"import {name} as {name}\n") == 1
+        assert getattr(module, name) is not None
+    # The name of the thing, not of a module that happens to be called the same.
+    for line in ast.walk(ast.parse(source)):
+        if isinstance(line, ast.ImportFrom) and line.module is not None and line.module != module.__name__:
+            for alias in line.names:
+                assert getattr(module, alias.name, None) is getattr(import_module(line.module), alias.name) or (
+                    alias.asname is None
+                )
+
+
+def test_the_package_has_at_most_40_names() -> None:
+    assert len(tmj.__all__) <= 40
+    used = set(re.findall(r"\btmj\.(\w+)", (ROOT / "README.md").read_text(encoding="utf-8")))
+    assert used <= set(tmj.__all__)
+    namespace: dict[str, object] = {}
+    exec("from tensegrity_mj import *", namespace)
+    assert set(tmj.__all__) <= set(namespace)
+
+
+def test_a_name_that_is_not_there_says_what_is() -> None:
+    with pytest.raises(
+        AttributeError, match=r"'tensegrity_mj' has no attribute 'Structre' \(did you mean 'Structure'\?\)"
+    ):
+        tmj.Structre  # noqa: B018
+    with pytest.raises(AttributeError, match=r"'tensegrity_mj.runs' has no attribute 'Rod'; it has Approach, "):
+        tmj.runs.Rod  # noqa: B018
+    assert not hasattr(tmj, "__wrapped__")
+
+
+def test_importing_the_package_imports_nothing_of_it_before_it_is_used() -> None:
+    code = (
+        "import sys\n"
+        "import tensegrity_mj as tmj\n"
+        "heavy = {'numpy', 'numba', 'mujoco', 'tensegrity_mj.model', 'tensegrity_mj.errors'}\n"
+        "assert not heavy & set(sys.modules), heavy & set(sys.modules)\n"
+        "tmj.TensegrityError\n"
+        "assert 'tensegrity_mj.errors' in sys.modules and 'numpy' not in sys.modules\n"
+    )
+    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert child.returncode == 0, child.stderr
