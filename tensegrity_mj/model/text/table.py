@@ -72,7 +72,7 @@ class Table:
         """A table inside, or None if absent."""
         return self._inside(key, self.data[key], keys) if key in self.data else None
 
-    def tables(self, key: str, keys: Sequence[str], title: str = "name") -> list[Table]:
+    def tables(self, key: str, keys: Sequence[str] | None, title: str = "name") -> list[Table]:
         """An array of tables inside, empty if absent; messages call each by its number and `title`."""
         found = self.get(key, "an array of tables", lambda x: is_list(x, lambda item: isinstance(item, dict)), [])
         names = (f" '{item[title]}'" if isinstance(item.get(title), str) else "" for item in found)

@@ -1,0 +1,285 @@
+"""Kinds of values: how what a caller gives becomes plain, what is allowed, and what a file holds for it.
+
+A kind knows no names. What is wrong is a `Wrong`, the end of a sentence (" = -1.0; it must be > 0 m"); whoever knows
+what the value is of puts that in front: the number of a list's item, the field, the item, the file.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+import numbers
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tensegrity_mj.basics.texts import value_text
+
+# Magnitudes of numbers, other than zero, that a scene or an option may have: the product of any three of them is a
+# float with all its digits (1e±300; floats end at 1.8e308, and have fewer digits below 2.2e-308).
+SMALLEST, LARGEST = 1e-100, 1e100
+MAGNITUDES = f"of a magnitude from {SMALLEST:g} to {LARGEST:g}"
+
+
+class Wrong(Exception):
+    """What is wrong with a value, as the end of a sentence."""
+
+
+class Kind(NamedTuple):
+    """What a value is.
+
+    Attributes:
+        plain: the value as plain Python (floats, texts, tuples of them), or raises `Wrong`.
+        need: what a file must hold for it.
+        fits: whether what a file holds is that.
+        load: what `plain` takes, from what a file holds.
+        part: the class of a value with fields of its own, which is a table in a file; None for all others.
+        many: whether it is a tuple of such values, an array of tables.
+    """
+
+    plain: Callable[[Any], Any]
+    need: str = "a value"
+    fits: Callable[[Any], bool] = lambda value: True
+    load: Callable[[Any], Any] = lambda value: value
+    part: type | None = None
+    many: bool = False
+
+
+def not_allowed(value: Any, allowed: str) -> Wrong:
+    return Wrong(f" = {value_text(shown(value))}; it must be {allowed}")
+
+
+def shown(value: Any) -> Any:
+    """The value without NumPy's wrappers, for messages."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    return type(value)(shown(x) for x in value) if type(value) in (list, tuple) else value
+
+
+def number_in(value: Any, allowed: str, test: Callable[[float], bool]) -> float:
+    """The value as a float that passes the test; numbers of any library do, bools and texts do not.
+
+    It must be no further from zero than `LARGEST` and, where the test refuses zero, no nearer to it than `SMALLEST`.
+    """
+    number = math.nan
+    if type(value) is float or (isinstance(value, numbers.Real) and not isinstance(value, (bool, np.bool_))):
+        try:
+            number = float(value)
+        except OverflowError:  # an integer beyond the floats
+            number = math.inf
+    if not (math.isfinite(number) and test(number)):
+        raise not_allowed(value, allowed)
+    if abs(number) > LARGEST or (abs(number) < SMALLEST and not test(0.0)):
+        raise not_allowed(value, f"{allowed}, and {MAGNITUDES}")
+    return number
+
+
+def number(allowed: str, test: Callable[[float], bool]) -> Kind:
+    """A finite number that passes a test; `allowed` says in words which do."""
+    return Kind(lambda value: number_in(value, allowed, test), "a number", is_number, float)
+
+
+def positive(unit: str = "") -> Kind:
+    return number(f"> 0 {unit}".rstrip(), lambda x: x > 0)
+
+
+def not_negative(unit: str = "") -> Kind:
+    return number(f">= 0 {unit}".rstrip(), lambda x: x >= 0)
+
+
+def finite(unit: str = "") -> Kind:
+    return number(f"finite{unit and f' [{unit}]'}", lambda x: True)
+
+
+def within(low: float, high: float, unit: str = "") -> Kind:
+    return number(f"within [{low:g}, {high:g}]{unit and f' [{unit}]'}", lambda x: low <= x <= high)
+
+
+def whole(least: int, most: int | None = None) -> Kind:
+    """An integer within limits."""
+    allowed = f"an integer >= {least}" if most is None else f"an integer from {least} to {most}"
+
+    def plain(value: Any) -> int:
+        fits = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+        if not (fits and value >= least and (most is None or value <= most)):
+            raise not_allowed(value, allowed)
+        return int(value)
+
+    return Kind(plain, "an integer", lambda value: type(value) is int)
+
+
+def flag() -> Kind:
+    def plain(value: Any) -> bool:
+        if not isinstance(value, (bool, np.bool_)):
+            raise not_allowed(value, "True or False")
+        return bool(value)
+
+    return Kind(plain, "true or false", lambda value: isinstance(value, bool))
+
+
+def text() -> Kind:
+    def plain(value: Any) -> str:
+        try:
+            value.encode()
+        except (AttributeError, UnicodeEncodeError):
+            raise not_allowed(value, "a text that UTF-8 can hold") from None
+        return str(value)
+
+    return Kind(plain, "a text in quotes", is_text)
+
+
+def name(what: str = "a non-empty string of printable characters") -> Kind:
+    """A name. Printable: names go into TOML, MJCF and NetCDF, and XML cannot hold control characters."""
+
+    def plain(value: Any) -> str:
+        if not isinstance(value, str) or not value or not value.isprintable():
+            raise not_allowed(value, what)
+        return str(value)
+
+    return Kind(plain, "a text in quotes", is_text)
+
+
+def choice(of: type[enum.Enum]) -> Kind:
+    """A member of an enum; its value in a file."""
+    values = [member.value for member in of]
+
+    def plain(value: Any) -> enum.Enum:
+        if not isinstance(value, of):
+            raise not_allowed(value, f"one of {', '.join(str(member) for member in of)}")
+        return value
+
+    return Kind(
+        plain, " or ".join(f'"{item}"' for item in values), lambda value: is_text(value) and value in values, of
+    )
+
+
+def vector(unit: str = "m") -> Kind:
+    """Three finite numbers."""
+
+    def plain(value: Any) -> tuple[float, ...]:
+        try:
+            row = tuple(number_in(item, "", lambda x: True) for item in value)
+            if len(row) == 3:
+                return row
+        except (TypeError, Wrong):
+            pass
+        raise not_allowed(value, f"three finite numbers [{unit}] of at most {LARGEST:g}")
+
+    return Kind(plain, "three numbers [x, y, z]", is_row)
+
+
+def direction() -> Kind:
+    """A vector of any length but zero."""
+    any_vector = vector("no unit")
+
+    def plain(value: Any) -> tuple[float, ...]:
+        row: tuple[float, ...] = any_vector.plain(value)
+        if math.hypot(*row) < SMALLEST:
+            raise Wrong(f" = {value_text(shown(value))}; its length must not be zero, and at least {SMALLEST:g}")
+        return row
+
+    return any_vector._replace(plain=plain)
+
+
+def rows(width: int = 0, need: str = "") -> Kind:
+    """Any number of finite numbers, or of vectors of that width, converted at once."""
+    allowed = f"finite vectors, (T, {width})" if width else "finite numbers, (T,)"
+
+    def plain(value: Any) -> tuple[Any, ...]:
+        try:
+            given = np.array(value)
+            array = given.astype(float) if given.dtype.kind in "iuf" else np.array(np.nan)
+        except (TypeError, ValueError, OverflowError):
+            array = np.array(np.nan)
+        if array.shape in ((0,), (0, width)):
+            return ()
+        fits = array.ndim == 2 and array.shape[1] == width if width else array.ndim == 1
+        if not fits or not np.all(np.abs(array) <= LARGEST):  # NaN is not
+            raise not_allowed(value, f"a sequence of {allowed}, of at most {LARGEST:g}")
+        return tuple(map(tuple, array.tolist())) if width else tuple(array.tolist())
+
+    need = need or ("rows of three numbers" if width else "a list of numbers")
+    return Kind(plain, need, lambda value: is_list(value, is_row if width else is_number))
+
+
+def names(count: int | None = None, of: str = "node") -> Kind:
+    """Names, as many as are asked for."""
+    each = name(f"the name of a {of}").plain
+
+    def plain(value: Any) -> tuple[str, ...]:
+        found = tuple_of(each, value)
+        if count not in (None, len(found)):
+            raise Wrong(f" = {value_text(value)}; it must name {count} {of}s")
+        return found
+
+    return Kind(plain, "a list of names in quotes", lambda value: is_list(value, is_text))
+
+
+def part(of: type, use: str = "") -> Kind:
+    """A value of a value class; `use` says how to make one."""
+    return Kind(lambda value: instance(value, of, use), "a table", lambda value: isinstance(value, dict), part=of)
+
+
+def parts(of: type, use: str = "") -> Kind:
+    """Any number of values of a value class."""
+    return Kind(
+        lambda value: tuple_of(lambda item: instance(item, of, use), value),
+        "an array of tables",
+        lambda value: is_list(value, lambda item: isinstance(item, dict)),
+        part=of,
+        many=True,
+    )
+
+
+def instance(value: Any, of: type, use: str = "") -> Any:
+    """The value, which must be of a class."""
+    if not isinstance(value, of):
+        example = f"{of.__name__}({', '.join(name for name in of.__annotations__ if name[0] != '_')})"
+        raise Wrong(f" = {value_text(value)}; use {use or example}")
+    return value
+
+
+def tuple_of(plain: Callable[[Any], Any], value: Any) -> tuple[Any, ...]:
+    """The items of a sequence, each made plain; what is wrong with one is said with its number."""
+    found = []
+    for place, item in enumerate(sequence(value)):
+        try:
+            found.append(plain(item))
+        except Wrong as wrong:
+            raise Wrong(f"[{place}]{wrong}") from None
+    return tuple(found)
+
+
+def sequence(value: Any) -> tuple[Any, ...]:
+    """The value as a tuple, unless it is a text, or no sequence at all."""
+    if not isinstance(value, str):
+        try:
+            return tuple(value)
+        except TypeError:
+            pass
+    raise not_allowed(value, "a sequence (a list or tuple, of one item too)")
+
+
+def or_none(kind: Kind) -> Kind:
+    """The same, or None, for which a file has no key."""
+    return kind._replace(plain=lambda value: None if value is None else kind.plain(value))
+
+
+def is_text(value: Any) -> bool:
+    return isinstance(value, str)
+
+
+def is_number(value: Any) -> bool:
+    """Whether TOML gave a number that a float can hold."""
+    return isinstance(value, float) or (type(value) is int and abs(value) < 10**308)  # larger ones overflow
+
+
+def is_list(value: Any, valid: Callable[[Any], bool]) -> bool:
+    """Whether it is a list of valid items."""
+    return isinstance(value, list) and all(valid(item) for item in value)
+
+
+def is_row(value: Any) -> bool:
+    """Whether it is a list of three numbers."""
+    return is_list(value, is_number) and len(value) == 3

@@ -1,0 +1,178 @@
+"""Value classes: what their fields take, what they say of what they do not take, and how they pass through a file."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import math
+import pickle
+import tomllib
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tensegrity_mj.basics import kinds
+from tensegrity_mj.basics.fields import field, refused, value
+from tensegrity_mj.errors import FormatError, SceneError, StructureError
+from tensegrity_mj.model.text.codec import read, table_of
+from tensegrity_mj.model.text.table import Table
+
+NAN = math.nan
+
+
+class Shape(enum.Enum):
+    ROUND = "round"
+    FLAT = "flat"
+
+
+@value("wave")
+class Wave:
+    amplitude: float = field(kinds.not_negative("m"))
+    phase: float = field(kinds.finite("rad"), default=0.0)
+
+
+@value("pond {name!r}", StructureError)
+class Pond:
+    name: str = field(kinds.name())
+    depth: float = field(kinds.positive("m"), default=2.0)
+    width: float | None = field(kinds.positive("m"), default=None, none="None for as wide as it is deep")
+    waves: tuple[Wave, ...] = field(kinds.parts(Wave), default=())
+    first: Wave | None = field(kinds.part(Wave, "Wave(amplitude)"), default=None, none="None")
+    shape: Shape = field(kinds.choice(Shape), default=Shape.ROUND)
+    lilies: int = field(kinds.whole(0, 9), default=0)
+    deep: bool = field(kinds.flag(), default=False)
+    up: tuple[float, float, float] = field(kinds.direction(), default=(0.0, 0.0, 1.0))
+    banks: tuple[tuple[float, float, float], ...] = field(kinds.rows(3), default=())
+    share: float = field(kinds.within(0, 1), default=0.5, key="part")
+    owner: tuple[str, ...] = field(kinds.names(2, "person"), default=("a", "b"))
+    note: str = field(kinds.text(), default="")
+
+    def __attrs_post_init__(self) -> None:
+        if self.deep and self.depth < 1:
+            raise refused(self, f"deep, but depth = {self.depth:g} m; make it 1 m at least")
+
+
+WRONG: list[tuple[dict[str, Any], str]] = [
+    ({"name": ""}, "pond '': name = ''; it must be a non-empty string of printable characters"),
+    ({"name": "a\n"}, "it must be a non-empty string of printable characters"),
+    ({"name": 3}, "pond 3: name = 3; it must be"),
+    ({"depth": 0}, "pond 'p': depth = 0; it must be > 0 m"),
+    ({"depth": NAN}, "depth = nan; it must be > 0 m"),
+    ({"depth": True}, "depth = True; it must be > 0 m"),
+    ({"depth": "deep"}, "depth = 'deep'; it must be > 0 m"),
+    ({"depth": 10**400}, "depth = 1000"),
+    ({"depth": 1e-200}, "depth = 1e-200; it must be > 0 m, and of a magnitude from 1e-100 to 1e+100"),
+    ({"width": np.float64(-1)}, "width = -1.0; it must be > 0 m, or None for as wide as it is deep"),
+    ({"waves": Wave(1.0)}, "waves = Wave(amplitude=1.0, phase=0.0); it must be a sequence (a list or tuple, of one"),
+    ({"waves": "all"}, "waves = 'all'; it must be a sequence"),
+    ({"waves": [Wave(1.0), 1.0]}, "waves[1] = 1.0; use Wave(amplitude, phase)"),
+    ({"first": 1.0}, "first = 1.0; use Wave(amplitude), or None"),
+    ({"shape": "round"}, "shape = 'round'; it must be one of Shape.ROUND, Shape.FLAT"),
+    ({"lilies": 10}, "lilies = 10; it must be an integer from 0 to 9"),
+    ({"lilies": 1.0}, "lilies = 1.0; it must be an integer"),
+    ({"lilies": True}, "lilies = True; it must be an integer"),
+    ({"deep": 1}, "deep = 1; it must be True or False"),
+    ({"up": (0, 0, 0)}, "up = (0, 0, 0); its length must not be zero"),
+    ({"up": (0, 0)}, "up = (0, 0); it must be three finite numbers"),
+    ({"up": 1.0}, "up = 1.0; it must be three finite numbers"),
+    ({"up": "xyz"}, "up = 'xyz'; it must be three finite numbers"),
+    (
+        {"up": np.array([0, NAN, 0])},
+        "up = [0.0, nan, 0.0]; it must be three finite numbers [no unit] of at most 1e+100",
+    ),
+    ({"banks": [[0, 0]]}, "banks = [[0, 0]]; it must be a sequence of finite vectors, (T, 3)"),
+    ({"banks": [[0, 0, 1e200]]}, "of at most 1e+100"),
+    ({"share": 2}, "pond 'p': part = 2; it must be within [0, 1]"),
+    ({"owner": ("a",)}, "owner = ('a',); it must name 2 persons"),
+    ({"owner": ("a", 2)}, "owner[1] = 2; it must be the name of a person"),
+    ({"note": "\ud800"}, "it must be a text that UTF-8 can hold"),
+    ({"deep": True, "depth": 0.5}, "pond 'p': deep, but depth = 0.5 m; make it 1 m at least"),
+]
+
+
+@pytest.mark.parametrize(("given", "message"), WRONG, ids=[f"{given}"[:40] for given, _ in WRONG])
+def test_what_is_not_allowed_is_refused_and_named(given: dict[str, Any], message: str) -> None:
+    with pytest.raises(StructureError) as caught:
+        Pond(**{"name": "p", **given})
+    assert message in str(caught.value)
+
+
+def pond() -> Pond:
+    waves = [Wave(1, phase=np.float32(0.5)), Wave(2.0)]
+    given: dict[str, Any] = {"depth": np.float64(3), "waves": waves, "up": [0, 0, 2], "banks": np.eye(3), "lilies": 3}
+    return Pond("p", **given)
+
+
+def test_values_become_plain_and_stay_as_they_are() -> None:
+    one = pond()
+    assert type(one.depth) is float
+    assert (type(one.waves), type(one.waves[0].amplitude), one.waves[0].phase) == (tuple, float, 0.5)
+    assert one.banks == ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    assert one == pond() == pickle.loads(pickle.dumps(one))
+    assert hash(one) == hash(pond())
+    assert repr(one.waves) == "(Wave(amplitude=1.0, phase=0.5), Wave(amplitude=2.0, phase=0.0))"
+    assert (Pond.depth, Wave.phase) == (2.0, 0.0)
+    with pytest.raises(AttributeError):
+        one.depth = 4.0  # type: ignore[misc]
+
+
+def test_copies_with_other_fields_are_checked_too() -> None:
+    assert dataclasses.replace(pond(), depth=5).depth == 5.0
+    assert [item.name for item in dataclasses.fields(Wave)] == ["amplitude", "phase"]  # type: ignore[arg-type]
+    with pytest.raises(StructureError, match="depth = -1"):
+        dataclasses.replace(pond(), depth=-1)
+
+
+def from_file(text: str) -> Pond:
+    return read(Pond, Table(tomllib.loads(text), "mine.toml", "scene.pond", None))
+
+
+def test_files_hold_what_is_not_at_its_default() -> None:
+    assert table_of(Pond("p")) == {"name": "p"}
+    assert list(table_of(pond())) == ["name", "depth", "waves", "lilies", "up", "banks"]
+    text = """
+        name = "p"
+        depth = 3
+        lilies = 3
+        waves = [{ amplitude = 1, phase = 0.5 }, { amplitude = 2.0 }]
+        up = [0, 0, 2]
+        banks = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    """
+    assert from_file(text) == pond()
+    other = dataclasses.replace(pond(), first=Wave(1.0), shape=Shape.FLAT, share=1, width=3, owner=("c", "d"))
+    more = 'first = { amplitude = 1 }\nshape = "flat"\npart = 1\nwidth = 3\nowner = ["c", "d"]'
+    assert from_file(f"{text}\n{more}") == other
+    assert list(table_of(other))[1:] == "depth width waves first shape lilies up banks part owner".split()
+
+
+@pytest.mark.parametrize(
+    ("text", "error", "message"),
+    [
+        ("depth = 1", FormatError, "mine.toml: scene.pond: 'name' is missing; it must be a text in quotes"),
+        ("name = 3", FormatError, "mine.toml: scene.pond: name = 3 (an integer); it must be a text in quotes"),
+        ('name = "p"\ndeepth = 1', FormatError, "unknown key 'deepth' (did you mean 'depth'?); allowed: name, depth"),
+        ('name = "p"\nshare = 1', FormatError, "unknown key 'share'"),
+        ('name = "p"\ndepth = "1"', FormatError, "depth = '1' (a text); it must be a number"),
+        ('name = "p"\ndepth = -1', StructureError, "scene.pond: depth = -1.0; it must be > 0 m"),
+        ('name = "p"\ndepth = 0.5\ndeep = true', StructureError, "scene.pond: deep, but depth = 0.5 m"),
+        ('name = "p"\nwaves = 3', FormatError, "waves = 3 (an integer); it must be an array of tables"),
+        ('name = "p"\nwaves = [3]', FormatError, "waves = [3] (a list); it must be an array of tables"),
+        ('name = "p"\nwaves = [{}]', FormatError, "scene.pond.waves[0]: 'amplitude' is missing; it must be a number"),
+        (
+            'name = "p"\nwaves = [{ amplitude = 1 }, { amplitude = -1 }]',
+            SceneError,
+            "scene.pond.waves[1]: amplitude = -1.0; it must be >= 0 m",
+        ),
+        ('name = "p"\nfirst = 3', FormatError, "scene.pond.first = 3 (an integer); it must be a table"),
+        ('name = "p"\nfirst = { amplitude = nan }', SceneError, "scene.pond.first: amplitude = nan; it must be >= 0 m"),
+        ('name = "p"\nshape = "square"', FormatError, 'shape = \'square\' (a text); it must be "round" or "flat"'),
+        ('name = "p"\ndeep = 1', FormatError, "deep = 1 (an integer); it must be true or false"),
+        ('name = "p"\nlilies = 1.0', FormatError, "lilies = 1.0 (a number); it must be an integer"),
+        ('name = "p"\nbanks = [[1, 2]]', FormatError, "banks = [[1, 2]] (a list); it must be rows of three numbers"),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_said_with_its_place(text: str, error: type[Exception], message: str) -> None:
+    with pytest.raises(error) as caught:
+        from_file(text)
+    assert message in str(caught.value)
