@@ -262,9 +262,9 @@ class FeedbackLinearization:
             raise OptionError(f"structure = {self.structure!r}; use a Structure (scene.structure)")
         if self.target is None:
             raise OptionError("target = None: feedback linearization needs one; give node positions (N, 3) or a Target")
-        if not isinstance(self.target, Target):
-            object.__setattr__(self, "target", Target.set_point(self.target))
-        check_target(self.structure, self.target)
+        target = self.target if isinstance(self.target, Target) else Target.set_point(self.target)
+        object.__setattr__(self, "target", target)
+        check_target(self.structure, target)
         gravity = real_array("gravity", self.gravity, (3,), "m/s²", scalar=False)
         x, y, z = (float(x) for x in gravity)
         object.__setattr__(self, "gravity", (x, y, z))

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import finite, member, real_array
-from tensegrity_mj.basics.values import sequence_of
+from tensegrity_mj.basics.checks import finite, member, real_array, sequence_of
 from tensegrity_mj.controllers.limits import StringLimits
 from tensegrity_mj.controllers.quadratic_program import NO_POINT, SETTLED, columns_of, maximize_dual
 from tensegrity_mj.errors import ControllerError, InfeasibleError, OptionError

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
-import contextlib
-import math
-import numbers
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.basics import kinds
+from tensegrity_mj.basics.kinds import Kind, Wrong
 from tensegrity_mj.basics.texts import value_text
-from tensegrity_mj.errors import OptionError
+from tensegrity_mj.errors import OptionError, TensegrityError
 
-# Magnitudes of numbers, other than zero, that a scene or an option may have: the product of any three of them is a
-# float with all its digits (1e±300; floats end at 1.8e308, and have fewer digits below 2.2e-308).
-SMALLEST, LARGEST = 1e-100, 1e100
-MAGNITUDES = f"of a magnitude from {SMALLEST:g} to {LARGEST:g}"
+
+def checked(what: str, value: Any, kind: Kind, error: type[TensegrityError] = OptionError) -> Any:
+    """The value made plain, as its kind has it.
+
+    Raises:
+        TensegrityError: of that class, naming what it is, its value and what is allowed.
+    """
+    try:
+        return kind.plain(value)
+    except Wrong as wrong:
+        raise error(f"{what}{wrong}") from None
 
 
 def positive(what: str, value: Any, unit: str = "") -> float:
@@ -25,13 +31,7 @@ def positive(what: str, value: Any, unit: str = "") -> float:
     Raises:
         OptionError: naming what it is and its value.
     """
-    more = f" > 0{unit and ' ' + unit}"
-    number = finite(what, value, more)
-    if not number > 0:
-        raise OptionError(f"{what} = {value_text(value)}; it must be a finite number{more}")
-    if number < SMALLEST:
-        raise OptionError(f"{what} = {value_text(value)}; it must be a number{more}, and {MAGNITUDES}")
-    return number
+    return checked(what, value, kinds.number(f"a finite number > 0{unit and ' ' + unit}", lambda x: x > 0))
 
 
 def finite(what: str, value: Any, more: str = "") -> float:
@@ -40,14 +40,7 @@ def finite(what: str, value: Any, more: str = "") -> float:
     Raises:
         OptionError: naming what it is and its value.
     """
-    if isinstance(value, numbers.Real) and not isinstance(value, (bool, np.bool_)):
-        with contextlib.suppress(OverflowError):  # of an integer beyond all floats
-            number = float(value)
-            if abs(number) <= LARGEST:
-                return number
-            if math.isfinite(number):
-                raise OptionError(f"{what} = {value_text(value)}; it must be a number{more}, and {MAGNITUDES}")
-    raise OptionError(f"{what} = {value_text(value)}; it must be a finite number{more}")
+    return checked(what, value, kinds.number(f"a finite number{more}", lambda x: True))
 
 
 def real_array(
@@ -108,9 +101,12 @@ def whole(what: str, value: Any, least: int) -> int:
     Raises:
         OptionError: naming what it is and its value.
     """
-    if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, np.integer)) or value < least:
-        raise OptionError(f"{what} = {value_text(value)}; it must be an integer >= {least}")
-    return int(value)
+    return checked(what, value, kinds.whole(least))
+
+
+def sequence_of(what: str, values: Any, error: type[TensegrityError] = OptionError) -> tuple[Any, ...]:
+    """The values as a tuple; raise `error` if they are a text, or no sequence at all."""
+    return checked(what, values, Kind(kinds.sequence), error)
 
 
 def check_nodes(what: str, value: Any, nodes: int, most: int = MOST_NODES) -> None:

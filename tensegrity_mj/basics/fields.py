@@ -7,7 +7,8 @@
 
 A value is checked and made plain when it is made: by its fields, then by its `__attrs_post_init__`, where it has one.
 What is wrong is an error that begins with the item: "wave: amplitude = -1.0; it must be >= 0 m". A value is immutable,
-compared by its fields, and hashable where these are. `model.text.codec` reads and writes it by the same ones.
+compared by its fields, and hashable where these are. `model.text.codec` reads and writes it by the same ones. Where a
+field is no `field`, its kind follows from its type (`typed`).
 """
 
 from __future__ import annotations
@@ -15,14 +16,26 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, TypeVar, dataclass_transform
+from importlib.metadata import entry_points
+from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform, get_origin, get_type_hints
 
 import attrs
+import numpy as np
 
-from tensegrity_mj.basics.kinds import Kind, Wrong, or_none
+from tensegrity_mj.basics.kinds import Kind, Wrong, or_none, typed
 from tensegrity_mj.errors import SceneError, TensegrityError
 
 T = TypeVar("T")
+
+SAME_ARRAY = attrs.cmp_using(eq=np.array_equal)  # for `eq` of a field
+
+
+class Key(NamedTuple):
+    """A field that stands in files: its name, its kind, and its default (`attrs.NOTHING`: a value needs it)."""
+
+    name: str
+    kind: Kind
+    default: Any
 
 
 class Item(NamedTuple):
@@ -38,7 +51,7 @@ class Item(NamedTuple):
     error: type[TensegrityError]
     whole: bool
     title: str
-    keys: dict[str, attrs.Attribute[Any]]
+    keys: dict[str, Key]
 
 
 def field(
@@ -91,12 +104,18 @@ def value(
     """
 
     def made(cls: type[T]) -> type[T]:
+        for name, kind in _typed_fields(cls):
+            setattr(cls, name, field(kind, default=vars(cls).get(name, attrs.NOTHING)))
         attrs.define(cls, frozen=True, slots=False, **options)
         fields = attrs.fields_dict(cls)  # type: ignore[arg-type]
         for name, one in fields.items():
             if one.default is not attrs.NOTHING and not hasattr(one.default, "factory"):
                 setattr(cls, name, one.default)
-        keys = {one.metadata["key"] or name: one for name, one in fields.items() if "kind" in one.metadata}
+        keys = {
+            one.metadata["key"] or name: Key(name, one.metadata["kind"], one.default)
+            for name, one in fields.items()
+            if "kind" in one.metadata
+        }
         title = re.search(r"{(\w+)", item)
         cls.__item__ = Item(item, error, whole, title[1] if title else "", keys)  # type: ignore[attr-defined]
         # So that dataclasses.replace, fields and asdict take it.
@@ -105,18 +124,93 @@ def value(
     return made
 
 
+def _typed_fields(cls: type) -> list[tuple[str, Kind]]:
+    """The fields of a class, not of what it inherits from, that are no `field`, and the kinds of their types."""
+    own = [name for name in vars(cls).get("__annotations__", {}) if not hasattr(vars(cls).get(name), "metadata")]
+    hints = get_type_hints(cls) if own else {}
+    found = []
+    for name in own:
+        if get_origin(hints[name]) is not ClassVar and hints[name] is not ClassVar:
+            try:
+                found.append((name, typed(hints[name])))
+            except Wrong as wrong:
+                raise SceneError(f"{cls.__name__}: {name}{wrong}") from None
+    return found
+
+
 def item_of(cls: type) -> Item:
-    return cls.__item__  # type: ignore[attr-defined]
+    """What is known of a value class, or of a dataclass whose types say all."""
+    if "__item__" not in vars(cls):
+        given = {one.name: one for one in dataclasses.fields(cls)}
+        needed = dataclasses.MISSING
+        cls.__item__ = Item(  # type: ignore[attr-defined]
+            "",
+            SceneError,
+            False,
+            "",
+            {
+                name: Key(name, kind, attrs.NOTHING if given[name].default is needed else given[name].default)
+                for name, kind in _typed_fields(cls)
+            },
+        )
+    item: Item = vars(cls)["__item__"]
+    return item
 
 
 def refused(item: Any, text: str, given: Mapping[str, Any] | None = None) -> TensegrityError:
     """The error of an item that is wrong, for a check of several of its fields; `given` are those not yet set."""
     of = item_of(type(item))
-    known = {of.title: None, **vars(item), **(given or {})}
-    return of.error(f"{of.label.format_map(known)}: {text}" if of.label else text)
+    return of.error(_label(of, {**vars(item), **(given or {})}) + text)
 
 
 def without_item(cls: type, values: Mapping[str, Any], error: TensegrityError) -> str:
     """The message of an error that was raised by making a value, less the item in front."""
     of = item_of(cls)
-    return str(error).removeprefix(f"{of.label.format_map({of.title: None, **values})}: ")
+    return str(error).removeprefix(_label(of, values))
+
+
+def _label(of: Item, values: Mapping[str, Any]) -> str:
+    """What messages begin with; the kind alone of an item that is called nothing yet."""
+    if of.title and not values.get(of.title):
+        return of.label.partition(" {")[0] + ": "
+    return of.label.format_map(values) + ": " if of.label else ""
+
+
+_KINDS: dict[str, type] = {}
+
+
+def register(kind: str, cls: type) -> None:
+    """Give a class the name by which files know it: the key `kind` of a table that stands for a subclass of its base.
+
+    A package that is installed does so by an entry point of that name, in the group "tensegrity_mj.elements" for
+    subclasses of `Element`. A file runs no code: what it names is known before.
+
+    Args:
+        kind: the name.
+        cls: a value class (`value`), or a frozen dataclass whose fields are of types that a file can hold.
+
+    Raises:
+        SceneError: if the name is another class's, or the class is not such a one.
+    """
+    if not isinstance(kind, str) or not kind.isprintable() or not kind:
+        raise SceneError(f"register: kind = {kind!r}; it must be a non-empty string of printable characters")
+    if not isinstance(cls, type) or not dataclasses.is_dataclass(cls):
+        raise SceneError(f"register: {cls!r}; it must be a class of values: decorate it with @dataclass(frozen=True)")
+    other = _KINDS.get(kind, cls)
+    if (other.__module__, other.__qualname__) != (cls.__module__, cls.__qualname__):  # a cell that is run again is not
+        raise SceneError(f"register: kind '{kind}' is {other.__qualname__} already; give {cls.__qualname__} another")
+    item_of(cls)
+    _KINDS[kind] = cls
+
+
+def registered(base: type) -> dict[str, type]:
+    """The classes that are registered for a base class, by their names."""
+    for point in entry_points(group=f"tensegrity_mj.{base.__name__.lower()}s"):
+        if point.name not in _KINDS:
+            register(point.name, point.load())
+    return {kind: cls for kind, cls in _KINDS.items() if issubclass(cls, base)}
+
+
+def kind_of(cls: type) -> str:
+    """The name of a class that is registered, or ""."""
+    return next((kind for kind, one in _KINDS.items() if one is cls), "")

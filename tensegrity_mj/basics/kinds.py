@@ -10,7 +10,8 @@ import enum
 import math
 import numbers
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from functools import partial
+from typing import Any, NamedTuple, get_args, get_origin
 
 import numpy as np
 
@@ -129,7 +130,7 @@ def text() -> Kind:
     return Kind(plain, "a text in quotes", is_text)
 
 
-def name(what: str = "a non-empty string of printable characters") -> Kind:
+def printable_name(what: str = "a non-empty string of printable characters") -> Kind:
     """A name. Printable: names go into TOML, MJCF and NetCDF, and XML cannot hold control characters."""
 
     def plain(value: Any) -> str:
@@ -203,22 +204,66 @@ def rows(width: int = 0, need: str = "") -> Kind:
     return Kind(plain, need, lambda value: is_list(value, is_row if width else is_number))
 
 
-def names(count: int | None = None, of: str = "node") -> Kind:
-    """Names, as many as are asked for."""
-    each = name(f"the name of a {of}").plain
+def each(need: str, **of: Kind) -> Kind:
+    """As many numbers as there are kinds, each of its own and with a name for messages."""
 
-    def plain(value: Any) -> tuple[str, ...]:
-        found = tuple_of(each, value)
-        if count not in (None, len(found)):
-            raise Wrong(f" = {value_text(value)}; it must name {count} {of}s")
+    def plain(value: Any) -> tuple[Any, ...]:
+        given = sequence(value)
+        if len(given) != len(of):
+            raise not_allowed(value, need)
+        found = []
+        for (name, kind), item in zip(of.items(), given, strict=True):
+            try:
+                found.append(kind.plain(item))
+            except Wrong as wrong:
+                raise Wrong(f": {name}{wrong}") from None
+        return tuple(found)
+
+    return Kind(plain, need, lambda value: is_list(value, is_number) and len(value) == len(of))
+
+
+def array(shape: str) -> Kind:
+    """A read-only array of floats, whose shape and numbers are for others to check."""
+
+    def plain(value: Any) -> Any:
+        try:
+            found = np.array(value, float, order="C")  # compiled code reads it row by row
+        except (TypeError, ValueError, OverflowError):
+            raise not_allowed(value, f"an array of numbers, {shape}") from None
+        found.flags.writeable = False
         return found
 
-    return Kind(plain, "a list of names in quotes", lambda value: is_list(value, is_text))
+    return Kind(plain)
+
+
+def names(of: str) -> Kind:
+    """Any number of names of members or nodes."""
+    each = printable_name(f"the name of a {of}").plain
+    fits = partial(is_list, valid=is_text)
+    return Kind(lambda value: tuple_of(each, value), "a list of names in quotes", fits)
+
+
+def pair(of: str) -> Kind:
+    """Two names of members or nodes."""
+    some = names(of)
+
+    def plain(value: Any) -> tuple[str, ...]:
+        found: tuple[str, ...] = some.plain(value)
+        if len(found) != 2:
+            raise Wrong(f" = {value_text(value)}; it must name two {of}s")
+        return found
+
+    return Kind(plain, "a list of two names in quotes", lambda value: some.fits(value) and len(value) == 2)
+
+
+def many(kind: Kind, need: str) -> Kind:
+    """Any number of values of a kind, without fields."""
+    return Kind(lambda value: tuple_of(kind.plain, value), need, partial(is_list, valid=kind.fits))
 
 
 def part(of: type, use: str = "") -> Kind:
     """A value of a value class; `use` says how to make one."""
-    return Kind(lambda value: instance(value, of, use), "a table", lambda value: isinstance(value, dict), part=of)
+    return Kind(lambda value: instance(value, of, use), "a table", is_table, part=of)
 
 
 def parts(of: type, use: str = "") -> Kind:
@@ -226,7 +271,6 @@ def parts(of: type, use: str = "") -> Kind:
     return Kind(
         lambda value: tuple_of(lambda item: instance(item, of, use), value),
         "an array of tables",
-        lambda value: is_list(value, lambda item: isinstance(item, dict)),
         part=of,
         many=True,
     )
@@ -261,6 +305,25 @@ def sequence(value: Any) -> tuple[Any, ...]:
     raise not_allowed(value, "a sequence (a list or tuple, of one item too)")
 
 
+def typed(hint: Any) -> Kind:
+    """The kind of values of a type, as a type hint has it: what is not of it is refused, and no more."""
+    inner = get_args(hint)
+    if type(None) in inner and len(inner) == 2:
+        return or_none(typed(next(one for one in inner if one is not type(None))))
+    if hint in PLAIN_TYPES:
+        return PLAIN_TYPES[hint]
+    if isinstance(hint, type) and issubclass(hint, enum.Enum):
+        return choice(hint)
+    if hasattr(hint, "__item__"):
+        return part(hint)
+    if get_origin(hint) is tuple and len(inner) == 2 and inner[1] is ... and hasattr(inner[0], "__item__"):
+        return parts(inner[0])
+    raise Wrong(
+        f" is of type {hint}; a file can hold float, int, bool, str, enums, value classes, tuples of three floats, "
+        "tuples of any number of these, of floats, of texts or of values, and each of them or None"
+    )
+
+
 def or_none(kind: Kind) -> Kind:
     """The same, or None, for which a file has no key."""
     return kind._replace(plain=lambda value: None if value is None else kind.plain(value))
@@ -268,6 +331,10 @@ def or_none(kind: Kind) -> Kind:
 
 def is_text(value: Any) -> bool:
     return isinstance(value, str)
+
+
+def is_table(value: Any) -> bool:
+    return isinstance(value, dict)
 
 
 def is_number(value: Any) -> bool:
@@ -283,3 +350,15 @@ def is_list(value: Any, valid: Callable[[Any], bool]) -> bool:
 def is_row(value: Any) -> bool:
     """Whether it is a list of three numbers."""
     return is_list(value, is_number) and len(value) == 3
+
+
+PLAIN_TYPES: dict[Any, Kind] = {
+    float: finite(),
+    int: whole(-(2**63), 2**63 - 1),
+    bool: flag(),
+    str: text(),
+    tuple[float, float, float]: vector("no unit"),
+    tuple[float, ...]: rows(),
+    tuple[str, ...]: many(text(), "a list of texts in quotes"),
+    tuple[tuple[float, float, float], ...]: rows(3),
+}

@@ -13,9 +13,8 @@ from itertools import pairwise
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import MOST_NODES, check_nodes, finite, positive
+from tensegrity_mj.basics.checks import MOST_NODES, check_nodes, finite, positive, sequence_of
 from tensegrity_mj.basics.texts import value_text
-from tensegrity_mj.basics.values import sequence_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import HINGE, PLANE, SLIDER, THESIS
 from tensegrity_mj.model.events import ControlSpec

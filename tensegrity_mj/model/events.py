@@ -3,12 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tensegrity_mj.basics.fields import field, value
+from tensegrity_mj.basics.kinds import (
+    Kind,
+    Wrong,
+    finite,
+    is_table,
+    not_allowed,
+    not_negative,
+    parts,
+    printable_name,
+    text,
+    tuple_of,
+    vector,
+)
 from tensegrity_mj.model.members import Vector
 
 LoadFunction = Callable[[float], ArrayLike]
@@ -17,7 +30,7 @@ LoadFunction = Callable[[float], ArrayLike]
 OptionValue = float | int | bool | str | list[Any]  # what a controller's option may be in a scene file
 
 
-@dataclass(frozen=True)
+@value("load on node {node!r}", whole=True)
 class Load:
     """A force on one node, f(t) = force · cos(ω t + phase) [N] in the world frame; constant where ω = phase = 0.
 
@@ -28,43 +41,58 @@ class Load:
         phase: [rad]; -π/2 makes it force · sin(ω t).
     """
 
-    node: str
-    force: Vector
-    angular_frequency: float = 0.0
-    phase: float = 0.0
+    node: str = field(printable_name())
+    force: Vector = field(vector("N"))
+    angular_frequency: float = field(finite("rad/s"), default=0.0)
+    phase: float = field(finite("rad"), default=0.0)
 
 
-@dataclass(frozen=True)
+def loads_kind() -> Kind:
+    """Of loads: several `Load`s, or a function of time, which no file can hold."""
+    several = parts(Load, "Load(node, force), or a function t -> (N, 3) in place of them all")
+    return several._replace(plain=lambda value: value if callable(value) else several.plain(value))
+
+
+@value("break of string {string!r}")
 class Break:
-    """A string that breaks at a time [s] and carries nothing from then on; no law is told."""
+    """A string that breaks at a time [s], >= 0, and carries nothing from then on; no law is told."""
 
-    string: str
-    time: float
+    string: str = field(printable_name())
+    time: float = field(not_negative("s"))
 
 
-@dataclass(frozen=True)
+def _option(value: Any) -> OptionValue:
+    if isinstance(value, (np.ndarray, np.generic)):
+        value = value.tolist()
+    if isinstance(value, (list, tuple)):
+        return list(tuple_of(_option, value))
+    if isinstance(value, str):
+        return str(text().plain(value))
+    if not isinstance(value, (bool, int, float)) or value != value:
+        raise not_allowed(value, "a number, a text or a truth value, or a list of them")
+    return value
+
+
+def _options(given: Any) -> dict[str, OptionValue]:
+    if not isinstance(given, Mapping):
+        raise not_allowed(given, "a map of each option's name to its value")
+    found = {}
+    for key, item in given.items():
+        try:
+            if not key:
+                raise Wrong("; its name must be a non-empty string")
+            found[text().plain(key)] = _option(item)
+        except Wrong as wrong:
+            raise Wrong(f": option {key!r}{wrong}") from None
+    return found
+
+
+@value("control", whole=True)
 class ControlSpec:
     """The control law that a scene is run with by default: a name from `controllers` and its options.
 
     Options are numbers, texts, truth values, or (nested) lists of them; tuples and arrays become lists.
     """
 
-    law: str
-    options: Mapping[str, OptionValue] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        if isinstance(self.options, Mapping):  # else check_scene says so
-            object.__setattr__(self, "options", {key: _plain_option(x) for key, x in self.options.items()})
-
-
-def _plain_load(load: Load) -> Load:
-    x, y, z = (float(v) for v in load.force)
-    return Load(str(load.node), (x, y, z), float(load.angular_frequency), float(load.phase))
-
-
-def _plain_option(value: Any) -> Any:
-    if isinstance(value, (np.ndarray, np.generic)):
-        return value.tolist()
-    if isinstance(value, (list, tuple)):
-        return [_plain_option(item) for item in value]
-    return value
+    law: str = field(printable_name("the name of a law"))
+    options: Mapping[str, OptionValue] = field(Kind(_options, "a table", is_table), factory=dict)

@@ -3,21 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.fields import field, refused, value
+from tensegrity_mj.basics.kinds import (
+    direction,
+    many,
+    not_negative,
+    number,
+    pair,
+    part,
+    positive,
+    printable_name,
+    rows,
+    vector,
+    within,
+)
+from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.section import Section
 
 Vector = tuple[float, float, float]
 
 
+PRESTRESS = ("rest_length", "tension", "force_density")  # of a string, at most one of them
 LIMITS = ("max_force_density", "min_rest_length", "winch_speed")  # of a string
 
 
-@dataclass(frozen=True)
+@value("support", StructureError)
 class Support:
     """How a rod is held in space, at the point r = (1 - σ) n_i + σ n_j of it.
 
@@ -28,21 +43,35 @@ class Support:
     `constrained(..., plane=...)` add by themselves.
     """
 
-    sigma: float = 0.5
-    directions: tuple[Vector, ...] = ()
-    values: tuple[float, ...] | None = None  # r̄; None: what the reference nodes give
-    plane: Vector | None = None
+    sigma: float = field(within(0, 1), default=0.5)
+    directions: tuple[Vector, ...] = field(
+        many(vector("no unit"), "rows of three numbers, as [[0, 0, 1]]"), default=(), key="D"
+    )
+    # r̄; None: what the reference nodes give
+    values: tuple[float, ...] | None = field(rows(), default=None, none="None for what the nodes give")
+    plane: Vector | None = field(direction(), default=None, none="None for space")
+
+    def __attrs_post_init__(self) -> None:
+        D = np.array(self.directions).reshape(-1, 3)
+        if len(D) > 3 or (len(D) and np.linalg.matrix_rank(unit_rows(D), tol=1e-6) < len(D)):
+            raise refused(
+                self, f"the rows of D = {D.tolist()} contradict or repeat each other; they must be independent"
+            )
+        if self.values is not None and len(self.values) != len(D):
+            raise refused(self, f"values: r̄ has {len(self.values)} values for {len(D)} rows of D; give one a row")
+        if self.values == ():
+            object.__setattr__(self, "values", None)
 
     @classmethod
     def free(cls, sigma: float = 0.5, plane: Sequence[float] | None = None) -> Support:
         """No support; σ only chooses the point whose motion describes the rod."""
-        return cls(sigma, (), None, _vector_or_none(plane))
+        return cls(sigma, (), None, plane)  # type: ignore[arg-type]
 
     @classmethod
     def pinned(cls, sigma: float = 0.0, plane: Sequence[float] | None = None) -> Support:
         """The point at σ is fixed in space; the rod turns freely about it (in `plane`, if given)."""
         identity = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-        return cls(sigma, identity, None, _vector_or_none(plane))
+        return cls(sigma, identity, None, plane)  # type: ignore[arg-type]
 
     @classmethod
     def constrained(
@@ -57,14 +86,8 @@ class Support:
         Raises:
             StructureError: if D or r̄ is not of that shape.
         """
-        from tensegrity_mj.basics.values import array_of_shape
-
         one_row = np.array(D, dtype=object).ndim == 1
-        matrix = array_of_shape("D", D, (3,) if one_row else (-1, 3), broadcast=False).reshape(-1, 3)
-        rows = tuple((float(a), float(b), float(c)) for a, b, c in matrix)
-        if values is not None:
-            values = tuple(array_of_shape("r̄ (one value a row of D)", values, (len(rows),), broadcast=False).tolist())
-        return cls(sigma, rows, values, _vector_or_none(plane))
+        return cls(sigma, (D,) if one_row else D, values, plane)  # type: ignore[arg-type]
 
     @property
     def constraint_rows(self) -> Array:
@@ -85,7 +108,7 @@ class Support:
         return null_space_basis(np.array([] if self.plane is None else [self.plane], float).reshape(-1, 3))
 
 
-@dataclass(frozen=True)
+@value("rod {name!r}", StructureError, whole=True)
 class Rod:
     """A rigid thin rod of uniform mass between two nodes (thesis, Assumption 2.3).
 
@@ -101,15 +124,15 @@ class Rod:
         section: cross section and material, None where not known; `mass` and `radius` do not follow from it.
     """
 
-    name: str
-    nodes: tuple[str, str]
-    mass: float
-    radius: float = 0.01
-    support: Support = field(default_factory=Support)
-    section: Section | None = None
+    name: str = field(printable_name())
+    nodes: tuple[str, str] = field(pair("node"))
+    mass: float = field(positive("kg"))
+    radius: float = field(positive("m"), default=0.01)
+    support: Support = field(part(Support, "Support.free, Support.pinned or Support.constrained"), default=Support())
+    section: Section | None = field(part(Section, "Section, Section.tube or Section.solid"), default=None, none="None")
 
 
-@dataclass(frozen=True)
+@value("string {name!r}", StructureError)
 class String:
     """A massless linear string between two nodes (thesis, Assumption 2.1; law in `strings`).
 
@@ -123,26 +146,31 @@ class String:
     compare tensions with it.
     """
 
-    name: str
-    nodes: tuple[str, str]
-    stiffness: float
-    damping: float = 0.0
-    rest_length: float | None = None
-    tension: float | None = None
-    force_density: float | None = None
-    max_force_density: float | None = None
-    min_rest_length: float | None = None
-    winch_speed: float | None = None
-    strength: float | None = None
+    name: str = field(printable_name())
+    nodes: tuple[str, str] = field(pair("node"))
+    stiffness: float = field(positive("N/m"))
+    damping: float = field(not_negative("N s/m"), default=0.0)
+    rest_length: float | None = field(number("a finite number > 0 m", lambda x: x > 0), default=None, none="absent")
+    tension: float | None = field(not_negative("N"), default=None, none="absent")
+    force_density: float | None = field(not_negative("N/m"), default=None, none="absent")
+    max_force_density: float | None = field(positive("N/m"), default=None, none="absent")
+    min_rest_length: float | None = field(positive("m"), default=None, none="absent")
+    winch_speed: float | None = field(positive("m/s"), default=None, none="absent")
+    strength: float | None = field(positive("N"), default=None, none="absent")
+
+    def __attrs_post_init__(self) -> None:
+        given = [name for name in PRESTRESS if getattr(self, name) is not None]
+        if len(given) > 1:
+            raise refused(self, f"{' and '.join(given)} are given; give at most one of them")
 
 
-@dataclass(frozen=True)
+@value("point mass on node {node!r}", StructureError)
 class PointMass:
     """A point mass [kg] on a node that no rod touches; it moves freely in space, or in a plane."""
 
-    node: str
-    mass: float
-    plane: Vector | None = None
+    node: str = field(printable_name())
+    mass: float = field(positive("kg"))
+    plane: Vector | None = field(direction(), default=None, none="None for space")
 
     @property
     def translation_basis(self) -> Array:
@@ -175,41 +203,6 @@ def null_space_basis(rows: Array) -> Array:
     return np.array(basis).reshape(-1, 3).T
 
 
-def _vector_or_none(values: Sequence[float] | None) -> Vector | None:
-    from tensegrity_mj.basics.values import array_of_shape
-
-    return None if values is None else _vector(array_of_shape("plane normal", values, (3,), broadcast=False))
-
-
-def _vector(values: Sequence[float] | Array) -> Vector:
-    x, y, z = (float(v) for v in values)
-    return (x, y, z)
-
-
-def _plain_rod(rod: Rod) -> Rod:
-    support = rod.support
-    support = Support(
-        sigma=float(support.sigma),
-        directions=tuple(_vector(row) for row in support.directions),
-        values=tuple(float(x) for x in support.values) if support.values is not None and support.directions else None,
-        plane=None if support.plane is None else _vector(support.plane),
-    )
-    i, j = rod.nodes
-    section = None if rod.section is None else _plain_section(rod.section)
-    return Rod(str(rod.name), (str(i), str(j)), float(rod.mass), float(rod.radius), support, section)
-
-
-def _plain_section(section: Section) -> Section:
-    stress = None if section.yield_stress is None else float(section.yield_stress)
-    return Section(float(section.area), float(section.second_moment), float(section.elasticity_modulus), stress)
-
-
-def _plain_string(string: String) -> String:
-    i, j = string.nodes
-    names = ("rest_length", "tension", "force_density", *LIMITS, "strength")
-    rest = (None if getattr(string, name) is None else float(getattr(string, name)) for name in names)
-    return String(str(string.name), (str(i), str(j)), float(string.stiffness), float(string.damping), *rest)
-
-
-def _plain_point_mass(point: PointMass) -> PointMass:
-    return PointMass(str(point.node), float(point.mass), None if point.plane is None else _vector(point.plane))
+def unit_rows(rows: Array) -> Array:
+    """The rows (r, 3) at length one; those of no length as they are."""
+    return rows / np.where(np.linalg.norm(rows, axis=1) > 0, np.linalg.norm(rows, axis=1), 1.0)[:, None]

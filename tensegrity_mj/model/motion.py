@@ -7,22 +7,24 @@ derivatives: a sum of harmonics, data between which quintics run, or a function 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import LARGEST
+from tensegrity_mj.basics.checks import checked
+from tensegrity_mj.basics.fields import field, refused, value
+from tensegrity_mj.basics.kinds import LARGEST, direction, finite, parts, printable_name, rows, vector
+from tensegrity_mj.basics.texts import value_text
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.model.members import Vector, null_space_basis
 
 MotionFunction = Callable[[float], ArrayLike]
+DATA = rows(3, "rows of three numbers, one a time")
 
 
-@dataclass(frozen=True)
+@value("harmonic", whole=True)
 class Harmonic:
     """A displacement amplitude · sin(ω t + phase) [m]; constant where ω = 0.
 
@@ -32,12 +34,20 @@ class Harmonic:
         phase: [rad].
     """
 
-    amplitude: Vector
-    angular_frequency: float
-    phase: float = 0.0
+    amplitude: Vector = field(vector("m"))
+    angular_frequency: float = field(finite("rad/s"), default=0.0)
+    phase: float = field(finite("rad"), default=0.0)
+
+    def __attrs_post_init__(self) -> None:
+        if not max(map(abs, self.amplitude)) * self.angular_frequency**2 <= LARGEST:
+            raise refused(
+                self,
+                f"amplitude {list(self.amplitude)} m at {self.angular_frequency:g} rad/s has no finite acceleration; "
+                "make both smaller",
+            )
 
 
-@dataclass(frozen=True)
+@value("motion of {support!r}")
 class Motion:
     """The motion of one support. Use the constructors `in_line`, `circular`, `data` and `by_function`.
 
@@ -59,13 +69,13 @@ class Motion:
         SceneError: for harmonics or data that are no numbers, or do not fit each other.
     """
 
-    support: str
-    harmonics: tuple[Harmonic, ...] = ()
-    times: tuple[float, ...] = ()
-    displacements: tuple[Vector, ...] = ()
-    velocities: tuple[Vector, ...] = ()
-    accelerations: tuple[Vector, ...] = ()
-    function: MotionFunction | None = None
+    support: str = field(printable_name("the name of a rod or of a fixed node"))
+    harmonics: tuple[Harmonic, ...] = field(parts(Harmonic), default=())
+    times: tuple[float, ...] = field(rows(), default=())
+    displacements: tuple[Vector, ...] = field(DATA, default=())
+    velocities: tuple[Vector, ...] = field(DATA, default=())
+    accelerations: tuple[Vector, ...] = field(DATA, default=())
+    function: MotionFunction | None = field(None, default=None)
 
     @classmethod
     def in_line(cls, support: str, amplitude: float, frequency: float, direction: ArrayLike) -> Motion:
@@ -74,9 +84,7 @@ class Motion:
         Raises:
             SceneError: for numbers that are not finite, or a direction of no length.
         """
-        what = f"motion of '{support}'"
-        unit = _direction(what, direction)
-        size, omega = _number(f"{what}: amplitude", amplitude), 2 * np.pi * _number(f"{what}: frequency", frequency)
+        size, omega, unit = _of_circle(support, amplitude, frequency, direction)
         return cls(support, (Harmonic(_vector(size * unit), omega),))
 
     @classmethod
@@ -89,20 +97,13 @@ class Motion:
         Raises:
             SceneError: for numbers that are not finite, or a normal of no length.
         """
-        what = f"motion of '{support}'"
-        unit = _direction(what, normal)
-        size, omega = _number(f"{what}: amplitude", amplitude), 2 * np.pi * _number(f"{what}: frequency", frequency)
+        size, omega, unit = _of_circle(support, amplitude, frequency, normal)
         first = null_space_basis(unit[None])[:, 0]
         second = np.cross(unit, first)
         quarter = float(np.pi / 2)  # whose sine is 1 exactly
-        return cls(
-            support,
-            (
-                Harmonic(_vector(size * first), omega, quarter),
-                Harmonic(_vector(-size * first), 0.0, quarter),
-                Harmonic(_vector(size * second), omega),
-            ),
-        )
+        across, along = _vector(size * first), _vector(size * second)
+        back = _vector(-size * first)
+        return cls(support, (Harmonic(across, omega, quarter), Harmonic(back, 0.0, quarter), Harmonic(along, omega)))
 
     @classmethod
     def data(
@@ -118,55 +119,39 @@ class Motion:
         Raises:
             SceneError: for arrays that are not of these shapes, or times that do not increase.
         """
-        given: dict[str, Any] = {"times": times, "displacements": displacements}
-        given |= {"velocities": () if velocities is None else velocities}
-        given |= {"accelerations": () if accelerations is None else accelerations}
-        return cls(support, **given)
+        no_rates = () if velocities is None else velocities, () if accelerations is None else accelerations
+        return cls(support, (), times, displacements, *no_rates)  # type: ignore[arg-type]
 
     @classmethod
     def by_function(cls, support: str, function: MotionFunction) -> Motion:
         """A function t -> (3, 3): displacement [m], velocity [m/s], acceleration [m/s²]. No file can hold it."""
         return cls(support, function=function)
 
-    def __post_init__(self) -> None:
-        if not isinstance(self.support, str):
-            raise SceneError(f"motion: support = {self.support!r}; it must be the name of a rod or of a fixed node")
-        what = f"motion of '{self.support}'"
-        if isinstance(self.harmonics, Harmonic):
-            raise SceneError(f"{what}: harmonics = {self.harmonics!r}; it must be a sequence (of one harmonic too)")
-        for name, width in (("times", 0), ("displacements", 3), ("velocities", 3), ("accelerations", 3)):
-            object.__setattr__(self, name, _rows(f"{what}: {name}", getattr(self, name), width))
-        try:
-            harmonics = tuple(self.harmonics)
-        except TypeError:
-            raise SceneError(f"{what}: harmonics = {self.harmonics!r}; it must be a sequence of Harmonic") from None
-        object.__setattr__(self, "harmonics", tuple(_plain_harmonic(what, item) for item in harmonics))
+    def __attrs_post_init__(self) -> None:
         if self.function is not None and not callable(self.function):
-            raise SceneError(f"{what}: function = {self.function!r}; it must be a function t -> (3, 3)")
+            raise refused(self, f"function = {self.function!r}; it must be a function t -> (3, 3)")
         data = self.times or self.displacements or self.velocities or self.accelerations
         if self.function is not None and (self.harmonics or data):
-            raise SceneError(f"{what}: a function stands alone: leave its harmonics and data out, or add them to it")
+            raise refused(self, "a function stands alone: leave its harmonics and data out, or add them to it")
         if self.function is None and not self.harmonics and not data:
-            raise SceneError(f"{what}: nothing says how it moves; give harmonics, data or a function")
-        self._check_data(what)
+            raise refused(self, "nothing says how it moves; give harmonics, data or a function")
+        self._check_data()
 
-    def _check_data(self, what: str) -> None:
+    def _check_data(self) -> None:
         count = len(self.times)
         if np.any(np.diff(self.times) <= 0):
-            raise SceneError(f"{what}: its times must increase; they are {_shortened(self.times)}")
+            raise refused(self, f"its times must increase; they are {value_text(self.times)}")
         if count == 1:
-            raise SceneError(f"{what}: one time alone makes no motion; give two or more")
+            raise refused(self, "one time alone makes no motion; give two or more")
         if bool(self.velocities) != bool(self.accelerations):
-            raise SceneError(f"{what}: velocities and accelerations are given together, or neither of them")
-        sizes = {"displacements": len(self.displacements)}
-        if self.velocities:
-            sizes |= {"velocities": len(self.velocities), "accelerations": len(self.accelerations)}
-        for name, size in sizes.items():
-            if size != count:
-                raise SceneError(f"{what}: {count} times and {size} {name}; there must be one a time")
+            raise refused(self, "velocities and accelerations are given together, or neither of them")
+        for name in ("displacements", "velocities", "accelerations"):
+            size = len(getattr(self, name))
+            if size != count and (size or name == "displacements"):
+                raise refused(self, f"{count} times and {size} {name}; there must be one a time")
         with np.errstate(all="ignore"):
             if count and not np.all(np.abs(self.pieces) <= LARGEST):
-                raise SceneError(f"{what}: its times lie too close to each other, or its data are too large")
+                raise refused(self, "its times lie too close to each other, or its data are too large")
 
     def at(self, time: float) -> Array:
         """Displacement [m], velocity [m/s] and acceleration [m/s²] at a time [s]: (3, 3).
@@ -191,9 +176,9 @@ class Motion:
         Raises:
             SceneError: for times that do not increase, and where a function fails.
         """
-        instants = _rows(f"motion of '{self.support}': times", times, 0)
-        rows = np.array([self.at(time) for time in instants]).reshape(-1, 3, 3)
-        return Motion.data(self.support, instants, rows[:, 0], rows[:, 1], rows[:, 2])
+        instants = checked(f"motion of '{self.support}': times", times, rows(), SceneError)
+        found = np.array([self.at(time) for time in instants]).reshape(-1, 3, 3)
+        return Motion.data(self.support, instants, found[:, 0], found[:, 1], found[:, 2])
 
     def _called(self, time: float) -> Array:
         assert self.function is not None
@@ -305,63 +290,15 @@ def _spline_states(spans: Array, displacements: Array) -> Array:
     return states
 
 
-def _plain_harmonic(what: str, item: Any) -> Harmonic:
-    if not isinstance(item, Harmonic):
-        raise SceneError(f"{what}: {item!r} is no Harmonic(amplitude, angular_frequency, phase)")
-    try:
-        (amplitude,) = _rows("", [item.amplitude], 3)
-    except (SceneError, ValueError):
-        raise SceneError(f"{what}: amplitude = {item.amplitude!r}; it must be three finite numbers [m]") from None
-    omega = _number(f"{what}: angular_frequency", item.angular_frequency)
-    with np.errstate(over="ignore", invalid="ignore"):
-        acceleration = np.float64(omega) ** 2 * np.array(amplitude)
-    # NaN does not compare.
-    if not (np.all(np.abs(acceleration) <= LARGEST) and max(map(abs, amplitude)) <= LARGEST):
-        raise SceneError(
-            f"{what}: amplitude {list(amplitude)} m at {omega:g} rad/s has no finite acceleration; make both smaller"
-        )
-    return Harmonic(amplitude, omega, _number(f"{what}: phase", item.phase))
-
-
-def _rows(what: str, values: Any, width: int) -> tuple[Any, ...]:
-    """The values as a tuple of finite numbers, or of vectors where `width` is 3."""
-    try:
-        given = np.array(values)
-        array = given.astype(float) if given.dtype.kind in "iuf" else np.array(np.nan)
-    except (TypeError, ValueError, OverflowError):
-        array = np.array(np.nan)
-    if array.shape in ((0,), (0, width)):
-        return ()
-    if array.ndim != (2 if width else 1) or (width and array.shape[1] != width) or not np.all(np.isfinite(array)):
-        need = f"finite vectors, (T, {width})" if width else "finite numbers, (T,)"
-        raise SceneError(f"{what} = {_shortened(values)}; it must be a sequence of {need}")
-    return tuple(_vector(row) for row in array) if width else tuple(array.tolist())
-
-
-def _number(what: str, value: Any) -> float:
-    try:
-        number = float(value) if not isinstance(value, (bool, str)) else np.nan
-    except (TypeError, ValueError, OverflowError):
-        number = np.nan
-    if not np.isfinite(number):
-        raise SceneError(f"{what} = {value!r}; it must be a finite number")
-    return number
-
-
-def _direction(what: str, values: ArrayLike) -> Array:
-    row = np.array(_rows(f"{what}: direction", [values], 3)[0])
-    with np.errstate(over="ignore", under="ignore"):
-        length = float(np.linalg.norm(row))
-    if not 0 < length < np.inf:
-        raise SceneError(f"{what}: direction = {_shortened(values)}; its length must be neither zero nor infinite")
-    return row / length
+def _of_circle(support: str, amplitude: float, frequency: float, way: ArrayLike) -> tuple[float, float, Array]:
+    """A size [m], an angular frequency [rad/s] and a unit vector."""
+    what = f"motion of '{support}'"
+    row = np.array(checked(f"{what}: direction", way, direction(), SceneError))
+    size = checked(f"{what}: amplitude", amplitude, finite("m"), SceneError)
+    turns = checked(f"{what}: frequency", frequency, finite("Hz"), SceneError)
+    return size, 2 * np.pi * turns, row / np.linalg.norm(row)
 
 
 def _vector(row: Array) -> Vector:
-    x, y, z = (float(v) for v in row)
-    return (x, y, z)
-
-
-def _shortened(values: Any) -> str:
-    text = repr(values.tolist() if isinstance(values, np.ndarray) else values)
-    return text if len(text) <= 80 else text[:77] + "..."
+    x, y, z = row.tolist()
+    return x, y, z

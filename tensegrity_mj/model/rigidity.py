@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.basics.arrays import Array, IntArray
-from tensegrity_mj.basics.values import array_of_shape
 from tensegrity_mj.model.members import null_space_basis
+from tensegrity_mj.model.node_indices import array_of_shape
 from tensegrity_mj.model.rods import lumped_masses
 from tensegrity_mj.model.structure import Structure
 

@@ -6,28 +6,29 @@ order of `Structure.node_names`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.errors import SceneError
+from tensegrity_mj.basics.fields import SAME_ARRAY, field, value
+from tensegrity_mj.basics.kinds import array, part, parts, positive, text, vector
 from tensegrity_mj.model.elements.contact import Contact
-from tensegrity_mj.model.elements.resistance import Bending, Drag, Resistance
+from tensegrity_mj.model.elements.resistance import Resistance
 from tensegrity_mj.model.elements.water import Water
 from tensegrity_mj.model.elements.water_segments import SegmentCount, segment_count
-from tensegrity_mj.model.elements.waves import Wave
-from tensegrity_mj.model.events import Break, ControlSpec, Load, LoadFunction, _plain_load
+from tensegrity_mj.model.events import Break, ControlSpec, Load, LoadFunction, loads_kind
 from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.moved_supports import moved_positions, velocities_with_supports
 from tensegrity_mj.model.redundancy import Redundancy, redundancy
+from tensegrity_mj.model.scene_checks import check_scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 
 
-@dataclass(frozen=True, eq=False)
+@value("scene {name!r}")
 class Scene:
     """One experiment with a structure.
 
@@ -51,65 +52,34 @@ class Scene:
         SceneError: on construction, if the motion stretches a rod, breaks a support, or does not fit.
     """
 
-    structure: Structure
-    name: str = ""
-    source: str = ""
-    gravity: Vector = (0.0, 0.0, 0.0)
-    initial_nodes: Array | None = None
-    initial_velocities: Array | None = None
-    loads: tuple[Load, ...] | LoadFunction = ()
-    breaks: tuple[Break, ...] = ()
-    target: Target | None = None
-    control: ControlSpec | None = None
-    duration: float = 10.0
-    contact: Contact | None = None
-    motions: tuple[Motion, ...] = ()
-    resistance: Resistance | None = None
-    water: Water | None = None
-
-    def __post_init__(self) -> None:
-        from tensegrity_mj.basics.values import sequence_of
-        from tensegrity_mj.model.scene_checks import check_scene
-
-        if not callable(self.loads):
-            object.__setattr__(self, "loads", sequence_of("loads", self.loads, SceneError))
-        object.__setattr__(self, "breaks", sequence_of("breaks", self.breaks, SceneError))
-        object.__setattr__(self, "motions", sequence_of("motions", self.motions, SceneError))
-        for name in ("initial_nodes", "initial_velocities"):
-            value = getattr(self, name)
-            if value is not None:
-                try:
-                    value = np.array(value, float, order="C")  # compiled code reads them row by row
-                except (TypeError, ValueError):
-                    value = np.array([])  # check_scene reports the shape
-                value.flags.writeable = False
-                object.__setattr__(self, name, value)
-        if self.name == "" and isinstance(self.structure, Structure):
-            object.__setattr__(self, "name", self.structure.name)
-        check_scene(self)
-        x, y, z = (float(v) for v in self.gravity)
-        object.__setattr__(self, "gravity", (x, y, z))
-        object.__setattr__(self, "duration", float(self.duration))
-        object.__setattr__(self, "breaks", tuple(Break(str(e.string), float(e.time)) for e in self.breaks))
-        if self.contact is not None:
-            object.__setattr__(self, "contact", _plain_contact(self.contact))
-        if self.resistance is not None:
-            object.__setattr__(self, "resistance", _plain_resistance(self.resistance))
-        if self.water is not None:
-            object.__setattr__(self, "water", _plain_water(self.water))
-        if not callable(self.loads):
-            object.__setattr__(self, "loads", tuple(_plain_load(load) for load in self.loads))
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Scene):
-            return False
-        arrays = ("initial_nodes", "initial_velocities")
-        plain = [item.name for item in fields(self) if item.name not in arrays]
-        return all(getattr(self, a) == getattr(other, a) for a in plain) and all(
-            _same_array(getattr(self, a), getattr(other, a)) for a in arrays
-        )
+    structure: Structure = field(part(Structure))
+    name: str = field(text(), default="")
+    source: str = field(text(), default="")
+    gravity: Vector = field(vector("m/s²"), default=(0.0, 0.0, 0.0))
+    initial_nodes: Array | None = field(array("(N, 3)"), default=None, none="None", eq=SAME_ARRAY)
+    initial_velocities: Array | None = field(array("(N, 3)"), default=None, none="None", eq=SAME_ARRAY)
+    loads: tuple[Load, ...] | LoadFunction = field(loads_kind(), default=())
+    breaks: tuple[Break, ...] = field(parts(Break), default=())
+    target: Target | None = field(
+        part(Target, "Target.set_point(nodes), Target.path or Target.curve"), default=None, none="None"
+    )
+    control: ControlSpec | None = field(part(ControlSpec), default=None, none="None")
+    duration: float = field(positive("s"), default=10.0)
+    contact: Contact | None = field(
+        part(Contact, "Contact(floor=0.0), Contact(rods=True) or both"), default=None, none="None"
+    )
+    motions: tuple[Motion, ...] = field(
+        parts(Motion, "Motion.in_line, Motion.circular, Motion.data or Motion.by_function"), default=()
+    )
+    resistance: Resistance | None = field(part(Resistance), default=None, none="None")
+    water: Water | None = field(part(Water), default=None, none="None")
 
     __hash__ = None  # type: ignore[assignment]
+
+    def __attrs_post_init__(self) -> None:
+        if self.name == "":
+            object.__setattr__(self, "name", self.structure.name)
+        check_scene(self)
 
     @cached_property
     def nodes0(self) -> Array:
@@ -149,61 +119,3 @@ class Scene:
     def with_(self, **changes: object) -> Scene:
         """A copy with some attributes changed; validated like a new one."""
         return replace(self, **changes)  # type: ignore[arg-type]
-
-
-def _plain_contact(contact: Contact) -> Contact:
-    x, y, z = (float(v) for v in contact.normal)
-    d0, d1, width, midpoint, power = (float(v) for v in contact.impedance)
-    return Contact(
-        None if contact.floor is None else float(contact.floor),
-        (x, y, z),
-        contact.rods,
-        float(contact.friction),
-        float(contact.stiffness),
-        float(contact.damping),
-        (d0, d1, width, midpoint, power),
-    )
-
-
-def _plain_resistance(resistance: Resistance) -> Resistance:
-    x, y, z = (float(v) for v in resistance.wind)
-    bending, drag = resistance.bending, resistance.drag
-    if bending is not None:
-        pairs = None if bending.pairs is None else tuple((str(a), str(b)) for a, b in bending.pairs)
-        bending = Bending(float(bending.stiffness), float(bending.damping), pairs)
-    if drag is not None:
-        diameter = None if drag.diameter is None else float(drag.diameter)
-        drag = Drag(float(drag.normal), float(drag.tangential), float(drag.density), diameter)
-    return Resistance(float(resistance.viscous), bending, drag, (x, y, z))
-
-
-def _plain_water(water: Water) -> Water:
-    x, y, z = (float(v) for v in water.current)
-    return Water(
-        float(water.density),
-        _plain(water.depth),
-        tuple(_plain_wave(wave) for wave in water.waves),
-        (x, y, z),
-        float(water.drag),
-        float(water.tangential_drag),
-        float(water.added_mass),
-        _plain(water.inertia),
-        None if water.segments is None else int(water.segments),
-        water.weights,
-        _plain(water.diameter),
-        water.above,
-        float(water.viscosity),
-    )
-
-
-def _plain_wave(wave: Wave) -> Wave:
-    length, frequency = _plain(wave.wavelength), _plain(wave.angular_frequency)
-    return Wave(float(wave.amplitude), length, frequency, float(wave.direction), float(wave.phase))
-
-
-def _plain(value: float | None) -> float | None:
-    return None if value is None else float(value)
-
-
-def _same_array(a: Array | None, b: Array | None) -> bool:
-    return (a is None) == (b is None) and (a is None or b is None or np.array_equal(a, b))

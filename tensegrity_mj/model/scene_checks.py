@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import LARGEST
-from tensegrity_mj.basics.values import CONSTRAINT_TOLERANCE, check_number, check_text, check_vector, size_of, unit_rows
-from tensegrity_mj.basics.values import array_of_shape as array_of_shape
-from tensegrity_mj.basics.values import index_pairs as index_pairs
-from tensegrity_mj.basics.values import sequence_of as sequence_of
+from tensegrity_mj.basics.kinds import LARGEST
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.model.elements.contact import check_contact
 from tensegrity_mj.model.elements.resistance import check_resistance
 from tensegrity_mj.model.elements.water import check_water
-from tensegrity_mj.model.events import Break, ControlSpec, Load
+from tensegrity_mj.model.members import unit_rows
 from tensegrity_mj.model.moved_supports import check_motions
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.model.structure_checks import check_structure as check_structure
-from tensegrity_mj.model.structure_checks import names_of, names_of_nodes, unknown_node
+from tensegrity_mj.model.structure_checks import CONSTRAINT_TOLERANCE, names_of, size_of, unknown_node
 from tensegrity_mj.model.target import Target
 
 if TYPE_CHECKING:
@@ -31,13 +26,6 @@ if TYPE_CHECKING:
 def check_scene(scene: Scene) -> None:
     """Raise SceneError if the scene does not fit its structure."""
     structure = scene.structure
-    if not isinstance(structure, Structure):
-        raise SceneError(f"structure = {structure!r}; it must be a Structure")
-    count = len(structure.nodes)
-    check_text("name of the scene", scene.name, SceneError)
-    check_text("source", scene.source, SceneError)
-    check_vector("gravity", scene.gravity, SceneError, "m/s²")
-    check_number("duration", scene.duration, "> 0 s", lambda x: x > 0, SceneError)
     for what in ("initial_nodes", "initial_velocities"):
         value = getattr(scene, what)
         if value is not None:
@@ -45,79 +33,45 @@ def check_scene(scene: Scene) -> None:
     check_motions(scene)
     start = {motion.support: motion.at(0.0) for motion in scene.motions}
     check_configuration(structure, scene.nodes0, "initial_nodes", {name: d[0] for name, d in start.items()})
-    check_initial_velocities(scene, {name: d[1] for name, d in start.items()})
-    check_no_vanishing_string(scene)
-
-    if not callable(scene.loads):
-        for number, load in enumerate(scene.loads):
-            if not isinstance(load, Load):
-                raise SceneError(f"loads[{number}] = {load!r}: it must be a Load, or loads a function of time")
-            if not isinstance(load.node, str) or load.node not in structure.node_index:
-                raise SceneError(f"loads[{number}]: {unknown_node(load.node, structure)}")
-            check_vector(f"loads[{number}] on node '{load.node}': force", load.force, SceneError, "N")
-            for what in ("angular_frequency", "phase"):
-                check_number(f"loads[{number}].{what}", getattr(load, what), "finite", lambda x: True, SceneError)
-    else:
-        try:
-            forces = np.asarray(scene.loads(0.0), float)
-        except Exception as error:
-            raise SceneError(f"loads: the function failed at t = 0: {type(error).__name__}: {error}") from error
-        if forces.shape != (count, 3) or not np.all(np.isfinite(forces)):
-            raise SceneError(
-                f"loads: the function gave shape {forces.shape} at t = 0; it must give finite ({count}, 3) [N]"
-            )
-
+    _check_initial_velocities(scene, {name: d[1] for name, d in start.items()})
+    _check_no_vanishing_string(scene)
+    _check_loads(scene)
     _check_breaks(scene)
     if scene.contact is not None:
         check_contact(scene)
     if scene.resistance is not None:
-        check_resistance(scene.structure, scene.resistance)
+        check_resistance(structure, scene.resistance)
     if scene.water is not None:
         check_water(scene)
     if scene.target is not None:
-        if not isinstance(scene.target, Target):
-            raise SceneError(f"target = {scene.target!r}: use Target.set_point(nodes), Target.path or Target.curve")
         check_target(structure, scene.target)
-    if scene.control is not None:
-        _check_control(scene.control)
 
 
-def _check_control(control: Any) -> None:
-    if not isinstance(control, ControlSpec):
-        raise SceneError(f"control = {control!r}: use ControlSpec(law, options)")
-    if not isinstance(control.law, str) or not control.law:
-        raise SceneError(f"control: law = {control.law!r}; it must be the name of a law")
-    check_text("control: law", control.law, SceneError)
-    if not isinstance(control.options, Mapping):
-        raise SceneError(f"control: options = {control.options!r}; they must map each option's name to its value")
-    for key, value in control.options.items():
-        if not isinstance(key, str) or not key:
-            raise SceneError(f"control: option {key!r}: its name must be a non-empty string")
-        check_text("control: name of an option", key, SceneError)
-        _check_option(f"control: option '{key}'", value)
-
-
-def _check_option(what: str, value: Any) -> None:
-    if isinstance(value, list):
-        for item in value:
-            _check_option(what, item)
-    elif isinstance(value, str):
-        check_text(what, value, SceneError)
-    elif not isinstance(value, (bool, int, float)) or value != value:
-        raise SceneError(f"{what}: {value!r} is no number, text or truth value, nor a list of them")
+def _check_loads(scene: Scene) -> None:
+    structure = scene.structure
+    if not callable(scene.loads):
+        for number, load in enumerate(scene.loads):
+            if load.node not in structure.node_index:
+                raise SceneError(f"loads[{number}]: {unknown_node(load.node, structure)}")
+        return
+    try:
+        forces = np.asarray(scene.loads(0.0), float)
+    except Exception as error:
+        raise SceneError(f"loads: the function failed at t = 0: {type(error).__name__}: {error}") from error
+    if forces.shape != structure.positions.shape or not np.all(np.isfinite(forces)):
+        raise SceneError(
+            f"loads: the function gave shape {forces.shape} at t = 0; it must give finite {structure.positions.shape} "
+            "[N]"
+        )
 
 
 def _check_breaks(scene: Scene) -> None:
     known = {string.name for string in scene.structure.strings}
     broken: set[str] = set()
     for number, event in enumerate(scene.breaks):
-        if not isinstance(event, Break):
-            raise SceneError(f"breaks[{number}] = {event!r}: it must be a Break(string, time)")
         if event.string not in known:
             names = names_of(string.name for string in scene.structure.strings)
             raise SceneError(f"breaks[{number}]: unknown string '{event.string}'; the strings are {names}")
-        what = f"breaks[{number}] of string '{event.string}': time"
-        check_number(what, event.time, ">= 0 s", lambda x: x >= 0, SceneError)
         if event.string in broken:
             raise SceneError(f"breaks[{number}]: string '{event.string}' breaks twice; give one time for each string")
         broken.add(event.string)
@@ -127,7 +81,7 @@ def check_node_array(structure: Structure, what: str, value: Array) -> None:
     count = len(structure.nodes)
     if value.shape != (count, 3):
         raise SceneError(
-            f"{what}: shape {value.shape}; it must be ({count}, 3), a row for each of {names_of_nodes(structure)}"
+            f"{what}: shape {value.shape}; it must be ({count}, 3), a row for each of {names_of(structure.nodes)}"
         )
     fits = np.abs(value) <= LARGEST  # NaN does not
     if not np.all(fits):
@@ -138,6 +92,37 @@ def check_node_array(structure: Structure, what: str, value: Array) -> None:
         )
 
 
+def _broken(
+    structure: Structure, values: Array, base: Array, moved: Mapping[str, Array], limit: float
+) -> Iterator[tuple[str, Any, float]]:
+    """The rods and point masses whose support or plane is broken by more than a limit, which it is, and by how much."""
+    found = _deviations(structure, values, base, moved)
+    return ((what, member, off) for what, member, off in found if off > limit)
+
+
+def _deviations(
+    structure: Structure, values: Array, base: Array, moved: Mapping[str, Array]
+) -> Iterator[tuple[str, Any, float]]:
+    """How far each support and plane, of rods and point masses, is from being kept.
+
+    Args:
+        values, base: (N, 3) of the nodes, and what supports hold them at: positions, or velocities.
+        moved: how far each moved support is from there.
+    """
+    away, still = values - base, np.zeros(3)
+    for rod, (i, j) in zip(structure.rods, structure.rod_nodes.tolist(), strict=True):
+        support, sigma = rod.support, rod.support.sigma
+        if support.directions or support.plane is not None:
+            off = (1 - sigma) * away[i] + sigma * away[j] - moved.get(rod.name, still)
+            yield "support", rod, float(np.abs(unit_rows(support.constraint_rows) @ off).max())
+        if support.plane is not None:
+            yield "plane", rod, abs(float(unit_rows(np.array([support.plane]))[0] @ (values[j] - values[i])))
+    for point in structure.point_masses:
+        if point.plane is not None:
+            row = structure.node_index[point.node]
+            yield "mass", point, abs(float(unit_rows(np.array([point.plane]))[0] @ away[row]))
+
+
 def check_configuration(
     structure: Structure, nodes: Array, where: str, moved: Mapping[str, Array] | None = None
 ) -> None:
@@ -145,100 +130,65 @@ def check_configuration(
 
     Supports in `moved` (rod or fixed node -> displacement (3,) [m]) are that far from where the structure has them.
     """
-    size = size_of(structure)
-    moved = moved or {}
-    still = np.zeros(3)
+    limit, moved = CONSTRAINT_TOLERANCE * size_of(structure), moved or {}
     for name in structure.fixed_nodes:
         row = structure.node_index[name]
-        gap = float(np.linalg.norm(nodes[row] - structure.positions[row] - moved.get(name, still)))
-        if gap > CONSTRAINT_TOLERANCE * size:
+        gap = float(np.linalg.norm(nodes[row] - structure.positions[row] - moved.get(name, np.zeros(3))))
+        if gap > limit:
             raise SceneError(f"{where}: fixed node '{name}' is {gap:.3g} m from its place; it must stay there")
-    for number, rod in enumerate(structure.rods):
-        i, j = structure.rod_nodes[number]
-        length = structure.rod_lengths[number]
-        stretch = float(np.linalg.norm(nodes[j] - nodes[i]) - length)
-        if abs(stretch) > CONSTRAINT_TOLERANCE * size:
+    lengths = np.linalg.norm(nodes[structure.rod_nodes[:, 1]] - nodes[structure.rod_nodes[:, 0]], axis=1)
+    for row in np.flatnonzero(np.abs(lengths - structure.rod_lengths) > limit)[:1]:
+        raise SceneError(
+            f"{where}: rod '{structure.rods[row].name}' would be {lengths[row]:.12g} m long; its length is "
+            f"{structure.rod_lengths[row]:.12g} m"
+        )
+    for what, member, off in _broken(structure, nodes, structure.positions, moved, limit):
+        if what == "mass":
+            raise SceneError(f"{where}: the point mass on node '{member.node}' is {off:.3g} m out of its plane")
+        if what == "plane":
             raise SceneError(
-                f"{where}: rod '{rod.name}' would be {length + stretch:.12g} m long; its length is {length:.12g} m"
+                f"{where}: rod '{member.name}' leaves its plane by {off:.3g} m; its direction must be orthogonal to "
+                f"the normal {member.support.plane}"
             )
-        sigma = rod.support.sigma
-        r = (1 - sigma) * nodes[i] + sigma * nodes[j]
-        reference = (1 - sigma) * structure.positions[i] + sigma * structure.positions[j]
-        rows = rod.support.constraint_rows
-        shift = moved.get(rod.name, still)
-        broken = np.abs(unit_rows(rows) @ (r - reference - shift)) if len(rows) else np.zeros(0)
-        if np.any(broken > CONSTRAINT_TOLERANCE * size):
-            raise SceneError(
-                f"{where}: rod '{rod.name}' breaks its support by {broken.max():.3g} m at σ = {sigma}: "
-                "the point must keep D r = r̄ of the reference nodes"
-                + (f", moved by {shift.tolist()} m" if rod.name in moved else "")
-            )
-        if rod.support.plane is not None:
-            off = abs(float(unit_rows(np.array([rod.support.plane]))[0] @ (nodes[j] - nodes[i])))
-            if off > CONSTRAINT_TOLERANCE * size:
-                raise SceneError(
-                    f"{where}: rod '{rod.name}' leaves its plane by {off:.3g} m; its direction must be orthogonal "
-                    f"to the normal {rod.support.plane}"
-                )
-    for point in structure.point_masses:
-        if point.plane is not None:
-            row = structure.node_index[point.node]
-            off = abs(float(unit_rows(np.array([point.plane]))[0] @ (nodes[row] - structure.positions[row])))
-            if off > CONSTRAINT_TOLERANCE * size:
-                raise SceneError(f"{where}: the point mass on node '{point.node}' is {off:.3g} m out of its plane")
+        raise SceneError(
+            f"{where}: rod '{member.name}' breaks its support by {off:.3g} m at σ = {member.support.sigma}: the point "
+            "must keep D r = r̄ of the reference nodes"
+            + (f", moved by {moved[member.name].tolist()} m" if member.name in moved else "")
+        )
 
 
-def check_initial_velocities(scene: Scene, moved: Mapping[str, Array]) -> None:
+def _check_initial_velocities(scene: Scene, moved: Mapping[str, Array]) -> None:
     """Raise SceneError unless velocities keep all constraints; `moved` are the velocities (3,) of moved supports."""
     structure, nodes, velocities = scene.structure, scene.nodes0, scene.velocities0
-    speed = max(float(np.abs(array).max(initial=0.0)) for array in (velocities, *moved.values()))
-    if speed == 0.0:
+    where = "initial_velocities"
+    limit = CONSTRAINT_TOLERANCE * max(float(np.abs(array).max(initial=0.0)) for array in (velocities, *moved.values()))
+    if limit == 0.0:
         return
-    limit = CONSTRAINT_TOLERANCE * speed
-    still = np.zeros(3)
     for name in structure.fixed_nodes:
         v = velocities[structure.node_index[name]]
-        if name not in moved and np.any(v != 0):
-            raise SceneError(f"initial_velocities: fixed node '{name}' has {v.tolist()} m/s; it must be at rest")
-        if np.any(np.abs(v - moved.get(name, still)) > limit):
-            raise SceneError(
-                f"initial_velocities: fixed node '{name}' has {v.tolist()} m/s; its motion starts with "
-                f"{moved[name].tolist()} m/s"
-            )
-    for number, rod in enumerate(structure.rods):
-        i, j = structure.rod_nodes[number]
-        b = (nodes[j] - nodes[i]) / np.linalg.norm(nodes[j] - nodes[i])
-        stretch = float(b @ (velocities[j] - velocities[i]))
-        if abs(stretch) > limit:
-            raise SceneError(
-                f"initial_velocities: rod '{rod.name}' would lengthen at {stretch:.3g} m/s; the velocities of its "
-                "nodes must be equal along it"
-            )
-        sigma = rod.support.sigma
-        at_support = (1 - sigma) * velocities[i] + sigma * velocities[j]
-        rows = rod.support.constraint_rows
-        rate = moved.get(rod.name, still)
-        broken = np.abs(unit_rows(rows) @ (at_support - rate)) if len(rows) else np.zeros(0)
-        if np.any(broken > limit):
-            raise SceneError(
-                f"initial_velocities: rod '{rod.name}' would leave its support at {broken.max():.3g} m/s at σ = "
-                f"{sigma}; "
-                + (f"its motion starts with {rate.tolist()} m/s" if rod.name in moved else "D ṙ must be zero")
-            )
-        if rod.support.plane is not None:
-            off = abs(float(unit_rows(np.array([rod.support.plane]))[0] @ (velocities[j] - velocities[i])))
-            if off > limit:
-                raise SceneError(f"initial_velocities: rod '{rod.name}' would turn out of its plane at {off:.3g} m/s")
-    for point in structure.point_masses:
-        if point.plane is not None:
-            off = abs(float(unit_rows(np.array([point.plane]))[0] @ velocities[structure.node_index[point.node]]))
-            if off > limit:
-                raise SceneError(
-                    f"initial_velocities: the point mass on '{point.node}' leaves its plane at {off:.3g} m/s"
-                )
+        if np.any(v != 0) if name not in moved else np.any(np.abs(v - moved[name]) > limit):
+            need = f"its motion starts with {moved[name].tolist()} m/s" if name in moved else "it must be at rest"
+            raise SceneError(f"{where}: fixed node '{name}' has {v.tolist()} m/s; {need}")
+    first, second = structure.rod_nodes.T
+    b = nodes[second] - nodes[first]
+    stretch = np.sum(b * (velocities[second] - velocities[first]), axis=1) / np.linalg.norm(b, axis=1)
+    for row in np.flatnonzero(np.abs(stretch) > limit)[:1]:
+        raise SceneError(
+            f"{where}: rod '{structure.rods[row].name}' would lengthen at {stretch[row]:.3g} m/s; the velocities of "
+            "its nodes must be equal along it"
+        )
+    for what, member, off in _broken(structure, velocities, np.zeros_like(velocities), moved, limit):
+        if what == "mass":
+            raise SceneError(f"{where}: the point mass on '{member.node}' leaves its plane at {off:.3g} m/s")
+        if what == "plane":
+            raise SceneError(f"{where}: rod '{member.name}' would turn out of its plane at {off:.3g} m/s")
+        start = moved.get(member.name)
+        need = "D ṙ must be zero" if start is None else f"its motion starts with {start.tolist()} m/s"
+        at = f"at {off:.3g} m/s at σ = {member.support.sigma}"
+        raise SceneError(f"{where}: rod '{member.name}' would leave its support {at}; {need}")
 
 
-def check_no_vanishing_string(scene: Scene) -> None:
+def _check_no_vanishing_string(scene: Scene) -> None:
     lengths = scene.structure.string_lengths(scene.nodes0)
     for row in np.flatnonzero(lengths <= 1e-12 * size_of(scene.structure))[:1]:
         name = scene.structure.strings[row].name
@@ -250,7 +200,7 @@ def check_no_vanishing_string(scene: Scene) -> None:
 CURVE_TOLERANCE = 1e-6
 
 
-def check_target(structure: Structure, target: Any) -> None:
+def check_target(structure: Structure, target: Target) -> None:
     """Raise SceneError unless every waypoint is a configuration of the structure and times increase."""
     count = len(structure.nodes)
     if target.nodes.ndim != 3 or target.nodes.shape[1:] != (count, 3) or len(target.times) != len(target.nodes):

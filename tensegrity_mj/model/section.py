@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+
+from tensegrity_mj.basics.checks import checked
+from tensegrity_mj.basics.fields import field, value
+from tensegrity_mj.basics.kinds import positive
+from tensegrity_mj.errors import StructureError
 
 
-@dataclass(frozen=True)
+@value("section", StructureError, whole=True)
 class Section:
     """A uniform cross section of one material.
-
-    A structure checks the numbers of the sections of its rods. Those of `tube` and `solid` are checked there too.
 
     Attributes:
         area: A [m²], > 0.
         second_moment: I [m⁴], > 0: the smallest second moment of area, about which the rod buckles.
         elasticity_modulus: E [Pa], > 0.
         yield_stress: σ_y [Pa], > 0, in tension and in compression; None where it is not known.
+
+    Raises:
+        StructureError: if a number is not finite and > 0.
     """
 
-    area: float
-    second_moment: float
-    elasticity_modulus: float
-    yield_stress: float | None = None
+    area: float = field(positive("m²"))
+    second_moment: float = field(positive("m⁴"))
+    elasticity_modulus: float = field(positive("Pa"))
+    yield_stress: float | None = field(positive("Pa"), default=None, none="absent")
 
     @classmethod
     def tube(
@@ -33,22 +38,16 @@ class Section:
         Raises:
             StructureError: if a number is not finite and > 0, or the wall thicker than the outer radius.
         """
-        from tensegrity_mj.basics.values import check_number, shown
-        from tensegrity_mj.errors import StructureError
-
-        check_number("section: outer_radius", outer_radius, "> 0 m", lambda x: x > 0)
-        check_number("section: wall", wall, "> 0 m", lambda x: x > 0)
+        outer_radius = checked("section: outer_radius", outer_radius, positive("m"), StructureError)
+        wall = checked("section: wall", wall, positive("m"), StructureError)
         if wall > outer_radius:
             raise StructureError(
-                f"section: wall = {shown(wall)!r} m is thicker than outer_radius = {shown(outer_radius)!r} m; "
-                "it must be at most that"
+                f"section: wall = {wall!r} m is thicker than outer_radius = {outer_radius!r} m; it must be at most that"
             )
         # Both by the wall, not by differences of squares and fourth powers, which a thin wall would cancel.
         mean = outer_radius - 0.5 * wall
         area = 2.0 * math.pi * mean * wall
-        section = cls(area, area * (mean * mean + 0.25 * wall * wall) / 2.0, elasticity_modulus, yield_stress)
-        section.check("section")
-        return section
+        return cls(area, area * (mean * mean + 0.25 * wall * wall) / 2.0, elasticity_modulus, yield_stress)
 
     @classmethod
     def solid(cls, radius: float, elasticity_modulus: float, yield_stress: float | None = None) -> Section:
@@ -57,23 +56,9 @@ class Section:
         Raises:
             StructureError: if a number is not finite and > 0.
         """
-        from tensegrity_mj.basics.values import check_number
-
-        check_number("section: radius", radius, "> 0 m", lambda x: x > 0)
+        radius = checked("section: radius", radius, positive("m"), StructureError)
         area = math.pi * radius * radius
-        section = cls(area, 0.25 * area * radius * radius, elasticity_modulus, yield_stress)
-        section.check("section")
-        return section
-
-    def check(self, what: str) -> None:
-        """Raise StructureError, which begins with `what`, unless every number is finite and > 0."""
-        from tensegrity_mj.basics.values import check_number
-
-        check_number(f"{what}: area", self.area, "> 0 m²", lambda x: x > 0)
-        check_number(f"{what}: second_moment", self.second_moment, "> 0 m⁴", lambda x: x > 0)
-        check_number(f"{what}: elasticity_modulus", self.elasticity_modulus, "> 0 Pa", lambda x: x > 0)
-        if self.yield_stress is not None:
-            check_number(f"{what}: yield_stress", self.yield_stress, "> 0 Pa, or absent", lambda x: x > 0)
+        return cls(area, 0.25 * area * radius * radius, elasticity_modulus, yield_stress)
 
     @property
     def axial_stiffness(self) -> float:

@@ -7,7 +7,7 @@ right-handed with z up. Positions are in that frame [m].
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -15,25 +15,32 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.basics.arrays import Array, IntArray
-from tensegrity_mj.model.members import (
-    LIMITS,
-    PointMass,
-    Rod,
-    String,
-    Support,
-    Vector,
-    _plain_point_mass,
-    _plain_rod,
-    _plain_string,
-    _vector,
-)
+from tensegrity_mj.basics.checks import sequence_of
+from tensegrity_mj.basics.fields import field, value
+from tensegrity_mj.basics.kinds import Kind, Wrong, choice, names, parts, printable_name, text, vector
+from tensegrity_mj.errors import StructureError
+from tensegrity_mj.model.members import LIMITS, PRESTRESS, PointMass, Rod, String, Support, Vector
+from tensegrity_mj.model.node_indices import array_of_shape, index_pairs
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.strings import StringLaw
+from tensegrity_mj.model.structure_checks import check_structure
 
 T = TypeVar("T", bound=NDArray[Any])
 
 
-@dataclass(frozen=True, eq=False)
+def _places(given: Any) -> dict[str, Vector]:
+    if not isinstance(given, Mapping):
+        raise Wrong(f": a {type(given).__name__}; it must map each node's name to its position")
+    name, place, found = printable_name().plain, vector("m").plain, {}
+    for key, position in given.items():
+        try:
+            found[name(key)] = place(position)
+        except Wrong as wrong:
+            raise Wrong(f": node {key!r}{wrong}") from None
+    return found
+
+
+@value("structure {name!r}", StructureError)
 class Structure:
     """Nodes, rods, strings and supports of a tensegrity structure of any class.
 
@@ -51,44 +58,18 @@ class Structure:
         StructureError: on construction, if anything is invalid; the message names the item at fault.
     """
 
-    name: str
-    nodes: Mapping[str, Vector]
-    rods: tuple[Rod, ...] = ()
-    strings: tuple[String, ...] = ()
-    fixed_nodes: tuple[str, ...] = ()
-    point_masses: tuple[PointMass, ...] = ()
-    string_law: StringLaw = StringLaw.CLIPPED
-
-    def __post_init__(self) -> None:
-        from tensegrity_mj.basics.values import sequence_of
-        from tensegrity_mj.model.structure_checks import check_structure
-
-        for name in ("rods", "strings", "fixed_nodes", "point_masses"):
-            object.__setattr__(self, name, sequence_of(name, getattr(self, name)))
-        check_structure(self)
-        # Plain tuples and floats from here on: equality, hashing of members and files rely on them.
-        nodes = {str(key): _vector(position) for key, position in self.nodes.items()}
-        object.__setattr__(self, "nodes", nodes)
-        object.__setattr__(self, "rods", tuple(_plain_rod(rod) for rod in self.rods))
-        object.__setattr__(self, "strings", tuple(_plain_string(string) for string in self.strings))
-        object.__setattr__(self, "fixed_nodes", tuple(str(name) for name in self.fixed_nodes))
-        object.__setattr__(self, "point_masses", tuple(_plain_point_mass(point) for point in self.point_masses))
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Structure) and self._key() == other._key()
+    name: str = field(text())
+    nodes: Mapping[str, Vector] = field(Kind(_places), eq=lambda nodes: list(nodes.items()))
+    rods: tuple[Rod, ...] = field(parts(Rod), default=())
+    strings: tuple[String, ...] = field(parts(String), default=())
+    fixed_nodes: tuple[str, ...] = field(names("node"), default=())
+    point_masses: tuple[PointMass, ...] = field(parts(PointMass), default=())
+    string_law: StringLaw = field(choice(StringLaw), default=StringLaw.CLIPPED)
 
     __hash__ = None  # type: ignore[assignment]
 
-    def _key(self) -> tuple[Any, ...]:
-        return (
-            self.name,
-            list(self.nodes.items()),
-            self.rods,
-            self.strings,
-            self.fixed_nodes,
-            self.point_masses,
-            self.string_law,
-        )
+    def __attrs_post_init__(self) -> None:
+        check_structure(self)
 
     @classmethod
     def from_arrays(
@@ -117,8 +98,6 @@ class Structure:
         Raises:
             StructureError: as the constructor, and for arrays of the wrong shape.
         """
-        from tensegrity_mj.basics.values import array_of_shape, index_pairs
-
         positions = array_of_shape("nodes", nodes, (-1, 3))
         count = len(positions)
         names = [f"n{i + 1}" for i in range(count)]
@@ -169,25 +148,24 @@ class Structure:
         there; None removes it, so that the strings are taut without tension at the reference nodes. A limit of None
         is lifted, and a strength of None is unknown.
         """
-        from tensegrity_mj.basics.values import array_of_shape
-        from tensegrity_mj.errors import StructureError
-
-        rest = ("rest_length", "tension", "force_density")
-        optional = (*rest, *LIMITS, "strength")
+        optional = (*PRESTRESS, *LIMITS, "strength")
         allowed = ("stiffness", "damping", *optional)
         for key in changes:
             if key not in allowed:
                 raise StructureError(f"with_strings: '{key}' is no property of strings; allowed: {', '.join(allowed)}")
-        strings = list(self.strings)
-        if set(changes) & set(rest):
-            strings = [replace(s, rest_length=None, tension=None, force_density=None) for s in strings]
+        columns: dict[str, Sequence[float | None]] = {}
+        if set(changes) & set(PRESTRESS):
+            columns = {key: [None] * len(self.strings) for key in PRESTRESS}
         for key, values in changes.items():
             if values is None and key in optional:
-                values_by_string: list[dict[str, Any]] = [{key: None}] * len(strings)
+                columns[key] = [None] * len(self.strings)
             else:
-                column = np.broadcast_to(array_of_shape(key, values, (len(strings),)), (len(strings),))
-                values_by_string = [{key: float(x)} for x in column]
-            strings = [replace(s, **change) for s, change in zip(strings, values_by_string, strict=True)]
+                shape = (len(self.strings),)
+                columns[key] = np.broadcast_to(array_of_shape(key, values, shape), shape).tolist()
+        strings = (
+            replace(string, **{key: column[row] for key, column in columns.items()})  # type: ignore[arg-type]
+            for row, string in enumerate(self.strings)
+        )
         return replace(self, strings=tuple(strings))
 
     def with_sections(self, sections: Section | Sequence[Section | None] | None) -> Structure:
@@ -196,11 +174,10 @@ class Structure:
         Raises:
             StructureError: if there are not as many sections as rods, or one of them is not valid.
         """
-        from tensegrity_mj.basics.values import sequence_of
-        from tensegrity_mj.errors import StructureError
-
         same = sections is None or isinstance(sections, Section)
-        chosen = (sections,) * len(self.rods) if same else sequence_of("with_sections: sections", sections)
+        chosen = (
+            (sections,) * len(self.rods) if same else sequence_of("with_sections: sections", sections, StructureError)
+        )
         if len(chosen) != len(self.rods):
             raise StructureError(f"with_sections: {len(chosen)} sections for {len(self.rods)} rods; give one a rod")
         rods = (replace(rod, section=section) for rod, section in zip(self.rods, chosen, strict=True))

@@ -7,15 +7,16 @@ them. Its derivatives, and those of the quintics, are exact.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import LARGEST, finite, positive, real_array
-from tensegrity_mj.errors import OptionError, SceneError
+from tensegrity_mj.basics.checks import finite, positive, real_array
+from tensegrity_mj.basics.fields import SAME_ARRAY, field, refused, value
+from tensegrity_mj.basics.kinds import array, part, rows
+from tensegrity_mj.errors import OptionError
 
 MOST_SHAPES = 1000  # of a curve: its polynomial takes a dense matrix of that size
 
@@ -60,7 +61,7 @@ def chebyshev_points(first: float, last: float, count: int) -> Array:
     return np.asarray(points)
 
 
-@dataclass(frozen=True, eq=False)
+@value("target")
 class Curve:
     """Shapes along a parameter, and how the parameter moves at the target's times.
 
@@ -71,51 +72,27 @@ class Curve:
         shapes: (P, N, 3) node positions [m] at these parameters.
     """
 
-    values: tuple[float, ...]
-    parameters: tuple[float, ...]
-    shapes: Array
-    rates: tuple[float, ...] = ()
-    accelerations: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        try:
-            for name in ("values", "parameters", "rates", "accelerations"):
-                object.__setattr__(self, name, tuple(float(x) for x in getattr(self, name)))
-            shapes = np.array(self.shapes, float)
-        except (TypeError, ValueError) as error:
-            raise SceneError(f"target: values, parameters and shapes must be arrays of numbers ({error})") from None
-        shapes.flags.writeable = False
-        object.__setattr__(self, "shapes", shapes)
-        for name in ("rates", "accelerations"):
-            object.__setattr__(self, name, getattr(self, name) or (0.0,) * len(self.values))
-        self._check()
-
-    def _check(self) -> None:
-        W, P = len(self.values), len(self.parameters)
-        for name in ("rates", "accelerations"):
-            if len(getattr(self, name)) != W:
-                raise SceneError(f"target: {len(getattr(self, name))} {name} for {W} values; give one a value")
-        for name in ("values", "parameters", "rates", "accelerations"):
-            if not np.all(np.abs(getattr(self, name)) <= LARGEST):  # NaN is not
-                raise SceneError(f"target: {name} {list(getattr(self, name))} must be finite, and at most {LARGEST:g}")
-        if P > MOST_SHAPES:
-            raise SceneError(f"target: {P} shapes; the polynomial of a curve goes through at most {MOST_SHAPES}")
-        if P < 2 or np.any(np.diff(self.parameters) <= 0):
-            raise SceneError(f"target: parameters {list(self.parameters)}; they must be two or more, and increase")
-        if self.shapes.ndim != 3 or len(self.shapes) != P:
-            raise SceneError(
-                f"target: shapes of shape {self.shapes.shape} for {P} parameters; they must be ({P}, nodes, 3)"
-            )
-
-    def __eq__(self, other: object) -> bool:
-        plain = ("values", "parameters", "rates", "accelerations")
-        return (
-            isinstance(other, Curve)
-            and all(getattr(self, name) == getattr(other, name) for name in plain)
-            and np.array_equal(self.shapes, other.shapes)
-        )
+    values: tuple[float, ...] = field(rows())
+    parameters: tuple[float, ...] = field(rows())
+    shapes: Array = field(array("(P, N, 3)"), eq=SAME_ARRAY)
+    rates: tuple[float, ...] = field(rows(), default=())
+    accelerations: tuple[float, ...] = field(rows(), default=())
 
     __hash__ = None  # type: ignore[assignment]
+
+    def __attrs_post_init__(self) -> None:
+        W, P = len(self.values), len(self.parameters)
+        for name in ("rates", "accelerations"):
+            if not getattr(self, name):
+                object.__setattr__(self, name, (0.0,) * W)
+            if len(getattr(self, name)) != W:
+                raise refused(self, f"{len(getattr(self, name))} {name} for {W} values; give one a value")
+        if P > MOST_SHAPES:
+            raise refused(self, f"{P} shapes; the polynomial of a curve goes through at most {MOST_SHAPES}")
+        if P < 2 or np.any(np.diff(self.parameters) <= 0):
+            raise refused(self, f"parameters {list(self.parameters)}; they must be two or more, and increase")
+        if self.shapes.ndim != 3 or len(self.shapes) != P:
+            raise refused(self, f"shapes of shape {self.shapes.shape} for {P} parameters; they must be ({P}, nodes, 3)")
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -130,8 +107,8 @@ class Curve:
             with np.errstate(all="ignore"):  # what is not finite is for the check of the target to say
                 flat = np.linalg.solve(basis, self.shapes.reshape(len(self.shapes), -1))
         except np.linalg.LinAlgError:
-            raise SceneError(
-                f"target: the parameters {list(self.parameters)} lie too close to each other for a polynomial"
+            raise refused(
+                self, f"the parameters {list(self.parameters)} lie too close to each other for a polynomial"
             ) from None
         return np.asarray(flat.reshape(self.shapes.shape))
 
@@ -164,7 +141,7 @@ class Curve:
         return min(found), max(found)
 
 
-@dataclass(frozen=True, eq=False)
+@value("target")
 class Target:
     """Where a controller is to take the nodes: a set-point, a path through waypoints, or a curve of shapes.
 
@@ -178,9 +155,17 @@ class Target:
         along: the curve, or None.
     """
 
-    times: tuple[float, ...]
-    nodes: Array
-    along: Curve | None = None
+    times: tuple[float, ...] = field(rows())
+    nodes: Array = field(array("(W, N, 3)"), eq=SAME_ARRAY)
+    along: Curve | None = field(
+        part(Curve, "Target.curve(times, values, parameters, shapes)"), default=None, none="None"
+    )
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __attrs_post_init__(self) -> None:
+        if self.along is not None:
+            object.__setattr__(self, "nodes", array("").plain(self.along.nodes(self.along.values)))
 
     @classmethod
     def set_point(cls, nodes: ArrayLike) -> Target:
@@ -216,25 +201,3 @@ class Target:
             none if accelerations is None else accelerations,  # type: ignore[arg-type]
         )
         return cls(times, along.nodes(along.values), along)  # type: ignore[arg-type]
-
-    def __post_init__(self) -> None:
-        if self.along is not None and not isinstance(self.along, Curve):
-            raise SceneError(f"target: along = {self.along!r}; use Target.curve(times, values, parameters, shapes)")
-        try:
-            times = tuple(float(t) for t in self.times)
-            given = self.nodes if self.along is None else self.along.nodes(self.along.values)
-            nodes = np.array(given, float, order="C")
-        except (TypeError, ValueError) as error:
-            raise SceneError(f"target: times and node positions must be arrays of numbers ({error})") from None
-        nodes.flags.writeable = False
-        object.__setattr__(self, "times", times)
-        object.__setattr__(self, "nodes", nodes)
-
-    def __eq__(self, other: object) -> bool:
-        return (
-            isinstance(other, Target)
-            and (self.times, self.along) == (other.times, other.along)
-            and np.array_equal(self.nodes, other.nodes)
-        )
-
-    __hash__ = None  # type: ignore[assignment]

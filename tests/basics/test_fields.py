@@ -7,12 +7,13 @@ import enum
 import math
 import pickle
 import tomllib
-from typing import Any
+from importlib.metadata import EntryPoint
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
-from tensegrity_mj.basics import kinds
+from tensegrity_mj.basics import fields, kinds
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.errors import FormatError, SceneError, StructureError
 from tensegrity_mj.model.text.codec import read, table_of
@@ -34,7 +35,7 @@ class Wave:
 
 @value("pond {name!r}", StructureError)
 class Pond:
-    name: str = field(kinds.name())
+    name: str = field(kinds.printable_name())
     depth: float = field(kinds.positive("m"), default=2.0)
     width: float | None = field(kinds.positive("m"), default=None, none="None for as wide as it is deep")
     waves: tuple[Wave, ...] = field(kinds.parts(Wave), default=())
@@ -45,7 +46,7 @@ class Pond:
     up: tuple[float, float, float] = field(kinds.direction(), default=(0.0, 0.0, 1.0))
     banks: tuple[tuple[float, float, float], ...] = field(kinds.rows(3), default=())
     share: float = field(kinds.within(0, 1), default=0.5, key="part")
-    owner: tuple[str, ...] = field(kinds.names(2, "person"), default=("a", "b"))
+    owner: tuple[str, ...] = field(kinds.pair("person"), default=("a", "b"))
     note: str = field(kinds.text(), default="")
 
     def __attrs_post_init__(self) -> None:
@@ -54,7 +55,7 @@ class Pond:
 
 
 WRONG: list[tuple[dict[str, Any], str]] = [
-    ({"name": ""}, "pond '': name = ''; it must be a non-empty string of printable characters"),
+    ({"name": ""}, "pond: name = ''; it must be a non-empty string of printable characters"),
     ({"name": "a\n"}, "it must be a non-empty string of printable characters"),
     ({"name": 3}, "pond 3: name = 3; it must be"),
     ({"depth": 0}, "pond 'p': depth = 0; it must be > 0 m"),
@@ -84,7 +85,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"banks": [[0, 0]]}, "banks = [[0, 0]]; it must be a sequence of finite vectors, (T, 3)"),
     ({"banks": [[0, 0, 1e200]]}, "of at most 1e+100"),
     ({"share": 2}, "pond 'p': part = 2; it must be within [0, 1]"),
-    ({"owner": ("a",)}, "owner = ('a',); it must name 2 persons"),
+    ({"owner": ("a",)}, "owner = ('a',); it must name two persons"),
     ({"owner": ("a", 2)}, "owner[1] = 2; it must be the name of a person"),
     ({"note": "\ud800"}, "it must be a text that UTF-8 can hold"),
     ({"deep": True, "depth": 0.5}, "pond 'p': deep, but depth = 0.5 m; make it 1 m at least"),
@@ -176,3 +177,143 @@ def test_what_is_wrong_in_a_file_is_said_with_its_place(text: str, error: type[E
     with pytest.raises(error) as caught:
         from_file(text)
     assert message in str(caught.value)
+
+
+# Classes of others, by their names -----------------------------------------------------------------------
+
+
+class Effect:
+    """What others give subclasses of."""
+
+    smooth: ClassVar[bool] = False
+
+
+@value("magnet at {node!r}")
+class Magnet(Effect):
+    node: str
+    moment: float = 1.0
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    shape: Shape | None = None
+    turns: int = 1
+    on: bool = True
+    places: tuple[tuple[float, float, float], ...] = ()
+    waves: tuple[Wave, ...] = ()
+    wave: Wave | None = None
+    depth: float = field(kinds.positive("m"), default=2.0)
+    smooth = True
+
+
+@dataclasses.dataclass(frozen=True)
+class Spring(Effect):
+    node: str
+    stiffness: float = 2.0
+    others: tuple[str, ...] = ()
+
+
+@value()
+class Field:
+    effects: tuple[Any, ...] = field(kinds.parts(Effect), default=())
+
+
+@pytest.fixture
+def known(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fields, "_KINDS", {})
+    fields.register("magnet", Magnet)
+    fields.register("spring", Spring)
+
+
+EFFECTS = """
+    [[effects]]
+    kind = "magnet"
+    node = "a"
+    moment = 2
+    axis = [1, 0, 0]
+    shape = "flat"
+    turns = 3
+    on = false
+    places = [[1, 2, 3]]
+    waves = [{ amplitude = 1 }]
+    wave = { amplitude = 2 }
+    depth = 3
+    [[effects]]
+    kind = "spring"
+    node = "b"
+    stiffness = 4
+    others = ["c"]
+"""
+
+
+def effects(text: str) -> Field:
+    return read(Field, Table(tomllib.loads(text), "mine.toml", "scene", None))
+
+
+@pytest.mark.usefixtures("known")
+def test_classes_of_others_are_read_and_written_by_name() -> None:
+    magnet = Magnet(
+        "a",
+        2,
+        (1, 0, 0),
+        Shape.FLAT,
+        3,
+        False,
+        ((1, 2, 3),),
+        (Wave(1),),
+        Wave(2),
+        depth=3,  # type: ignore[arg-type]
+    )
+    assert effects(EFFECTS) == Field((magnet, Spring("b", 4.0, ("c",))))
+    assert (magnet.smooth, type(magnet.moment), magnet.places) == (True, float, ((1.0, 2.0, 3.0),))
+    found = [table_of(item) for item in effects(EFFECTS).effects]
+    assert list(found[0])[:3] == ["kind", "node", "moment"]
+    assert found[1] == {"kind": "spring", "node": "b", "stiffness": 4.0, "others": ("c",)}
+    assert table_of(Magnet("a")) == {"kind": "magnet", "node": "a"}
+    with pytest.raises(SceneError, match=r"magnet at 'a': moment = nan; it must be finite"):
+        Magnet("a", NAN)
+
+
+@pytest.mark.usefixtures("known")
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('kind = "spring"', 'kind = "sprung"', "scene.effects[1] 'sprung': kind = 'sprung' (a text); it must be"),
+        ('kind = "spring"', "", 'scene.effects[1]: \'kind\' is missing; it must be "magnet" or "spring"'),
+        ("stiffness = 4", "stifness = 4", "effects[1] 'spring': unknown key 'stifness' (did you mean 'stiffness'?)"),
+        ("stiffness = 4", 'stiffness = "4"', "effects[1] 'spring': stiffness = '4' (a text); it must be a number"),
+        ('node = "a"', "", "scene.effects[0] 'magnet': 'node' is missing; it must be a text in quotes"),
+        ("turns = 3", "turns = 3.5", "scene.effects[0] 'magnet': turns = 3.5 (a number); it must be an integer"),
+    ],
+)
+def test_what_is_wrong_with_them_in_a_file(old: str, new: str, message: str) -> None:
+    with pytest.raises(FormatError) as caught:
+        effects(EFFECTS.replace(old, new))
+    assert message in str(caught.value)
+
+
+@pytest.mark.usefixtures("known")
+def test_what_is_registered() -> None:
+    fields.register("magnet", Magnet)
+    assert fields.registered(Effect) == {"magnet": Magnet, "spring": Spring}
+    assert fields.registered(Wave) == {}
+    with pytest.raises(SceneError, match="kind 'magnet' is Magnet already; give Spring another"):
+        fields.register("magnet", Spring)
+    with pytest.raises(SceneError, match="it must be a class of values"):
+        fields.register("effect", Effect)
+    with pytest.raises(SceneError, match="kind = ''; it must be a non-empty"):
+        fields.register("", Magnet)
+
+
+def test_types_that_no_file_can_hold() -> None:
+    class Odd(Effect):
+        rows: dict[str, float]
+
+    with pytest.raises(SceneError, match=r"Odd: rows is of type dict\[str, float\]; a file can hold float, int"):
+        value()(Odd)
+
+
+def test_a_package_that_is_installed_registers_by_an_entry_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    def points(group: str) -> list[EntryPoint]:
+        return [EntryPoint("spring", f"{__name__}:Spring", group)] if group == "tensegrity_mj.effects" else []
+
+    monkeypatch.setattr(fields, "_KINDS", {})
+    monkeypatch.setattr(fields, "entry_points", points)
+    assert effects('[[effects]]\nkind = "spring"\nnode = "b"').effects == (Spring("b"),)

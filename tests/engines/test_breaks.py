@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -110,16 +111,16 @@ def test_breaks_survive_a_file(tmp_path: Any) -> None:
 @pytest.mark.parametrize(
     ("breaks", "words"),
     [
-        ((Break("s9", 1.0),), ("unknown string 's9'", "'s1', 's2'")),
-        ((Break("s1", -1.0),), ("s1", "-1.0", ">= 0 s")),
-        ((Break("s1", float("nan")),), ("s1", "nan")),
-        ((Break("s1", 1.0), Break("s1", 2.0)), ("breaks[1]", "s1", "twice")),
-        (("s1",), ("breaks[0]", "Break(string, time)")),
+        (lambda: (Break("s9", 1.0),), ("unknown string 's9'", "'s1', 's2'")),
+        (lambda: (Break("s1", -1.0),), ("s1", "-1.0", ">= 0 s")),
+        (lambda: (Break("s1", float("nan")),), ("s1", "nan")),
+        (lambda: (Break("s1", 1.0), Break("s1", 2.0)), ("breaks[1]", "s1", "twice")),
+        (lambda: ("s1",), ("breaks[0]", "Break(string, time)")),
     ],
 )
-def test_bad_breaks_are_refused(breaks: Any, words: tuple[str, ...]) -> None:
+def test_bad_breaks_are_refused(breaks: Callable[[], Any], words: tuple[str, ...]) -> None:
     with pytest.raises(SceneError) as caught:
-        between_two_strings(breaks=breaks)
+        between_two_strings(breaks=breaks())
     assert all(word in str(caught.value) for word in words), caught.value
 
 

@@ -525,7 +525,7 @@ REFUSED: dict[str, tuple[Callable[[], object], type[TensegrityError], tuple[str,
     ),
     "gravity": (lambda: cable(gravity=0.0), OptionError, ("cable: gravity = 0.0", "> 0 m/s²")),
     "duration": (lambda: cable(duration=0.0), SceneError, ("duration = 0.0", "> 0 s")),
-    "name": (lambda: cable(name=3), StructureError, ("name of the structure = 3",)),  # type: ignore[arg-type]
+    "name": (lambda: cable(name=3), StructureError, ("structure 3: name = 3",)),  # type: ignore[arg-type]
     "suggested frequency": (lambda: suggest_elements(0, 1), OptionError, ("frequency = 0", "> 0 Hz")),
     "suggested length": (lambda: suggest_elements(1, -1), OptionError, ("length = -1", "> 0 m")),
     "suggested ratio": (lambda: suggest_elements(1, 1, 0.0), OptionError, ("ratio = 0.0", "> 0")),
@@ -546,9 +546,9 @@ REFUSED: dict[str, tuple[Callable[[], object], type[TensegrityError], tuple[str,
     "net held": (lambda: net(held="corners"), OptionError, ("held = 'corners'", "Held.EDGES")),  # type: ignore[arg-type]
     "slack": (lambda: net(slack=0.0), OptionError, ("slack = 0.0", "(0, 1)")),
     "net load": (lambda: net(load=-1.0), OptionError, ("load = -1.0 N", ">= 0 N")),
-    "viscous": (lambda: cable(viscous=np.ones(2)), OptionError, ("cable: viscous = array",)),  # type: ignore[arg-type]
+    "viscous": (lambda: cable(viscous=np.ones(2)), OptionError, ("cable: viscous = [1.0, 1.0]",)),  # type: ignore[arg-type]
     "bending": (lambda: cable(bending_stiffness=-1.0), OptionError, ("cable: bending_stiffness = -1.0", ">= 0")),
-    "drag": (lambda: cable(drag=np.ones(2)), OptionError, ("cable: drag = array",)),  # type: ignore[arg-type]
+    "drag": (lambda: cable(drag=np.ones(2)), OptionError, ("cable: drag = [1.0, 1.0]",)),  # type: ignore[arg-type]
     "cells that are none": (lambda: net(None), OptionError, ("net: cells = None", "two numbers")),  # type: ignore[arg-type]
     "very fast": (lambda: cable(frequency=1e60), SceneError, ("6.28319e+60 rad/s", "no finite acceleration")),
     "very long": (lambda: suspended_cable(length=1e300), OptionError, ("length = 1e+300", "magnitude")),

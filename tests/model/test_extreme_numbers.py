@@ -12,7 +12,7 @@ import pytest
 from extreme_scenes import extreme
 
 from tensegrity_mj import DAE, ODE, Actuation, Integrator, MuJoCo, controllers, simulate, stable_step
-from tensegrity_mj.basics import values
+from tensegrity_mj.basics import kinds
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.reference.adaptive import SWITCH_TOLERANCE, _bisect
 from tensegrity_mj.engines.reference.method import Method
@@ -29,7 +29,7 @@ def test_accelerations_beyond_floats_end_the_run(
     kind: Callable[..., Engine], method: Method, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """SciPy's first step is NaN there, which no step size is below: its solver would try for ever."""
-    monkeypatch.setattr(values, "LARGEST", math.inf)  # no file may hold such a force; laws and functions may give it
+    monkeypatch.setattr(kinds, "LARGEST", math.inf)  # no file may hold such a force; laws and functions may give it
     scene = extreme(mass=1e-4, force=1e306)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)

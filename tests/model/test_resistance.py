@@ -353,42 +353,42 @@ def test_files_keep_it_and_trajectories_of_files_know_their_energy(tmp_path):
 @pytest.mark.parametrize(
     ("resistance", "message"),
     [
-        (3.0, "use Resistance"),
-        (tmj.Resistance(), "neither viscous forces nor bending nor drag"),
-        (tmj.Resistance(viscous=-1.0), "resistance: viscous = -1.0; it must be >= 0 N s/m²"),
-        (tmj.Resistance(viscous=float("nan")), "viscous = nan"),
-        (tmj.Resistance(1.0, wind=(0.0, 1.0)), "resistance: wind = .* three finite numbers"),
-        (tmj.Resistance(bending=tmj.model.Bending(1.0), wind=(0.0, 1.0, 0.0)), "leave wind out"),
-        (tmj.Resistance(bending=2.0), "use Bending"),
-        (tmj.Resistance(bending=tmj.model.Bending(-1.0)), "bending: stiffness = -1.0; it must be >= 0 N m"),
-        (tmj.Resistance(bending=tmj.model.Bending(1.0, "x")), "bending: damping = 'x'"),
+        (lambda: 3.0, "use Resistance"),
+        (lambda: tmj.Resistance(), "neither viscous forces nor bending nor drag"),
+        (lambda: tmj.Resistance(viscous=-1.0), "resistance: viscous = -1.0; it must be >= 0 N s/m²"),
+        (lambda: tmj.Resistance(viscous=float("nan")), "viscous = nan"),
+        (lambda: tmj.Resistance(1.0, wind=(0.0, 1.0)), "resistance: wind = .* three finite numbers"),
+        (lambda: tmj.Resistance(bending=tmj.model.Bending(1.0), wind=(0.0, 1.0, 0.0)), "leave wind out"),
+        (lambda: tmj.Resistance(bending=2.0), "use Bending"),
+        (lambda: tmj.Resistance(bending=tmj.model.Bending(-1.0)), "bending: stiffness = -1.0; it must be >= 0 N m"),
+        (lambda: tmj.Resistance(bending=tmj.model.Bending(1.0, "x")), "bending: damping = 'x'"),
         (
-            tmj.Resistance(bending=tmj.model.Bending(1.0, 0.0, (("r0", "r9"),))),
+            lambda: tmj.Resistance(bending=tmj.model.Bending(1.0, 0.0, (("r0", "r9"),))),
             "unknown rod 'r9'; the rods are 'r0', 'r1', 'r2'",
         ),
         (
-            tmj.Resistance(bending=tmj.model.Bending(1.0, 0.0, (("r0", "r2"),))),
-            "must be two that share exactly one node",
+            lambda: tmj.Resistance(bending=tmj.model.Bending(1.0, 0.0, (("r0", "r2"),))),
+            "two that share exactly one node",
         ),
         (
-            tmj.Resistance(bending=tmj.model.Bending(1.0, 0.0, (("r0", "r0"),))),
-            "must be two that share exactly one node",
+            lambda: tmj.Resistance(bending=tmj.model.Bending(1.0, 0.0, (("r0", "r0"),))),
+            "two that share exactly one node",
         ),
-        (tmj.Resistance(bending=tmj.model.Bending(1.0, 0.0, (("r0",),))), "it must name two rods"),
-        (tmj.Resistance(bending=tmj.model.Bending(1.0, 0.0, 5)), "it must be a sequence"),
-        (tmj.Resistance(bending=tmj.model.Bending(1.0, 0.0, (("r0", "r1"), ("r1", "r0")))), "are named twice"),
-        (tmj.Resistance(bending=tmj.model.Bending(1.0, 0.0, ())), "name the two rods of each joint"),
-        (tmj.Resistance(drag=1.2), "use Drag"),
-        (tmj.Resistance(drag=tmj.model.Drag(-1.0)), "drag: normal = -1.0"),
-        (tmj.Resistance(drag=tmj.model.Drag(tangential=-1.0)), "drag: tangential = -1.0"),
-        (tmj.Resistance(drag=tmj.model.Drag(density=0.0)), "drag: density = 0.0; it must be > 0 kg/m³"),
-        (tmj.Resistance(drag=tmj.model.Drag(diameter=0.0)), "drag: diameter = 0.0; it must be > 0 m, or None"),
+        (lambda: tmj.Resistance(bending=tmj.model.Bending(1.0, 0.0, (("r0",),))), "it must name two rods"),
+        (lambda: tmj.Resistance(bending=tmj.model.Bending(1.0, 0.0, 5)), "it must be a sequence"),
+        (lambda: tmj.Resistance(bending=tmj.model.Bending(1.0, 0.0, (("r0", "r1"), ("r1", "r0")))), "are named twice"),
+        (lambda: tmj.Resistance(bending=tmj.model.Bending(1.0, 0.0, ())), "name the two rods of each joint"),
+        (lambda: tmj.Resistance(drag=1.2), "use Drag"),
+        (lambda: tmj.Resistance(drag=tmj.model.Drag(-1.0)), "drag: normal = -1.0"),
+        (lambda: tmj.Resistance(drag=tmj.model.Drag(tangential=-1.0)), "drag: tangential = -1.0"),
+        (lambda: tmj.Resistance(drag=tmj.model.Drag(density=0.0)), "drag: density = 0.0; it must be > 0 kg/m³"),
+        (lambda: tmj.Resistance(drag=tmj.model.Drag(diameter=0.0)), "drag: diameter = 0.0; it must be > 0 m, or None"),
     ],
 )
 def test_what_makes_no_sense_is_refused_in_words(resistance, message):
     chain = hanging_chain([0.4, 0.25, 0.3], [1.0, 1.0, 1.0])
     with pytest.raises(tmj.errors.SceneError, match=message):
-        chain.with_(resistance=resistance)
+        chain.with_(resistance=resistance())
 
 
 def test_the_cable_takes_it_and_who_cannot_says_so():

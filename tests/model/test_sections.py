@@ -100,7 +100,7 @@ BAD: list[tuple[str, Any]] = [
 def test_numbers_of_a_section_are_checked(name: str, value: Any) -> None:
     with pytest.raises(StructureError) as caught:
         pair(None, replace(PIPE, **{name: value}))
-    assert str(caught.value).startswith(f"rod 'q': section: {name} = {value!r}; it must be > 0")
+    assert str(caught.value).startswith(f"section: {name} = {value!r}; it must be > 0")
 
 
 def test_what_is_no_section() -> None:
@@ -151,7 +151,7 @@ def test_with_sections() -> None:
         bare.with_sections([PIPE])
     with pytest.raises(StructureError, match="with_sections"):
         bare.with_sections(3)  # type: ignore[arg-type]
-    with pytest.raises(StructureError, match="rod 'q': section: area = -1"):
+    with pytest.raises(StructureError, match="section: area = -1"):
         bare.with_sections([None, replace(PIPE, area=-1.0)])
 
 
@@ -225,14 +225,22 @@ def test_a_tube_in_a_file() -> None:
     ("section", "error", "words"),
     [
         ("3", FormatError, ("section = 3", "a table")),
-        ("{ area = 1 }", FormatError, ("'elasticity_modulus' is missing", "'r'.section")),
+        ("{ area = 1 }", FormatError, ("'second_moment' is missing", "'r'.section")),
         ("{ area = 1, elasticity_modulus = 1 }", FormatError, ("'second_moment' is missing",)),
         ("{ wall = 1, elasticity_modulus = 1 }", FormatError, ("'outer_radius' is missing",)),
         ("{ wall = 1, area = 1, elasticity_modulus = 1 }", FormatError, ("unknown key 'area'", "outer_radius")),
         ("{ aera = 1, second_moment = 1, elasticity_modulus = 1 }", FormatError, ("did you mean 'area'?",)),
         ("{ area = '1', second_moment = 1, elasticity_modulus = 1 }", FormatError, ("area = '1' (a text)",)),
-        ("{ area = -1, second_moment = 1, elasticity_modulus = 1 }", StructureError, ("rod 'r': section: area = -1",)),
-        ("{ outer_radius = 1, wall = 2, elasticity_modulus = 1 }", StructureError, ("rod 'r': section: wall = 2.0",)),
+        (
+            "{ area = -1, second_moment = 1, elasticity_modulus = 1 }",
+            StructureError,
+            ("'r'.section: area = -1",),
+        ),
+        (
+            "{ outer_radius = 1, wall = 2, elasticity_modulus = 1 }",
+            StructureError,
+            ("'r'.section: wall = 2.0",),
+        ),
     ],
 )
 def test_wrong_sections_in_files(section: str, error: type[Exception], words: tuple[str, ...]) -> None:

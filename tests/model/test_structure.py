@@ -87,12 +87,12 @@ INVALID: dict[str, tuple[Callable[[], Structure], tuple[str, ...]]] = {
     ),
     "nothing moves": (lambda: build(rods=(), strings=(), nodes={"f": (0, 0, 0)}), ("neither rods nor point masses",)),
     # names, kinds
-    "name of the structure": (lambda: build(name=3), ("name of the structure", "3")),
+    "name of the structure": (lambda: build(name=3), ("structure", "name = 3", "text")),
     "rods are a text": (lambda: build(rods="r1"), ("rods", "'r1'", "sequence")),
     "one rod instead of a tuple": (lambda: build(rods=Rod("r1", ("a", "b"), 1.0)), ("rods", "sequence")),
     "rod of another kind": (lambda: build(rods=(("a", "b"),)), ("rods[0]", "('a', 'b')", "Rod")),
     "string of another kind": (lambda: build(strings=(build().rods[0],)), ("strings[0]", "String")),
-    "rod without name": (lambda: with_rod(name=""), ("rod ''", "non-empty")),
+    "rod without name": (lambda: with_rod(name=""), ("rod: name = ''", "non-empty")),
     "rod name twice": (lambda: with_rod(name="r2"), ("rod 'r2'", "twice", "unique")),
     "string name twice": (lambda: with_string(name="s1"), ("string 's1'", "twice", "unique")),
     "string law": (lambda: build(string_law="clipped"), ("'clipped'", "StringLaw.CLIPPED", "StringLaw.UNCLIPPED")),
@@ -100,7 +100,10 @@ INVALID: dict[str, tuple[Callable[[], Structure], tuple[str, ...]]] = {
     "rod to an unknown node": (lambda: with_rod(nodes=("a", "z")), ("rod 'r1'", "'z'", "'a', 'b', 'c', 'd', 'f'")),
     "rod with three ends": (lambda: with_rod(nodes=("a", "b", "c")), ("rod 'r1'", "two nodes")),
     "rod whose ends are a text": (lambda: with_rod(nodes="ab"), ("rod 'r1'", "'ab'", "sequence")),
-    "rod whose end is a list": (lambda: with_rod(nodes=(["a"], "b")), ("rod 'r1'", "['a']", "unknown node")),
+    "rod whose end is a list": (
+        lambda: with_rod(nodes=(["a"], "b")),
+        ("'r1'", "nodes[0] = ['a']", "name of a node"),
+    ),
     "rod on one node": (lambda: with_rod(nodes=("a", "a")), ("rod 'r1'", "'a'", "two different nodes")),
     "rods along each other": (
         lambda: with_rod(nodes=("d", "c")),
@@ -125,31 +128,34 @@ INVALID: dict[str, tuple[Callable[[], Structure], tuple[str, ...]]] = {
     "radius": (lambda: with_rod(radius=-0.1), ("rod 'r1'", "radius = -0.1", "> 0 m")),
     # supports
     "support of another kind": (lambda: with_support("pinned"), ("rod 'r1'", "'pinned'", "Support.pinned")),
-    "sigma": (lambda: with_support(Support.pinned(1.5)), ("rod 'r1'", "σ = 1.5", "[0, 1]")),
-    "sigma NaN": (lambda: with_support(Support.free(NAN)), ("rod 'r1'", "σ = nan", "[0, 1]")),
+    "sigma": (lambda: with_support(Support.pinned(1.5)), ("support", "sigma = 1.5", "[0, 1]")),
+    "sigma NaN": (lambda: with_support(Support.free(NAN)), ("support", "sigma = nan", "[0, 1]")),
     "rows of D that contradict": (
         lambda: with_support(Support.constrained(D_TWICE)),
-        ("rod 'r1'", "[[1.0, 0.0, 0.0], [-2.0, 0.0, 0.0]]", "contradict or repeat", "independent"),
+        ("support", "[[1.0, 0.0, 0.0], [-2.0, 0.0, 0.0]]", "contradict or repeat", "independent"),
     ),
-    "zero row of D": (lambda: with_support(Support.constrained([0, 0, 0])), ("rod 'r1'", "independent")),
-    "four rows of D": (lambda: with_support(Support.constrained(np.ones((4, 3)))), ("rod 'r1'", "independent")),
-    "NaN in D": (lambda: with_support(Support(0.0, ((NAN, 0, 0),))), ("rod 'r1'", "row 0 of D", "nan", "finite")),
-    "D is no sequence": (lambda: with_support(Support(0.0, 5)), ("rod 'r1'", "D", "5", "sequence")),  # type: ignore[arg-type]
+    "zero row of D": (lambda: with_support(Support.constrained([0, 0, 0])), ("support", "independent")),
+    "four rows of D": (lambda: with_support(Support.constrained(np.ones((4, 3)))), ("support", "independent")),
+    "NaN in D": (lambda: with_support(Support(0.0, ((NAN, 0, 0),))), ("support", "D[0] = (nan, 0, 0)", "finite")),
+    "D is no sequence": (lambda: with_support(Support(0.0, 5)), ("support", "D = 5", "sequence")),  # type: ignore[arg-type]
     "r̄ away from the nodes": (
         lambda: with_support(Support.constrained([0, 0, 2], values=[0.5])),
         ("rod 'r1'", "D r = [0.0]", "σ = 0.0", "[0.5]", "move the nodes"),
     ),
     "r̄ of the wrong size": (
         lambda: with_support(Support(0.0, ((0.0, 0.0, 1.0),), (0.0, 0.0))),
-        ("rod 'r1'", "2 values", "1 rows"),
+        ("support", "2 values", "1 rows"),
     ),
-    "r̄ NaN": (lambda: with_support(Support(0.0, ((0.0, 0.0, 1.0),), (NAN,))), ("rod 'r1'", "r̄[0] = nan", "finite")),
+    "r̄ NaN": (lambda: with_support(Support(0.0, ((0.0, 0.0, 1.0),), (NAN,))), ("support", "values = (nan,)", "finite")),
     "plane that the rod leaves": (
         lambda: with_support(Support.free(plane=(1, 0, 1))),
         ("rod 'r1'", "(1.0, 0.0, 1.0)", "0.707 m", "must lie in its plane"),
     ),
-    "plane without normal": (lambda: with_support(Support.free(plane=(0, 0, 0))), ("rod 'r1'", "normal", "zero")),
-    "plane NaN": (lambda: with_support(Support(0.5, plane=(0, NAN, 1))), ("rod 'r1'", "normal", "nan", "finite")),
+    "plane without normal": (
+        lambda: with_support(Support.free(plane=(0, 0, 0))),
+        ("plane = (0, 0, 0)", "zero"),
+    ),
+    "plane NaN": (lambda: with_support(Support(0.5, plane=(0, NAN, 1))), ("support", "plane = (0, nan, 1)", "finite")),
     # strings
     "string to an unknown node": (lambda: with_string(nodes=("b", "z")), ("string 's3'", "'z'", "'a', 'b', 'c'")),
     "string on one node": (lambda: with_string(nodes=("b", "b")), ("string 's3'", "'b'", "two different nodes")),
@@ -183,7 +189,7 @@ INVALID: dict[str, tuple[Callable[[], Structure], tuple[str, ...]]] = {
     "point mass on a rod": (lambda: with_mass(PointMass("a", 1.0)), ("point mass", "'a'", "rod 'r1'")),
     "point mass on a fixed node": (lambda: with_mass(PointMass("f", 1.0)), ("point mass", "'f'", "a fixed node")),
     "massless point mass": (lambda: with_mass(PointMass("p", 0.0)), ("'p'", "mass = 0.0", "> 0 kg")),
-    "plane of a point mass": (lambda: with_mass(PointMass("p", 1.0, (0, 0, 0))), ("'p'", "normal", "zero")),
+    "plane of a point mass": (lambda: with_mass(PointMass("p", 1.0, (0, 0, 0))), ("'p'", "plane = (0, 0, 0)", "zero")),
 }
 
 
@@ -365,7 +371,7 @@ def test_d_of_another_shape_is_refused(D: Any) -> None:
 
 
 def test_plane_of_another_shape_is_refused() -> None:
-    with pytest.raises(StructureError, match="plane normal"):
+    with pytest.raises(StructureError, match=r"plane = \(1, 0\); it must be three finite numbers"):
         Support.free(plane=(1, 0))
 
 

@@ -514,16 +514,29 @@ def test_what_cannot_be_in_water_says_so() -> None:
         ({"current": (1, 2)}, r"water: current = \(1, 2\); it must be three finite numbers"),
         ({"waves": 3}, "water: waves = 3; it must be a sequence"),
         ({"waves": (1,)}, r"water: waves\[0\] = 1; use Wave\("),
-        ({"waves": (tmj.Wave(-1.0, 5.0),)}, r"waves\[0\]: amplitude = -1.0; it must be >= 0 m"),
-        ({"waves": (tmj.Wave(1.0),)}, r"waves\[0\]: wavelength = None.*give one of the two"),
-        ({"waves": (tmj.Wave(1.0, 5.0, 2.0),)}, r"waves\[0\]: wavelength = 5.0.*give one of the two"),
-        ({"waves": (tmj.Wave(1.0, 0.0),)}, r"waves\[0\]: wavelength = 0.0; it must be > 0 m"),
-        ({"waves": (tmj.Wave(1.0, 5.0, phase=math.inf),)}, r"waves\[0\]: phase = inf; it must be finite"),
     ],
 )
 def test_water_is_validated(change, message) -> None:
     with pytest.raises(tmj.errors.SceneError, match=message):
         one(water=replace(tmj.Water(), **change))
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"amplitude": -1.0, "wavelength": 5.0}, "wave: amplitude = -1.0; it must be >= 0 m"),
+        ({"amplitude": 1.0}, "wave: wavelength = None.*give one of the two"),
+        (
+            {"amplitude": 1.0, "wavelength": 5.0, "angular_frequency": 2.0},
+            "wavelength = 5.0.*give one of the two",
+        ),
+        ({"amplitude": 1.0, "wavelength": 0.0}, "wave: wavelength = 0.0; it must be > 0 m"),
+        ({"amplitude": 1.0, "wavelength": 5.0, "phase": math.inf}, "wave: phase = inf; it must be finite"),
+    ],
+)
+def test_waves_are_validated(given, message) -> None:
+    with pytest.raises(tmj.errors.SceneError, match=message):
+        tmj.Wave(**given)
 
 
 def test_water_needs_gravity_that_fits_it_and_rods() -> None:

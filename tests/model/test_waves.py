@@ -153,9 +153,6 @@ def test_above_the_level_and_below_the_bottom() -> None:
     assert np.array_equal(shallow.velocity(1.0, [0, 0, -9.0]), shallow.velocity(1.0, [0, 0, -4.0]))
 
 
-def test_a_wave_has_a_length_or_a_frequency() -> None:
-    for wave in (tmj.Wave(1.0), tmj.Wave(1.0, 10.0, 2.0)):
-        with pytest.raises(tmj.errors.SceneError, match=r"waves\[0\].*give one of the two"):
-            tmj.model.Sea.of([wave], G)
+def test_a_sea_needs_gravity() -> None:
     with pytest.raises(tmj.errors.SceneError, match="gravity = 0"):
         tmj.model.Sea.of(COMPONENTS, 0.0)

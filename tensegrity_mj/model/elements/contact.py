@@ -15,15 +15,14 @@ follows from the mass that the contact feels, so that heavy and light structures
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.values import check_normal, check_number, sequence_of
-from tensegrity_mj.errors import SceneError
+from tensegrity_mj.basics.fields import field, refused, value
+from tensegrity_mj.basics.kinds import direction, each, flag, number, within
 from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.structure import Structure
 
@@ -31,7 +30,10 @@ if TYPE_CHECKING:
     from tensegrity_mj.model.scene import Scene
 
 
-@dataclass(frozen=True)
+SHARE = within(1e-4, 0.9999)
+
+
+@value("contact")
 class Contact:
     """What may touch in a scene, and how hard it is. MuJoCo alone has contact; other engines refuse the scene.
 
@@ -51,17 +53,38 @@ class Contact:
             `width`, on an S of this power, half way at the midpoint. MuJoCo's solimp. d₀, d₁ and midpoint are within
             [0.0001, 0.9999], the width is at least 1e-9 m, the power within [1, 50].
 
-    A scene raises SceneError for a contact beyond these ranges: MuJoCo would take other values without a word, or
-    accelerations of more than 1e10 m/s², which it takes for a divergence.
+    Raises:
+        SceneError: beyond these ranges. MuJoCo would take other values without a word; or overflow, as (midpoint)^(1 -
+            power) may; or reach an acceleration of more than 1e10 m/s², which it takes for a divergence, at a depth of
+            1 cm or a speed of 1 km/s.
     """
 
-    floor: float | None = None
-    normal: Vector = (0.0, 0.0, 1.0)
-    rods: bool = False
-    friction: float = 0.6
-    stiffness: float = 4e4
-    damping: float = 400.0
-    impedance: tuple[float, float, float, float, float] = (0.01, 0.95, 2e-3, 0.5, 2.0)
+    floor: float | None = field(number("a finite height [m]", lambda x: True), default=None, none="None for no floor")
+    normal: Vector = field(direction(), default=(0.0, 0.0, 1.0))
+    rods: bool = field(flag(), default=False)
+    friction: float = field(number("0, or within [1e-5, 1e5]", lambda x: x == 0 or 1e-5 <= x <= 1e5), default=0.6)
+    stiffness: float = field(number("> 0 and at most 1e12 [1/s²]", lambda x: 0 < x <= 1e12), default=4e4)
+    damping: float = field(number("within [0, 1e7] [1/s]", lambda x: 0 <= x <= 1e7), default=400.0)
+    impedance: tuple[float, float, float, float, float] = field(
+        each(
+            "five numbers [d0, d1, width, midpoint, power]",
+            d0=SHARE,
+            d1=SHARE,
+            width=number("at least 1e-9 m", lambda x: x >= 1e-9),
+            midpoint=SHARE,
+            power=within(1, 50),
+        ),
+        default=(0.01, 0.95, 2e-3, 0.5, 2.0),
+    )
+
+    def __attrs_post_init__(self) -> None:
+        d0, d1, *_ = self.impedance
+        if d1 < d0:
+            raise refused(
+                self,
+                f"impedance: d1 = {d1:g} at the depth `width` is below d0 = {d0:g} at touch; a contact that softens as "
+                "it is pressed may give energy: make d1 at least d0",
+            )
 
     @property
     def up(self) -> Array:
@@ -163,40 +186,13 @@ def overlaps(structure: Structure, contact: Contact, nodes: Array) -> list[str]:
 
 
 def check_contact(scene: Scene) -> None:
+    """Raise SceneError unless a scene's contact fits its structure, and nothing overlaps at the start."""
     contact = scene.contact
-    if not isinstance(contact, Contact):
-        raise SceneError(f"contact = {contact!r}: use Contact(floor=0.0), Contact(rods=True) or both, or None")
-
-    def number(name: str, value: Any, allowed: str, test: Any) -> None:
-        check_number(f"contact: {name}", value, allowed, test, SceneError)
-
-    if contact.floor is not None:
-        number("floor", contact.floor, "a finite height [m], or None for no floor", lambda x: True)
-    if not isinstance(contact.rods, (bool, np.bool_)):
-        raise SceneError(f"contact: rods = {contact.rods!r}; it must be True or False")
+    assert contact is not None
     if contact.floor is None and not contact.rods:
-        raise SceneError("contact: there is neither a floor nor contact between rods: give one, or leave contact out")
+        raise refused(contact, "there is neither a floor nor contact between rods: give one, or leave contact out")
     if contact.rods and len(scene.structure.rods) < 2:
-        raise SceneError("contact: rods = True, but there are no two rods that could touch: leave it out")
-    check_normal("contact", contact.normal, SceneError)
-    number("friction", contact.friction, "0, or within [1e-5, 1e5]", lambda x: x == 0 or 1e-5 <= x <= 1e5)
-    # MuJoCo takes an acceleration beyond 1e10 m/s² for a divergence: these reach it at 1 cm and at 1 km/s.
-    number("stiffness", contact.stiffness, "> 0 and at most 1e12 [1/s²]", lambda x: 0 < x <= 1e12)
-    number("damping", contact.damping, "within [0, 1e7] [1/s]", lambda x: 0 <= x <= 1e7)
-    names, values = ("d0", "d1", "width", "midpoint", "power"), sequence_of("impedance", contact.impedance, SceneError)
-    if len(values) != len(names):
-        raise SceneError(f"contact: impedance = {contact.impedance!r}; it must be five numbers ({', '.join(names)})")
-    # Beyond these MuJoCo takes others without a word, or overflows: (midpoint)^(1 - power) must be finite.
-    share = ("within [0.0001, 0.9999]", lambda x: 1e-4 <= x <= 0.9999)
-    length = ("at least 1e-9 m", lambda x: x >= 1e-9)
-    allowed = (share, share, length, share, ("within [1, 50]", lambda x: 1 <= x <= 50))
-    for name, value, (text, test) in zip(names, values, allowed, strict=True):
-        number(f"impedance: {name}", value, text, test)
-    if values[1] < values[0]:
-        raise SceneError(
-            f"contact: impedance: d1 = {values[1]:g} at the depth `width` is below d0 = {values[0]:g} at touch; a "
-            "contact that softens as it is pressed may give energy: make d1 at least d0"
-        )
+        raise refused(contact, "rods = True, but there are no two rods that could touch: leave it out")
     found = overlaps(scene.structure, contact, scene.nodes0)
     if found:
         more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""
@@ -205,4 +201,4 @@ def check_contact(scene: Scene) -> None:
             if "floor" in found[0]
             else ("move them apart, make them thinner, or leave rods = False")
         )
-        raise SceneError(f"contact: at the start {found[0]}{more}: {remedy}")
+        raise refused(contact, f"at the start {found[0]}{more}: {remedy}")

@@ -29,23 +29,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.fields import field, refused, value
+from tensegrity_mj.basics.kinds import many, not_negative, pair, part, positive, vector
 from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.structure_checks import names_of
 
 if TYPE_CHECKING:
     from tensegrity_mj.model.scene import Scene
-from typing import Any
-
-from tensegrity_mj.basics.values import check_number, check_vector, sequence_of
-from tensegrity_mj.errors import SceneError
-from tensegrity_mj.model.structure_checks import names_of
 
 _points, _weights = np.polynomial.legendre.leggauss(5)
 GAUSS_POINTS = tuple(float(x) for x in 0.5 * (1 + _points))  # on [0, 1]
 GAUSS_WEIGHTS = tuple(float(x) for x in 0.5 * _weights)
 
 
-@dataclass(frozen=True)
+@value("bending", whole=True)
 class Bending:
     """Stiffness and damping of joints in bending.
 
@@ -56,12 +54,16 @@ class Bending:
             at rest where its rods are in a line.
     """
 
-    stiffness: float = 0.0
-    damping: float = 0.0
-    pairs: tuple[tuple[str, str], ...] | None = None
+    stiffness: float = field(not_negative("N m"), default=0.0)
+    damping: float = field(not_negative("N m s"), default=0.0)
+    pairs: tuple[tuple[str, str], ...] | None = field(
+        many(pair("rod"), 'a list of pairs of rods, as [["rod1", "rod2"]]'),
+        default=None,
+        none="None for every joint of two rods",
+    )
 
 
-@dataclass(frozen=True)
+@value("drag", whole=True)
 class Drag:
     """Quadratic drag; the defaults are a cylinder's in air, below the drag crisis.
 
@@ -72,13 +74,13 @@ class Drag:
         diameter: d [m] of every rod, > 0; None for twice each rod's own radius.
     """
 
-    normal: float = 1.2
-    tangential: float = 0.0
-    density: float = 1.225
-    diameter: float | None = None
+    normal: float = field(not_negative(), default=1.2)
+    tangential: float = field(not_negative(), default=0.0)
+    density: float = field(positive("kg/m³"), default=1.225)
+    diameter: float | None = field(positive("m"), default=None, none="None for twice each rod's radius")
 
 
-@dataclass(frozen=True)
+@value("resistance")
 class Resistance:
     """What resists motion in a scene; the default is nothing.
 
@@ -89,10 +91,10 @@ class Resistance:
         wind: velocity w of the fluid [m/s], for viscous forces and drag.
     """
 
-    viscous: float = 0.0
-    bending: Bending | None = None
-    drag: Drag | None = None
-    wind: Vector = (0.0, 0.0, 0.0)
+    viscous: float = field(not_negative("N s/m²"), default=0.0)
+    bending: Bending | None = field(part(Bending), default=None, none="None")
+    drag: Drag | None = field(part(Drag), default=None, none="None")
+    wind: Vector = field(vector("m/s"), default=(0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True)
@@ -204,72 +206,37 @@ def _drag(structure: Structure, drag: Drag, x1: Array, x2: Array, u1: Array, u2:
     return first + tangential, second + tangential
 
 
-def check_resistance(structure: Structure, resistance: Any) -> None:
+def check_resistance(structure: Structure, resistance: Resistance) -> None:
     """Raise SceneError unless a resistance fits a structure."""
-    if not isinstance(resistance, Resistance):
-        raise SceneError(f"resistance = {resistance!r}; use Resistance(viscous=..., bending=..., drag=...), or None")
-    _at_least_zero("viscous", resistance.viscous, "N s/m²")
-    check_vector("resistance: wind", resistance.wind, SceneError, "m/s")
     if resistance.bending is not None:
         _check_bending(structure, resistance.bending)
-    if resistance.drag is not None:
-        _check_drag(structure, resistance.drag)
     if resistance.viscous == 0 and resistance.bending is None and resistance.drag is None:
-        raise SceneError(
-            "resistance: it has neither viscous forces nor bending nor drag: give one, or leave resistance out"
+        raise refused(
+            resistance, "it has neither viscous forces nor bending nor drag: give one, or leave resistance out"
         )
-    if np.any(np.array(resistance.wind, float)) and resistance.viscous == 0 and resistance.drag is None:
-        raise SceneError(
-            "resistance: there is wind, but neither viscous forces nor drag that could feel it: give one, or leave "
-            "wind out"
-        )
-
-
-def _check_bending(structure: Structure, bending: Any) -> None:
-    if not isinstance(bending, Bending):
-        raise SceneError(f"resistance: bending = {bending!r}; use Bending(stiffness, damping), or None")
-    _at_least_zero("bending: stiffness", bending.stiffness, "N m")
-    _at_least_zero("bending: damping", bending.damping, "N m s")
-    if bending.pairs is not None:
-        _check_pairs(structure, bending.pairs)
-    if not bending_joints(structure, bending):
-        raise SceneError(
-            f"resistance: bending: structure '{structure.name}' has no joint of exactly two rods, and no pairs are "
-            "named: name the two rods of each joint that resists, or leave bending out"
+    if any(resistance.wind) and resistance.viscous == 0 and resistance.drag is None:
+        raise refused(
+            resistance,
+            "there is wind, but neither viscous forces nor drag that could feel it: give one, or leave wind out",
         )
 
 
-def _check_pairs(structure: Structure, pairs: Any) -> None:
+def _check_bending(structure: Structure, bending: Bending) -> None:
     rods = {rod.name: row for row, rod in enumerate(structure.rods)}
     seen: set[frozenset[str]] = set()
-    for number, pair in enumerate(sequence_of("resistance: bending: pairs", pairs, SceneError)):
-        what = f"resistance: bending: pairs[{number}]"
-        names = sequence_of(what, pair, SceneError)
-        if len(names) != 2 or not all(isinstance(name, str) for name in names):
-            raise SceneError(f"{what} = {pair!r}; it must name two rods")
+    for number, names in enumerate(bending.pairs or ()):
+        what, both = f"pairs[{number}]", f"rods '{names[0]}' and '{names[1]}'"
         for name in names:
             if name not in rods:
-                raise SceneError(f"{what}: unknown rod '{name}'; the rods are {names_of(rods)}")
+                raise refused(bending, f"{what}: unknown rod '{name}'; the rods are {names_of(rods)}")
         if names[0] == names[1] or shared_node(structure, rods[names[0]], rods[names[1]]) is None:
-            raise SceneError(f"{what}: rods '{names[0]}' and '{names[1]}' must be two that share exactly one node")
+            raise refused(bending, f"{what}: {both} must be two that share exactly one node")
         if frozenset(names) in seen:
-            raise SceneError(f"{what}: rods '{names[0]}' and '{names[1]}' are named twice; name each pair once")
+            raise refused(bending, f"{what}: {both} are named twice; name each pair once")
         seen.add(frozenset(names))
-
-
-def _check_drag(structure: Structure, drag: Any) -> None:
-    if not isinstance(drag, Drag):
-        raise SceneError(f"resistance: drag = {drag!r}; use Drag(normal, tangential, density, diameter), or None")
-    _at_least_zero("drag: normal", drag.normal)
-    _at_least_zero("drag: tangential", drag.tangential)
-    _positive("density", drag.density, "> 0 kg/m³")
-    if drag.diameter is not None:
-        _positive("diameter", drag.diameter, "> 0 m, or None for twice each rod's radius")
-
-
-def _positive(what: str, value: Any, allowed: str) -> None:
-    check_number(f"resistance: drag: {what}", value, allowed, lambda x: x > 0, SceneError)
-
-
-def _at_least_zero(what: str, value: Any, unit: str = "") -> None:
-    check_number(f"resistance: {what}", value, f">= 0 {unit}".rstrip(), lambda x: x >= 0, SceneError)
+    if not bending_joints(structure, bending):
+        raise refused(
+            bending,
+            f"structure '{structure.name}' has no joint of exactly two rods, and no pairs are named: name the two rods "
+            "of each joint that resists, or leave bending out",
+        )

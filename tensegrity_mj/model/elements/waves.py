@@ -26,6 +26,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.fields import field, refused, value
+from tensegrity_mj.basics.kinds import finite, not_negative, positive
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.model.members import Vector
 
@@ -42,7 +44,7 @@ class AboveLevel(enum.Enum):
     CONSTANT = "constant"
 
 
-@dataclass(frozen=True)
+@value("wave", whole=True)
 class Wave:
     """One component.
 
@@ -54,11 +56,19 @@ class Wave:
         phase: ε [rad].
     """
 
-    amplitude: float
-    wavelength: float | None = None
-    angular_frequency: float | None = None
-    direction: float = 0.0
-    phase: float = 0.0
+    amplitude: float = field(not_negative("m"))
+    wavelength: float | None = field(positive("m"), default=None, none="None where the angular frequency is given")
+    angular_frequency: float | None = field(positive("rad/s"), default=None, none="None where the wavelength is given")
+    direction: float = field(finite("rad"), default=0.0)
+    phase: float = field(finite("rad"), default=0.0)
+
+    def __attrs_post_init__(self) -> None:
+        if (self.wavelength is None) == (self.angular_frequency is None):
+            raise refused(
+                self,
+                f"wavelength = {self.wavelength!r}, angular_frequency = {self.angular_frequency!r}; give one of the "
+                "two, the depth and gravity decide the other",
+            )
 
 
 def angular_frequency(wave_number: float, gravity: float, depth: float = math.inf) -> float:
@@ -117,13 +127,12 @@ class Sea:
         """The sea of some components.
 
         Raises:
-            SceneError: where a component has both a wavelength and a frequency, or neither, or there are waves without
-                gravity.
+            SceneError: where there are waves without gravity.
         """
         h = math.inf if depth is None else float(depth)
         if waves and not gravity > 0:
             raise SceneError(f"waves: gravity = {gravity!r} m/s²; waves need one > 0")
-        pairs = [_dispersed(number, wave, gravity, h) for number, wave in enumerate(waves)]
+        pairs = [_dispersed(wave, gravity, h) for wave in waves]
         return cls(
             amplitude=np.array([wave.amplitude for wave in waves], float),
             frequency=np.array([omega for omega, _ in pairs], float),
@@ -188,13 +197,8 @@ class Sea:
         return np.stack([np.sum(part, axis=-1) for part in parts], axis=-1)
 
 
-def _dispersed(number: int, wave: Wave, gravity: float, depth: float) -> tuple[float, float]:
+def _dispersed(wave: Wave, gravity: float, depth: float) -> tuple[float, float]:
     """ω and k of a component."""
-    if (wave.wavelength is None) == (wave.angular_frequency is None):
-        raise SceneError(
-            f"waves[{number}]: wavelength = {wave.wavelength!r}, angular_frequency = {wave.angular_frequency!r}; give "
-            "one of the two, the depth and gravity decide the other"
-        )
     if wave.angular_frequency is not None:
         return wave.angular_frequency, wave_number(wave.angular_frequency, gravity, depth)
     assert wave.wavelength is not None

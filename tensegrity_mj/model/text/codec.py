@@ -1,16 +1,19 @@
 """Value classes out of tables of a file and into them, each by its fields (`basics.fields`), and each way once.
 
-A class whose table is not what its fields are has functions of its own in `READERS` and `WRITERS`.
+A class whose table is not what its fields are has functions of its own in `READERS` and `WRITERS`. A class that is no
+value class stands for all that are registered for it (`basics.fields.register`): the key `kind` of a table says which.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import attrs
 
-from tensegrity_mj.basics.fields import item_of, without_item
+from tensegrity_mj.basics.checks import checked
+from tensegrity_mj.basics.fields import Key, item_of, kind_of, registered, without_item
 from tensegrity_mj.errors import SceneError, StructureError
 from tensegrity_mj.model.text.table import Table
 
@@ -28,39 +31,62 @@ def read(cls: type[T], table: Table) -> T:
         StructureError, SceneError: for what its class refuses, with the place in front.
     """
     if cls in READERS:
-        return READERS[cls](table)
+        value: T = READERS[cls](table)
+        return value
+    if not dataclasses.is_dataclass(cls):
+        known = registered(cls)
+        return read_fields(known[table.choice("kind", known)], table, ("kind",))
+    return read_fields(cls, table)
+
+
+def read_fields(cls: type[T], table: Table, more: Sequence[str] = ()) -> T:
+    """The value of a table whose keys are the fields of its class, and more."""
     keys = item_of(cls).keys
-    table.allow(list(keys))
+    table.allow([*more, *keys])
     needed = [key for key, one in keys.items() if key in table.data or one.default is attrs.NOTHING]
-    return made(cls, table, {keys[key].name: read_key(keys[key], table, key) for key in needed})
+    values = {keys[key].name: read_key(keys[key], table, key) for key in needed}
+
+    bare = not attrs.has(cls)  # a dataclass takes what it is given
+
+    def make() -> T:
+        if bare:
+            return cls(**{name: checked(name, value, keys[name].kind, SceneError) for name, value in values.items()})
+        return cls(**values)
+
+    return built(table, cls, make, values)
 
 
-def read_key(one: attrs.Attribute[Any], table: Table, key: str) -> Any:
+def read_key(one: Key, table: Table, key: str) -> Any:
     """What a key of a table holds for a field."""
-    kind = one.metadata["kind"]
+    kind = one.kind
     if kind.part is None or key not in table.data:
         return kind.load(table.get(key, kind.need, kind.fits))
     if kind.many:
-        return [read(kind.part, item) for item in table.tables(key, None, item_of(kind.part).title)]
-    inside = table.table(key, None)
-    assert inside is not None
-    return read(kind.part, inside)
+        title = item_of(kind.part).title if dataclasses.is_dataclass(kind.part) else "kind"
+        return [read(kind.part, item) for item in table.tables(key, None, title)]
+    return read(kind.part, table.inside(key))
 
 
-def made(cls: type[T], table: Table, values: dict[str, Any]) -> T:
-    """A value of these fields."""
+def built(table: Table, cls: type, make: Callable[[], T], values: Mapping[str, Any] | None = None) -> T:
+    """What `make` makes of a table; errors of its class, which has these values, name the table in place of them."""
     try:
-        return cls(**values)
+        return make()
     except (StructureError, SceneError) as error:
-        raise type(error)(f"{table.path}: {without_item(cls, values, error)}") from None
+        raise type(error)(f"{table.path}: {without_item(cls, values or {}, error)}") from None
 
 
 def table_of(value: Any) -> dict[str, Any]:
-    """The table of a value: what is not None and, unless its class is written whole, not at its default."""
-    cls = type(value)
-    if cls in WRITERS:
-        return WRITERS[cls](value)
-    of, found = item_of(cls), {}
+    """The table of a value."""
+    return WRITERS.get(type(value), fields_of)(value)
+
+
+def fields_of(value: Any) -> dict[str, Any]:
+    """What of a value is not None and, unless its class is written whole, not at its default; by its keys.
+
+    Its class's name comes first, where it is registered.
+    """
+    of, kind = item_of(type(value)), kind_of(type(value))
+    found: dict[str, Any] = {"kind": kind} if kind else {}
     for key, one in of.keys.items():
         held = getattr(value, one.name)
         if held is not None and (of.whole or held != one.default):

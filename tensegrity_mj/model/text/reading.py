@@ -44,17 +44,16 @@ def _top(text: str, where: str) -> Table:
     if type(data["format"]) is not int or data["format"] != FORMAT:
         raise FormatError(f"{where}: format = {shown(data['format'])}; this version reads format = {FORMAT}")
     top = Table(data, where, "", FILE_KEYS)
-    top.table("scene", SCENE_KEYS)
+    if "scene" in data:
+        top.inside("scene", SCENE_KEYS)
     return top
 
 
 def _read_structure(top: Table, folder: Path | None) -> Structure:
     if isinstance(top.data.get("structure"), str):
         return _other_structure(top, folder)
-    if "structure" not in top.data:
-        raise top.fail("structure", "a table [structure], or the path of the file that holds it")
-    table = top.table("structure", STRUCTURE_KEYS)
-    assert table is not None
+    need = "a table [structure], or the path of the file that holds it"
+    table = top.inside("structure", STRUCTURE_KEYS, need)
     return _validated(top.where, lambda: structure_of(table, top.text("name")))
 
 

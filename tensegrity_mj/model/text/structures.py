@@ -1,59 +1,36 @@
-"""Reads a [structure]."""
+"""Reads a [structure], and what of it is not a table of its fields: supports by their kind, sections as tubes."""
 
 from __future__ import annotations
 
-from tensegrity_mj.errors import StructureError
-from tensegrity_mj.model.members import LIMITS, PointMass, Rod, String, Support
+from typing import Any
+
+from tensegrity_mj.basics.fields import item_of
+from tensegrity_mj.basics.kinds import is_list, is_row
+from tensegrity_mj.model.members import Rod, Support
 from tensegrity_mj.model.section import Section
-from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.model.text.keys import POINT_MASS_KEYS, ROD_KEYS, SECTION_KEYS, STRING_KEYS, SUPPORT_KEYS, TUBE_KEYS
-from tensegrity_mj.model.text.table import Table, is_list, is_row
+from tensegrity_mj.model.text.codec import READERS, WRITERS, built, fields_of, read_fields, read_key
+from tensegrity_mj.model.text.keys import STRUCTURE_KEYS, SUPPORT_KEYS, TUBE_KEYS
+from tensegrity_mj.model.text.table import Table
+
+PINNED = Support.pinned().directions
 
 
 def structure_of(table: Table, name: str) -> Structure:
     """The structure of a table, called `name` unless it says otherwise."""
-    nodes = table.table("nodes", None)
-    if nodes is None:
-        raise table.fail("nodes", "a table of node name = [x, y, z]")
-    laws = [law.value for law in StringLaw]
-    return Structure(
-        name=table.text("name", name),
-        nodes={key: nodes.vector(key) for key in nodes.data},
-        rods=tuple(_rod(item) for item in table.tables("rods", ROD_KEYS)),
-        strings=tuple(_string(item) for item in table.tables("strings", STRING_KEYS)),
-        fixed_nodes=table.texts("fixed_nodes", ()),
-        point_masses=tuple(
-            PointMass(item.text("node"), item.number("mass"), item.vector("plane", None))
-            for item in table.tables("point_masses", POINT_MASS_KEYS, title="node")
-        ),
-        string_law=StringLaw(table.choice("string_law", laws, StringLaw.CLIPPED.value)),
-    )
+    nodes = table.inside("nodes", None, "a table of node name = [x, y, z]")
+    keys = item_of(Structure).keys
+    given = {key: read_key(keys[key], table, key) for key in STRUCTURE_KEYS if key in table.data and key != "nodes"}
+    return Structure(**{"name": name, "nodes": {key: nodes.vector(key) for key in nodes.data}, **given})
 
 
-def _rod(table: Table) -> Rod:
-    support, section = table.table("support", None), table.table("section", None)
-    return Rod(
-        table.text("name"),
-        table.texts("nodes"),
-        table.number("mass"),
-        table.number("radius", Rod.radius),
-        Support.free() if support is None else _support(support),
-        None if section is None else _section(section, f"rod '{table.text('name')}'"),
-    )
-
-
-def _section(table: Table, rod: str) -> Section:
+def _section(table: Table) -> Section:
     """A section by its area and second moment, or as a round tube."""
-    tube = "outer_radius" in table.data or "wall" in table.data
-    table.allow(TUBE_KEYS if tube else SECTION_KEYS)
-    modulus, stress = table.number("elasticity_modulus"), table.number("yield_stress", None)
-    if not tube:
-        return Section(table.number("area"), table.number("second_moment"), modulus, stress)
-    try:
-        return Section.tube(table.number("outer_radius"), table.number("wall"), modulus, stress)
-    except StructureError as error:
-        raise StructureError(f"{rod}: {error}") from None
+    if "outer_radius" not in table.data and "wall" not in table.data:
+        return read_fields(Section, table)
+    table.allow(TUBE_KEYS)
+    radius, wall, modulus = (table.number(key) for key in TUBE_KEYS[:3])
+    return built(table, Section, lambda: Section.tube(radius, wall, modulus, table.number("yield_stress", None)))
 
 
 def _support(table: Table) -> Support:
@@ -61,22 +38,29 @@ def _support(table: Table) -> Support:
     table.allow(SUPPORT_KEYS[kind])
     plane = table.vector("plane", None)
     if kind == "free":
-        return Support.free(table.number("sigma", 0.5), plane)
+        return built(table, Support, lambda: Support.free(table.number("sigma", 0.5), plane))
     sigma = table.number("sigma", 0.0)
     if kind == "pinned":
-        return Support.pinned(sigma, plane)
+        return built(table, Support, lambda: Support.pinned(sigma, plane))
     rows = table.get("D", "rows of three numbers, as [[0, 0, 1]]", lambda x: bool(x) and is_list(x, is_row))
-    return Support.constrained(rows, sigma, table.numbers("values", "a number a row of D", len(rows), None), plane)
+    values = table.numbers("values", "a number a row of D", len(rows), None)
+    return built(table, Support, lambda: Support.constrained(rows, sigma, values, plane))
 
 
-def _string(table: Table) -> String:
-    return String(
-        table.text("name"),
-        table.texts("nodes"),
-        table.number("stiffness"),
-        table.number("damping", String.damping),
-        table.number("rest_length", None),
-        table.number("tension", None),
-        table.number("force_density", None),
-        *(table.number(name, None) for name in (*LIMITS, "strength")),
-    )
+def _rod_table(rod: Rod) -> dict[str, Any]:
+    table = fields_of(rod)
+    support = table.pop("support")
+    return table if support == Support.free() else table | {"support": support}
+
+
+def _support_table(support: Support) -> dict[str, Any]:
+    pinned = support.directions == PINNED and support.values is None
+    kind = "free" if not support.directions else "pinned" if pinned else "constrained"
+    given = {key: value for key, value in vars(support).items() if value is not None}
+    if kind == "constrained":
+        given["D"] = support.directions
+    return {"kind": kind} | {key: given[key] for key in ("sigma", "D", "values", "plane") if key in given}
+
+
+READERS[Section], READERS[Support] = _section, _support
+WRITERS[Rod], WRITERS[Support] = _rod_table, _support_table

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.kinds import is_list, is_number, is_text
 from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.structure import Structure
@@ -45,12 +46,12 @@ class Table:
         return self.data[key]
 
     def text(self, key: str, default: Any = ...) -> str:
-        value: str = self.get(key, "a text in quotes", lambda x: isinstance(x, str), default)
+        value: str = self.get(key, "a text in quotes", is_text, default)
         return value
 
     def choice(self, key: str, allowed: Collection[str], default: Any = ...) -> str:
         need = " or ".join(f'"{item}"' for item in allowed)
-        value: str = self.get(key, need, lambda x: isinstance(x, str) and x in allowed, default)
+        value: str = self.get(key, need, lambda x: is_text(x) and x in allowed, default)
         return value
 
     def number(self, key: str, default: Any = ...) -> Any:
@@ -64,13 +65,11 @@ class Table:
     def vector(self, key: str, default: Any = ...) -> Any:
         return self.numbers(key, "three numbers [x, y, z]", 3, default)
 
-    def texts(self, key: str, default: Any = ...) -> Any:
-        need = "a list of names in quotes"
-        return tuple(self.get(key, need, lambda x: is_list(x, lambda item: isinstance(item, str)), default))
-
-    def table(self, key: str, keys: Sequence[str] | None) -> Table | None:
-        """A table inside, or None if absent."""
-        return self._inside(key, self.data[key], keys) if key in self.data else None
+    def inside(self, key: str, keys: Sequence[str] | None = None, need: str = "a table") -> Table:
+        """A table inside, with these keys at most; None: any."""
+        if key not in self.data:
+            raise self.fail(key, need)
+        return self._inside(key, self.data[key], keys)
 
     def tables(self, key: str, keys: Sequence[str] | None, title: str = "name") -> list[Table]:
         """An array of tables inside, empty if absent; messages call each by its number and `title`."""
@@ -93,21 +92,6 @@ class Table:
                 )
             rows[structure.node_index[name]] = self.vector(name)
         return rows
-
-
-def is_number(value: Any) -> bool:
-    """Whether TOML gave a number that a float can hold."""
-    return isinstance(value, float) or (type(value) is int and abs(value) < 10**308)  # larger ones overflow
-
-
-def is_list(value: Any, valid: Callable[[Any], bool]) -> bool:
-    """Whether it is a list of valid items."""
-    return isinstance(value, list) and all(valid(item) for item in value)
-
-
-def is_row(value: Any) -> bool:
-    """Whether it is a list of three numbers."""
-    return is_list(value, is_number) and len(value) == 3
 
 
 def shown(value: Any) -> str:

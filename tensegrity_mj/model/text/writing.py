@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 import os
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,21 +13,17 @@ import numpy as np
 import tomli_w
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.fields import item_of
 from tensegrity_mj.basics.files import replacing
 from tensegrity_mj.errors import FormatError, SceneError
-from tensegrity_mj.model.elements.contact import Contact
-from tensegrity_mj.model.elements.resistance import Resistance
-from tensegrity_mj.model.elements.water import Water
-from tensegrity_mj.model.members import Rod, String, Support
-from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
-from tensegrity_mj.model.text.keys import FORMAT, MOST_BYTES, MOTION_DATA
+from tensegrity_mj.model.text.codec import table_of
+from tensegrity_mj.model.text.keys import FORMAT, MOST_BYTES
 
 HEADING = "# tensegrity-mj; SI units, world frame with z up. Every key: docs/format.md"
-PINNED = Support.pinned().directions
 
 
 def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
@@ -86,31 +83,9 @@ def _structure_lines(structure: Structure, file_name: str) -> list[str]:
     lines += [f"nodes.{_key(name)} = {_value(position)}" for name, position in structure.nodes.items()]
     if structure.fixed_nodes:
         lines.append(_entry("fixed_nodes", structure.fixed_nodes))
-    lines += _array("rods", [_rod_table(rod) for rod in structure.rods])
-    lines += _array("strings", [_string_table(string) for string in structure.strings])
-    return lines + _array("point_masses", [_given(vars(point)) for point in structure.point_masses])
-
-
-def _string_table(string: String) -> dict[str, Any]:
-    table = _given(vars(string))
-    return table if string.damping else {key: value for key, value in table.items() if key != "damping"}
-
-
-def _rod_table(rod: Rod) -> dict[str, Any]:
-    table = {"name": rod.name, "nodes": rod.nodes, "mass": rod.mass, "radius": rod.radius}
-    if rod.section is not None:
-        table["section"] = _given(vars(rod.section))
-    support = rod.support
-    if support == Support.free():
-        return table
-    pinned = support.directions == PINNED and support.values is None
-    details: dict[str, Any] = {
-        "kind": "free" if not support.directions else "pinned" if pinned else "constrained",
-        "sigma": support.sigma,
-    }
-    if details["kind"] == "constrained":
-        details |= {"D": support.directions, "values": support.values}
-    return table | {"support": _given(details | {"plane": support.plane})}
+    for key in ("rods", "strings", "point_masses"):
+        lines += _array(key, getattr(structure, key))
+    return lines
 
 
 def _scene_lines(scene: Scene) -> list[str]:
@@ -119,19 +94,13 @@ def _scene_lines(scene: Scene) -> list[str]:
     if scene.gravity != Scene.gravity:
         lines.append(_entry("gravity", scene.gravity))
     lines.append(_entry("duration", scene.duration))
-    assert not callable(scene.loads)
-    lines += _array("loads", [vars(load) for load in scene.loads])
-    lines += _array("breaks", [vars(event) for event in scene.breaks])
-    lines += _array("motions", [_motion_table(motion) for motion in scene.motions])
-    if scene.contact is not None:
-        given = {key: value for key, value in vars(scene.contact).items() if value != getattr(Contact, key)}
-        lines.append(_entry("contact", given))
-    if scene.resistance is not None:
-        parts = {key: value for key, value in vars(scene.resistance).items() if value != getattr(Resistance, key)}
-        given = {key: _given(vars(value)) if key in ("bending", "drag") else value for key, value in parts.items()}
-        lines.append(_entry("resistance", given))
+    for key in ("loads", "breaks", "motions"):
+        lines += _array(key, getattr(scene, key))
+    for key in ("contact", "resistance"):
+        if getattr(scene, key) is not None:
+            lines.append(_entry(key, getattr(scene, key)))
     if scene.water is not None:
-        lines += _section("scene.water", _water_lines(scene.water))
+        lines += _section("scene.water", _lines(scene.water))
     if scene.initial_nodes is not None:
         lines += _section("scene.initial_nodes", _node_lines(structure, scene.initial_nodes, structure.positions))
     if scene.initial_velocities is not None:
@@ -140,22 +109,16 @@ def _scene_lines(scene: Scene) -> list[str]:
     if scene.target is not None:
         lines += _target_lines(structure, scene.target)
     if scene.control is not None:
-        options = dict(scene.control.options)
-        lines += _section("scene.control", [_entry("law", scene.control.law), _entry("options", options)])
+        lines += _section("scene.control", _lines(scene.control))
     return lines
 
 
-def _water_lines(water: Water) -> list[str]:
-    given = {key: value for key, value in vars(water).items() if value != getattr(Water, key) and key != "waves"}
-    lines = [_entry(key, value.value if isinstance(value, enum.Enum) else value) for key, value in given.items()]
-    return lines + _array("waves", [_given(vars(wave)) for wave in water.waves])
-
-
-def _motion_table(motion: Motion) -> dict[str, Any]:
-    table: dict[str, Any] = {"support": motion.support}
-    if motion.harmonics:
-        table["harmonics"] = [vars(item) for item in motion.harmonics]
-    return table | {key: values for key in MOTION_DATA if (values := getattr(motion, key))}
+def _lines(value: Any) -> list[str]:
+    """A line for each field of a value, and then those that are arrays of tables."""
+    arrays = {key for key, one in item_of(type(value)).keys.items() if one.kind.many}
+    table = table_of(value)
+    lines = [_entry(key, held) for key, held in table.items() if key not in arrays]
+    return lines + [line for key in table if key in arrays for line in _array(key, table[key])]
 
 
 def _target_lines(structure: Structure, target: Target) -> list[str]:
@@ -190,7 +153,7 @@ def _section(title: str, lines: list[str]) -> list[str]:
     return ["", f"[{title}]", *lines]
 
 
-def _array(key: str, tables: Sequence[Mapping[str, Any]]) -> list[str]:
+def _array(key: str, tables: Sequence[Any]) -> list[str]:
     return [f"{key} = [", *(f"    {_value(table)}," for table in tables), "]"] if tables else []
 
 
@@ -204,15 +167,15 @@ def _key(key: str) -> str:
 
 def _value(value: Any) -> str:
     """A value on one line. tomli_w breaks every list into lines, so that only what is no list is left to it."""
+    if dataclasses.is_dataclass(value):
+        value = table_of(value)
+    elif isinstance(value, enum.Enum):
+        value = value.value
     if isinstance(value, Mapping):
         return "{ " + ", ".join(_entry(key, item) for key, item in value.items()) + " }" if value else "{}"
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(_value(item) for item in value) + "]"
     return tomli_w.dumps({"x": value}).removeprefix("x = ").removesuffix("\n")
-
-
-def _given(table: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in table.items() if value is not None}
 
 
 def _write(path: str | os.PathLike[str], text: str) -> Path:
