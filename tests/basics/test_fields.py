@@ -16,7 +16,7 @@ import pytest
 from tensegrity_mj.basics import fields, kinds
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.errors import FormatError, SceneError, StructureError
-from tensegrity_mj.model.text.codec import read, table_of
+from tensegrity_mj.model.text.codec import check_kinds, read, table_of
 from tensegrity_mj.model.text.table import Table
 
 NAN = math.nan
@@ -287,6 +287,15 @@ def test_what_is_wrong_with_them_in_a_file(old: str, new: str, message: str) -> 
     with pytest.raises(FormatError) as caught:
         effects(EFFECTS.replace(old, new))
     assert message in str(caught.value)
+
+
+def test_what_has_no_name_is_not_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fields, "_KINDS", {"magnet": Magnet})
+    one = fields.item_of(Field).keys["effects"]
+    check_kinds("effects", one, [Magnet("a")])
+    check_kinds("waves", fields.item_of(Pond).keys["waves"], [Wave(1.0)])
+    with pytest.raises(SceneError, match=r"effects\[1\] is a Spring, .* register\(name, Spring\)"):
+        check_kinds("effects", one, [Magnet("a"), Spring("b")])
 
 
 @pytest.mark.usefixtures("known")

@@ -7,7 +7,7 @@ value class stands for all that are registered for it (`basics.fields.register`)
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import attrs
@@ -78,6 +78,17 @@ def built(table: Table, cls: type, make: Callable[[], T], values: Mapping[str, A
 def table_of(value: Any) -> dict[str, Any]:
     """The table of a value."""
     return WRITERS.get(type(value), fields_of)(value)
+
+
+def check_kinds(key: str, one: Key, values: Iterable[Any]) -> None:
+    """Raise SceneError where a field holds values of classes that files know by names, and one has none."""
+    for number, value in enumerate(() if dataclasses.is_dataclass(one.kind.part) else values):
+        cls = type(value)
+        if not kind_of(cls):
+            raise SceneError(
+                f"{key}[{number}] is a {cls.__name__}, which files know by no name: give it one with "
+                f"register(name, {cls.__name__})"
+            )
 
 
 def fields_of(value: Any) -> dict[str, Any]:

@@ -20,8 +20,8 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
-from tensegrity_mj.model.text.codec import table_of
-from tensegrity_mj.model.text.keys import FORMAT, MOST_BYTES
+from tensegrity_mj.model.text.codec import check_kinds, table_of
+from tensegrity_mj.model.text.keys import FORMAT, MOST_BYTES, SCENE_LINES
 
 HEADING = "# tensegrity-mj; SI units, world frame with z up. Every key: docs/format.md"
 
@@ -89,16 +89,15 @@ def _structure_lines(structure: Structure, file_name: str) -> list[str]:
 
 
 def _scene_lines(scene: Scene) -> list[str]:
-    structure = scene.structure
+    structure, keys = scene.structure, item_of(Scene).keys
     lines = ["[scene]"]
-    if scene.gravity != Scene.gravity:
-        lines.append(_entry("gravity", scene.gravity))
-    lines.append(_entry("duration", scene.duration))
-    for key in ("loads", "breaks", "motions"):
-        lines += _array(key, getattr(scene, key))
-    for key in ("contact", "resistance"):
-        if getattr(scene, key) is not None:
-            lines.append(_entry(key, getattr(scene, key)))
+    for key in SCENE_LINES:
+        held = getattr(scene, key)
+        if keys[key].kind.many:
+            check_kinds(key, keys[key], held)
+            lines += _array(key, held)
+        elif key == "duration" or (held is not None and held != keys[key].default):
+            lines.append(_entry(key, held))
     if scene.water is not None:
         lines += _section("scene.water", _lines(scene.water))
     if scene.initial_nodes is not None:
@@ -115,10 +114,10 @@ def _scene_lines(scene: Scene) -> list[str]:
 
 def _lines(value: Any) -> list[str]:
     """A line for each field of a value, and then those that are arrays of tables."""
-    arrays = {key for key, one in item_of(type(value)).keys.items() if one.kind.many}
     table = table_of(value)
+    arrays = [key for key, one in item_of(type(value)).keys.items() if one.kind.many and key in table]
     lines = [_entry(key, held) for key, held in table.items() if key not in arrays]
-    return lines + [line for key in table if key in arrays for line in _array(key, table[key])]
+    return lines + [line for key in arrays for line in _array(key, table[key])]
 
 
 def _target_lines(structure: Structure, target: Target) -> list[str]:
