@@ -111,7 +111,7 @@ def execute(options: argparse.Namespace) -> Outcome:
             from tensegrity_mj.pictures.plots import plot_comparison
 
             plot_comparison(comparison, plot, runs=[first, second])
-    # Two files are compared with success whatever became of their runs, which first_status and second_status tell.
+    # Two files are compared with success whatever became of their runs, which first_status and second_status give.
     worst = max((first, second), key=lambda run: code_of_status(run.status))
     data = {
         "status": worst.status if code else Status.COMPLETED,

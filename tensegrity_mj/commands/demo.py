@@ -117,11 +117,11 @@ def run_demo(out: str | os.PathLike[str] = "results", scene: str = "prism", *, p
     folder = _writable_folder(out)
     name = file_name(experiment.name)
 
-    def tell(text: str) -> None:
+    def report(text: str) -> None:
         if progress:
             print(text, file=sys.stderr)
 
-    tell(f"1/4 Simulating {printable(experiment.name)} in both engines")
+    report(f"1/4 Simulating {printable(experiment.name)} in both engines")
     runs, reference = _simulate(experiment, law, progress)
     for trajectory in (reference, *runs.values()):
         if trajectory.status is not Status.COMPLETED:
@@ -134,10 +134,10 @@ def run_demo(out: str | os.PathLike[str] = "results", scene: str = "prism", *, p
     for path, trajectory in zip(files.values(), (run, reference), strict=True):
         trajectory.save(path)
 
-    tell("2/4 Plotting")
+    report("2/4 Plotting")
     files |= _plot(folder, name, run, reference, comparison)
 
-    tell("3/4 Filming")
+    report("3/4 Filming")
     video, no_video = folder / f"{name}.mp4", ""
     try:
         from tensegrity_mj.pictures.video import render
@@ -145,10 +145,10 @@ def run_demo(out: str | os.PathLike[str] = "results", scene: str = "prism", *, p
         files["video"] = render(run, video, other=reference, progress=progress)
     except MissingLibraryError as error:
         no_video = f"No video: {error}"
-        tell(no_video)
+        report(no_video)
         video.unlink(missing_ok=True)  # of an earlier run, which it would not belong to
 
-    tell("4/4 Writing the report")
+    report("4/4 Writing the report")
     demo = Demo(run, reference, comparison, agreement, files, no_video)
     files["numbers"] = folder / f"{name}.json"
     _write_numbers(demo, files["numbers"])

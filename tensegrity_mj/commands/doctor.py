@@ -50,7 +50,7 @@ OPENGL_PACKAGES = "libegl1 libegl-mesa0 libgl1-mesa-dri libopengl0"
 PROBE_TIMEOUT = 60.0  # s; a cold start of MuJoCo on a slow disk takes a few
 
 
-# Opens OpenGL as the renderer does, then asks for its name.
+# Opens OpenGL as the renderer does, then reads its name.
 _OPENGL_PROBE = """
 import importlib
 from tensegrity_mj.errors import TensegrityError
@@ -87,7 +87,7 @@ print(f"numba {numba.__version__} compiles")
 """
 
 
-# Asks the cache itself: where it writes depends on the environment when numba is imported.
+# From the cache itself: where it writes depends on the environment when numba is imported.
 _CACHE_PROBE = """
 from tensegrity_mj.dynamics.native.compiling import cache_folder
 print(cache_folder())
@@ -137,7 +137,7 @@ def check_python() -> Check:
 
 
 def check_packages() -> list[Check]:
-    """The versions of the packages that pyproject.toml asks for, as installed."""
+    """The versions of the packages that pyproject.toml requires, as installed."""
     from packaging.requirements import Requirement
 
     try:

@@ -67,7 +67,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     from tensegrity_mj.studies.workers import Workers
     from tensegrity_mj.thesis import page
     from tensegrity_mj.thesis.experiments import TITLES, EngineName
-    from tensegrity_mj.thesis.reproduce import reproduce
+    from tensegrity_mj.thesis.reproduction import reproduce
 
     engines = [EngineName(name) for name in dict.fromkeys(options.engine)]
     found = reproduce(

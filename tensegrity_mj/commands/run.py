@@ -165,19 +165,19 @@ def describe(data: dict[str, Any]) -> str:
 
 def _error(data: dict[str, Any]) -> str:
     """The estimate of an accuracy, with whether it can be relied on."""
-    told = data["reports"]["accuracy"]
-    doubt = "" if told["settled"] else ", not settled"
-    return f"{number(told['error_estimate'], 'm')}{doubt} ({told['requested']:g} m asked for)"
+    found = data["reports"]["accuracy"]
+    doubt = "" if found["settled"] else ", not settled"
+    return f"{number(found['error_estimate'], 'm')}{doubt} ({found['requested']:g} m asked for)"
 
 
-def _flow(told: dict[str, Any]) -> str:
+def _flow(found: dict[str, Any]) -> str:
     """The numbers of the flow around rods, and what is outside the ranges that coefficients are for."""
-    text = f"Rn up to {told['reynolds']:.3g}"
-    if told["keulegan_carpenter"] is not None:
-        text += ", KC {:.3g} to {:.3g}".format(*told["keulegan_carpenter"])
-    count = told["segments"]
+    text = f"Rn up to {found['reynolds']:.3g}"
+    if found["keulegan_carpenter"] is not None:
+        text += ", KC {:.3g} to {:.3g}".format(*found["keulegan_carpenter"])
+    count = found["segments"]
     text += f"; {count['count']} segments a rod" + (", chosen" if count["chosen"] else ", given")
-    return "; ".join([text, *told["notes"]])
+    return "; ".join([text, *found["notes"]])
 
 
 def _check_replay(options: argparse.Namespace) -> None:

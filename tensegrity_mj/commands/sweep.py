@@ -77,7 +77,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
 
 
 def execute(options: argparse.Namespace) -> Outcome:
-    """Run the sweep, or go on with it, and tell what came out."""
+    """Run the sweep, or go on with it, and report what came out."""
     vary, zipped = (
         [_vary(text, "--vary") for text in options.vary],
         [[_vary(text, "--zip") for text in group] for group in options.zip],
@@ -146,10 +146,10 @@ def describe(data: dict[str, Any], rows: Sequence[Row], parameters: Sequence[str
         text.append(f"... and {len(rows) - MOST_LINES} more points")
     reasons = dict.fromkeys(row.reason for row in rows if row.reason)
     text += [f"why not completed: {reason}" for reason in list(reasons)[:5]]
-    told = [("points", ", ".join(f"{count} {status}" for status, count in data["ended"].items()))]
-    told.append(("computed now", str(data["computed"])))
-    told += [(name, str(data[name])) for name in ("result", "page") if data[name]]
-    return "\n".join([*text, "", table(told)])
+    facts = [("points", ", ".join(f"{count} {status}" for status, count in data["ended"].items()))]
+    facts.append(("computed now", str(data["computed"])))
+    facts += [(name, str(data[name])) for name in ("result", "page") if data[name]]
+    return "\n".join([*text, "", table(facts)])
 
 
 def _workers(options: argparse.Namespace) -> Workers:
@@ -187,9 +187,9 @@ def _vary(text: str, option: str) -> Vary:
 def _draw(text: str) -> Draw:
     from tensegrity_mj.studies.axes import Choice, Draw, LogUniform, Normal, Uniform
 
-    path, told = _assignment(text, "--draw")
-    scaled = told.startswith("*")
-    name, _, rest = told.removeprefix("*").partition(":")
+    path, given = _assignment(text, "--draw")
+    scaled = given.startswith("*")
+    name, _, rest = given.removeprefix("*").partition(":")
     two: dict[str, Any] = {"uniform": Uniform, "loguniform": LogUniform, "normal": Normal}
     if name == "choice" and rest:
         return Draw(path, Choice([value_of(item) for item in split(rest)]), scaled)

@@ -14,7 +14,7 @@ from tensegrity_mj.model.text.sources import find
 def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
     """The scene of that name in the package (see `scene_names`), in that .toml file, or of a call of a family.
 
-    A text such as "tower(stages=10)" is a call of a family, see `families.named`. Another text without a path separator
+    A text such as "tower(stages=10)" is a call of a family, see `library.named`. Another text without a path separator
     that does not end in .toml is a name.
 
     Raises:

@@ -2,5 +2,15 @@
 
 `experiments`, `series` and `beams` say what is run, the TOML files of `tables/` what the thesis states (a row each),
 `measures*` how it is measured, `figures*` how its figures are drawn again. `runs` computes and keeps the runs, `ledger`
-judges, `page` and `reproduce` write the results; `disturbance` and `sensitivity` find which errors the rows notice.
+judges, `page` and `reproduction` write the results; `disturbance` and `sensitivity` find which errors the rows notice.
 """
+
+from typing import TYPE_CHECKING
+
+from tensegrity_mj.basics.faces import face
+
+if TYPE_CHECKING:
+    from tensegrity_mj.thesis.reproduction import Reproduction as Reproduction
+    from tensegrity_mj.thesis.reproduction import reproduce as reproduce
+else:
+    __getattr__, __dir__ = face(__name__)

@@ -18,7 +18,7 @@ from tensegrity_mj.thesis.chapter3.series import SERIES
 from tensegrity_mj.thesis.disturbance import Disturbance, Quantity, disturbed
 from tensegrity_mj.thesis.experiments import EXPERIMENTS, EngineName
 from tensegrity_mj.thesis.ledger import Verdict, judge
-from tensegrity_mj.thesis.reproduce import RUNS, WHOLES, compute_runs
+from tensegrity_mj.thesis.reproduction import RUNS, WHOLES, compute_runs
 from tensegrity_mj.thesis.runs import Computed
 from tensegrity_mj.thesis.statement import Statement
 

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -25,6 +26,7 @@ FACES = [
     "statics",
     "studies",
     "studies.tradeoff",
+    "thesis",
 ]
 
 
@@ -45,6 +47,9 @@ def test_every_name_is_there_and_stands_once(room: str) -> None:
                 assert getattr(module, alias.name, None) is getattr(import_module(line.module), alias.name) or (
                     alias.asname is None
                 )
+    # Importing such a module would put it in the place of the name.
+    own = {path.stem for path in Path(str(module.__file__)).parent.iterdir()}
+    assert not {name for name in written if not isinstance(getattr(module, name), ModuleType)} & own
 
 
 def test_the_package_has_at_most_40_names() -> None:

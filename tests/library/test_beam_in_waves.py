@@ -32,7 +32,7 @@ from tensegrity_mj.thesis.appendix_c.beam_wave_studies import DOUBLED, HEIGHTS, 
 from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, BeamRun
 from tensegrity_mj.thesis.experiments import EngineName
 from tensegrity_mj.thesis.ledger import Verdict
-from tensegrity_mj.thesis.reproduce import reproduce
+from tensegrity_mj.thesis.reproduction import reproduce
 
 G, RHO, ADDED, INERTIA, SEGMENTS = 9.81, 1025.0, 0.7, 1.6, 2
 DEPTH, WAVELENGTH, CHI, PHASE = 2.0, 6.0, 1.2, 0.4

@@ -35,7 +35,7 @@ from tensegrity_mj.thesis.appendix_c.beams import BeamRun
 from tensegrity_mj.thesis.catalog import STATEMENTS
 from tensegrity_mj.thesis.experiments import EngineName
 from tensegrity_mj.thesis.ledger import Verdict, judge
-from tensegrity_mj.thesis.reproduce import reproduce
+from tensegrity_mj.thesis.reproduction import reproduce
 from tensegrity_mj.thesis.runs import Computed
 
 HERE = Workers(backend=Backend.THIS_PROCESS)

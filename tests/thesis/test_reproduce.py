@@ -26,7 +26,7 @@ from tensegrity_mj.thesis.disturbance import Disturbance, Quantity
 from tensegrity_mj.thesis.experiments import EXPERIMENTS, EngineName, cell_strings, simulate_experiment
 from tensegrity_mj.thesis.ledger import Verdict, judge, value_text, verdict_of
 from tensegrity_mj.thesis.lookup import measured
-from tensegrity_mj.thesis.reproduce import WHOLES, Reproduction, reproduce
+from tensegrity_mj.thesis.reproduction import WHOLES, Reproduction, reproduce
 from tensegrity_mj.thesis.runs import run_experiments
 from tensegrity_mj.thesis.statement import HOLDS, Class, Interval, KnownDifference, Statement
 

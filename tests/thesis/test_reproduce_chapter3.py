@@ -27,7 +27,7 @@ from tensegrity_mj.thesis.chapter3.series import SERIES, SeriesRun, run_series
 from tensegrity_mj.thesis.experiments import EXPERIMENTS, EngineName
 from tensegrity_mj.thesis.ledger import Verdict, judge
 from tensegrity_mj.thesis.page import counts, markdown, summary
-from tensegrity_mj.thesis.reproduce import reproduce
+from tensegrity_mj.thesis.reproduction import reproduce
 from tensegrity_mj.thesis.runs import Computed
 from tensegrity_mj.thesis.statement import Class
 

@@ -22,7 +22,7 @@ from tensegrity_mj.thesis.catalog import STATEMENTS
 from tensegrity_mj.thesis.chapter3.series import SERIES, run_series
 from tensegrity_mj.thesis.experiments import EXPERIMENTS, EngineName
 from tensegrity_mj.thesis.ledger import Verdict, judge
-from tensegrity_mj.thesis.reproduce import reproduce
+from tensegrity_mj.thesis.reproduction import reproduce
 from tensegrity_mj.thesis.runs import Computed
 
 DOC = Path(__file__).resolve().parents[2] / "docs" / "reproduction.md"

@@ -44,7 +44,7 @@ class Evaluation:
 def cable_scaling(counts: Sequence[int] = COUNTS, solver: Solver = Solver.JOINTS) -> list[Evaluation]:
     """Time the right-hand side of cables with some numbers of elements.
 
-    The cable of `families.cable` is driven as by default, and looked at a little off its straight start.
+    The cable of `library.cable` is driven as by default, and looked at a little off its straight start.
 
     Raises:
         OptionError: for a number of elements that makes no cable.
