@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 from typing import Any
 
 import numpy as np
@@ -88,6 +89,16 @@ def member(what: str, value: Any, kind: type) -> None:
     if not isinstance(value, kind):
         allowed = ", ".join(f"{kind.__name__}.{one.name}" for one in kind)  # type: ignore[attr-defined]
         raise OptionError(f"{what} = {value_text(value)}; allowed: {allowed}")
+
+
+def choice_from(path: str, kind: type[enum.Enum], value: Any) -> Any:
+    """The member of an enum with that value, in which - may stand for spaces; OptionError where there is none."""
+    words = {str(one.value): one for one in kind}
+    text = value.replace("-", " ") if isinstance(value, str) else value
+    for word in (value, text):
+        if isinstance(word, str) and word in words:
+            return words[word]
+    raise OptionError(f"{path} = {value!r}; allowed: {', '.join(words)}")
 
 
 # Nodes of a family's scene. Laid out by formulas, so many take some ten seconds; where an equilibrium is found first,

@@ -71,3 +71,9 @@ def closest(word: str, known: Iterable[str]) -> str:
     """What a misspelt word was probably meant to be, as the end of a sentence, or nothing."""
     meant = nearest(word, known)
     return f" (did you mean '{meant}'?)" if meant else ""
+
+
+def unknown(given: str, known: Iterable[str], what: str) -> str:
+    """'rods' is no ...: what is allowed, and what was probably meant."""
+    names = list(known)
+    return f"there is no {what} '{given}'{closest(given, names)}; allowed: {', '.join(names)}"

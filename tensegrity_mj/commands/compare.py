@@ -21,12 +21,10 @@ from tensegrity_mj.commands.common import (
     table,
     warn,
 )
+from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
-    from tensegrity_mj.engines.reference.dae import DAE
-    from tensegrity_mj.engines.reference.ode import ODE
     from tensegrity_mj.runs.trajectory import Trajectory
 
 HELP = "compare two engines on one scene, or two recorded runs"
@@ -63,8 +61,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--tolerance", type=positive, help="report when each quantity first differs by more (in its SI unit)"
     )
     engines = parser.add_argument_group("engines")
-    engines.add_argument("--engine", choices=experiment.ENGINES, help="the first (mujoco)")
-    engines.add_argument("--reference", choices=experiment.ENGINES, help="the second (dae, or ode beside --engine dae)")
+    engines.add_argument("--engine", choices=list(ENGINES), help="the first (mujoco)")
+    engines.add_argument("--reference", choices=list(ENGINES), help="the second (dae, or ode beside --engine dae)")
     experiment.add_engine_options(engines)
     experiment.add_control_options(parser.add_argument_group("control"))
     output = parser.add_argument_group("output")
@@ -176,12 +174,12 @@ def _simulate(options: argparse.Namespace, names: tuple[str, str]) -> tuple[Traj
             f"scene '{scene.name}' has contact, which MuJoCo alone has: there is no second engine to compare with. "
             "Compare two runs of MuJoCo, at two steps for instance: run --out a.nc, run --out b.nc, compare a.nc b.nc"
         )
-    # The step is MuJoCo's; DAE and ODE take it only where their method has a fixed step.
-    alone = "mujoco" not in names
+    # The step is that of the engine that has fixed steps by default; others take it where their method is such a one.
+    alone = all(ENGINES[name].fixed_step for name in names)
     engines = [experiment.engine_of(name, options, with_timestep=alone or options.method == "rk4") for name in names]
     law, actuation = experiment.law_of(options, scene), experiment.actuation_of(options)
 
-    def run(engine: MuJoCo | DAE | ODE, interval: float | None) -> Trajectory:
+    def run(engine: Any, interval: float | None) -> Trajectory:
         return simulate(
             scene,
             law,
@@ -206,7 +204,7 @@ def _read(options: argparse.Namespace) -> tuple[Trajectory, Trajectory]:
 
     if len(options.inputs) != 2:
         raise OptionError(f"compare {' '.join(options.inputs)}: give two .nc files, not {len(options.inputs)}")
-    engines = ("engine", "reference", "duration", "timestep", "output-interval", *experiment.ENGINE_OPTIONS)
+    engines = ("engine", "reference", "duration", "output-interval", *experiment.ENGINE_OPTIONS)
     control = ("law", *experiment.LAW_OPTIONS, *experiment.ACTUATION_OPTIONS)
     refuse(options, (*engines, *control), "belongs to a simulation; two files are only read")
     refuse(options, ("out",), "writes simulated runs; two files are only read")

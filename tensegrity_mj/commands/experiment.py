@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.commands.common import positive, refuse
+from tensegrity_mj.engines.table import ENGINES, make_engine, option_names
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
-    from tensegrity_mj.engines.reference.dae import DAE
-    from tensegrity_mj.engines.reference.ode import ODE
     from tensegrity_mj.model.actuation import Actuation
     from tensegrity_mj.model.scene import Scene
 
@@ -28,13 +26,18 @@ LAWS = ("lyapunov", "feedback_linearization", "projection")  # keys of controlle
 ACTUATIONS = ("continuous", "hold-force-density", "hold-rest-length")
 NORMS = {"1": 1.0, "2": 2.0, "inf": math.inf}
 
-ENGINES = ("mujoco", "dae", "ode")
-# Options that some engines alone have.
-MUJOCO_OPTIONS = ("integrator",)
-INTEGRATION_OPTIONS = ("method", "rtol", "atol")  # of the DAE and the ODE
-DAE_OPTIONS = ("drift",)
 CHOSEN_BY_ACCURACY = ("timestep", "integrator", "method", "rtol", "atol", "locate-slack")
-ENGINE_OPTIONS = ("accuracy", "locate-slack", *MUJOCO_OPTIONS, *INTEGRATION_OPTIONS, *DAE_OPTIONS)
+# The options of engines, and of those that some engines alone have, what the others have instead.
+ENGINE_OPTIONS = {
+    "timestep": "",
+    "accuracy": "",
+    "locate-slack": "",
+    "integrator": "DAE and ODE have --method",
+    "method": "MuJoCo has --integrator and --timestep",
+    "rtol": "MuJoCo has --integrator and --timestep",
+    "atol": "MuJoCo has --integrator and --timestep",
+    "drift": "the others have no constraint that drifts",
+}
 LAW_OPTIONS = ("norm", "decay-rate", "law-option", "on-infeasible")
 ACTUATION_OPTIONS = ("actuation", "control-period")
 
@@ -154,50 +157,20 @@ def actuation_of(options: argparse.Namespace) -> Actuation:
     return Actuation.continuous()
 
 
-def mujoco_of(options: argparse.Namespace) -> MuJoCo:
-    """The MuJoCo engine with the options given, defaults elsewhere."""
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
-    from tensegrity_mj.engines.mujoco.settings import Integrator
+def engine_of(name: str, options: argparse.Namespace, *, with_timestep: bool = True) -> Any:
+    """The engine of this name with those of the options given that are its own, defaults elsewhere.
 
+    Without `with_timestep`, one that may choose its steps leaves out those of fixed steps.
+    """
     check_accuracy(options)
-    chosen = _given(options, ("timestep", "accuracy", "locate_slack"))
-    if options.integrator is not None:
-        chosen["integrator"] = Integrator(options.integrator)
-    return MuJoCo(**chosen)
-
-
-def dae_of(options: argparse.Namespace, *, with_timestep: bool = True) -> DAE:
-    """The DAE engine with the options given, defaults elsewhere."""
-    from tensegrity_mj.engines.reference.dae import DAE, Drift
-
-    chosen = _integration_of(options, with_timestep)
-    if options.drift is not None:
-        chosen["drift"] = Drift(options.drift)
-    return DAE(**chosen)
-
-
-def ode_of(options: argparse.Namespace, *, with_timestep: bool = True) -> ODE:
-    """The ODE engine with the options given, defaults elsewhere."""
-    from tensegrity_mj.engines.reference.ode import ODE
-
-    return ODE(**_integration_of(options, with_timestep))
-
-
-def engine_of(name: str, options: argparse.Namespace, *, with_timestep: bool = True) -> MuJoCo | DAE | ODE:
-    """The engine of this name with the options given; `with_timestep`: DAE and ODE take those of fixed steps."""
-    if name == "mujoco":
-        return mujoco_of(options)
-    return (dae_of if name == "dae" else ode_of)(options, with_timestep=with_timestep)
-
-
-def kind_of(name: str) -> type[MuJoCo | DAE | ODE]:
-    """The class of the engine of this name."""
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
-    from tensegrity_mj.engines.reference.dae import DAE
-    from tensegrity_mj.engines.reference.ode import ODE
-
-    kinds: dict[str, type[MuJoCo | DAE | ODE]] = {"mujoco": MuJoCo, "dae": DAE, "ode": ODE}
-    return kinds[name]
+    own = option_names(name)
+    if "method" in own and options.method == "rk4":
+        refuse(options, ("rtol", "atol"), "belongs to the error-controlled methods; rk4 has --timestep")
+    fixed = () if with_timestep or not ENGINES[name].fixed_step else ("timestep", "locate_slack")
+    given = {option.replace("-", "_"): value for option, value in _given(options, ENGINE_OPTIONS).items()}
+    return make_engine(
+        name, {option: value for option, value in given.items() if option in own and option not in fixed}
+    )
 
 
 def refuse_options_of_other_engines(options: argparse.Namespace, used: Sequence[str]) -> None:
@@ -206,27 +179,12 @@ def refuse_options_of_other_engines(options: argparse.Namespace, used: Sequence[
     Raises:
         OptionError: naming the option and the engines that have it.
     """
-    for names, owners, instead in (
-        (MUJOCO_OPTIONS, ("mujoco",), "DAE and ODE have --method"),
-        (INTEGRATION_OPTIONS, ("dae", "ode"), "MuJoCo has --integrator and --timestep"),
-        (DAE_OPTIONS, ("dae",), "the others have no constraint that drifts"),
-    ):
-        if not set(owners) & set(used):
-            refuse(options, names, f"belongs to --engine {' or '.join(owners)}; {instead}")
-
-
-def _integration_of(options: argparse.Namespace, with_timestep: bool) -> dict[str, Any]:
-    """What DAE and ODE have in common."""
-    from tensegrity_mj.engines.reference.method import Method
-
-    check_accuracy(options)
-    fixed = ("timestep", "locate_slack") if with_timestep else ()
-    chosen = _given(options, ("rtol", "atol", "accuracy", *fixed))
-    if options.method is not None:
-        chosen["method"] = Method(options.method)
-    if options.method == "rk4":
-        refuse(options, ("rtol", "atol"), "belongs to the error-controlled methods; rk4 has --timestep")
-    return chosen
+    for option in _given(options, ENGINE_OPTIONS):
+        own = option.replace("-", "_")
+        if not any(own in option_names(name) for name in used):
+            owners = [name for name in ENGINES if own in option_names(name)]
+            instead = ENGINE_OPTIONS[option] or f"{' and '.join(used)} cannot take it"
+            refuse(options, (option,), f"belongs to --engine {' or '.join(owners)}; {instead}")
 
 
 def require_off_screen_opengl() -> None:
@@ -245,5 +203,6 @@ def require_off_screen_opengl() -> None:
             )
 
 
-def _given(options: argparse.Namespace, names: Sequence[str]) -> dict[str, Any]:
-    return {name: getattr(options, name) for name in names if getattr(options, name) is not None}
+def _given(options: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
+    values = {name: getattr(options, name.replace("-", "_")) for name in names}
+    return {name: value for name, value in values.items() if value is not None}

@@ -6,8 +6,8 @@ import argparse
 import math
 from typing import TYPE_CHECKING, Any
 
-from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import Outcome, add_scene, number, output_file, positive, refuse, table
+from tensegrity_mj.engines.table import ENGINES, engine_class
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ MOST_LINES = 20
 def configure(parser: argparse.ArgumentParser) -> None:
     """The options of `linearize`."""
     add_scene(parser)
-    parser.add_argument("--engine", choices=experiment.ENGINES, default="mujoco", help="(mujoco)")
+    parser.add_argument("--engine", choices=list(ENGINES), default="mujoco", help="(mujoco)")
     parser.add_argument("--inputs", choices=("rest-length", "force-density"), default="rest-length", help="what v is")
     parser.add_argument("--closed-loop", action="store_true", help="with the scene's control law: A is A + B ∂v/∂x")
     parser.add_argument("--state", metavar="FILE.nc", help="a run of this scene, whose sample is the state")
@@ -62,7 +62,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         state.pop("rest_lengths", None)
     model = linearize(
         scene,
-        experiment.kind_of(options.engine)(),
+        engine_class(options.engine)(),
         law=law,
         inputs=Command.FORCE_DENSITY if options.inputs == "force-density" else Command.REST_LENGTH,
         **state,

@@ -21,6 +21,7 @@ from tensegrity_mj.commands.common import (
     table,
     warn,
 )
+from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import DivergenceError, OptionError
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     add_scene(parser)
     parser.add_argument("--duration", type=positive, metavar="S", help="simulated time [s] (the scene's)")
     engine = parser.add_argument_group("engine")
-    engine.add_argument("--engine", choices=experiment.ENGINES, default="mujoco", help="(mujoco)")
+    engine.add_argument("--engine", choices=list(ENGINES), default="mujoco", help="(mujoco)")
     experiment.add_engine_options(engine)
     experiment.add_control_options(parser.add_argument_group("control"))
     replay = parser.add_argument_group("replay: open loop, instead of a law")

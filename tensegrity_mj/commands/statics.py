@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import ExitCode, Outcome, add_scene, distinct, output_file, positive, refuse, table
+from tensegrity_mj.engines.table import ENGINES, engine_class
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     work.add_argument("--path", action="store_true", help="follow the equilibria as loads and displacements grow")
     work.add_argument("--points", type=_count, metavar="N", help="about how many, along a straight path (100)")
     work.add_argument("--modes", type=_count, default=12, metavar="N", help="natural modes (12)")
-    work.add_argument("--check-engine", choices=experiment.ENGINES, help="find the same by an engine")
+    work.add_argument("--check-engine", choices=list(ENGINES), help="find the same by an engine")
     work.add_argument("--run", metavar="FILE.nc", help="check the members over this run of the scene, too")
     work.add_argument(
         "--size",
@@ -118,7 +119,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         path=options.path,
         points=options.points or 100,
         modes=options.modes,
-        engine=experiment.kind_of(options.check_engine)() if options.check_engine else None,
+        engine=engine_class(options.check_engine)() if options.check_engine else None,
         materials=_sizes(options),
         run=None if options.run is None else Trajectory.load(options.run),
         progress=True,

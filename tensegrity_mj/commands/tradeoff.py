@@ -27,7 +27,8 @@ Errors are the largest distance of a node from where a tight reference has it [m
 Nothing else should use the machine: wall times are measured one run at a time. Interrupted, the same command goes on.
 """
 
-# The values of `Loop`: written here so that --help need not import it (tested to agree).
+# The values of `Kind` and `Loop`: written here so that --help need not import them (tested to agree).
+ENGINES = ("mujoco", "dae", "ode")
 LOOPS = ("open", "closed")
 
 
@@ -45,7 +46,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--duration", type=positive, metavar="S", help="of each run [s] (the scene's)")
     sweep = parser.add_argument_group("what is swept")
     sweep.add_argument("--loops", nargs="+", choices=LOOPS, metavar="LOOP", help="of open, closed (both)")
-    add_several(sweep, "--engines", experiment.ENGINES, "ENGINE")
+    add_several(sweep, "--engines", ENGINES, "ENGINE")
     sweep.add_argument(
         "--families", nargs="+", metavar="WORD", help="only those whose name has one of these: RK4, Euler, DOP853, ..."
     )

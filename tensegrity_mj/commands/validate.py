@@ -6,8 +6,8 @@ import argparse
 import sys
 from typing import Any
 
-from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import Outcome, add_scene, add_several, add_workers, positive
+from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 
 HELP = "test a control law: sampling, gains, robustness, attraction"
@@ -31,7 +31,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
         help="a built-in law, or module:name or path.py:name of a law or of a function scene -> law (the scene's)",
     )
     add_several(parser, "--only", SECTIONS, "SECTION")
-    add_several(parser, "--engines", experiment.ENGINES, "ENGINE")
+    add_several(parser, "--engines", tuple(ENGINES), "ENGINE")
     parser.add_argument("--quick", action="store_true", help="a few points of each section")
     parser.add_argument("--duration", type=positive, metavar="S", help="of each run [s] (the scene's)")
     parser.add_argument("--timestep", type=positive, metavar="S", default=1e-3, help="of RK4 [s]; divides 0.01 (0.001)")

@@ -8,6 +8,7 @@ from dataclasses import fields, replace
 from functools import partial
 from typing import Any
 
+from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.elements.resistance import Bending, Drag, Resistance
 from tensegrity_mj.model.members import Vector
@@ -19,7 +20,6 @@ from tensegrity_mj.studies.parameter_values import (
     no_more,
     number_from,
     scaled,
-    unknown,
     vector_from,
 )
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-import enum
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from tensegrity_mj.basics.checks import finite
-from tensegrity_mj.basics.texts import closest
+from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.members import Vector
 
@@ -120,19 +119,3 @@ def scaled(path: str, scale: Scaled, now: Any) -> float:
         what = "it has no value" if now is None or now is dataclasses.MISSING else f"{now!r} is no number"
         raise OptionError(f"{path} = {scale}: {what} that could be scaled; give one")
     return float(now) * scale.factor
-
-
-def choice_from(path: str, kind: type[enum.Enum], value: Any) -> Any:
-    """The member of an enum with that value, in which - may stand for spaces; OptionError where there is none."""
-    words = {str(one.value): one for one in kind}
-    text = value.replace("-", " ") if isinstance(value, str) else value
-    for word in (value, text):
-        if isinstance(word, str) and word in words:
-            return words[word]
-    raise OptionError(f"{path} = {value!r}; allowed: {', '.join(words)}")
-
-
-def unknown(given: str, known: Iterable[str], what: str) -> str:
-    """'rods' is no ...: what is allowed, and what was probably meant."""
-    names = list(known)
-    return f"there is no {what} '{given}'{closest(given, names)}; allowed: {', '.join(names)}"

@@ -28,8 +28,6 @@ are made in the order family, structure, scene, plant, all else; those of a whol
 
 from __future__ import annotations
 
-import dataclasses
-import enum
 import importlib
 import re
 from collections.abc import Callable, Mapping
@@ -37,21 +35,19 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
+from tensegrity_mj.basics.checks import choice_from
+from tensegrity_mj.basics.texts import unknown
+from tensegrity_mj.engines.table import ENGINES, engine_class, make_engine, option_names
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.studies.parameter_values import Scaled as Scaled
-from tensegrity_mj.studies.parameter_values import choice_from, number_from, scaled, unknown
 from tensegrity_mj.studies.parameter_values import decoded as decoded
 from tensegrity_mj.studies.parameter_values import encoded as encoded
+from tensegrity_mj.studies.parameter_values import number_from, scaled
 from tensegrity_mj.studies.scene_parameters import MEMBER, MEMBERS, Change, scene_change
 from tensegrity_mj.studies.scene_parameters import member_names as member_names
 
-ENGINES = {
-    "mujoco": ("engines.mujoco.engine", "MuJoCo"),
-    "dae": ("engines.reference.dae", "DAE"),
-    "ode": ("engines.reference.ode", "ODE"),
-}
 # Changes of one point are made in this order, so that what belongs together does not depend on how they were given.
 ORDER = ("family", "structure", "scene", "plant", "law", "engine", "actuation", "on_infeasible", "output_interval")
 _EXAMPLE = {"structure": "structure.rods.mass", "scene": "scene.gravity", "plant": "plant.rods.mass"}
@@ -117,50 +113,18 @@ class Draft:
 
     def make_engine(self) -> Any:
         """The engine."""
-        kind = engine_class(self.engine)
-        known = {item.name: item for item in dataclasses.fields(kind)}
-        usual = kind()  # where an option's default hangs on others, it still tells what kind it is of
-        chosen = {}
-        for name, value in self.engine_options.items():
-            if name not in known:
-                raise OptionError(f"engine.{name}: {unknown(name, known, f'option of engine {self.engine}')}")
-            default = getattr(usual, name)
-            if isinstance(value, Scaled):
-                value = scaled(f"engine.{name}", value, default)
-            elif isinstance(default, enum.Enum):
-                value = choice_from(f"engine.{name}", type(default), value)
-            chosen[name] = value
-        return kind(**chosen)
+        usual = engine_class(self.engine)()
+        options = {
+            name: scaled(f"engine.{name}", value, getattr(usual, name))
+            if isinstance(value, Scaled) and hasattr(usual, name)
+            else value
+            for name, value in self.engine_options.items()
+        }
+        return make_engine(self.engine, options)
 
     def make_actuation(self) -> Actuation:
         """The actuation."""
         return Actuation(self.actuation, self.period)
-
-
-def engine_class(name: str) -> Any:
-    """The class of an engine's options.
-
-    Raises:
-        OptionError: for a name that is none.
-    """
-    if name not in ENGINES:
-        raise OptionError(f"engine = {name!r}: {unknown(str(name), ENGINES, 'engine')}")
-    module, attribute = ENGINES[name]
-    return getattr(importlib.import_module(f"tensegrity_mj.{module}"), attribute)
-
-
-def engine_settings(engine: Any) -> tuple[str, dict[str, Any]]:
-    """The name of an engine and its options as plain values, those at their defaults left out.
-
-    Raises:
-        OptionError: if it is no engine of this package.
-    """
-    for name in ENGINES:
-        if type(engine) is engine_class(name):
-            items = {item.name: (getattr(engine, item.name), item.default) for item in dataclasses.fields(engine)}
-            return name, {key: _word(value) for key, (value, default) in items.items() if value != default}
-    allowed = ", ".join(attribute for _, attribute in ENGINES.values())
-    raise OptionError(f"engine = {engine!r}; use one of {allowed}, an object and not a class")
 
 
 def imported(name: str) -> Any:
@@ -263,7 +227,7 @@ def _set_engine(draft: Draft, option: str, path: str, value: Any) -> None:
             # The base's options belong to its own engine.
             draft.engine, draft.engine_options = value, {}
         return
-    known = dict.fromkeys(item.name for name in ENGINES for item in dataclasses.fields(engine_class(name)))
+    known = dict.fromkeys(option for name in ENGINES for option in option_names(name))
     if option not in known:
         raise OptionError(f"{path}: {unknown(option, known, 'option of an engine')}")
     base = draft.engine_options.get(option)
@@ -286,7 +250,3 @@ def _set_plain(draft: Draft, name: str, value: Any) -> None:
         draft.output_interval = scaled(name, value, draft.output_interval)
     else:
         draft.output_interval = number_from(name, value)
-
-
-def _word(value: Any) -> Any:
-    return value.value if isinstance(value, enum.Enum) else value

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.basics.checks import choice_from
+from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.events import Break
 from tensegrity_mj.model.members import Vector
@@ -20,12 +22,10 @@ from tensegrity_mj.studies.motion_parameters import motion_change, resistance_ch
 from tensegrity_mj.studies.parameter_values import (
     Scaled,
     axis_of,
-    choice_from,
     no_more,
     number_from,
     parts_of,
     scaled,
-    unknown,
     vector_from,
 )
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
+from tensegrity_mj.engines.table import engine_settings
 from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
 from tensegrity_mj.library.load import load_scene
 from tensegrity_mj.library.named import is_family_call
@@ -24,7 +25,7 @@ from tensegrity_mj.studies.axes import Draw, Grid, Together, Vary
 from tensegrity_mj.studies.many import Study, run_many, task_name
 from tensegrity_mj.studies.measures import measure
 from tensegrity_mj.studies.parameter_values import encoded
-from tensegrity_mj.studies.parameters import Draft, engine_settings
+from tensegrity_mj.studies.parameters import Draft
 from tensegrity_mj.studies.plain import canonical
 from tensegrity_mj.studies.scene_parameters import member_names
 from tensegrity_mj.studies.workers import Workers

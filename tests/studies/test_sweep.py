@@ -20,6 +20,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj import controllers
 from tensegrity_mj.cli import main
 from tensegrity_mj.commands.sweep import split, value_of, values_of
+from tensegrity_mj.engines.table import engine_settings
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.studies import store
 from tensegrity_mj.studies.axes import Choice, Draw, Grid, LogUniform, Normal, Together, Uniform, Vary
@@ -27,7 +28,6 @@ from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.studies.measures import MEASURES
 from tensegrity_mj.studies.nominal import NominalWinches
 from tensegrity_mj.studies.parameter_values import Scaled, decoded, encoded
-from tensegrity_mj.studies.parameters import engine_settings
 from tensegrity_mj.studies.plain import canonical
 from tensegrity_mj.studies.sweep import Sweep, drafted
 from tensegrity_mj.studies.table import rows_of

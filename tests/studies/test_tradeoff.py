@@ -670,6 +670,7 @@ def test_the_reference_is_part_of_every_bound() -> None:
 
 def test_the_commands_words_are_those_of_the_enums() -> None:
     assert list(command.LOOPS) == [one.value for one in Loop]
+    assert list(command.ENGINES) == [one.value for one in Kind]
     assert list(ENGINES) == [one.value for one in Kind]
     assert list(ACTUATIONS) == [one.value.replace(" ", "-") for one in Mode]
 

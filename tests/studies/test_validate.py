@@ -15,11 +15,10 @@ import validated_laws
 
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
-from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands import validate as command
+from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.text.writing import scene_to_toml
-from tensegrity_mj.studies.parameters import ENGINES
 from tensegrity_mj.studies.validation import figures, findings, laws, sections, study, task
 from tensegrity_mj.studies.validation.sections import SECTIONS, Extent
 from tensegrity_mj.studies.validation.sentences import (
@@ -522,7 +521,6 @@ def test_the_command_writes_the_report(tmp_path: Path, capsys: pytest.CaptureFix
 
 def test_choices_of_the_command_are_those_of_the_study() -> None:
     assert tuple(SECTIONS) == command.SECTIONS
-    assert set(ENGINES) == set(experiment.ENGINES)
 
 
 def test_a_scene_whose_loads_are_a_function_is_refused(pinned_rod: Any) -> None:

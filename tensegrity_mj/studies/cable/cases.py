@@ -14,6 +14,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import finite, member, positive
+from tensegrity_mj.engines.table import engine_settings
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.library.cable import Excitation, Start
 from tensegrity_mj.model.motion import Motion
@@ -29,7 +30,7 @@ from tensegrity_mj.studies.cable.modal import HangingChain
 from tensegrity_mj.studies.cable.spectrum import spectrum
 from tensegrity_mj.studies.cable.whirling import whirl
 from tensegrity_mj.studies.many import Study, run_many
-from tensegrity_mj.studies.parameters import Draft, engine_settings
+from tensegrity_mj.studies.parameters import Draft
 from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.vibration.integrators import Scheme, scheme_of
 

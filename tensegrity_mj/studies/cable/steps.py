@@ -12,6 +12,7 @@ from typing import Any
 from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.engines.reference.dae import DAE, Drift
 from tensegrity_mj.engines.reference.method import Method
+from tensegrity_mj.engines.table import engine_settings
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.simulation import versions
@@ -26,7 +27,6 @@ from tensegrity_mj.studies.cable.cases import (
     simulated,
 )
 from tensegrity_mj.studies.many import run_many
-from tensegrity_mj.studies.parameters import engine_settings
 from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.vibration.integrators import Scheme
 

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.dynamics.native.law import NativeLaw
+from tensegrity_mj.engines.table import engine_settings
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import whole_ratio
 from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.studies.parameters import engine_settings
 
 if TYPE_CHECKING:
     from tensegrity_mj.engines.mujoco.engine import MuJoCo
@@ -42,7 +42,7 @@ HELD = 2  # times the budget where the law is sampled, which then costs nothing 
 
 
 class Kind(enum.Enum):
-    """The three engines."""
+    """The engines whose settings are swept here."""
 
     MUJOCO = "mujoco"
     DAE = "dae"

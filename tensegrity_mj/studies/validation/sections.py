@@ -12,6 +12,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.controllers import LAWS
 from tensegrity_mj.dynamics.native.law import native_law
+from tensegrity_mj.engines.table import ENGINES, option_names
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -90,7 +91,7 @@ class Setup:
 
     Attributes:
         scene, law: under test.
-        engines: names of `studies.parameters.ENGINES`.
+        engines: names of `engines.table.ENGINES`.
         duration, timestep, period: of the runs, of RK4, of the control samples where a run must be sampled [s].
         seed: of everything random.
         extent: how much is run.
@@ -112,9 +113,7 @@ class Setup:
 
     def fixed_step(self, engine: str, step: float) -> dict[str, Any]:
         """The classical Runge-Kutta method of an engine."""
-        if engine == "mujoco":
-            return {"timestep": step}
-        return {"method": "rk4", "timestep": step}
+        return {**ENGINES[engine].fixed_step, "timestep": step}
 
     def sampled(self, engine: str, mode: Mode, period: float) -> dict[str, Any]:
         """A run whose law is sampled; its step divides the period."""
@@ -167,7 +166,7 @@ def cases(setup: Setup, chosen: Sequence[str]) -> list[Case]:
 
 def _nominal(setup: Setup, engine: str) -> Iterator[Case]:
     point = setup.usual(engine)
-    if setup.continuous and engine != "mujoco":
+    if setup.continuous and set(TIGHT) <= set(option_names(engine)):
         point = {"engine": engine, "engine_options": TIGHT}
     yield Case("nominal", "nominal", point | {"keep_nodes": True})
 

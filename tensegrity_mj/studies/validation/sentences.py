@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.studies.validation.sections import Setup
 
@@ -23,12 +24,9 @@ TOLERATED = ("mass", "stiffness", "noise", "delay", "breaks", "gravity")
 GOOD = ("converged", "completed")  # the latter where there is no target
 
 
-TITLES = {"mujoco": "MuJoCo", "dae": "DAE", "ode": "ODE"}
-
-
 def title(engine: str) -> str:
     """An engine's name for people."""
-    return TITLES.get(engine, engine)
+    return ENGINES[engine].title
 
 
 def summary(setup: Setup, found: Data) -> list[str]:

@@ -14,6 +14,7 @@ from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.basics.files import made_folder, replacing
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.dynamics.native.law import Law
+from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.load import load_scene
 from tensegrity_mj.model.actuation import whole_ratio
@@ -21,7 +22,6 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.many import run_many
-from tensegrity_mj.studies.parameters import ENGINES
 from tensegrity_mj.studies.plain import plain
 from tensegrity_mj.studies.validation import laws
 from tensegrity_mj.studies.validation.findings import findings
