@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.commands import tradeoff as command
-from tensegrity_mj.commands.experiment import ACTUATIONS, ENGINES
+from tensegrity_mj.commands.experiment import ACTUATIONS
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.model.actuation import Mode
@@ -671,7 +671,6 @@ def test_the_reference_is_part_of_every_bound() -> None:
 def test_the_commands_words_are_those_of_the_enums() -> None:
     assert list(command.LOOPS) == [one.value for one in Loop]
     assert list(command.ENGINES) == [one.value for one in Kind]
-    assert list(ENGINES) == [one.value for one in Kind]
     assert list(ACTUATIONS) == [one.value.replace(" ", "-") for one in Mode]
 
 
