@@ -7,14 +7,14 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from tensegrity_mj.controllers import feedback_linearization
+from tensegrity_mj.controllers.allocation_options import Allocation, Sum, WhenInfeasible
 from tensegrity_mj.controllers.degraded import Delayed, Noisy
 from tensegrity_mj.controllers.feedback_linearization import FeedbackLinearization
 from tensegrity_mj.controllers.gains import Gains
 from tensegrity_mj.controllers.known_water import KnownWater
 from tensegrity_mj.controllers.lyapunov import Lyapunov
-from tensegrity_mj.controllers.optimal_allocation import Allocation, Sum, WhenInfeasible
 from tensegrity_mj.controllers.projection import Projection
-from tensegrity_mj.controllers.quadratic_form import Onto
+from tensegrity_mj.controllers.quadratic_terms import Onto
 from tensegrity_mj.controllers.replay import Replay
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene

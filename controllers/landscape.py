@@ -67,7 +67,7 @@ class Landscape:
         """
         if not isinstance(law, (Lyapunov, Projection)):
             raise OptionError(f"a landscape is drawn of a Lyapunov or a Projection law, not of {law!r}")
-        record = law.form.gains[_rod_number(law.structure, rod)]
+        record = law.gains[_rod_number(law.structure, rod)]
         values = []
         for key in ("Xb", "Yb", "Zb", "Kb"):
             matrix = record[key]
@@ -76,7 +76,7 @@ class Landscape:
                     f"a landscape in one angle needs gains of b that are numbers; {key} = {matrix.tolist()}"
                 )
             values.append(float(matrix[0, 0]))
-        return cls(law.form.onto, *values)
+        return cls(law.projected_onto, *values)
 
     def __call__(self, phi: ArrayLike, rate: ArrayLike) -> Array:
         """V_φ at angles [rad] and rates [rad/s], which broadcast."""

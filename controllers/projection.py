@@ -3,7 +3,7 @@
 The error of b enters V through its part across the rod only, p = P e_b, so that the law does not push along rods, where
 their rigidity resists anyway. P projects onto b⊥, the rod as it is (6.2), or onto b_d⊥, the rod as it shall be (6.20).
 Without K, V is zero also at the mirror image b = -b_d: the law then converges to one of the two, and only locally.
-With K ≻ 0 only b_d is left. Otherwise the law is that of chapter 5; `quadratic_form` has the equations of both.
+With K ≻ 0 only b_d is left. Otherwise the law is that of chapter 5; `quadratic_terms` has the equations of both.
 """
 
 from __future__ import annotations
@@ -13,11 +13,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.checks import member
-from tensegrity_mj.controllers.quadratic_form import Onto, QuadraticForm
+from tensegrity_mj.controllers.gains import gain_records
 from tensegrity_mj.controllers.quadratic_law import QuadraticLaw
+from tensegrity_mj.controllers.quadratic_terms import Onto
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,13 +40,21 @@ class Projection(QuadraticLaw):
     onto: Onto = Onto.CURRENT
     stiffness: ArrayLike | Mapping[str, ArrayLike] = 0.0
 
-    @cached_property
-    def form(self) -> QuadraticForm:
-        """The law's equations, compiled."""
+    def __post_init__(self) -> None:
         member("onto", self.onto, Onto)
-        return self._form(self.onto, self.stiffness)
+        super().__post_init__()
+
+    @property
+    def projected_onto(self) -> Onto:
+        """What errors of b are projected onto."""
+        return self.onto
+
+    @cached_property
+    def gains(self) -> np.ndarray[Any, Any]:
+        """X, Y, Z and K of every rod and point mass, as records of dtype `gains.GAINS`."""
+        return gain_records(self.structure, self.translation, self.rotation, self.stiffness)
 
     def describe(self) -> dict[str, Any]:
         """Plain values for the provenance of a run."""
-        K = [self.form.gains[number]["Kb"].tolist() for number in range(len(self.structure.rods))]
-        return {"law": "projection", "onto": self.onto.value, "stiffness": K, **self.form.describe()}
+        K = [self.gains[number]["Kb"].tolist() for number in range(len(self.structure.rods))]
+        return {"law": "projection", "onto": self.onto.value, "stiffness": K, **super().describe()}

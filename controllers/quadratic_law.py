@@ -1,7 +1,11 @@
-"""What the laws of chapters 5 and 6 have in common as objects: their options, and how they are asked."""
+"""What the laws of chapters 5 and 6 have in common as objects: their options, and their compiled form.
+
+`quadratic_terms` has the equations.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,12 +15,117 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.controllers.gains import Gains
-from tensegrity_mj.controllers.quadratic_form import Onto, QuadraticForm, Terms
-from tensegrity_mj.dynamics.native.law import Command, NativeLaw, Report
+from tensegrity_mj.basics.checks import positive, real_array, state_of
+from tensegrity_mj.controllers.allocation import feasibility_margin, least_norm, least_squares
+from tensegrity_mj.controllers.gains import Gains, gain_records
+from tensegrity_mj.controllers.known_water import checked_water, described_water, packed_water, water_address
+from tensegrity_mj.controllers.limits import StringLimits, write_ceilings
+from tensegrity_mj.controllers.quadratic_terms import (
+    ONTO_CURRENT,
+    ONTO_TARGET,
+    PLAIN,
+    WORLD_GAINS,
+    Known,
+    Onto,
+    Packed,
+    Terms,
+    quadratic_terms,
+)
+from tensegrity_mj.dynamics.native.compiling import c_function
+from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED, Command, NativeLaw, Report, check_made_for
+from tensegrity_mj.dynamics.native.pointers import (
+    LAW_SIGNATURE,
+    STACK_LIMIT,
+    address_of,
+    floats,
+    inlined,
+    integers,
+    records_reader,
+    stack_doubles,
+)
+from tensegrity_mj.dynamics.native.water import PackedWater
+from tensegrity_mj.dynamics.records import POINT, ROD
+from tensegrity_mj.dynamics.target import read_target
+from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.elements.water import Water
+from tensegrity_mj.model.scene_checks import check_target
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
+
+UNBOUNDED, FIXED, OF_STATE = 0, 1, 2  # thresholds and ceilings: none at all, constant, or ceilings of the state
+# What compiled code is given: counts, kinds, addresses (0 for none), and numbers.
+_WHOLE = (
+    *("nodes", "strings", "kind", "bounds", "rods", "rod_count", "points", "point_count", "gains", "string_nodes"),
+    *("target", "standing", "floor", "limits", "scratch", "water"),
+)
+CONTEXT = np.dtype(
+    [*((name, "i8") for name in _WHOLE), ("decay_rate", "f8"), ("norm", "f8"), ("gravity", "f8", (3,))], align=True
+)
+_read_rods, _read_points, _read_gains = records_reader(ROD), records_reader(POINT), records_reader(WORLD_GAINS)
+_read_context = records_reader(CONTEXT)
+
+# The report's places, as plain numbers for compiled code.
+MARGIN, V_ALL, V_ERROR, V_VELOCITY = (
+    int(Report.FEASIBILITY_MARGIN),
+    int(Report.LYAPUNOV),
+    int(Report.LYAPUNOV_ERROR),
+    int(Report.LYAPUNOV_VELOCITY),
+)
+
+DISCONTINUOUS = (
+    "the law that minimizes the {name} switches strings discontinuously, so an integrator's stages would see different "
+    "laws: run it sampled (hold force density or hold rest length)"
+)
+
+
+@inlined
+def _room(nodes: int, strings: int, water: int) -> int:
+    return (6 if water != 0 else 3) * nodes + 2 * strings
+
+
+@inlined
+def _evaluate(t: float, nodes_at: int, velocities_at: int, own: Any, command_at: int, report_at: int, room: int) -> int:
+    """The law; `own` is its CONTEXT, `room` the address of scratch, `_room` numbers."""
+    count, size, members = own.nodes, own.strings, own.rod_count + own.point_count
+    target = read_target(own.target)
+    known = Known(
+        _read_rods(own.rods, own.rod_count),
+        _read_points(own.points, own.point_count),
+        _read_gains(own.gains, members),
+        own.kind,
+        integers(own.string_nodes, (size, 2)),
+        target,
+        floats(own.standing, (len(target.times), members, 2, 3)),
+        own.gravity,
+        own.water,
+    )
+    u, report = floats(command_at, (size,)), floats(report_at, (4,))
+    nodes, velocities = floats(nodes_at, (count, 3)), floats(velocities_at, (count, 3))
+    influence = floats(room, (count, 3))
+    f, ceiling = floats(room + 24 * count, (size,)), floats(room + 24 * count + 8 * size, (size,))
+    wet = floats(room + 24 * count + 16 * size if own.water else 0, (count, 3))
+    V_error, V_velocity, beta = quadratic_terms(t, nodes, velocities, known, influence, wet, f)
+    V = V_error + V_velocity
+    alpha = beta + own.decay_rate * V
+    if own.bounds == UNBOUNDED and own.norm == 2.0:
+        margin = least_squares(f, alpha, u)
+    else:
+        limits = floats(own.limits, (3, size))
+        if own.bounds == OF_STATE:
+            write_ceilings(nodes, known.string_nodes, limits, ceiling)
+        else:
+            for m in range(size):
+                ceiling[m] = limits[0, m]
+        margin = least_norm(f, alpha, floats(own.floor, (size,)), ceiling, own.norm, u)
+    report[MARGIN], report[V_ALL], report[V_ERROR], report[V_VELOCITY] = margin, V, V_error, V_velocity
+    return SOLVED if margin > 0.0 else NO_SOLUTION
+
+
+@c_function(LAW_SIGNATURE)
+def _law(t, nodes_at, velocities_at, context, command_at, report_at):  # type: ignore[no-untyped-def]
+    own = _read_context(context, 1)[0]
+    room = own.scratch if own.scratch else stack_doubles(_room(own.nodes, own.strings, own.water))
+    return _evaluate(t, nodes_at, velocities_at, own, command_at, report_at, room)
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +144,9 @@ class QuadraticLaw:
         gravity: g [m/s²] that the law knows of.
         water: what the law knows of it, waves and current included; None for nothing.
 
+    Raises:
+        OptionError, SceneError: for gains that are not positive definite, δ <= 0, another norm, a bad target, a ceiling
+            below its threshold.
     """
 
     structure: Structure
@@ -52,38 +164,118 @@ class QuadraticLaw:
     command = Command.FORCE_DENSITY
 
     def __post_init__(self) -> None:
-        form = self.form  # checks everything
-        object.__setattr__(self, "target", form.target)
-        object.__setattr__(self, "decay_rate", form.decay_rate)
-        object.__setattr__(self, "gravity", form.gravity)
-        object.__setattr__(self, "water", form.water)
+        structure = self.structure
+        if self.target is None:
+            raise OptionError("target = None: the law needs a target; give node positions (N, 3) or a Target")
+        if not isinstance(structure, Structure):
+            raise OptionError(f"structure = {structure!r}; use a Structure (scene.structure)")
+        target = self.target if isinstance(self.target, Target) else Target.set_point(self.target)
+        check_target(structure, target)
+        object.__setattr__(self, "target", target)
+        object.__setattr__(self, "decay_rate", positive("decay_rate", self.decay_rate, "1/s"))
+        if isinstance(self.norm, bool) or not np.isscalar(self.norm) or self.norm not in (1, 2, math.inf):
+            raise OptionError(f"norm = {self.norm!r}; allowed: 1, 2, math.inf")
+        if np.any(self.floor < 0):
+            raise OptionError(f"minimum_force_density = {self.minimum_force_density!r}; every value must be >= 0 N/m")
+        if not isinstance(self.respect_limits, (bool, np.bool_)):
+            raise OptionError(f"respect_limits = {self.respect_limits!r}; allowed: True, False")
+        for string, low, high in zip(structure.strings, self.floor, self.limits.max_force_density, strict=True):
+            if high < low:
+                raise OptionError(
+                    f"string '{string.name}': the law's minimum_force_density {low:g} N/m is above the largest force "
+                    f"density {high:g} N/m that it may have; lower the one or raise the other"
+                )
+        x, y, z = (float(v) for v in real_array("gravity", self.gravity, (3,), "m/s²", scalar=False))
+        object.__setattr__(self, "gravity", (x, y, z))
+        object.__setattr__(self, "water", checked_water(structure, self.gravity, self.water))
+        _ = self.gains
+
+    @property
+    def projected_onto(self) -> Onto | None:
+        """What errors of b are projected onto; None for no projection."""
+        return None
 
     @cached_property
-    def form(self) -> QuadraticForm:
-        """The law's equations, compiled."""
-        return self._form()
+    def gains(self) -> np.ndarray[Any, Any]:
+        """X, Y, Z and K of every rod and point mass, as records of dtype `gains.GAINS`."""
+        return gain_records(self.structure, self.translation, self.rotation)
 
-    def _form(self, onto: Onto | None = None, stiffness: ArrayLike | Mapping[str, ArrayLike] = 0.0) -> QuadraticForm:
-        return QuadraticForm(
-            self.structure,
-            self.target,
-            self.decay_rate,
-            self.norm,
-            self.translation,
-            self.rotation,
-            self.minimum_force_density,
-            self.maximum_force_density,
-            self.respect_limits,
-            self.gravity,
-            self.water,
-            onto,
-            stiffness,
+    @cached_property
+    def floor(self) -> Array:
+        """ū (M,) [N/m]."""
+        return np.array(
+            real_array("minimum_force_density", self.minimum_force_density, (len(self.structure.strings),), "N/m")
         )
+
+    @cached_property
+    def limits(self) -> StringLimits:
+        """The ceilings of the strings' force densities."""
+        return StringLimits.of(self.structure, self.maximum_force_density, bool(self.respect_limits))
 
     @property
     def discontinuous(self) -> str:
         """Why the law cannot run continuously; empty for norm 2."""
-        return self.form.discontinuous
+        names = {1.0: "1-norm", math.inf: "∞-norm"}
+        return DISCONTINUOUS.format(name=names[self.norm]) if self.norm in names else ""
+
+    @property
+    def _kind(self) -> int:
+        return {None: PLAIN, Onto.CURRENT: ONTO_CURRENT, Onto.TARGET: ONTO_TARGET}[self.projected_onto]
+
+    @cached_property
+    def _packed(self) -> Packed:
+        assert isinstance(self.target, Target)
+        return Packed(self.structure, self.target, self.gains)
+
+    @cached_property
+    def _packed_water(self) -> PackedWater | None:
+        return packed_water(self.structure, self.gravity, self.water)
+
+    @cached_property
+    def _compiled(self) -> NativeLaw:
+        return self._compile()
+
+    def _compile(self) -> NativeLaw:
+        own, packed = self.structure, self._packed
+        limited = bool(np.any(self.floor > 0)) or bool(np.any(np.isfinite(self.limits.max_force_density)))
+        rods, points = packed.records.rods, packed.records.points
+        # Each compiled law has its own water, which is written into. Scratch lies on the stack, which each thread has,
+        # or is the law's own where it is too large for that.
+        water = packed_water(own, self.gravity, self.water)
+        room = _room(len(own.nodes), len(own.strings), water_address(water))
+        scratch = np.empty(room if room > STACK_LIMIT else 0)
+        values = {
+            "nodes": len(own.nodes),
+            "strings": len(own.strings),
+            "kind": self._kind,
+            "bounds": OF_STATE if self.limits.of_state else FIXED if limited else UNBOUNDED,
+            "rods": address_of(rods),
+            "rod_count": len(rods),
+            "points": address_of(points),
+            "point_count": len(points),
+            "gains": address_of(packed.gains),
+            "string_nodes": address_of(packed.string_nodes),
+            "target": packed.target.address,
+            "standing": address_of(packed.standing),
+            "floor": address_of(self.floor),
+            "limits": address_of(self.limits.packed),
+            "scratch": address_of(scratch) if len(scratch) else 0,
+            "water": water_address(water),
+            "decay_rate": self.decay_rate,
+            "norm": float(self.norm),
+            "gravity": self.gravity,
+        }
+        context = np.array([tuple(values[name] for name in CONTEXT.names or ())], CONTEXT)
+        return NativeLaw(
+            address=_law.address,
+            context=address_of(context),
+            keep=(self, packed, context, scratch, water),
+            discontinuous=self.discontinuous,
+            gravity=self.gravity,
+            water=self.water,
+            decay_rate=self.decay_rate,
+            stateless=len(scratch) == 0 and water is None,
+        )
 
     def native(self, structure: Structure) -> NativeLaw:
         """The compiled law, for a plant with the same nodes and strings.
@@ -91,7 +283,17 @@ class QuadraticLaw:
         Raises:
             OptionError: for any other.
         """
-        return self.form.native(structure)
+        check_made_for(self.structure, structure)
+        return self._compiled if self._compiled.stateless else self._compile()
+
+    def reported(self, time: float, nodes: Array, velocities: Array) -> tuple[Array, Array]:
+        """u (M,) [N/m] and the report (see `Report`) at one state."""
+        law = self._compiled
+        time, nodes, velocities = state_of(time, nodes, velocities, len(self.structure.nodes))
+        u, report = np.zeros(len(self.structure.strings)), np.full(len(Report), np.nan)
+        places = (address_of(nodes), address_of(velocities), law.context, address_of(u), address_of(report))
+        _law.ctypes(time, *places)
+        return u, report
 
     def __call__(self, time: float, nodes: Array, velocities: Array) -> Array:
         """u (M,) [N/m] at one state.
@@ -99,17 +301,62 @@ class QuadraticLaw:
         Raises:
             InfeasibleError: where no admissible u exists, with the margin.
         """
-        return self.form.control(time, nodes, velocities)
+        u, report = self.reported(time, nodes, velocities)
+        margin = report[Report.FEASIBILITY_MARGIN]
+        if margin > 0:
+            return u
+        text = f"no admissible u at t = {time:.6g} s: feasibility margin max(v/α) = {margin:.3g} <= 0 (5.18)"
+        if margin == -np.inf:
+            low = int(np.argmin(self.limits.ceilings(nodes) - self.floor))
+            text += f"; string '{self.structure.strings[low].name}' is too short to keep its minimum_force_density"
+        else:
+            terms = self.terms(time, nodes, velocities)
+            alpha = terms.beta + self.decay_rate * (terms.V_error + terms.V_velocity)
+            if feasibility_margin(terms.f, alpha, self.floor, np.full(len(u), np.inf)) > 0:
+                text += "; without the ceilings of the strings there would be one"
+        raise InfeasibleError(text)
 
     def evaluate(self, time: float, nodes: Array, velocities: Array) -> tuple[Array, float, float]:
         """u (M,) [N/m], the feasibility margin max(v/α) and V at one state."""
-        u, report = self.form.evaluate(time, nodes, velocities)
+        u, report = self.reported(time, nodes, velocities)
         return u, float(report[Report.FEASIBILITY_MARGIN]), float(report[Report.LYAPUNOV])
 
     def terms(self, time: float, nodes: Array, velocities: Array) -> Terms:
         """The parts of V, and β and f of V̇ = β - fᵀu, at one state."""
-        return self.form.terms(time, nodes, velocities)
+        packed, count = self._packed, len(self.structure.nodes)
+        known = Known(
+            packed.records.rods,
+            packed.records.points,
+            packed.gains,
+            self._kind,
+            packed.string_nodes,
+            packed.target.arrays,
+            packed.standing,
+            np.array(self.gravity),
+            water_address(self._packed_water),
+        )
+        influence, wet, f = np.empty((count, 3)), np.empty((count, 3)), np.empty(len(self.structure.strings))
+        state = state_of(time, nodes, velocities, count)
+        error, velocity, beta = quadratic_terms(*state, known, influence, wet, f)
+        return Terms(error, velocity, beta, f)
 
     def target_equilibrium(self) -> dict[str, Any]:
         """Is the (last) target an equilibrium, as the theorems assume? Residual [N], u [N/m], self-stress modes."""
-        return self.form.target_equilibrium()
+        from tensegrity_mj.model.rigidity import equilibrium_force_densities
+
+        assert isinstance(self.target, Target)
+        u, residual, modes = equilibrium_force_densities(self.structure, self.target.nodes[-1], self.gravity)
+        return {"residual": float(residual), "force_densities": np.asarray(u).tolist(), "self_stress_modes": int(modes)}
+
+    def describe(self) -> dict[str, Any]:
+        """Plain values for the provenance of a run."""
+        highest = self.limits.max_force_density
+        return {
+            "decay_rate": self.decay_rate,
+            "norm": "inf" if self.norm == math.inf else int(self.norm),
+            "minimum_force_density": self.floor.tolist(),
+            "maximum_force_density": [u if math.isfinite(u) else None for u in highest.tolist()],
+            "keeps_min_rest_length": self.limits.of_state,
+            "target_equilibrium": self.target_equilibrium(),
+            **described_water(self.water),
+        }

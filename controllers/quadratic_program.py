@@ -12,7 +12,7 @@ search starts has no part in it. Rows may depend on each other.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,9 +27,43 @@ FLAT = 1e-9  # a direction of no curvature changes no string by more than this p
 RAY = 1e-10  # relative size of a growth of θ that counts as one
 
 
+class Columns(NamedTuple):
+    """The non-zeros of G = [A; S] by columns.
+
+    Attributes:
+        starts: (M + 1,), where each column starts.
+        rows, values: of the non-zeros; rows of a column increase.
+        first: the first row that each row of G H⁻¹Gᵀ is coupled with; nothing fills in before it.
+    """
+
+    starts: Any
+    rows: Any
+    values: Any
+    first: Any
+
+
+class Program(NamedTuple):
+    """What is minimised under which constraints.
+
+    Attributes:
+        columns: of G.
+        equalities: n; the rows after them are S u >= s, whose multipliers stay >= 0.
+        h: (M,) the diagonal of H.
+        lo, hi: (M,) bounds of u.
+        b: (n + L,) [d; s].
+    """
+
+    columns: Columns
+    equalities: int
+    h: Any
+    lo: Any
+    hi: Any
+    b: Any
+
+
 @njit
-def columns_of(A: Any, S: Any) -> tuple[Any, Any, Any]:
-    """The non-zeros of [A; S] by columns: where each column starts (M + 1,), rows, and values."""
+def columns_of(A: Any, S: Any) -> Columns:
+    """The non-zeros of [A; S]."""
     n, M = A.shape
     L = len(S)
     starts = np.zeros(M + 1, np.int64)
@@ -48,26 +82,19 @@ def columns_of(A: Any, S: Any) -> tuple[Any, Any, Any]:
             if value != 0.0:
                 rows[at], values[at] = i, value
                 at += 1
-    return starts, rows, values
-
-
-@njit
-def envelope(count: int, starts: Any, rows: Any) -> Any:
-    """(count,) the first row that each row of G H⁻¹Gᵀ is coupled with; nothing fills in before it."""
-    first = np.arange(count)
-    for m in range(len(starts) - 1):
+    first = np.arange(n + L)
+    for m in range(M):
         if starts[m + 1] > starts[m]:
-            lowest = rows[starts[m]]  # rows of a column increase
+            lowest = rows[starts[m]]
             for at in range(starts[m], starts[m + 1]):
                 first[rows[at]] = min(first[rows[at]], lowest)
-    return first
+    return Columns(starts, rows, values, first)
 
 
 @njit
-def curvature(
-    starts: Any, rows: Any, values: Any, h: Any, free: Any, active: Any, shift: float, first: Any, K: Any
-) -> None:
+def curvature(columns: Columns, h: Any, free: Any, active: Any, shift: float, K: Any) -> None:
     """Write G_F H_F⁻¹ G_Fᵀ + shift I over the active rows into the lower triangle of K, within the envelope."""
+    starts, rows, values, first = columns
     for i in range(len(active)):
         for j in range(first[i], i):
             K[i, j] = 0.0
@@ -118,8 +145,10 @@ def solve(K: Any, first: Any, x: Any) -> None:
 
 
 @njit
-def _spread(starts: Any, rows: Any, values: Any, y: Any, h: Any, out: Any, size: Any) -> None:
+def _spread(program: Program, y: Any, out: Any, size: Any) -> None:
     """out = H⁻¹Gᵀy, and the size of its terms; zero where they cancel."""
+    starts, rows, values, _ = program.columns
+    h = program.h
     for m in range(len(h)):
         total, terms = 0.0, 0.0
         for p in range(starts[m], starts[m + 1]):
@@ -131,8 +160,10 @@ def _spread(starts: Any, rows: Any, values: Any, y: Any, h: Any, out: Any, size:
 
 
 @njit
-def _lacking(starts: Any, rows: Any, values: Any, u: Any, size: Any, b: Any, r: Any, scale: Any) -> None:
+def _lacking(program: Program, u: Any, size: Any, r: Any, scale: Any) -> None:
     """r = b - G u, and what a row may lack is relative to: its terms, and a hundredth of those that u came from."""
+    starts, rows, values, _ = program.columns
+    b = program.b
     origin = np.zeros(len(b))
     for i in range(len(b)):
         r[i], scale[i] = b[i], abs(b[i])
@@ -152,12 +183,13 @@ def _lacking(starts: Any, rows: Any, values: Any, u: Any, size: Any, b: Any, r: 
 
 
 @njit
-def _longest_step(slope: float, base: float, v: Any, s: Any, h: Any, lo: Any, hi: Any) -> tuple[float, float]:
+def _longest_step(program: Program, slope: float, base: float, v: Any, s: Any) -> tuple[float, float]:
     """Where the slope of θ along a direction falls to zero: (step, 0); or where it ends to fall, and what remains.
 
     `slope` > 0 is that at the start, `base` what the proximal term adds to its fall; v and s are u without bounds and
     its rate.
     """
+    h, lo, hi = program.h, program.lo, program.hi
     M = len(h)
     times, changes = np.empty(2 * M), np.empty(2 * M)
     count, fall = 0, base
@@ -197,23 +229,10 @@ def _longest_step(slope: float, base: float, v: Any, s: Any, h: Any, lo: Any, hi
 
 
 @njit
-def _direction(
-    starts: Any,
-    rows: Any,
-    values: Any,
-    h: Any,
-    free: Any,
-    active: Any,
-    shift: float,
-    proximal: float,
-    first: Any,
-    K: Any,
-    r: Any,
-    p: Any,
-    again: Any,
-) -> bool:
+def _direction(program: Program, free: Any, active: Any, shift: float, proximal: float, K: Any, r: Any, p: Any) -> bool:
     """p: Newton's direction over the active rows, or one in which θ is not curved; True for the latter."""
-    curvature(starts, rows, values, h, free, active, shift + proximal, first, K)
+    first = program.columns.first
+    curvature(program.columns, program.h, free, active, shift + proximal, K)
     factor(K, first, 1e-15)
     square, missed = 0.0, 0.0
     for i in range(len(r)):
@@ -226,8 +245,7 @@ def _direction(
     if flat:
         # No string between its bounds acts on some of what is lacking: go in that direction alone, made clean of the
         # others by a second solution.
-        for i in range(len(r)):
-            again[i] = shift * p[i]
+        again = shift * p
         solve(K, first, again)
         longest = 0.0
         for i in range(len(r)):
@@ -238,27 +256,14 @@ def _direction(
 
 
 @njit
-def polish(
-    starts: Any,
-    rows: Any,
-    values: Any,
-    equalities: int,
-    first: Any,
-    h: Any,
-    lo: Any,
-    hi: Any,
-    b: Any,
-    y: Any,
-    v: Any,
-    u: Any,
-    K: Any,
-) -> bool:
+def polish(program: Program, y: Any, v: Any, u: Any, K: Any) -> bool:
     """Replace a u near the minimum by the exact one, given which strings and sums are at their bounds; True if it is.
 
     The result depends on nothing else of y. Where the strings between their bounds do not suffice (several minima of
     the dual), those that are at a bound without a multiplier are let go too.
     """
-    count, M = len(b), len(h)
+    lo, hi, first = program.lo, program.hi, program.columns.first
+    count, M = len(program.b), len(program.h)
     r, scale, x = np.empty(count), np.empty(count), np.empty(count)
     free, active = np.empty(M, np.bool_), np.empty(count, np.bool_)
     fine, raw, size = np.empty(M), np.empty(M), np.empty(M)
@@ -266,7 +271,7 @@ def polish(
     for m in range(M):
         largest = max(largest, abs(u[m]))
     for i in range(count):
-        active[i] = i < equalities or y[i] > 0.0
+        active[i] = i < program.equalities or y[i] > 0.0
     for attempt in range(2):
         margin = attempt * NEAR * largest
         for m in range(M):
@@ -274,21 +279,21 @@ def polish(
             fine[m] = 0.0 if free[m] else u[m]
             size[m] = 0.0
         for _ in range(1 + 4 * attempt):
-            curvature(starts, rows, values, h, free, active, 0.0, first, K)
+            curvature(program.columns, program.h, free, active, 0.0, K)
             factor(K, first, 1e-13)
             x[:] = 0.0
             for m in range(M):
                 if free[m]:
                     fine[m] = 0.0
             for _ in range(3):  # iterative refinement
-                _lacking(starts, rows, values, fine, size, b, r, scale)
+                _lacking(program, fine, size, r, scale)
                 for i in range(count):
                     if not active[i]:
                         r[i] = 0.0
                 solve(K, first, r)
                 for i in range(count):
                     x[i] += r[i]
-                _spread(starts, rows, values, x, h, raw, size)
+                _spread(program, x, raw, size)
                 for m in range(M):
                     if free[m]:
                         fine[m] = raw[m]
@@ -300,7 +305,7 @@ def polish(
                     free[m] = False
                     fine[m] = min(max(fine[m], lo[m]), hi[m])
                 change = max(change, abs(fine[m] - u[m]))
-            _lacking(starts, rows, values, fine, size, b, r, scale)
+            _lacking(program, fine, size, r, scale)
             exact = change <= 10.0 * NEAR * largest
             for i in range(count):
                 exact = exact and (abs(r[i]) if active[i] else r[i]) <= TOLERANCE * scale[i]
@@ -312,35 +317,17 @@ def polish(
 
 
 @njit
-def maximize_dual(
-    starts: Any,
-    rows: Any,
-    values: Any,
-    equalities: int,
-    h: Any,
-    lo: Any,
-    hi: Any,
-    b: Any,
-    center: Any,
-    proximal: float,
-    y: Any,
-    u: Any,
-    limit: int,
-) -> tuple[int, int]:
-    """Take y (n + L,) to the maximum of θ(y) - proximal/2 ‖y - center‖², and write its u(y).
-
-    Args:
-        starts, rows, values: of `columns_of`.
-        equalities: n; the rows after them are S u >= s, whose multipliers stay >= 0.
-        limit: of iterations.
+def maximize_dual(program: Program, center: Any, proximal: float, y: Any, u: Any, limit: int) -> tuple[int, int]:
+    """Take y (n + L,) to the maximum of θ(y) - proximal/2 ‖y - center‖² in `limit` iterations, and write its u(y).
 
     Returns:
         SETTLED, NO_POINT (the constraints contradict each other) or UNSETTLED; and the number of iterations.
     """
-    count, M = len(b), len(h)
-    first = envelope(count, starts, rows)
+    h, lo, hi = program.h, program.lo, program.hi
+    starts, _, values, _ = program.columns
+    count, M = len(program.b), len(h)
     K = np.empty((count, count))
-    r, scale, p, again = np.empty(count), np.empty(count), np.empty(count), np.empty(count)
+    r, scale, p = np.empty(count), np.empty(count), np.empty(count)
     v, s, size = np.empty(M), np.empty(M), np.empty(M)
     free, active = np.empty(M, np.bool_), np.empty(count, np.bool_)
     largest = 0.0
@@ -348,34 +335,34 @@ def maximize_dual(
         for q in range(starts[m], starts[m + 1]):
             largest = max(largest, values[q] * values[q] / h[m])
     shift = REGULARIZATION * largest if largest > 0.0 else 1.0
-    for i in range(equalities, count):
+    for i in range(program.equalities, count):
         y[i] = max(y[i], 0.0)
     for iteration in range(limit):
-        _spread(starts, rows, values, y, h, v, size)
+        _spread(program, y, v, size)
         for m in range(M):
             u[m] = min(max(v[m], lo[m]), hi[m])
             free[m] = lo[m] < v[m] < hi[m]
             if not free[m]:
                 size[m] = 0.0
-        _lacking(starts, rows, values, u, size, b, r, scale)
+        _lacking(program, u, size, r, scale)
         met, near = True, proximal == 0.0
         for i in range(count):
             r[i] -= proximal * (y[i] - center[i])
             scale[i] += proximal * (abs(y[i]) + abs(center[i]))
-            active[i] = i < equalities or y[i] > 0.0 or r[i] > TOLERANCE * scale[i]
+            active[i] = i < program.equalities or y[i] > 0.0 or r[i] > TOLERANCE * scale[i]
             if active[i]:
                 met = met and abs(r[i]) <= TOLERANCE * scale[i]
                 near = near and abs(r[i]) <= NEAR * scale[i]
-        if near and polish(starts, rows, values, equalities, first, h, lo, hi, b, y, v, u, K):
+        if near and polish(program, y, v, u, K):
             return SETTLED, iteration
         if met:
             return SETTLED, iteration
         turned, flat = True, False
         while turned:
-            flat = _direction(starts, rows, values, h, free, active, shift, proximal, first, K, r, p, again)
+            flat = _direction(program, free, active, shift, proximal, K, r, p)
             # A multiplier at zero that would fall stays there.
             turned = False
-            for i in range(equalities, count):
+            for i in range(program.equalities, count):
                 if active[i] and y[i] == 0.0 and p[i] < 0.0:
                     active[i], turned = False, True
         slope, reach, base, longest = 0.0, 0.0, 0.0, 0.0
@@ -386,7 +373,7 @@ def maximize_dual(
             longest = max(longest, abs(p[i]))
         if not slope > 0.0:
             return UNSETTLED, iteration
-        _spread(starts, rows, values, p, h, s, size)
+        _spread(program, p, s, size)
         for m in range(M):  # of a flat direction these are round-off
             whole = 0.0
             for q in range(starts[m], starts[m + 1]):
@@ -394,10 +381,10 @@ def maximize_dual(
             if flat and abs(s[m]) * h[m] <= FLAT * whole * longest:
                 s[m] = 0.0
         blocked = np.inf
-        for i in range(equalities, count):
+        for i in range(program.equalities, count):
             if p[i] < 0.0:
                 blocked = min(blocked, y[i] / -p[i])
-        step, remains = _longest_step(slope, base, v, s, h, lo, hi)
+        step, remains = _longest_step(program, slope, base, v, s)
         if remains > RAY * reach:
             if blocked == np.inf:
                 return NO_POINT, iteration
@@ -405,7 +392,7 @@ def maximize_dual(
         step = min(step, blocked)
         for i in range(count):
             y[i] += step * p[i]
-        for i in range(equalities, count):
+        for i in range(program.equalities, count):
             if y[i] < 0.0 or (p[i] < 0.0 and y[i] <= 1e-15 * step * -p[i]):
                 y[i] = 0.0
     return UNSETTLED, limit

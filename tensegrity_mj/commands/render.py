@@ -36,8 +36,8 @@ def execute(options: argparse.Namespace) -> Outcome:
     if len(options.runs) == 1:
         refuse(options, ("layout",), "needs two files")
 
-    from tensegrity_mj.pictures.stage import Layout
     from tensegrity_mj.pictures.video import render
+    from tensegrity_mj.pictures.view import Layout
     from tensegrity_mj.runs.trajectory import Trajectory
 
     runs = [Trajectory.load(path) for path in options.runs]

@@ -6,10 +6,10 @@ from tensegrity_mj.basics.faces import face
 
 if TYPE_CHECKING:
     from tensegrity_mj.pictures import plots as plots
-    from tensegrity_mj.pictures.stage import Layout as Layout
-    from tensegrity_mj.pictures.stage import Quality as Quality
     from tensegrity_mj.pictures.video import picture as picture
     from tensegrity_mj.pictures.video import render as render
     from tensegrity_mj.pictures.video import render_frame as render_frame
+    from tensegrity_mj.pictures.view import Layout as Layout
+    from tensegrity_mj.pictures.view import Quality as Quality
 else:
     __getattr__, __dir__ = face(__name__)

@@ -15,6 +15,7 @@ import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,8 @@ from tensegrity_mj.basics.files import checked, replacing
 from tensegrity_mj.errors import MissingLibraryError, OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.pictures.motion import Motion
-from tensegrity_mj.pictures.stage import Layout, Quality, Stage, View
+from tensegrity_mj.pictures.stage import Stage
+from tensegrity_mj.pictures.view import Layout, Quality, View, ViewOptions
 from tensegrity_mj.runs.trajectory import Trajectory
 
 __all__ = ["Layout", "Quality", "frames", "picture", "render", "render_frame"]
@@ -39,16 +41,10 @@ def render(
     *,
     other: Trajectory | None = None,
     layout: Layout = Layout.OVERLAY,
-    size: tuple[int, int] = (1280, 720),
     fps: float = 30.0,
     speed: float = 1.0,
-    traces: bool = True,
-    target: bool = True,
-    azimuth: float | None = None,
-    elevation: float | None = None,
-    distance: float | None = None,
-    quality: Quality = Quality.FINE,
     progress: bool = False,
+    **view: Unpack[ViewOptions],
 ) -> Path:
     """Write a video (mp4, H.264) of a run, or of two runs in one picture; returns its path.
 
@@ -63,28 +59,25 @@ def render(
     Args:
         path: must end in .mp4.
         other: a second run: translucent over the first, or beside it, as `layout` says.
-        size: width and height [px], even (H.264 needs it).
         fps: frames a second of the video.
         speed: simulated seconds a second of the video.
-        traces, target: whether these are drawn.
-        azimuth, elevation: of the camera [degrees], in MuJoCo's sense; chosen where None.
-        distance: of the camera [m]; chosen where None.
-        quality: of edges; `Quality.FAST` halves the drawing time.
         progress: show a bar on stderr, if that is a terminal.
+        view: size (even, H.264 needs it), traces, target, azimuth, elevation, distance, quality (`Quality.FAST` halves
+            the drawing time) and text, see `View`.
 
     Raises:
         OptionError: an option that cannot be met, an empty trajectory, a file that cannot be written.
         MissingLibraryError: no OpenGL or no ffmpeg on this machine; the message says what to install.
     """
     destination = checked(path, (".mp4",), "video")
-    view = View(size, traces, target, azimuth, elevation, distance, quality)
-    if view.size[0] % 2 or view.size[1] % 2:
+    shown = View(**view)
+    if shown.size[0] % 2 or shown.size[1] % 2:
         raise OptionError(
-            f"size={size}: width and height of a video must be even (H.264 stores colours by 2 x 2 pixels)"
+            f"size={shown.size}: width and height of a video must be even (H.264 stores colours by 2 x 2 pixels)"
         )
     films = [Motion.of(run)] + ([] if other is None else [Motion.of(other)])
     times = frame_times(min(m.start for m in films), max(m.end for m in films), fps, speed)
-    with Stage(films[0], films[1] if len(films) > 1 else None, layout, view) as stage, replacing(destination) as part:
+    with Stage(films[0], films[1] if len(films) > 1 else None, layout, shown) as stage, replacing(destination) as part:
         _encode(stage, times, part, fps, progress)
     return destination
 
@@ -94,25 +87,18 @@ def frames(
     *,
     other: Trajectory | None = None,
     layout: Layout = Layout.OVERLAY,
-    size: tuple[int, int] = (1280, 720),
     fps: float = 30.0,
     speed: float = 1.0,
-    traces: bool = True,
-    target: bool = True,
-    azimuth: float | None = None,
-    elevation: float | None = None,
-    distance: float | None = None,
-    quality: Quality = Quality.FINE,
+    **view: Unpack[ViewOptions],
 ) -> Iterator[Image]:
     """The frames (H, W, 3) of `render`'s video one by one, for other uses; each is a new array.
 
     Raises:
         OptionError, MissingLibraryError: as `render`.
     """
-    view = View(size, traces, target, azimuth, elevation, distance, quality)
     first = Motion.of(run)
     second = None if other is None else Motion.of(other)
-    with Stage(first, second, layout, view) as stage:
+    with Stage(first, second, layout, View(**view)) as stage:
         for time in frame_times(stage.start, stage.end, fps, speed):
             yield stage.frame(time).copy()
 
@@ -123,25 +109,17 @@ def render_frame(
     *,
     other: Trajectory | None = None,
     layout: Layout = Layout.OVERLAY,
-    size: tuple[int, int] = (1280, 720),
-    traces: bool = True,
-    target: bool = True,
-    azimuth: float | None = None,
-    elevation: float | None = None,
-    distance: float | None = None,
-    quality: Quality = Quality.FINE,
-    text: bool = True,
+    **view: Unpack[ViewOptions],
 ) -> Image:
     """One picture (H, W, 3) of a run at `time` [s] (its end by default), or of a scene at its start.
 
-    Arguments are those of `render`; `text` False leaves out title, time and legend.
+    Arguments are those of `render`.
 
     Raises:
         OptionError: a time outside the run, or what `render` refuses.
         MissingLibraryError: no OpenGL.
     """
-    view = View(size, traces, target, azimuth, elevation, distance, quality, text)
-    with Stage(Motion.of(source), None if other is None else Motion.of(other), layout, view) as stage:
+    with Stage(Motion.of(source), None if other is None else Motion.of(other), layout, View(**view)) as stage:
         moment = stage.end if time is None else float(time)
         slack = 1e-9 * max(1.0, abs(stage.start), abs(stage.end))
         if not stage.start - slack <= moment <= stage.end + slack:
@@ -154,11 +132,11 @@ def picture(
     path: str | os.PathLike[str],
     time: float | None = None,
     *,
-    size: tuple[int, int] = (1280, 720),
-    quality: Quality = Quality.BEST,
-    **options: object,
+    other: Trajectory | None = None,
+    layout: Layout = Layout.OVERLAY,
+    **view: Unpack[ViewOptions],
 ) -> Path:
-    """Write one picture of `render_frame` as PNG; returns its path.
+    """Write one picture of `render_frame` as PNG, of the best quality where no other is given; returns its path.
 
     Raises:
         OptionError, MissingLibraryError: as `render_frame`; also for a path that cannot be written.
@@ -166,7 +144,8 @@ def picture(
     from PIL import Image as PillowImage
 
     destination = checked(path, (".png",), "picture")
-    pixels = render_frame(source, time, size=size, quality=quality, **options)  # type: ignore[arg-type]
+    view.setdefault("quality", Quality.BEST)
+    pixels = render_frame(source, time, other=other, layout=layout, **view)
     with replacing(destination) as part:
         PillowImage.fromarray(pixels).save(part, optimize=True)
     return destination

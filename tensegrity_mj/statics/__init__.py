@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from tensegrity_mj.statics.materials import STEEL as STEEL
     from tensegrity_mj.statics.materials import UHMWPE as UHMWPE
     from tensegrity_mj.statics.materials import Material as Material
+    from tensegrity_mj.statics.member_loads import Criterion as Criterion
+    from tensegrity_mj.statics.member_loads import SlackInterval as SlackInterval
+    from tensegrity_mj.statics.member_loads import Use as Use
+    from tensegrity_mj.statics.minimal_mass import minimal_mass as minimal_mass
     from tensegrity_mj.statics.model import Rods as Rods
     from tensegrity_mj.statics.model import StaticModel as StaticModel
     from tensegrity_mj.statics.modes import Modes as Modes
@@ -33,15 +37,11 @@ if TYPE_CHECKING:
     from tensegrity_mj.statics.response import SlackEvent as SlackEvent
     from tensegrity_mj.statics.sizing import Governs as Governs
     from tensegrity_mj.statics.sizing import Sizing as Sizing
-    from tensegrity_mj.statics.sizing import minimal_mass as minimal_mass
     from tensegrity_mj.statics.standalone import standalone_scene as standalone_scene
     from tensegrity_mj.statics.state import StaticState as StaticState
     from tensegrity_mj.statics.stiffening import Verdict as Verdict
-    from tensegrity_mj.statics.strength import Criterion as Criterion
     from tensegrity_mj.statics.strength import MemberCheck as MemberCheck
-    from tensegrity_mj.statics.strength import SlackInterval as SlackInterval
     from tensegrity_mj.statics.strength import TrajectoryCheck as TrajectoryCheck
-    from tensegrity_mj.statics.strength import Use as Use
     from tensegrity_mj.statics.strength import check_members as check_members
     from tensegrity_mj.statics.strength import check_state as check_state
     from tensegrity_mj.statics.strength import check_trajectory as check_trajectory

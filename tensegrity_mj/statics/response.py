@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.statics.member_loads import MemberLoads, Use
 from tensegrity_mj.statics.path import Path
-from tensegrity_mj.statics.strength import MemberLoads, Use
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,7 @@ unchecked, and nothing that holds such a member is ever called ok.
 
 from __future__ import annotations
 
-import enum
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -27,8 +26,10 @@ from numpy.typing import ArrayLike, NDArray
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import finite, real_array
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.members import Rod, String
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.statics.member_loads import Criterion, MemberLoads, SlackInterval, Use
 
 if TYPE_CHECKING:
     from tensegrity_mj.statics.state import StaticState
@@ -36,170 +37,28 @@ if TYPE_CHECKING:
 SHOWN = 12  # names that a line of text lists
 
 
-class Criterion(enum.Enum):
-    """What a member fails by."""
-
-    YIELD = "yield"
-    BUCKLING = "buckling"
-    STRENGTH = "strength"
-
-
-@dataclass(frozen=True)
-class Use:
-    """How much of what it bears a member takes.
-
-    Attributes:
-        member: name of the rod or string.
-        criterion: what it is compared with.
-        force: N of the rod or T of the string [N].
-        limit: the force that it bears [N].
-        utilisation: 1 at the limit.
-        time: [s] of a run; None in statics.
-    """
-
-    member: str
-    criterion: Criterion
-    force: float
-    limit: float
-    utilisation: float
-    time: float | None = None
-
-    def describe(self) -> str:
-        """In words."""
-        kind = "string" if self.criterion is Criterion.STRENGTH else "rod"
-        when = "" if self.time is None else f" at t = {self.time:.6g} s"
-        return (
-            f"{kind} '{self.member}' is at {100 * self.utilisation:.4g} % of its {self.criterion.value} limit{when}: "
-            f"{self.force:.5g} N of {self.limit:.5g} N"
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """As plain values."""
-        return {**vars(self), "criterion": self.criterion.value}
-
-
-@dataclass(frozen=True)
-class SlackInterval:
-    """From which sample of a run to which one a string was slack [s]; both are times at which it was."""
-
-    string: str
-    start: float
-    end: float
-
-
 @dataclass(frozen=True, eq=False)
-class MemberLoads:
-    """Forces of a structure's members and what they bear; arrays have one row a time, (T, R) or (T, M).
+class Check:
+    """What the members of a structure bear.
 
     Attributes:
-        structure: whose members.
-        rod_forces: N (T, R) [N], negative in compression.
-        rod_lengths: ℓ (T, R) [m].
-        tensions: T (T, M) [N].
-        times: (T,) [s], or None where there is only one row and no time.
-    """
-
-    structure: Structure
-    rod_forces: Array
-    rod_lengths: Array
-    tensions: Array
-    times: Array | None = None
-
-    @cached_property
-    def stresses(self) -> Array:
-        """N / A (T, R) [Pa]; NaN for rods without section."""
-        return self.rod_forces / _numbers(None if r.section is None else r.section.area for r in self.structure.rods)
-
-    @cached_property
-    def yield_loads(self) -> Array:
-        """σ_y A (R,) [N]; NaN where unknown."""
-        return _numbers(None if r.section is None else r.section.yield_load for r in self.structure.rods)
-
-    @cached_property
-    def euler_loads(self) -> Array:
-        """π² E I / ℓ² (T, R) [N]; NaN where unknown."""
-        per_square = _numbers(None if r.section is None else r.section.euler_load(1.0) for r in self.structure.rods)
-        return per_square / self.rod_lengths**2
-
-    @cached_property
-    def strengths(self) -> Array:
-        """(M,) [N]; NaN where unknown."""
-        return _numbers(string.strength for string in self.structure.strings)
-
-    @cached_property
-    def yielding(self) -> Array:
-        """Utilisation (T, R) of the rods by yield; NaN where unknown."""
-        return np.asarray(np.abs(self.rod_forces) / self.yield_loads)
-
-    @cached_property
-    def buckling(self) -> Array:
-        """Utilisation (T, R) of the rods by buckling; NaN where unknown, and in tension, where there is none."""
-        return np.asarray(np.where(self.rod_forces > 0, np.nan, np.abs(self.rod_forces) / self.euler_loads))
-
-    @cached_property
-    def breaking(self) -> Array:
-        """Utilisation (T, M) of the strings; NaN where unknown."""
-        return np.asarray(self.tensions / self.strengths)
-
-    @cached_property
-    def unchecked(self) -> tuple[str, ...]:
-        """What has no limit to compare with: "rod 'r1' (yield)", "string 's1' (strength)", ..."""
-        found = []
-        for rod in self.structure.rods:
-            if rod.section is None:
-                found.append(f"rod '{rod.name}' (yield, buckling)")
-            elif rod.section.yield_stress is None:
-                found.append(f"rod '{rod.name}' (yield)")
-        found += [f"string '{s.name}' (strength)" for s in self.structure.strings if s.strength is None]
-        return tuple(found)
-
-    def largest(self, start: int = 0, end: int | None = None) -> list[Use]:
-        """The largest use of every member by every criterion that it has, over those rows; the largest first.
-
-        A rod that is in tension throughout has none by buckling.
-        """
-        rods, strings = ([member.name for member in kind] for kind in (self.structure.rods, self.structure.strings))
-        yields = np.broadcast_to(self.yield_loads, self.rod_forces.shape)
-        breaks = np.broadcast_to(self.strengths, self.tensions.shape)
-        found = []
-        for names, criterion, use, force, limit in (
-            (rods, Criterion.YIELD, self.yielding, self.rod_forces, yields),
-            (rods, Criterion.BUCKLING, self.buckling, self.rod_forces, self.euler_loads),
-            (strings, Criterion.STRENGTH, self.breaking, self.tensions, breaks),
-        ):
-            rows = start + np.argmax(np.where(np.isnan(use), -np.inf, use)[start:end], axis=0)
-            for column, (name, row) in enumerate(zip(names, rows.tolist(), strict=True)):
-                at = (row, column)
-                if np.isfinite(use[at]):
-                    time = None if self.times is None else float(self.times[row])
-                    found.append(Use(name, criterion, float(force[at]), float(limit[at]), float(use[at]), time))
-        return sorted(found, key=lambda one: -one.utilisation)
-
-    @cached_property
-    def exceeded(self) -> NDArray[np.bool_]:
-        """(T,): whether some member is beyond its limit."""
-        parts = [np.any(use > 1.0, axis=1) for use in (self.yielding, self.buckling, self.breaking)]
-        return np.asarray(np.logical_or.reduce(parts))
-
-
-@dataclass(frozen=True, eq=False)
-class MemberCheck:
-    """What the members of a structure bear in one state.
-
-    Attributes:
-        loads: forces, limits and utilisations of all members, in arrays of one row.
-        uses: every criterion of every member that has one, the largest utilisation first; buckling of rods in
-            compression alone.
-        violations: those of `uses` beyond 1.
-        slack: names of the strings without tension.
-        unchecked: which members have no limit, by which criterion.
+        loads: forces, limits and utilisations of all members, a row a time.
+        uses: the largest of every member by every criterion that it has, the largest utilisation first; buckling of
+            rods in compression alone.
     """
 
     loads: MemberLoads
     uses: tuple[Use, ...]
-    violations: tuple[Use, ...]
-    slack: tuple[str, ...]
-    unchecked: tuple[str, ...]
+
+    @cached_property
+    def violations(self) -> tuple[Use, ...]:
+        """Those of `uses` beyond 1."""
+        return tuple(use for use in self.uses if use.utilisation > 1)
+
+    @property
+    def unchecked(self) -> tuple[str, ...]:
+        """Which members have no limit, by which criterion."""
+        return self.loads.unchecked
 
     @property
     def worst(self) -> Use | None:
@@ -211,10 +70,46 @@ class MemberCheck:
         """Whether every member was checked, and none is beyond its limit. Slack strings are no violation."""
         return not self.violations and not self.unchecked
 
+    def _verdict(self) -> list[str]:
+        """The verdict, the worst member, and what could not be checked."""
+        worst, unchecked = self.worst, self.unchecked
+        if self.violations:
+            count = len({(use.member, use.criterion is Criterion.STRENGTH) for use in self.violations})
+            head = f"not ok: {count} member{'s are' if count > 1 else ' is'} beyond a limit"
+        elif worst is None and unchecked:
+            head = "nothing can be checked: no rod has a section, and no string a strength"
+            if np.any(np.isfinite(self.loads.euler_loads)):
+                head = "no rod with a section is in compression, so that none buckles; no other limit is known"
+        elif unchecked:
+            head = "no limit is exceeded, as far as limits are known"
+        else:
+            head = "ok: every member was checked, and none is beyond a limit"
+        lines = [head] if worst is None else [head, f"the worst: {worst.describe()}"]
+        return [*lines, f"{len(unchecked)} unchecked: {_listed(unchecked)}"] if unchecked else lines
+
+    def _summary(self) -> dict[str, Any]:
+        return {
+            "ok": self.ok,
+            "worst": None if self.worst is None else self.worst.to_dict(),
+            "violations": [use.to_dict() for use in self.violations],
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class MemberCheck(Check):
+    """What the members of a structure bear in one state; arrays of `loads` have one row.
+
+    Attributes:
+        ...: those of `Check`.
+        slack: names of the strings without tension.
+    """
+
+    slack: tuple[str, ...]
+
     def describe(self) -> tuple[str, ...]:
         """Lines for people."""
         return (
-            *_verdict(self.loads, self.worst, self.violations, self.unchecked),
+            *self._verdict(),
             *(one.describe() for one in self.violations[1:SHOWN]),
             *([f"{len(self.slack)} slack: {_listed(map(repr, self.slack))}"] if self.slack else []),
         )
@@ -222,74 +117,40 @@ class MemberCheck:
     def to_dict(self) -> dict[str, Any]:
         """As plain values; numbers that are not known are None."""
         loads = self.loads
-        rods = zip(
-            loads.structure.rods,
-            *(
-                _or_none(row)
-                for row in (
-                    loads.rod_forces[0],
-                    loads.stresses[0],
-                    loads.yield_loads,
-                    loads.euler_loads[0],
-                    loads.yielding[0],
-                    loads.buckling[0],
-                )
-            ),
-            strict=True,
-        )
-        names = ("force", "stress", "yield_load", "euler_load", "yielding", "buckling")
-        cords = zip(
-            loads.structure.strings,
-            *(_or_none(row) for row in (loads.tensions[0], loads.strengths, loads.breaking[0])),
-            strict=True,
-        )
+        rods = {
+            "force": loads.rod_forces[0],
+            "stress": loads.stresses[0],
+            "yield_load": loads.yield_loads,
+            "euler_load": loads.euler_loads[0],
+            "yielding": loads.yielding[0],
+            "buckling": loads.buckling[0],
+        }
+        strings = {"tension": loads.tensions[0], "strength": loads.strengths, "breaking": loads.breaking[0]}
         return {
-            "ok": self.ok,
-            "worst": None if self.worst is None else self.worst.to_dict(),
-            "violations": [use.to_dict() for use in self.violations],
+            **self._summary(),
             "slack": list(self.slack),
             "unchecked": list(self.unchecked),
-            "rods": {rod.name: dict(zip(names, numbers, strict=True)) for rod, *numbers in rods},
-            "strings": {
-                string.name: dict(zip(("tension", "strength", "breaking"), numbers, strict=True))
-                for string, *numbers in cords
-            },
+            "rods": _by_member(loads.structure.rods, rods),
+            "strings": _by_member(loads.structure.strings, strings),
         }
 
 
 @dataclass(frozen=True, eq=False)
-class TrajectoryCheck:
+class TrajectoryCheck(Check):
     """What the members of a structure bear over a run, at its recorded times.
 
     Attributes:
-        loads: forces, limits and utilisations of all members, a row a time.
-        uses: the largest of every member by every criterion that it has and when, the largest first.
-        violations: those of `uses` beyond 1.
+        ...: those of `Check`.
         first_violation: the largest use at the first time at which a member is beyond its limit, or None.
         slack: when which strings were slack, in the order of the strings; what is broken is not slack.
-        unchecked: which members have no limit, by which criterion.
     """
 
-    loads: MemberLoads
-    uses: tuple[Use, ...]
-    violations: tuple[Use, ...]
     first_violation: Use | None
     slack: tuple[SlackInterval, ...]
-    unchecked: tuple[str, ...]
-
-    @property
-    def worst(self) -> Use | None:
-        """The largest use of the run; None where there is nothing to compare, as for rods in tension."""
-        return self.uses[0] if self.uses else None
-
-    @property
-    def ok(self) -> bool:
-        """Whether every member was checked, and none is ever beyond its limit. Slack strings are no violation."""
-        return not self.violations and not self.unchecked
 
     def describe(self) -> tuple[str, ...]:
         """Lines for people."""
-        lines = list(_verdict(self.loads, self.worst, self.violations, self.unchecked))
+        lines = self._verdict()
         if self.first_violation is not None:
             lines.append(f"the first beyond its limit: {self.first_violation.describe()}")
         lines += [one.describe() for one in self.violations[1:SHOWN]]
@@ -306,9 +167,7 @@ class TrajectoryCheck:
         """As plain values."""
         first = self.first_violation
         return {
-            "ok": self.ok,
-            "worst": None if self.worst is None else self.worst.to_dict(),
-            "violations": [use.to_dict() for use in self.violations],
+            **self._summary(),
             "first_violation": None if first is None else first.to_dict(),
             "slack": [vars(one) for one in self.slack],
             "unchecked": list(self.unchecked),
@@ -342,9 +201,8 @@ def check_members(
     forces = real_array("rod_forces", rod_forces, (len(structure.rods),), "N", scalar=False)
     pulls = real_array("tensions", tensions, (len(structure.strings),), "N", scalar=False)
     loads = MemberLoads(structure, forces[None], lengths[None], pulls[None])
-    uses = tuple(loads.largest())
     slack = tuple(string.name for string, pull in zip(structure.strings, pulls, strict=True) if pull <= threshold)
-    return MemberCheck(loads, uses, tuple(use for use in uses if use.utilisation > 1), slack, loads.unchecked)
+    return MemberCheck(loads, tuple(loads.largest()), slack)
 
 
 def check_state(state: StaticState, *, slack_below: float = 0.0) -> MemberCheck:
@@ -373,19 +231,12 @@ def check_trajectory(run: Trajectory, *, slack_below: float = 0.0) -> Trajectory
     structure, times = run.scene.structure, run.time[:count]
     lengths = _rod_lengths(structure, run.nodes[:count])
     loads = MemberLoads(structure, run.rod_force_densities[:count] * lengths, lengths, run.tensions[:count], times)
-    uses = tuple(loads.largest())
     first = None
     if loads.exceeded.any():
         row = int(np.argmax(loads.exceeded))
         first = loads.largest(row, row + 1)[0]
-    return TrajectoryCheck(
-        loads,
-        uses,
-        tuple(use for use in uses if use.utilisation > 1),
-        first,
-        _slack_intervals(run, times, loads.tensions <= threshold),
-        loads.unchecked,
-    )
+    slack = _slack_intervals(run, times, loads.tensions <= threshold)
+    return TrajectoryCheck(loads, tuple(loads.largest()), first, slack)
 
 
 def _slack_intervals(run: Trajectory, times: Array, slack: NDArray[np.bool_]) -> tuple[SlackInterval, ...]:
@@ -406,31 +257,12 @@ def _rod_lengths(structure: Structure, nodes: Array) -> Array:
     return np.asarray(np.linalg.norm(nodes[..., pairs[:, 1], :] - nodes[..., pairs[:, 0], :], axis=-1))
 
 
-def _numbers(values: Iterable[float | None]) -> Array:
-    return np.array([np.nan if value is None else value for value in values], float)
-
-
-def _or_none(row: Array) -> list[float | None]:
-    return [float(value) if np.isfinite(value) else None for value in row]
-
-
-def _verdict(
-    loads: MemberLoads, worst: Use | None, violations: tuple[Use, ...], unchecked: tuple[str, ...]
-) -> list[str]:
-    """The verdict, the worst member, and what could not be checked."""
-    if violations:
-        count = len({(use.member, use.criterion is Criterion.STRENGTH) for use in violations})
-        head = f"not ok: {count} member{'s are' if count > 1 else ' is'} beyond a limit"
-    elif worst is None and unchecked:
-        head = "nothing can be checked: no rod has a section, and no string a strength"
-        if np.any(np.isfinite(loads.euler_loads)):
-            head = "no rod with a section is in compression, so that none buckles; no other limit is known"
-    elif unchecked:
-        head = "no limit is exceeded, as far as limits are known"
-    else:
-        head = "ok: every member was checked, and none is beyond a limit"
-    lines = [head] if worst is None else [head, f"the worst: {worst.describe()}"]
-    return [*lines, f"{len(unchecked)} unchecked: {_listed(unchecked)}"] if unchecked else lines
+def _by_member(members: Sequence[Rod] | Sequence[String], columns: dict[str, Array]) -> dict[str, dict[str, Any]]:
+    """Of every member, its numbers by name; None for those that are not finite."""
+    return {
+        member.name: {key: float(x) if np.isfinite(x) else None for key, x in zip(columns, row, strict=True)}
+        for member, *row in zip(members, *columns.values(), strict=True)
+    }
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -21,13 +21,14 @@ from tensegrity_mj.statics.balance import Balance, balance
 from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.equilibrium import find_equilibrium
 from tensegrity_mj.statics.materials import Material
+from tensegrity_mj.statics.minimal_mass import minimal_mass
 from tensegrity_mj.statics.model import Rods, StaticModel
 from tensegrity_mj.statics.modes import Modes, natural_modes
 from tensegrity_mj.statics.path import follow
 from tensegrity_mj.statics.prestress import Prestressability, prestressability
 from tensegrity_mj.statics.relaxation import relax
 from tensegrity_mj.statics.response import Response
-from tensegrity_mj.statics.sizing import Sizing, minimal_mass
+from tensegrity_mj.statics.sizing import Sizing
 from tensegrity_mj.statics.standalone import require_rigid_and_free, standalone_scene
 from tensegrity_mj.statics.state import StaticState
 from tensegrity_mj.statics.strength import MemberCheck, TrajectoryCheck, check_state, check_trajectory

@@ -179,12 +179,12 @@ def test_a_support_that_moves_is_not_known_to_the_law(engine) -> None:
 
 
 def test_a_law_too_large_for_the_stack_has_room_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    from tensegrity_mj.controllers import quadratic_form
+    from tensegrity_mj.controllers import quadratic_law
 
     scene = tmj.load_scene("prism")
     engine = tmj.MuJoCo(1e-3)
     on_stack = tmj.simulate(scene, tmj.controllers.from_scene(scene), engine, duration=0.1)
-    monkeypatch.setattr(quadratic_form, "STACK_LIMIT", 10)
+    monkeypatch.setattr(quadratic_law, "STACK_LIMIT", 10)
     law = tmj.controllers.from_scene(scene)
     first, second = law.native(scene.structure), law.native(scene.structure)
     assert not first.stateless

@@ -153,7 +153,7 @@ def test_v_is_its_definition(mode, path):
         tolerance = 1e-10 * (abs(errors) + abs(velocities) + 1)  # of the finite difference of the target
         assert abs(terms.V_error - errors) <= tolerance
         assert abs(terms.V_velocity - velocities) <= tolerance
-        report = law.form.evaluate(TIME, scene.nodes0, scene.velocities0)[1]
+        report = law.reported(TIME, scene.nodes0, scene.velocities0)[1]
         assert report[Report.LYAPUNOV] == report[Report.LYAPUNOV_ERROR] + report[Report.LYAPUNOV_VELOCITY]
         # Two compilations of one function: they may round differently.
         assert report[Report.LYAPUNOV_ERROR] == pytest.approx(terms.V_error, rel=1e-12)
@@ -519,9 +519,7 @@ def test_any_scene_runs_with_any_law(name):
         assert run.status is tmj.Status.COMPLETED
         assert run.provenance["controller"]["law"] == law
     assert from_scene(scene, "projection", onto="target").onto is Onto.TARGET
-    assert (
-        from_scene(scene, "projection", stiffness={scene.structure.rods[0].name: 0.3}).form.gains["Kb"][0, 0, 0] == 0.3
-    )
+    assert from_scene(scene, "projection", stiffness={scene.structure.rods[0].name: 0.3}).gains["Kb"][0, 0, 0] == 0.3
     with pytest.raises(tmj.errors.OptionError, match="onto = 'up'; allowed: current, target"):
         from_scene(scene, "projection", onto="up")
     with pytest.raises(tmj.errors.OptionError, match=r"unknown law 'magic'; allowed: lyapunov, .*projection"):

@@ -14,7 +14,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj.controllers import Allocation, Sum, WhenInfeasible
 from tensegrity_mj.controllers.allocation import least_norm
 from tensegrity_mj.controllers.optimal_allocation import Allocator, Equation
-from tensegrity_mj.controllers.quadratic_program import NO_POINT, SETTLED, columns_of, factor, maximize_dual
+from tensegrity_mj.controllers.quadratic_program import NO_POINT, SETTLED, Program, columns_of, factor, maximize_dual
 from tensegrity_mj.controllers.quadratic_program import solve as solve_factored
 from tensegrity_mj.errors import InfeasibleError, OptionError
 
@@ -55,8 +55,8 @@ def solve(p: Problem, start: Array | None = None) -> tuple[int, Array]:
     b = np.concatenate([p.d, p.s])
     y = np.zeros(len(b)) if start is None else start.copy()
     u = np.empty(len(p.h))
-    columns = columns_of(p.A, p.S)
-    status, _ = maximize_dual(*columns, len(p.d), p.h, p.lo, p.hi, b, np.zeros_like(b), 0.0, y, u, 200)
+    program = Program(columns_of(p.A, p.S), len(p.d), p.h, p.lo, p.hi, b)
+    status, _ = maximize_dual(program, np.zeros_like(b), 0.0, y, u, 200)
     return status, u
 
 

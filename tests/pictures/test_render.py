@@ -24,9 +24,10 @@ from tensegrity_mj.pictures.motion import Motion
 from tensegrity_mj.pictures.painter import Painter, make_model
 from tensegrity_mj.pictures.sag import slack_arcs
 from tensegrity_mj.pictures.shrink import shrink
-from tensegrity_mj.pictures.stage import Layout, Quality, Stage, View
+from tensegrity_mj.pictures.stage import Stage
 from tensegrity_mj.pictures.traces import MAX_PIECES, Traces, simplify
 from tensegrity_mj.pictures.video import frame_times, frames, picture, render, render_frame
+from tensegrity_mj.pictures.view import Layout, Quality, View
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate
 
@@ -260,7 +261,7 @@ def stage_of(run: Trajectory | Scene, **options) -> Stage:
 def pixel(stage: Stage, point) -> tuple[int, int]:
     """Column and row of a point [m] in a stage without text."""
     width, height = stage.view.size
-    x, y = stage._camera.project(np.asarray(point, float))
+    x, y = stage.framing.camera.project(np.asarray(point, float))
     return int(0.5 * width + 0.5 * height * x), int(0.5 * height - 0.5 * height * y)
 
 
@@ -280,9 +281,11 @@ def test_a_rod_is_drawn_where_it_is(size, time):
         # And nowhere else: beside it, closer than it moves within 0.05 s, there is none of its colour.
         along = np.array(pixel(stage, 0.8 * tip)) - np.array(pixel(stage, 0.4 * tip))
         across = np.array([-along[1], along[0]]) / np.linalg.norm(along)
-        meter = 0.5 * size[1] / (stage._camera.distance * math.tan(math.radians(FIELD_OF_VIEW / 2)))
+        meter = 0.5 * size[1] / (stage.framing.camera.distance * math.tan(math.radians(FIELD_OF_VIEW / 2)))
         for side in (1, -1):
-            place = np.array(pixel(stage, 0.7 * tip)) + side * across * (1.2 * stage._sizes[0].rod[0] * meter + 2)
+            place = np.array(pixel(stage, 0.7 * tip)) + side * across * (
+                1.2 * stage.framing.sizes[0].rod[0] * meter + 2
+            )
             column, row = np.round(place).astype(int)
             assert distance_from(image, palette.ROD)[row, column] > 50
         beyond = pixel(stage, 1.12 * tip)

@@ -19,9 +19,10 @@ from tensegrity_mj.pictures import opengl, palette
 from tensegrity_mj.pictures.camera import AFLOAT, Camera, broadside
 from tensegrity_mj.pictures.motion import Motion
 from tensegrity_mj.pictures.painter import make_model
-from tensegrity_mj.pictures.stage import Layout, Stage, View
+from tensegrity_mj.pictures.stage import Stage
 from tensegrity_mj.pictures.surface import MOST_POINTS, Surface
 from tensegrity_mj.pictures.video import frames, render_frame
+from tensegrity_mj.pictures.view import Layout, View
 from tensegrity_mj.runs.trajectory import Trajectory
 
 SIZE = (640, 360)
@@ -84,7 +85,7 @@ def elevation_by_hand(water: Water, time: float, x: np.ndarray, y: np.ndarray) -
 def column_row(stage: Stage, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Columns and rows [px], fractions of them too, of points (..., 3) [m] in a stage without text."""
     width, height = stage.view.size
-    seen = stage._camera.project(points)
+    seen = stage.framing.camera.project(points)
     return 0.5 * (width + height * seen[..., 0]), 0.5 * height * (1.0 - seen[..., 1])
 
 
@@ -201,7 +202,7 @@ def test_vertices_are_at_the_seas_elevation_at_the_frames_time(water, time):
 def test_the_block_goes_with_a_structure_that_travels():
     drift = 20.0
     with stage_of(still_run(wet(CROSSED), drift)) as stage:
-        assert stage._follow
+        assert stage.framing.follow
         for time in (0.0, 0.9, 2.0):
             stage.frame(time)
             points = drawn_surface(stage)
@@ -211,7 +212,7 @@ def test_the_block_goes_with_a_structure_that_travels():
             # Single precision at 40 m: 2e-6, times slopes below 0.6.
             expected = elevation_by_hand(CROSSED, time, points[..., 0], points[..., 1])
             assert np.abs(points[..., 2] - expected).max() < 2e-6
-            piece = stage._cell / stage._surface.every
+            piece = stage.framing.cell / stage._surface.every
             assert np.abs(points[:, 0, 0] / piece - np.round(points[:, 0, 0] / piece)).max() < 1e-4
 
 
@@ -221,7 +222,7 @@ def test_water_is_below_the_line_and_air_above(time):
     # Seen from the side, the outline is that of the near or of the far edge, whichever looks higher.
     # It drifts, which makes the block long.
     with stage_of(still_run(wet(), 2.0), elevation=0.0, azimuth=90.0) as stage:
-        assert not stage._follow
+        assert not stage.framing.follow
         image = stage.frame(time).astype(int)
         points, seen = stage._surface.points(stage._seas[0], time, np.zeros(2)), 0
         for row in np.linspace(1, len(points) - 2, 25).astype(int):
@@ -349,9 +350,13 @@ def test_what_floats_is_seen_from_the_side():
 @needs_opengl
 def test_angles_that_were_asked_for_are_kept_over_water():
     with stage_of(wet(), azimuth=12.0, elevation=-34.0, distance=9.0) as stage:
-        assert (stage._camera.azimuth, stage._camera.elevation, stage._camera.distance) == (12.0, -34.0, 9.0)
+        assert (stage.framing.camera.azimuth, stage.framing.camera.elevation, stage.framing.camera.distance) == (
+            12.0,
+            -34.0,
+            9.0,
+        )
     with stage_of(wet()) as stage:
-        assert (stage._camera.azimuth, stage._camera.elevation) == (pytest.approx(90.0), AFLOAT)
+        assert (stage.framing.camera.azimuth, stage.framing.camera.elevation) == (pytest.approx(90.0), AFLOAT)
 
 
 # ------------------------------------------------------------------------------------------ only where there is water

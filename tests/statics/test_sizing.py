@@ -22,9 +22,11 @@ from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.equilibrium import find_equilibrium
 from tensegrity_mj.statics.least_mass import Problem, Search
 from tensegrity_mj.statics.materials import ALUMINIUM, STEEL, UHMWPE, Material
+from tensegrity_mj.statics.member_loads import Criterion
+from tensegrity_mj.statics.minimal_mass import minimal_mass
 from tensegrity_mj.statics.model import Rods, StaticModel
-from tensegrity_mj.statics.sizing import Governs, Sizing, minimal_mass
-from tensegrity_mj.statics.strength import Criterion, check_members
+from tensegrity_mj.statics.sizing import Governs, Sizing
+from tensegrity_mj.statics.strength import check_members
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,239 @@
+"""What the laws of chapters 5 and 6 share: a quadratic V of the errors and their rates, and V̇ = -δ V by strings.
+
+With e_z = z - z_d, e_b = b - b_d and their rates, V sums over the rods (5.19)
+
+    ½ [e_zᵀ X e_z + 2 e_zᵀ Y ė_z + ė_zᵀ Z ė_z] + ½ [pᵀ X p + 2 pᵀ Y ė_b + ė_bᵀ Z ė_b] + ½ e_bᵀ K e_b,
+
+where p = e_b in chapter 5, (5.4)-(5.5), and p = P(b) e_b or P(b_d) e_b in chapter 6, (6.3) and (6.20). Since ṗ depends
+on positions and velocities only, V̇ = γ + cᵀ(q̈ - q̈_d) with γ = ṗᵀ(X p + Y ė_b) + e_bᵀ K ė_b and c = Yᵀ p + Z ė_b, and
+likewise for z with p = e_z. That makes V̇ = β - fᵀu. The law asks for fᵀu = β + δ V, (5.15), with the smallest u
+between thresholds and ceilings (Lemma 5.1). Targets may move: their velocities and accelerations are in ė and q̈_d.
+
+Known forces belong to g of (5.10): weight, and where the law knows of water its loads, with the added mass in M.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.controllers.gains import GAINS
+from tensegrity_mj.dynamics.kernels import rod_accelerations
+from tensegrity_mj.dynamics.native.pointers import floats, inlined, stack_doubles
+from tensegrity_mj.dynamics.native.vectors import ZERO, apply, apply_transposed, dot, minus, plus, row_of, times, vector
+from tensegrity_mj.dynamics.native.water import added_masses, immerse
+from tensegrity_mj.dynamics.records import StructureRecords
+from tensegrity_mj.dynamics.target import PackedTarget, point_target, rod_target, standing_at, standing_targets
+from tensegrity_mj.dynamics.wet_rods import wet_rod_accelerations
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.target import Target
+
+SCALARS = [("scalars_z", "f8", (3,)), ("scalars_b", "f8", (3,))]
+# Gains in world components, and where a block's three matrices are multiples of one, the scalars x, y, z > 0 (else 0).
+WORLD_GAINS = np.dtype([*((name, GAINS[name]) for name in GAINS.names or ()), *SCALARS], align=True)
+
+
+class Onto(enum.Enum):
+    """What the errors of b are projected onto."""
+
+    CURRENT = "current"  # b⊥, orthogonal to the rod as it is: (6.3), (6.19)
+    TARGET = "target"  # b_d⊥, orthogonal to the rod as it shall be: (6.20)
+
+
+PLAIN, ONTO_CURRENT, ONTO_TARGET = 0, 1, 2  # the same in compiled code
+
+
+class Terms(NamedTuple):
+    """V = V_error + V_velocity and V̇ = β - fᵀu at one state.
+
+    Attributes:
+        V_error: the terms in the errors alone.
+        V_velocity: the terms with velocities.
+        beta: V̇ without strings.
+        f: (M,), what each string's force density takes from V̇.
+    """
+
+    V_error: float
+    V_velocity: float
+    beta: float
+    f: Array
+
+
+class Known(NamedTuple):
+    """What the law knows of structure, target and surroundings, as compiled code reads it.
+
+    Attributes:
+        rods, points: `StructureRecords`.
+        gains: in world components, see `Packed`.
+        kind: PLAIN, ONTO_CURRENT or ONTO_TARGET.
+        string_nodes: (M, 2).
+        target, standing: where it moves, and where it stands (`standing_targets`).
+        gravity: (3,) [m/s²].
+        water: address of a `PackedWater`'s table, 0 for none.
+    """
+
+    rods: Any
+    points: Any
+    gains: Any
+    kind: int
+    string_nodes: Any
+    target: Any
+    standing: Any
+    gravity: Any
+    water: int
+
+
+@inlined
+def _quadratic(scalars: Any, X: Any, Y: Any, Z: Any, p: Any, p_rate: Any, rate: Any) -> tuple[float, float, float, Any]:
+    """½ pᵀXp, pᵀYė + ½ ėᵀZė, γ, and c = Yᵀ p + Z ė of one block; `scalars` are X, Y, Z where Z's is not 0."""
+    if scalars[2] != 0.0:
+        Xp, Ye, Ze, Yp = times(scalars[0], p), times(scalars[1], rate), times(scalars[2], rate), times(scalars[1], p)
+    else:
+        Xp, Ye, Ze, Yp = apply(X, p), apply(Y, rate), apply(Z, rate), apply_transposed(Y, p)
+    error, velocity = 0.5 * dot(p, Xp), dot(p, Ye) + 0.5 * dot(rate, Ze)
+    return error, velocity, dot(p_rate, plus(Xp, Ye)), plus(Yp, Ze)
+
+
+@inlined
+def _project(a: Any, a_rate: Any, e: Any, rate: Any) -> tuple[Any, Any]:
+    """p = P(a) e = e - a (aᵀe)/(aᵀa) of (2.10), and its rate, for any axis a ≠ 0 that moves."""
+    square = dot(a, a)
+    s = dot(a, e) / square
+    s_rate = (dot(a_rate, e) + dot(a, rate) - 2.0 * s * dot(a, a_rate)) / square
+    return minus(e, times(s, a)), minus(minus(rate, times(s_rate, a)), times(s, a_rate))
+
+
+@inlined
+def quadratic_terms(
+    t: float, nodes: Any, velocities: Any, known: Known, influence: Any, wet: Any, f: Any
+) -> tuple[float, float, float]:
+    """Both parts of V, β of (5.11) or (6.13), and f of (5.12) or (6.14) into (M,); weight and water are known forces.
+
+    Args:
+        wet: (N, 3), written where there is water: its forces on the nodes.
+        influence: (N, 3), written: Φ Aᵀ c, how each node's force enters V̇.
+    """
+    rods, points, gains, water = known.rods, known.points, known.gains, known.water
+    V_error, V_velocity, beta = 0.0, 0.0, 0.0
+    g, still = vector(known.gravity), standing_at(t, known.target)
+    r_aim, b_aim = floats(stack_doubles(9), (3, 3)), floats(stack_doubles(9), (3, 3))
+    for n in range(len(nodes)):
+        for k in range(3):
+            influence[n, k] = 0.0
+    added = floats(0, (len(rods), 4))
+    if water != 0:
+        for n in range(len(nodes)):
+            for k in range(3):
+                wet[n, k] = 0.0
+        immerse(water, t, nodes, velocities, wet)
+        added = floats(added_masses(water), (len(rods), 4))
+    for a in range(len(rods)):
+        rod, gain = rods[a], gains[a]
+        first, first_rate = row_of(nodes, rod.i), row_of(velocities, rod.i)
+        b = times(rod.per_length, minus(row_of(nodes, rod.j), first))
+        b_rate = times(rod.per_length, minus(row_of(velocities, rod.j), first_rate))
+        back, ahead = rod.sigma * rod.length, (1.0 - rod.sigma) * rod.length
+        if still >= 0:
+            r_d, b_d = row_of(known.standing[still, a], 0), row_of(known.standing[still, a], 1)
+            r_d_rate = r_d_acc = b_d_rate = b_d_acc = ZERO
+        else:
+            rod_target(rod, t, known.target, r_aim, b_aim)
+            r_d, r_d_rate, r_d_acc = row_of(r_aim, 0), row_of(r_aim, 1), row_of(r_aim, 2)
+            b_d, b_d_rate, b_d_acc = row_of(b_aim, 0), row_of(b_aim, 1), row_of(b_aim, 2)
+        e, rate = minus(b, b_d), minus(b_rate, b_d_rate)
+        if known.kind == PLAIN:
+            error, velocity, gamma, c_b = _quadratic(gain.scalars_b, gain.Xb, gain.Yb, gain.Zb, e, rate, rate)
+        else:
+            if known.kind == ONTO_CURRENT:
+                p, p_rate = _project(b, b_rate, e, rate)
+            else:
+                p, p_rate = _project(b_d, b_d_rate, e, rate)
+            error, velocity, gamma, c_b = _quadratic(gain.scalars_b, gain.Xb, gain.Yb, gain.Zb, p, p_rate, rate)
+            Ke = apply(gain.Kb, e)
+            error += 0.5 * dot(e, Ke)
+            gamma += dot(Ke, rate)
+        V_error += error
+        V_velocity += velocity
+        beta += gamma - dot(c_b, b_d_acc)
+        c_z = ZERO
+        if rod.nz > 0:
+            e = minus(plus(first, times(back, b)), r_d)
+            rate = minus(plus(first_rate, times(back, b_rate)), r_d_rate)
+            error, velocity, gamma, c_z = _quadratic(gain.scalars_z, gain.Xz, gain.Yz, gain.Zz, e, rate, rate)
+            V_error += error
+            V_velocity += velocity
+            beta += gamma - dot(c_z, r_d_acc)
+        # cᵀ of the accelerations without strings, where A = M⁻¹ H is symmetric: aᵀ H = (A c)ᵀ. They are A g, weight
+        # included, and what turning adds: -(‖ḃ‖/‖b‖)² b to b̈, and f times that to the forces on r. Added mass, which
+        # acts across b, has no part in that; and A is as symmetric as α is, so that Aᵀ has α_12 and α_21 exchanged.
+        if water == 0:
+            r_c, b_c = rod_accelerations(rod, b, 0.0, c_z, c_b)
+        else:
+            own = (added[a, 0], added[a, 2], added[a, 1], added[a, 3])
+            r_c, b_c = wet_rod_accelerations(rod, b, 0.0, c_z, c_b, own)
+        turning = dot(b_rate, b_rate) / dot(b, b)
+        beta += rod.mass * dot(r_c, g) + rod.f * dot(b_c, g) + turning * (rod.f * dot(r_c, b) - dot(c_b, b))
+        at_i, at_j = minus(r_c, times(back, b_c)), plus(r_c, times(ahead, b_c))
+        for k in range(3):
+            influence[rod.i, k], influence[rod.j, k] = at_i[k], at_j[k]
+    for a in range(len(points)):
+        point, gain = points[a], gains[len(rods) + a]
+        if still >= 0:
+            r_d = row_of(known.standing[still, len(rods) + a], 0)
+            r_d_rate = r_d_acc = ZERO
+        else:
+            point_target(point, t, known.target, r_aim)
+            r_d, r_d_rate, r_d_acc = row_of(r_aim, 0), row_of(r_aim, 1), row_of(r_aim, 2)
+        e, rate = minus(row_of(nodes, point.node), r_d), minus(row_of(velocities, point.node), r_d_rate)
+        error, velocity, gamma, c_z = _quadratic(gain.scalars_z, gain.Xz, gain.Yz, gain.Zz, e, rate, rate)
+        V_error += error
+        V_velocity += velocity
+        beta += gamma + dot(c_z, minus(g, r_d_acc))
+        at_i = times(1.0 / point.mass, c_z)
+        for k in range(3):
+            influence[point.node, k] = at_i[k]
+    if water != 0:
+        for n in range(len(nodes)):
+            beta += dot(row_of(influence, n), row_of(wet, n))
+    for m in range(len(known.string_nodes)):
+        i, j = known.string_nodes[m, 0], known.string_nodes[m, 1]
+        s = minus(row_of(nodes, j), row_of(nodes, i))
+        f[m] = dot(minus(row_of(influence, j), row_of(influence, i)), s)
+    return V_error, V_velocity, beta
+
+
+class Packed:
+    """The arrays of a law that compiled code reads.
+
+    Attributes:
+        records: of rods and point masses.
+        target: where they are wanted, and `standing` where they stand.
+        gains: in world components, as if b and r were free: E X Eᵀ for z = Eᵀ r. V sees the symmetric parts of X and Z.
+    """
+
+    def __init__(self, structure: Structure, target: Target, gains: np.ndarray[Any, Any]) -> None:
+        self.records, self.target = StructureRecords.of(structure), PackedTarget(target)
+        rods, points = self.records.rods, self.records.points
+        self.string_nodes = np.array(structure.string_nodes)
+        self.standing = standing_targets(rods, points, self.target.arrays)
+        self.gains = np.zeros(len(gains), WORLD_GAINS)
+        for name in GAINS.names or ():
+            self.gains[name] = gains[name]
+        for gain, member in zip(self.gains, [*rods, *points], strict=True):
+            gain["scalars_z"] = _scalars([gain[name] for name in ("Xz", "Yz", "Zz")], int(member["nz"]))
+            gain["scalars_b"] = _scalars([gain[name] for name in ("Xb", "Yb", "Zb")], 3)
+            E = member["E"]  # its columns beyond nz are zero
+            for name in ("Xz", "Yz", "Zz"):
+                gain[name] = E @ gain[name] @ E.T
+            for name in ("Xz", "Zz", "Xb", "Zb", "Kb"):
+                gain[name] = 0.5 * (gain[name] + gain[name].T)
+
+
+def _scalars(matrices: list[Array], n: int) -> Array:
+    """x, y, z of X = x 1, Y = y 1, Z = z 1 in their leading n coordinates; zeros where they are no such multiples."""
+    found = np.array([matrix[0, 0] for matrix in matrices])
+    same = all(np.array_equal(A[:n, :n], x * np.eye(n)) for A, x in zip(matrices, found, strict=True))
+    return found if same else np.zeros(3)

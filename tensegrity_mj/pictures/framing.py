@@ -1,0 +1,187 @@
+"""What a film shows of its motions: the camera that sees all of them, how far water, grid and floor reach."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.engines.mujoco.mjcf_frames import rotation_to
+from tensegrity_mj.model.elements.waves import Sea
+from tensegrity_mj.pictures import palette
+from tensegrity_mj.pictures.camera import AFLOAT, Camera, broadside, corners_of, direction, fit
+from tensegrity_mj.pictures.motion import Motion
+from tensegrity_mj.pictures.painter import Sizes, slack_curves
+from tensegrity_mj.pictures.surface import Surface
+from tensegrity_mj.pictures.view import View
+
+SAMPLES = 200  # instants of a run that the camera is fitted to
+LEVEL = 0.9999  # cosine of the angle within which a floor is horizontal
+FAR = 4.0  # times a structure's own extent: a run that travels farther is followed by the camera
+BLOWN_UP = 2.5  # times its extent at the start: what a diverging structure grows to beyond that is not framed
+DEEP = 1.0  # times the extent: water is framed as far above and below the structure
+SUNK = 4.0  # times the extent: as far it is drawn at all
+
+
+class Framing:
+    """The camera that sees every sample of every run, and what is planned with it.
+
+    Attributes:
+        camera: where it stands, or where it stands relative to what it follows.
+        follow: whether it follows a structure that travels far.
+        points: (P, 3) [m] what it is to see.
+        reach: [m] how far from its look-at point anything is.
+        sizes: of the members in the picture, one for each motion.
+        cell: [m] of the grid.
+        surface: of the water, or None.
+        has_grid: whether there is a horizontal grid, from `grid_low` to `grid_high`.
+        plate: two corners and the axes of the floor's plate, or None.
+
+    Args:
+        motions: one or two.
+        seas: of each picture, or None.
+        view: what the caller chose.
+        aspect: width over height.
+    """
+
+    def __init__(self, motions: list[Motion], seas: list[Sea | None], view: View, aspect: float) -> None:
+        self.motions, self.seas, self.view = motions, seas, view
+        clouds, arcs, own = [], [], []
+        for motion in self.motions:
+            times = np.linspace(motion.start, motion.end, min(SAMPLES, 4 * len(motion.time)))
+            paths = motion.positions(times)
+            extents = np.linalg.norm(np.ptp(paths, axis=1), axis=1)
+            usable = extents <= (BLOWN_UP * max(extents[0], 1e-12) if motion.diverged else np.inf)
+            paths, times = paths[usable], times[usable]
+            own.append(float(np.max(extents[usable])))
+            middle = paths.mean(axis=1, keepdims=True)
+            clouds.append((paths, middle))
+            arcs.append((self._arcs(motion, times, paths), middle))
+        size = max(*own, 1e-9)
+        nodes = np.concatenate([paths.reshape(-1, 3) for paths, _ in clouds])
+        self.follow = float(np.linalg.norm(np.ptp(nodes, axis=0))) > FAR * size
+        if self.follow:
+            nodes = np.concatenate([(paths - middle).reshape(-1, 3) for paths, middle in clouds])
+            hanging = np.concatenate([(points - middle).reshape(-1, 3) for points, middle in arcs])
+        else:
+            nodes = np.concatenate([nodes, *self._target_clouds(size)])
+            hanging = np.concatenate([points.reshape(-1, 3) for points, _ in arcs])
+        extent = max(float(np.linalg.norm(np.ptp(nodes, axis=0))), 1e-9)
+        self.sizes = [Sizes.of(m.structure, extent) for m in self.motions]
+        margin = max(max(float(np.max(s.rod, initial=0.0)), 1.8 * s.support, s.point_mass) for s in self.sizes)
+        camera = self._direction(nodes)
+        if self.view.distance is not None:
+            camera = Camera(camera.azimuth, camera.elevation, distance=self.view.distance)
+        self.cell = palette.round_up(extent / 15.0, (1.0, 2.0, 5.0))
+        wet, sunk = self._plan_water(nodes, clouds, extent)
+        self._plan_grid(np.concatenate([nodes, wet]), extent, camera)
+        self.points = np.concatenate([nodes, hanging, wet, self._grid_corners()])
+        self.camera = fit(camera, self.points, 1.4 * margin, aspect, keep_distance=self.view.distance is not None)
+        # What is too deep or too high to be framed is drawn as far as it shows.
+        self.points = np.concatenate([self.points, sunk])
+        middle = np.array(self.camera.look_at)
+        self.reach = float(np.max(np.linalg.norm(self.points - middle, axis=1))) + 4.0 * margin
+
+    def _direction(self, nodes: Array) -> Camera:
+        """Of the camera, which sees waves pass from the side."""
+        azimuth, elevation = self.view.azimuth, self.view.elevation
+        sea = next((sea for sea in self.seas if sea is not None), None)
+        if sea is not None:
+            highest = sea.direction[np.argsort(-sea.amplitude, kind="stable")]
+            azimuth = broadside(nodes, tuple(highest.tolist())) if azimuth is None else azimuth
+            elevation = AFLOAT if elevation is None else elevation
+        return direction(nodes, self._corners(), azimuth, elevation)
+
+    def _plan_water(self, nodes: Array, clouds: list[tuple[Array, Array]], extent: float) -> tuple[Array, Array]:
+        """Where the water lies; its corners (8, 3) [m], or none, as far as they are framed, and as far as drawn."""
+        self.surface: Surface | None = None
+        seas = [sea for sea in self.seas if sea is not None]
+        if not seas:
+            return np.zeros((0, 3)), np.zeros((0, 3))
+        low, high = float(nodes[:, 2].min()), float(nodes[:, 2].max())
+        # The camera that follows goes up and down with the structure, the water does not.
+        middles = np.concatenate([middle[:, 0, 2] for _, middle in clouds]) if self.follow else np.zeros(1)
+        world = low, high
+        if self.follow:
+            every = np.concatenate([paths[..., 2].ravel() for paths, _ in clouds])
+            world = float(every.min()), float(every.max())
+        self.surface = Surface.around(nodes, world, self.cell, seas)
+        lowest = self.surface.bottom - float(middles.max())
+        highest = self.surface.crest - float(middles.min())
+        framed, drawn = (
+            self.surface.corners(max(lowest, low - far * extent), min(max(highest, low), high + far * extent))
+            for far in (DEEP, SUNK)
+        )
+        return framed, drawn
+
+    def _corners(self) -> Array:
+        """Where members of the first structure meet, at a few instants; of very many, every so many."""
+        motion = self.motions[0]
+        pairs = np.concatenate([motion.structure.rod_nodes, motion.structure.string_nodes])
+        nodes = motion.positions(np.linspace(motion.start, motion.end, 1 if len(motion.time) == 1 else 7))
+        return corners_of(pairs[:: 1 + len(pairs) // 150], nodes)
+
+    def _arcs(self, motion: Motion, times: Array, paths: Array) -> Array:
+        """Points (T, P, 3) of the strings that are slack at some time, for nodes (T, N, 3) at times (T,)."""
+        ever = np.any(motion.rest_lengths > motion.structure.string_lengths(motion.nodes), axis=0)
+        curves = np.zeros((len(times), 0, 3))
+        if ever.any():
+            poses = (motion.pose(time) for time in times)
+            curves = np.stack([slack_curves(motion, pose, ever).reshape(-1, 3) for pose in poses])
+        # A string that is far longer than the structure is wide would leave that tiny: it may leave the picture.
+        middle, extent = paths.mean(axis=1, keepdims=True), np.linalg.norm(np.ptp(paths, axis=1), axis=1)
+        near = np.linalg.norm(curves - middle, axis=2) <= 1.5 * extent[:, None]
+        return np.where(near[..., None], curves, middle)
+
+    def _target_clouds(self, size: float) -> list[Array]:
+        clouds = []
+        for motion in self.motions:
+            targets = motion.target_positions(np.linspace(motion.start, motion.end, SAMPLES))
+            if targets is None or not self.view.target:
+                continue
+            # A target far away is what a run aims at, not what it must show.
+            near = np.linalg.norm(targets - motion.nodes[0].mean(axis=0), axis=-1) <= FAR * size
+            clouds.append(targets[near])
+        return clouds
+
+    def _plan_grid(self, points: Array, extent: float, camera: Camera) -> None:
+        """A horizontal grid that everything stands on, for scale and depth; none where it would be seen edge-on."""
+        floor = next((m.floor for m in self.motions if m.floor is not None), None)
+        if floor is None and self.surface is not None and self.surface.shallow:
+            floor = np.array([0.0, 0.0, self.surface.bottom]), np.array([0.0, 0.0, 1.0])
+        level = floor is None or floor[1][2] > LEVEL
+        # Deep water has its grid on the surface.
+        self.has_grid = camera.elevation < -2.0 and level and (self.surface is None or floor is not None)
+        low, high = points.min(axis=0), points.max(axis=0)
+        low[2] = low[2] - 1.05 * max(s.support for s in self.sizes) if floor is None else floor[0][2]
+        # Whole cells that hold everything; a line a cell is drawn, so that their number is bounded by the extent.
+        self.grid_low = np.array([*np.floor(low[:2] / self.cell + 1e-6) * self.cell, low[2]])
+        self.grid_high = np.array([*np.ceil(high[:2] / self.cell - 1e-6) * self.cell, low[2]])
+        flat = self.grid_low[:2] == self.grid_high[:2]
+        self.grid_low[:2] -= self.cell * flat
+        self.grid_high[:2] += self.cell * flat
+        self._plan_floor(points, floor, camera)
+
+    def _plan_floor(self, points: Array, floor: tuple[Array, Array] | None, camera: Camera) -> None:
+        """Where the floor's plate lies: under all points, and under the grid; none where it is seen from below."""
+        self.plate: tuple[Array, Array, Array] | None = None
+        if floor is None or camera.axes[2] @ floor[1] > -0.03:
+            return
+        if self.has_grid:
+            self.plate = (self.grid_low, self.grid_high, np.eye(3))
+            return
+        frame = rotation_to(floor[1])
+        seen = (points - floor[0]) @ frame
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        low[:2], high[:2], low[2], high[2] = low[:2] - self.cell, high[:2] + self.cell, 0.0, 0.0
+        self.plate = (floor[0] + frame @ low, floor[0] + frame @ high, frame)
+
+    def _grid_corners(self) -> Array:
+        if self.has_grid:
+            low, high, frame = self.grid_low, self.grid_high, np.eye(3)
+        elif self.plate is not None:
+            low, high, frame = self.plate
+        else:
+            return np.zeros((0, 3))
+        across = (high - low) @ frame
+        sides = [low + across[0] * frame[:, 0], low + across[1] * frame[:, 1]]
+        return np.array([low, high, *sides])
