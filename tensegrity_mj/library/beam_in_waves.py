@@ -16,11 +16,12 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import replace
+from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 
 from tensegrity_mj.basics.checks import finite, member, positive
+from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import THESIS
 from tensegrity_mj.library.thesis_towers import appendix_beam
@@ -54,27 +55,11 @@ class BeamWeight(enum.Enum):
     HANGING = "hanging"  # it acts, and the beam starts at rest where it hangs in still water
 
 
-def beam_in_waves(
-    which: str = "TB1",
-    wave_height: float = 2.0,
-    *,
-    steepness: float = STEEPNESS,
-    submergence: float = SUBMERGENCE,
-    end: BeamEnd = BeamEnd.GUIDED,
-    weight: BeamWeight = BeamWeight.CARRIED,
-    damping: float = 0.0,
-    drag: float = DRAG,
-    tangential_drag: float = TANGENTIAL_DRAG,
-    added_mass: float = ADDED_MASS,
-    inertia: float | None = INERTIA,
-    segments: int | None = 3,
-    phase: float = 0.0,
-    duration: float = 60.0,
-    name: str = "",
-) -> Scene:
+@dataclass(frozen=True, eq=False)
+class BeamInWaves:
     """A beam of appendix C under a regular wave from its side; the defaults are a point of figure C.8.
 
-    Args:
+    Attributes:
         which: "TB1" to "TB7", a row of Table C.2; figure C.8 has the first four.
         wave_height: H = 2 A [m], > 0; 1 to 4 m in the thesis.
         steepness: H over the wavelength, > 0.
@@ -91,18 +76,46 @@ def beam_in_waves(
     Raises:
         OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such scene.
     """
-    height = positive("beam_in_waves: wave_height", wave_height, "m")
-    wavelength = height / positive("beam_in_waves: steepness", steepness)
-    tower = appendix_beam(which, damping=damping, duration=duration, name=name)
-    water = Water(
-        waves=(Wave(0.5 * height, wavelength, None, 0.5 * math.pi, finite("beam_in_waves: phase", phase, " [rad]")),),
-        drag=drag,
-        tangential_drag=tangential_drag,
-        added_mass=added_mass,
-        inertia=inertia,
-        segments=segments,
-    )
-    return held_in_waves(tower, water, submergence, end, weight).with_(source=f"{THESIS}, appendix C.2, pages 194-196")
+
+    which: str = "TB1"
+    wave_height: float = 2.0
+    _: KW_ONLY
+    steepness: float = STEEPNESS
+    submergence: float = SUBMERGENCE
+    end: BeamEnd = BeamEnd.GUIDED
+    weight: BeamWeight = BeamWeight.CARRIED
+    damping: float = 0.0
+    drag: float = DRAG
+    tangential_drag: float = TANGENTIAL_DRAG
+    added_mass: float = ADDED_MASS
+    inertia: float | None = INERTIA
+    segments: int | None = 3
+    phase: float = 0.0
+    duration: float = 60.0
+    name: str = ""
+
+    def __call__(self) -> Scene:
+        height = positive("beam_in_waves: wave_height", self.wave_height, "m")
+        wavelength = height / positive("beam_in_waves: steepness", self.steepness)
+        tower = appendix_beam(self.which, damping=self.damping, duration=self.duration, name=self.name)
+        water = Water(
+            waves=(
+                Wave(
+                    0.5 * height, wavelength, None, 0.5 * math.pi, finite("beam_in_waves: phase", self.phase, " [rad]")
+                ),
+            ),
+            drag=self.drag,
+            tangential_drag=self.tangential_drag,
+            added_mass=self.added_mass,
+            inertia=self.inertia,
+            segments=self.segments,
+        )
+        return held_in_waves(tower, water, self.submergence, self.end, self.weight).with_(
+            source=f"{THESIS}, appendix C.2, pages 194-196"
+        )
+
+
+beam_in_waves = function_of(BeamInWaves)
 
 
 def held_in_waves(

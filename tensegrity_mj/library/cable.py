@@ -11,12 +11,13 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, finite, member, positive, whole
+from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import THESIS
 from tensegrity_mj.model.elements.resistance import Bending, Drag, Resistance
@@ -162,28 +163,11 @@ def marker_weights(elements: int) -> Array:
     return weights
 
 
-def cable(
-    elements: int = 13,
-    *,
-    rope_mass: RopeMass = RopeMass.ELEMENTS,
-    excitation: Excitation = Excitation.IN_LINE,
-    amplitude: float = 0.05,
-    frequency: float = 0.5,
-    motion: Motion | None = None,
-    start: Start = Start.MOVING_FRAME,
-    seed: float = 0.0,
-    planar: bool = False,
-    viscous: float = 0.0,
-    bending_stiffness: float = 0.0,
-    bending_damping: float = 0.0,
-    drag: float = 0.0,
-    gravity: float = GRAVITY,
-    duration: float = 45.0,
-    name: str = "cable",
-) -> Scene:
+@dataclass(frozen=True, eq=False)
+class Cable:
     """A chain of rods that hangs from a moved point.
 
-    Args:
+    Attributes:
         elements: K, 3 or more: those of the fastening and the rope, and the load. 13 is that of §3.3.3, and
             `refined(2)` ... `refined(10)` are those of §3.5.1.
         rope_mass: 0.1419 kg as printed by elements, or the 0.165 kg of Table 3.1.
@@ -205,41 +189,66 @@ def cable(
     Raises:
         OptionError, StructureError, SceneError: for parameters that make no such scene.
     """
-    check_nodes("cable: elements", elements, whole("cable: elements", elements, 3) + 1, MOST_FOUND)
-    for what, value, kind in (
-        ("rope_mass", rope_mass, RopeMass),
-        ("excitation", excitation, Excitation),
-        ("start", start, Start),
-    ):
-        member(f"cable: {what}", value, kind)
-    if not isinstance(planar, (bool, np.bool_)):
-        raise OptionError(f"cable: planar = {planar!r}; it must be True or False")
-    lean = finite("cable: seed", seed, " [rad]")
-    if planar and lean:
-        raise OptionError(f"cable: seed = {seed!r} rad leaves the plane that a planar cable stays in: leave it out")
-    down = positive("cable: gravity", gravity, "m/s²")
-    motions = _motions(excitation, amplitude, frequency, motion, bool(planar))
-    structure = _structure(elements, rope_mass, bool(planar), name)
-    along = arc_lengths(elements)
-    nodes = None
-    if lean:
-        first = motions[0].at(0.0)[0] if motions else np.zeros(3)
-        nodes = first + np.outer(along, [math.sin(lean), 0.0, -math.cos(lean)])
-    scene = Scene(
-        structure,
-        name=name,
-        source=f"{THESIS}, section 3.3, pages 66-69",
-        gravity=(0.0, 0.0, -down),
-        initial_nodes=nodes,
-        motions=motions,
-        duration=duration,
-        resistance=_resistance(viscous, bending_stiffness, bending_damping, drag),
-    )
-    if start is Start.MOVING_FRAME or not motions:
-        return scene
-    still = np.zeros_like(scene.nodes0)
-    still[0] = motions[0].at(0.0)[1]
-    return scene.with_(initial_velocities=velocities_with_supports(structure, scene.nodes0, motions, still))
+
+    elements: int = 13
+    _: KW_ONLY
+    rope_mass: RopeMass = RopeMass.ELEMENTS
+    excitation: Excitation = Excitation.IN_LINE
+    amplitude: float = 0.05
+    frequency: float = 0.5
+    motion: Motion | None = None
+    start: Start = Start.MOVING_FRAME
+    seed: float = 0.0
+    planar: bool = False
+    viscous: float = 0.0
+    bending_stiffness: float = 0.0
+    bending_damping: float = 0.0
+    drag: float = 0.0
+    gravity: float = GRAVITY
+    duration: float = 45.0
+    name: str = "cable"
+
+    def __call__(self) -> Scene:
+        check_nodes("cable: elements", self.elements, whole("cable: elements", self.elements, 3) + 1, MOST_FOUND)
+        for what, value, kind in (
+            ("rope_mass", self.rope_mass, RopeMass),
+            ("excitation", self.excitation, Excitation),
+            ("start", self.start, Start),
+        ):
+            member(f"cable: {what}", value, kind)
+        if not isinstance(self.planar, (bool, np.bool_)):
+            raise OptionError(f"cable: planar = {self.planar!r}; it must be True or False")
+        lean = finite("cable: seed", self.seed, " [rad]")
+        if self.planar and lean:
+            raise OptionError(
+                f"cable: seed = {self.seed!r} rad leaves the plane that a planar cable stays in: leave it out"
+            )
+        down = positive("cable: gravity", self.gravity, "m/s²")
+        motions = _motions(self.excitation, self.amplitude, self.frequency, self.motion, bool(self.planar))
+        structure = _structure(self.elements, self.rope_mass, bool(self.planar), self.name)
+        along = arc_lengths(self.elements)
+        nodes = None
+        if lean:
+            first = motions[0].at(0.0)[0] if motions else np.zeros(3)
+            nodes = first + np.outer(along, [math.sin(lean), 0.0, -math.cos(lean)])
+        scene = Scene(
+            structure,
+            name=self.name,
+            source=f"{THESIS}, section 3.3, pages 66-69",
+            gravity=(0.0, 0.0, -down),
+            initial_nodes=nodes,
+            motions=motions,
+            duration=self.duration,
+            resistance=_resistance(self.viscous, self.bending_stiffness, self.bending_damping, self.drag),
+        )
+        if self.start is Start.MOVING_FRAME or not motions:
+            return scene
+        still = np.zeros_like(scene.nodes0)
+        still[0] = motions[0].at(0.0)[1]
+        return scene.with_(initial_velocities=velocities_with_supports(structure, scene.nodes0, motions, still))
+
+
+cable = function_of(Cable)
 
 
 def _resistance(viscous: float, stiffness: float, damping: float, drag: float) -> Resistance | None:

@@ -82,7 +82,7 @@ def family_scene(text: str, changes: Mapping[str, Any] | None = None) -> Scene:
 
 def _arguments(name: str, call: ast.Call, builder: Callable[..., Scene], changes: Mapping[str, Any]) -> dict[str, Any]:
     """The arguments of a call and of changes to it by name, as the family takes them."""
-    hints = typing.get_type_hints(builder)
+    hints = typing.get_type_hints(inspect.unwrap(builder))
     parameters = inspect.signature(builder).parameters
     places = [key for key, one in parameters.items() if one.kind is one.POSITIONAL_OR_KEYWORD]
     if len(call.args) > len(places):

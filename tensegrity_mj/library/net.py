@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
 from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, finite, member, positive, whole
+from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cable import GRAVITY, ROPE_ELEMENT_MASS, ROPE_RADIUS
 from tensegrity_mj.library.cross import THESIS
@@ -25,24 +27,14 @@ class Held(enum.Enum):
     EDGES = "edges"  # all nodes of the first and of the last row: a hammock
 
 
-def net(
-    cells: tuple[int, int] = (4, 4),
-    *,
-    held: Held = Held.CORNERS,
-    slack: float = 0.1,
-    spacing: float = 0.25,
-    rod_mass: float = ROPE_ELEMENT_MASS,
-    load: float = 0.5,
-    gravity: float = GRAVITY,
-    duration: float = 3.0,
-    name: str = "net",
-) -> Scene:
+@dataclass(frozen=True, eq=False)
+class Net:
     """A net at the start where it hangs; from then on a weight pulls at the node in its middle.
 
     Rows run along y and follow each other along x. Nodes are `n{row}_{column}`, rods `x{row}_{column}` and
     `y{row}_{column}` by the node that they start at.
 
-    Args:
+    Attributes:
         cells: (along x, along y), 2 or more; 1 or more along held edges.
         held: its corners, or its first and last row (whose rods are left out then).
         slack: within (0, 1): the part by which held nodes are nearer to each other than flat: in both directions for
@@ -57,63 +49,84 @@ def net(
     Raises:
         OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such scene.
     """
-    if not isinstance(cells, (Sequence, np.ndarray)) or isinstance(cells, str) or len(cells) != 2:
-        raise OptionError(f"net: cells = {cells!r}; it must be two numbers of cells, along x and along y")
-    member("net: held", held, Held)
-    across, along = (whole("net: cells", value, 1) for value in cells)
-    check_nodes("net: cells", cells, (across + 1) * (along + 1), MOST_FOUND)
-    positive("net: spacing", spacing, "m")
-    positive("net: rod_mass", rod_mass, "kg")
-    if not 0 < finite("net: slack", slack) < 1:
-        raise OptionError(f"net: slack = {slack!r}; it must be within (0, 1)")
-    if finite("net: load", load, " [N]") < 0:
-        raise OptionError(f"net: load = {load!r} N; it must be >= 0 N")
-    edges = held is Held.EDGES
-    if across < 2 or (along < 2 and not edges):
-        raise OptionError(
-            f"net: cells = {cells!r}: there must be 2 or more between held nodes, which are nearer to each other than "
-            "flat"
+
+    cells: tuple[int, int] = (4, 4)
+    _: KW_ONLY
+    held: Held = Held.CORNERS
+    slack: float = 0.1
+    spacing: float = 0.25
+    rod_mass: float = ROPE_ELEMENT_MASS
+    load: float = 0.5
+    gravity: float = GRAVITY
+    duration: float = 3.0
+    name: str = "net"
+
+    def __call__(self) -> Scene:
+        if not isinstance(self.cells, (Sequence, np.ndarray)) or isinstance(self.cells, str) or len(self.cells) != 2:
+            raise OptionError(f"net: cells = {self.cells!r}; it must be two numbers of cells, along x and along y")
+        member("net: held", self.held, Held)
+        across, along = (whole("net: cells", value, 1) for value in self.cells)
+        check_nodes("net: cells", self.cells, (across + 1) * (along + 1), MOST_FOUND)
+        positive("net: spacing", self.spacing, "m")
+        positive("net: rod_mass", self.rod_mass, "kg")
+        if not 0 < finite("net: slack", self.slack) < 1:
+            raise OptionError(f"net: slack = {self.slack!r}; it must be within (0, 1)")
+        if finite("net: load", self.load, " [N]") < 0:
+            raise OptionError(f"net: load = {self.load!r} N; it must be >= 0 N")
+        edges = self.held is Held.EDGES
+        if across < 2 or (along < 2 and not edges):
+            raise OptionError(
+                f"net: cells = {self.cells!r}: there must be 2 or more between held nodes, which are nearer to each "
+                "other than flat"
+            )
+
+        def row_of(i: int, j: int) -> int:
+            return i * (along + 1) + j
+
+        # u, v within [0, 1]; the guess hangs about as deep as a rope of that slack does.
+        u, v = (
+            a.ravel() for a in np.meshgrid(np.linspace(0, 1, across + 1), np.linspace(0, 1, along + 1), indexing="ij")
+        )
+        width, depth = (
+            across * self.spacing * (1 - self.slack),
+            along * self.spacing * (1.0 if edges else 1 - self.slack),
+        )
+        sag = np.sqrt(0.75 * self.slack)
+        z = -sag * (width * 4 * u * (1 - u) + (0.0 if edges else depth * 4 * v * (1 - v))) / 2
+        guess = np.column_stack([width * u, depth * v, z])
+        rods: dict[str, tuple[int, int]] = {}
+        for i in range(across + 1):
+            for j in range(along + 1):
+                if i < across:
+                    rods[f"x{i}_{j}"] = (row_of(i, j), row_of(i + 1, j))
+                if j < along and not (edges and i in (0, across)):
+                    rods[f"y{i}_{j}"] = (row_of(i, j), row_of(i, j + 1))
+        columns = range(along + 1) if edges else (0, along)
+        fixed = [row_of(i, j) for i in (0, across) for j in columns]
+        pairs, count = list(rods.values()), len(rods)
+        shape = hang(guess, pairs, np.full(count, self.spacing), np.full(count, self.rod_mass), fixed, self.gravity)
+        names = [f"n{i}_{j}" for i in range(across + 1) for j in range(along + 1)]
+        supports: dict[str, Support] = {}
+        for row in fixed:  # one rod for each node that is held, one that holds no other
+            rod = next(key for key, pair in rods.items() if row in pair and key not in supports)
+            supports[rod] = Support.pinned(float(rods[rod][1] == row))
+        structure = Structure(
+            name=self.name,
+            nodes={key: (float(x), float(y), float(z)) for key, (x, y, z) in zip(names, shape.nodes, strict=True)},
+            rods=tuple(
+                Rod(key, (names[i], names[j]), self.rod_mass, ROPE_RADIUS, supports.get(key, Support.free(0.0)))
+                for key, (i, j) in rods.items()
+            ),
+        )
+        middle = names[row_of(across // 2, along // 2)]
+        return Scene(
+            structure,
+            name=self.name,
+            source=f"our own; rods like those of the cable of {THESIS}, section 3.3, pages 66-69",
+            gravity=(0.0, 0.0, -self.gravity),
+            loads=(Load(middle, (0.0, 0.0, -float(self.load))),) if self.load else (),
+            duration=self.duration,
         )
 
-    def row_of(i: int, j: int) -> int:
-        return i * (along + 1) + j
 
-    # u, v within [0, 1]; the guess hangs about as deep as a rope of that slack does.
-    u, v = (a.ravel() for a in np.meshgrid(np.linspace(0, 1, across + 1), np.linspace(0, 1, along + 1), indexing="ij"))
-    width, depth = across * spacing * (1 - slack), along * spacing * (1.0 if edges else 1 - slack)
-    sag = np.sqrt(0.75 * slack)
-    z = -sag * (width * 4 * u * (1 - u) + (0.0 if edges else depth * 4 * v * (1 - v))) / 2
-    guess = np.column_stack([width * u, depth * v, z])
-    rods: dict[str, tuple[int, int]] = {}
-    for i in range(across + 1):
-        for j in range(along + 1):
-            if i < across:
-                rods[f"x{i}_{j}"] = (row_of(i, j), row_of(i + 1, j))
-            if j < along and not (edges and i in (0, across)):
-                rods[f"y{i}_{j}"] = (row_of(i, j), row_of(i, j + 1))
-    columns = range(along + 1) if edges else (0, along)
-    fixed = [row_of(i, j) for i in (0, across) for j in columns]
-    pairs, count = list(rods.values()), len(rods)
-    shape = hang(guess, pairs, np.full(count, spacing), np.full(count, rod_mass), fixed, gravity)
-    names = [f"n{i}_{j}" for i in range(across + 1) for j in range(along + 1)]
-    supports: dict[str, Support] = {}
-    for row in fixed:  # one rod for each node that is held, one that holds no other
-        rod = next(key for key, pair in rods.items() if row in pair and key not in supports)
-        supports[rod] = Support.pinned(float(rods[rod][1] == row))
-    structure = Structure(
-        name=name,
-        nodes={key: (float(x), float(y), float(z)) for key, (x, y, z) in zip(names, shape.nodes, strict=True)},
-        rods=tuple(
-            Rod(key, (names[i], names[j]), rod_mass, ROPE_RADIUS, supports.get(key, Support.free(0.0)))
-            for key, (i, j) in rods.items()
-        ),
-    )
-    middle = names[row_of(across // 2, along // 2)]
-    return Scene(
-        structure,
-        name=name,
-        source=f"our own; rods like those of the cable of {THESIS}, section 3.3, pages 66-69",
-        gravity=(0.0, 0.0, -gravity),
-        loads=(Load(middle, (0.0, 0.0, -float(load))),) if load else (),
-        duration=duration,
-    )
+net = function_of(Net)

@@ -8,12 +8,14 @@ sector 2φ/3 and all others of φ/3, whose sides and diagonals are strings.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import MOST_NODES, check_nodes, finite, positive, sequence_of
+from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.texts import value_text
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import HINGE, PLANE, SLIDER, THESIS
@@ -65,22 +67,11 @@ def cell_strings(cells: int) -> list[tuple[str, ...]]:
     ]
 
 
-def planar_beam(
-    cells: int = 39,
-    rod_length: float = float(np.sqrt(2.0)),
-    height: float = 1.0,
-    angle: tuple[float, float | None] = (float(np.radians(0.01)), None),
-    rod_mass: float = 1.0,
-    stiffness: float = 2000.0,
-    minimum_sum: float | None = 1960.0,
-    minimum_cell_sum: float | None = None,
-    duration: float = 60.0,
-    shapes: int = 18,
-    name: str = "planar_beam",
-) -> Scene:
+@dataclass(frozen=True, eq=False)
+class PlanarBeam:
     """A beam of overlapping cells that bends from nearly straight into a circle, from rest to rest by one quintic in φ.
 
-    Args:
+    Attributes:
         cells: odd, 3 or more; there are cells + 1 rods and 5 cells + 1 strings.
         rod_length, height: ℓ > h > 0 [m].
         angle: φ of a pair of rods at the start and at the end [rad]; not zero, where the radius is infinite. None at
@@ -95,62 +86,91 @@ def planar_beam(
     Raises:
         OptionError, StructureError, SceneError: for parameters that make no such scene.
     """
-    if isinstance(cells, bool) or not isinstance(cells, (int, np.integer)) or cells < 3 or cells % 2 == 0:
-        raise OptionError(f"planar_beam: cells = {value_text(cells)}; it must be an odd number >= 3")
-    check_nodes("planar_beam: cells", cells, 2 * (int(cells) + 1))
-    positive("planar_beam: height", height, "m")
-    if not positive("planar_beam: rod_length", rod_length, "m") > height:
-        raise OptionError(f"planar_beam: rod_length = {rod_length!r} m; it must exceed the height of {height!r} m")
-    if isinstance(shapes, bool) or not isinstance(shapes, (int, np.integer)) or shapes < 2:
-        raise OptionError(f"planar_beam: shapes = {value_text(shapes)}; it must be an integer >= 2")
-    check_nodes("planar_beam: shapes", shapes, 2 * (int(cells) + 1) * int(shapes), 10 * MOST_NODES)  # in all of them
-    pair = sequence_of("planar_beam: angle", angle, OptionError)
-    if len(pair) != 2:
-        raise OptionError(f"planar_beam: angle = {angle!r}; it must be two angles [rad], at the start and at the end")
-    full = 6 * np.pi / (cells + 2)
-    if full >= np.pi and None in pair:
-        raise OptionError(
-            f"planar_beam: angle = {angle!r}: {cells} cells close to no full circle, which takes 5 or more; give both "
-            "angles within (0, π)"
+
+    cells: int = 39
+    rod_length: float = float(np.sqrt(2.0))
+    height: float = 1.0
+    angle: tuple[float, float | None] = (float(np.radians(0.01)), None)
+    rod_mass: float = 1.0
+    stiffness: float = 2000.0
+    minimum_sum: float | None = 1960.0
+    minimum_cell_sum: float | None = None
+    duration: float = 60.0
+    shapes: int = 18
+    name: str = "planar_beam"
+
+    def __call__(self) -> Scene:
+        if (
+            isinstance(self.cells, bool)
+            or not isinstance(self.cells, (int, np.integer))
+            or self.cells < 3
+            or self.cells % 2 == 0
+        ):
+            raise OptionError(f"planar_beam: cells = {value_text(self.cells)}; it must be an odd number >= 3")
+        check_nodes("planar_beam: cells", self.cells, 2 * (int(self.cells) + 1))
+        positive("planar_beam: height", self.height, "m")
+        if not positive("planar_beam: rod_length", self.rod_length, "m") > self.height:
+            raise OptionError(
+                f"planar_beam: rod_length = {self.rod_length!r} m; it must exceed the height of {self.height!r} m"
+            )
+        if isinstance(self.shapes, bool) or not isinstance(self.shapes, (int, np.integer)) or self.shapes < 2:
+            raise OptionError(f"planar_beam: shapes = {value_text(self.shapes)}; it must be an integer >= 2")
+        check_nodes(
+            "planar_beam: shapes", self.shapes, 2 * (int(self.cells) + 1) * int(self.shapes), 10 * MOST_NODES
+        )  # in all of them
+        pair = sequence_of("planar_beam: angle", self.angle, OptionError)
+        if len(pair) != 2:
+            raise OptionError(
+                f"planar_beam: angle = {self.angle!r}; it must be two angles [rad], at the start and at the end"
+            )
+        full = 6 * np.pi / (self.cells + 2)
+        if full >= np.pi and None in pair:
+            raise OptionError(
+                f"planar_beam: angle = {self.angle!r}: {self.cells} cells close to no full circle, which takes 5 or "
+                "more; give both angles within (0, π)"
+            )
+        first, last = (positive("planar_beam: angle", full if value is None else value, "rad") for value in pair)
+        if first == last or max(first, last) >= np.pi:
+            raise OptionError(
+                f"planar_beam: angle = {self.angle!r}; it must be two different angles within (0, π), None for "
+                f"6π / {self.cells + 2}"
+            )
+        low, high = min(first, last), max(first, last)
+        parameters = chebyshev_points(low, high, self.shapes)
+        curve = [beam_nodes(float(value), self.cells, self.rod_length, self.height) for value in parameters]
+        positions = beam_nodes(first, self.cells, self.rod_length, self.height)
+        names = [f"n{i + 1}" for i in range(len(positions))]
+        free = Support.free(0.5, plane=PLANE)
+        rods = tuple(
+            Rod(f"rod{i + 1}", (names[2 * i], names[2 * i + 1]), self.rod_mass, 0.02, (SLIDER, HINGE, free)[min(i, 2)])
+            for i in range(self.cells + 1)
         )
-    first, last = (positive("planar_beam: angle", full if value is None else value, "rad") for value in pair)
-    if first == last or max(first, last) >= np.pi:
-        raise OptionError(
-            f"planar_beam: angle = {angle!r}; it must be two different angles within (0, π), None for 6π / {cells + 2}"
+        structure = Structure(
+            name=self.name,
+            nodes={key: (float(p[0]), float(p[1]), float(p[2])) for key, p in zip(names, positions, strict=True)},
+            rods=rods,
+            strings=tuple(
+                String(f"s{number + 1}", (names[i], names[j]), self.stiffness)
+                for number, (i, j) in enumerate(_string_pairs(self.cells))
+            ),
         )
-    low, high = min(first, last), max(first, last)
-    parameters = chebyshev_points(low, high, shapes)
-    curve = [beam_nodes(float(value), cells, rod_length, height) for value in parameters]
-    positions = beam_nodes(first, cells, rod_length, height)
-    names = [f"n{i + 1}" for i in range(len(positions))]
-    free = Support.free(0.5, plane=PLANE)
-    rods = tuple(
-        Rod(f"rod{i + 1}", (names[2 * i], names[2 * i + 1]), rod_mass, 0.02, (SLIDER, HINGE, free)[min(i, 2)])
-        for i in range(cells + 1)
-    )
-    structure = Structure(
-        name=name,
-        nodes={key: (float(p[0]), float(p[1]), float(p[2])) for key, p in zip(names, positions, strict=True)},
-        rods=rods,
-        strings=tuple(
-            String(f"s{number + 1}", (names[i], names[j]), stiffness)
-            for number, (i, j) in enumerate(_string_pairs(cells))
-        ),
-    )
-    sums: list[list[object]] = []
-    if minimum_sum is not None:
-        sums.append(["all", finite("planar_beam: minimum_sum", minimum_sum)])
-    if minimum_cell_sum is not None:
-        value = finite("planar_beam: minimum_cell_sum", minimum_cell_sum)
-        sums += [[list(strings), value] for strings in cell_strings(cells)]
-    return Scene(
-        structure,
-        name=name,
-        source=f"{THESIS}, section 4.6.2 and appendix B.2, pages 98-105",
-        target=Target.curve([0.0, duration], [first, last], parameters.tolist(), curve),
-        control=ControlSpec("feedback_linearization", {"sums": sums} if sums else {}),
-        duration=duration,
-    )
+        sums: list[list[object]] = []
+        if self.minimum_sum is not None:
+            sums.append(["all", finite("planar_beam: minimum_sum", self.minimum_sum)])
+        if self.minimum_cell_sum is not None:
+            value = finite("planar_beam: minimum_cell_sum", self.minimum_cell_sum)
+            sums += [[list(strings), value] for strings in cell_strings(self.cells)]
+        return Scene(
+            structure,
+            name=self.name,
+            source=f"{THESIS}, section 4.6.2 and appendix B.2, pages 98-105",
+            target=Target.curve([0.0, self.duration], [first, last], parameters.tolist(), curve),
+            control=ControlSpec("feedback_linearization", {"sums": sums} if sums else {}),
+            duration=self.duration,
+        )
+
+
+planar_beam = function_of(PlanarBeam)
 
 
 def _string_pairs(cells: int) -> list[tuple[int, int]]:

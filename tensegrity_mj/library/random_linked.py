@@ -5,10 +5,13 @@ structure = random_linked_structure(np.random.default_rng(7), rods=4, loops=1, p
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY, dataclass
+
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, whole
+from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.model.members import Rod, String, Support, Vector, null_space_basis
 from tensegrity_mj.model.structure import Structure
 
@@ -17,21 +20,11 @@ CLEAR = 0.15  # [m] between any two nodes
 ATTEMPTS = 1000
 
 
-def random_linked_structure(
-    rng: np.random.Generator,
-    *,
-    rods: int = 3,
-    loops: int = 0,
-    planar: bool = False,
-    pinned: bool = True,
-    strings: int = 3,
-    stretch: tuple[float, float] = (-0.1, 0.4),
-    stiffness: tuple[float, float] = (10.0, 50.0),
-    damping: tuple[float, float] = (0.0, 0.0),
-) -> Structure:
+@dataclass(frozen=True, eq=False)
+class RandomLinkedStructure:
     """A random tree of rods of 0.3 to 0.8 m and 0.2 to 2 kg, with rods that close loops, and strings.
 
-    Args:
+    Attributes:
         rods: of the tree, at least 1; their ends come in any sequence.
         loops: further rods between nodes of the tree that no rod joins; fewer where there are no such nodes, or where
             one more would leave the structure no motion but as a whole.
@@ -44,63 +37,84 @@ def random_linked_structure(
     Raises:
         OptionError: for less than one rod or string.
     """
-    check_nodes("random_linked_structure: rods", rods, whole("random_linked_structure: rods", rods, 1) + 2, MOST_FOUND)
-    whole("random_linked_structure: strings", strings, 1)
-    normal = _unit(rng.normal(size=3)) if planar else None
-    basis: Array = np.eye(3) if normal is None else null_space_basis(normal[None])
-    plane = None if normal is None else _vector(normal)
 
-    def towards() -> Array:
-        return np.asarray(basis @ _unit(np.asarray(rng.normal(size=basis.shape[1]))))
+    rng: np.random.Generator
+    _: KW_ONLY
+    rods: int = 3
+    loops: int = 0
+    planar: bool = False
+    pinned: bool = True
+    strings: int = 3
+    stretch: tuple[float, float] = (-0.1, 0.4)
+    stiffness: tuple[float, float] = (10.0, 50.0)
+    damping: tuple[float, float] = (0.0, 0.0)
 
-    places: list[Array] = [np.zeros(3)]
-    pairs: list[tuple[int, int]] = []
-    for _ in range(rods):
-        while True:
-            at = int(rng.integers(len(places)))
-            place = places[at] + rng.uniform(0.3, 0.8) * towards()
-            if all(np.linalg.norm(place - other) > CLEAR for other in places):
+    def __call__(self) -> Structure:
+        check_nodes(
+            "random_linked_structure: rods",
+            self.rods,
+            whole("random_linked_structure: rods", self.rods, 1) + 2,
+            MOST_FOUND,
+        )
+        whole("random_linked_structure: strings", self.strings, 1)
+        normal = _unit(self.rng.normal(size=3)) if self.planar else None
+        basis: Array = np.eye(3) if normal is None else null_space_basis(normal[None])
+        plane = None if normal is None else _vector(normal)
+
+        def towards() -> Array:
+            return np.asarray(basis @ _unit(np.asarray(self.rng.normal(size=basis.shape[1]))))
+
+        places: list[Array] = [np.zeros(3)]
+        pairs: list[tuple[int, int]] = []
+        for _ in range(self.rods):
+            while True:
+                at = int(self.rng.integers(len(places)))
+                place = places[at] + self.rng.uniform(0.3, 0.8) * towards()
+                if all(np.linalg.norm(place - other) > CLEAR for other in places):
+                    break
+            places.append(place)
+            pairs.append((at, len(places) - 1))
+        # Each rod of a loop takes one of the ways to move that a tree of n nodes has within itself: in the plane n - 2.
+        spare = max(0, (len(places) - 2 if self.planar else 2 * len(places) - 5) - 1)
+        left = [(i, j) for i in range(len(places)) for j in range(i + 1, len(places)) if (i, j) not in pairs]
+        chosen = [left[int(k)] for k in self.rng.permutation(len(left))[: min(self.loops, spare)]]
+        pairs += chosen
+        fixed = towards() * 1.5
+        for _ in range(ATTEMPTS):
+            if all(np.linalg.norm(fixed - place) > CLEAR for place in places):
                 break
-        places.append(place)
-        pairs.append((at, len(places) - 1))
-    # Each rod of a loop takes one of the ways to move that a tree of n nodes has within itself: in the plane n - 2.
-    spare = max(0, (len(places) - 2 if planar else 2 * len(places) - 5) - 1)
-    left = [(i, j) for i in range(len(places)) for j in range(i + 1, len(places)) if (i, j) not in pairs]
-    chosen = [left[int(k)] for k in rng.permutation(len(left))[: min(loops, spare)]]
-    pairs += chosen
-    fixed = towards() * 1.5
-    for _ in range(ATTEMPTS):
-        if all(np.linalg.norm(fixed - place) > CLEAR for place in places):
-            break
-        fixed = towards() * rng.uniform(1.0, 3.0)
-    members = []
-    for number, (i, j) in enumerate(pairs):
-        swapped = bool(rng.integers(2))
-        ends = (f"n{j}", f"n{i}") if swapped else (f"n{i}", f"n{j}")
-        support = Support.free(float(rng.uniform()), plane)
-        if number == 0 and pinned:
-            support = Support.pinned(float(swapped), plane)
-        members.append(Rod(f"r{number}", ends, float(rng.uniform(0.2, 2.0)), 0.005, support))
-    free = [pair for pair in left if pair not in chosen]
-    first = 1 if pinned else 0  # no string from one point that stands still to another
-    ties = [(f"n{i}", f"n{j}") for i, j in free] + [(FIXED, f"n{k}") for k in range(first, len(places))]
-    order = [ties[int(k)] for k in rng.permutation(len(ties))]
-    tied = next(pair for pair in order if FIXED in pair)  # one at least: a node must be used
-    order = [tied, *(pair for pair in order if pair != tied)]
-    nodes = {f"n{k}": place for k, place in enumerate(places)} | {FIXED: fixed}
-    cords = []
-    for number, (one, other) in enumerate(order[:strings]):
-        length = float(np.linalg.norm(nodes[one] - nodes[other]))
-        rest = length * (1 - float(rng.uniform(*stretch)))
-        k, c = float(rng.uniform(*stiffness)), float(rng.uniform(*damping))
-        cords.append(String(f"s{number}", (one, other), k, c, rest_length=rest))
-    return Structure(
-        "random linked",
-        {name: _vector(place) for name, place in nodes.items()},
-        tuple(members),
-        tuple(cords),
-        fixed_nodes=(FIXED,),
-    )
+            fixed = towards() * self.rng.uniform(1.0, 3.0)
+        members = []
+        for number, (i, j) in enumerate(pairs):
+            swapped = bool(self.rng.integers(2))
+            ends = (f"n{j}", f"n{i}") if swapped else (f"n{i}", f"n{j}")
+            support = Support.free(float(self.rng.uniform()), plane)
+            if number == 0 and self.pinned:
+                support = Support.pinned(float(swapped), plane)
+            members.append(Rod(f"r{number}", ends, float(self.rng.uniform(0.2, 2.0)), 0.005, support))
+        free = [pair for pair in left if pair not in chosen]
+        first = 1 if self.pinned else 0  # no string from one point that stands still to another
+        ties = [(f"n{i}", f"n{j}") for i, j in free] + [(FIXED, f"n{k}") for k in range(first, len(places))]
+        order = [ties[int(k)] for k in self.rng.permutation(len(ties))]
+        tied = next(pair for pair in order if FIXED in pair)  # one at least: a node must be used
+        order = [tied, *(pair for pair in order if pair != tied)]
+        nodes = {f"n{k}": place for k, place in enumerate(places)} | {FIXED: fixed}
+        cords = []
+        for number, (one, other) in enumerate(order[: self.strings]):
+            length = float(np.linalg.norm(nodes[one] - nodes[other]))
+            rest = length * (1 - float(self.rng.uniform(*self.stretch)))
+            k, c = float(self.rng.uniform(*self.stiffness)), float(self.rng.uniform(*self.damping))
+            cords.append(String(f"s{number}", (one, other), k, c, rest_length=rest))
+        return Structure(
+            "random linked",
+            {name: _vector(place) for name, place in nodes.items()},
+            tuple(members),
+            tuple(cords),
+            fixed_nodes=(FIXED,),
+        )
+
+
+random_linked_structure = function_of(RandomLinkedStructure)
 
 
 def _unit(vector: Array) -> Array:

@@ -10,12 +10,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, whole
+from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.model.events import ControlSpec, Load
 from tensegrity_mj.model.members import PointMass, Rod, String, Support, null_space_basis
 from tensegrity_mj.model.moved_supports import velocities_with_supports
@@ -27,26 +28,11 @@ from tensegrity_mj.model.target import Target
 SUPPORTS = ("free", "pinned", "constrained")
 
 
-def random_structure(
-    rng: np.random.Generator,
-    *,
-    rods: int = 3,
-    support: str | Sequence[str] = SUPPORTS,
-    planar: bool = False,
-    own_planes: float = 0.0,
-    strings: int | None = None,
-    stretch: tuple[float, float] = (-0.1, 0.4),
-    fixed_nodes: int = 1,
-    point_masses: int = 0,
-    stiffness: tuple[float, float] = (10.0, 50.0),
-    damping: tuple[float, float] = (0.0, 0.0),
-    law: StringLaw = StringLaw.CLIPPED,
-    sigma: float | None = None,
-    size: float = 1.0,
-) -> Structure:
+@dataclass(frozen=True, eq=False)
+class RandomStructure:
     """A random structure of about 1 kg and 1 m a rod.
 
-    Args:
+    Attributes:
         rods: how many; 0 needs point masses.
         support: "free", "pinned" or "constrained", or several to draw from for each rod. Constrained ones get
             one or two random oblique directions.
@@ -63,91 +49,109 @@ def random_structure(
     Raises:
         OptionError: for numbers of members that are none, or too many.
     """
-    for what, number in (("rods", rods), ("fixed_nodes", fixed_nodes), ("point_masses", point_masses)):
-        whole(f"random_structure: {what}", number, 0)
-    counts = (rods, fixed_nodes, point_masses)
-    check_nodes(
-        "random_structure: (rods, fixed_nodes, point_masses)", counts, 2 * rods + fixed_nodes + point_masses, MOST_FOUND
-    )
-    normal = _unit(rng.normal(size=3)) if planar else None
-    basis = np.eye(3) if normal is None else null_space_basis(normal[None])
-    origin = size * rng.uniform(-1, 1, 3)
-    plane = None if normal is None else (float(normal[0]), float(normal[1]), float(normal[2]))
-    positions: dict[str, Array] = {}
 
-    def place(near: Array | None = None) -> Array:
-        """A point 0.6 to 1.4 sizes from another one, or anywhere in a box that has room for all of them."""
-        if near is None:
-            half = (2 * rods + fixed_nodes + point_masses) ** (1 / basis.shape[1])
-            return origin + basis @ (0.5 * size * half * rng.uniform(-1, 1, basis.shape[1]))
-        distance = size * rng.uniform(0.6, 1.4)
-        return np.asarray(near + distance * (basis @ _unit(rng.normal(size=(basis.shape[1],)))))
+    rng: np.random.Generator
+    _: KW_ONLY
+    rods: int = 3
+    support: str | Sequence[str] = SUPPORTS
+    planar: bool = False
+    own_planes: float = 0.0
+    strings: int | None = None
+    stretch: tuple[float, float] = (-0.1, 0.4)
+    fixed_nodes: int = 1
+    point_masses: int = 0
+    stiffness: tuple[float, float] = (10.0, 50.0)
+    damping: tuple[float, float] = (0.0, 0.0)
+    law: StringLaw = StringLaw.CLIPPED
+    sigma: float | None = None
+    size: float = 1.0
 
-    def is_clear(points: list[Array]) -> bool:
-        return all(np.linalg.norm(p - q) > 0.2 * size for p in points for q in positions.values())
+    def __call__(self) -> Structure:
+        for what, number in (
+            ("rods", self.rods),
+            ("fixed_nodes", self.fixed_nodes),
+            ("point_masses", self.point_masses),
+        ):
+            whole(f"random_structure: {what}", number, 0)
+        counts = (self.rods, self.fixed_nodes, self.point_masses)
+        check_nodes(
+            "random_structure: (rods, fixed_nodes, point_masses)",
+            counts,
+            2 * self.rods + self.fixed_nodes + self.point_masses,
+            MOST_FOUND,
+        )
+        normal = _unit(self.rng.normal(size=3)) if self.planar else None
+        basis = np.eye(3) if normal is None else null_space_basis(normal[None])
+        origin = self.size * self.rng.uniform(-1, 1, 3)
+        plane = None if normal is None else (float(normal[0]), float(normal[1]), float(normal[2]))
+        positions: dict[str, Array] = {}
 
-    members = []
-    kinds = [support] if isinstance(support, str) else list(support)
-    for number in range(rods):
-        i, j = f"a{number + 1}", f"b{number + 1}"
-        ends = [(first := place()), place(first)]
-        while not is_clear(ends):
+        def place(near: Array | None = None) -> Array:
+            """A point 0.6 to 1.4 sizes from another one, or anywhere in a box that has room for all of them."""
+            if near is None:
+                half = (2 * self.rods + self.fixed_nodes + self.point_masses) ** (1 / basis.shape[1])
+                return origin + basis @ (0.5 * self.size * half * self.rng.uniform(-1, 1, basis.shape[1]))
+            distance = self.size * self.rng.uniform(0.6, 1.4)
+            return np.asarray(near + distance * (basis @ _unit(self.rng.normal(size=(basis.shape[1],)))))
+
+        def is_clear(points: list[Array]) -> bool:
+            return all(np.linalg.norm(p - q) > 0.2 * self.size for p in points for q in positions.values())
+
+        members = []
+        kinds = [self.support] if isinstance(self.support, str) else list(self.support)
+        for number in range(self.rods):
+            i, j = f"a{number + 1}", f"b{number + 1}"
             ends = [(first := place()), place(first)]
-        positions[i], positions[j] = ends
-        own = _unit(np.cross(ends[1] - ends[0], rng.normal(size=3)))
-        turning = (float(own[0]), float(own[1]), float(own[2])) if rng.uniform() < own_planes else None
-        where = float(rng.choice([0.0, 1.0, 0.5, rng.uniform()])) if sigma is None else sigma
-        held = _random_support(rng, str(rng.choice(kinds)), where, plane or turning)
-        members.append(Rod(f"rod {number + 1}", (i, j), float(rng.uniform(0.5, 2.0)), 0.01 * size, held))
-    anchors = [f"f{number + 1}" for number in range(fixed_nodes)]
-    masses = [f"m{number + 1}" for number in range(point_masses)]
-    for name in anchors + masses:
-        point = place()
-        while not is_clear([point]):
+            while not is_clear(ends):
+                ends = [(first := place()), place(first)]
+            positions[i], positions[j] = ends
+            own = _unit(np.cross(ends[1] - ends[0], self.rng.normal(size=3)))
+            turning = (float(own[0]), float(own[1]), float(own[2])) if self.rng.uniform() < self.own_planes else None
+            where = float(self.rng.choice([0.0, 1.0, 0.5, self.rng.uniform()])) if self.sigma is None else self.sigma
+            held = _random_support(self.rng, str(self.rng.choice(kinds)), where, plane or turning)
+            members.append(Rod(f"rod {number + 1}", (i, j), float(self.rng.uniform(0.5, 2.0)), 0.01 * self.size, held))
+        anchors = [f"f{number + 1}" for number in range(self.fixed_nodes)]
+        masses = [f"m{number + 1}" for number in range(self.point_masses)]
+        for name in anchors + masses:
             point = place()
-        positions[name] = point
+            while not is_clear([point]):
+                point = place()
+            positions[name] = point
 
-    pairs = _random_pairs(rng, list(positions), rods, anchors, masses, strings)
-    cords = []
-    for number, (i, j) in enumerate(pairs):
-        k, c = float(rng.uniform(*stiffness)), float(rng.uniform(*damping))
-        length = float(np.linalg.norm(positions[j] - positions[i]))
-        part = float(rng.uniform(*stretch))
-        name = f"s{number + 1}"
-        # Every way to state the prestress that can: force density and tension are never negative.
-        way = int(rng.integers(3)) if part >= 0 else 0
-        if way == 0:
-            cords.append(String(name, (i, j), k, c, rest_length=length * (1 - part)))
-        elif way == 1:
-            cords.append(String(name, (i, j), k, c, tension=k * length * part))
-        else:
-            cords.append(String(name, (i, j), k, c, force_density=k * part))
-    return Structure(
-        name="random",
-        nodes={name: (float(p[0]), float(p[1]), float(p[2])) for name, p in positions.items()},
-        rods=tuple(members),
-        strings=tuple(cords),
-        fixed_nodes=tuple(anchors),
-        point_masses=tuple(PointMass(name, float(rng.uniform(0.2, 1.0)), plane) for name in masses),
-        string_law=law,
-    )
+        pairs = _random_pairs(self.rng, list(positions), self.rods, anchors, masses, self.strings)
+        cords = []
+        for number, (i, j) in enumerate(pairs):
+            k, c = float(self.rng.uniform(*self.stiffness)), float(self.rng.uniform(*self.damping))
+            length = float(np.linalg.norm(positions[j] - positions[i]))
+            part = float(self.rng.uniform(*self.stretch))
+            name = f"s{number + 1}"
+            # Every way to state the prestress that can: force density and tension are never negative.
+            way = int(self.rng.integers(3)) if part >= 0 else 0
+            if way == 0:
+                cords.append(String(name, (i, j), k, c, rest_length=length * (1 - part)))
+            elif way == 1:
+                cords.append(String(name, (i, j), k, c, tension=k * length * part))
+            else:
+                cords.append(String(name, (i, j), k, c, force_density=k * part))
+        return Structure(
+            name="random",
+            nodes={name: (float(p[0]), float(p[1]), float(p[2])) for name, p in positions.items()},
+            rods=tuple(members),
+            strings=tuple(cords),
+            fixed_nodes=tuple(anchors),
+            point_masses=tuple(PointMass(name, float(self.rng.uniform(0.2, 1.0)), plane) for name in masses),
+            string_law=self.law,
+        )
 
 
-def random_scene(
-    rng: np.random.Generator,
-    structure: Structure,
-    *,
-    displaced: float = 0.0,
-    moving: float = 0.0,
-    gravity: bool = False,
-    loads: int = 0,
-    waypoints: int = 0,
-    control: bool = False,
-    duration: float = 1.0,
-) -> Scene:
+random_structure = function_of(RandomStructure)
+
+
+@dataclass(frozen=True, eq=False)
+class RandomScene:
     """A random experiment with a structure.
 
-    Args:
+    Attributes:
         displaced: how far the start is from the reference [m and rad]; 0 starts there.
         moving: how fast it starts [m/s and rad/s].
         gravity: 9.81 m/s² in a random direction.
@@ -155,30 +159,53 @@ def random_scene(
         waypoints: of the target; 0 for no target, 1 for a set-point.
         control: whether to name a control law.
     """
-    nodes = random_configuration(rng, structure, displaced) if displaced else None
-    start = structure.positions if nodes is None else nodes
-    targets = [random_configuration(rng, structure, 0.3) for _ in range(waypoints)]
-    times = np.cumsum(rng.uniform(0.2, 1.0, waypoints))
-    names = structure.node_names
-    return Scene(
-        structure=structure,
-        name="random scene",
-        source="drawn by chance",
-        gravity=tuple(9.81 * _unit(rng.normal(size=3))) if gravity else (0.0, 0.0, 0.0),
-        initial_nodes=nodes,
-        initial_velocities=random_velocities(rng, structure, start, moving) if moving else None,
-        loads=tuple(
-            Load(str(rng.choice(names)), tuple(rng.normal(size=3)), float(rng.uniform(0, 5)), float(rng.uniform(-3, 3)))
-            for _ in range(loads)
-        ),
-        target=None
-        if waypoints == 0
-        else Target.path(times.tolist(), targets)
-        if waypoints > 1
-        else Target.set_point(targets[0]),
-        control=ControlSpec("lyapunov", {"decay_rate": float(rng.uniform(0.1, 1)), "norm": 2}) if control else None,
-        duration=duration,
-    )
+
+    rng: np.random.Generator
+    structure: Structure
+    _: KW_ONLY
+    displaced: float = 0.0
+    moving: float = 0.0
+    gravity: bool = False
+    loads: int = 0
+    waypoints: int = 0
+    control: bool = False
+    duration: float = 1.0
+
+    def __call__(self) -> Scene:
+        nodes = random_configuration(self.rng, self.structure, self.displaced) if self.displaced else None
+        start = self.structure.positions if nodes is None else nodes
+        targets = [random_configuration(self.rng, self.structure, 0.3) for _ in range(self.waypoints)]
+        times = np.cumsum(self.rng.uniform(0.2, 1.0, self.waypoints))
+        names = self.structure.node_names
+        return Scene(
+            structure=self.structure,
+            name="random scene",
+            source="drawn by chance",
+            gravity=tuple(9.81 * _unit(self.rng.normal(size=3))) if self.gravity else (0.0, 0.0, 0.0),
+            initial_nodes=nodes,
+            initial_velocities=random_velocities(self.rng, self.structure, start, self.moving) if self.moving else None,
+            loads=tuple(
+                Load(
+                    str(self.rng.choice(names)),
+                    tuple(self.rng.normal(size=3)),
+                    float(self.rng.uniform(0, 5)),
+                    float(self.rng.uniform(-3, 3)),
+                )
+                for _ in range(self.loads)
+            ),
+            target=None
+            if self.waypoints == 0
+            else Target.path(times.tolist(), targets)
+            if self.waypoints > 1
+            else Target.set_point(targets[0]),
+            control=ControlSpec("lyapunov", {"decay_rate": float(self.rng.uniform(0.1, 1)), "norm": 2})
+            if self.control
+            else None,
+            duration=self.duration,
+        )
+
+
+random_scene = function_of(RandomScene)
 
 
 def random_configuration(rng: np.random.Generator, structure: Structure, amount: float) -> Array:

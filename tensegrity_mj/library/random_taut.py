@@ -10,11 +10,14 @@ itself, so that the equilibrium stays stable. The nodes there are the structure'
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY, dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, positive, whole
+from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.members import Support
 from tensegrity_mj.model.scene import Scene
@@ -32,21 +35,11 @@ ANCHOR_PULL = 3.0  # how much stronger than the others strings to fixed nodes pu
 BALANCED = 1e-13  # of the largest force
 
 
-def random_taut_structure(
-    rng: np.random.Generator,
-    *,
-    rods: int = 3,
-    planar: bool = False,
-    pinned: float = 0.3,
-    stiffness: float = 1000.0,
-    prestrain: tuple[float, float] = (1e-3, 1e-1),
-    mass_ratio: float = 4.0,
-    damping_ratio: tuple[float, float] = (0.0, 0.0),
-    size: float = 1.0,
-) -> Structure:
+@dataclass(frozen=True, eq=False)
+class RandomTautStructure:
     """A random class 1 structure whose strings are all taut at its reference nodes, in a stable equilibrium.
 
-    Args:
+    Attributes:
         rods: how many.
         planar: everything lies and moves in the plane z = 0.
         pinned: the part of the rods that turn about one of their ends, which is fixed.
@@ -60,42 +53,62 @@ def random_taut_structure(
         OptionError: for options out of range.
         InfeasibleError: if no attempt ends in a stable equilibrium without very short strings (not seen so far).
     """
-    check_nodes("random_taut_structure: rods", rods, 2 * whole("random_taut_structure: rods", rods, 1), MOST_FOUND)
-    low, high = prestrain
-    if not 0 < low <= high < 1:
-        raise OptionError(f"prestrain = {prestrain!r}; it must be a range within (0, 1)")
-    if not mass_ratio >= 1 or not 0 <= damping_ratio[0] <= damping_ratio[1]:
-        raise OptionError(f"mass_ratio = {mass_ratio!r} and damping_ratio = {damping_ratio!r}: >= 1, and a range >= 0")
-    positive("stiffness", stiffness, "N/m")
-    positive("size", size, "m")
-    for _ in range(ATTEMPTS):
-        found = _drawn(rng, rods, planar, pinned, size)
-        if found is None:
-            continue
-        net, nodes, u = found
-        k = u / np.exp(rng.uniform(np.log(low), np.log(high), len(u)))
-        scale = stiffness / float(np.median(k))
-        masses = np.exp(rng.uniform(-0.5, 0.5, rods) * np.log(mass_ratio))
-        if rods > 1 and mass_ratio > 1:  # the two that make the ratio
-            masses[:2] = mass_ratio**0.5, mass_ratio**-0.5
-        at_ends = np.append(np.repeat(0.25 * masses, 2), np.zeros(len(nodes) - 2 * rods))
-        pairs = net.string_nodes
-        mass = at_ends[pairs].sum(axis=1) / np.maximum(1, (at_ends[pairs] > 0).sum(axis=1))
-        zeta = rng.uniform(*damping_ratio, len(u))
-        return Structure.from_arrays(
-            nodes,
-            net.rod_nodes,
-            pairs,
-            rod_mass=masses,
-            stiffness=scale * k,
-            damping=2 * zeta * np.sqrt(scale * k * mass),
-            force_density=scale * u,
-            rod_radius=0.01 * size,
-            supports=[rod.support for rod in net.rods],
-            fixed_nodes=range(2 * rods, len(nodes)),
-            name="random taut",
+
+    rng: np.random.Generator
+    _: KW_ONLY
+    rods: int = 3
+    planar: bool = False
+    pinned: float = 0.3
+    stiffness: float = 1000.0
+    prestrain: tuple[float, float] = (1e-3, 1e-1)
+    mass_ratio: float = 4.0
+    damping_ratio: tuple[float, float] = (0.0, 0.0)
+    size: float = 1.0
+
+    def __call__(self) -> Structure:
+        check_nodes(
+            "random_taut_structure: rods", self.rods, 2 * whole("random_taut_structure: rods", self.rods, 1), MOST_FOUND
         )
-    raise InfeasibleError(f"{ATTEMPTS} attempts gave no stable structure of {rods} rods; use another seed")
+        low, high = self.prestrain
+        if not 0 < low <= high < 1:
+            raise OptionError(f"prestrain = {self.prestrain!r}; it must be a range within (0, 1)")
+        if not self.mass_ratio >= 1 or not 0 <= self.damping_ratio[0] <= self.damping_ratio[1]:
+            raise OptionError(
+                f"mass_ratio = {self.mass_ratio!r} and damping_ratio = {self.damping_ratio!r}: >= 1, and a range >= 0"
+            )
+        positive("stiffness", self.stiffness, "N/m")
+        positive("size", self.size, "m")
+        for _ in range(ATTEMPTS):
+            found = _drawn(self.rng, self.rods, self.planar, self.pinned, self.size)
+            if found is None:
+                continue
+            net, nodes, u = found
+            k = u / np.exp(self.rng.uniform(np.log(low), np.log(high), len(u)))
+            scale = self.stiffness / float(np.median(k))
+            masses = np.exp(self.rng.uniform(-0.5, 0.5, self.rods) * np.log(self.mass_ratio))
+            if self.rods > 1 and self.mass_ratio > 1:  # the two that make the ratio
+                masses[:2] = self.mass_ratio**0.5, self.mass_ratio**-0.5
+            at_ends = np.append(np.repeat(0.25 * masses, 2), np.zeros(len(nodes) - 2 * self.rods))
+            pairs = net.string_nodes
+            mass = at_ends[pairs].sum(axis=1) / np.maximum(1, (at_ends[pairs] > 0).sum(axis=1))
+            zeta = self.rng.uniform(*self.damping_ratio, len(u))
+            return Structure.from_arrays(
+                nodes,
+                net.rod_nodes,
+                pairs,
+                rod_mass=masses,
+                stiffness=scale * k,
+                damping=2 * zeta * np.sqrt(scale * k * mass),
+                force_density=scale * u,
+                rod_radius=0.01 * self.size,
+                supports=[rod.support for rod in net.rods],
+                fixed_nodes=range(2 * self.rods, len(nodes)),
+                name="random taut",
+            )
+        raise InfeasibleError(f"{ATTEMPTS} attempts gave no stable structure of {self.rods} rods; use another seed")
+
+
+random_taut_structure = function_of(RandomTautStructure)
 
 
 def _drawn(

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, finite, positive, whole
+from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cable import GRAVITY, ROPE_LENGTH, ROPE_RADIUS, RopeMass
 from tensegrity_mj.library.cross import THESIS
@@ -40,24 +42,13 @@ def catenary(span: float, rise: float, length: float, elements: int) -> Array:
     return nodes
 
 
-def suspended_cable(
-    elements: int = 22,
-    *,
-    span: float = 2.0,
-    rise: float = 0.0,
-    length: float = ROPE_LENGTH,
-    mass: float = RopeMass.TABLE.kilograms,
-    amplitude: float = 0.03,
-    frequency: float = 0.6,
-    gravity: float = GRAVITY,
-    duration: float = 10.0,
-    name: str = "suspended_cable",
-) -> Scene:
+@dataclass(frozen=True, eq=False)
+class SuspendedCable:
     """A chain of equal rods between two supports, at the start where it hangs; the right support moves to and fro.
 
     The left support is the origin, the right one at (span, 0, rise); it moves along x by amplitude · sin(2πft).
 
-    Args:
+    Attributes:
         elements: rods, 3 or more.
         span, rise: of the right support [m].
         length, mass: of the cable [m], [kg].
@@ -70,42 +61,67 @@ def suspended_cable(
     Raises:
         OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such scene.
     """
-    count = whole("suspended_cable: elements", elements, 3)
-    check_nodes("suspended_cable: elements", elements, count + 1, MOST_FOUND)
-    total = positive("suspended_cable: length", length, "m")
-    reach = positive("suspended_cable: span", span, "m")
-    height = finite("suspended_cable: rise", rise, " [m]")
-    size = finite("suspended_cable: amplitude", amplitude, " [m]")
-    positive("suspended_cable: mass", mass, "kg")
-    if size < 0:
-        raise OptionError(f"suspended_cable: amplitude = {amplitude!r} m; it must be >= 0 m")
-    farthest = math.hypot(reach + size, height)
-    if not farthest < total:
-        raise OptionError(
-            f"suspended_cable: length = {length!r} m; it must exceed the {farthest:.6g} m that the supports come to be "
-            "apart"
+
+    elements: int = 22
+    _: KW_ONLY
+    span: float = 2.0
+    rise: float = 0.0
+    length: float = ROPE_LENGTH
+    mass: float = RopeMass.TABLE.kilograms
+    amplitude: float = 0.03
+    frequency: float = 0.6
+    gravity: float = GRAVITY
+    duration: float = 10.0
+    name: str = "suspended_cable"
+
+    def __call__(self) -> Scene:
+        count = whole("suspended_cable: elements", self.elements, 3)
+        check_nodes("suspended_cable: elements", self.elements, count + 1, MOST_FOUND)
+        total = positive("suspended_cable: length", self.length, "m")
+        reach = positive("suspended_cable: span", self.span, "m")
+        height = finite("suspended_cable: rise", self.rise, " [m]")
+        size = finite("suspended_cable: amplitude", self.amplitude, " [m]")
+        positive("suspended_cable: mass", self.mass, "kg")
+        if size < 0:
+            raise OptionError(f"suspended_cable: amplitude = {self.amplitude!r} m; it must be >= 0 m")
+        farthest = math.hypot(reach + size, height)
+        if not farthest < total:
+            raise OptionError(
+                f"suspended_cable: length = {self.length!r} m; it must exceed the {farthest:.6g} m that the supports "
+                "come to be apart"
+            )
+        guess = catenary(reach, height, total, count)
+        pairs = [(k, k + 1) for k in range(count)]
+        shape = hang(
+            guess, pairs, np.full(count, total / count), np.full(count, self.mass / count), (0, count), self.gravity
         )
-    guess = catenary(reach, height, total, count)
-    pairs = [(k, k + 1) for k in range(count)]
-    shape = hang(guess, pairs, np.full(count, total / count), np.full(count, mass / count), (0, count), gravity)
-    motions: tuple[Motion, ...] = ()
-    if size:
-        hertz = positive("suspended_cable: frequency", frequency, "Hz")
-        motions = (Motion.in_line(f"rod{count}", size, hertz, (1.0, 0.0, 0.0)),)
-    held = {0: Support.pinned(0.0), count - 1: Support.pinned(1.0)}
-    structure = Structure(
-        name=name,
-        nodes={f"n{k}": (float(x), 0.0, float(z)) for k, (x, _, z) in enumerate(shape.nodes)},
-        rods=tuple(
-            Rod(f"rod{k + 1}", (f"n{k}", f"n{k + 1}"), mass / count, ROPE_RADIUS, held.get(k, Support.free(0.0)))
-            for k in range(count)
-        ),
-    )
-    return Scene(
-        structure,
-        name=name,
-        source=f"our own; the rope of {THESIS}, section 3.3, pages 66-69",
-        gravity=(0.0, 0.0, -gravity),
-        motions=motions,
-        duration=duration,
-    )
+        motions: tuple[Motion, ...] = ()
+        if size:
+            hertz = positive("suspended_cable: frequency", self.frequency, "Hz")
+            motions = (Motion.in_line(f"rod{count}", size, hertz, (1.0, 0.0, 0.0)),)
+        held = {0: Support.pinned(0.0), count - 1: Support.pinned(1.0)}
+        structure = Structure(
+            name=self.name,
+            nodes={f"n{k}": (float(x), 0.0, float(z)) for k, (x, _, z) in enumerate(shape.nodes)},
+            rods=tuple(
+                Rod(
+                    f"rod{k + 1}",
+                    (f"n{k}", f"n{k + 1}"),
+                    self.mass / count,
+                    ROPE_RADIUS,
+                    held.get(k, Support.free(0.0)),
+                )
+                for k in range(count)
+            ),
+        )
+        return Scene(
+            structure,
+            name=self.name,
+            source=f"our own; the rope of {THESIS}, section 3.3, pages 66-69",
+            gravity=(0.0, 0.0, -self.gravity),
+            motions=motions,
+            duration=self.duration,
+        )
+
+
+suspended_cable = function_of(SuspendedCable)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
 from tensegrity_mj.basics.checks import finite
+from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import THESIS
 from tensegrity_mj.library.tower import Topology, base_nodes, middle_nodes, released, top_nodes, tower
@@ -54,24 +55,13 @@ TABLE_C2 = {
 CORRECTED_STIFFNESS = {"TB6": 1600e3, "TB7": 2000e3}
 
 
-def chapter7_tower(
-    stiffness: float = STIFFNESSES[0],
-    prestress_measure: float = PRESTRESS_MEASURES[0],
-    *,
-    topology: Topology = Topology.FULL,
-    radius: float | None = None,
-    damping: float = 0.0,
-    pluck: float = 0.0,
-    origin: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    form_found: bool = True,
-    duration: float = 5.0,
-    name: str = "chapter7_tower",
-) -> Scene:
+@dataclass(frozen=True, eq=False)
+class Chapter7Tower:
     """The beam of §7.2.3: 15 stages that lean the same way, along x, free, of aluminium tubes of 1.22 m.
 
     The thesis leaves open which strings there are (it counts 180; the full topology has 219) and how wide a stage is.
 
-    Args:
+    Attributes:
         stiffness: of every string [N/m]; 10, 20 and 30 kN/m in the study.
         prestress_measure: L - L0 of every string before form-finding [m]; 0.10, 0.15 and 0.20 m in the study.
         topology: which diagonals.
@@ -87,42 +77,48 @@ def chapter7_tower(
     Raises:
         OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such tower.
     """
-    force = _pluck("chapter7_tower", pluck, form_found)
-    scene = tower(
-        CHAPTER7_STAGES,
-        topology=topology,
-        radius=radius,
-        stiffness=stiffness,
-        damping=damping,
-        prestress_measure=prestress_measure,
-        origin=origin,
-        form_found=form_found,
-        duration=duration,
-        name=name,
-    ).with_(source=f"{THESIS}, section 7.2.3, pages 154-157")
-    if not force:
-        return scene
-    ends = base_nodes() + top_nodes(CHAPTER7_STAGES)
-    pulls = [(key, force / 6) for key in middle_nodes(CHAPTER7_STAGES)] + [(key, -force / 6) for key in ends]
-    return released(scene, [Load(key, (0.0, 0.0, value)) for key, value in pulls])
+
+    stiffness: float = STIFFNESSES[0]
+    prestress_measure: float = PRESTRESS_MEASURES[0]
+    _: KW_ONLY
+    topology: Topology = Topology.FULL
+    radius: float | None = None
+    damping: float = 0.0
+    pluck: float = 0.0
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    form_found: bool = True
+    duration: float = 5.0
+    name: str = "chapter7_tower"
+
+    def __call__(self) -> Scene:
+        force = _pluck("chapter7_tower", self.pluck, self.form_found)
+        scene = tower(
+            CHAPTER7_STAGES,
+            topology=self.topology,
+            radius=self.radius,
+            stiffness=self.stiffness,
+            damping=self.damping,
+            prestress_measure=self.prestress_measure,
+            origin=self.origin,
+            form_found=self.form_found,
+            duration=self.duration,
+            name=self.name,
+        ).with_(source=f"{THESIS}, section 7.2.3, pages 154-157")
+        if not force:
+            return scene
+        ends = base_nodes() + top_nodes(CHAPTER7_STAGES)
+        pulls = [(key, force / 6) for key in middle_nodes(CHAPTER7_STAGES)] + [(key, -force / 6) for key in ends]
+        return released(scene, [Load(key, (0.0, 0.0, value)) for key, value in pulls])
 
 
-def appendix_beam(
-    which: str = "TB1",
-    *,
-    corrected: bool = False,
-    stiffness: float | None = None,
-    damping: float = 0.0,
-    mirrored: bool = False,
-    pinned_base: bool = False,
-    pluck: float = 0.0,
-    form_found: bool = True,
-    duration: float = 5.0,
-    name: str = "",
-) -> Scene:
+chapter7_tower = function_of(Chapter7Tower)
+
+
+@dataclass(frozen=True, eq=False)
+class AppendixBeam:
     """A beam of appendix C.1: 30 stages that lean to and fro, along x, of steel tubes of √2 m, form-found free.
 
-    Args:
+    Attributes:
         which: "TB1" to "TB7", a row of Table C.2.
         corrected: about 1600 and 2000 kN/m for TB6 and TB7, whose printed 1200 kN/m contradict the rest of the table.
         stiffness: of every string [N/m] instead of the table's.
@@ -138,38 +134,56 @@ def appendix_beam(
     Raises:
         OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such beam.
     """
-    if not isinstance(which, str) or which not in TABLE_C2:
-        raise OptionError(f"appendix_beam: which = {which!r}; allowed: {', '.join(TABLE_C2)}")
-    if not isinstance(corrected, (bool, np.bool_)):
-        raise OptionError(f"appendix_beam: corrected = {corrected!r}; it must be True or False")
-    force = _pluck("appendix_beam", pluck, form_found)
-    if force and not pinned_base:
-        raise OptionError(f"appendix_beam: pluck = {pluck!r} N pulls a free beam away; give pinned_base=True")
-    row = TABLE_C2[which]
-    if stiffness is None:
-        stiffness = CORRECTED_STIFFNESS.get(which, row.stiffness) if corrected else row.stiffness
-    scene = tower(
-        APPENDIX_STAGES,
-        radius=1 / np.sqrt(3.0),  # triangles with sides of one metre
-        height=1.0,
-        alternating=True,
-        mirrored=mirrored,
-        stiffness=stiffness,
-        damping=damping,
-        tension=row.tension,
-        outer_diameter=2 * TUBE_RADIUS,
-        inner_diameter=2 * (TUBE_RADIUS - TUBE_WALL),
-        density=TUBE_DENSITY,
-        elasticity_modulus=TUBE_MODULUS,
-        yield_stress=TUBE_YIELD,
-        pinned_base=pinned_base,
-        form_found=form_found,
-        duration=duration,
-        name=name or which,
-    ).with_(source=f"{THESIS}, appendix C.1, pages 185-194")
-    if not force:
-        return scene
-    return released(scene, [Load(key, (0.0, 0.0, -force / 3)) for key in top_nodes(APPENDIX_STAGES)])
+
+    which: str = "TB1"
+    _: KW_ONLY
+    corrected: bool = False
+    stiffness: float | None = None
+    damping: float = 0.0
+    mirrored: bool = False
+    pinned_base: bool = False
+    pluck: float = 0.0
+    form_found: bool = True
+    duration: float = 5.0
+    name: str = ""
+
+    def __call__(self) -> Scene:
+        if not isinstance(self.which, str) or self.which not in TABLE_C2:
+            raise OptionError(f"appendix_beam: which = {self.which!r}; allowed: {', '.join(TABLE_C2)}")
+        if not isinstance(self.corrected, (bool, np.bool_)):
+            raise OptionError(f"appendix_beam: corrected = {self.corrected!r}; it must be True or False")
+        force = _pluck("appendix_beam", self.pluck, self.form_found)
+        if force and not self.pinned_base:
+            raise OptionError(f"appendix_beam: pluck = {self.pluck!r} N pulls a free beam away; give pinned_base=True")
+        row = TABLE_C2[self.which]
+        stiffness = self.stiffness
+        if stiffness is None:
+            stiffness = CORRECTED_STIFFNESS.get(self.which, row.stiffness) if self.corrected else row.stiffness
+        scene = tower(
+            APPENDIX_STAGES,
+            radius=1 / np.sqrt(3.0),  # triangles with sides of one metre
+            height=1.0,
+            alternating=True,
+            mirrored=self.mirrored,
+            stiffness=stiffness,
+            damping=self.damping,
+            tension=row.tension,
+            outer_diameter=2 * TUBE_RADIUS,
+            inner_diameter=2 * (TUBE_RADIUS - TUBE_WALL),
+            density=TUBE_DENSITY,
+            elasticity_modulus=TUBE_MODULUS,
+            yield_stress=TUBE_YIELD,
+            pinned_base=self.pinned_base,
+            form_found=self.form_found,
+            duration=self.duration,
+            name=self.name or self.which,
+        ).with_(source=f"{THESIS}, appendix C.1, pages 185-194")
+        if not force:
+            return scene
+        return released(scene, [Load(key, (0.0, 0.0, -force / 3)) for key in top_nodes(APPENDIX_STAGES)])
+
+
+appendix_beam = function_of(AppendixBeam)
 
 
 def _pluck(what: str, value: float, form_found: bool) -> float:

@@ -17,13 +17,14 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import MOST_FOUND, MOST_NODES, check_nodes, finite, member, positive, real_array, whole
+from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import THESIS
 from tensegrity_mj.model.events import Load
@@ -53,38 +54,14 @@ class Axis(enum.Enum):
     Z = "z"  # standing
 
 
-def tower(
-    stages: int,
-    *,
-    rod_length: float | None = None,
-    radius: float | None = None,
-    height: float | None = None,
-    topology: Topology = Topology.FULL,
-    alternating: bool = False,
-    mirrored: bool = False,
-    stiffness: float = 1e4,
-    damping: float = 0.0,
-    prestress_measure: float | None = None,
-    tension: float | None = None,
-    outer_diameter: float = 0.10,
-    inner_diameter: float = 0.09,
-    density: float = 2700.0,
-    elasticity_modulus: float = 70e9,
-    yield_stress: float | None = None,
-    axis: Axis = Axis.X,
-    origin: Vector = (0.0, 0.0, 0.0),
-    pinned_base: bool = False,
-    form_found: bool = True,
-    gravity: float = 0.0,
-    duration: float = 5.0,
-    name: str = "tower",
-) -> Scene:
+@dataclass(frozen=True, eq=False)
+class Tower:
     """A tower of `stages` prisms at rest; the defaults are the aluminium tubes and softest strings of §7.2.3.
 
     A stage is ℓ long along its rods, H high and R wide, ℓ² = H² + 3 R²; at most two of them are given. With ℓ alone
     R = ℓ/√6, H = ℓ/√2: appendix C's prism, whose triangles have sides as long as it is high.
 
-    Args:
+    Attributes:
         stages: N, 1 or more.
         rod_length, radius, height: ℓ, R, H [m]; 1.22 m for ℓ where neither it nor both others are given.
         topology: which diagonals.
@@ -106,71 +83,102 @@ def tower(
     Raises:
         OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such tower.
     """
-    count = whole("tower: stages", stages, 1)
-    check_nodes("tower: stages", stages, 6 * count, MOST_FOUND if form_found is True else MOST_NODES)
-    member("tower: topology", topology, Topology)
-    member("tower: axis", axis, Axis)
-    for what, flag in (
-        ("alternating", alternating),
-        ("mirrored", mirrored),
-        ("pinned_base", pinned_base),
-        ("form_found", form_found),
-    ):
-        if not isinstance(flag, (bool, np.bool_)):
-            raise OptionError(f"tower: {what} = {flag!r}; it must be True or False")
-    wide, high = _proportions(rod_length, radius, height)
-    outer, inner = (
-        positive("tower: outer_diameter", outer_diameter, "m"),
-        finite("tower: inner_diameter", inner_diameter),
-    )
-    if not 0 <= inner < outer:
-        raise OptionError(
-            f"tower: inner_diameter = {inner_diameter!r} m; it must be >= 0 and less than outer_diameter = {outer:g} m"
+
+    stages: int
+    _: KW_ONLY
+    rod_length: float | None = None
+    radius: float | None = None
+    height: float | None = None
+    topology: Topology = Topology.FULL
+    alternating: bool = False
+    mirrored: bool = False
+    stiffness: float = 1e4
+    damping: float = 0.0
+    prestress_measure: float | None = None
+    tension: float | None = None
+    outer_diameter: float = 0.10
+    inner_diameter: float = 0.09
+    density: float = 2700.0
+    elasticity_modulus: float = 70e9
+    yield_stress: float | None = None
+    axis: Axis = Axis.X
+    origin: Vector = (0.0, 0.0, 0.0)
+    pinned_base: bool = False
+    form_found: bool = True
+    gravity: float = 0.0
+    duration: float = 5.0
+    name: str = "tower"
+
+    def __call__(self) -> Scene:
+        count = whole("tower: stages", self.stages, 1)
+        check_nodes("tower: stages", self.stages, 6 * count, MOST_FOUND if self.form_found is True else MOST_NODES)
+        member("tower: topology", self.topology, Topology)
+        member("tower: axis", self.axis, Axis)
+        for what in ("alternating", "mirrored", "pinned_base", "form_found"):
+            flag = getattr(self, what)
+            if not isinstance(flag, (bool, np.bool_)):
+                raise OptionError(f"tower: {what} = {flag!r}; it must be True or False")
+        wide, high = _proportions(self.rod_length, self.radius, self.height)
+        outer, inner = (
+            positive("tower: outer_diameter", self.outer_diameter, "m"),
+            finite("tower: inner_diameter", self.inner_diameter),
         )
-    pull = finite("tower: gravity", gravity, " [m/s²]")
-    if pull < 0:
-        raise OptionError(f"tower: gravity = {gravity!r} m/s²; it must be >= 0 m/s²")
-    modulus = positive("tower: elasticity_modulus", elasticity_modulus, "Pa")
-    section = Section.tube(
-        outer / 2,
-        (outer - inner) / 2,
-        modulus,
-        None if yield_stress is None else positive("tower: yield_stress", yield_stress, "Pa"),
-    )
-    spring = positive("tower: stiffness", stiffness, "N/m")
-    mass = positive("tower: density", density, "kg/m³") * section.area * math.hypot(high, math.sqrt(3) * wide)
-    base = real_array("tower: origin", origin, (3,), "m", scalar=False)
-    nodes = _laid_out(count, wide, high, axis, base)
-    hands = [(-1 if mirrored else 1) * (-1 if alternating and s % 2 else 1) for s in range(count)]
-    pairs = dict(_strings(hands, topology))
-    lengths = {key: float(np.linalg.norm(nodes[j] - nodes[i])) for key, (i, j) in pairs.items()}
-    short = _shortening(prestress_measure, tension, spring)
-    tightest = min(lengths, key=lambda key: lengths[key])
-    if not short < lengths[tightest]:
-        raise OptionError(
-            f"tower: strings are to be {short:g} m shorter at rest than before form-finding, but '{tightest}' is "
-            f"{lengths[tightest]:.6g} m long; give less tension or a smaller prestress_measure, or stiffer strings"
+        if not 0 <= inner < outer:
+            raise OptionError(
+                f"tower: inner_diameter = {self.inner_diameter!r} m; it must be >= 0 and less than outer_diameter = "
+                f"{outer:g} m"
+            )
+        pull = finite("tower: gravity", self.gravity, " [m/s²]")
+        if pull < 0:
+            raise OptionError(f"tower: gravity = {self.gravity!r} m/s²; it must be >= 0 m/s²")
+        modulus = positive("tower: elasticity_modulus", self.elasticity_modulus, "Pa")
+        section = Section.tube(
+            outer / 2,
+            (outer - inner) / 2,
+            modulus,
+            None if self.yield_stress is None else positive("tower: yield_stress", self.yield_stress, "Pa"),
         )
-    structure = Structure(
-        name,
-        {key: _vector(place) for key, place in nodes.items()},
-        tuple(
-            Rod(f"rod{s + 1}_{i + 1}", (_node("b", s, i), _node("t", s, i + hand)), mass, outer / 2, section=section)
-            for s, hand in enumerate(hands)
-            for i in range(3)
-        ),
-        tuple(String(key, ends, spring, damping, rest_length=lengths[key] - short) for key, ends in pairs.items()),
-    )
-    if pinned_base:
-        structure = _with_supports(structure, {f"rod1_{i}": Support.pinned(0.0) for i in (1, 2, 3)})
-    scene = Scene(
-        structure,
-        name=name,
-        source=f"{THESIS}, section 7.2.3 and appendix C.1, pages 154-157 and 185-194",
-        gravity=(0.0, 0.0, -pull),
-        duration=duration,
-    )
-    return form_find(scene) if form_found else scene
+        spring = positive("tower: stiffness", self.stiffness, "N/m")
+        mass = positive("tower: density", self.density, "kg/m³") * section.area * math.hypot(high, math.sqrt(3) * wide)
+        base = real_array("tower: origin", self.origin, (3,), "m", scalar=False)
+        nodes = _laid_out(count, wide, high, self.axis, base)
+        hands = [(-1 if self.mirrored else 1) * (-1 if self.alternating and s % 2 else 1) for s in range(count)]
+        pairs = dict(_strings(hands, self.topology))
+        lengths = {key: float(np.linalg.norm(nodes[j] - nodes[i])) for key, (i, j) in pairs.items()}
+        short = _shortening(self.prestress_measure, self.tension, spring)
+        tightest = min(lengths, key=lambda key: lengths[key])
+        if not short < lengths[tightest]:
+            raise OptionError(
+                f"tower: strings are to be {short:g} m shorter at rest than before form-finding, but '{tightest}' is "
+                f"{lengths[tightest]:.6g} m long; give less tension or a smaller prestress_measure, or stiffer strings"
+            )
+        structure = Structure(
+            self.name,
+            {key: _vector(place) for key, place in nodes.items()},
+            tuple(
+                Rod(
+                    f"rod{s + 1}_{i + 1}", (_node("b", s, i), _node("t", s, i + hand)), mass, outer / 2, section=section
+                )
+                for s, hand in enumerate(hands)
+                for i in range(3)
+            ),
+            tuple(
+                String(key, ends, spring, self.damping, rest_length=lengths[key] - short) for key, ends in pairs.items()
+            ),
+        )
+        if self.pinned_base:
+            structure = _with_supports(structure, {f"rod1_{i}": Support.pinned(0.0) for i in (1, 2, 3)})
+        scene = Scene(
+            structure,
+            name=self.name,
+            source=f"{THESIS}, section 7.2.3 and appendix C.1, pages 154-157 and 185-194",
+            gravity=(0.0, 0.0, -pull),
+            duration=self.duration,
+        )
+        return form_find(scene) if self.form_found else scene
+
+
+tower = function_of(Tower)
 
 
 def form_find(scene: Scene) -> Scene:

@@ -10,7 +10,10 @@ at rest with its axis `start_depth` below the still surface, from where it rises
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY, dataclass
+
 from tensegrity_mj.basics.checks import finite, member, positive
+from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import THESIS
 from tensegrity_mj.library.thesis_towers import CHAPTER7_STAGES, PRESTRESS_MEASURES, STIFFNESSES
@@ -25,34 +28,13 @@ START_DEPTH = 1.0  # m: the axes of figures 7.6 and 7.7 have the beam 1 m below 
 GRAVITY = 9.81  # m/s²
 
 
-def tower_in_waves(
-    stiffness: float = STIFFNESSES[0],
-    prestress_measure: float = PRESTRESS_MEASURES[0],
-    *,
-    stages: int = CHAPTER7_STAGES,
-    topology: Topology = Topology.FULL,
-    radius: float | None = None,
-    damping: float = 0.0,
-    wave_height: float = WAVE_HEIGHT,
-    wavelength: float = WAVELENGTH,
-    direction: float = 0.0,
-    phase: float = 0.0,
-    water_depth: float | None = None,
-    current: Vector = (0.0, 0.0, 0.0),
-    drag: float = 1.2,
-    tangential_drag: float = 0.0,
-    added_mass: float = 1.0,
-    segments: int | None = None,
-    weights: Weights = Weights.RIGID,
-    start_depth: float = START_DEPTH,
-    duration: float = 40.0,
-    name: str = "tower_in_waves",
-) -> Scene:
+@dataclass(frozen=True, eq=False)
+class TowerInWaves:
     """A free tower of aluminium tubes of 1.22 m in one harmonic wave; the defaults are §7.2.3's softest case.
 
     The thesis leaves open which strings there are, how wide a stage is, and where in the wave the tower starts.
 
-    Args:
+    Attributes:
         stiffness: of every string [N/m]; 10, 20 and 30 kN/m in the thesis.
         prestress_measure: L - L0 of every string before form-finding [m]; 0.10, 0.15 and 0.20 m in the thesis.
         stages: 1 or more.
@@ -74,37 +56,64 @@ def tower_in_waves(
     Raises:
         OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such scene.
     """
-    height = finite("tower_in_waves: wave_height", wave_height, " [m]")
-    if height < 0:
-        raise OptionError(f"tower_in_waves: wave_height = {wave_height!r} m; it must be >= 0 m")
-    member("tower_in_waves: weights", weights, Weights)
-    wave = Wave(
-        0.5 * height,
-        positive("tower_in_waves: wavelength", wavelength, "m"),
-        None,
-        finite("tower_in_waves: direction", direction, " [rad]"),
-        finite("tower_in_waves: phase", phase, " [rad]"),
-    )
-    water = Water(
-        depth=water_depth,
-        waves=(wave,) if height else (),
-        current=current,
-        drag=drag,
-        tangential_drag=tangential_drag,
-        added_mass=added_mass,
-        segments=segments,
-        weights=weights,
-    )
-    scene = tower(
-        stages,
-        topology=topology,
-        radius=radius,
-        stiffness=stiffness,
-        damping=damping,
-        prestress_measure=prestress_measure,
-        origin=(0.0, 0.0, -finite("tower_in_waves: start_depth", start_depth, " [m]")),
-        gravity=GRAVITY,
-        duration=duration,
-        name=name,
-    )
-    return scene.with_(water=water, source=f"{THESIS}, section 7.2.3, pages 154-157")
+
+    stiffness: float = STIFFNESSES[0]
+    prestress_measure: float = PRESTRESS_MEASURES[0]
+    _: KW_ONLY
+    stages: int = CHAPTER7_STAGES
+    topology: Topology = Topology.FULL
+    radius: float | None = None
+    damping: float = 0.0
+    wave_height: float = WAVE_HEIGHT
+    wavelength: float = WAVELENGTH
+    direction: float = 0.0
+    phase: float = 0.0
+    water_depth: float | None = None
+    current: Vector = (0.0, 0.0, 0.0)
+    drag: float = 1.2
+    tangential_drag: float = 0.0
+    added_mass: float = 1.0
+    segments: int | None = None
+    weights: Weights = Weights.RIGID
+    start_depth: float = START_DEPTH
+    duration: float = 40.0
+    name: str = "tower_in_waves"
+
+    def __call__(self) -> Scene:
+        height = finite("tower_in_waves: wave_height", self.wave_height, " [m]")
+        if height < 0:
+            raise OptionError(f"tower_in_waves: wave_height = {self.wave_height!r} m; it must be >= 0 m")
+        member("tower_in_waves: weights", self.weights, Weights)
+        wave = Wave(
+            0.5 * height,
+            positive("tower_in_waves: wavelength", self.wavelength, "m"),
+            None,
+            finite("tower_in_waves: direction", self.direction, " [rad]"),
+            finite("tower_in_waves: phase", self.phase, " [rad]"),
+        )
+        water = Water(
+            depth=self.water_depth,
+            waves=(wave,) if height else (),
+            current=self.current,
+            drag=self.drag,
+            tangential_drag=self.tangential_drag,
+            added_mass=self.added_mass,
+            segments=self.segments,
+            weights=self.weights,
+        )
+        scene = tower(
+            self.stages,
+            topology=self.topology,
+            radius=self.radius,
+            stiffness=self.stiffness,
+            damping=self.damping,
+            prestress_measure=self.prestress_measure,
+            origin=(0.0, 0.0, -finite("tower_in_waves: start_depth", self.start_depth, " [m]")),
+            gravity=GRAVITY,
+            duration=self.duration,
+            name=self.name,
+        )
+        return scene.with_(water=water, source=f"{THESIS}, section 7.2.3, pages 154-157")
+
+
+tower_in_waves = function_of(TowerInWaves)

@@ -80,7 +80,7 @@ def test_every_default_can_be_written() -> None:
     count = 0
     for name, home in _HOME.items():
         builder = getattr(importlib.import_module(f"tensegrity_mj.library.{home}"), name)
-        hints = typing.get_type_hints(builder)
+        hints = typing.get_type_hints(inspect.unwrap(builder))
         for key, parameter in inspect.signature(builder).parameters.items():
             default = parameter.default
             if default is not parameter.empty:

@@ -1,0 +1,31 @@
+"""Functions of many parameters: a class holds them as its fields, documents each, and is called for the result.
+
+@dataclass(frozen=True)
+class Tower:
+    stages: int
+    radius: float = 0.5
+
+    def __call__(self) -> Scene: ...
+
+tower = function_of(Tower)
+tower(3, radius=0.4)  # Tower(3, radius=0.4)()
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import ParamSpec, TypeVar
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def function_of(parameters: Callable[P, Callable[[], R]]) -> Callable[P, R]:
+    """The function that takes a class' fields and returns what its instance returns when called."""
+
+    @functools.wraps(parameters, updated=())
+    def function(*args: P.args, **options: P.kwargs) -> R:
+        return parameters(*args, **options)()
+
+    return function
