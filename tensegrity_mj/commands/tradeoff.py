@@ -74,7 +74,8 @@ def execute(options: argparse.Namespace) -> Outcome:
     from tensegrity_mj.library.load import load_scene
     from tensegrity_mj.studies.tradeoff.docs import TEXT, write_docs
     from tensegrity_mj.studies.tradeoff.figure import has_diagram
-    from tensegrity_mj.studies.tradeoff.study import PICTURE, sentences, tradeoff
+    from tensegrity_mj.studies.tradeoff.results import sentences
+    from tensegrity_mj.studies.tradeoff.study import PICTURE, tradeoff
 
     chosen = _options(options)
     scenes = [load_scene(name) for name in options.scenes]

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import MOST_NODES, check_nodes, finite, positive, sequence_of
+from tensegrity_mj.basics.checks import MOST_NODES, check_nodes, finite, positive, sequence_of, whole
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.texts import value_text
 from tensegrity_mj.errors import OptionError
@@ -113,8 +113,7 @@ class PlanarBeam:
             raise OptionError(
                 f"planar_beam: rod_length = {self.rod_length!r} m; it must exceed the height of {self.height!r} m"
             )
-        if isinstance(self.shapes, bool) or not isinstance(self.shapes, (int, np.integer)) or self.shapes < 2:
-            raise OptionError(f"planar_beam: shapes = {value_text(self.shapes)}; it must be an integer >= 2")
+        whole("planar_beam: shapes", self.shapes, 2)
         check_nodes(
             "planar_beam: shapes", self.shapes, 2 * (int(self.cells) + 1) * int(self.shapes), 10 * MOST_NODES
         )  # in all of them

@@ -10,7 +10,7 @@ import io
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from tensegrity_mj.basics.files import checked, replacing
+from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.runs.trajectory import Trajectory
 
@@ -83,21 +84,11 @@ class Section:
     parts: Sequence[Picture | Table] = ()
 
 
-def write_report(
-    path: PathLike,
-    runs: Sequence[Trajectory],
-    *,
-    title: str | None = None,
-    introduction: str = "",
-    comparison: ComparisonLike | None = None,
-    pictures: Iterable[Picture] = (),
-    video: PathLike | None = None,
-    video_note: str = "",
-    tables: Iterable[Table] = (),
-) -> Path:
+@dataclass(frozen=True, eq=False)
+class Report:
     """Write the page; returns its path. It appears whole or not at all.
 
-    Args:
+    Attributes:
         path: ends in .html.
         runs: what was simulated, at least one.
         title: by default the scene's name and where its numbers come from.
@@ -111,22 +102,38 @@ def write_report(
     Raises:
         OptionError: no runs, a file that is missing or of another kind, a path that cannot be written.
     """
-    destination = checked(path, (".html", ".htm"), "report")
-    if not runs:
-        raise OptionError("a report needs at least one run; none was given")
-    scene = runs[0].scene
-    heading = title or (f"{scene.name}: {scene.source}" if scene.source else scene.name)
-    parts = [f"<h1>{escape(heading)}</h1>"]
-    if introduction:
-        parts.append(f"<p>{escape(introduction)}</p>")
-    if comparison is not None:
-        parts += ["<h2>Agreement</h2>", _agreement(comparison)]
-    if video is not None or video_note:
-        parts += ["<h2>Video</h2>", _video(video, video_note)]
-    parts += ["<h2>Runs</h2>", _runs(runs)]
-    parts += _pictures_and_tables(pictures, tables)
-    parts += ["<h2>How it was run</h2>", *(_details(run) for run in runs)]
-    return _written(destination, heading, parts)
+
+    path: PathLike
+    runs: Sequence[Trajectory]
+    _: KW_ONLY
+    title: str | None = None
+    introduction: str = ""
+    comparison: ComparisonLike | None = None
+    pictures: Iterable[Picture] = ()
+    video: PathLike | None = None
+    video_note: str = ""
+    tables: Iterable[Table] = ()
+
+    def __call__(self) -> Path:
+        destination = checked(self.path, (".html", ".htm"), "report")
+        if not self.runs:
+            raise OptionError("a report needs at least one run; none was given")
+        scene = self.runs[0].scene
+        heading = self.title or (f"{scene.name}: {scene.source}" if scene.source else scene.name)
+        parts = [f"<h1>{escape(heading)}</h1>"]
+        if self.introduction:
+            parts.append(f"<p>{escape(self.introduction)}</p>")
+        if self.comparison is not None:
+            parts += ["<h2>Agreement</h2>", _agreement(self.comparison)]
+        if self.video is not None or self.video_note:
+            parts += ["<h2>Video</h2>", _video(self.video, self.video_note)]
+        parts += ["<h2>Runs</h2>", _runs(self.runs)]
+        parts += _pictures_and_tables(self.pictures, self.tables)
+        parts += ["<h2>How it was run</h2>", *(_details(run) for run in self.runs)]
+        return _written(destination, heading, parts)
+
+
+write_report = function_of(Report)
 
 
 def write_page(
@@ -164,7 +171,7 @@ def write_sections(path: PathLike, title: str, introduction: str, sections: Iter
             if isinstance(part, Picture):
                 parts.append(_picture(part))
                 continue
-            body = _table(part.columns, part.rows) + (f"<p>{escape(part.note)}</p>" if part.note else "")
+            body = table_of(part.columns, part.rows) + (f"<p>{escape(part.note)}</p>" if part.note else "")
             if part.folded:
                 parts.append(f"<details><summary>{escape(part.title)}</summary>{body}</details>")
             else:
@@ -176,17 +183,21 @@ def _pictures_and_tables(pictures: Iterable[Picture], tables: Iterable[Table]) -
     shown = [_picture(picture) for picture in pictures]
     parts = ["<h2>Plots</h2>", *shown] if shown else []
     for table in tables:
-        parts += [f"<h2>{escape(table.title)}</h2>", _table(table.columns, table.rows)]
+        parts += [f"<h2>{escape(table.title)}</h2>", table_of(table.columns, table.rows)]
         if table.note:
             parts.append(f"<p>{escape(table.note)}</p>")
     return parts
 
 
 def _written(destination: Path, heading: str, parts: Sequence[str]) -> Path:
-    page = _PAGE.format(title=escape(heading), style=_STYLE, body="\n".join(parts))
     with replacing(destination) as part:
-        part.write_text(page, encoding="utf-8")
+        part.write_text(page_of(heading, parts), encoding="utf-8")
     return destination
+
+
+def page_of(heading: str, parts: Sequence[str], style: str = "") -> str:
+    """A page's whole text: its parts, in HTML, in the common frame; `style` adds to the common one."""
+    return _PAGE.format(title=escape(heading), style=_STYLE + style, body="\n".join(parts))
 
 
 # ------------------------------------------------------------------------------------------------------ sections
@@ -202,10 +213,10 @@ def _agreement(comparison: ComparisonLike) -> str:
             continue
         words, unit = AGREEMENT.get(key, (key.replace("_", " "), ""))
         rows.append((words, value, unit))
-    html = _table(("quantity", "value", "unit"), rows)
+    html = table_of(("quantity", "value", "unit"), rows)
     times = [(str(name).replace("_", " "), when) for name, when in exceeded.items() if when is not None]
     if times:
-        html += "<p>First beyond the tolerance:</p>" + _table(("quantity", "time [s]"), times)
+        html += "<p>First beyond the tolerance:</p>" + table_of(("quantity", "time [s]"), times)
     elif exceeded:
         html += "<p>No quantity exceeded its tolerance.</p>"
     return html
@@ -228,7 +239,7 @@ def _runs(runs: Sequence[Trajectory]) -> str:
             cells = [getattr(run, source).get(name) for run in runs]
             rows.append((name.replace("_", " "), *cells))
     heads = [run.engine or f"run {number}" for number, run in enumerate(runs, 1)]
-    return _table(("", *heads), rows)
+    return table_of(("", *heads), rows)
 
 
 def _final_error(run: Trajectory) -> float:
@@ -240,7 +251,7 @@ def _final_error(run: Trajectory) -> float:
 def _details(run: Trajectory) -> str:
     """Everything that is needed to run it again, folded away."""
     rows = [(name.replace("_", " "), value) for name, value in run.provenance.items()]
-    body = _table(("", ""), rows) if rows else "<p>Nothing was recorded.</p>"
+    body = table_of(("", ""), rows) if rows else "<p>Nothing was recorded.</p>"
     return f"<details><summary>{escape(run.engine or run.scene.name)}</summary>{body}</details>"
 
 
@@ -256,7 +267,7 @@ def _picture(picture: Picture) -> str:
         picture.figure.savefig(buffer, format="png", dpi=120)
         kind, data = "image/png", buffer.getvalue()
     caption = f"<figcaption>{escape(picture.caption)}</figcaption>" if picture.caption else ""
-    return f'<figure><img alt="{escape(picture.caption)}" src="{_data_url(kind, data)}">{caption}</figure>'
+    return f'<figure><img alt="{escape(picture.caption)}" src="{data_url(kind, data)}">{caption}</figure>'
 
 
 def _video(video: PathLike | None, note: str) -> str:
@@ -266,7 +277,7 @@ def _video(video: PathLike | None, note: str) -> str:
     source = Path(video)
     if source.suffix.lower() != ".mp4":
         raise OptionError(f"video {source}: a report holds .mp4 files")
-    url = _data_url("video/mp4", _read(source, "video"))
+    url = data_url("video/mp4", _read(source, "video"))
     return f'<video controls loop muted playsinline src="{url}"></video>{text}'
 
 
@@ -277,14 +288,16 @@ def _read(path: Path, what: str) -> bytes:
         raise OptionError(f"{what} {path}: it cannot be read ({error.strerror}); name a file that exists") from error
 
 
-def _data_url(kind: str, data: bytes) -> str:
+def data_url(kind: str, data: bytes) -> str:
+    """Of data that stands in the page itself."""
     return f"data:{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 # -------------------------------------------------------------------------------------------------------- tables
 
 
-def _table(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+def table_of(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """A table in HTML."""
     head = "".join(f"<th>{escape(column)}</th>" for column in columns) if any(columns) else ""
     lines = [f"<thead><tr>{head}</tr></thead>"] if head else []
     for row in rows:

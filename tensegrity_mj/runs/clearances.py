@@ -16,6 +16,7 @@ cubics differ from the true motion is estimated by how well those over every sec
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,6 +24,7 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import finite, positive, real_array
+from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -34,23 +36,11 @@ if TYPE_CHECKING:
     from tensegrity_mj.statics.state import StaticState
 
 
-def clearance(
-    what: Trajectory | Scene | Structure | StaticState,
-    nodes: ArrayLike | None = None,
-    *,
-    time: ArrayLike | None = None,
-    velocities: ArrayLike | None = None,
-    pairs: Collection[Pairs] = tuple(Pairs),
-    below: float = 0.0,
-    string_radius: float = 0.0,
-    tolerance: float = 1e-6,
-    every_pair: bool = False,
-    over_time: bool = False,
-    progress: bool = False,
-) -> Clearance:
+@dataclass(frozen=True, eq=False)
+class ClearanceOf:
     """The smallest distances between rods, between rods and strings, and between strings.
 
-    Args:
+    Attributes:
         what: a run; or a scene (at its start), a structure (at its reference) or a state of equilibrium.
         nodes: of a structure elsewhere: (N, 3) [m], or (T, N, 3) with `time` (T,) [s] and `velocities` [m/s].
         pairs: kinds of pairs to look at.
@@ -64,14 +54,34 @@ def clearance(
     Raises:
         OptionError: an argument out of its range, or a run without samples.
     """
-    path = _path_of(what, nodes, time, velocities)
-    kinds = _kinds(pairs)
-    margin = positive("tolerance", tolerance, "m")
-    level = finite("below", below, " [m]")
-    radius = finite("string_radius", string_radius, " >= 0 m")
-    if radius < 0:
-        raise OptionError(f"string_radius = {string_radius!r}; it must be a finite number >= 0 m")
-    return ClearanceSearch(path, kinds, level, radius, margin).result(every_pair, over_time, progress)
+
+    what: Trajectory | Scene | Structure | StaticState
+    nodes: ArrayLike | None = None
+    _: KW_ONLY
+    time: ArrayLike | None = None
+    velocities: ArrayLike | None = None
+    pairs: Collection[Pairs] = tuple(Pairs)
+    below: float = 0.0
+    string_radius: float = 0.0
+    tolerance: float = 1e-6
+    every_pair: bool = False
+    over_time: bool = False
+    progress: bool = False
+
+    def __call__(self) -> Clearance:
+        path = _path_of(self.what, self.nodes, self.time, self.velocities)
+        kinds = _kinds(self.pairs)
+        margin = positive("tolerance", self.tolerance, "m")
+        level = finite("below", self.below, " [m]")
+        radius = finite("string_radius", self.string_radius, " >= 0 m")
+        if radius < 0:
+            raise OptionError(f"string_radius = {self.string_radius!r}; it must be a finite number >= 0 m")
+        return ClearanceSearch(path, kinds, level, radius, margin).result(
+            self.every_pair, self.over_time, self.progress
+        )
+
+
+clearance = function_of(ClearanceOf)
 
 
 def _path_of(what: Any, nodes: ArrayLike | None, time: ArrayLike | None, velocities: ArrayLike | None) -> Path:

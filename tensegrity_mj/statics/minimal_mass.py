@@ -17,7 +17,7 @@ without weight, as they are in the engines.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 
 import numpy as np
@@ -25,7 +25,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import qr
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import positive, real_array
+from tensegrity_mj.basics.checks import positive, real_array, whole
+from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.rigidity import members_at, nodal_forces
 from tensegrity_mj.model.structure import Structure
@@ -38,22 +39,11 @@ RANK = 1e-10  # of the largest row: equations below it say what others say alrea
 SEEN = 1e-8  # of the largest force: a smaller one is not what makes a problem without solution
 
 
-def minimal_mass(
-    structure: Structure,
-    loads: ArrayLike | None = None,
-    *,
-    rods: Material | Sequence[Material],
-    strings: Material | Sequence[Material],
-    holds: Sequence[Hold] = (),
-    gravity: ArrayLike | None = None,
-    least_force_density: ArrayLike = 0.0,
-    least_radius: ArrayLike = 0.0,
-    tolerance: float = 1e-6,
-    most_programs: int = 4000,
-) -> Sizing:
+@dataclass(frozen=True, eq=False)
+class MinimalMass:
     """The lightest members that bear the loads at the structure's reference nodes.
 
-    Args:
+    Attributes:
         structure: its topology, nodes, supports and point masses count; masses, stiffnesses and rest lengths do not.
         loads: (N, 3) [N] forces on the nodes, or (K, N, 3) for K load cases; what holds a node takes those on it.
         rods, strings: the material of all of them, or one each.
@@ -68,22 +58,39 @@ def minimal_mass(
         InfeasibleError: if no forces, with strings that only pull, balance the loads.
         OptionError: for arguments that do not fit, or a rod that is supported between its ends, which would bend it.
     """
-    if not isinstance(structure, Structure):
-        raise OptionError(f"structure = {structure!r}; it must be a Structure")
-    tolerance = positive("tolerance", tolerance)
-    if not isinstance(most_programs, (int, np.integer)) or isinstance(most_programs, bool) or most_programs < 1:
-        raise OptionError(f"most_programs = {most_programs!r}; it must be a whole number > 0")
-    _check_supports(structure)
-    forces = _load_cases(structure, loads)
-    R, M = len(structure.rods), len(structure.strings)
-    stuff = (_materials("rods", rods, R), _materials("strings", strings, M))
-    density = real_array("least_force_density", least_force_density, (M,), "N/m")
-    radius = real_array("least_radius", least_radius, (R + M,), "m")
-    for what, least in (("least_force_density", density), ("least_radius", radius)):
-        if np.any(least < 0):
-            raise OptionError(f"{what} = {float(least.min())!r}; it must be >= 0")
-    down = np.zeros(3) if gravity is None else real_array("gravity", gravity, (3,), "m/s²", scalar=False)
-    return _Task(structure, stuff, forces, density, radius, down, tuple(holds)).solve(tolerance, int(most_programs))
+
+    structure: Structure
+    loads: ArrayLike | None = None
+    _: KW_ONLY
+    rods: Material | Sequence[Material]
+    strings: Material | Sequence[Material]
+    holds: Sequence[Hold] = ()
+    gravity: ArrayLike | None = None
+    least_force_density: ArrayLike = 0.0
+    least_radius: ArrayLike = 0.0
+    tolerance: float = 1e-6
+    most_programs: int = 4000
+
+    def __call__(self) -> Sizing:
+        if not isinstance(self.structure, Structure):
+            raise OptionError(f"structure = {self.structure!r}; it must be a Structure")
+        tolerance = positive("tolerance", self.tolerance)
+        most = whole("most_programs", self.most_programs, 1)
+        _check_supports(self.structure)
+        forces = _load_cases(self.structure, self.loads)
+        R, M = len(self.structure.rods), len(self.structure.strings)
+        stuff = (_materials("rods", self.rods, R), _materials("strings", self.strings, M))
+        density = real_array("least_force_density", self.least_force_density, (M,), "N/m")
+        radius = real_array("least_radius", self.least_radius, (R + M,), "m")
+        for what, least in (("least_force_density", density), ("least_radius", radius)):
+            if np.any(least < 0):
+                raise OptionError(f"{what} = {float(least.min())!r}; it must be >= 0")
+        down = np.zeros(3) if self.gravity is None else real_array("gravity", self.gravity, (3,), "m/s²", scalar=False)
+        task = _Task(self.structure, stuff, forces, density, radius, down, tuple(self.holds))
+        return task.solve(tolerance, most)
+
+
+minimal_mass = function_of(MinimalMass)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from __future__ import annotations
 import enum
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 
 import numpy as np
@@ -24,6 +24,7 @@ from scipy import sparse
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import finite, positive, whole
+from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import InfeasibleError, OptionError, printable
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -131,24 +132,14 @@ class Path:
         return None
 
 
-def follow(
-    start: StaticState | StaticModel | Scene | Structure,
-    *,
-    loads: ArrayLike | None = None,
-    holds: Sequence[Hold] | None = None,
-    to: float = 1.0,
-    points: int = 100,
-    longest: float = 3.0,
-    direction: ArrayLike | None = None,
-    stop_at_critical: bool = False,
-    progress: bool = False,
-) -> Path:
+@dataclass(frozen=True, eq=False)
+class PathSearch:
     """The curve of equilibria from a start, as loads grow or holds move.
 
         path = follow(state, holds=[Hold(base), Hold(top, displacement=(0.0, 0.0, -0.1))])
         buckled = follow(path.criticals[0].state, direction=path.criticals[0].mode)
 
-    Args:
+    Attributes:
         start: a state, whose own path goes on from its parameter; with loads or holds given, theirs begins there at
             s = 0, and what was applied so far stays. Or a model, scene or structure, whose equilibrium at s = 0 is
             looked for first.
@@ -169,27 +160,45 @@ def follow(
         InfeasibleError: where there is no equilibrium at the start, or no path leads on from it.
         OptionError: for arguments that do not fit, and where nothing depends on the parameter.
     """
-    goal, count, limit = finite("to", to), whole("points", points, 2), positive("longest", longest)
-    state = starting_state(start, loads, holds)
-    model = state.model
-    if not np.any(model.loads) and not np.any(model.boundary.moved):
-        raise OptionError("follow: nothing depends on the parameter; give loads, or holds with a displacement")
-    if goal == state.parameter:
-        raise OptionError(f"to = {to!r}: the start is there already, a path of no length; give another value")
-    walk, first = begin(state, goal, direction)
-    course = _Course(walk, first, count, branches=direction is not None)
-    bar = _bar(progress, model.scene.name)
-    try:
-        end = course.run(goal, limit * STRAIGHT, stop_at_critical, (lambda: None) if bar is None else bar.update)
-    finally:
-        if bar is not None:
-            bar.close()
-    if len(course.points) == 1:
-        raise InfeasibleError(
-            f"'{model.scene.name}': no equilibrium was found near the start; take more points, smaller loads or "
-            "displacements, or a start that is stable"
-        )
-    return course.path(end)
+
+    start: StaticState | StaticModel | Scene | Structure
+    _: KW_ONLY
+    loads: ArrayLike | None = None
+    holds: Sequence[Hold] | None = None
+    to: float = 1.0
+    points: int = 100
+    longest: float = 3.0
+    direction: ArrayLike | None = None
+    stop_at_critical: bool = False
+    progress: bool = False
+
+    def __call__(self) -> Path:
+        goal, count, limit = finite("to", self.to), whole("points", self.points, 2), positive("longest", self.longest)
+        state = starting_state(self.start, self.loads, self.holds)
+        model = state.model
+        if not np.any(model.loads) and not np.any(model.boundary.moved):
+            raise OptionError("follow: nothing depends on the parameter; give loads, or holds with a displacement")
+        if goal == state.parameter:
+            raise OptionError(f"to = {self.to!r}: the start is there already, a path of no length; give another value")
+        walk, first = begin(state, goal, self.direction)
+        course = _Course(walk, first, count, branches=self.direction is not None)
+        bar = _bar(self.progress, model.scene.name)
+        try:
+            end = course.run(
+                goal, limit * STRAIGHT, self.stop_at_critical, (lambda: None) if bar is None else bar.update
+            )
+        finally:
+            if bar is not None:
+                bar.close()
+        if len(course.points) == 1:
+            raise InfeasibleError(
+                f"'{model.scene.name}': no equilibrium was found near the start; take more points, smaller loads or "
+                "displacements, or a start that is stable"
+            )
+        return course.path(end)
+
+
+follow = function_of(PathSearch)
 
 
 class _Course:

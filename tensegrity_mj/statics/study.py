@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path as FilePath
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.checks import member, real_array, whole
+from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -157,26 +158,11 @@ class StaticStudy:
         return "infeasible" if self.state is None else "ok"
 
 
-def analyse(
-    scene: Scene | Structure,
-    *,
-    rods: Rods = Rods.RIGID,
-    search: Search = Search.NEWTON,
-    loads: Mapping[str, Sequence[float]] | ArrayLike | None = None,
-    holds: Sequence[Hold] = (),
-    broken: Sequence[str] = (),
-    rest_lengths: Mapping[str, float] | ArrayLike | None = None,
-    path: bool = False,
-    points: int = 100,
-    modes: int = 12,
-    engine: AcceleratingEngine | None = None,
-    materials: Materials | None = None,
-    run: Trajectory | None = None,
-    progress: bool = False,
-) -> StaticStudy:
+@dataclass(frozen=True, eq=False)
+class Analysis:
     """Find the equilibrium of a scene and say what there is to say about it.
 
-    Args:
+    Attributes:
         scene: a scene or a structure.
         rods: rigid, or elastic by their sections.
         search: how the equilibrium is found; a path is followed by Newton's method alone.
@@ -201,62 +187,84 @@ def analyse(
         OptionError: for arguments that do not fit.
         StructureError: where elastic rods lack a section.
     """
-    if isinstance(scene, Structure):
-        scene = Scene(scene)
-    if not isinstance(scene, Scene):
-        raise OptionError(f"scene = {scene!r}; use a Scene or a Structure, as load_scene gives")
-    member("search", search, Search)
-    count = whole("modes", modes, 1)
-    if path and search is not Search.NEWTON:
-        raise OptionError(f"search = {search.value}: a path is followed by Newton's method; leave one of the two out")
-    structure = scene.structure
-    model = StaticModel.of(
-        scene,
-        rods=rods,
-        rest_lengths=_rest_lengths(structure, rest_lengths),
-        loads=_loads(structure, loads),
-        holds=holds,
-        broken=broken,
-    )
-    if engine is not None:
-        require_rigid_and_free(model)
-    checked = None if run is None else _checked(run, structure)
-    sizing = None if materials is None else _sized(model, materials)
-    start = balance(model)
-    states: list[StaticState] = []
-    response, failure = None, ""
-    try:
-        if path:
-            response = Response.of(follow(model, points=points, progress=progress))
-            states = [response.path.states[-1]]
-        else:
-            if search is not Search.RELAXATION:
-                states.append(find_equilibrium(model))
-            if search is not Search.NEWTON:
-                states.append(relax(model, progress=progress))
-    except InfeasibleError as error:
-        if checked is None and sizing is None:
-            raise
-        failure = str(error)
-    if failure:
-        return StaticStudy(model, search, start, None, failure, sizing=sizing, run=checked, notes=_notes(model))
-    state = states[0]
-    natural = natural_modes(state, count)
-    return StaticStudy(
-        model=model,
-        search=search,
-        start=start,
-        state=state,
-        other=states[1] if len(states) > 1 else None,
-        modes=natural,
-        prestressability=_prestressability(state),
-        members=check_state(state),
-        response=response,
-        engine=None if engine is None else _by_engine(state, natural, engine),
-        sizing=sizing,
-        run=checked,
-        notes=(*_notes(model), *_edge_notes(state)),
-    )
+
+    scene: Scene | Structure
+    _: KW_ONLY
+    rods: Rods = Rods.RIGID
+    search: Search = Search.NEWTON
+    loads: Mapping[str, Sequence[float]] | ArrayLike | None = None
+    holds: Sequence[Hold] = ()
+    broken: Sequence[str] = ()
+    rest_lengths: Mapping[str, float] | ArrayLike | None = None
+    path: bool = False
+    points: int = 100
+    modes: int = 12
+    engine: AcceleratingEngine | None = None
+    materials: Materials | None = None
+    run: Trajectory | None = None
+    progress: bool = False
+
+    def __call__(self) -> StaticStudy:
+        member("search", self.search, Search)
+        count = whole("modes", self.modes, 1)
+        if self.path and self.search is not Search.NEWTON:
+            raise OptionError(
+                f"search = {self.search.value}: a path is followed by Newton's method; leave one of the two out"
+            )
+        model = self._model()
+        if self.engine is not None:
+            require_rigid_and_free(model)
+        checked = None if self.run is None else _checked(self.run, model.structure)
+        sizing = None if self.materials is None else _sized(model, self.materials)
+        start = balance(model)
+        try:
+            states, response = self._equilibria(model)
+        except InfeasibleError as error:
+            if checked is None and sizing is None:
+                raise
+            notes = _notes(model)
+            return StaticStudy(model, self.search, start, None, str(error), sizing=sizing, run=checked, notes=notes)
+        state = states[0]
+        natural = natural_modes(state, count)
+        return StaticStudy(
+            model=model,
+            search=self.search,
+            start=start,
+            state=state,
+            other=states[1] if len(states) > 1 else None,
+            modes=natural,
+            prestressability=_prestressability(state),
+            members=check_state(state),
+            response=response,
+            engine=None if self.engine is None else _by_engine(state, natural, self.engine),
+            sizing=sizing,
+            run=checked,
+            notes=(*_notes(model), *_edge_notes(state)),
+        )
+
+    def _model(self) -> StaticModel:
+        scene = Scene(self.scene) if isinstance(self.scene, Structure) else self.scene
+        if not isinstance(scene, Scene):
+            raise OptionError(f"scene = {scene!r}; use a Scene or a Structure, as load_scene gives")
+        return StaticModel.of(
+            scene,
+            rods=self.rods,
+            rest_lengths=_rest_lengths(scene.structure, self.rest_lengths),
+            loads=_loads(scene.structure, self.loads),
+            holds=self.holds,
+            broken=self.broken,
+        )
+
+    def _equilibria(self, model: StaticModel) -> tuple[list[StaticState], Response | None]:
+        """The equilibria that were found, by Newton's method first; and the way to them, if one is asked for."""
+        if self.path:
+            response = Response.of(follow(model, points=self.points, progress=self.progress))
+            return [response.path.states[-1]], response
+        states = [] if self.search is Search.RELAXATION else [find_equilibrium(model)]
+        return states + ([] if self.search is Search.NEWTON else [relax(model, progress=self.progress)]), None
+
+
+analyse = function_of(Analysis)
 
 
 def _by_engine(state: StaticState, modes: Modes, engine: AcceleratingEngine) -> EngineCheck:

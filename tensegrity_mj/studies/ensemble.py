@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import member
+from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, NOT_FINITE, Law, NativeLaw
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import ControllerError, DivergenceError, InfeasibleError, OptionError, TensegrityError
@@ -114,24 +115,14 @@ class Ensemble(Sequence[Trajectory]):
         return str(outcome) if isinstance(outcome, TensegrityError) else outcome.message
 
 
-def simulate_many(
-    scenes: Sequence[Scene],
-    controllers: AnyLaw | Sequence[AnyLaw] = None,
-    engine: MuJoCo | None = None,
-    *,
-    duration: float | None = None,
-    actuation: Actuation | None = None,
-    on_infeasible: OnInfeasible = OnInfeasible.STOP,
-    output_interval: float | None = None,
-    threads: int = 0,
-    progress: bool = False,
-) -> Ensemble:
+@dataclass(frozen=True, eq=False)
+class ManyRuns:
     """Simulate scenes that share a structure, in one process, on threads, in MuJoCo.
 
     Each run is what `simulate` makes of its scene: initial states, targets, loads and breaks may differ; structure and
     gravity may not. (`run_many` runs anything, in processes.)
 
-    Args:
+    Attributes:
         scenes: of one structure.
         controllers: a law for all, or one a scene. A law that keeps something between calls gets a fresh state a run.
         engine: `MuJoCo(...)`, without `accuracy`.
@@ -146,42 +137,59 @@ def simulate_many(
         OptionError: for options that are out of range, and for scenes that differ in more than they may, or have
             contacts. What becomes of a single run raises nothing here: see `Ensemble`.
     """
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
 
-    engine = MuJoCo() if engine is None else engine
-    if not isinstance(engine, MuJoCo):
-        raise OptionError(f"engine = {engine!r}: simulate_many runs in MuJoCo(...); run_many takes any engine")
-    if getattr(engine, "accuracy", None) is not None:
-        raise OptionError("MuJoCo(accuracy=...) chooses a step for each run; give simulate_many a timestep")
-    _refuse_located(engine, "simulate_many")
-    if isinstance(threads, bool) or not isinstance(threads, (int, np.integer)) or threads < 0:
-        raise OptionError(f"threads = {threads!r}; it must be a whole number >= 0, 0 for all cores")
-    scenes = _checked(scenes)
-    laws = list(controllers) if isinstance(controllers, Sequence) else [controllers] * len(scenes)
-    if len(laws) != len(scenes):
-        raise OptionError(
-            f"controllers: there are {len(laws)} laws for {len(scenes)} scenes; give one law, or one each"
-        )
-    total = scenes[0].duration if duration is None else duration
-    requests: list[Request] = []
-    known: dict[int, NativeLaw] = {}  # by law: describing one may take longer than running it
-    for number, (scene, law) in enumerate(zip(scenes, laws, strict=True)):
-        shared = (actuation, on_infeasible, output_interval, progress and number == 0)
-        if id(law) in known and callable(getattr(law, "native", None)):
-            native: NativeLaw = law.native(scene.structure)  # type: ignore[union-attr]
-            first = requests[0]
-            native = replace(native, description=known[id(law)].description)
-            requests.append(replace(first, scene=scene, law=native, progress=False))
-        else:
-            requests.append(request_for(scene, law, total, *shared))
-            known[id(law)] = requests[-1].law
-    from tensegrity_mj.engines.mujoco.ensemble import MuJoCoEnsemble
+    scenes: Sequence[Scene]
+    controllers: AnyLaw | Sequence[AnyLaw] = None
+    engine: MuJoCo | None = None
+    _: KW_ONLY
+    duration: float | None = None
+    actuation: Actuation | None = None
+    on_infeasible: OnInfeasible = OnInfeasible.STOP
+    output_interval: float | None = None
+    threads: int = 0
+    progress: bool = False
 
-    warn_before_run(scenes[0], engine, requests[0].law, requests[0].actuation)
-    with interrupts.deferred():
-        run = MuJoCoEnsemble(engine, requests, int(threads))
-        run.run()
-    return Ensemble(run, requests)
+    def __call__(self) -> Ensemble:
+        controllers, threads = self.controllers, self.threads
+        from tensegrity_mj.engines.mujoco.engine import MuJoCo
+
+        engine = MuJoCo() if self.engine is None else self.engine
+        if not isinstance(engine, MuJoCo):
+            raise OptionError(f"engine = {engine!r}: simulate_many runs in MuJoCo(...); run_many takes any engine")
+        if getattr(engine, "accuracy", None) is not None:
+            raise OptionError("MuJoCo(accuracy=...) chooses a step for each run; give simulate_many a timestep")
+        _refuse_located(engine, "simulate_many")
+        if isinstance(threads, bool) or not isinstance(threads, (int, np.integer)) or threads < 0:
+            raise OptionError(f"threads = {threads!r}; it must be a whole number >= 0, 0 for all cores")
+        scenes = _checked(self.scenes)
+        laws = list(controllers) if isinstance(controllers, Sequence) else [controllers] * len(scenes)
+        if len(laws) != len(scenes):
+            raise OptionError(
+                f"controllers: there are {len(laws)} laws for {len(scenes)} scenes; give one law, or one each"
+            )
+        total = scenes[0].duration if self.duration is None else self.duration
+        requests: list[Request] = []
+        known: dict[int, NativeLaw] = {}  # by law: describing one may take longer than running it
+        for number, (scene, law) in enumerate(zip(scenes, laws, strict=True)):
+            shared = (self.actuation, self.on_infeasible, self.output_interval, self.progress and number == 0)
+            if id(law) in known and callable(getattr(law, "native", None)):
+                native: NativeLaw = law.native(scene.structure)  # type: ignore[union-attr]
+                first = requests[0]
+                native = replace(native, description=known[id(law)].description)
+                requests.append(replace(first, scene=scene, law=native, progress=False))
+            else:
+                requests.append(request_for(scene, law, total, *shared))
+                known[id(law)] = requests[-1].law
+        from tensegrity_mj.engines.mujoco.ensemble import MuJoCoEnsemble
+
+        warn_before_run(scenes[0], engine, requests[0].law, requests[0].actuation)
+        with interrupts.deferred():
+            run = MuJoCoEnsemble(engine, requests, int(threads))
+            run.run()
+        return Ensemble(run, requests)
+
+
+simulate_many = function_of(ManyRuns)
 
 
 def _checked(scenes: Any) -> list[Scene]:

@@ -19,9 +19,8 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import positive
-from tensegrity_mj.basics.files import made_folder, replacing
-from tensegrity_mj.basics.jsontext import to_json
+from tensegrity_mj.basics.checks import positive, whole
+from tensegrity_mj.basics.files import made_folder
 from tensegrity_mj.engines.reference.dae import DAE
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.library.load import load_scene
@@ -36,11 +35,12 @@ from tensegrity_mj.simulation import simulate, versions
 from tensegrity_mj.studies.extremes.pace import pace
 from tensegrity_mj.studies.long_runs_page import QUANTITIES
 from tensegrity_mj.studies.many import run_many
+from tensegrity_mj.studies.report import Report
 from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.vibration.stable_step import stable_step
 
 FORMAT = 1
-DATA, PAGE, RUNS = "drift.json", "drift.html", "runs"  # what a folder holds
+PAGE, RUNS = "drift.html", "runs"  # what a folder holds
 # MuJoCo's integrators, and classical Runge-Kutta of the reference models with each treatment of drift.
 METHODS = (
     "euler",
@@ -60,18 +60,17 @@ RESOLVED = 1e-14  # a departure below it is none
 
 
 @dataclass(frozen=True, eq=False)
-class LongRuns:
+class LongRuns(Report):
     """Finished long runs.
 
     Attributes:
-        data: everything, as plain values.
-        seconds: how long it took; not part of the data.
-        folder: where it is, or None.
+        ...: those of `Report`.
+        seconds: how long they took; not part of the data.
     """
 
-    data: dict[str, Any]
-    seconds: float
-    folder: Path | None = None
+    seconds: float = 0.0
+
+    NAME = "drift"
 
     @property
     def text(self) -> str:
@@ -125,8 +124,7 @@ def long_runs(
         scene = load_scene(scene)
     if not isinstance(steps, int) or isinstance(steps, bool) or steps < LEAST_STEPS or steps % ROWS:
         raise OptionError(f"steps = {steps!r}; it must be a multiple of {ROWS}, at least {LEAST_STEPS}")
-    if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
-        raise OptionError(f"seed = {seed!r}; it must be an integer >= 0")
+    whole("seed", seed, 0)
     chosen = list(METHODS if methods is None else methods)
     for name in chosen:
         if name not in METHODS:
@@ -152,14 +150,8 @@ def long_runs(
         for name, outcome in zip(chosen, study.outcomes, strict=True)
     ]
     setup = {"scene": scene.name, "steps": steps, "timestep": h, "seed": seed, "marks": marks_of(steps)}
-    result = LongRuns(
-        {"format": FORMAT, "setup": setup, "versions": known, "rows": rows}, time.perf_counter() - started, place
-    )
-    if place is not None:
-        with replacing(place / DATA) as part:
-            part.write_text(to_json(result.data, indent=1) + "\n", encoding="utf-8")
-        result.save_page(place / PAGE)
-    return result
+    data = {"format": FORMAT, "setup": setup, "versions": known, "rows": rows}
+    return LongRuns(data, place, time.perf_counter() - started).kept()
 
 
 def conservative(scene: Scene, seed: int) -> Scene:

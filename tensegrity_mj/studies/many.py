@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, TypedDict
 
 from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.basics.texts import file_name
@@ -75,6 +75,15 @@ class Study:
                 {"point": point, "outcome": outcome} for point, outcome in zip(self.points, outcomes, strict=True)
             ],
         }
+
+
+class RunOptions(TypedDict, total=False):
+    """Arguments of `run_many` that studies hand on."""
+
+    identity: Mapping[str, Any] | None
+    workers: Workers | None
+    progress: bool
+    label: str
 
 
 def run_many(

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
+from tensegrity_mj.basics.checks import whole
 from tensegrity_mj.engines.table import engine_settings
 from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
 from tensegrity_mj.library.load import load_scene
@@ -83,8 +84,7 @@ class Sweep:
             value = getattr(self, name)
             if name == "seed" and value is None:
                 continue
-            if not isinstance(value, int) or isinstance(value, bool) or value < least:
-                raise OptionError(f"Sweep: {name} = {value!r}; it must be an integer >= {least}")
+            whole(f"Sweep: {name}", value, least)
         if draws and self.seed is None:
             raise OptionError("Sweep: what is drawn needs a seed, so that it can be drawn again; give one, such as 0")
         if self.samples > 1 and not draws:

@@ -65,20 +65,21 @@ def curves(
     values: Callable[[Trajectory], Array],
     colors: Sequence[Any] = palette.CYCLE,
     *,
-    style: str = "-",
-    label: str | None = None,
     labels: Sequence[str] = (),
     marks: bool = True,
-    width: float = 1.1,
+    **line: Any,
 ) -> None:
-    """Draw a quantity over time, (T,) or (T, n); of the second engine as circles, of many curves only the first 24."""
+    """Draw a quantity over time, (T,) or (T, n); of the second engine as circles, of many curves only the first 24.
+
+    `line` is Matplotlib's, for the first engine's.
+    """
     for number, (_, run) in enumerate(versions_of(all_runs, name)):
         found = np.asarray(values(run)).reshape(len(run.time), -1)
         for column, series in enumerate(found.T):
             color = colors[column % len(colors)]
             if number == 0:
-                text = labels[column] if column < len(labels) else label if column == 0 else None
-                panel.plot(run.time, series, color=color, ls=style, lw=width, label=text)
+                text = labels[column] if column < len(labels) else None
+                panel.plot(run.time, series, **{"color": color, "lw": 1.1, "label": text, **line})
             elif marks and column < MARKS:
                 every = max(1, len(run.time) // MARKS)
                 # Shifted from curve to curve, so that circles of curves that coincide do not hide one another.
@@ -114,13 +115,11 @@ def engines_note(figure: Figure, all_runs: AllRuns, extra: str = "") -> None:
 def coordinates(panel: Any, all_runs: AllRuns, name: str) -> None:
     """b (blue, green, red) with its target dotted and ‖b‖² dashed."""
     curves(panel, all_runs, name, lambda run: measures.directions(run)[:, 0], labels=("$b_x$", "$b_y$", "$b_z$"))
+    goal, of_goal = (lambda run: measures.directions(run, measures.aims(run))[:, 0]), ("$b_d$",)
+    curves(panel, all_runs, name, goal, ls=":", labels=of_goal, marks=False)
     curves(
-        panel, all_runs, name, lambda run: measures.directions(run, measures.aims(run))[:, 0], style=":", label="$b_d$",
-        marks=False,
-    )  # fmt: skip
-    curves(
-        panel, all_runs, name, lambda run: np.sum(measures.directions(run)[:, 0] ** 2, axis=1), (BLACK,), style="--",
-        label=r"$\|b\|^2$", marks=False,
+        panel, all_runs, name, lambda run: np.sum(measures.directions(run)[:, 0] ** 2, axis=1), (BLACK,), ls="--",
+        labels=(r"$\|b\|^2$",), marks=False,
     )  # fmt: skip
     finish(panel, "Coordinates $b$ and $b_d$", "component [1]")
 
@@ -148,7 +147,7 @@ def multipliers(panel: Any, all_runs: AllRuns, name: str, bottom: float | None =
 def errors(panel: Any, all_runs: AllRuns, name: str) -> None:
     """‖e_b‖ full and ‖e_r‖ dashed, a colour for each rod."""
     curves(panel, all_runs, name, measures.rotation_errors, labels=[rf"$\|e_{{b_{n}}}\|$" for n in (1, 2, 3)])
-    curves(panel, all_runs, name, measures.translation_errors, style="--")
+    curves(panel, all_runs, name, measures.translation_errors, ls="--")
     thesis_axis(panel, 0.0, 0.3)
     finish(panel, r"Errors $\|e_b\|$ (full), $\|e_r\|$ (dashed)", "$b$ [1], $r$ [m]")
 

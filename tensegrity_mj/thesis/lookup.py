@@ -1,4 +1,4 @@
-"""The measures of the ledger by their names: functions of the modules below, each named once."""
+"""The measures of the ledger: functions of the modules below, each named once, and expressions of them."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from tensegrity_mj.thesis.chapter4 import measures4
 from tensegrity_mj.thesis.chapter5 import measures5
 from tensegrity_mj.thesis.chapter6 import measures6
 from tensegrity_mj.thesis.chapter7 import measures7
+from tensegrity_mj.thesis.expression import compiled, evaluate
 from tensegrity_mj.thesis.statement import Runs, Statement
 
 MODULES = (measures, measures3, measures4, measures5, measures6, measures7, measures_c, measures_c2)
@@ -39,7 +40,11 @@ def measured(statement: Statement, runs: Runs) -> float:
     Raises:
         OptionError: for a measure that is none.
     """
-    if statement.measure not in all_measures():
-        raise OptionError(f"measure {statement.measure!r}: there is none of that name in the modules of measures")
-    found = all_measures()[statement.measure](*(runs[name] for name in statement.needs), **statement.arguments)
-    return float(found)
+    measures, text = all_measures(), statement.measure
+    if text in measures:
+        return float(measures[text](*(runs[name] for name in statement.needs), **statement.arguments))
+    try:
+        compiled(text, tuple(measures))
+    except ValueError as error:
+        raise OptionError(f"measure {text!r}: it {error}") from None
+    return float(evaluate(text, measures, [runs[name] for name in statement.needs]))

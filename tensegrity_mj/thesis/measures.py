@@ -113,36 +113,6 @@ def top_speed(run: Trajectory) -> float:
     return float(np.linalg.norm(run.velocities, axis=-1).max())
 
 
-def largest_coordinate(run: Trajectory, axis: int) -> float:
-    """Largest coordinate of a node [m]."""
-    return float(run.nodes[..., axis].max())
-
-
-def smallest_coordinate(run: Trajectory, axis: int) -> float:
-    """Smallest coordinate of a node [m]."""
-    return float(run.nodes[..., axis].min())
-
-
-def unit_length_error(*runs: Trajectory) -> float:
-    """Largest | ‖b‖ - 1 | of a rod."""
-    return max(float(np.abs(np.linalg.norm(directions(run), axis=-1) - 1.0).max()) for run in runs)
-
-
-def lowest_coordinate(run: Trajectory) -> float:
-    """Smallest component of a b."""
-    return float(directions(run).min())
-
-
-def lowest_multiplier(run: Trajectory, start: float) -> float:
-    """Smallest λ from a time on [1/s²]."""
-    return float(since(run, start, run.multipliers).min())
-
-
-def highest_multiplier(run: Trajectory) -> float:
-    """Largest λ [1/s²]."""
-    return float(run.multipliers.max())
-
-
 def height(run: Trajectory, positions: Array) -> float:
     """Height of the top nodes over the bottom nodes; NaN where they differ."""
     z = positions[run.scene.structure.rod_nodes, 2]
@@ -150,54 +120,9 @@ def height(run: Trajectory, positions: Array) -> float:
     return float(height.mean()) if np.ptp(height) < 0.01 else math.nan
 
 
-def start_height(run: Trajectory) -> float:
-    """Height of the top nodes at the start [m]."""
-    return height(run, run.nodes[0])
-
-
-def final_height(run: Trajectory) -> float:
-    """Height of the top nodes at the end [m]."""
-    return height(run, run.nodes[-1])
-
-
-def rod_mass(run: Trajectory) -> float:
-    """Mass of the heaviest rod [kg]."""
-    return float(run.scene.structure.rod_masses.max())
-
-
-def rod_length(run: Trajectory) -> float:
-    """Length of the longest rod [m]."""
-    return float(run.scene.structure.rod_lengths.max())
-
-
-def rod_count(run: Trajectory) -> int:
-    """How many rods there are."""
-    return len(run.scene.structure.rods)
-
-
-def string_count(run: Trajectory) -> int:
-    """How many strings there are."""
-    return len(run.scene.structure.strings)
-
-
-def largest_error(run: Trajectory) -> float:
-    """Largest of ‖e_b‖ and ‖e_r‖ [m]."""
-    return float(errors(run).max())
-
-
 def final_error(run: Trajectory) -> float:
     """Largest of ‖e_b‖ and ‖e_r‖ at the end [m]."""
     return float(errors(run)[-1].max())
-
-
-def first_rotation_error(run: Trajectory) -> float:
-    """Mean ‖e_b‖ of the rods at the start."""
-    return float(rotation_errors(run)[0].mean())
-
-
-def most_active(run: Trajectory) -> int:
-    """Most strings that pull at one time."""
-    return int(active_strings(run).max())
 
 
 # ------------------------------------------------------------------------------------------------------- chapter 4

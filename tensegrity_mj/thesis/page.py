@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 
 from tensegrity_mj.basics.files import replacing
+from tensegrity_mj.pictures.page import data_url, page_of, table_of
 from tensegrity_mj.thesis.drawing import ThesisFigure
 from tensegrity_mj.thesis.experiments import TITLES, EngineName
 from tensegrity_mj.thesis.ledger import Row, Verdict, value_text
@@ -219,21 +219,18 @@ def html(
         parts.append("<h2>Figures</h2>")
     for figure, content in figures:
         caption = f"Figure {figure.number} (page {figure.page} of the thesis): {figure.title}"
-        url = base64.b64encode(content).decode("ascii")
         parts.append(
-            f'<figure id="f{figure.number}"><img alt="{escape(caption)}" src="data:image/png;base64,{url}">'
+            f'<figure id="f{figure.number}"><img alt="{escape(caption)}" src="{data_url("image/png", content)}">'
             f"<figcaption>{escape(caption)}</figcaption></figure>"
         )
     parts += ["<h2>Runs</h2>", _runs(runs)]
-    return _PAGE.format(style=_STYLE, body="\n".join(parts))
+    return page_of("The thesis, reproduced", parts, _STYLE)
 
 
 def _classes(rows: Sequence[Row]) -> str:
     """The table of classes: its Markdown cells as HTML."""
     heads, _, *lines = [line.strip("| ").split(" | ") for line in _class_table(rows)]
-    body = ["".join(f"<td>{escape(cell)}</td>" for cell in line) for line in lines]
-    head = "".join(f"<th>{escape(cell)}</th>" for cell in heads)
-    return f'<div class="table"><table><tr>{head}</tr><tr>{"</tr><tr>".join(body)}</tr></table></div>'
+    return table_of(heads, lines)
 
 
 def _ledger(rows: Sequence[Row], engines: Sequence[EngineName]) -> str:
@@ -258,16 +255,7 @@ def _ledger(rows: Sequence[Row], engines: Sequence[EngineName]) -> str:
 
 
 def _runs(runs: Sequence[Mapping[str, Any]]) -> str:
-    heads = list(runs[0]) if runs else []
-    lines = ["<thead><tr>", *(f"<th>{escape(head)}</th>" for head in heads), "</tr></thead>"]
-    lines += ["<tr>" + "".join(f"<td>{escape(_shown(line[head]))}</td>" for head in heads) + "</tr>" for line in runs]
-    return f'<div class="table"><table>{"".join(lines)}</table></div>'
-
-
-def _shown(value: object) -> str:
-    if value is None:
-        return "–"
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    return table_of(list(runs[0]) if runs else [], [list(line.values()) for line in runs])
 
 
 def write(path: Path, text: str) -> None:
@@ -277,35 +265,12 @@ def write(path: Path, text: str) -> None:
 
 
 _STYLE = """
-body { margin: 0 auto; padding: 1rem; max-width: 84rem; color: #22262c; background: #fff;
-       font: 1rem/1.45 system-ui, sans-serif; overflow-wrap: break-word; }
-h1 { font-size: 1.5rem; } h2 { font-size: 1.15rem; margin-top: 2rem; border-bottom: 2px solid #1f5cc6; }
-.table { overflow-x: auto; }
-table { border-collapse: collapse; font-size: .88rem; }
-th, td { text-align: left; vertical-align: top; padding: .25rem .6rem; border-bottom: 1px solid #dde1e6; }
-td.n { font-variant-numeric: tabular-nums; white-space: nowrap; }
+body { max-width: 84rem; }
+th, td { padding: .25rem .6rem; }
 tr.good td:last-child { background: #e3f4e6; color: #14532d; }
 tr.known td:last-child { background: #fdeaea; color: #7f1d1d; }
 tr.open td:last-child { background: #eef0f3; color: #3d4450; }
 tr.bad td:last-child { background: #b91c1c; color: #fff; }
 .cause { font-size: .85em; max-width: 28rem; }
 .note { border-left: 4px solid #b91c1c; padding-left: .6rem; }
-figure { margin: 0 0 1.8rem; }
-img { display: block; max-width: 100%; height: auto; border: 1px solid #dde1e6; }
-figcaption { color: #667080; font-size: .9rem; }
-"""
-
-_PAGE = """<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
-<title>The thesis, reproduced</title>
-<style>{style}</style>
-</head>
-<body>
-{body}
-</body>
-</html>
 """

@@ -83,8 +83,8 @@ class Statement:
         accepted: which of our values count as reproduced.
         tolerance: why these.
         needs: names of the experiments, series and studies that the measure is given, in order.
-        measure: name of a function of the modules of measures.
-        arguments: that it is given by name besides.
+        measure: name of a function of the modules of measures, or an expression, see `expression`.
+        arguments: that a function is given by name besides.
         unit: of our value.
         value: the number as it is stated, in that unit, or the ends of the range that is stated; () where none is.
         printed: the digits as they stand in the thesis, of a number.

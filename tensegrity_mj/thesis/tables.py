@@ -3,7 +3,8 @@
 A row has `id`, `class`, `where`, `page`, `words` (what is measured), `stated`, `reason` (of the band), `measure` and
 `runs`, and where they apply `figure`, `arguments`, `unit`, `band` (a row without one is a sentence that holds or does
 not), `value`, `printed`, `line`, `origin`, `engines`, `differs = {cause, ours}` and `unjudged`. A reason, a cause, an
-origin or an `unjudged` that is the name of one of the file's `[texts]` stands for that text.
+origin or an `unjudged` that is the name of one of the file's `[texts]` stands for that text. A measure is the name of a
+function, which is given the runs and the arguments, or an expression of them, see `expression`.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Any
 
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.thesis.experiments import EngineName
+from tensegrity_mj.thesis.expression import compiled
 from tensegrity_mj.thesis.lookup import all_measures
 from tensegrity_mj.thesis.statement import HOLDS, Class, Interval, KnownDifference, Statement
 
@@ -78,7 +80,10 @@ def _statement(where: str, row: Mapping[str, Any], texts: Mapping[str, str]) -> 
             raise FormatError(f"{where}: {key} = {value!r}; it must be a {OPTIONAL[key].__name__}")
     unjudged, measure = row.get("unjudged", ""), row.get("measure", "")
     if measure and measure not in all_measures():
-        raise FormatError(f"{where}: measure = '{measure}'; there is none of that name in the modules of measures")
+        try:
+            compiled(measure, tuple(all_measures()))
+        except ValueError as error:
+            raise FormatError(f"{where}: measure = '{measure}'; it {error}") from None
     if not measure and not unjudged:
         raise FormatError(f"{where}: it has neither a measure nor a reason why it cannot be judged (unjudged)")
     differs = row.get("differs")

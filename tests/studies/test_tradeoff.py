@@ -547,7 +547,7 @@ def test_what_is_recommended_completed_and_is_good_enough_even_if_the_reference_
 
 
 def test_below_the_references_own_error_the_front_has_one_point_the_cheapest() -> None:
-    from tensegrity_mj.studies.tradeoff.study import _result
+    from tensegrity_mj.studies.tradeoff.results import result_of
 
     chosen = sweep_settings(spring_scene(), Kind.MUJOCO, steps=[0.02, 0.01, 0.005])[:3]
     costs_and_errors = [(1.0, 1e-3), (2.0, 5e-7), (4.0, 1e-7)]
@@ -561,12 +561,12 @@ def test_below_the_references_own_error_the_front_has_one_point_the_cheapest() -
     told = {"engine": "one", "own_error": 1e-6, "looser": None, "second_formulation": None, "motion": 0.2, "reason": ""}
     experiment = spring_experiment()
     motion = Motion(np.zeros(1), experiment.scene.nodes0[None])
-    values, timing = _result(experiment, reference.Reference(motion, told), None, chosen, records)
+    values, timing = result_of(experiment, reference.Reference(motion, told), None, chosen, records)
     assert values["by_right_hand_sides"]["front"] == [0, 1]
     assert timing["front"] == [0, 1]
     assert [one["at_reference_floor"] for one in values["points"]] == [False, True, True]
     told["own_error"] = 1e-9
-    values, timing = _result(experiment, reference.Reference(motion, told), None, chosen, records)
+    values, timing = result_of(experiment, reference.Reference(motion, told), None, chosen, records)
     assert values["by_right_hand_sides"]["front"] == timing["front"] == [0, 1, 2]
 
 

@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from tensegrity_mj.thesis import noticed, sensitivity
 from tensegrity_mj.thesis.catalog import STATEMENTS
 from tensegrity_mj.thesis.disturbance import GAINS, Disturbance, Quantity, disturbance_of, disturbed, disturbed_options
 from tensegrity_mj.thesis.experiments import EXPERIMENTS, EngineName, simulate_experiment
+from tensegrity_mj.thesis.expression import compiled, evaluate
 from tensegrity_mj.thesis.ledger import Cell, Row, Verdict
 from tensegrity_mj.thesis.lookup import all_measures, measured
 from tensegrity_mj.thesis.page import counts_by_class, summary
@@ -94,7 +96,7 @@ def test_rows_say_what_was_chosen() -> None:
     # The seed and the start of chapter 3, the second start of chapter 6, and springs with a star fit what they show.
     assert all(ROWS[f"3.{figure}-axis"].kind is Class.CALIBRATED for figure in (4, 5, 6, 7))
     for one in STATEMENTS:
-        starred = "*" in json.dumps(dict(one.arguments))
+        starred = "*" in json.dumps(dict(one.arguments)) or '*"' in one.measure
         if starred or set(one.needs) & {"mirror-b", "mirror-bd", "beam-waves-doubled"}:
             assert one.kind is not Class.NUMBER, one.id
             assert one.kind is not Class.STATEMENT, one.id
@@ -163,7 +165,7 @@ def test_within_ten_percent_of_a_range_or_of_a_negative_number() -> None:
 def test_every_table_is_read_and_every_measure_of_a_row_exists() -> None:
     assert sum(len(read_table(FOLDER / f"{name}.toml")) for name in FILES) == len(STATEMENTS)
     for one in STATEMENTS:
-        assert not one.measure or one.measure in all_measures()
+        assert not one.measure or one.measure in all_measures() or compiled(one.measure, tuple(all_measures()))
     with pytest.raises(OptionError, match="'nothing'"):
         measured(replace(STATEMENTS[0], measure="nothing"), {})
 
@@ -219,6 +221,31 @@ def test_a_bad_table_is_refused_with_its_row(tmp_path: Path, change: tuple[str, 
     with pytest.raises(FormatError, match=re.escape(word)) as caught:
         read_table(path)
     assert "t.toml" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("max(sums(a)", "is no expression"),
+        ("max(sum(a))", "has the name 'sum'"),
+        ("a.nodes.tofile('x')", "is none of a measure or function"),
+        ("a.__class__", "is not allowed"),
+        ("[x for x in a]", "is not allowed"),
+        ("norm(a, axis=0)", "is none of a measure or function"),
+        ("(lambda: 0)()", "is none of a measure or function"),
+    ],
+)
+def test_an_expression_is_made_of_measures_alone(text: str, word: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(word)):
+        compiled(text, tuple(all_measures()))
+
+
+def test_an_expression_has_the_runs_of_its_row_in_their_order() -> None:
+    first, second = (SimpleNamespace(lyapunov=np.array(values)) for values in ([6.0, 1.0], [3.0, 8.0]))
+    assert evaluate("a.lyapunov[0] / b.lyapunov[0]", {}, [first, second]) == 2.0
+    assert evaluate("max(a.lyapunov - b.lyapunov)", {}, [first, second]) == 3.0
+    assert evaluate("max(1, 2 * b.lyapunov[1])", {}, [first, second]) == 16.0
+    assert list(evaluate('each(scaled, a, ["x", "y"], 2)', {"scaled": lambda run, *of: len(of)}, [first])) == [2, 2]
 
 
 def test_two_rows_of_one_id_are_refused(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -29,9 +29,8 @@ from tensegrity_mj.studies.cable.chain import Chain
 from tensegrity_mj.studies.cable.modal import HangingChain
 from tensegrity_mj.studies.cable.spectrum import spectrum
 from tensegrity_mj.studies.cable.whirling import whirl
-from tensegrity_mj.studies.many import Study, run_many
+from tensegrity_mj.studies.many import RunOptions, Study, run_many
 from tensegrity_mj.studies.parameters import Draft
-from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.vibration.integrators import Scheme, scheme_of
 
 DIRECTION = (0.0, 1.0, 0.0)  # of the thesis' in-line excitation
@@ -232,10 +231,7 @@ def run_cases(
     *,
     duration: float = DURATION,
     interval: float = INTERVAL,
-    identity: Mapping[str, Any] | None = None,
-    workers: Workers | None = None,
-    progress: bool = False,
-    label: str = "cables",
+    **how: Unpack[RunOptions],
 ) -> CaseResults:
     """Run many cases and measure markers on each; in a folder, go on where an earlier call stopped.
 
@@ -246,7 +242,7 @@ def run_cases(
         markers: arc lengths [m] from the top.
         folder: see `run_many`.
         duration, interval: of the runs and their samples [s].
-        identity, workers, progress, label: see `run_many`.
+        how: identity, workers, progress and label, see `run_many`.
 
     Raises:
         OptionError: for markers that some chain does not have, and as `run_many`.
@@ -261,34 +257,21 @@ def run_cases(
             Chain.of(case.scene.structure).weights(markers)
             known[id(case.scene)] = scene_to_toml(case.scene)
         name = texts.setdefault(known[id(case.scene)], f"scene{len(texts)}")
-        engine, options = engine_settings(case.engine)
-        points.append(
-            {
-                "scene": name,
-                "frequency": case.frequency,
-                "excitation": case.excitation.value,
-                "amplitude": case.amplitude,
-                "start": case.start.value,
-                "seed": case.seed,
-                "engine": {"name": engine, "options": options},
-                "direction": list(case.direction),
-            }
-        )
+        points.append(point_of(case, name))
     common = {
         "scenes": {name: text for text, name in texts.items()},
         "markers": list(markers),
         "duration": duration,
         "interval": interval,
     }
+    options: RunOptions = {"label": "cables", **how}
+    options["identity"] = {"versions": versions(), **(how.get("identity") or {})}
     study = run_many(
         measure_case,
         points,
         None if folder is None else Path(folder),
         common=common,
-        identity={"versions": versions(), **(identity or {})},
-        workers=workers,
-        progress=progress,
-        label=label,
+        **options,
     )
     return CaseResults(tuple(cases), np.array(markers, float), study)
 
@@ -302,6 +285,21 @@ def measure_case(point: dict[str, Any]) -> dict[str, Any]:
     if run.status is not Status.COMPLETED:
         return {"status": run.status.value, "message": run.message, "drift": drift_of(run)}
     return {"status": run.status.value, "message": "", **measures_of(case, run, point["markers"])}
+
+
+def point_of(case: Case, scene: str) -> dict[str, Any]:
+    """A case as plain values, with the name that its point's `scenes` have for its scene."""
+    engine, options = engine_settings(case.engine)
+    return {
+        "scene": scene,
+        "frequency": case.frequency,
+        "excitation": case.excitation.value,
+        "amplitude": case.amplitude,
+        "start": case.start.value,
+        "seed": case.seed,
+        "engine": {"name": engine, "options": options},
+        "direction": list(case.direction),
+    }
 
 
 def case_of(point: Mapping[str, Any]) -> Case:

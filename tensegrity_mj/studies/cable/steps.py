@@ -24,6 +24,7 @@ from tensegrity_mj.studies.cable.cases import (
     case_of,
     drift_of,
     linear_model,
+    point_of,
     simulated,
 )
 from tensegrity_mj.studies.many import run_many
@@ -81,22 +82,11 @@ def steps_within(
         OptionError: as `run_many`.
     """
     positive("drift", drift)
-    points = []
-    for case in cases:
-        name, options = engine_settings(DAE(method=Method.RK4, timestep=0.01))
-        points.append(
-            {
-                "scenes": {"scene": scene_to_toml(case.scene)},
-                "scene": "scene",
-                "frequency": case.frequency,
-                "excitation": case.excitation.value,
-                "amplitude": case.amplitude,
-                "start": case.start.value,
-                "seed": case.seed,
-                "engine": {"name": name, "options": options},
-                "direction": list(case.direction),
-            }
-        )
+    plain = DAE(method=Method.RK4, timestep=0.01)
+    points = [
+        {"scenes": {"scene": scene_to_toml(case.scene)}, **point_of(replace(case, engine=plain), "scene")}
+        for case in cases
+    ]
     study = run_many(
         find_step,
         points,

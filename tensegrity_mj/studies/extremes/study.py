@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tensegrity_mj.basics.files import made_folder, replacing
-from tensegrity_mj.basics.jsontext import to_json
+from tensegrity_mj.basics.checks import whole
+from tensegrity_mj.basics.files import made_folder
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.attempt import DONE
@@ -19,10 +19,11 @@ from tensegrity_mj.studies.extremes.experiment import Kind
 from tensegrity_mj.studies.extremes.task import run_extreme
 from tensegrity_mj.studies.extremes.verdicts import Verdict
 from tensegrity_mj.studies.many import run_many
+from tensegrity_mj.studies.report import Report
 from tensegrity_mj.studies.workers import Workers
 
 FORMAT = 1
-DATA, PAGE, RUNS = "extremes.json", "extremes.html", "runs"  # what a folder holds
+PAGE, RUNS = "extremes.html", "runs"  # what a folder holds
 EXPENSIVE = (Kind.LONG, Kind.LARGE)
 ONE_IN = 250  # of the expensive kinds
 # What must hold, as parts of all runs.
@@ -30,18 +31,17 @@ LEAST_RIGHT, MOST_FALSE_REFUSALS = 0.6, 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Extremes:
-    """A finished study.
+class Extremes(Report):
+    """A finished study; docs/extremes.md explains the keys of its `data`.
 
     Attributes:
-        data: everything, as plain values; docs/extremes.md explains the keys.
-        seconds: how long it took; not part of the data, which is the same each time.
-        folder: where it is, or None.
+        ...: those of `Report`.
+        seconds: how long it took; not part of the data.
     """
 
-    data: dict[str, Any]
-    seconds: float
-    folder: Path | None = None
+    seconds: float = 0.0
+
+    NAME = "extremes"
 
     @property
     def passed(self) -> bool:
@@ -94,9 +94,7 @@ def extremes(
     Raises:
         OptionError: for options out of range.
     """
-    for name, value, least in (("runs", runs, 1), ("seed", seed, 0)):
-        if not isinstance(value, int) or isinstance(value, bool) or value < least:
-            raise OptionError(f"{name} = {value!r}; it must be an integer >= {least}")
+    runs, seed = whole("runs", runs, 1), whole("seed", seed, 0)
     chosen = list(dict.fromkeys(Kind if kinds is None else kinds))
     if not chosen:
         raise OptionError(f"kinds: name at least one of {', '.join(kind.name.lower() for kind in Kind)}")
@@ -124,12 +122,7 @@ def extremes(
         **conclusions(results, chosen),
         "results": results,
     }
-    report = Extremes(data, time.perf_counter() - started, place)
-    if place is not None:
-        with replacing(place / DATA) as part:
-            part.write_text(to_json(data, indent=1) + "\n", encoding="utf-8")
-        report.save_page(place / PAGE)
-    return report
+    return Extremes(data, place, time.perf_counter() - started).kept()
 
 
 def _result(kind: str, outcome: dict[str, Any]) -> dict[str, Any]:

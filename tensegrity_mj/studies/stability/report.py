@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Any
 
 from tensegrity_mj.basics.checks import member
+from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.studies.many import run_many
@@ -27,22 +29,11 @@ JOINED_PART = 3  # for so many random taut structures one whose rods share nodes
 MAPPED = ("euler", "implicit", "discrete", "rk4")  # engines of the maps: the others have the limits of one of these
 
 
-def study_stability(
-    scene: Scene,
-    *,
-    law: Any = None,
-    engines: Sequence[str] = NAMES,
-    maps: Sequence[str] = (),
-    quick: bool = False,
-    random: int = 0,
-    seed: int = 0,
-    folder: str | os.PathLike[str] | None = None,
-    workers: Workers | None = None,
-    progress: bool = False,
-) -> dict[str, Any]:
+@dataclass(frozen=True, eq=False)
+class StabilityStudy:
     """Predicted and measured limits of a scene's structure, of its variations, and of random structures.
 
-    Args:
+    Attributes:
         scene: its start and, with a law, a run are looked at; its structure, prestressed and at rest, is measured.
         law: closes the loop in the part about the scene's own motion.
         engines: names from `engines.NAMES`.
@@ -57,68 +48,90 @@ def study_stability(
     Raises:
         OptionError: for unknown names, and maps of a structure whose rods share nodes, or without strings.
     """
-    unknown = [name for name in engines if name not in NAMES] + [axis for axis in maps if axis not in AXES]
-    if unknown or not engines:
-        raise OptionError(f"stability: '{unknown[0] if unknown else ''}' is none of {', '.join((*NAMES, *AXES))}")
-    if workers is not None:
-        member("workers.backend", workers.backend, Backend)
-    linked = scene.structure.class_number > 1
-    if maps and (linked or not scene.structure.strings):
-        raise OptionError(
-            f"stability: maps vary the strings of structures of class 1; scene '{scene.name}' has "
-            f"{'rods that share nodes' if linked else 'no strings'}: leave the maps out"
-        )
-    measured = [name for name in engines if not (linked and name in CLASS_1)]
-    base, text = scene_at_rest(scene)
-    place = None if folder is None else Path(folder)
-    data: dict[str, Any] = {
-        "scene": scene.name,
-        "engines": list(engines),
-        "start": _start(scene, law, engines),
-        "base": {"text": text, "engines": {name: at_rest(base, name) for name in measured}},
-    }
-    if maps:
-        most = QUICK_RODS if quick else MOST_RODS
-        points = map_points(base.structure, tuple(maps), quick, most)
-        mapped = [name for name in engines if name in MAPPED] or list(engines)
+
+    scene: Scene
+    _: KW_ONLY
+    law: Any = None
+    engines: Sequence[str] = NAMES
+    maps: Sequence[str] = ()
+    quick: bool = False
+    random: int = 0
+    seed: int = 0
+    folder: str | os.PathLike[str] | None = None
+    workers: Workers | None = None
+    progress: bool = False
+
+    def __call__(self) -> dict[str, Any]:
+        scene, engines = self.scene, list(self.engines)
+        unknown = [name for name in engines if name not in NAMES] + [axis for axis in self.maps if axis not in AXES]
+        if unknown or not engines:
+            raise OptionError(f"stability: '{unknown[0] if unknown else ''}' is none of {', '.join((*NAMES, *AXES))}")
+        if self.workers is not None:
+            member("workers.backend", self.workers.backend, Backend)
+        linked = scene.structure.class_number > 1
+        if self.maps and (linked or not scene.structure.strings):
+            raise OptionError(
+                f"stability: maps vary the strings of structures of class 1; scene '{scene.name}' has "
+                f"{'rods that share nodes' if linked else 'no strings'}: leave the maps out"
+            )
+        measured = [name for name in engines if not (linked and name in CLASS_1)]
+        base, text = scene_at_rest(scene)
+        data: dict[str, Any] = {
+            "scene": scene.name,
+            "engines": engines,
+            "start": _start(scene, self.law, engines),
+            "base": {"text": text, "engines": {name: at_rest(base, name) for name in measured}},
+        }
+        if self.maps:
+            data["maps"] = self._maps(base)
+        if self.random:
+            most = QUICK_RANDOM_RODS if self.quick else RANDOM_RODS
+            joined = QUICK_JOINED_RODS if self.quick else JOINED_RODS
+            data["random"] = self._drawn("random", random_points(self.random, self.seed, most))
+            count = math.ceil(self.random / JOINED_PART)
+            data["joined"] = self._drawn("joined", joined_points(count, self.seed, joined))
+        return data
+
+    def _maps(self, base: Scene) -> list[dict[str, Any]]:
+        """The limits along each axis."""
+        most = QUICK_RODS if self.quick else MOST_RODS
+        points = map_points(base.structure, tuple(self.maps), self.quick, most)
+        mapped = [name for name in self.engines if name in MAPPED] or list(self.engines)
+        rows = self._limits("maps", "maps", points, mapped)
+        return [
+            {
+                "axis": row["point"]["axis"],
+                "value": row["point"]["value"],
+                "values": row["values"],
+                "reason": row["reason"],
+            }
+            for row in rows
+        ]
+
+    def _drawn(self, name: str, points: Sequence[dict[str, Any]]) -> dict[str, Any]:
+        """The limits of structures that were drawn by chance."""
+        rows = self._limits(name, f"{name} structures", points, list(self.engines))
+        kept = [row["values"] for row in rows if row["values"] is not None]
+        return {"seed": self.seed, "rows": rows, "failed": len(rows) - len(kept), "summary": summary(kept)}
+
+    def _limits(
+        self, name: str, label: str, points: Sequence[dict[str, Any]], engines: list[str]
+    ) -> list[dict[str, Any]]:
         found = run_many(
             limits_at,
-            [point | {"engines": mapped} for point in points],
-            None if place is None else place / "maps",
-            workers=workers,
-            progress=progress,
-            label="maps",
+            [point | {"engines": engines} for point in points],
+            None if self.folder is None else Path(self.folder) / name,
+            workers=self.workers,
+            progress=self.progress,
+            label=label,
         )
-        data["maps"] = [
-            {
-                "axis": point["axis"],
-                "value": point["value"],
-                "values": outcome.get("values"),
-                "reason": outcome.get("reason"),
-            }
+        return [
+            {"point": point, "values": outcome.get("values"), "reason": outcome.get("reason")}
             for point, outcome in zip(points, found.outcomes, strict=True)
         ]
-    if random:
-        drawn = {
-            "random": random_points(random, seed, QUICK_RANDOM_RODS if quick else RANDOM_RODS),
-            "joined": joined_points(math.ceil(random / JOINED_PART), seed, QUICK_JOINED_RODS if quick else JOINED_RODS),
-        }
-        for name, points in drawn.items():
-            found = run_many(
-                limits_at,
-                [point | {"engines": list(engines)} for point in points],
-                None if place is None else place / name,
-                workers=workers,
-                progress=progress,
-                label=f"{name} structures",
-            )
-            rows = [
-                {"point": point, "values": outcome.get("values"), "reason": outcome.get("reason")}
-                for point, outcome in zip(points, found.outcomes, strict=True)
-            ]
-            kept = [row["values"] for row in rows if row["values"] is not None]
-            data[name] = {"seed": seed, "rows": rows, "failed": len(rows) - len(kept), "summary": summary(kept)}
-    return data
+
+
+study_stability = function_of(StabilityStudy)
 
 
 def _start(scene: Scene, law: Any, engines: Sequence[str]) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from tensegrity_mj.basics.checks import positive
+from tensegrity_mj.basics.checks import positive, whole
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.studies.tradeoff.settings import BUDGET, Kind
@@ -70,8 +70,7 @@ class TradeoffOptions:
         object.__setattr__(self, "families", tuple(self.families))
         if self.duration is not None:
             object.__setattr__(self, "duration", positive("tradeoff: duration", self.duration, "s"))
-        if not isinstance(self.repeats, int) or isinstance(self.repeats, bool) or self.repeats < 1:
-            raise OptionError(f"tradeoff: repeats = {self.repeats!r}; it must be an integer >= 1")
+        whole("tradeoff: repeats", self.repeats, 1)
         object.__setattr__(self, "budget", positive("tradeoff: budget", self.budget))
 
     def wants(self, family: str) -> bool:

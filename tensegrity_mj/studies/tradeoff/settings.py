@@ -10,9 +10,10 @@ from __future__ import annotations
 import enum
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Any
 
+from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.dynamics.native.law import NativeLaw
 from tensegrity_mj.engines.table import engine_settings
 from tensegrity_mj.errors import OptionError
@@ -138,21 +139,11 @@ def radau_steps(scene: Scene, law: NativeLaw | None = None, budget: float = BUDG
     return int(budget / (RADAU_STAGES * weight(scene, law) + size**3 / FLOPS))
 
 
-def sweep_settings(
-    scene: Scene,
-    kind: Kind,
-    *,
-    duration: float | None = None,
-    period: float | None = None,
-    steps: Sequence[float] | None = None,
-    tolerances: Sequence[float] | None = None,
-    law: NativeLaw | None = None,
-    budget: float = BUDGET,
-    extent: Extent | None = None,
-) -> list[Setting]:
+@dataclass(frozen=True, eq=False)
+class SettingsSweep:
     """The settings of one engine for a scene, family by family, the coarsest first in each.
 
-    Args:
+    Attributes:
         duration: of each run [s]; the scene's by default.
         period: between control samples [s]; None where the law is not sampled.
         steps: fixed steps [s] in place of the grid's.
@@ -164,58 +155,83 @@ def sweep_settings(
     Raises:
         OptionError: for steps or tolerances that an engine cannot have.
     """
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
-    from tensegrity_mj.engines.mujoco.settings import Integrator
-    from tensegrity_mj.engines.reference.dae import DAE, Drift
-    from tensegrity_mj.engines.reference.method import Method
-    from tensegrity_mj.engines.reference.ode import ODE
 
-    total = scene.duration if duration is None else duration
-    interval = recording_interval(total)
-    most = most_evaluations(scene, law, budget)
-    lean = (extent or (Extent.FULL if period is None else Extent.LEAN)) is Extent.LEAN
+    scene: Scene
+    kind: Kind
+    _: KW_ONLY
+    duration: float | None = None
+    period: float | None = None
+    steps: Sequence[float] | None = None
+    tolerances: Sequence[float] | None = None
+    law: NativeLaw | None = None
+    budget: float = BUDGET
+    extent: Extent | None = None
 
-    def fixed(stages: int) -> list[float]:
-        if steps is not None:
-            return sorted(steps, reverse=True)
-        return grid_of_steps(interval, period, most / stages, total)
+    def __call__(self) -> list[Setting]:
+        return self._of_mujoco() if self.kind is Kind.MUJOCO else self._of_reference()
 
-    rtols = sorted(TOLERANCES[::2] if lean else TOLERANCES, reverse=True)
-    if tolerances is not None:
-        rtols = sorted(tolerances, reverse=True)
+    @property
+    def _total(self) -> float:
+        return self.scene.duration if self.duration is None else self.duration
 
-    if kind is Kind.MUJOCO:
+    @property
+    def _most(self) -> float:
+        return most_evaluations(self.scene, self.law, self.budget)
+
+    def _steps(self, stages: int) -> list[float]:
+        """Fixed steps [s] of an integrator of so many stages, the coarsest first."""
+        if self.steps is not None:
+            return sorted(self.steps, reverse=True)
+        return grid_of_steps(recording_interval(self._total), self.period, self._most / stages, self._total)
+
+    def _of_mujoco(self) -> list[Setting]:
+        from tensegrity_mj.engines.mujoco.engine import MuJoCo
+        from tensegrity_mj.engines.mujoco.settings import Integrator
+
         return [
             Setting(MuJoCo(step, integrator), f"MuJoCo {MuJoCo(step, integrator).word}", time_text(step))
             for integrator in Integrator
-            for step in fixed(MuJoCo(1.0, integrator).stages)
+            for step in self._steps(MuJoCo(1.0, integrator).stages)
         ]
-    engine: type[DAE] | type[ODE] = DAE if kind is Kind.DAE else ODE
-    found: list[Setting] = []
-    for method, drift in itertools.product(Method, Drift if kind is Kind.DAE else [None]):
-        usual = Drift.NORMALIZE if method is Method.RK4 else Drift.MONITOR  # the DAE's default
-        treated, radau = drift not in (None, usual), method is Method.RADAU
-        if treated + radau + lean > 1:
-            continue
-        own: dict[str, Any] = {} if drift is None else {"drift": drift}
-        name = f"{kind.name} {'Radau' if radau else method.name}"
-        if treated and drift is not None:
-            name += f", {'Baumgarte' if drift is Drift.BAUMGARTE else drift.value}"
-        if method is Method.RK4:
-            found += [Setting(engine(method=method, timestep=step, **own), name, time_text(step)) for step in fixed(4)]
-            continue
-        limit = radau_steps(scene, law, budget) if radau else int(most / DOP853_STAGES)
-        if limit < (LEAST_RADAU if radau else 1) or (period is not None and total / period * RESTART > HELD * most):
-            continue
-        found += [
-            Setting(
-                engine(method=method, rtol=rtol, atol=ATOL_OF_RTOL * rtol, max_steps=_held(period) * limit, **own),
-                name,
-                f"rtol {power_text(rtol)}",
-            )
-            for rtol in (rtols[::2] if treated else rtols)
-        ]
-    return found
+
+    def _of_reference(self) -> list[Setting]:
+        from tensegrity_mj.engines.reference.dae import DAE, Drift
+        from tensegrity_mj.engines.reference.method import Method
+        from tensegrity_mj.engines.reference.ode import ODE
+
+        total, most, period = self._total, self._most, self.period
+        lean = (self.extent or (Extent.FULL if period is None else Extent.LEAN)) is Extent.LEAN
+        rtols = sorted(TOLERANCES[::2] if lean else TOLERANCES, reverse=True)
+        if self.tolerances is not None:
+            rtols = sorted(self.tolerances, reverse=True)
+        engine: type[DAE] | type[ODE] = DAE if self.kind is Kind.DAE else ODE
+        found: list[Setting] = []
+        for method, drift in itertools.product(Method, Drift if self.kind is Kind.DAE else [None]):
+            usual = Drift.NORMALIZE if method is Method.RK4 else Drift.MONITOR  # the DAE's default
+            treated, radau = drift not in (None, usual), method is Method.RADAU
+            if treated + radau + lean > 1:
+                continue
+            own: dict[str, Any] = {} if drift is None else {"drift": drift}
+            name = f"{self.kind.name} {'Radau' if radau else method.name}"
+            if treated and drift is not None:
+                name += f", {'Baumgarte' if drift is Drift.BAUMGARTE else drift.value}"
+            if method is Method.RK4:
+                steps = self._steps(4)
+                found += [Setting(engine(method=method, timestep=h, **own), name, time_text(h)) for h in steps]
+                continue
+            limit = radau_steps(self.scene, self.law, self.budget) if radau else int(most / DOP853_STAGES)
+            restarts = 0.0 if period is None else total / period * RESTART
+            if limit < (LEAST_RADAU if radau else 1) or restarts > HELD * most:
+                continue
+            own |= {"method": method, "max_steps": limit if period is None else HELD * limit}
+            found += [
+                Setting(engine(rtol=rtol, atol=ATOL_OF_RTOL * rtol, **own), name, f"rtol {power_text(rtol)}")
+                for rtol in (rtols[::2] if treated else rtols)
+            ]
+        return found
+
+
+sweep_settings = function_of(SettingsSweep)
 
 
 def time_text(seconds: float) -> str:
@@ -236,10 +252,6 @@ def _parts() -> Iterator[int]:
     for power in itertools.count():
         for digit in (1, 2, 5):
             yield digit * 10**power
-
-
-def _held(period: float | None) -> int:
-    return 1 if period is None else HELD
 
 
 def divides(period: float, step: float) -> bool:

@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from tensegrity_mj.basics.files import made_folder, replacing
-from tensegrity_mj.basics.jsontext import to_json
+from tensegrity_mj.basics.files import made_folder
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.errors import OptionError, SceneError
 from tensegrity_mj.library.load import load_scene
@@ -21,16 +20,17 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.plain import plain
+from tensegrity_mj.studies.report import Report
 from tensegrity_mj.studies.tradeoff import bench, sentence
 from tensegrity_mj.studies.tradeoff.experiments import Experiment, closed_loops, open_loop, stays
-from tensegrity_mj.studies.tradeoff.front import pareto
 from tensegrity_mj.studies.tradeoff.measurement import Ended, Motion, attempt, record
 from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
 from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, Reference, find_reference
+from tensegrity_mj.studies.tradeoff.results import result_of, sentences
 from tensegrity_mj.studies.tradeoff.settings import Setting, divides, sweep_settings, weight
 from tensegrity_mj.studies.validation import laws
 
-DATA, PAGE, PICTURE, RUNS = "tradeoff.json", "tradeoff.html", "tradeoff.png", "runs"
+PICTURE, RUNS = "tradeoff.png", "runs"
 FORMAT = 1
 # Points that cost more than a part of the budget are timed so many times at most: long runs vary less.
 REPEATS_BEYOND = ((1.0, 1), (0.25, 2))
@@ -41,16 +41,10 @@ Data = dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
-class Tradeoff:
-    """A finished study.
+class Tradeoff(Report):
+    """A finished study; everything but data["timing"] is the same each time."""
 
-    Attributes:
-        data: what tradeoff.json holds; everything but data["timing"] is the same each time.
-        folder: where it is kept, or None.
-    """
-
-    data: Data
-    folder: Path | None
+    NAME = "tradeoff"
 
     @property
     def sentences(self) -> list[str]:
@@ -69,32 +63,6 @@ class Tradeoff:
         from tensegrity_mj.studies.tradeoff.figure import Cost, diagram
 
         return save_figure(diagram(self.data, Cost.WALL_TIME), Path(path))
-
-
-def sentences(data: Data) -> list[str]:
-    """The sentences of all experiments of a study's data, by wall time, each headed by its experiment.
-
-    After them what must be known to take their advice, headed so where it does not concern all experiments.
-    """
-    found = []
-    noted: dict[str, list[str]] = {}
-    for experiment in data["experiments"]:
-        own = data["timing"]["experiments"][experiment["key"]]
-        if own["floor"] is not None:
-            found.append(own["floor"])
-        elif experiment["reference"]["engine"] is None:
-            found.append(f"{experiment['title']}: {sentence.reference_sentence(experiment)}")
-            continue
-        elif not own["advice"]:
-            found.append(f"{experiment['title']}: {sentence.stillness(experiment)}")
-            continue
-        else:
-            found += [f"{experiment['title']}: {one['text']}" for one in own["advice"]]
-        for text in sentence.remarks(experiment, data["scene"].get("duration", experiment["duration"])):
-            noted.setdefault(text, []).append(experiment["title"])
-    for text, titles in noted.items():
-        found.append(text if len(titles) == len(data["experiments"]) else f"{'; '.join(titles)}: {text}")
-    return found
 
 
 def tradeoff(
@@ -160,12 +128,7 @@ def tradeoff(
         "versions": versions(),
         **found,
     }
-    result = Tradeoff(data, None if folder is None else Path(folder))
-    if result.folder is not None:
-        with replacing(result.folder / DATA) as part:
-            part.write_text(to_json(data, indent=1) + "\n", encoding="utf-8")
-        result.save_page(result.folder / PAGE)
-    return result
+    return Tradeoff(data, None if folder is None else Path(folder)).kept()
 
 
 @contextlib.contextmanager
@@ -204,7 +167,7 @@ def _measure(scene: Scene, law: Any, options: TradeoffOptions, kept: bench.Bench
     records = _passes(scene.name, todo, settings, options, kept)
     continuous = references.get(Mode.CONTINUOUS.value)
     results = [
-        _result(experiment, reference, continuous, settings[experiment.key], records[experiment.key])
+        result_of(experiment, reference, continuous, settings[experiment.key], records[experiment.key])
         for experiment, reference in todo
     ]
     return {
@@ -364,71 +327,3 @@ def _again(experiment: Experiment, first: Data, number: int, options: TradeoffOp
     part = first["evaluations"] * weight(experiment.scene, experiment.native) / options.budget
     most = next((count for above, count in REPEATS_BEYOND if part > above), options.repeats)
     return number < min(options.repeats, most)
-
-
-# ---------------------------------------------------------------------------------------------------------- results
-
-
-def _result(
-    experiment: Experiment,
-    reference: Reference,
-    continuous: Reference | None,
-    settings: Sequence[Setting],
-    records: Sequence[Sequence[Data]],
-) -> tuple[Data, Data]:
-    """What is the same each time, and what was measured with a clock."""
-    points, clocked = [], []
-    own = reference.own_error
-    for setting, runs in zip(settings, records, strict=True):
-        first: Data = runs[0] if runs else {"status": Ended.REFUSED.value, "reason": "no reference", "error": None}
-        values = {key: value for key, value in first.items() if key != "timing"}
-        known = first["error"] is not None
-        # A second run of the same setting must be the same run: what it computed is compared bit by bit.
-        repeatable = all({**one, "timing": None} == {**first, "timing": None} for one in runs)
-        at_floor = bool(known and first["error"] <= FLOOR_FACTOR * own)
-        points.append({**setting.to_dict(), **values, "at_reference_floor": at_floor, "repeatable": repeatable})
-        walls = [one["timing"]["wall_time"] for one in runs if one["timing"]["wall_time"] is not None]
-        wall = min(walls, default=None)
-        factor = experiment.duration / wall if wall and known else None
-        clocked.append({"wall_time": wall, "repeats": len(walls), "real_time_factor": factor})
-    told = {
-        **experiment.to_dict(),
-        "reference": {key: value for key, value in reference.told.items() if key != "fastest"},
-        "modelling_floor": _modelling_floor(experiment, reference, continuous),
-        "points": points,
-    }
-    errors = [one["error"] for one in points]
-    floor = own if math.isfinite(own) else 0.0
-    right_hand_sides = [one.get("evaluations") for one in points]
-    told["by_right_hand_sides"] = {
-        "front": pareto(right_hand_sides, errors, floor),
-        "advice": sentence.advice(told, right_hand_sides),
-        "floor": sentence.floor_sentence(told, right_hand_sides),
-    }
-    walls = [one["wall_time"] for one in clocked]
-    timing = {
-        "points": clocked,
-        "front": pareto(walls, errors, floor),
-        "advice": sentence.advice(told, walls, clocked),
-        "floor": sentence.floor_sentence(told, walls, clocked),
-    }
-    return told, timing
-
-
-def _modelling_floor(experiment: Experiment, reference: Reference, continuous: Reference | None) -> Data | None:
-    """How far the held experiment's own motion is from the continuous law's; None where nothing is held."""
-    if experiment.actuation.mode is Mode.CONTINUOUS:
-        return None
-    unknown = {"distance": None, "final_distance": None, "resolved": None}
-    if continuous is None and reference.motion is not None:
-        return {**unknown, "reason": "the continuous law was not asked for"}
-    if continuous is None or reference.motion is None or continuous.motion is None:
-        missing = continuous if reference.motion is not None and continuous is not None else reference
-        return {**unknown, "reason": str(missing.told["reason"])}
-    distance = reference.motion.distance(continuous.motion)
-    return {
-        "distance": float(distance.max()),
-        "final_distance": float(distance[-1]),
-        "resolved": reference.own_error + continuous.own_error,
-        "reason": "",
-    }

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Any
 
 from numpy.typing import ArrayLike
 
-from tensegrity_mj.basics.checks import positive
-from tensegrity_mj.basics.files import made_folder, replacing
-from tensegrity_mj.basics.jsontext import to_json
+from tensegrity_mj.basics.checks import positive, whole
+from tensegrity_mj.basics.files import made_folder
+from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.dynamics.native.law import Law
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
@@ -23,6 +23,7 @@ from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.studies.plain import plain
+from tensegrity_mj.studies.report import Report
 from tensegrity_mj.studies.validation import laws
 from tensegrity_mj.studies.validation.findings import findings
 from tensegrity_mj.studies.validation.sections import SECTIONS, Extent, Setup, cases
@@ -34,16 +35,10 @@ DATA, PAGE, RUNS = "validation.json", "validation.html", "runs"  # what a folder
 
 
 @dataclass(frozen=True, eq=False)
-class Validation:
-    """A finished report.
+class Validation(Report):
+    """A finished report; docs/validate.md explains the keys of its `data`."""
 
-    Attributes:
-        data: everything, as plain values; docs/validate.md explains the keys.
-        folder: where it is, or None.
-    """
-
-    data: dict[str, Any]
-    folder: Path | None = None
+    NAME = "validation"
 
     @property
     def summary(self) -> list[str]:
@@ -57,25 +52,11 @@ class Validation:
         return write_validation_page(path, self.data)
 
 
-def validate(
-    scene: Scene | str | os.PathLike[str],
-    law: Law | Callable[..., ArrayLike] | str | os.PathLike[str] | None = None,
-    *,
-    folder: str | os.PathLike[str] | None = None,
-    engines: Sequence[str] | None = None,
-    sections: Sequence[str] | None = None,
-    duration: float | None = None,
-    timestep: float = 1e-3,
-    control_period: float = 1e-3,
-    seed: int = 0,
-    quick: bool = False,
-    extent: Extent | None = None,
-    workers: Workers | None = None,
-    progress: bool = False,
-) -> Validation:
+@dataclass(frozen=True, eq=False)
+class Validate:
     """Test a law on a scene in every engine: as it is meant to be, sampled, and with everything off that may be.
 
-    Args:
+    Attributes:
         scene: a scene, or the name or the path of one; its loads must not be a Python function.
         law: the scene's law by default; a built-in law's name; "module:name" or "path.py:name" of your own; or a law
             object or function. What no other process can import is run in this one.
@@ -99,64 +80,80 @@ def validate(
         OptionError: for options out of range, no law, or workers that cannot have the law.
         SceneError: for loads that are a Python function.
     """
-    if not isinstance(scene, Scene):
-        scene = load_scene(scene)
-    spec = laws.spec_of(law, scene)
-    made = laws.make(spec, scene)
-    told = plain(laws.describe(spec, made, scene), "what the law says of itself")
-    setup = Setup(
-        scene,
-        made,
-        _engines(scene, engines),
-        _duration(scene, duration),
-        _part_of_a_tick("timestep", timestep),
-        _part_of_a_tick("control_period", control_period),
-        _seed(seed),
-        extent or (Extent.quick() if quick else Extent()),
-    )
-    chosen = _names("sections", sections, tuple(SECTIONS))
-    chosen = [name for name in SECTIONS if name == "nominal" or name in chosen]
-    todo = cases(setup, chosen)
-    common = {
-        "scene": scene_to_toml(scene),
-        "spec": spec,
-        "duration": setup.duration,
-        "timestep": setup.timestep,
-    }
-    place = None if folder is None else made_folder(folder)
-    known = versions()
-    study = run_many(
-        run_point,
-        [case.point for case in todo],
-        None if place is None else place / RUNS,
-        common=common,
-        identity={"versions": known, "law": told},
-        workers=_workers(workers, spec),
-        progress=progress,
-        label=f"validation of {scene.name}",
-    )
-    data: dict[str, Any] = {
-        "format": FORMAT,
-        "scene": {"name": scene.name, "source": scene.source},
-        "law": told,
-        "setup": {
-            "engines": list(setup.engines),
-            "sections": chosen,
-            "duration": setup.duration,
-            "timestep": setup.timestep,
-            "control_period": setup.period,
-            "seed": setup.seed,
-            "runs": len(todo),
-        },
-        "versions": known,
-        **findings(setup, list(zip(todo, study.outcomes, strict=True))),
-    }
-    report = Validation(data, place)
-    if place is not None:
-        with replacing(place / DATA) as part:
-            part.write_text(to_json(data, indent=1) + "\n", encoding="utf-8")
-        report.save_page(place / PAGE)
-    return report
+
+    scene: Scene | str | os.PathLike[str]
+    law: Law | Callable[..., ArrayLike] | str | os.PathLike[str] | None = None
+    _: KW_ONLY
+    folder: str | os.PathLike[str] | None = None
+    engines: Sequence[str] | None = None
+    sections: Sequence[str] | None = None
+    duration: float | None = None
+    timestep: float = 1e-3
+    control_period: float = 1e-3
+    seed: int = 0
+    quick: bool = False
+    extent: Extent | None = None
+    workers: Workers | None = None
+    progress: bool = False
+
+    def __call__(self) -> Validation:
+        scene = self.scene if isinstance(self.scene, Scene) else load_scene(self.scene)
+        spec = laws.spec_of(self.law, scene)
+        made = laws.make(spec, scene)
+        told = plain(laws.describe(spec, made, scene), "what the law says of itself")
+        setup = self._setup(scene, made)
+        chosen = _names("sections", self.sections, tuple(SECTIONS))
+        chosen = [name for name in SECTIONS if name == "nominal" or name in chosen]
+        todo = cases(setup, chosen)
+        place = None if self.folder is None else made_folder(self.folder)
+        known = versions()
+        study = run_many(
+            run_point,
+            [case.point for case in todo],
+            None if place is None else place / RUNS,
+            common={
+                "scene": scene_to_toml(scene),
+                "spec": spec,
+                "duration": setup.duration,
+                "timestep": setup.timestep,
+            },
+            identity={"versions": known, "law": told},
+            workers=_workers(self.workers, spec),
+            progress=self.progress,
+            label=f"validation of {scene.name}",
+        )
+        data: dict[str, Any] = {
+            "format": FORMAT,
+            "scene": {"name": scene.name, "source": scene.source},
+            "law": told,
+            "setup": {
+                "engines": list(setup.engines),
+                "sections": chosen,
+                "duration": setup.duration,
+                "timestep": setup.timestep,
+                "control_period": setup.period,
+                "seed": setup.seed,
+                "runs": len(todo),
+            },
+            "versions": known,
+            **findings(setup, list(zip(todo, study.outcomes, strict=True))),
+        }
+        return Validation(data, place).kept()
+
+    def _setup(self, scene: Scene, law: Any) -> Setup:
+        return Setup(
+            scene,
+            law,
+            _engines(scene, self.engines),
+            _duration(scene, self.duration),
+            _part_of_a_tick("timestep", self.timestep),
+            _part_of_a_tick("control_period", self.control_period),
+            whole("seed", self.seed, 0),
+            self.extent or (Extent.quick() if self.quick else Extent()),
+        )
+
+
+validate = function_of(Validate)
 
 
 def _workers(workers: Workers | None, spec: laws.Spec) -> Workers:
@@ -207,9 +204,3 @@ def _part_of_a_tick(what: str, value: float) -> float:
             f"{what} = {value:g}: it must divide {TICK:g} s, as 0.005, 0.002, 0.001 and 0.0005 do"
         ) from None
     return value
-
-
-def _seed(seed: int) -> int:
-    if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
-        raise OptionError(f"seed = {seed!r}; it must be an integer >= 0")
-    return seed

@@ -188,21 +188,6 @@ def mean_length(run: BeamRun, beams: Sequence[str]) -> float:
     return INITIAL_LENGTH * float(np.mean([length_ratio(run, beam) for beam in beams]))
 
 
-def spread_of_lengths(run: BeamRun, beams: Sequence[str]) -> float:
-    """The largest ratio of the lengths less the smallest."""
-    return float(np.ptp([length_ratio(run, beam) for beam in beams]))
-
-
-def overlap(run: BeamRun, beam: str) -> float:
-    """[m] by which a stage reaches into the next after form-finding."""
-    return float(run.of(beam, "overlap"))
-
-
-def most_anisotropy(run: BeamRun, beams: Sequence[str]) -> float:
-    """The largest of several beams."""
-    return max(anisotropy(run, beam) for beam in beams)
-
-
 def increases(run: BeamRun, labels: Sequence[str]) -> bool:
     """Whether the stiffness rises all along each path."""
     return all(rises(stiffness(run, label)) for label in labels)
@@ -213,47 +198,12 @@ def first_spread(run: BeamRun, labels: Sequence[str]) -> float:
     return spread([float(stiffness(run, label)[0]) for label in labels])
 
 
-def first_ratio(run: BeamRun, labels: Sequence[str]) -> float:
-    """The stiffness at zero load of the last over that of the first."""
-    return float(stiffness(run, labels[-1])[0] / stiffness(run, labels[0])[0])
-
-
-def gains_rise(run: BeamRun, labels: Sequence[str]) -> bool:
-    """Whether the stiffness rises ever more from one to the next."""
-    return rises([gain(run, label) for label in labels])
-
-
-def gains_spread(run: BeamRun, labels: Sequence[str]) -> float:
-    """Of the rise of the stiffness: the most over the least, less one."""
-    return spread([gain(run, label) for label in labels])
-
-
-def all_gain(run: BeamRun, labels: Sequence[str]) -> bool:
-    """Whether the stiffness at the end of the axis is above that at zero load."""
-    return all(gain(run, label) > 0 for label in labels)
-
-
-def stress_rates_rise(run: BeamRun, labels: Sequence[str]) -> bool:
-    """Whether the stress rises ever more from one to the next."""
-    return rises([stress_rate(run, label) for label in labels])
-
-
 def higher_everywhere(run: BeamRun, labels: Sequence[str]) -> bool:
     """Whether the stiffness is higher from one to the next at every deformation."""
     return all(
         bool(np.all(np.interp(run.of(a, "w"), run.of(b, "w"), stiffness(run, b)) > stiffness(run, a)))
         for a, b in itertools.pairwise(labels)
     )
-
-
-def largest_at_end(run: BeamRun, labels: Sequence[str]) -> float:
-    """[kN/m] at the end of the thesis' axis."""
-    return max(last(run, label) for label in labels)
-
-
-def stiffest_of_all_before(run: BeamRun, labels: Sequence[str]) -> float:
-    """[kN/m] the largest stiffness before any of them buckles."""
-    return max(stiffest_before(run, label) for label in labels)
 
 
 def first_apart(run: BeamRun, other: BeamRun, labels: Sequence[str]) -> float:
@@ -267,32 +217,7 @@ def changed_at(run: BeamRun, label: str, deformation: float) -> float:
     return float(np.interp(deformation, run.of(label, "w"), K) - K[0])
 
 
-def changes_rise(run: BeamRun, labels: Sequence[str], deformation: float, sign: float = 1.0) -> bool:
-    """Whether the stiffness has changed there ever more from one to the next."""
-    return rises([sign * changed_at(run, label, deformation) for label in labels])
-
-
-def changes_more(run: BeamRun, other: BeamRun, labels: Sequence[str], deformation: float) -> bool:
-    """Whether the stiffness has changed there by more than in another study."""
-    return all(changed_at(run, label, deformation) > changed_at(other, label, deformation) for label in labels)
-
-
-def most_apart(run: BeamRun, beams: Sequence[str]) -> float:
-    """[kN/m] the largest difference of the stiffness in y from that in z."""
-    return max(apart(run, beam) for beam in beams)
-
-
 # --------------------------------------------------------------------------------------------------------- buckling
-
-
-def all_turn_negative(run: BeamRun, labels: Sequence[str]) -> bool:
-    """Whether the stiffness of all of them is below zero somewhere."""
-    return all(turns_negative(run, label) for label in labels)
-
-
-def least_over_first(run: BeamRun, label: str) -> float:
-    """The least stiffness over that at zero load."""
-    return float(stiffness(run, label).min() / stiffness(run, label)[0])
 
 
 def all_become_unstable(run: BeamRun, labels: Sequence[str]) -> bool:
@@ -305,34 +230,9 @@ def buckling_deformation(run: BeamRun, label: str) -> float:
     return buckling(run, label).deformation
 
 
-def buckling_deformations_spread(run: BeamRun, labels: Sequence[str]) -> float:
-    """The most over the least, less one."""
-    return spread([buckling(run, label).deformation for label in labels])
-
-
-def buckling_deformations_rise(run: BeamRun, labels: Sequence[str]) -> bool:
-    """Whether each buckles at a larger deformation than the one before."""
-    return rises([buckling(run, label).deformation for label in labels])
-
-
-def buckling_deformation_ratio(run: BeamRun, label: str, other: str) -> float:
-    """The deformation at buckling over that of another."""
-    return buckling(run, label).deformation / buckling(run, other).deformation
-
-
-def buckling_load_ratio(run: BeamRun, label: str, other: str) -> float:
-    """The load at buckling over that of another."""
-    return buckling(run, label).load / buckling(run, other).load
-
-
-def buckling_loads_spread(run: BeamRun, labels: Sequence[str]) -> float:
-    """The most over the least, less one."""
-    return spread([buckling(run, label).load for label in labels])
-
-
-def slack_over_buckling(run: BeamRun, label: str) -> float:
-    """The deformation at the first slack string over that at buckling."""
-    return first_slack(run, label) / buckling(run, label).deformation
+def buckling_load(run: BeamRun, label: str) -> float:
+    """[kN]"""
+    return buckling(run, label).load
 
 
 def three_kinds(run: BeamRun, imperfect: BeamRun, falling: str, constant: str, rising: str) -> bool:

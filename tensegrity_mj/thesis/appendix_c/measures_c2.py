@@ -50,8 +50,3 @@ def resonant_height(run: BeamRun, label: str, pair: int) -> float:
     """[m] of the wave whose frequency is that of a pair of bending motions in water, counted from 0."""
     omega = float(run.of(label, "in_water")[2 * pair])
     return STEEPNESS * 2 * math.pi * GRAVITY / omega**2
-
-
-def swing_ratio(run: BeamRun, label: str, other: str) -> float:
-    """The amplitude of a point over that of another."""
-    return float(run.of(label, "along").max() / run.of(other, "along").max())

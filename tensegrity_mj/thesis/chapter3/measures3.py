@@ -183,11 +183,6 @@ def first_drift(run: SeriesRun) -> float:
     return math.log10(run.cases.drift[0])
 
 
-def largest_drift(run: SeriesRun) -> float:
-    """Largest drift of all cases."""
-    return float(run.cases.drift.max())
-
-
 def largest_step(run: SeriesRun) -> float:
     """Largest step [s] that was found."""
     return max(one.step for one in run.steps)

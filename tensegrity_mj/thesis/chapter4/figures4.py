@@ -72,8 +72,8 @@ def _cross_motion(all_runs: AllRuns) -> Figure:
             (row[0], slice(1, 3), "$\\theta_1$, $\\theta_2$", "angle [deg]"), (row[1], slice(0, 1), "$y_1$", "y [m]"),
         ):  # fmt: skip
             actual, reference = _of_columns(measures.cross_coordinates, columns), _of_columns(_references, columns)
-            drawing.curves(panel, all_runs, name, actual, (BLUE,), label="actual")
-            drawing.curves(panel, all_runs, name, reference, (RED,), style=":", label="reference", marks=False)
+            drawing.curves(panel, all_runs, name, actual, (BLUE,), labels=("actual",))
+            drawing.curves(panel, all_runs, name, reference, (RED,), ls=":", labels=("reference",), marks=False)
             drawing.finish(panel, f"{title}: {what}", unit)
     drawing.engines_note(figure, all_runs)
     return figure
@@ -90,7 +90,7 @@ def _control_panels(
     """Figures 4.4, 4.9 and 4.10: controls of three cases, and their sums in blue, red and green."""
     figure, grid = drawing.panels(2, 2)
     for panel, (name, bound) in zip(grid.ravel()[:3], cases, strict=True):
-        drawing.curves(panel, all_runs, name, lambda run: run.force_densities, colors, width=0.9)
+        drawing.curves(panel, all_runs, name, lambda run: run.force_densities, colors, lw=0.9)
         drawing.thesis_axis(panel, 0.0, top)
         drawing.finish(panel, f"{sum_of} = {bound:g} N/m", "force density [N/m]")
     _sums(grid[1, 1], all_runs, cases, total)
@@ -100,7 +100,7 @@ def _control_panels(
 
 def _sums(panel: Any, all_runs: AllRuns, cases: tuple[tuple[str, float], ...], total: float) -> None:
     for (name, bound), color in zip(cases, (BLUE, RED, GREEN), strict=True):
-        drawing.curves(panel, all_runs, name, measures.sums, (color,), label=f"{bound:g} N/m")
+        drawing.curves(panel, all_runs, name, measures.sums, (color,), labels=(f"{bound:g} N/m",))
     drawing.thesis_axis(panel, 0.0, total)
     drawing.finish(panel, "Sum of controls", "force density [N/m]")
 
@@ -143,7 +143,7 @@ def _cells(all_runs: AllRuns) -> Figure:
     # Green: cells 1 and 39; blue: 2, 4 ... 38; red: 3, 5 ... 37.
     colors = [GREEN if k in (0, BEAM_CELLS - 1) else BLUE if k % 2 else RED for k in range(BEAM_CELLS)]
     for panel, (name, bound) in zip(grid.ravel()[:3], BY_CELLS, strict=True):
-        drawing.curves(panel, all_runs, name, measures.cell_sums, colors, width=0.9)
+        drawing.curves(panel, all_runs, name, measures.cell_sums, colors, lw=0.9)
         drawing.thesis_axis(panel, 0.0, 150.0)
         drawing.finish(panel, f"Sum in each cell, $u_{{sum}}$ = {bound:g} N/m", "force density [N/m]")
     _sums(grid[1, 1], all_runs, BY_CELLS, 3500.0)

@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.controllers.landscape import angles
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.thesis import measures
 
@@ -35,21 +34,6 @@ def start_off(run: Trajectory) -> float:
     return float(np.abs(measures.directions(run)[0, 0] - printed).max())
 
 
-def start_degrees(run: Trajectory) -> float:
-    """φ [°] at the start: the angle of the first rod from its target."""
-    return math.degrees(angles(run).phi[0])
-
-
-def final_degrees(run: Trajectory) -> float:
-    """φ [°] at the end."""
-    return math.degrees(angles(run).phi[-1])
-
-
-def top_angular_rate(run: Trajectory) -> float:
-    """Largest |φ̇| [rad/s]."""
-    return float(np.abs(angles(run).phi_rate).max())
-
-
 def coordinates_go_astray(run: Trajectory) -> bool:
     """V falls all the time, and yet the error of some coordinate grows for a while."""
     error = np.abs(measures.directions(run) - measures.directions(run, measures.aims(run)))
@@ -70,16 +54,6 @@ def least_norms(run: Trajectory) -> bool:
             if norms[p] > min(norms.values()) * (1.0 + 1e-9):
                 return False
     return True
-
-
-def more_switching(run: Trajectory, other: Trajectory) -> float:
-    """How often strings begin or cease to pull, over that of another run."""
-    return measures.switches(run) / max(1, measures.switches(other))
-
-
-def least_margin(*runs: Trajectory) -> float:
-    """Smallest margin max(v/α) of (5.18) [m²]."""
-    return min(float(run.min_feasibility_margin) for run in runs)
 
 
 def strings_that_pull(run: Trajectory) -> int:
@@ -125,18 +99,3 @@ def unbalanced(run: Trajectory) -> float:
 
 
 # ------------------------------------------------------------------------------------------------ gains of §5.6
-
-
-def top_speed_ratio(run: Trajectory, other: Trajectory) -> float:
-    """Largest speed of a node over that of another run."""
-    return measures.top_speed(run) / measures.top_speed(other)
-
-
-def peak_ratio(run: Trajectory, other: Trajectory, start: float = 0.0) -> float:
-    """Largest u from a time [s] on over that of another run."""
-    return measures.peak(run, start) / measures.peak(other, start)
-
-
-def half_time_ratio(run: Trajectory, other: Trajectory) -> float:
-    """Time until the error stays below half of its start, over that of another run."""
-    return measures.time_below(run, 0.5) / measures.time_below(other, 0.5)

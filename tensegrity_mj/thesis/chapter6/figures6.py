@@ -56,7 +56,7 @@ def _parts(all_runs: AllRuns) -> Figure:
         for quantity, color, label in (
             ("lyapunov_error", RED, "orientation"), ("lyapunov_velocity", GREEN, "velocity"), ("lyapunov", BLUE, "sum"),
         ):  # fmt: skip
-            drawing.curves(panel, all_runs, name, operator.attrgetter(quantity), (color,), label=label)
+            drawing.curves(panel, all_runs, name, operator.attrgetter(quantity), (color,), labels=(label,))
         drawing.finish(panel, title, "[1]")
     drawing.engines_note(figure, all_runs)
     return figure

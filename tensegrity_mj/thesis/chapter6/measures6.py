@@ -38,50 +38,10 @@ def candidate_in_angles_off(run: Trajectory, number: int) -> float:
     return float(np.abs(first + mixed + 0.75 * rate**2 + turning - run.lyapunov).max())
 
 
-def tip_error(run: Trajectory) -> float:
-    """Distance [m] of the node farthest from its target at the end."""
-    return float(run.target_error()[-1])
-
-
-def first_candidate_ratio(run: Trajectory, other: Trajectory) -> float:
-    """V(0) over that of another run."""
-    return float(run.lyapunov[0] / other.lyapunov[0])
-
-
 def converges_as_third(run: Trajectory, second: Trajectory, third: Trajectory) -> bool:
     """Whether the error falls to a tenth at a time nearer to that of the third run than to that of the second."""
     own, two, three = (measures.time_below(one, 0.1) for one in (run, second, third))
     return abs(own - three) < abs(own - two)
-
-
-def orientation_rise(run: Trajectory) -> float:
-    """The largest orientation terms of V over those at the start."""
-    return float(run.lyapunov_error.max() / run.lyapunov_error[0])
-
-
-def highest_orientation_terms(run: Trajectory) -> float:
-    """Largest orientation terms of V."""
-    return float(run.lyapunov_error.max())
-
-
-def lowest_velocity_terms(run: Trajectory) -> float:
-    """Lowest velocity terms of V."""
-    return float(run.lyapunov_velocity.min())
-
-
-def lowest_velocity_terms_ratio(run: Trajectory, other: Trajectory) -> float:
-    """Lowest velocity terms of V over those of another run."""
-    return lowest_velocity_terms(run) / lowest_velocity_terms(other)
-
-
-def parts_off(*runs: Trajectory) -> float:
-    """Largest difference of V and the sum of its parts."""
-    return max(float(np.abs(one.lyapunov_error + one.lyapunov_velocity - one.lyapunov).max()) for one in runs)
-
-
-def nodes_apart(run: Trajectory, other: Trajectory) -> float:
-    """Largest distance [m] of a node from where another run has it."""
-    return float(np.linalg.norm(run.nodes - other.nodes, axis=-1).max())
 
 
 def controls_apart(run: Trajectory, other: Trajectory) -> float:

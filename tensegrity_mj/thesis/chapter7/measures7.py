@@ -20,31 +20,11 @@ LIKE = 0.1  # of D: how far periods may differ that count as alike
 # ------------------------------------------------------------------------------------------------------ form-finding
 
 
-def tower_rods(run: BeamRun) -> float:
-    """How many rods the tower has."""
-    return float(run.of(FORMED, "rods_count"))
-
-
-def tower_strings(run: BeamRun, label: str) -> float:
-    """How many strings a tower has."""
-    return float(run.of(label, "strings_count"))
-
-
 def stage_turn(run: BeamRun) -> float:
     """[°] by which each stage is turned from the one below, before form-finding, within 120°."""
     nodes = run.of(FORMED, "before").reshape(CHAPTER7_STAGES, 2, 3, 3)
     angles = np.degrees(np.arctan2(nodes[:, 0, 0, 2], nodes[:, 0, 0, 1]))
     return float(np.max(np.mod(np.diff(angles), 120.0)))
-
-
-def unbalanced_before(run: BeamRun) -> float:
-    """Before form-finding: the largest force that no rod balances, over the strings' largest."""
-    return float(run.of(FORMED, "unbalanced_before"))
-
-
-def unbalanced_after(run: BeamRun) -> float:
-    """After form-finding: the force that is left over the largest tension."""
-    return float(run.of(FORMED, "unbalanced_after"))
 
 
 def tower_is_tensegrity(run: BeamRun) -> bool:
@@ -85,31 +65,6 @@ def floats_and_repeats(run: BeamRun) -> bool:
     return all(cyclic(run, label) < LIKE and _afloat(run, label) for label in run.values)
 
 
-def lowest_node(run: BeamRun) -> float:
-    """[m] over the last period, in the case of figure 7.8."""
-    return float(run.of(SHOWN, "nodes")[1:][..., 2].min())
-
-
-def highest_node(run: BeamRun) -> float:
-    """[m] likewise."""
-    return float(run.of(SHOWN, "nodes")[1:][..., 2].max())
-
-
 def deformation_falls(run: BeamRun, axis: int) -> bool:
     """Whether the largest D falls with stiffness (axis 0) or with prestress (1) over the grid."""
     return bool(np.all(np.diff(grid(run), axis=axis) < 0))
-
-
-def deformation(run: BeamRun, case: list[int]) -> float:
-    """[m] the largest D of a case, by its row and column of the grid."""
-    return float(grid(run)[case[0], case[1]])
-
-
-def reduction(run: BeamRun, before: list[int], after: list[int]) -> float:
-    """[%] by which the largest D of one case is less than that of another."""
-    return 100 * (1 - deformation(run, after) / deformation(run, before))
-
-
-def mean_rod_force(run: BeamRun, label: str) -> float:
-    """[kN] of the rods' compression, over rods and time."""
-    return float(run.of(label, "mean_force"))

@@ -1,0 +1,38 @@
+"""A finished study: its data as plain values, and the folder that holds them with a page."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Self
+
+from tensegrity_mj.basics.files import replacing
+from tensegrity_mj.basics.jsontext import to_json
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """A finished study.
+
+    Attributes:
+        data: everything, as plain values, the same each time but for what is timed.
+        folder: where it is kept, or None.
+    """
+
+    data: dict[str, Any]
+    folder: Path | None = None
+
+    NAME: ClassVar[str]  # of the files in the folder
+
+    def save_page(self, path: str | os.PathLike[str]) -> Path:
+        """Write the page (.html); returns its path."""
+        raise NotImplementedError
+
+    def kept(self) -> Self:
+        """The report, written into its folder where it has one: data as .json, and the page."""
+        if self.folder is not None:
+            with replacing(self.folder / f"{self.NAME}.json") as part:
+                part.write_text(to_json(self.data, indent=1) + "\n", encoding="utf-8")
+            self.save_page(self.folder / f"{self.NAME}.html")
+        return self

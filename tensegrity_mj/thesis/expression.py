@@ -1,0 +1,99 @@
+"""What rows of the tables measure, as expressions: `max(sums(a)) / 80`, of the row's runs a, b, c, ... in its order.
+
+An expression is made of numbers, texts, lists, arithmetic, comparisons, indices, attributes of runs, and calls of the
+measures (`lookup.all_measures`) and of the functions below; nothing else is evaluated.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from types import CodeType
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.controllers.landscape import angles
+from tensegrity_mj.runs.trajectory import Trajectory
+
+RUNS = "abcdefgh"
+ALLOWED = (
+    *(ast.Expression, ast.Constant, ast.Name, ast.Load, ast.List, ast.Tuple, ast.Call, ast.Attribute),
+    *(ast.Subscript, ast.Slice, ast.BinOp, ast.UnaryOp, ast.Compare, ast.operator, ast.unaryop, ast.cmpop),
+)
+
+
+def largest_of(*values: Any) -> Any:
+    """The largest number of an array, or of several."""
+    return np.max(values[0]) if len(values) == 1 else max(values)
+
+
+def each(measure: Callable[..., Any], run: Any, labels: Sequence[Any], *more: Any) -> Array:
+    """A measure of every one of these labels of a run."""
+    return np.array([measure(run, label, *more) for label in labels])
+
+
+def of(run: Any, label: str, name: str) -> Array:
+    """A value of a label of a study."""
+    return np.asarray(run.of(label, name))
+
+
+def target_error(run: Trajectory) -> Array:
+    """(T,) [m] of the node farthest from its target."""
+    return run.target_error()
+
+
+FUNCTIONS: Mapping[str, Callable[..., Any]] = {
+    "abs": np.abs,
+    "all": np.all,
+    "angles": angles,
+    "degrees": math.degrees,
+    "each": each,
+    "len": len,
+    "max": largest_of,
+    "mean": np.mean,
+    "min": np.min,
+    "norm": lambda values: np.linalg.norm(values, axis=-1),
+    "of": of,
+    "ptp": np.ptp,
+    "round": np.round,
+    "target_error": target_error,
+}
+
+
+@cache
+def compiled(text: str, known: tuple[str, ...]) -> CodeType:
+    """An expression, checked.
+
+    Args:
+        known: names of measures.
+
+    Raises:
+        ValueError: with what is wrong, as the end of a sentence.
+    """
+    try:
+        tree = ast.parse(text, mode="eval")
+    except SyntaxError as error:
+        raise ValueError(f"is no expression ({error.msg})") from None
+    for node in ast.walk(tree):
+        if not isinstance(node, ALLOWED) or (isinstance(node, ast.Attribute) and node.attr.startswith("_")):
+            raise ValueError(f"has a part that is not allowed: {ast.unparse(node)}")
+        if isinstance(node, ast.Call) and (node.keywords or not isinstance(node.func, ast.Name)):
+            raise ValueError(f"has a call that is none of a measure or function: {ast.unparse(node)}")
+        if isinstance(node, ast.Name) and node.id not in (*known, *FUNCTIONS, *RUNS):
+            raise ValueError(f"has the name '{node.id}', which is none of a measure, a function, or a run a, b, ...")
+    return compile(tree, text, "eval")
+
+
+def evaluate(text: str, measures: Mapping[str, Callable[..., Any]], runs: Sequence[Any]) -> Any:
+    """The value of an expression.
+
+    Raises:
+        ValueError: as `compiled`.
+    """
+    code = compiled(text, tuple(measures))
+    names = {"__builtins__": {}, **measures, **FUNCTIONS, **dict(zip(RUNS, runs, strict=False))}
+    return eval(code, names)
