@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.dynamics.native.pointers import inlined, owning
+from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
 
 
-@owning
+@borrowing
 def feasibility_margin(v: Any, alpha: float, floor: Any, ceiling: Any) -> float:
     """The margin of the module's text for v, ū and c (M,) and α."""
     rest = alpha
@@ -30,7 +30,7 @@ def feasibility_margin(v: Any, alpha: float, floor: Any, ceiling: Any) -> float:
     return _margin(v, rest, floor, ceiling)
 
 
-@owning
+@borrowing
 def _margin(v: Any, rest: float, floor: Any, ceiling: Any) -> float:
     need, sign = (rest, 1.0) if rest > 0.0 else (-rest, -1.0)
     best, capacity = -np.inf, 0.0
@@ -49,7 +49,7 @@ def _margin(v: Any, rest: float, floor: Any, ceiling: Any) -> float:
     return margin
 
 
-@owning
+@borrowing
 def least_norm(v: Any, alpha: float, floor: Any, ceiling: Any, norm: float, u: Any) -> float:
     """Write the minimizer of ‖u‖_norm (norm 1, 2 or inf) into u and return the margin; u = ū where it is <= 0."""
     n = len(v)
@@ -89,7 +89,7 @@ def least_squares(v: Any, alpha: float, u: Any) -> float:
     return best / need
 
 
-@owning
+@borrowing
 def _least_sum(v: Any, rest: float, floor: Any, ceiling: Any, u: Any) -> None:
     # The most effective string first, each up to its ceiling. One pass a string that is filled; mostly that is one.
     sign = 1.0 if rest > 0.0 else -1.0
@@ -113,13 +113,16 @@ def _least_sum(v: Any, rest: float, floor: Any, ceiling: Any, u: Any) -> None:
         last = best
 
 
-@owning
+@borrowing
 def _least_squares(v: Any, alpha: float, rest: float, floor: Any, ceiling: Any, u: Any) -> None:
     # The optimality conditions give u_i = min(max(ū_i, μ w_i), c_i) with w = v sign(α') and μ > 0. The sum of w_i u_i
     # grows with μ piecewise linearly: string i leaves its threshold at ū_i / w_i and meets its ceiling at c_i / w_i.
     sign = 1.0 if rest > 0.0 else -1.0
     n = len(v)
-    if not floor.any():
+    resting = True
+    for i in range(n):
+        resting = resting and floor[i] == 0.0
+    if resting:
         # Where no ceiling is reached, no breakpoint.
         least_squares(v, alpha, u)
         within = True
@@ -127,45 +130,45 @@ def _least_squares(v: Any, alpha: float, rest: float, floor: Any, ceiling: Any, 
             within = within and u[i] <= ceiling[i]
         if within:
             return
-    breakpoints = np.full(2 * n, np.inf)
-    for i in range(n):
-        w = sign * v[i]
-        if w > 0.0:
-            breakpoints[i], breakpoints[n + i] = floor[i] / w, ceiling[i] / w
-    order = np.argsort(breakpoints)
-    # Σ w_i u_i = resting + slope μ: what stands at thresholds and ceilings, and what moves.
-    slope, resting = 0.0, sign * (alpha - rest)
-    mu = 0.0
-    for position in range(2 * n):
-        at = order[position]
-        if breakpoints[at] == np.inf or (slope > 0.0 and resting + slope * breakpoints[at] >= sign * alpha):
+    # Between which breakpoints μ lies: each pass halves what is left of them, or nearly, about their mean.
+    mu, beyond = 0.0, np.inf
+    while True:
+        count, total, least, most = 0, 0.0, np.inf, 0.0
+        for i in range(n):
+            w = sign * v[i]
+            if w > 0.0:
+                for point in (floor[i] / w, ceiling[i] / w):
+                    if mu < point < beyond:
+                        count += 1
+                        total += point
+                        least, most = min(least, point), max(most, point)
+        if count == 0:
             break
-        mu = breakpoints[at]
-        i = at if at < n else at - n
-        w = sign * v[i]
-        if at < n:
-            slope += w * w
-            resting -= w * floor[i]
+        middle = min(max(total / count, least), most)
+        given = 0.0
+        for i in range(n):
+            w = sign * v[i]
+            given += w * (min(max(floor[i], middle * w), ceiling[i]) if w > 0.0 else floor[i])
+        if given >= sign * alpha:
+            beyond = middle
         else:
-            slope -= w * w
-            resting += w * ceiling[i]
-    # Slopes that cancel leave round-off; the sum over the moving strings has none.
-    slope, resting = 0.0, 0.0
+            mu = middle
+    slope, given = 0.0, 0.0
     for i in range(n):
         w = sign * v[i]
-        if w > 0.0 and breakpoints[i] <= mu < breakpoints[n + i]:
+        if w > 0.0 and floor[i] / w <= mu < ceiling[i] / w:
             slope += w * w
-        elif w > 0.0 and breakpoints[n + i] <= mu:
-            resting += w * ceiling[i]
+        elif w > 0.0 and ceiling[i] / w <= mu:
+            given += w * ceiling[i]
         else:
-            resting += w * floor[i]
+            given += w * floor[i]
     if slope > 0.0:
-        mu = (sign * alpha - resting) / slope
+        mu = (sign * alpha - given) / slope
     for i in range(n):
         u[i] = min(max(floor[i], mu * sign * v[i]), ceiling[i])
 
 
-@owning
+@borrowing
 def _least_maximum(v: Any, rest: float, highest: float, floor: Any, ceiling: Any, u: Any) -> None:
     # Raise every helpful string to one common level y or its ceiling; below the highest threshold the level is not
     # unique, and the part of the way that suffices is taken.

@@ -75,7 +75,7 @@ def add_noise(values: Any, std: float, moving: Any, sample: int, stream: int, se
                 values[row, 1] += radius * math.sin(turn)
 
 
-@c_function(LAW_SIGNATURE)
+@c_function(LAW_SIGNATURE, "sensor noise")
 def _noisy(t, nodes_at, velocities_at, context, command, report):  # type: ignore[no-untyped-def]
     table = integers(context, (8,))
     settings = floats(table[3], (3,))
@@ -89,7 +89,7 @@ def _noisy(t, nodes_at, velocities_at, context, command, report):  # type: ignor
     return call_law(table[0], t, table[4], table[5], table[1], command, report)
 
 
-@c_function(LAW_SIGNATURE)
+@c_function(LAW_SIGNATURE, "a law's delay")
 def _delayed(t, nodes, velocities, context, command_at, report_at):  # type: ignore[no-untyped-def]
     table = integers(context, (9,))
     size, samples = table[2], table[3]

@@ -121,7 +121,7 @@ def _evaluate(t: float, nodes_at: int, velocities_at: int, own: Any, command_at:
     return SOLVED if margin > 0.0 else NO_SOLUTION
 
 
-@c_function(LAW_SIGNATURE)
+@c_function(LAW_SIGNATURE, "the law of chapters 5 and 6")
 def _law(t, nodes_at, velocities_at, context, command_at, report_at):  # type: ignore[no-untyped-def]
     own = _read_context(context, 1)[0]
     room = own.scratch if own.scratch else stack_doubles(_room(own.nodes, own.strings, own.water))
@@ -242,7 +242,7 @@ class QuadraticLaw:
         # Each compiled law has its own water, which is written into. Scratch lies on the stack, which each thread has,
         # or is the law's own where it is too large for that.
         water = packed_water(own, self.gravity, self.water)
-        room = _room(len(own.nodes), len(own.strings), water_address(water))
+        room = _room.py_func(len(own.nodes), len(own.strings), water_address(water))
         scratch = np.empty(room if room > STACK_LIMIT else 0)
         values = {
             "nodes": len(own.nodes),

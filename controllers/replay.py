@@ -22,7 +22,7 @@ from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.trajectory import Trajectory
 
 
-@c_function(LAW_SIGNATURE)
+@c_function(LAW_SIGNATURE, "the replay of a run")
 def _replay(t, nodes_at, velocities_at, context, command_at, report_at):  # type: ignore[no-untyped-def]
     table = integers(context, (4,))
     count, size = table[0], table[1]

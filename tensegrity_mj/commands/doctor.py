@@ -87,9 +87,9 @@ print(f"numba {numba.__version__} compiles")
 """
 
 
-# From the cache itself: where it writes depends on the environment when numba is imported.
+# A process of its own, as a start is: where the cache writes depends on the environment.
 _CACHE_PROBE = """
-from tensegrity_mj.dynamics.native.compiling import cache_folder
+from tensegrity_mj.dynamics.native.kept import cache_folder
 print(cache_folder())
 """
 

@@ -10,11 +10,21 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dynamics.native.compiling import njit
-from tensegrity_mj.dynamics.native.pointers import address_of, borrowing, floats, inlined, integers, stack_doubles
-from tensegrity_mj.dynamics.records import StructureRecords
+from tensegrity_mj.dynamics.native.compiling import c_function
+from tensegrity_mj.dynamics.native.pointers import (
+    address_of,
+    borrowing,
+    floats,
+    inlined,
+    integers,
+    records_reader,
+    stack_doubles,
+)
+from tensegrity_mj.dynamics.records import POINT, ROD, StructureRecords
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
+
+_read_rods, _read_points = records_reader(ROD), records_reader(POINT)
 
 
 class TargetArrays(NamedTuple):
@@ -71,6 +81,19 @@ def read_target(address: int) -> Any:
 
 
 @inlined
+def piece_at(t: float, times: Any) -> int:
+    """The last k with times[k] <= t; -1 where there is none. `np.searchsorted` takes seconds to compile."""
+    low, high = 0, len(times)
+    while low < high:
+        middle = (low + high) // 2
+        if times[middle] <= t:
+            low = middle + 1
+        else:
+            high = middle
+    return low - 1
+
+
+@inlined
 def locate(t: float, times: Any) -> tuple[int, float, float, float]:
     """Segment, and the quintic s = 10 τ³ - 15 τ⁴ + 6 τ⁵ with its first two time derivatives; s = 0 when standing."""
     last = len(times) - 1
@@ -78,7 +101,7 @@ def locate(t: float, times: Any) -> tuple[int, float, float, float]:
         return 0, 0.0, 0.0, 0.0
     if t >= times[last]:
         return last, 0.0, 0.0, 0.0
-    k = int(np.searchsorted(times, t, side="right")) - 1
+    k = piece_at(t, times)
     span = times[k + 1] - times[k]
     x = (t - times[k]) / span
     s = x * x * x * (10.0 + x * (6.0 * x - 15.0))
@@ -126,7 +149,7 @@ def along_great_circle(start: Any, end: Any, s: float, rate: float, acc: float, 
 def _along_curve(t: float, target: Any, node: int, out: Any) -> None:
     """Position, velocity and acceleration (3, 3) of a node of a curve from its first to before its last time."""
     times, quintics, shapes = target.times, target.quintics, target.shapes
-    k = int(np.searchsorted(times, t, side="right")) - 1
+    k = piece_at(t, times)
     tau = t - times[k]
     x, rate, acc = 0.0, 0.0, 0.0  # of the scaled parameter, by Horner
     for power in range(5, -1, -1):
@@ -229,18 +252,16 @@ def standing_at(t: float, target: Any) -> int:
     return k if rate == 0.0 and s == 0.0 else -1
 
 
-@njit
-def standing_targets(rods: Any, points: Any, target: Any) -> Any:
+def standing_targets(rods: Any, points: Any, target: TargetArrays) -> Array:
     """r and b of every rod, and r of every point mass, where the target stands: (W, R + P, 2, 3)."""
-    W, R = len(target.times), len(rods)
-    out = np.zeros((W, R + len(points), 2, 3))
-    work = np.empty((2, 3, 3))
-    for k in range(W):
-        for a in range(R):
-            _standing_target(rods[a], target.nodes[k], work[0], work[1])
-            out[k, a, 0], out[k, a, 1] = work[0, 0], work[1, 0]
-        for a in range(len(points)):
-            out[k, R + a, 0] = target.nodes[k, points[a].node]
+    first, second = target.nodes[:, rods["i"]], target.nodes[:, rods["j"]]
+    sigma = rods["sigma"][:, None]
+    out = np.zeros((len(target.times), len(rods) + len(points), 2, 3))
+    out[:, : len(rods), 0] = (1.0 - sigma) * first + sigma * second
+    b = second - first
+    length = np.sqrt(b[..., 0] * b[..., 0] + b[..., 1] * b[..., 1] + b[..., 2] * b[..., 2])  # as compiled code adds
+    out[:, : len(rods), 1] = b / length[..., None]
+    out[:, len(rods) :, 0] = target.nodes[:, points["node"]]
     return out
 
 
@@ -269,28 +290,40 @@ def point_target(point: Any, t: float, target: Any, r: Any) -> None:
     along_line(nodes[k, point.node], nodes[m, point.node], s, rate, acc, r)
 
 
-@njit
-def _target_nodes(times_out: Any, rods: Any, points: Any, target: Any, out: Any) -> None:
-    r, b = np.empty((3, 3)), np.empty((3, 3))
-    for n in range(len(times_out)):
+@c_function("int64(int64, int64)", "the nodes of targets")
+def _target_nodes(table_at, target_at):  # type: ignore[no-untyped-def]
+    table = integers(table_at, (8,))
+    count, N = table[0], table[1]
+    times = floats(table[2], (count,))
+    rods, points = _read_rods(table[3], table[4]), _read_points(table[5], table[6])
+    target = read_target(target_at)
+    out = floats(table[7], (count, N, 3))
+    r, b = floats(stack_doubles(9), (3, 3)), floats(stack_doubles(9), (3, 3))
+    for n in range(count):
         for a in range(len(rods)):
             rod = rods[a]
-            rod_target(rod, times_out[n], target, r, b)
+            rod_target(rod, times[n], target, r, b)
             for i in range(3):
                 out[n, rod.i, i] = r[0, i] - rod.sigma * rod.length * b[0, i]
                 out[n, rod.j, i] = r[0, i] + (1.0 - rod.sigma) * rod.length * b[0, i]
         for a in range(len(points)):
-            point_target(points[a], times_out[n], target, r)
+            point_target(points[a], times[n], target, r)
             for i in range(3):
                 out[n, points[a].node, i] = r[0, i]
+    return 0
 
 
 def target_nodes(structure: Structure, target: Target, times: Array) -> Array:
     """Node positions (T, N, 3) [m] of the target at the given times (T,)."""
-    records = StructureRecords.of(structure)
+    records, packed = StructureRecords.of(structure), PackedTarget(target)
+    moments = np.ascontiguousarray(times, float)
     out = np.empty((len(times), len(structure.nodes), 3))
     out[:] = structure.positions
-    _target_nodes(np.asarray(times, float), records.rods, records.points, PackedTarget(target).arrays, out)
+    rods, points = records.rods, records.points
+    sizes = (len(moments), len(structure.nodes), address_of(moments))
+    members = (address_of(rods), len(rods), address_of(points), len(points))
+    table = np.array([*sizes, *members, address_of(out)], np.int64)
+    _target_nodes(address_of(table), packed.address)
     return out
 
 

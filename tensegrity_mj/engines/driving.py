@@ -79,11 +79,11 @@ class Progress:
 
     def __init__(self, request: Request, label: str) -> None:
         self._bar: Any = None
-        if request.progress:
+        if request.progress and sys.stderr.isatty():  # elsewhere tqdm, which takes a while to import, shows nothing
             from tqdm import tqdm
 
             form = "{desc} {percentage:3.0f}% |{bar}| {n:.2f}/{total:.2f} s [{elapsed} < {remaining}]"
-            self._bar = tqdm(total=request.duration, desc=label, bar_format=form, file=sys.stderr, disable=None)
+            self._bar = tqdm(total=request.duration, desc=label, bar_format=form, file=sys.stderr)
 
     def reached(self, time: float) -> None:
         """Simulated time that the run has come to [s]."""

@@ -229,13 +229,15 @@ def equilibrium_force_densities(
     Without gravity and loads that is u = 0: every configuration is an equilibrium of slack strings, and only
     the number of self-stress modes says more. Arguments as `equilibrium_residual`.
     """
-    from scipy.optimize import nnls
-
     positions = nodes_of(structure, nodes)
     matrix, external = equilibrium_equations(structure, positions, free_motions(structure, positions), gravity, loads)
     modes = len(balanced_states(matrix, external).modes)
     if not structure.strings:
         return Equilibrium(np.zeros(0), float(np.linalg.norm(external)), modes)
+    if not external.any():
+        return Equilibrium(np.zeros(len(structure.strings)), 0.0, modes)
+    from scipy.optimize import nnls  # takes half a second to import
+
     u, residual = nnls(matrix, -external)
     return Equilibrium(u, float(residual), modes)
 

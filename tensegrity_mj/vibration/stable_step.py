@@ -161,11 +161,11 @@ def stable_step(
 @contextlib.contextmanager
 def _solvable(scene: Scene) -> Iterator[None]:
     """Say what to do where a solver of eigenvalues gives up."""
-    from scipy.sparse.linalg import ArpackError
-
     try:
         yield
-    except (np.linalg.LinAlgError, ArpackError) as error:
+    except (np.linalg.LinAlgError, RuntimeError) as error:  # scipy's ArpackError is a RuntimeError
+        if not isinstance(error, np.linalg.LinAlgError) and type(error).__module__.partition(".")[0] != "scipy":
+            raise
         raise SceneError(
             f"scene '{scene.name}': the eigenvalues of its small motions cannot be found ({error}), so that no stable "
             "step is known: its stiffnesses, dampings and masses are too far apart for double precision"
@@ -236,15 +236,14 @@ class _Law:
     """A law's commands as a function of the state, and their derivative."""
 
     def __init__(self, scene: Scene, native: NativeLaw) -> None:
-        from tensegrity_mj.dynamics.native.actuation import ask_law
+        from tensegrity_mj.dynamics.native.asking import ask_at_nodes
         from tensegrity_mj.dynamics.native.plant import Plant
         from tensegrity_mj.dynamics.native.slots import COMMAND, NODES, STATUS, VELOCITIES
-        from tensegrity_mj.dynamics.native.strings import measure_strings
 
         self.native = native
         self._plant = plant = Plant(scene, native, Actuation.continuous(), OnInfeasible.STOP)
         self._nodes, self._velocities, self._command = plant[NODES], plant[VELOCITIES], plant[COMMAND]
-        self._measure, self._ask, self._status = measure_strings, ask_law, STATUS
+        self._ask, self._status = ask_at_nodes, STATUS
 
     def __call__(self, time: float, nodes: Array, velocities: Array) -> Array:
         """(M,) force densities [N/m] or rest lengths [m].
@@ -256,8 +255,7 @@ class _Law:
 
         table = self._plant.table
         self._nodes[:], self._velocities[:] = nodes, velocities
-        self._measure(table)
-        status = int(self._ask(table, time))
+        status = int(self._ask(self._plant.address, time))
         self._plant.raise_if_failed(max(status, int(table[self._status])), time)
         if status == NO_SOLUTION:
             raise InfeasibleError(self._plant.infeasible_message(time))

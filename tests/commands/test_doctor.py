@@ -18,7 +18,7 @@ from tensegrity_mj.commands.doctor import (
     check_package,
     examine,
 )
-from tensegrity_mj.dynamics.native import compiling
+from tensegrity_mj.dynamics.native import kept
 
 
 def test_this_machine_has_what_simulation_needs() -> None:
@@ -108,20 +108,20 @@ def test_display(monkeypatch: pytest.MonkeyPatch) -> None:
     assert check_display().found == "DISPLAY=:7"
 
 
-# Root may write anywhere: that the tree is read-only is said to numba, of all its places in the tree.
+# Root may write anywhere: that the tree is read-only is said to what tries.
 READ_ONLY_TREE = """
-from numba.core import caching
-def refuse(self):
-    raise OSError("read-only")
-for name in dir(caching):
-    if name.lstrip("_").startswith("InTreeCacheLocator"):
-        getattr(caching, name).ensure_cache_path = refuse
+from tensegrity_mj.dynamics.native import kept
+def try_to_write(folder, really=kept._try_to_write):
+    if folder.name == "__pycache__":
+        raise OSError("read-only")
+    really(folder)
+kept._try_to_write = try_to_write
 """
 
 
 def test_where_the_doctor_says_the_numba_cache_is_there_it_is(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """numba's rule: NUMBA_CACHE_DIR, beside the source, XDG_CACHE_HOME; the first that can be written."""
-    beside = Path(compiling.__file__).parent / "__pycache__"
+    """NUMBA_CACHE_DIR, beside the source, XDG_CACHE_HOME: the first that can be written."""
+    beside = Path(kept.__file__).parent / "__pycache__"
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "not" / "yet"))
@@ -134,7 +134,7 @@ def test_where_the_doctor_says_the_numba_cache_is_there_it_is(monkeypatch: pytes
     monkeypatch.setattr(doctor, "_CACHE_PROBE", READ_ONLY_TREE + doctor._CACHE_PROBE)
     check = check_numba_cache()
     assert check.works, check.found
-    assert Path(check.found).parent == tmp_path / "cache" / "numba"
+    assert Path(check.found).parent == tmp_path / "cache" / "tensegrity-mj"
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     check = check_numba_cache()
     assert not check.works

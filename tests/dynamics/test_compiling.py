@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tensegrity_mj.dynamics.native import compiling
+from tensegrity_mj.dynamics.native import digests
 from tensegrity_mj.dynamics.native.strings import add_string_forces
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -159,10 +159,12 @@ def test_a_folder_that_fills_up_while_running_is_a_warning_too(folder: Path) -> 
 def test_processes_that_save_at_the_same_time_do_not_mix_signatures(tmp_path: Path) -> None:
     """numba's common index, read before another process writes it, gives two signatures one file."""
 
+    from tensegrity_mj.dynamics.native.numba_cache import Files
+
     def function(x: Any) -> Any:
         return x
 
-    first, second = (compiling._Files(function, {}, tmp_path) for _ in range(2))
+    first, second = (Files(function, {}, tmp_path) for _ in range(2))
     keys = [((sig,), ("cpu",), ("code", "closure")) for sig in ("float64", "int64")]
     first.save(keys[0], "for floats")
     second.save(keys[1], "for integers")
@@ -197,10 +199,10 @@ def test_every_engine_knows_the_string_law_and_its_constants() -> None:
     from tensegrity_mj.engines.mujoco import callback as mujoco_callback
     from tensegrity_mj.engines.reference import dae_kernels, ode_kernels
 
-    for function in (dae_kernels.dae_rates._pyfunc, ode_kernels.ode_rates._pyfunc, mujoco_callback.control_stage):
-        used = {compiling._python(one) for one in compiling._used_by(function)}
+    for function in (dae_kernels.dae_rates, ode_kernels.ode_rates, mujoco_callback.control_stage):
+        used = {digests.python_function(one) for one in digests.used_by(function)}
         assert add_string_forces.py_func in used, function
-        assert compiling.digest(function) is not None
+        assert digests.digest(function) is not None
 
 
 @pytest.mark.parametrize(
@@ -210,9 +212,9 @@ def test_every_engine_knows_the_string_law_and_its_constants() -> None:
 )
 def test_constants_have_one_text(value: Any) -> None:
     code = compile("f(x)", "", "eval")
-    assert compiling._text(value, set(code.co_names), []) == compiling._text(value, set(), [])
+    assert digests.text_of(value, set(code.co_names), []) == digests.text_of(value, set(), [])
     others = [1.25, 0.0, np.inf, "Text", (1, (2.0, 0)), frozenset("abcdeg"), np.arange(5), np.dtype([("x", "f4", 3)])]
-    assert compiling._text(value, set(), []) not in {compiling._text(other, set(), []) for other in others}
+    assert digests.text_of(value, set(), []) not in {digests.text_of(other, set(), []) for other in others}
 
 
 def test_what_has_no_text_is_not_kept() -> None:
@@ -221,7 +223,7 @@ def test_what_has_no_text_is_not_kept() -> None:
     def function() -> Any:
         return held
 
-    assert compiling.digest(function) is None
+    assert digests.digest(function) is None
 
 
 def test_every_compiled_function_of_ours_is_kept_so() -> None:

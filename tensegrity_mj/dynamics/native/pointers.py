@@ -14,17 +14,11 @@ from __future__ import annotations
 import ctypes
 from typing import Any
 
-import numba
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.core import cgutils
-from numba.extending import intrinsic
-from numba.np import arrayobj
 
-from tensegrity_mj.dynamics.native.compiling import compiled
+from tensegrity_mj.dynamics.native.compiling import compiled, intrinsic
 
-LAW_SIGNATURE = types.int64(types.float64, types.int64, types.int64, types.int64, types.int64, types.int64)
+LAW_SIGNATURE = "int64(float64, int64, int64, int64, int64, int64)"
 LAW_FUNCTION = ctypes.CFUNCTYPE(
     ctypes.c_int64,
     ctypes.c_double,
@@ -37,19 +31,25 @@ LAW_FUNCTION = ctypes.CFUNCTYPE(
 LOAD_FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_double, ctypes.c_int64)
 
 
-def _viewer(dtype: types.Type) -> Any:
+def _viewer(dtype: np.dtype[Any]) -> Any:
     """A compiled function (address, shape or length) -> array of this dtype, which owns nothing."""
 
     @intrinsic
     def view(typingctx: Any, address: Any, shape: Any) -> Any:
+        import numba
+        from numba import types
+        from numba.core import cgutils
+        from numba.np import arrayobj
+
+        kind = numba.from_dtype(dtype)
         kinds = list(shape) if isinstance(shape, types.BaseTuple) else [shape]
-        array_type = types.Array(dtype, len(kinds), "C")
+        array_type = types.Array(kind, len(kinds), "C")
 
         def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             array = context.make_array(array_type)(context, builder)
             given = cgutils.unpack_tuple(builder, args[1]) if isinstance(shape, types.BaseTuple) else [args[1]]
-            extents = [context.cast(builder, x, kind, types.intp) for x, kind in zip(given, kinds, strict=True)]
-            strides = [context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(dtype)))]
+            extents = [context.cast(builder, x, one, types.intp) for x, one in zip(given, kinds, strict=True)]
+            strides = [context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(kind)))]
             for extent in reversed(extents[1:]):
                 strides.insert(0, builder.mul(strides[0], extent))
             data = builder.inttoptr(args[0], array.data.type)
@@ -61,46 +61,73 @@ def _viewer(dtype: types.Type) -> Any:
     return view
 
 
-floats, integers = _viewer(types.float64), _viewer(types.int64)
+floats, integers = _viewer(np.dtype(np.float64)), _viewer(np.dtype(np.int64))
+
+
+def call_by_address(parameters: str) -> Any:
+    """What an intrinsic (address, *arguments) -> int64 returns that calls the C function at the address.
+
+    `parameters`: a letter each, d for float64 and i for int64.
+    """
+    from llvmlite import ir
+    from numba import types
+
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        integer = ir.IntType(64)
+        kind = ir.FunctionType(integer, [ir.DoubleType() if one == "d" else integer for one in parameters])
+        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
+
+    kinds = {"d": types.float64, "i": types.int64}
+    return types.int64(types.int64, *(kinds[one] for one in parameters)), codegen
 
 
 @intrinsic
 def call_law(
-    typingctx: Any, function: Any, time: Any, nodes: Any, velocities: Any, context_: Any, command: Any, report: Any
+    typingctx: Any, function: Any, time: Any, nodes: Any, velocities: Any, context: Any, command: Any, report: Any
 ) -> Any:
     """Call the law at address `function`; the arguments are those of the C function above."""
-    signature = types.int64(types.int64, types.float64, types.int64, types.int64, types.int64, types.int64, types.int64)
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        integer = ir.IntType(64)
-        kind = ir.FunctionType(integer, [ir.DoubleType(), integer, integer, integer, integer, integer])
-        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
-
-    return signature, codegen
+    return call_by_address("diiiii")
 
 
 @intrinsic
 def call_load(typingctx: Any, function: Any, time: Any, out: Any) -> Any:
     """Call the force function at address `function`."""
-    signature = types.int64(types.int64, types.float64, types.int64)
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        integer = ir.IntType(64)
-        kind = ir.FunctionType(integer, [ir.DoubleType(), integer])
-        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
-
-    return signature, codegen
+    return call_by_address("di")
 
 
 @intrinsic
 def stack_doubles(typingctx: Any, count: Any) -> Any:
     """Address of `count` float64 on the stack of the calling function, gone when that returns."""
-    signature = types.int64(types.int64)
+    from llvmlite import ir
+    from numba import types
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.ptrtoint(builder.alloca(ir.DoubleType(), args[0]), ir.IntType(64))
 
-    return signature, codegen
+    return types.int64(types.int64), codegen
+
+
+def own_integer(name: str) -> Any:
+    """A compiled function () -> int64: the value of a variable of the C function's own, which Python sets.
+
+    `CFunction.variable(name)` is its address. Code that is kept holds no address of the process that compiled it.
+    """
+
+    @intrinsic
+    def read(typingctx: Any) -> Any:
+        from llvmlite import ir
+        from numba import types
+
+        def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            place = builder.module.globals.get(name)
+            if place is None:
+                place = ir.GlobalVariable(builder.module, ir.IntType(64), name)
+                place.linkage, place.initializer = "common", ir.Constant(ir.IntType(64), 0)
+            return builder.load(place)
+
+        return types.int64(), codegen
+
+    return read
 
 
 STACK_LIMIT = 2**14  # numbers, 128 KiB: what a thread's stack has room for in any case
@@ -115,7 +142,7 @@ owning = compiled(_nrt=True)
 
 def records_reader(dtype: np.dtype[Any]) -> Any:
     """A compiled function (address, shape or length) -> record array of this dtype."""
-    return _viewer(numba.from_dtype(dtype))
+    return _viewer(dtype)
 
 
 @inlined

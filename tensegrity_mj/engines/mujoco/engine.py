@@ -9,7 +9,7 @@ import numpy as np
 
 from tensegrity_mj.basics.checks import member, positive
 from tensegrity_mj.engines.accuracy.search import check_accuracy
-from tensegrity_mj.engines.mujoco.install import ACTIVE
+from tensegrity_mj.engines.mujoco.install import is_installed
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.places import check_places
 from tensegrity_mj.engines.mujoco.settings import _WORDS, Integrator
@@ -81,7 +81,7 @@ class MuJoCo:
         try:
             model = mujoco.MjModel.from_xml_string(text)
         except ValueError as error:
-            if mujoco.get_mjcb_control() is not None and not ACTIVE[0]:
+            if mujoco.get_mjcb_control() is not None and not is_installed():
                 raise OptionError(
                     "a control callback of your own is installed, and MuJoCo has one for the whole process: "
                     "take it out with mujoco.set_mjcb_control(None)"

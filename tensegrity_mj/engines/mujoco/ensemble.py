@@ -19,7 +19,7 @@ from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.pointers import address_of
 from tensegrity_mj.engines.driving import Progress, Stopwatch, chunks
 from tensegrity_mj.engines.mujoco import callback, many
-from tensegrity_mj.engines.mujoco.install import installed
+from tensegrity_mj.engines.mujoco.install import finish, installed
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_coordinates, place
 from tensegrity_mj.engines.mujoco.motion import SupportTable
@@ -115,7 +115,7 @@ class MuJoCoEnsemble:
             table = self.members[number].plant.table
             table[callback.QACC] = address_of(self._accelerations[number])
             table[callback.ACTUATOR_FORCE] = address_of(self._forces[number])
-            callback.finish_row(table)
+            finish(address_of(table))
         if self._pulls is None:
             return
         for number in np.flatnonzero(running):

@@ -4,65 +4,61 @@ from __future__ import annotations
 
 import ctypes
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
-import numba
-import numpy as np
-from numba import types
-
-from tensegrity_mj.dynamics.native.pointers import address_of, integers
-from tensegrity_mj.dynamics.native.slots import (
-    TABLE_SIZE,
-)
-from tensegrity_mj.engines.mujoco.callback import DATA, control_stage
+from tensegrity_mj.dynamics.native.compiling import CFunction, c_function
+from tensegrity_mj.dynamics.native.pointers import address_of, integers, own_integer
+from tensegrity_mj.dynamics.native.slots import TABLE_SIZE
+from tensegrity_mj.engines.mujoco.callback import DATA, control_stage, finish_row
 from tensegrity_mj.engines.mujoco.clock import profiler_off
 from tensegrity_mj.errors import OptionError
 
-ACTIVE = np.zeros(1, np.int64)  # address of the running plant's table, 0 for none
-
-
-ACTIVE_ADDRESS = address_of(ACTIVE)
-
-
-_OWN: list[Any] = []  # callbacks that were installed here
+ACTIVE = "tensegrity_mj_active"  # variable of each callback: address of the running plant's table, 0 for none
+CALLBACK = "void(int64, int64)"  # of an mjModel and an mjData
+active_table = own_integer(ACTIVE)
 
 
 _lock = threading.Lock()
 
 
-Callback = Callable[[], tuple[Any, Any]]  # gives a C function, and the compiled object that it points into
+@c_function(CALLBACK, "the callback of MuJoCo's steps: strings, law, loads, energy")
+def single_run(model, data):  # type: ignore[no-untyped-def]
+    """The callback of one run."""
+    address = active_table()
+    if address != 0:
+        table = integers(address, (TABLE_SIZE,))
+        if table[DATA] == data:
+            control_stage(table)
 
 
-def as_callback(compiled: Any) -> tuple[Any, Any]:
-    """A numba cfunc (model, data) as what `mujoco.set_mjcb_control` takes, with what must be kept alive."""
-    kind = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64)
-    return ctypes.cast(compiled.address, kind), compiled
+@c_function("int64(int64)", "the end of a row of MuJoCo's")
+def finish(table_at):  # type: ignore[no-untyped-def]
+    """`finish_row` of the table at an address, for Python."""
+    finish_row(integers(table_at, (TABLE_SIZE,)))
+    return 0
 
 
 @cache
-def single_run() -> tuple[Any, Any]:
-    """The callback of one run.
+def _installable(callback: CFunction) -> tuple[Any, Any]:
+    """A callback as `mujoco.set_mjcb_control` takes it, and its place for the active table."""
+    function = ctypes.cast(callback.address, ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64))
+    _OWN.append(function)
+    return function, ctypes.c_int64.from_address(callback.variable(ACTIVE))
 
-    It bakes in the address of `ACTIVE`, so this thin shell is compiled anew in each process (the rest is cached).
-    """
-    active = ACTIVE_ADDRESS
 
-    @numba.cfunc(types.void(types.int64, types.int64), error_model="numpy", _nrt=False)
-    def control(model: Any, data: Any) -> None:
-        address = integers(active, (1,))[0]
-        if address != 0:
-            table = integers(address, (TABLE_SIZE,))
-            if table[DATA] == data:
-                control_stage(table)
+_OWN: list[Any] = []  # callbacks of this package's
 
-    return as_callback(control)
+
+def is_installed() -> bool:
+    """Whether a run of ours is under way."""
+    return _lock.locked()
 
 
 @contextmanager
-def installed(table: Any, callback: Callback = single_run) -> Iterator[list[str]]:
+def installed(table: Any, callback: CFunction = single_run) -> Iterator[list[str]]:
     """Install a callback with its table; the previous one is put back. Gives the texts that MuJoCo warns with.
 
     Meanwhile MuJoCo's profiler is off.
@@ -80,14 +76,12 @@ def installed(table: Any, callback: Callback = single_run) -> Iterator[list[str]
         )
     texts: list[str] = []
     try:
-        function, _keep = callback()
+        function, active = _installable(callback)
         previous, previous_handler = mujoco.get_mjcb_control(), mujoco.get_mju_user_warning()
         if previous is not None and any(previous is own for own in _OWN):
             previous = None  # an interrupt came before a former run had taken it out
-        if not any(function is own for own in _OWN):
-            _OWN.append(function)
         try:
-            ACTIVE[0] = address_of(table)
+            active.value = address_of(table)
             mujoco.set_mjcb_control(function)
             # Nothing that can raise: an exception in there ends the process.
             mujoco.set_mju_user_warning(texts.append)
@@ -96,6 +90,6 @@ def installed(table: Any, callback: Callback = single_run) -> Iterator[list[str]
         finally:
             mujoco.set_mju_user_warning(previous_handler)
             mujoco.set_mjcb_control(previous)
-            ACTIVE[0] = 0
+            active.value = 0
     finally:
         _lock.release()

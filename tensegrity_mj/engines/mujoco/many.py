@@ -13,15 +13,13 @@ its numbers; so a law alone also compares the strings, whose stiffness and rest 
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 import mujoco
-import numba
 import numpy as np
-from numba import types
 
 from tensegrity_mj.dynamics.native.actuation import ask_law, command_as_lengths
+from tensegrity_mj.dynamics.native.compiling import c_function
 from tensegrity_mj.dynamics.native.elements import set_loads
 from tensegrity_mj.dynamics.native.law import FAILED, SOLVED
 from tensegrity_mj.dynamics.native.pointers import (
@@ -62,7 +60,7 @@ from tensegrity_mj.engines.mujoco.callback import (
     read_nodes,
     set_controls,
 )
-from tensegrity_mj.engines.mujoco.install import ACTIVE_ADDRESS, as_callback
+from tensegrity_mj.engines.mujoco.install import CALLBACK, active_table
 from tensegrity_mj.engines.mujoco.layout import check_layout, offset
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
@@ -240,32 +238,20 @@ def stage_of_a_law(guide: Any, model: int, data: int) -> None:
         integers(guide[ANSWERS], (ANSWER_COUNT,))[status] = 1  # threads only ever write the same
 
 
-@cache
-def many_runs() -> tuple[Any, Any]:
+@c_function(CALLBACK, "the callback of many simulations in MuJoCo")
+def many_runs(model, data):  # type: ignore[no-untyped-def]
     """The callback for many runs."""
-    active = ACTIVE_ADDRESS
-
-    @numba.cfunc(types.void(types.int64, types.int64), error_model="numpy", _nrt=False)
-    def control(model: Any, data: Any) -> None:
-        address = integers(active, (1,))[0]
-        if address != 0:
-            stage_of_many(integers(address, (GUIDE_SIZE,)), model, data)
-
-    return as_callback(control)
+    address = active_table()
+    if address != 0:
+        stage_of_many(integers(address, (GUIDE_SIZE,)), model, data)
 
 
-@cache
-def law_alone() -> tuple[Any, Any]:
+@c_function(CALLBACK, "the callback of a law in MuJoCo's own loops")
+def law_alone(model, data):  # type: ignore[no-untyped-def]
     """The callback for a law without a run."""
-    active = ACTIVE_ADDRESS
-
-    @numba.cfunc(types.void(types.int64, types.int64), error_model="numpy", _nrt=False)
-    def control(model: Any, data: Any) -> None:
-        address = integers(active, (1,))[0]
-        if address != 0:
-            stage_of_a_law(integers(address, (GUIDE_SIZE,)), model, data)
-
-    return as_callback(control)
+    address = active_table()
+    if address != 0:
+        stage_of_a_law(integers(address, (GUIDE_SIZE,)), model, data)
 
 
 class Guide:

@@ -18,7 +18,7 @@ from tensegrity_mj.dynamics.native.slots import LENGTH, RATE, STATUS
 from tensegrity_mj.engines.driving import Grid, Progress, Stopwatch, chunks
 from tensegrity_mj.engines.mujoco import callback
 from tensegrity_mj.engines.mujoco.contact import ContactTable
-from tensegrity_mj.engines.mujoco.install import installed
+from tensegrity_mj.engines.mujoco.install import finish, installed
 from tensegrity_mj.engines.mujoco.joints import JointForces
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_coordinates
 from tensegrity_mj.engines.mujoco.motion import SupportTable
@@ -90,7 +90,7 @@ class MuJoCoRun:
         self.plant = Plant(scene, request.law, request.actuation, request.on_infeasible)
         table = self.plant.table
         self.times = self.grid.times
-        self.width = row_width(table)
+        self.width = int(row_width.py_func(table))
         self.contact = None if scene.contact is None else ContactTable(structure, self.model, self.data)
         self.supports = SupportTable(scene, self.tree, self.model, start) if scene.motions else None
         self.joints = None
@@ -193,7 +193,7 @@ class MuJoCoRun:
                 mujoco.mj_forward(self.model, self.data)  # the last row
             seconds = clock.seconds
             if counters[callback.ENDED] != callback.RUNNING:
-                callback.finish_row(self.plant.table)
+                finish(self.plant.address)
         return self.conclude(seconds, texts)
 
     def _advance(self, first: int, count: int) -> None:
@@ -245,13 +245,8 @@ class MuJoCoRun:
         return self._finish(kept, Status.INFEASIBLE, self.plant.infeasible_message(time), seconds)
 
     def _warm_up(self) -> None:
-        """Compile the callback on data that is not this run's, so that no clock counts it."""
-        table = self.plant.table.copy()
-        callback.finish_row(table)
-        counters = self.counters.copy()
-        counters[callback.ENDED] = callback.FINISHED
-        table[callback.COUNTERS] = address_of(counters)
-        callback.control_stage(table)
+        """Compile what a run calls from Python, so that no clock counts it; the callback is installed already."""
+        _ = finish.address
 
     def _check(self, steps: int, seconds: float) -> None:
         """Raise if MuJoCo warned, stopped counting steps, or left the finite world."""

@@ -27,7 +27,7 @@ RODS, ROD_COUNT, POINTS, POINT_COUNT, Q_SIZE, CONSTANTS = range(MODEL_SLOTS, MOD
 _read_rods, _read_points = records_reader(ROD), records_reader(POINT)
 
 
-@c_function(RATES_SIGNATURE)
+@c_function(RATES_SIGNATURE, "the equations of the DAE")
 def dae_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     table = integers(table_at, (TABLE_SIZE,))
     N, nq, size = table[NODE_COUNT], table[Q_SIZE], table[STATE_SIZE]
@@ -79,7 +79,7 @@ def dae_normalize(y_at, table_at):  # type: ignore[no-untyped-def]
 read_rods, read_points = records_reader(ROD), records_reader(POINT)
 
 
-@c_function(RATES_SIGNATURE)
+@c_function(RATES_SIGNATURE, "the equations of the DAE")
 def dae_wet_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     table = integers(table_at, (TABLE_SIZE,))
     N, nq, size = table[NODE_COUNT], table[Q_SIZE], table[STATE_SIZE]

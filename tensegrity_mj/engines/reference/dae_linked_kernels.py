@@ -79,7 +79,7 @@ def given(y: Any, dy: Any, table: Any) -> Any:
     )
 
 
-@c_function(RATES_SIGNATURE)
+@c_function(RATES_SIGNATURE, "the equations of the DAE for rods that share nodes")
 def linked_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     """By joint forces, in O(K)."""
     table = integers(table_at, (TABLE_SIZE,))
@@ -117,7 +117,7 @@ def linked_project(y_at, table_at):  # type: ignore[no-untyped-def]
     return SOLVED
 
 
-@c_function(RATES_SIGNATURE)
+@c_function(RATES_SIGNATURE, "the equations of the DAE for rods that share nodes")
 def dense_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     """By (3.19)-(3.22)."""
     table = integers(table_at, (TABLE_SIZE,))
@@ -128,7 +128,7 @@ def dense_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     return status
 
 
-@c_function(RATES_SIGNATURE)
+@c_function(RATES_SIGNATURE, "the equations of the DAE for rods that share nodes")
 def full_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     """By (3.17)."""
     table = integers(table_at, (TABLE_SIZE,))

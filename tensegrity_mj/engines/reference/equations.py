@@ -14,15 +14,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
-
 from tensegrity_mj.dynamics.native.actuation import break_strings, set_rest_lengths, take_sample
-from tensegrity_mj.dynamics.native.compiling import njit
+from tensegrity_mj.dynamics.native.compiling import intrinsic, njit
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.plant import row_width, write_row
-from tensegrity_mj.dynamics.native.pointers import floats
+from tensegrity_mj.dynamics.native.pointers import call_by_address, floats
 from tensegrity_mj.dynamics.native.resistance import dissipated
 from tensegrity_mj.dynamics.native.slots import BREAKING, ENGINE_SLOTS, RESISTANCE, STRING_COUNT
 from tensegrity_mj.dynamics.native.strings import add_string_forces, measure_strings, tighten_strings
@@ -33,32 +29,18 @@ MODEL_SLOTS = ENGINE_SLOTS + 7  # a model's own slots start here
 WORK = 3  # work integrals at the end of y: elastic string work ∫ Σ T dL, dissipation, external work
 SINGULAR = 4  # beside the law's answers: the model's coordinates cannot hold this state
 
-RATES_SIGNATURE = types.int64(types.float64, types.int64, types.int64, types.int64)
-STATE_SIGNATURE = types.int64(types.int64, types.int64)
+RATES_SIGNATURE = "int64(float64, int64, int64, int64)"
+STATE_SIGNATURE = "int64(int64, int64)"
 
 
 @intrinsic
 def _call_rates(typingctx: Any, function: Any, time: Any, y: Any, dy: Any, table: Any) -> Any:
-    signature = types.int64(types.int64, types.float64, types.int64, types.int64, types.int64)
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        integer = ir.IntType(64)
-        kind = ir.FunctionType(integer, [ir.DoubleType(), integer, integer, integer])
-        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
-
-    return signature, codegen
+    return call_by_address("diii")
 
 
 @intrinsic
 def _call_on_state(typingctx: Any, function: Any, y: Any, table: Any) -> Any:
-    signature = types.int64(types.int64, types.int64, types.int64)
-
-    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        integer = ir.IntType(64)
-        kind = ir.FunctionType(integer, [integer, integer])
-        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
-
-    return signature, codegen
+    return call_by_address("ii")
 
 
 @njit

@@ -145,7 +145,7 @@ def power_of_supports(q: Any, rates: Any, accelerations: Any, table: Any) -> flo
     return power
 
 
-@c_function(RATES_SIGNATURE)
+@c_function(RATES_SIGNATURE, "the equations of the ODE")
 def ode_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     """A fixed step cannot shorten itself: there every stage is held to what `ode_guard` asks of whole steps."""
     table = integers(table_at, (TABLE_SIZE,))

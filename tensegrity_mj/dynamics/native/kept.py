@@ -1,0 +1,264 @@
+"""Machine code that is kept between runs: where the files are, how they are named, and how one is made to run.
+
+C functions are kept as what they are, an object file of the machine; LLVM links it into the process, and numba is not
+even imported. Functions that Python calls are kept as numba keeps them. Each entry is one file, named after its
+content: processes that compile the same function at the same time do not disturb each other, as they could in numba's
+common index.
+
+An entry belongs to a kind of processor. Beside those compiled here, the package may hold entries for any processor of
+its architecture, compiled when the package was built (`scripts/wheel.sh`): they are used where nothing else is kept.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import functools
+import glob
+import hashlib
+import json
+import os
+import sys
+import tempfile
+import threading
+import uuid
+import warnings
+from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from tensegrity_mj.dynamics.native.digests import digest, hashed
+
+SHIPPED = Path(__file__).parent / "shipped"  # entries that came with the package
+GENERIC = "generic"  # the processor that they are for: any of its architecture
+
+
+@functools.cache
+def made_by() -> str:
+    """The releases that decide the machine code of a function."""
+    found = []
+    for name in ("numba", "llvmlite", "numpy"):
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            found.append(name)
+    return " ".join(found)
+
+
+@functools.cache
+def processors() -> tuple[str, ...]:
+    """Kinds of processors whose code runs here: this one or the one that numba compiles for, and any."""
+    import llvmlite.binding as llvm
+
+    triple = llvm.get_process_triple()
+    name = os.environ.get("NUMBA_CPU_NAME") or llvm.get_host_cpu_name()
+    if name == GENERIC:
+        return (f"{triple} {GENERIC}",)
+    features = os.environ.get("NUMBA_CPU_FEATURES")
+    if features is None:
+        features = llvm.get_host_cpu_features().flatten()
+    return f"{triple} {name} {features}", f"{triple} {GENERIC}"
+
+
+def folders(source: str) -> tuple[Path, ...]:
+    """Where entries of functions of a source file may be, the first that can be written to being where they go.
+
+    NUMBA_CACHE_DIR, `__pycache__` beside the source, `tensegrity-mj` in XDG_CACHE_HOME or in ~/.cache.
+    """
+    parent = Path(source).resolve().parent
+    part = f"{parent.name}_{hashlib.sha1(str(parent).encode(), usedforsecurity=False).hexdigest()}"
+    own = os.environ.get("NUMBA_CACHE_DIR")
+    users = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return (*((Path(own) / part,) if own else ()), parent / "__pycache__", users / "tensegrity-mj" / part)
+
+
+def cache_folder(source: str = __file__) -> Path:
+    """The first of `folders` that can be written to.
+
+    Raises:
+        OSError: if none can.
+    """
+    reasons = []
+    for folder in folders(source):
+        try:
+            _try_to_write(folder)
+            return folder
+        except OSError as error:
+            reasons.append(f"{folder}: {error.strerror or error}")
+    raise OSError("; ".join(reasons))
+
+
+def _try_to_write(folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=folder):
+        pass
+
+
+def base_name(function: Any) -> str:
+    """The first part of the names of a function's entries."""
+    name = function.__qualname__.replace("<", "").replace(">", "")
+    return f"{Path(function.__code__.co_filename).stem}.{name}.{sys.implementation.cache_tag}"
+
+
+def entry_name(function: Any, use: str, options: dict[str, Any]) -> str | None:
+    """<function>.<use>.<digest>: what an entry is for, and what it is made of. None where another process cannot know.
+
+    `use` has the signature and the processor, and what else tells entries of a function that exist side by side.
+    """
+    content = digest(function)
+    if content is None or " at 0x" in use:
+        return None
+    chosen = repr(sorted(options.items()))
+    return f"{base_name(function)}.{hashed(use)[:16]}.{hashed(made_by() + chosen + content)[:16]}.nbc"
+
+
+def write_entry(folder: Path, name: str, content: bytes) -> None:
+    """Write an entry whole, and remove what it replaces.
+
+    Raises:
+        OSError: where it cannot be written.
+    """
+    path = folder / name
+    part = path.with_name(f"{name}.tmp.{uuid.uuid4().hex[:16]}")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        part.write_bytes(content)
+        os.replace(part, path)
+        same_use = glob.escape(name.rsplit(".", 2)[0])
+        for old in set(folder.glob(f"{same_use}.*.nbc")) - {path}:
+            old.unlink(missing_ok=True)
+    except OSError:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+        raise
+
+
+# C functions ------------------------------------------------------------------------------------------------------
+
+_HEAD = b"tensegrity-mj "
+# What numba's own code calls where a function raises, which ours do not, and where memory is given back, of which those
+# have none that allocate none. They are there only once numba is imported.
+_HELPERS = ("numba_", "NRT_")
+_loaded: list[Any] = []  # engines, which the code belongs to
+_loading = threading.Lock()
+
+
+class Code:
+    """The machine code of a C function: an object file and the names that lead into it.
+
+    Attributes:
+        symbol: of the function.
+        externals: symbols that it takes from elsewhere.
+        content: the object file.
+    """
+
+    def __init__(self, symbol: str, externals: list[str], content: bytes) -> None:
+        self.symbol, self.externals, self.content = symbol, externals, content
+        self._engine: Any = None
+
+    @classmethod
+    def of_entry(cls, entry: bytes) -> Code:
+        """What `entry` wrote.
+
+        Raises:
+            ValueError: for a damaged one.
+        """
+        head, _, content = entry.partition(b"\n")
+        if not head.startswith(_HEAD):
+            raise ValueError("no entry")
+        told = json.loads(head.removeprefix(_HEAD))
+        if told["size"] != len(content) or told["hash"] != hashed(content):
+            raise ValueError("damaged")
+        return cls(told["symbol"], told["externals"], content)
+
+    def entry(self) -> bytes:
+        """Itself, as a file holds it."""
+        told: dict[str, Any] = {"symbol": self.symbol, "externals": self.externals}
+        told |= {"size": len(self.content), "hash": hashed(self.content)}
+        return _HEAD + json.dumps(told).encode() + b"\n" + self.content
+
+    def load(self) -> int:
+        """Link it into the process; gives the address of the function, 0 where it needs what is not there."""
+        import llvmlite.binding as llvm
+
+        with _loading:
+            llvm.initialize_native_target()
+            llvm.initialize_native_asmprinter()
+            # An engine each: names of different functions never meet. It also opens what this process has of symbols.
+            machine = llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(jit=True)
+            engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+            missing = [name for name in self.externals if not llvm.address_of_symbol(name)]
+            if any(not name.startswith(_HELPERS) or "alloc" in name or "_new" in name for name in missing):
+                return 0
+            for name in missing:
+                llvm.add_symbol(name, _failing()[1])
+            engine.add_object_file(llvm.ObjectFileRef.from_data(self.content))
+            engine.finalize_object()
+            self._engine = engine
+            _loaded.append(engine)
+        return int(engine.get_function_address(self.symbol))
+
+    def variable(self, name: str) -> int:
+        """The address of a variable of its own, once it is loaded."""
+        return int(self._engine.get_global_value_address(name))
+
+
+@functools.cache
+def _failing() -> tuple[Any, int]:
+    """What stands in for numba's helpers."""
+
+    def fail() -> None:
+        print("tensegrity-mj: compiled code raised an exception: please report this", file=sys.stderr, flush=True)
+        os.abort()
+
+    function = ctypes.CFUNCTYPE(None)(fail)
+    return function, ctypes.cast(function, ctypes.c_void_p).value or 0
+
+
+def kept_code(function: Any, signature: str, options: dict[str, Any]) -> Code | None:
+    """The machine code of a C function that is kept for this processor, or came with the package."""
+    for processor, name in _names(function, signature, options):
+        places = folders(function.__code__.co_filename)
+        for folder in (*places, SHIPPED) if processor.endswith(GENERIC) else places:
+            try:
+                return Code.of_entry((folder / name).read_bytes())
+            except (OSError, ValueError, LookupError, TypeError):
+                continue  # there is none, or a damaged one: it is compiled and written again
+    return None
+
+
+def keep_code(function: Any, signature: str, options: dict[str, Any], code: Code) -> None:
+    """Keep the machine code of a C function, compiled for the first of `processors`."""
+    for _, name in _names(function, signature, options):
+        reasons = []
+        for folder in folders(function.__code__.co_filename):
+            try:
+                write_entry(folder, name, code.entry())
+                return
+            except OSError as error:
+                reasons.append(f"{folder}: {error.strerror or error}")
+        warn_once("; ".join(reasons))
+        return
+
+
+def _names(function: Any, signature: str, options: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    for processor in processors():
+        name = entry_name(function, f"C {signature} {processor}", options)
+        if name is not None:
+            yield processor, name
+
+
+def warn_once(reason: str) -> None:
+    """Say that nothing can be kept: once, there are hundreds of functions."""
+    if not _told:
+        _told.append(reason)
+        warnings.warn(
+            f"compiled functions cannot be kept: {reason}. Each start compiles them again, which may take minutes; "
+            "set NUMBA_CACHE_DIR to a folder that you may write in",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+
+
+_told: list[str] = []

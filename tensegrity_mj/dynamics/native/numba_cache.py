@@ -1,0 +1,84 @@
+"""numba's cache of the functions that Python calls, with files of our own. Imported once something compiles."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+from typing import Any
+
+from numba.core.caching import FunctionCache
+from numba.core.serialize import dumps
+
+from tensegrity_mj.dynamics.native.digests import used_by
+from tensegrity_mj.dynamics.native.kept import base_name, cache_folder, entry_name, warn_once, write_entry
+
+
+class _Cache(FunctionCache):  # type: ignore[misc]
+    """numba's cache of one function, with files of our own."""
+
+    def __init__(self, function: Any, options: dict[str, Any]) -> None:
+        super().__init__(function)
+        self._cache_file = Files(function, options, cache_folder(function.__code__.co_filename))
+
+
+class Files:
+    """The machine code of one function, a file for each signature: <function>.<signature>.<digest>.nbc."""
+
+    def __init__(self, function: Any, options: dict[str, Any], folder: Path) -> None:
+        self.function, self.options, self.folder = function, options, folder
+        self.inner = bool(options.get("no_cpython_wrapper"))  # both kinds of one function may be needed
+
+    def _path(self, key: tuple[Any, ...]) -> Path | None:
+        signature, processor, (_, *closure) = key
+        name = entry_name(self.function, repr((signature, processor, closure, self.inner)), self.options)
+        return None if name is None else self.folder / name
+
+    def load(self, key: tuple[Any, ...]) -> Any:
+        """What was saved for a key of numba's; None if nothing was, or if it cannot be read."""
+        path = self._path(key)
+        if path is None:
+            return None
+        try:
+            return pickle.loads(path.read_bytes())
+        except Exception:  # there is none, or whatever a damaged one makes of it: it is compiled and written again
+            return None
+
+    def save(self, key: tuple[Any, ...], data: Any) -> None:
+        """Save, and remove what it replaces."""
+        path = self._path(key)
+        if path is None:
+            return
+        try:
+            write_entry(self.folder, path.name, dumps(data))
+        except OSError as error:
+            warn_once(f"{self.folder}: {error.strerror or error}")
+
+    def flush(self) -> None:
+        """Remove every entry."""
+        for old in self.folder.glob(f"{base_name(self.function)}.*.nbc"):
+            old.unlink(missing_ok=True)
+
+
+def cached(dispatcher: Any) -> Any:
+    """Give what numba makes of a function our cache."""
+    if hasattr(dispatcher, "py_func"):  # NUMBA_DISABLE_JIT leaves the function as it is
+        dispatcher._cache = _cache_of(dispatcher.py_func, dispatcher.targetoptions) or dispatcher._cache
+    return dispatcher
+
+
+def adopt(function: Any) -> None:
+    """Give a compiled function of the user's, and all that it calls, this module's cache in place of numba's."""
+    for one in (function, *used_by(function)):
+        if type(getattr(one, "_cache", None)) is FunctionCache:
+            found = sum(one.stats.cache_hits.values())
+            cached(one)
+            if found:
+                one.recompile()  # what numba's cache gave may be out of date
+
+
+def _cache_of(function: Any, options: dict[str, Any]) -> _Cache | None:
+    try:
+        return _Cache(function, options)
+    except (RuntimeError, OSError):  # numba found no folder
+        warn_once(f"neither {Path(function.__code__.co_filename).parent} nor the user's cache folder can be written")
+        return None
