@@ -342,11 +342,16 @@ class QuadraticLaw:
 
     def target_equilibrium(self) -> dict[str, Any]:
         """Is the (last) target an equilibrium, as the theorems assume? Residual [N], u [N/m], self-stress modes."""
+        u, residual, modes = self._at_target
+        return {"residual": residual, "force_densities": u.tolist(), "self_stress_modes": modes}
+
+    @cached_property
+    def _at_target(self) -> tuple[Array, float, int]:
         from tensegrity_mj.model.rigidity import equilibrium_force_densities
 
         assert isinstance(self.target, Target)
         u, residual, modes = equilibrium_force_densities(self.structure, self.target.nodes[-1], self.gravity)
-        return {"residual": float(residual), "force_densities": np.asarray(u).tolist(), "self_stress_modes": int(modes)}
+        return np.asarray(u), float(residual), int(modes)
 
     def describe(self) -> dict[str, Any]:
         """Plain values for the provenance of a run."""

@@ -156,28 +156,25 @@ class Trajectory:
             OptionError: for another suffix, or a place where no file can be written.
             FormatError: if writing fails.
         """
-        import h5netcdf
-
         from tensegrity_mj.model.text.writing import scene_to_toml
+        from tensegrity_mj.runs.netcdf import write_netcdf
 
         destination = checked(path, (".nc",), "trajectory")
-        with replacing(destination) as part, h5netcdf.File(part, "w") as file:
-            file.dimensions = _sizes(self.scene, len(self.time))
-            for name, (dimensions, unit, meaning) in VARIABLES.items():
-                # Contiguous storage: it also takes dimensions of length zero (no strings, no rods, no samples).
-                variable = file.create_variable(name, dimensions, float)
-                if getattr(self, name).size:
-                    variable[...] = getattr(self, name)
-                variable.attrs["units"] = unit
-                variable.attrs["long_name"] = meaning
-            file.attrs["format"] = FORMAT
-            file.attrs["title"] = f"tensegrity_mj trajectory of scene {self.scene.name}"
-            file.attrs["scene"] = scene_to_toml(_without_functions(self.scene, self.time))
-            file.attrs["status"] = self.status.value
-            file.attrs["message"] = self.message
-            file.attrs["engine"] = self.engine
-            for name in DICTIONARIES:
-                file.attrs[name] = to_exact_json(getattr(self, name))
+        variables = {
+            name: (dimensions, getattr(self, name), {"units": unit, "long_name": meaning})
+            for name, (dimensions, unit, meaning) in VARIABLES.items()
+        }
+        attributes: dict[str, str | int] = {
+            "format": FORMAT,
+            "title": f"tensegrity_mj trajectory of scene {self.scene.name}",
+            "scene": scene_to_toml(_without_functions(self.scene, self.time)),
+            "status": self.status.value,
+            "message": self.message,
+            "engine": self.engine,
+            **{name: to_exact_json(getattr(self, name)) for name in DICTIONARIES},
+        }
+        with replacing(destination) as part:
+            write_netcdf(part, _sizes(self.scene, len(self.time)), variables, attributes)
         return destination
 
     @classmethod

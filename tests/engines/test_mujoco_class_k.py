@@ -29,6 +29,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj.engines.mujoco.accelerations import NodeAccelerations
 from tensegrity_mj.engines.mujoco.mjcf import CONNECT_STEPS, IMPEDANCE, scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import body_tree, initial_velocities, joint_coordinates
+from tensegrity_mj.engines.mujoco.prepared import prepared_with
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun
 from tensegrity_mj.errors import SceneError, StructureError
 from tensegrity_mj.model import rods
@@ -396,7 +397,7 @@ def with_constraint(scene: Scene, h: float, time_constant: float, softness: floa
     model.eq_solref[:, 0] = time_constant
     model.eq_solimp[:, :2] = 1 - softness
     request = request_for(scene, None, None, None, tmj.OnInfeasible.STOP, 0.01, False)
-    return MuJoCoRun(options, request, model=model).run()
+    return MuJoCoRun(options, request, prepared_with(model, request.scene)).run()
 
 
 def off(run: tmj.Trajectory, other: tmj.Trajectory) -> float:

@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import mujoco
-import numpy as np
 
 from tensegrity_mj.basics.checks import member, positive
 from tensegrity_mj.engines.accuracy.search import check_accuracy
-from tensegrity_mj.engines.mujoco.install import is_installed
-from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
-from tensegrity_mj.engines.mujoco.places import check_places
+from tensegrity_mj.engines.mujoco.prepared import prepared
 from tensegrity_mj.engines.mujoco.settings import _WORDS, Integrator
 from tensegrity_mj.engines.request import Accelerations, Request
-from tensegrity_mj.errors import OptionError, StructureError
+from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
 
@@ -62,7 +59,7 @@ class MuJoCo:
         return f"MuJoCo {mujoco.__version__} {self.word}, h = {self.timestep:g} s{located}"
 
     def model(self, scene: Scene) -> mujoco.MjModel:
-        """The compiled model of a scene.
+        """The compiled model of a scene, the caller's own.
 
         Raises:
             StructureError: for masses, sizes or depths that MuJoCo cannot hold, and where it compiles a node, a center
@@ -70,29 +67,7 @@ class MuJoCo:
             SceneError: where rods that share nodes may touch something.
             OptionError: where a control callback that is not this package's hinders MuJoCo.
         """
-        far = np.abs(scene.nodes0).max(axis=1) > mujoco.mjMAXVAL
-        if far.any():
-            number = int(np.argmax(far))
-            raise StructureError(
-                f"node '{scene.structure.node_names[number]}' is at {scene.nodes0[number].tolist()} m: MuJoCo takes "
-                f"coordinates beyond {mujoco.mjMAXVAL:g} m for a divergence; move the structure nearer to the origin"
-            )
-        text = scene_to_mjcf(scene, self.timestep, self.word)
-        try:
-            model = mujoco.MjModel.from_xml_string(text)
-        except ValueError as error:
-            if mujoco.get_mjcb_control() is not None and not is_installed():
-                raise OptionError(
-                    "a control callback of your own is installed, and MuJoCo has one for the whole process: "
-                    "take it out with mujoco.set_mjcb_control(None)"
-                ) from error
-            reason = " ".join(str(error).split())
-            raise StructureError(
-                f"structure '{scene.structure.name}': MuJoCo cannot hold it ({reason}); masses [kg] and moments of "
-                f"inertia [kg m²] must be above {mujoco.mjMINVAL:g}: use units of the structure's own size, or the DAE"
-            ) from error
-        check_places(scene, model)
-        return model
+        return prepared(scene, self.timestep, self.word).model
 
     @property
     def stages(self) -> int:

@@ -23,7 +23,8 @@ from tensegrity_mj.engines.mujoco.install import finish, installed
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_coordinates, place
 from tensegrity_mj.engines.mujoco.motion import SupportTable
-from tensegrity_mj.engines.mujoco.run import MuJoCoRun, node_addresses, warned
+from tensegrity_mj.engines.mujoco.prepared import node_addresses, prepared_with
+from tensegrity_mj.engines.mujoco.run import MuJoCoRun, warned
 from tensegrity_mj.engines.recording import check_rows
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError
@@ -51,7 +52,8 @@ class MuJoCoEnsemble:
         self.options, self.seconds = options, 0.0
         self.model = _with_userdata(first, options)
         guide = self.guide = many.Guide(first, self.model)
-        tree = body_tree(first)
+        ready = prepared_with(self.model, first)
+        tree = ready.tree
         data = mujoco.MjData(self.model)
         self.batch = Batch(self.model, len(requests), threads)
         self.members: list[MuJoCoRun] = []
@@ -60,7 +62,7 @@ class MuJoCoEnsemble:
         unused = np.zeros((len(first.structure.strings), 2))  # limits of forces, which clipped strings never move
         for number, request in enumerate(requests):
             check_motions(request.scene, first, tree)
-            member = MuJoCoRun(options, request, self.model, data, tree, first)
+            member = MuJoCoRun(options, request, ready, data, first)
             if number == 0:
                 check_rows(float(len(requests)) * member.rows.shape[0], member.rows.shape[1])
             self.counters[number] = member.counters

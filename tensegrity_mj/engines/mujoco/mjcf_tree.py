@@ -20,6 +20,7 @@ import mujoco
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.remembered import Remembered
 from tensegrity_mj.engines.mujoco.mjcf_frames import quaternion, rotations_to, unit
 from tensegrity_mj.model.forest import Forest, spanning_forest
 from tensegrity_mj.model.motion import Motion
@@ -97,7 +98,15 @@ class BodyTree:
 
 
 def body_tree(scene: Scene) -> BodyTree:
-    """The bodies of a scene's model."""
+    """The bodies of a scene's model, remembered while the scene lives."""
+    found: BodyTree = _remembered.get(scene, None, lambda: _body_tree(scene))
+    return found
+
+
+_remembered = Remembered()
+
+
+def _body_tree(scene: Scene) -> BodyTree:
     structure = scene.structure
     forest = spanning_forest(structure)
     motions = {motion.support: motion for motion in scene.motions}

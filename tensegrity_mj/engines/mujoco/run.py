@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import mujoco
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import RESOLUTION_KIND, Plant, row_width
 from tensegrity_mj.dynamics.native.pointers import address_of
@@ -20,8 +19,8 @@ from tensegrity_mj.engines.mujoco import callback
 from tensegrity_mj.engines.mujoco.contact import ContactTable
 from tensegrity_mj.engines.mujoco.install import finish, installed
 from tensegrity_mj.engines.mujoco.joints import JointForces
-from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_coordinates
 from tensegrity_mj.engines.mujoco.motion import SupportTable
+from tensegrity_mj.engines.mujoco.prepared import Prepared, prepared
 from tensegrity_mj.engines.mujoco.water import WaterTable
 from tensegrity_mj.engines.recording import allocate_rows, make_trajectory
 from tensegrity_mj.engines.request import Request
@@ -53,13 +52,6 @@ def warned(counts: Sequence[int]) -> list[str]:
     return [f"MuJoCo warned of {name}" for name, number in _WARNINGS.items() if counts[number]]
 
 
-def node_addresses(scene: Scene, model: mujoco.MjModel) -> tuple[Any, Any, Any]:
-    """Site, body and root of the kinematic tree of each node, (N,) int64 each."""
-    sites = np.array([model.site(name).id for name in scene.structure.nodes], np.int64)
-    bodies = model.site_bodyid[sites].astype(np.int64)
-    return sites, bodies, model.body_rootid[bodies].astype(np.int64)
-
-
 class MuJoCoRun:
     """One run: model, data, plant, and what is made of the recorded rows.
 
@@ -70,22 +62,21 @@ class MuJoCoRun:
         self,
         options: MuJoCo,
         request: Request,
-        model: mujoco.MjModel | None = None,
+        ready: Prepared | None = None,
         data: mujoco.MjData | None = None,
-        tree: BodyTree | None = None,
         start: Scene | None = None,
     ) -> None:
         self.options, self.request = options, request
         scene, structure = request.scene, request.scene.structure
         self._check_water(scene)
         self.grid = Grid.of(request, options.timestep)
-        self.model = options.model(scene) if model is None else model
+        ready = prepared(scene, options.timestep, options.word) if ready is None else ready
+        self.model, self.tree = ready.model, ready.tree
         self.cause = ""  # of an end that the callback does not know of
-        self.tree = body_tree(scene) if tree is None else tree
         if data is None:
             data = mujoco.MjData(self.model)
             # Positions are the model's own.
-            data.qvel[:] = joint_coordinates(scene, self.tree, scene.nodes0, scene.velocities0)[1]
+            data.qvel[:] = ready.velocities
         self.data = data
         self.plant = Plant(scene, request.law, request.actuation, request.on_infeasible)
         table = self.plant.table
@@ -102,13 +93,13 @@ class MuJoCoRun:
         self.counters = np.array([0, 0, 0, -1, callback.RUNNING, 0], np.int64)
         self.keep = {
             callback.DESIGNED: np.array(structure.rest_lengths),
-            callback.SLIDES: self._slides(),
+            callback.SLIDES: ready.slides,
             callback.COUNTERS: self.counters,
             callback.WORK_INTEGRALS: np.zeros(3),
             callback.ROWS: self.rows,
             callback.STEP_SIZE: np.array([options.timestep]),
         }
-        sites, bodies, roots = node_addresses(scene, self.model)
+        sites, bodies, roots = ready.nodes
         self.keep |= {callback.NODE_SITE: sites, callback.NODE_BODY: bodies, callback.NODE_ROOT: roots}
         views = {
             callback.SITE_XPOS: data.site_xpos,
@@ -158,23 +149,6 @@ class MuJoCoRun:
                 "the accelerations of the step's start, and this integrator makes its step of others; use "
                 "Integrator.RK4 or EULER"
             )
-
-    def _slides(self) -> Array:
-        """A row a rod: number of translational coordinates, their first dof, and their axes (3, 3) padded, by rows.
-
-        None of rods that share nodes, whose accelerations are found afterwards.
-        """
-        structure = self.request.scene.structure
-        slides = np.zeros((len(structure.rods), 11))
-        if structure.class_number > 1:
-            return slides
-        for row, rod, joint in zip(slides, structure.rods, self.tree.joints, strict=True):
-            axes = joint.axes
-            basis = np.zeros((3, 3))
-            basis[:, : axes.shape[1]] = axes
-            body = self.model.site_bodyid[self.model.site(rod.nodes[0]).id]
-            row[0], row[1], row[2:] = axes.shape[1], self.model.body_dofadr[body], basis.ravel()
-        return slides
 
     def run(self) -> Trajectory:
         grid, options = self.grid, self.options

@@ -1,0 +1,35 @@
+"""What was made of an object that never changes, remembered as long as that object lives."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable, Hashable
+from typing import Any
+
+MOST = 4  # values an owner: those made last
+
+
+class Remembered:
+    """Values by owner and key. Owners are told apart by identity: they need no hash, but must not change."""
+
+    def __init__(self) -> None:
+        self._entries: dict[int, tuple[weakref.ref[Any], dict[Hashable, Any]]] = {}
+
+    def get(self, owner: Any, key: Hashable, make: Callable[[], Any]) -> Any:
+        """The value of a key, made where it is not remembered; what `make` raises is raised, and nothing kept."""
+        number = id(owner)
+        entry = self._entries.get(number)
+        if entry is None or entry[0]() is not owner:
+            entry = weakref.ref(owner, lambda _: self._entries.pop(number, None)), {}
+            self._entries[number] = entry
+        values = entry[1]
+        if key not in values:
+            made = make()
+            while len(values) >= MOST:
+                values.pop(next(iter(values)), None)
+            values[key] = made
+            return made
+        return values[key]
+
+    def __len__(self) -> int:
+        return len(self._entries)

@@ -1,0 +1,106 @@
+"""What a run needs of its scene in MuJoCo before it starts: made once a scene and engine, not once a run."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.remembered import Remembered
+from tensegrity_mj.engines.mujoco.install import is_installed
+from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
+from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_coordinates
+from tensegrity_mj.engines.mujoco.places import check_places
+from tensegrity_mj.errors import OptionError, StructureError
+from tensegrity_mj.model.scene import Scene
+
+_remembered = Remembered()
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """A scene as MuJoCo steps it.
+
+    Attributes:
+        model: compiled; a run's own copy, since a run changes the limits of its actuators.
+        tree: of the model's bodies.
+        velocities: (nv,) joint velocities at the start; the positions at the start are the model's own.
+        nodes: site, body and root of the kinematic tree of each node, (N,) int64 each.
+        slides: (R, 11) of each rod, the number of its translational coordinates, their first dof, and their axes (3, 3)
+            padded, by rows. Zeros where rods share nodes, whose accelerations are found afterwards.
+    """
+
+    model: mujoco.MjModel
+    tree: BodyTree
+    velocities: Array
+    nodes: tuple[Any, Any, Any]
+    slides: Array
+
+
+def prepared(scene: Scene, timestep: float, integrator: str) -> Prepared:
+    """A scene for MuJoCo's integrator of that name and a step [s], remembered while it lives; the model is a copy.
+
+    Raises:
+        StructureError, SceneError, OptionError: as `MuJoCo.model`.
+    """
+    found: Prepared = _remembered.get(scene, (timestep, integrator), lambda: _prepare(scene, timestep, integrator))
+    return replace(found, model=copy.copy(found.model))
+
+
+def prepared_with(model: mujoco.MjModel, scene: Scene) -> Prepared:
+    """What goes with a model that was made of a scene's MJCF."""
+    tree = body_tree(scene)
+    velocities = joint_coordinates(scene, tree, scene.nodes0, scene.velocities0)[1]
+    return Prepared(model, tree, velocities, node_addresses(scene, model), _slides(scene, model, tree))
+
+
+def _prepare(scene: Scene, timestep: float, integrator: str) -> Prepared:
+    far = np.abs(scene.nodes0).max(axis=1) > mujoco.mjMAXVAL
+    if far.any():
+        number = int(np.argmax(far))
+        raise StructureError(
+            f"node '{scene.structure.node_names[number]}' is at {scene.nodes0[number].tolist()} m: MuJoCo takes "
+            f"coordinates beyond {mujoco.mjMAXVAL:g} m for a divergence; move the structure nearer to the origin"
+        )
+    text = scene_to_mjcf(scene, timestep, integrator)
+    try:
+        model = mujoco.MjModel.from_xml_string(text)
+    except ValueError as error:
+        if mujoco.get_mjcb_control() is not None and not is_installed():
+            raise OptionError(
+                "a control callback of your own is installed, and MuJoCo has one for the whole process: "
+                "take it out with mujoco.set_mjcb_control(None)"
+            ) from error
+        reason = " ".join(str(error).split())
+        raise StructureError(
+            f"structure '{scene.structure.name}': MuJoCo cannot hold it ({reason}); masses [kg] and moments of "
+            f"inertia [kg m²] must be above {mujoco.mjMINVAL:g}: use units of the structure's own size, or the DAE"
+        ) from error
+    found = prepared_with(model, scene)
+    check_places(scene, model, found.tree)
+    return found
+
+
+def node_addresses(scene: Scene, model: mujoco.MjModel) -> tuple[Any, Any, Any]:
+    """Site, body and root of the kinematic tree of each node, (N,) int64 each."""
+    sites = np.array([model.site(name).id for name in scene.structure.nodes], np.int64)
+    bodies = model.site_bodyid[sites].astype(np.int64)
+    return sites, bodies, model.body_rootid[bodies].astype(np.int64)
+
+
+def _slides(scene: Scene, model: mujoco.MjModel, tree: BodyTree) -> Array:
+    structure = scene.structure
+    slides = np.zeros((len(structure.rods), 11))
+    if structure.class_number > 1:
+        return slides
+    for row, rod, joint in zip(slides, structure.rods, tree.joints, strict=True):
+        axes = joint.axes
+        basis = np.zeros((3, 3))
+        basis[:, : axes.shape[1]] = axes
+        body = model.site_bodyid[model.site(rod.nodes[0]).id]
+        row[0], row[1], row[2:] = axes.shape[1], model.body_dofadr[body], basis.ravel()
+    return slides
