@@ -166,6 +166,7 @@ def _simulate(options: argparse.Namespace, names: tuple[str, str]) -> tuple[Traj
     from tensegrity_mj.model.actuation import OnInfeasible
     from tensegrity_mj.runs.trajectory import Status
     from tensegrity_mj.simulation import simulate
+    from tensegrity_mj.vibration.step_warnings import explain_warnings
 
     experiment.check_control(options)
     scene = load_scene(options.inputs[0])
@@ -180,7 +181,7 @@ def _simulate(options: argparse.Namespace, names: tuple[str, str]) -> tuple[Traj
     law, actuation = experiment.law_of(options, scene), experiment.actuation_of(options)
 
     def run(engine: Any, interval: float | None) -> Trajectory:
-        return simulate(
+        found = simulate(
             scene,
             law,
             engine,
@@ -190,6 +191,8 @@ def _simulate(options: argparse.Namespace, names: tuple[str, str]) -> tuple[Traj
             output_interval=interval,
             progress=True,
         )
+        explain_warnings(found, engine, law, actuation)
+        return found
 
     first = run(engines[0], options.output_interval)
     # Where a fixed step does not divide 0.01 s, its samples lie elsewhere: the reference is sampled there too.

@@ -80,6 +80,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     from tensegrity_mj.model.actuation import OnInfeasible
     from tensegrity_mj.runs.trajectory import Status
     from tensegrity_mj.simulation import simulate
+    from tensegrity_mj.vibration.step_warnings import explain_warnings
 
     scene = load_scene(options.scene)
     engine = experiment.engine_of(options.engine, options)
@@ -95,6 +96,7 @@ def execute(options: argparse.Namespace) -> Outcome:
             output_interval=options.output_interval,
             progress=True,
         )
+        explain_warnings(run, engine, law, actuation)
     except DivergenceError as error:
         if error.trajectory is None:
             raise

@@ -5,10 +5,13 @@ from __future__ import annotations
 import copy
 import math
 import warnings
+from collections.abc import Callable
 from typing import Any
 
+from numpy.typing import ArrayLike
+
 from tensegrity_mj.basics.remembered import Remembered
-from tensegrity_mj.dynamics.native.law import NativeLaw
+from tensegrity_mj.dynamics.native.law import Law, NativeLaw, native_law
 from tensegrity_mj.errors import SceneError, StabilityWarning
 from tensegrity_mj.model.actuation import Actuation, Mode
 from tensegrity_mj.model.scene import Scene
@@ -92,28 +95,49 @@ def warn_before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuat
     return report
 
 
-def after_run(run: Trajectory, engine: Any, law: NativeLaw, actuation: Actuation) -> None:
-    """Where a run is off and its step is to blame, say so in its reports.
+def may_be_the_step(run: Trajectory, engine: Any, law: NativeLaw, actuation: Actuation) -> bool:
+    """Whether a run that is off may have its step to blame, which `explain_warnings` could find out.
 
-    Before a run, the states that it will go through are not known: this looks at those that it has seen. Laws must be
-    continuous; without one, the rest lengths stay.
+    Laws must be continuous; without one, the rest lengths stay.
     """
-    scheme, step = scheme_of(engine), getattr(engine, "timestep", None)
-    if scheme is None or step is None or law.failure is not None or law.discontinuous:
-        return
-    # A law of Python's that has no address is none at all.
-    asked = law if law.address else None
+    if scheme_of(engine) is None or getattr(engine, "timestep", None) is None:
+        return False
+    if law.failure is not None or law.discontinuous or actuation.mode is not Mode.CONTINUOUS:
+        return False
+    if not run.reports.get("warnings") or run.reports.get("stability", {}).get("exceeded"):
+        return False
     coordinates = SLOTS * (len(run.scene.structure.rods) + len(run.scene.structure.point_masses))
-    most = LAW_COORDINATES if asked is not None else RUN_COORDINATES
-    if actuation.mode is not Mode.CONTINUOUS or coordinates > most or not run.reports.get("warnings"):
+    return coordinates <= (LAW_COORDINATES if law.address else RUN_COORDINATES)
+
+
+def explain_warnings(
+    run: Trajectory,
+    engine: Any,
+    law: Law | Callable[..., ArrayLike] | None = None,
+    actuation: Actuation | None = None,
+) -> None:
+    """Where a run has warnings, find out whether its step was beyond the largest stable one on its way.
+
+    Before a run the states that it will go through are not known: this looks at those that it has seen, which takes
+    about a second, often longer than the run. If the step is to blame, it becomes one of `run.reports["warnings"]`, and
+    `run.reports["stability"]` holds what was found. A run without warnings is not looked at.
+
+    Args:
+        run, engine, law, actuation: as in the call of `simulate` that gave the run.
+    """
+    actuation, native = actuation or Actuation.continuous(), native_law(law, run.scene.structure)
+    if not may_be_the_step(run, engine, native, actuation):
         return
+    step = float(engine.timestep)
     try:
-        found = stable_step(run.scene, engine, law=asked, run=run)
+        # A law of Python's that has no address is none at all.
+        found = stable_step(run.scene, engine, law=native if native.address else None, run=run)
     except Exception:  # as in `before_run`
         return
-    if found.limit < step and not run.reports.get("stability", {}).get("exceeded"):
+    run.reports.get("stability", {}).pop("along_the_run", None)
+    if found.limit < step:
         run.reports["stability"] = {"step": step, "checked": True, "exceeded": True, **found.to_dict()}
-        run.reports["warnings"].append(message(found, engine, float(step)))
+        run.reports["warnings"].append(message(found, engine, step))
 
 
 def _checked(

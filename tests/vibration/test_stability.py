@@ -36,7 +36,7 @@ from tensegrity_mj.vibration.integrators import (
     system_matrix,
 )
 from tensegrity_mj.vibration.small_motions import Vibration, stiffness_bounds, vibration
-from tensegrity_mj.vibration.step_warnings import HALF_DISC, _bound, before_run
+from tensegrity_mj.vibration.step_warnings import HALF_DISC, _bound, before_run, explain_warnings
 
 Array = NDArray[np.float64]
 
@@ -236,10 +236,18 @@ def test_a_run_that_leaves_its_promise_for_the_step_says_so() -> None:
     law = tmj.controllers.from_scene(scene)
     fine = tmj.simulate(scene, law, tmj.MuJoCo(5e-3))
     assert fine.reports["stability"] == {"step": 5e-3, "checked": True, "exceeded": False}
-    coarse = tmj.simulate(scene, law, tmj.MuJoCo(1e-2))
+    engine = tmj.MuJoCo(1e-2)
+    coarse = tmj.simulate(scene, law, engine)
+    assert not coarse.reports["stability"]["exceeded"]  # at the start
+    assert "explain_warnings" in coarse.reports["stability"]["along_the_run"]
+    explain_warnings(coarse, engine, law)
     assert coarse.reports["stability"]["exceeded"]
+    assert "along_the_run" not in coarse.reports["stability"]
     assert coarse.reports["stability"]["limit"] < 1e-2
     assert any("beyond the largest stable one" in text for text in coarse.reports["warnings"])
+    before = dict(fine.reports)
+    explain_warnings(fine, tmj.MuJoCo(5e-3), law)  # there is nothing to explain
+    assert fine.reports == before
 
 
 class Pull:

@@ -42,7 +42,7 @@ from tensegrity_mj.studies.stability.study import at_rest
 from tensegrity_mj.vibration.bodies import Bodies
 from tensegrity_mj.vibration.integrators import Scheme, limit_of, system_matrix
 from tensegrity_mj.vibration.small_motions import Vibration, stiffness_bounds, vibration
-from tensegrity_mj.vibration.step_warnings import _bound
+from tensegrity_mj.vibration.step_warnings import _bound, explain_warnings
 from tensegrity_mj.vibration.tree import tree_limit, tree_model
 
 Array = NDArray[np.float64]
@@ -460,6 +460,7 @@ def test_a_run_that_gets_beyond_the_limit_on_its_way_says_so() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error", StabilityWarning)
         run = tmj.simulate(scene, None, tmj.MuJoCo(step), duration=round(1.2 / step) * step, output_interval=step)
+    explain_warnings(run, tmj.MuJoCo(step))
     assert run.reports["stability"]["exceeded"]
     assert run.reports["stability"]["time"] > 0
     assert run.reports["stability"]["limit"] < step
