@@ -163,10 +163,17 @@ see_to_opengl() {
     say "No video: off-screen OpenGL is missing. On Debian: apt-get install ${packages[*]}. Everything else runs."
 }
 
+# Else the first run of each engine would wait for it.
+see_to_compiling() {
+    "$venv/bin/python" "$root/scripts/compile_ahead.py" ||
+        say "Compiling failed; what a run needs is compiled when it is first run. tensegrity-mj doctor says what is wrong."
+}
+
 set_up() { # run|dev
     local python
     python="$(find_python)" || exit 1
     install_package "$python" "$1"
     see_to_dm_control "$python"
     see_to_opengl
+    see_to_compiling
 }

@@ -223,6 +223,7 @@ def _needs(needs: dict[str, Any]) -> list[tuple[str, str]]:
     )
     members = ", ".join(f"{needs[what]} {what}" for what in ("tendons", "actuators", "sensors", "equalities"))
     return [
+        ("engine for its size", needs["engine"]),
         ("MuJoCo's model", f"nq = {needs['positions']}, nv = {needs['velocities']}; joints: {joints}; {members}"),
         ("constraint rows", f"{needs['constraint_rows']} at the start{touching}"),
         ("flags", ", ".join(needs["flags"])),

@@ -18,7 +18,13 @@ from tensegrity_mj.library.random_structures import random_scene, random_structu
 from tensegrity_mj.model.elements.contact import Contact
 from tensegrity_mj.model.text.sources import scene_names
 from tensegrity_mj.studies.speed import step_timing
-from tensegrity_mj.studies.speed.requirements import JOINTS, degrees_of_freedom
+from tensegrity_mj.studies.speed.requirements import (
+    JOINTS,
+    MOST_HANGING,
+    degrees_of_freedom,
+    engine_for_size,
+    largest_tree,
+)
 from tensegrity_mj.studies.speed.step_timing import CONTACT, PARTS, REST, measure, variants
 
 OFF = ("constraint off", "contact off", "autoreset off")
@@ -264,3 +270,15 @@ def test_the_command_prints_it(capsys: pytest.CaptureFixture[str]) -> None:
 def test_what_is_no_scene_is_refused() -> None:
     with pytest.raises(tmj.errors.OptionError, match="use a Scene"):
         tmj.studies.requirements("prism")  # type: ignore[arg-type]
+
+
+def test_the_engine_that_a_structures_size_calls_for() -> None:
+    # A cable of n rods is a chain. Of the net's 40 rods four are held, so that none of its trees has them all.
+    assert largest_tree(tmj.load_scene("cable(elements=13)").structure) == 13
+    assert largest_tree(tmj.load_scene("prism").structure) == 1
+    assert 10 <= largest_tree(tmj.load_scene("net").structure) < 40
+    short, long = (tmj.load_scene(f"cable(elements={n})") for n in (MOST_HANGING, MOST_HANGING + 1))
+    assert engine_for_size(short).startswith("MuJoCo or the DAE")
+    assert engine_for_size(long).startswith(f"the DAE: {MOST_HANGING + 1} rods hang on each other")
+    assert engine_for_size(tmj.load_scene("prism_drop")).startswith("MuJoCo: it alone")
+    assert tmj.studies.requirements(short).engine == engine_for_size(short)

@@ -16,10 +16,11 @@ import ctypes
 import functools
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from tensegrity_mj.dynamics.native import notices
-from tensegrity_mj.dynamics.native.kept import Code, keep_code, kept_code
+from tensegrity_mj.dynamics.native.kept import Code, keep_code, kept_code, shipped_name, write_entry
 
 _compiling = threading.RLock()
 
@@ -93,20 +94,26 @@ intrinsic = Intrinsic
 _C_TYPES: dict[str, Any] = {"void": None, "int64": ctypes.c_int64, "float64": ctypes.c_double}
 
 
+c_functions: list[CFunction] = []  # of all modules that are imported
+
+
 class CFunction:
     """A C function, compiled when its address is first asked for, unless it is kept.
 
     Attributes:
+        what: it is, in words.
         cache_hits: 1 where it was kept.
     """
 
     def __init__(self, function: Callable[..., Any], signature: Any, what: str) -> None:
         functools.update_wrapper(self, function)
-        self.py_func, self.what, self.cache_hits = function, what, 0
+        self.py_func, self.cache_hits = function, 0
+        self.what = what or function.__name__.strip("_").replace("_", " ")
         if not isinstance(signature, str):  # numba's
             signature = f"{signature.return_type}({', '.join(map(str, signature.args))})"
         self.signature = signature
         self._options = {"error_model": "numpy"}
+        c_functions.append(self)
 
     @functools.cached_property
     def _code(self) -> tuple[Code, int]:
@@ -123,6 +130,16 @@ class CFunction:
             code = _compile(self.py_func, self.signature, self._options, self.what)
             keep_code(self.py_func, self.signature, self._options, code)
             return code, code.load()
+
+    def ship(self, folder: Path) -> None:
+        """Write the machine code as an entry of the package: it is to be compiled for any processor.
+
+        Raises:
+            OSError: where it cannot be written.
+        """
+        name = shipped_name(self.py_func, self.signature, self._options)
+        assert name is not None, self.py_func
+        write_entry(folder, name, self._code[0].entry())
 
     @property
     def address(self) -> int:
@@ -166,7 +183,7 @@ def _compile(function: Callable[..., Any], signature: str, options: dict[str, An
     from numba.core.ccallback import CFunc
 
     notices.listen()
-    with notices.announced(what or function.__name__.strip("_").replace("_", " ")):
+    with notices.announced(what):
         made: Any = CFunc(function, sigutils.normalize_signature(signature), locals={}, options=options)
         made.compile()
     library = made._library

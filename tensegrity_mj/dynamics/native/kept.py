@@ -6,7 +6,8 @@ content: processes that compile the same function at the same time do not distur
 common index.
 
 An entry belongs to a kind of processor. Beside those compiled here, the package may hold entries for any processor of
-its architecture, compiled when the package was built (`scripts/wheel.sh`): they are used where nothing else is kept.
+its architecture, compiled when the package was built (`scripts/compile_ahead.py --ship`): they are used where nothing
+else is kept, whichever numba is installed.
 """
 
 from __future__ import annotations
@@ -101,16 +102,17 @@ def base_name(function: Any) -> str:
     return f"{Path(function.__code__.co_filename).stem}.{name}.{sys.implementation.cache_tag}"
 
 
-def entry_name(function: Any, use: str, options: dict[str, Any]) -> str | None:
+def entry_name(function: Any, use: str, options: dict[str, Any], compiler: str | None = None) -> str | None:
     """<function>.<use>.<digest>: what an entry is for, and what it is made of. None where another process cannot know.
 
-    `use` has the signature and the processor, and what else tells entries of a function that exist side by side.
+    `use` has the signature and the processor, and what else tells entries of a function that exist side by side; the
+    `compiler` is the one that is installed, unless it does not matter.
     """
     content = digest(function)
     if content is None or " at 0x" in use:
         return None
-    chosen = repr(sorted(options.items()))
-    return f"{base_name(function)}.{hashed(use)[:16]}.{hashed(made_by() + chosen + content)[:16]}.nbc"
+    chosen = (made_by() if compiler is None else compiler) + repr(sorted(options.items()))
+    return f"{base_name(function)}.{hashed(use)[:16]}.{hashed(chosen + content)[:16]}.nbc"
 
 
 def write_entry(folder: Path, name: str, content: bytes) -> None:
@@ -218,35 +220,42 @@ def _failing() -> tuple[Any, int]:
 
 def kept_code(function: Any, signature: str, options: dict[str, Any]) -> Code | None:
     """The machine code of a C function that is kept for this processor, or came with the package."""
-    for processor, name in _names(function, signature, options):
-        places = folders(function.__code__.co_filename)
-        for folder in (*places, SHIPPED) if processor.endswith(GENERIC) else places:
-            try:
-                return Code.of_entry((folder / name).read_bytes())
-            except (OSError, ValueError, LookupError, TypeError):
-                continue  # there is none, or a damaged one: it is compiled and written again
+    for path in _places(function, signature, options):
+        try:
+            return Code.of_entry(path.read_bytes())
+        except (OSError, ValueError, LookupError, TypeError):
+            continue  # there is none, or a damaged one: it is compiled and written again
     return None
 
 
 def keep_code(function: Any, signature: str, options: dict[str, Any], code: Code) -> None:
     """Keep the machine code of a C function, compiled for the first of `processors`."""
-    for _, name in _names(function, signature, options):
-        reasons = []
-        for folder in folders(function.__code__.co_filename):
-            try:
-                write_entry(folder, name, code.entry())
-                return
-            except OSError as error:
-                reasons.append(f"{folder}: {error.strerror or error}")
-        warn_once("; ".join(reasons))
+    name = entry_name(function, f"C {signature} {processors()[0]}", options)
+    if name is None:
         return
+    reasons = []
+    for folder in folders(function.__code__.co_filename):
+        try:
+            write_entry(folder, name, code.entry())
+            return
+        except OSError as error:
+            reasons.append(f"{folder}: {error.strerror or error}")
+    warn_once("; ".join(reasons))
 
 
-def _names(function: Any, signature: str, options: dict[str, Any]) -> Iterator[tuple[str, str]]:
+def shipped_name(function: Any, signature: str, options: dict[str, Any]) -> str | None:
+    """What an entry that comes with the package is called, whichever compiler made it."""
+    return entry_name(function, f"C {signature} {processors()[-1]}", options, compiler="shipped")
+
+
+def _places(function: Any, signature: str, options: dict[str, Any]) -> Iterator[Path]:
     for processor in processors():
         name = entry_name(function, f"C {signature} {processor}", options)
         if name is not None:
-            yield processor, name
+            yield from (folder / name for folder in folders(function.__code__.co_filename))
+    name = shipped_name(function, signature, options) if SHIPPED.is_dir() else None
+    if name is not None:
+        yield SHIPPED / name
 
 
 def warn_once(reason: str) -> None:

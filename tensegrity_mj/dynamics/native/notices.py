@@ -1,4 +1,4 @@
-"""One line on stderr that says what is being compiled, and how far it is, for whoever waits."""
+"""One line on stderr that says what is being compiled and why, for whoever waits."""
 
 from __future__ import annotations
 
@@ -6,42 +6,71 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 from tensegrity_mj.basics import interrupts
 
 QUIET = 2.0  # s without a word: most functions are compiled by then
-EVERY = 10.0  # s between two lines
+OTHERS = "small functions that Python calls"
 
-_state: dict[str, Any] = {"what": "", "begun": 0.0, "said": 0.0, "count": 0, "listening": False}
+
+@dataclass
+class _Block:
+    """What is compiled, when it began or for how long that has been going on, and whether it was said."""
+
+    what: str
+    spent: float = 0.0
+    since: float = 0.0
+    said: bool = False
+
+
+_others = _Block(OTHERS)  # all that is compiled outside of `announced`
+_blocks = [_others]
+_state = {"listening": False, "silent": False}
 
 
 @contextmanager
 def announced(what: str) -> Iterator[None]:
-    """Say what is compiled within the block, if it takes long."""
-    outer = dict(_state)
-    now = time.monotonic()
-    _state.update(what=what, begun=now, said=0.0, count=0)
+    """Say what is compiled within the block, once, if it takes long."""
+    _blocks.append(_Block(what))
     try:
         yield
-        if _state["said"]:
-            _say(f"compiled {what} in {time.monotonic() - now:.0f} s")
     finally:
-        _state.update({key: outer[key] for key in ("what", "begun", "said", "count")})
+        _blocks.pop()
+
+
+@contextmanager
+def silent() -> Iterator[None]:
+    """Say nothing within the block: whoever compiles reports it."""
+    before = _state["silent"]
+    _state["silent"] = True
+    try:
+        yield
+    finally:
+        _state["silent"] = before
 
 
 def listen() -> None:
-    """Have numba say when it has compiled a function. An interrupt that waits is raised there."""
+    """Have numba report when it compiles a function. An interrupt that waits is raised there."""
     if _state["listening"]:
         return
     from numba.core import event
 
     class Listener(event.Listener):  # type: ignore[misc]
+        depth = 0
+
         def on_start(self, event: Any) -> None:
+            self.depth += 1
+            if self.depth == 1:
+                _blocks[-1].since = time.monotonic()
             _step()
 
         def on_end(self, event: Any) -> None:
             _step()
+            self.depth -= 1
+            if self.depth == 0:
+                _blocks[-1].spent += time.monotonic() - _blocks[-1].since
 
     event.register("numba:compile", Listener())
     _state["listening"] = True
@@ -49,17 +78,11 @@ def listen() -> None:
 
 def _step() -> None:
     interrupts.raise_if_requested()
-    if not _state["what"]:
-        return
-    _state["count"] += 1
-    now = time.monotonic()
-    if not _state["said"] and now - _state["begun"] > QUIET:
-        _state["said"] = now
-        _say(f"compiling {_state['what']} (once; it is kept for later runs) ...")
-    elif _state["said"] and now - _state["said"] > EVERY:
-        _state["said"] = now
-        _say(f"compiling {_state['what']}: {_state['count'] // 2} functions in {now - _state['begun']:.0f} s ...")
-
-
-def _say(text: str) -> None:
-    print(f"tensegrity-mj: {text}", file=sys.stderr, flush=True)
+    block = _blocks[-1]
+    if not block.said and not _state["silent"] and block.spent + time.monotonic() - block.since > QUIET:
+        block.said = True
+        print(
+            f"tensegrity-mj: compiling {block.what}, once: none is kept yet for this version, Python and processor",
+            file=sys.stderr,
+            flush=True,
+        )

@@ -135,7 +135,7 @@ class ContactTable:
         }
         for slot, array in views.items():
             self.table[slot] = address_of(array)
-        self.width = int(state_width(self.table))
+        self.width = int(state_width.py_func(self.table))
 
     def forces(self, states: Array) -> tuple[Array, dict[str, Any]]:
         """Contact forces of recorded states (T, width) as forces on the nodes (T, N, 3) [N], and what they were.

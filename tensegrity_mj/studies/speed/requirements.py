@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from tensegrity_mj.studies.speed.step_timing import StepTiming
 
 EXPLICIT_STEP = 1e-4  # s: where RK4's largest stable step is below it, a run of seconds takes minutes
+MOST_HANGING = 30  # rods that hang on each other, beyond which a step of the DAE takes less than half of MuJoCo's
+MOST_RODS = 1000  # beyond which MuJoCo takes seconds to compile the model
 JOINTS = ("free", "ball", "slide", "hinge")  # in the order of MuJoCo's mjtJoint
 
 
@@ -49,6 +51,8 @@ class Requirements:
         flags: what is switched off or on of what MuJoCo does by default.
         stable_step: RK4's largest stable step at the start by the linear model [s], ∞ for none; None where there is no
             such model, of rods that share nodes.
+        hanging: rods of the largest tree of rods that hang on each other; 1 where none share nodes, 0 without rods.
+        engine: which engine the structure's size calls for, in words.
         reasons: why each thing beyond the least is there.
         timing: what a step costs, or None where it was not measured.
     """
@@ -68,6 +72,8 @@ class Requirements:
     rows_per_contact: int
     flags: tuple[str, ...]
     stable_step: float | None
+    hanging: int
+    engine: str
     reasons: tuple[str, ...]
     timing: StepTiming | None = None
 
@@ -118,6 +124,8 @@ def requirements(scene: Scene, timing: bool = False) -> Requirements:
         rows_per_contact=0 if scene.contact is None else int(model.geom_condim[model.geom_conaffinity > 0].max()),
         flags=_flags(model),
         stable_step=limit,
+        hanging=largest_tree(scene.structure),
+        engine=engine_for_size(scene),
         reasons=tuple(_reasons(scene, limit)),
         timing=measured,
     )
@@ -134,6 +142,31 @@ def degrees_of_freedom(structure: Structure) -> int:
     )
     turns = sum(rod.support.rotation_basis.shape[1] - 1 for rod in structure.rods)
     return int(slides + turns + sum(point.translation_basis.shape[1] for point in structure.point_masses))
+
+
+def largest_tree(structure: Structure) -> int:
+    """Rods of the largest tree of rods that hang on each other; 1 where none share nodes."""
+    forest = spanning_forest(structure)
+    size = np.ones(len(structure.rods), int)
+    for rod in forest.order[::-1]:
+        if forest.parent[rod] >= 0:
+            size[forest.parent[rod]] += size[rod]
+    return int(size.max(initial=0))
+
+
+def engine_for_size(scene: Scene) -> str:
+    """Which engine the size of a scene's structure calls for (docs/speed.md, "Large structures")."""
+    hanging, rods = largest_tree(scene.structure), len(scene.structure.rods)
+    if scene.contact is not None:
+        return "MuJoCo: it alone has contact"
+    if hanging > MOST_HANGING:
+        return (
+            f"the DAE: {hanging} rods hang on each other; a step of MuJoCo takes a time that grows with about the cube "
+            "of their number, and one of the DAE in proportion to it"
+        )
+    if rods > MOST_RODS:
+        return f"the DAE: to set {rods} rods up takes MuJoCo a time that grows with the square of their number"
+    return "MuJoCo or the DAE: their steps take about the same time at this size"
 
 
 def _closed(model: Any, data: Any) -> int:

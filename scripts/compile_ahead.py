@@ -1,0 +1,81 @@
+"""Compile what engines and laws call, so that nobody waits for it later. What is kept already takes no time.
+
+    python scripts/compile_ahead.py  # for this processor; scripts/setup.sh runs it
+    python scripts/compile_ahead.py --ship  # for a wheel: for any processor of this architecture, into the package
+
+After the second, `python -m pip wheel --no-deps .` makes a wheel that holds the machine code: an installation of it
+compiles nothing at its first run. The code is for this Python version; run it with each that the wheel is for. Without
+it a wheel works too, and compiles what a run needs when it is first run.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def modules() -> list[str]:
+    """Those that define C functions."""
+    names = []
+    for folder in ("tensegrity_mj", "controllers"):
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            if "@c_function(" in path.read_text(encoding="utf-8"):
+                name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+                names.append(name if folder == "tensegrity_mj" else f"tensegrity_mj.{name}")
+    return names
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--ship", action="store_true", help="compile for any processor, into the package")
+    ship = parser.parse_args().ship
+    if ship:
+        os.environ["NUMBA_CPU_NAME"], os.environ["NUMBA_CPU_FEATURES"] = "generic", ""
+    from tensegrity_mj.dynamics.native import compiling, kept, notices
+
+    for name in modules():
+        importlib.import_module(name)
+    if ship and kept.SHIPPED.is_dir():
+        for old in kept.SHIPPED.glob(f"*.{sys.implementation.cache_tag}.*.nbc"):
+            old.unlink()
+    functions = compiling.c_functions
+    begun = time.monotonic()
+    compiled = 0
+    with notices.silent():
+        for number, function in enumerate(functions, 1):
+            before = time.monotonic()
+            print(f"\rCompiling {number}/{len(functions)}: {function.what:<70.70}", end="", file=sys.stderr, flush=True)
+            _ = function.address
+            compiled += not function.cache_hits
+            if ship:
+                function.ship(kept.SHIPPED)
+            elif not function.cache_hits and not sys.stderr.isatty():
+                print(f" {time.monotonic() - before:.0f} s", file=sys.stderr, flush=True)
+        print("\r" + 100 * " " + "\r", end="", file=sys.stderr)
+        if compiled and not ship:
+            _run_engines()
+    spent = time.monotonic() - begun
+    if compiled or ship:
+        print(f"Compiled {compiled} of {len(functions)} functions in {spent:.0f} s", file=sys.stderr)
+
+
+def _run_engines() -> None:
+    """Short runs: what Python calls of the reference engines is kept, too."""
+    import tensegrity_mj as tmj
+
+    scene = tmj.load_scene("prism")
+    law = tmj.controllers.from_scene(scene)
+    tmj.simulate(scene, law, tmj.MuJoCo(1e-3), duration=0.01)
+    for engine in (tmj.DAE(), tmj.ODE()):
+        tmj.simulate(scene, law, engine, duration=0.01)
+    tmj.simulate(tmj.load_scene("cable"), None, tmj.DAE(), duration=0.01)
+
+
+if __name__ == "__main__":
+    main()
