@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 import tensegrity_mj as tmj
+from tensegrity_mj.dynamics.native.law import Law
 from tensegrity_mj.engines.mujoco.prepared import prepared
-from tensegrity_mj.errors import StabilityWarning
+from tensegrity_mj.errors import DivergenceError, StabilityWarning
+from tensegrity_mj.model.strings import StringLaw
 
 
 def test_a_model_is_the_callers_own() -> None:
@@ -40,7 +42,7 @@ def test_a_second_run_of_a_scene_is_the_first_one_bit_for_bit(name: str) -> None
     """Limits of forces, which a run moves where strings are damped, and the data of contacts and motions included."""
     scene, fresh = tmj.load_scene(name), tmj.load_scene(name)
     scene, fresh = (
-        one.with_(structure=replace(one.structure, string_law=tmj.StringLaw.UNCLIPPED), breaks=())
+        one.with_(structure=replace(one.structure, string_law=StringLaw.UNCLIPPED), breaks=())
         for one in (scene, fresh)
     )
     engine = tmj.MuJoCo(1e-3)
@@ -50,13 +52,13 @@ def test_a_second_run_of_a_scene_is_the_first_one_bit_for_bit(name: str) -> None
     assert np.array_equal(second.tensions, first.tensions)
 
 
-def report_of(scene: tmj.Scene, law: tmj.Law | None, engine: tmj.MuJoCo) -> dict[str, Any]:
+def report_of(scene: tmj.Scene, law: Law | None, engine: tmj.MuJoCo) -> dict[str, Any]:
     """What the check before a run found, whatever became of the run."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StabilityWarning)
         try:
             run: Any = tmj.simulate(scene, law, engine, duration=engine.timestep)
-        except tmj.DivergenceError as error:
+        except DivergenceError as error:
             run = error.trajectory
     report: dict[str, Any] = run.reports["stability"]
     return report
@@ -79,5 +81,5 @@ def test_the_warning_comes_each_time() -> None:
     scene = tmj.load_scene("prism")
     law = tmj.controllers.Lyapunov(scene.structure, scene.target, decay_rate=500.0)
     for _ in range(2):
-        with pytest.warns(StabilityWarning, match="beyond the largest stable one"), suppress(tmj.DivergenceError):
+        with pytest.warns(StabilityWarning, match="beyond the largest stable one"), suppress(DivergenceError):
             tmj.simulate(scene, law, tmj.MuJoCo(0.01, tmj.Integrator.EULER), duration=0.01)
