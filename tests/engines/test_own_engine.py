@@ -3,8 +3,8 @@
 The engine is `tests/helpers/verlet.py`, for a mass of 1.5 kg on a string of 60 N/m from which it is let go at a stretch
 of 0.4 m: ω = √(k/m) = 6.32 rad/s, amplitude A = 0.4 - m g/k = 0.155 m, for T = 2 s. From rest, velocity Verlet has
 x_n = A cos(ω' t_n) exactly, with sin(ω' h/2) = ω h/2: ω' - ω = ω (ω h)²/24, an error of A ω t (ω h)²/24 |sin(ω t)|. The
-last peak of the sine is at ω t = 7π/2, t = 1.74 s, where t |sin(ω t)|/T = 0.87 is largest: 2.8e-6 m at h = 1 ms. Its speed
-is off by cos(ω' h/2), so that ½ m v² is by (ω h)²/4 of k A²/2 at most.
+last peak of the sine is at ω t = 7π/2, t = 1.74 s, where t |sin(ω t)|/T = 0.87 is largest: 2.8e-6 m at h = 1 ms. Speeds
+are off by cos(ω' h/2), so that ½ m v² is by (ω h)²/4 of k A²/2 at most.
 """
 
 from __future__ import annotations
