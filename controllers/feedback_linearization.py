@@ -25,6 +25,8 @@ from tensegrity_mj.controllers.allocation_options import Allocation, Sum
 from tensegrity_mj.controllers.error_equation import Known, error_equation
 from tensegrity_mj.controllers.known_water import checked_water, described_water, packed_water, water_address
 from tensegrity_mj.controllers.optimal_allocation import Allocator, Equation
+from tensegrity_mj.controllers.options import as_it_is, known_water, when_infeasible
+from tensegrity_mj.controllers.table import NamedLaw
 from tensegrity_mj.dynamics.native.law import Command, NativeLaw, Report, check_made_for, native_law
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import PackedTarget
@@ -246,3 +248,20 @@ def from_options(
         rows.append(Sum(minimum, None if chosen == "all" else tuple(chosen)))
     options = Allocation(sums=tuple(rows), **allocation)
     return FeedbackLinearization(structure, target, natural_frequency, damping, options, gravity, water)
+
+
+LAW = NamedLaw(
+    from_options,
+    {
+        "natural_frequency": as_it_is,
+        "damping": as_it_is,
+        "sums": as_it_is,
+        "weight": as_it_is,
+        "minimum_force_density": as_it_is,
+        "maximum_force_density": as_it_is,
+        "linear": as_it_is,
+        "on_infeasible": when_infeasible,
+        "respect_limits": as_it_is,
+        "water": known_water,
+    },
+)

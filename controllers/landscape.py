@@ -21,7 +21,9 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import finite, positive
-from tensegrity_mj.controllers import Lyapunov, Onto, Projection
+from tensegrity_mj.controllers.lyapunov import Lyapunov
+from tensegrity_mj.controllers.projection import Projection
+from tensegrity_mj.controllers.quadratic_terms import Onto
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.rods import ends
 from tensegrity_mj.model.structure import Structure

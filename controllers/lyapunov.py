@@ -11,7 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from tensegrity_mj.controllers.options import OF_QUADRATIC_LAWS
 from tensegrity_mj.controllers.quadratic_law import QuadraticLaw
+from tensegrity_mj.controllers.table import NamedLaw
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,3 +28,6 @@ class Lyapunov(QuadraticLaw):
     def describe(self) -> dict[str, Any]:
         """Plain values for the provenance of a run."""
         return {"law": "lyapunov", **super().describe()}
+
+
+LAW = NamedLaw(Lyapunov, OF_QUADRATIC_LAWS)

@@ -18,8 +18,10 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.checks import member
 from tensegrity_mj.controllers.gains import gain_records
+from tensegrity_mj.controllers.options import OF_QUADRATIC_LAWS, as_it_is, onto
 from tensegrity_mj.controllers.quadratic_law import QuadraticLaw
 from tensegrity_mj.controllers.quadratic_terms import Onto
+from tensegrity_mj.controllers.table import NamedLaw
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,3 +60,6 @@ class Projection(QuadraticLaw):
         """Plain values for the provenance of a run."""
         K = [self.gains[number]["Kb"].tolist() for number in range(len(self.structure.rods))]
         return {"law": "projection", "onto": self.onto.value, "stiffness": K, **super().describe()}
+
+
+LAW = NamedLaw(Projection, {**OF_QUADRATIC_LAWS, "onto": onto, "stiffness": as_it_is})

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 import argcomplete
 from argcomplete.completers import DirectoriesCompleter, FilesCompleter
 
-from tensegrity_mj.commands.experiment import LAWS
 from tensegrity_mj.commands.parser import Parser
+from tensegrity_mj.controllers.table import LAWS
 
 
 def complete(parser: Parser) -> None:

@@ -104,7 +104,7 @@ def run_demo(out: str | os.PathLike[str] = "results", scene: str = "prism", *, p
         OptionError: if the folder cannot be made or written in, or the scene has no control law.
         InfeasibleError, DivergenceError: if a simulation ends before its time.
     """
-    from tensegrity_mj.controllers import from_scene
+    from tensegrity_mj.controllers.scenes import from_scene
     from tensegrity_mj.library.load import load_scene
     from tensegrity_mj.runs.trajectory import Status
 

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.commands.common import positive, refuse
+from tensegrity_mj.controllers.table import LAWS
 from tensegrity_mj.engines.table import ENGINES, make_engine, option_names
 from tensegrity_mj.errors import OptionError
 
@@ -20,8 +21,6 @@ INTEGRATORS = ("euler", "implicitfast", "implicit", "rk4", "discrete")
 METHODS = ("dop853", "radau", "rk4")
 DRIFTS = ("monitor", "normalize", "baumgarte")
 INFEASIBLE_CHOICES = ("stop", "passive")
-
-LAWS = ("lyapunov", "feedback_linearization", "projection")  # keys of controllers.LAWS, in its order
 
 ACTUATIONS = ("continuous", "hold-force-density", "hold-rest-length")
 NORMS = {"1": 1.0, "2": 2.0, "inf": math.inf}
@@ -117,7 +116,7 @@ def law_of(options: argparse.Namespace, scene: Scene) -> Any:
     Raises:
         OptionError: law options for a scene without a law, or a law without a target.
     """
-    from tensegrity_mj.controllers import from_scene
+    from tensegrity_mj.controllers.scenes import from_scene
 
     overrides: dict[str, Any] = dict(options.law_option or ())
     if options.norm is not None:
@@ -127,7 +126,11 @@ def law_of(options: argparse.Namespace, scene: Scene) -> Any:
     if options.law == "none":
         return None
     if scene.control is None and options.law is None:
-        refuse(options, LAW_OPTIONS, f"needs a control law, and scene '{scene.name}' has none: add --law {LAWS[0]}")
+        refuse(
+            options,
+            LAW_OPTIONS,
+            f"needs a control law, and scene '{scene.name}' has none: add --law {' or '.join(LAWS)}",
+        )
         return None
     return from_scene(scene, options.law, **overrides)
 

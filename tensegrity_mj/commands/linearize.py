@@ -54,7 +54,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     if options.closed_loop:
         if scene.control is None:
             raise OptionError(f"--closed-loop: scene '{scene.name}' names no control law")
-        from tensegrity_mj.controllers import from_scene
+        from tensegrity_mj.controllers.scenes import from_scene
 
         law = from_scene(scene)
     state = {} if options.state is None else _state_of(options, [*scene.structure.node_names])

@@ -196,7 +196,7 @@ def _law_of(options: argparse.Namespace, scene: Scene) -> tuple[Any, Actuation, 
 
 def _replay_of(options: argparse.Namespace) -> tuple[Any, Actuation, float | None]:
     """What was recorded, actuated as it was if it was held, for as long as it was, unless options say otherwise."""
-    from tensegrity_mj.controllers import Replay
+    from tensegrity_mj.controllers.replay import Replay
     from tensegrity_mj.dynamics.native.law import Command
     from tensegrity_mj.model.actuation import Actuation, Mode
     from tensegrity_mj.runs.trajectory import Trajectory

@@ -105,7 +105,7 @@ def _law_of(scene: Any, open_loop: bool) -> Any:
     """The scene's law where it can be evaluated at every stage."""
     if open_loop or scene.control is None:
         return None
-    from tensegrity_mj.controllers import from_scene
+    from tensegrity_mj.controllers.scenes import from_scene
 
     law = from_scene(scene)
     return None if getattr(law, "discontinuous", "") else law

@@ -50,8 +50,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from tensegrity_mj.controllers import Lyapunov, Projection
     from tensegrity_mj.controllers.landscape import Landscape
+    from tensegrity_mj.controllers.lyapunov import Lyapunov
+    from tensegrity_mj.controllers.projection import Projection
     from tensegrity_mj.runs.approaches import Clearance
 
 __all__ = [

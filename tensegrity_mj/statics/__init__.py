@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.statics.engines import EngineEquilibrium as EngineEquilibrium
     from tensegrity_mj.statics.engines import engine_equilibrium as engine_equilibrium
     from tensegrity_mj.statics.equilibrium import find_equilibrium as find_equilibrium
+    from tensegrity_mj.statics.lightest import minimal_mass as minimal_mass
     from tensegrity_mj.statics.materials import ALUMINIUM as ALUMINIUM
     from tensegrity_mj.statics.materials import STEEL as STEEL
     from tensegrity_mj.statics.materials import UHMWPE as UHMWPE
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from tensegrity_mj.statics.member_loads import Criterion as Criterion
     from tensegrity_mj.statics.member_loads import SlackInterval as SlackInterval
     from tensegrity_mj.statics.member_loads import Use as Use
-    from tensegrity_mj.statics.minimal_mass import minimal_mass as minimal_mass
     from tensegrity_mj.statics.model import Rods as Rods
     from tensegrity_mj.statics.model import StaticModel as StaticModel
     from tensegrity_mj.statics.modes import Modes as Modes

@@ -21,8 +21,8 @@ from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.statics.balance import Balance, balance
 from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.equilibrium import find_equilibrium
+from tensegrity_mj.statics.lightest import minimal_mass
 from tensegrity_mj.statics.materials import Material
-from tensegrity_mj.statics.minimal_mass import minimal_mass
 from tensegrity_mj.statics.model import Rods, StaticModel
 from tensegrity_mj.statics.modes import Modes, natural_modes
 from tensegrity_mj.statics.path import follow

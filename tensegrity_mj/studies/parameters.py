@@ -90,7 +90,7 @@ class Draft:
         Raises:
             OptionError: if it cannot be made so.
         """
-        from tensegrity_mj.controllers import from_scene
+        from tensegrity_mj.controllers.scenes import from_scene
 
         options, control = dict(self.law_options), self.scene.control
         if self.law == "none" or (self.law is None and self.law_maker is None and control is None):
@@ -206,7 +206,7 @@ def _set_plant(draft: Draft, change: Change, value: Any) -> None:
 
 
 def _set_law(draft: Draft, option: str, path: str, value: Any) -> None:
-    from tensegrity_mj.controllers import LAWS
+    from tensegrity_mj.controllers.table import LAWS
 
     if not option:
         if value != "none" and value not in LAWS:

@@ -112,7 +112,7 @@ def simulate_experiment(
     Args:
         disturbance: of the plant, of which the law knows nothing, or of the law's gain.
     """
-    from tensegrity_mj.controllers import from_scene
+    from tensegrity_mj.controllers.scenes import from_scene
     from tensegrity_mj.simulation import simulate
     from tensegrity_mj.thesis.disturbance import disturbed, disturbed_options
 

@@ -17,6 +17,7 @@ import tensegrity_mj as tmj
 ROOT = Path(__file__).resolve().parents[2]
 FACES = [
     "",
+    "controllers",
     "engines",
     "library",
     "linearization",

@@ -118,7 +118,7 @@ def run_benchmark(options: Benchmark, told: Callable[[str], None] = lambda text:
 
 def _law(scene: Scene) -> tuple[Any, Actuation]:
     """The scene's own law, at every stage where it is cheap enough for that, else sampled."""
-    from tensegrity_mj.controllers import from_scene
+    from tensegrity_mj.controllers.scenes import from_scene
 
     law = from_scene(scene)
     cheap = native_law(law, scene.structure).failure is None  # compiled

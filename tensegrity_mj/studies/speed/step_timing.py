@@ -28,7 +28,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from tensegrity_mj.controllers import from_scene
+from tensegrity_mj.controllers.scenes import from_scene
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.mujoco import callback
 from tensegrity_mj.engines.mujoco.engine import MuJoCo

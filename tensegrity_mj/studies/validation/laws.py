@@ -19,7 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.controllers import LAWS, Gains, KnownWater, from_scene
+from tensegrity_mj.controllers.gains import Gains
+from tensegrity_mj.controllers.known_water import KnownWater
+from tensegrity_mj.controllers.scenes import from_scene
+from tensegrity_mj.controllers.table import LAWS
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.model.scene import Scene

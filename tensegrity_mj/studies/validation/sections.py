@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.controllers import LAWS
+from tensegrity_mj.controllers.table import LAWS
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.table import ENGINES, option_names
 from tensegrity_mj.model.actuation import Mode

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def _landscape(all_runs: AllRuns) -> Figure:
-    from tensegrity_mj.controllers import from_scene
+    from tensegrity_mj.controllers.scenes import from_scene
     from tensegrity_mj.thesis.experiments import experiment_of
 
     law = from_scene(experiment_of("pinned-fast").load())

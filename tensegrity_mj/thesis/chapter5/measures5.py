@@ -43,7 +43,7 @@ def coordinates_go_astray(run: Trajectory) -> bool:
 
 def least_norms(run: Trajectory) -> bool:
     """Whether along the run each law's u has the least of its own norm."""
-    from tensegrity_mj.controllers import from_scene
+    from tensegrity_mj.controllers.scenes import from_scene
 
     laws = {p: from_scene(run.scene, norm=p) for p in (1, 2, math.inf)}
     for k in range(0, len(run.time), 50):

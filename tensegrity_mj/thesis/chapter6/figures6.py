@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def _law(name: str) -> Any:
-    from tensegrity_mj.controllers import from_scene
+    from tensegrity_mj.controllers.scenes import from_scene
     from tensegrity_mj.thesis.experiments import experiment_of
 
     experiment = experiment_of(name)

@@ -1,0 +1,83 @@
+"""Options of laws as scene files hold them: each reader makes the law's value of a file's, or says what is allowed.
+
+A reader is called with the value and with what it is, for messages.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from tensegrity_mj.controllers.allocation_options import WhenInfeasible
+from tensegrity_mj.controllers.gains import Gains
+from tensegrity_mj.controllers.known_water import KnownWater
+from tensegrity_mj.controllers.quadratic_terms import Onto
+from tensegrity_mj.controllers.table import Reader
+from tensegrity_mj.errors import OptionError
+
+
+def as_it_is(value: Any, what: str) -> Any:
+    """The value itself: the law's class checks it."""
+    return value
+
+
+def norm(value: Any, what: str) -> Any:
+    """A norm of u, 1, 2 or "inf"."""
+    return math.inf if value == "inf" else value
+
+
+def gains(value: Any, what: str) -> Gains | dict[str, Gains]:
+    """Gains of all rods, or by the rod's name."""
+    if isinstance(value, Gains):
+        return value
+    if not isinstance(value, Mapping):
+        raise OptionError(f"{what} = {value!r}; it must be a table with X, Y, Z, or one by rod name")
+    if set(value) <= {"X", "Y", "Z"}:
+        return Gains(**value)
+    by_rod: dict[str, Gains] = {}
+    for name, entry in value.items():
+        if isinstance(entry, Gains):
+            by_rod[name] = entry
+        elif isinstance(entry, Mapping) and set(entry) <= {"X", "Y", "Z"}:
+            by_rod[name] = Gains(**entry)
+        else:
+            raise OptionError(f"{what}.{name} = {entry!r}; it must be a table with X, Y, Z")
+    return by_rod
+
+
+def onto(value: Any, what: str) -> Any:
+    """What errors are projected onto, by its name."""
+    names = [one.value for one in Onto]
+    if isinstance(value, str) and value not in names:
+        raise OptionError(f"{what} = {value!r}; allowed: {', '.join(names)}")
+    return Onto(value) if isinstance(value, str) else value
+
+
+def known_water(value: Any, what: str) -> Any:
+    """What a law knows of the water, by its name."""
+    names = [one.value for one in KnownWater]
+    if not isinstance(value, KnownWater) and value not in names:
+        raise OptionError(f"{what} = {value!r}; allowed: {', '.join(names)}")
+    return KnownWater(value)
+
+
+def when_infeasible(value: Any, what: str) -> Any:
+    """What an allocation does where there is no solution, by its name."""
+    names = [one.value for one in WhenInfeasible]
+    if isinstance(value, str) and value not in names:
+        raise OptionError(f"{what} = {value!r}; allowed: {', '.join(names)}")
+    return WhenInfeasible(value) if isinstance(value, str) else value
+
+
+# Of the laws of chapters 5 and 6.
+OF_QUADRATIC_LAWS: Mapping[str, Reader] = {
+    "decay_rate": as_it_is,
+    "norm": norm,
+    "translation": gains,
+    "rotation": gains,
+    "minimum_force_density": as_it_is,
+    "maximum_force_density": as_it_is,
+    "respect_limits": as_it_is,
+    "water": known_water,
+}

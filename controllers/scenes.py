@@ -1,0 +1,53 @@
+"""The law that a scene names, or that a scene is given by its name."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tensegrity_mj.basics.texts import closest
+from tensegrity_mj.controllers.known_water import KnownWater
+from tensegrity_mj.controllers.table import LAWS
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.scene import Scene
+
+
+def from_scene(scene: Scene, law: str | None = None, **overrides: Any) -> Any:
+    """The law that a scene names in its `control`, or `law`, with the scene's target, gravity and water.
+
+    `overrides` win over the scene's options.
+
+    A law other than the scene's takes those of the scene's options that it has too. Options in a scene file are those
+    of the law's class; `norm` may be "inf", `onto` is "current" or "target", gains are tables {X = , Y = , Z = } of
+    numbers or matrices, or tables of such by rod name, `water` is a `KnownWater` by name.
+
+    Raises:
+        OptionError: if there is no law or an unknown one, no target, no string, or an option that the law has not.
+    """
+    if not isinstance(scene, Scene):
+        raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
+    where = f"scene '{scene.name}'"
+    if law is None and scene.control is None:
+        raise OptionError(f"{where} names no control law: add [scene.control], or choose one: {', '.join(LAWS)}")
+    name = law if law is not None else scene.control.law  # type: ignore[union-attr]
+    if not isinstance(name, str) or name not in LAWS:
+        meant = closest(name, LAWS) if isinstance(name, str) else ""
+        raise OptionError(f"{where}: unknown law {name!r}{meant}; allowed: {', '.join(LAWS)}")
+    entry = LAWS[name]
+    given: dict[str, Any] = {}
+    if scene.control is not None:
+        own = scene.control.law == name
+        given = {key: value for key, value in scene.control.options.items() if own or key in entry.options}
+    given.update(overrides)
+    for key in given:
+        if key not in entry.options:
+            raise OptionError(f"{where}: law '{name}' has no option '{key}'; allowed: {', '.join(entry.options)}")
+    if scene.target is None:
+        raise OptionError(f"{where} has no target, which its law needs: add [scene.target]")
+    if not scene.structure.strings:
+        raise OptionError(
+            f"{where}: law '{name}' commands strings, and its structure '{scene.structure.name}' has none: leave the "
+            "law out"
+        )
+    options = {key: entry.options[key](value, f"{where}: {key}") for key, value in given.items()}
+    water = options.pop("water", KnownWater.ALL).of(scene.water)
+    return entry.law(scene.structure, scene.target, gravity=scene.gravity, water=water, **options)

@@ -1,0 +1,60 @@
+"""The laws that scene files and the command line can name: each module of this folder that has a `LAW`, by its name.
+
+A new law is a file of its own, which ends as `lyapunov.py` does. The table imports a law when it is used.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+Reader = Callable[[Any, str], Any]  # (value as in a file, what it is) -> the law's value; see `options`
+
+
+@dataclass(frozen=True)
+class NamedLaw:
+    """A law with a name.
+
+    Attributes:
+        law: makes it, called as law(structure, target, *, gravity, water, **options).
+        options: the reader of each, by name.
+    """
+
+    law: Callable[..., Any]
+    options: Mapping[str, Reader]
+
+
+class _Laws(Mapping[str, NamedLaw]):
+    """The laws by their names, in alphabetical order."""
+
+    def __getitem__(self, name: str) -> NamedLaw:
+        if name not in _names():
+            raise KeyError(name)
+        found: NamedLaw = import_module(f"tensegrity_mj.controllers.{name}").LAW
+        return found
+
+    def __contains__(self, name: object) -> bool:
+        return name in _names()
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_names())
+
+    def __len__(self) -> int:
+        return len(_names())
+
+
+@cache
+def _names() -> tuple[str, ...]:
+    """Found in the text of the files, so that none is imported for its name alone."""
+    files = [path for folder in sys.modules[__package__].__path__ for path in Path(folder).glob("*.py")]
+    named = [path.stem for path in files if re.search(r"^LAW\b", path.read_text(encoding="utf-8"), re.MULTILINE)]
+    return tuple(sorted(named))
+
+
+LAWS = _Laws()
