@@ -37,6 +37,8 @@ class Kind(NamedTuple):
         load: what `plain` takes, from what a file holds.
         part: the class of a value with fields of its own, which is a table in a file; None for all others.
         many: whether it is a tuple of such values, an array of tables.
+        single: whether it is one number, truth value or member of an enum, which a sweep may set.
+        row: whether it is three numbers, which a sweep may set, too, or one of.
     """
 
     plain: Callable[[Any], Any]
@@ -45,6 +47,8 @@ class Kind(NamedTuple):
     load: Callable[[Any], Any] = lambda value: value
     part: type | None = None
     many: bool = False
+    single: bool = False
+    row: bool = False
 
 
 def not_allowed(value: Any, allowed: str) -> Wrong:
@@ -78,7 +82,7 @@ def number_in(value: Any, allowed: str, test: Callable[[float], bool]) -> float:
 
 def number(allowed: str, test: Callable[[float], bool]) -> Kind:
     """A finite number that passes a test; `allowed` says in words which do."""
-    return Kind(lambda value: number_in(value, allowed, test), "a number", is_number, float)
+    return Kind(lambda value: number_in(value, allowed, test), "a number", is_number, float, single=True)
 
 
 def positive(unit: str = "") -> Kind:
@@ -107,7 +111,7 @@ def whole(least: int, most: int | None = None) -> Kind:
             raise not_allowed(value, allowed)
         return int(value)
 
-    return Kind(plain, "an integer", lambda value: type(value) is int)
+    return Kind(plain, "an integer", lambda value: type(value) is int, single=True)
 
 
 def flag() -> Kind:
@@ -116,7 +120,7 @@ def flag() -> Kind:
             raise not_allowed(value, "True or False")
         return bool(value)
 
-    return Kind(plain, "true or false", lambda value: isinstance(value, bool))
+    return Kind(plain, "true or false", lambda value: isinstance(value, bool), single=True)
 
 
 def text() -> Kind:
@@ -150,9 +154,8 @@ def choice(of: type[enum.Enum]) -> Kind:
             raise not_allowed(value, f"one of {', '.join(str(member) for member in of)}")
         return value
 
-    return Kind(
-        plain, " or ".join(f'"{item}"' for item in values), lambda value: is_text(value) and value in values, of
-    )
+    need = " or ".join(f'"{item}"' for item in values)
+    return Kind(plain, need, lambda value: is_text(value) and value in values, of, single=True)
 
 
 def vector(unit: str = "m") -> Kind:
@@ -167,7 +170,7 @@ def vector(unit: str = "m") -> Kind:
             pass
         raise not_allowed(value, f"three finite numbers [{unit}] of at most {LARGEST:g}")
 
-    return Kind(plain, "three numbers [x, y, z]", is_row)
+    return Kind(plain, "three numbers [x, y, z]", is_row, row=True)
 
 
 def direction() -> Kind:

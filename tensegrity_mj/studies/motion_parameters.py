@@ -1,16 +1,15 @@
-"""Changes of what moves a scene's supports, and of what resists its motion, by the names of their parts."""
+"""Changes of what moves a scene's supports, by the names of its parts."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.model.elements.resistance import Bending, Drag, Resistance
 from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.motion import Harmonic, Motion
 from tensegrity_mj.model.scene import Scene
@@ -24,9 +23,6 @@ from tensegrity_mj.studies.parameter_values import (
 )
 
 OF_MOTION = ("amplitude", "frequency", "angular_frequency", "phase")
-OF_RESISTANCE = ("viscous", "wind", "drag", "bending")
-OF_DRAG = tuple(item.name for item in fields(Drag))
-OF_BENDING = ("stiffness", "damping")
 # Amplitudes of one size, such as those of a circle, differ by round-off.
 SAME = 1e-12
 
@@ -159,48 +155,3 @@ def _one(path: str, motion: Motion, what: str, values: Sequence[Any]) -> Any:
 def _times(factor: float, row: Vector) -> Vector:
     x, y, z = row
     return (factor * x, factor * y, factor * z)
-
-
-def resistance_change(others: Sequence[str], path: str) -> Callable[[Scene, Any], Scene]:
-    """The change of a scene's resistance that a path names; what the scene has none of starts from the defaults.
-
-    Raises:
-        OptionError: if it names nothing.
-    """
-    name = others[0] if others else ""
-    if name not in OF_RESISTANCE:
-        raise OptionError(f"{path}: {unknown(name, OF_RESISTANCE, 'part of resistance')}")
-    if name == "wind":
-        return partial(_change_wind, path, axis_of(others[1:], path))
-    if name == "viscous":
-        no_more(None, others[1:], path)
-        return partial(_change_viscous, path)
-    known = OF_DRAG if name == "drag" else OF_BENDING
-    part = others[1] if len(others) > 1 else ""
-    if part not in known:
-        raise OptionError(f"{path}: {unknown(part, known, f'part of {name}')}")
-    no_more(None, others[2:], path)
-    return partial(_change_part, path, name, part)
-
-
-def _change_viscous(path: str, scene: Scene, value: Any) -> Scene:
-    resistance = scene.resistance or Resistance()
-    new = scaled(path, value, resistance.viscous) if isinstance(value, Scaled) else number_from(path, value)
-    if new == 0 and resistance.drag is None:  # nothing is left that wind could act on
-        resistance = replace(resistance, wind=Resistance.wind)
-    resistance = replace(resistance, viscous=new)
-    return scene.with_(resistance=None if resistance == Resistance() else resistance)
-
-
-def _change_wind(path: str, axis: int | None, scene: Scene, value: Any) -> Scene:
-    resistance = scene.resistance or Resistance()
-    resistance = replace(resistance, wind=vector_from(path, value, axis, resistance.wind))
-    return scene.with_(resistance=None if resistance == Resistance() else resistance)
-
-
-def _change_part(path: str, name: str, part: str, scene: Scene, value: Any) -> Scene:
-    resistance = scene.resistance or Resistance()
-    whole = getattr(resistance, name) or (Drag() if name == "drag" else Bending())
-    new = scaled(path, value, getattr(whole, part)) if isinstance(value, Scaled) else number_from(path, value)
-    changes: dict[str, Any] = {name: replace(whole, **{part: new})}
-    return scene.with_(resistance=replace(resistance, **changes))

@@ -5,7 +5,8 @@
     scene.initial_nodes[NODE], .initial_velocities[NODE] also with .x, .y, .z
     scene.target[NODE]                                   of a target that is one set-point; also with .x, .y, .z
     scene.breaks[STRING].time                            when a string breaks [s]
-    scene.contact.friction, .stiffness, .damping, .floor  of a scene that has contact; .rods true or false
+    scene.contact.friction, .rods, .normal, ...          of a scene that has contact
+    scene.water.density, .weights, .current.x, ...       of a scene that has water; .waves.phase of all, or waves[0]
     scene.motions.amplitude, .frequency, .phase          of supports; motions[SUPPORT]: of one
     scene.resistance.viscous, .wind, .drag.normal, ...   also .bending.stiffness, .bending.damping
     scene.loads.force, .angular_frequency, .phase        of all loads, or loads[NODE]: of those on a node
@@ -45,8 +46,9 @@ from tensegrity_mj.studies.parameter_values import Scaled as Scaled
 from tensegrity_mj.studies.parameter_values import decoded as decoded
 from tensegrity_mj.studies.parameter_values import encoded as encoded
 from tensegrity_mj.studies.parameter_values import number_from, scaled
-from tensegrity_mj.studies.scene_parameters import MEMBER, MEMBERS, Change, scene_change
+from tensegrity_mj.studies.scene_parameters import MEMBERS, Change, scene_change
 from tensegrity_mj.studies.scene_parameters import member_names as member_names
+from tensegrity_mj.studies.value_parameters import MEMBER
 
 # Changes of one point are made in this order, so that what belongs together does not depend on how they were given.
 ORDER = ("family", "structure", "scene", "plant", "law", "engine", "actuation", "on_infeasible", "output_interval")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
@@ -12,13 +10,15 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.checks import choice_from
+from tensegrity_mj.basics.fields import item_of
 from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.elements.resistance import Resistance
 from tensegrity_mj.model.events import Break
 from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw, elastic_tension, force_density
-from tensegrity_mj.studies.motion_parameters import motion_change, resistance_change
+from tensegrity_mj.studies.motion_parameters import motion_change
 from tensegrity_mj.studies.parameter_values import (
     Scaled,
     axis_of,
@@ -28,22 +28,11 @@ from tensegrity_mj.studies.parameter_values import (
     scaled,
     vector_from,
 )
+from tensegrity_mj.studies.value_parameters import MEMBER, Setter, setter
 
-PARTS_OF_SCENE = (
-    "gravity",
-    "duration",
-    "initial_nodes",
-    "initial_velocities",
-    "target",
-    "loads",
-    "breaks",
-    "contact",
-    "motions",
-    "resistance",
-)
+PARTS_OF_SCENE = tuple(key for key in item_of(Scene).keys if key not in ("structure", "name", "source", "control"))
 MEMBERS = {"rods": "rod", "strings": "string", "point_masses": "point mass"}
 REST = ("rest_length", "tension", "force_density")  # of a string, which has one of them at most
-MEMBER = re.compile(r"(?P<name>\w+)(\[(?P<which>.+)\])?")
 
 # What a change of the scene is: a value in, another scene out.
 Change = Callable[[Scene, Any], Scene]
@@ -97,29 +86,23 @@ def scene_change(scene: Scene, kind: str, rest: str, path: str) -> Change:
         return partial(_change_string_law, path)
     if name not in PARTS_OF_SCENE:
         raise OptionError(f"{path}: {unknown(name, PARTS_OF_SCENE, 'part of a scene')}")
-    if name == "loads":
-        return _load_change(scene, which, others, path)
     if name in ("initial_nodes", "initial_velocities"):
         return partial(_change_state, path, name, _node(scene, which, path), axis_of(others, path))
     if name == "target":
         if scene.target is None or len(scene.target.times) != 1 or scene.target.along is not None:
             raise OptionError(f"{path}: scene '{scene.name}' has no target that is one set-point")
         return partial(_change_target, path, _node(scene, which, path), axis_of(others, path))
-    if name == "contact":
-        no_more(which, others[1:], path)
-        return _contact_change(scene, others, path)
     if name == "breaks":
         return _break_change(scene, which, others, path)
     if name == "motions":
         return motion_change(scene, which, others, path)
     if name == "resistance":
         no_more(which, [], path)
-        return resistance_change(others, path)
-    if name == "gravity":
-        no_more(which, [], path)
-        return partial(_change_gravity, path, axis_of(others, path))
-    no_more(which, others, path)
-    return partial(_change_duration, path)
+        inside = setter(scene.resistance or Resistance(), others, path, name)
+        return partial(_change_resistance, inside, others[0] == "viscous")
+    if name in ("contact", "water") and getattr(scene, name) is None:
+        raise OptionError(f"{path}: scene '{scene.name}' has no {name}")
+    return setter(scene, [first, *others], path, f"scene '{scene.name}'")
 
 
 def _member_change(scene: Scene, kind: str, which: str | None, others: list[str], path: str) -> Change:
@@ -206,13 +189,12 @@ def _change_target(path: str, node: str, axis: int | None, scene: Scene, value: 
     return scene.with_(target=replace(target, nodes=_with_row(target.nodes, number, row)))
 
 
-def _change_gravity(path: str, axis: int | None, scene: Scene, value: Any) -> Scene:
-    return scene.with_(gravity=vector_from(path, value, axis, scene.gravity))
-
-
-def _change_duration(path: str, scene: Scene, value: Any) -> Scene:
-    new = scaled(path, value, scene.duration) if isinstance(value, Scaled) else number_from(path, value)
-    return scene.with_(duration=new)
+def _change_resistance(inside: Setter, viscous: bool, scene: Scene, value: Any) -> Scene:
+    """What a scene has no resistance of begins with the defaults; what resists nothing is None."""
+    new = inside(scene.resistance or Resistance(), value)
+    if viscous and new.viscous == 0 and new.drag is None:  # nothing is left that wind could act on
+        new = replace(new, wind=Resistance.wind)
+    return scene.with_(resistance=None if new == Resistance() else new)
 
 
 def _break_change(scene: Scene, which: str | None, others: list[str], path: str) -> Change:
@@ -230,55 +212,6 @@ def _change_break(path: str, name: str, scene: Scene, value: Any) -> Scene:
     return scene.with_(breaks=tuple(Break(string, time) for string, time in times.items()))
 
 
-def _contact_change(scene: Scene, others: list[str], path: str) -> Change:
-    known = ("friction", "stiffness", "damping", "floor", "rods")
-    name = others[0] if others else ""
-    if name not in known:
-        raise OptionError(f"{path}: {unknown(name, known, 'part of contact')}")
-    if scene.contact is None:
-        raise OptionError(f"{path}: scene '{scene.name}' has no contact")
-    return partial(_change_contact, path, name)
-
-
-def _change_contact(path: str, name: str, scene: Scene, value: Any) -> Scene:
-    assert scene.contact is not None
-    new = value
-    if name != "rods":
-        now = getattr(scene.contact, name)
-        new = scaled(path, value, now) if isinstance(value, Scaled) else number_from(path, value)
-    return scene.with_(contact=replace(scene.contact, **{name: new}))
-
-
-def _load_change(scene: Scene, which: str | None, others: list[str], path: str) -> Change:
-    if callable(scene.loads) or not scene.loads:
-        raise OptionError(f"{path}: scene '{scene.name}' has no loads")
-    nodes = dict.fromkeys(load.node for load in scene.loads)
-    if which is not None and which not in nodes:
-        raise OptionError(f"{path}: {unknown(which, nodes, 'node with a load')}")
-    known = ("force", "angular_frequency", "phase")
-    name = others[0] if others else ""
-    if name not in known:
-        raise OptionError(f"{path}: {unknown(name, known, 'part of a load')}")
-    if name != "force":
-        no_more(None, others[1:], path)
-    return partial(_change_loads, path, which, name, axis_of(others[1:], path))
-
-
-def _change_loads(path: str, which: str | None, name: str, axis: int | None, scene: Scene, value: Any) -> Scene:
-    assert not callable(scene.loads)
-    loads = []
-    for load in scene.loads:
-        if which in (None, load.node):
-            old, new = getattr(load, name), value
-            if name == "force":
-                new = vector_from(path, value, axis, old)
-            else:
-                new = scaled(path, value, old) if isinstance(value, Scaled) else number_from(path, value)
-            load = replace(load, **{name: new})
-        loads.append(load)
-    return scene.with_(loads=tuple(loads))
-
-
 def _node(scene: Scene, which: str | None, path: str) -> str:
     names = scene.structure.node_names
     if which is None:
@@ -294,4 +227,4 @@ def _named(members: Iterable[Any]) -> dict[str, Any]:
 
 def _numbers_of(kind: type) -> list[str]:
     """The fields of a member that are numbers."""
-    return [item.name for item in dataclasses.fields(kind) if str(item.type) in ("float", "float | None")]
+    return [key for key, one in item_of(kind).keys.items() if one.kind.single]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -144,7 +145,7 @@ def test_resistance_is_changed_in_an_order_that_keeps_it_valid() -> None:
         ("scene.motions[n3].frequency", Scaled(-1), "their pace must be > 0"),
         ("scene.motions[n3].phase", Scaled(2), "has data"),
         ("scene.motions.amplitude", 0.1, "'n3' has data"),
-        ("scene.resistance", 1, "no part of resistance ''; allowed: viscous, wind, drag, bending"),
+        ("scene.resistance", 1, "no part of resistance ''; allowed: viscous, bending, drag, wind"),
         ("scene.resistance[rod].viscous", 1, "it has no parts 'rod'"),
         ("scene.resistance.viscous.x", 1, "it has no parts 'x'"),
         ("scene.resistance.drag.nomal", 1, "did you mean 'normal'.*allowed: normal, tangential, density, diameter"),
@@ -184,3 +185,55 @@ def test_a_sweep_of_a_moved_cable_in_still_air_and_wind() -> None:
     assert "viscous = -1" in study.outcomes[1]["reason"]
     slow, fast = (study.outcomes[k]["values"]["energy_residual"] for k in (0, 2))
     assert slow != fast
+
+
+# Water and contact ----------------------------------------------------------------------------------------
+
+
+def wet() -> tmj.Scene:
+    waves = (tmj.Wave(1.0, 50.0), tmj.Wave(0.5, 20.0, phase=0.5))
+    water = tmj.Water(waves=waves, current=(1.0, 2.0, 0.0), segments=9)
+    return tmj.load_scene("tower_waves").with_(water=water)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "change"),
+    [
+        ("density", 1000, {"density": 1000.0}),
+        ("drag", Scaled(2), {"drag": 2.4}),
+        ("depth", 70, {"depth": 70.0}),
+        ("segments", 7, {"segments": 7}),
+        ("weights", "hermite", {"weights": tmj.model.Weights.HERMITE}),
+        ("current.y", Scaled(3), {"current": (1.0, 6.0, 0.0)}),
+        ("waves.phase", 1, {"waves": (tmj.Wave(1.0, 50.0, phase=1.0), tmj.Wave(0.5, 20.0, phase=1.0))}),
+        ("waves[1].amplitude", Scaled(3), {"waves": (tmj.Wave(1.0, 50.0), tmj.Wave(1.5, 20.0, phase=0.5))}),
+    ],
+)
+def test_water_by_the_names_of_its_fields(path: str, value: Any, change: dict[str, Any]) -> None:
+    assert changed(wet(), **{f"scene.water.{path}": value}).water == replace(wet().water, **change)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "said"),
+    [
+        ("scene.water.densty", 1, "no part of water 'densty' .did you mean 'density'"),
+        ("scene.water.density.x", 1, "it has no parts 'x'"),
+        ("scene.water[a].density", 1, "it has no parts 'a'"),
+        ("scene.water.density", "thin", "scene.water.density = 'thin'; it must be a finite number"),
+        ("scene.water.segments", 2.5, "scene.water.segments = 2.5; it must be an integer"),
+        ("scene.water.inertia", Scaled(2), "it has no value that could be scaled"),
+        ("scene.water.weights", "soft", "scene.water.weights = 'soft'; allowed: rigid, hermite"),
+        ("scene.water.waves[2].phase", 1, "no member of waves '2'; allowed: 0, 1"),
+        ("scene.water.waves.height", 1, "no part of a member of waves 'height'"),
+        ("scene.contact.friction", 1, "scene 'tower_waves' has no contact"),
+        ("scene.loads.force", [1, 0, 0], "scene 'tower_waves' has no loads"),
+    ],
+)
+def test_what_water_has_not_is_refused(path: str, value: Any, said: str) -> None:
+    with pytest.raises(OptionError, match=said):
+        changed(wet(), **{path: value})
+
+
+def test_the_floor_may_be_tilted() -> None:
+    scene = changed(tmj.load_scene("prism_drop"), **{"scene.contact.normal.x": 0.01, "scene.contact.friction": 0.3})
+    assert scene.contact == tmj.model.Contact(floor=0.0, normal=(0.01, 0.0, 1.0), friction=0.3)
