@@ -168,11 +168,11 @@ def test_the_command_line_prints_it(command: str, tmp_path: Any, capsys: pytest.
 
 @pytest.mark.parametrize("value", [0.0, -1e-9, -0.5])
 def test_a_structure_without_line_is_refused(value: float, tmp_path: Any) -> None:
-    with pytest.raises(StructureError, match=r"string 's': rest_length = .*must be a finite number > 0 m"):
+    with pytest.raises(StructureError, match=r"'s': rest_length = .*must be a finite number > 0 m"):
         one_string(rest_length=value)
     text = tmj.save_scene(tmj.Scene(one_string(rest_length=0.25)), tmp_path / "s.toml").read_text(encoding="utf-8")
     (tmp_path / "s.toml").write_text(text.replace("rest_length = 0.25", f"rest_length = {value}"), encoding="utf-8")
-    with pytest.raises(tmj.TensegrityError, match="string 's': rest_length"):
+    with pytest.raises(tmj.TensegrityError, match="'s': rest_length"):
         tmj.load_scene(tmp_path / "s.toml")
 
 
