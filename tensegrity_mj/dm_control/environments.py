@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import member, positive, real_array
+from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.dm_control.episodes import RandomStart, Reward, Termination
 from tensegrity_mj.dm_control.models import physics
 from tensegrity_mj.dm_control.repairing import repair
@@ -22,19 +24,8 @@ if TYPE_CHECKING:
     from dm_control.rl.control import Environment
 
 
-def environment(
-    scene: Scene,
-    action: Command = Command.REST_LENGTH,
-    *,
-    control_timestep: float = 0.01,
-    timestep: float = 1e-3,
-    integrator: Integrator = Integrator.RK4,
-    time_limit: float | None = None,
-    bounds: tuple[ArrayLike, ArrayLike] | None = None,
-    reward: Reward | None = None,
-    termination: Termination | None = None,
-    start: RandomStart | None = None,
-) -> Environment:
+@dataclass(frozen=True, eq=False)
+class SceneEnvironment:
     """A `dm_control.rl.control.Environment` of a scene, which is a `dm_env.Environment`.
 
     An action is one number a string: its rest length [m], held for the control step as a winch would hold it, or its
@@ -43,7 +34,7 @@ def environment(
     and where the scene has a target its `target` (N, 3) at the time. Limits of strings and winches are kept as engines
     keep them.
 
-    Args:
+    Attributes:
         scene: the experiment. Its loads are held over each physics step.
         action: what an action is.
         control_timestep: between two actions [s], a multiple of `timestep`.
@@ -67,37 +58,56 @@ def environment(
         OptionError: on `reset`, where next to all random starts overlap what they may touch.
         PhysicsDivergence: on `step`; both a `DivergenceError` and dm_control's `PhysicsError`. `reset` begins anew.
     """
-    if not isinstance(scene, Scene):
-        raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
-    member("action", action, Command)
-    timestep = positive("timestep", timestep, "s")
-    control_timestep = positive("control_timestep", control_timestep, "s")
-    substeps = whole_ratio(control_timestep, timestep, "control_timestep over timestep")
-    limit = positive("time_limit", scene.duration if time_limit is None else time_limit, "s")
-    steps = whole_ratio(limit, control_timestep, "time_limit over control_timestep")
-    if not scene.structure.strings:
-        raise OptionError(f"scene '{scene.name}' has no strings: there is nothing to act with")
-    if reward is None and scene.target is None:
-        raise OptionError(f"scene '{scene.name}' has no target for the default reward: give one, or reward=")
-    for name, value in (("reward", reward), ("termination", termination)):
-        if value is not None and not callable(value):
-            raise OptionError(f"{name} = {value!r}; it must be a function (scene, nodes, velocities, u)")
-    if start is not None and not isinstance(start, RandomStart):
-        raise OptionError(f"start = {start!r}; use RandomStart(displacement, speed, seed)")
-    for event in scene.breaks:
-        whole_ratio(event.time, timestep, f"break of string '{event.string}' over timestep")
-    low, high = _bounds(scene, action, bounds)
-    model = physics(scene, timestep, integrator, action)
-    repair()
-    from dm_control.rl.control import Environment
 
-    from tensegrity_mj.dm_control.tasks import TensegrityTask
+    scene: Scene
+    action: Command = Command.REST_LENGTH
+    _: KW_ONLY
+    control_timestep: float = 0.01
+    timestep: float = 1e-3
+    integrator: Integrator = Integrator.RK4
+    time_limit: float | None = None
+    bounds: tuple[ArrayLike, ArrayLike] | None = None
+    reward: Reward | None = None
+    termination: Termination | None = None
+    start: RandomStart | None = None
 
-    task = TensegrityTask(scene, action, control_timestep, low, high, reward, termination, start)
-    # dm_control compares whole steps with a quotient; a little less than the last step keeps round-off out of it.
-    return Environment(
-        model, task, time_limit=(steps - 0.5) * substeps * model.timestep(), n_sub_steps=substeps, legacy_step=True
-    )
+    def __call__(self) -> Environment:
+        scene, action, start = self.scene, self.action, self.start
+        reward, termination = self.reward, self.termination
+        if not isinstance(scene, Scene):
+            raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
+        member("action", action, Command)
+        timestep = positive("timestep", self.timestep, "s")
+        control_timestep = positive("control_timestep", self.control_timestep, "s")
+        substeps = whole_ratio(control_timestep, timestep, "control_timestep over timestep")
+        limit = positive("time_limit", scene.duration if self.time_limit is None else self.time_limit, "s")
+        steps = whole_ratio(limit, control_timestep, "time_limit over control_timestep")
+        if not scene.structure.strings:
+            raise OptionError(f"scene '{scene.name}' has no strings: there is nothing to act with")
+        if reward is None and scene.target is None:
+            raise OptionError(f"scene '{scene.name}' has no target for the default reward: give one, or reward=")
+        for name, value in (("reward", reward), ("termination", termination)):
+            if value is not None and not callable(value):
+                raise OptionError(f"{name} = {value!r}; it must be a function (scene, nodes, velocities, u)")
+        if start is not None and not isinstance(start, RandomStart):
+            raise OptionError(f"start = {start!r}; use RandomStart(displacement, speed, seed)")
+        for event in scene.breaks:
+            whole_ratio(event.time, timestep, f"break of string '{event.string}' over timestep")
+        low, high = _bounds(scene, action, self.bounds)
+        model = physics(scene, timestep, self.integrator, action)
+        repair()
+        from dm_control.rl.control import Environment
+
+        from tensegrity_mj.dm_control.tasks import TensegrityTask
+
+        task = TensegrityTask(scene, action, control_timestep, low, high, reward, termination, start)
+        # dm_control compares whole steps with a quotient; a little less than the last step keeps round-off out of it.
+        return Environment(
+            model, task, time_limit=(steps - 0.5) * substeps * model.timestep(), n_sub_steps=substeps, legacy_step=True
+        )
+
+
+environment = function_of(SceneEnvironment)
 
 
 def _bounds(scene: Scene, action: Command, given: tuple[ArrayLike, ArrayLike] | None) -> tuple[Array, Array]:

@@ -26,6 +26,7 @@ from tensegrity_mj.model.elements.resistance import bending_joints
 from tensegrity_mj.model.rigidity import Members, members_at, spans_at
 from tensegrity_mj.model.rods import lumped_masses
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.strings import elastic_tension
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics.boundary import Boundary, Hold
 
@@ -221,7 +222,7 @@ class StaticModel:
 
     def tensions(self, lengths: Array) -> Array:
         """(M,) [N]."""
-        return self.stiffness * np.maximum(0.0, lengths - self.rest_lengths)
+        return elastic_tension(self.stiffness, lengths, self.rest_lengths)
 
     def external(self, parameter: float = 1.0) -> Array:
         """(3N,) [N]: weights, loads, and the further loads times the parameter."""

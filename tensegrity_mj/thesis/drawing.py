@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -14,7 +15,7 @@ from tensegrity_mj.pictures.figure import GREY, equal_scales, frame, new_figure
 from tensegrity_mj.pictures.plots import contours_of
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.thesis import measures
-from tensegrity_mj.thesis.experiments import TITLES, EngineName
+from tensegrity_mj.thesis.experiments import TITLES, EngineName, experiment_of
 from tensegrity_mj.thesis.statement import Runs
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ AllRuns = Mapping[EngineName, Runs]
 
 BLUE, GREEN, RED = palette.CYCLE[:3]
 BLACK = (0.1, 0.1, 0.1)
+NAMED = {"blue": BLUE, "green": GREEN, "red": RED, "black": BLACK}
 PANEL = (3.9, 2.6)  # inches
 MARKS = 24  # circles along a curve
 
@@ -153,16 +155,16 @@ def errors(panel: Any, all_runs: AllRuns, name: str) -> None:
 
 
 def space_paths(
-    all_runs: AllRuns, names: Sequence[str], colors: Sequence[Any], labels: Sequence[str], title: str
+    all_runs: AllRuns, names: Sequence[str], colors: Sequence[str], labels: Sequence[str], title: str
 ) -> Figure:
-    """Paths of the moving nodes in space, a colour for each experiment; rods and strings of the last at its end.
+    """Paths of the moving nodes in space, a colour of `NAMED` for each experiment; members of the last at its end.
 
     The second engine's are circles.
     """
     figure = new_figure(6.4, 5.8)
     axes: Any = figure.add_subplot(projection="3d")
     everything = []
-    for name, color, label in zip(names, colors, labels, strict=True):
+    for name, color, label in zip(names, (NAMED[color] for color in colors), labels, strict=True):
         for number, (_, run) in enumerate(versions_of(all_runs, name)):
             everything.append(run.nodes.reshape(-1, 3))
             moving = np.flatnonzero(np.ptp(run.nodes, axis=0).max(axis=1) > 1e-9)
@@ -187,10 +189,15 @@ def space_paths(
     return figure
 
 
-def landscape(all_runs: AllRuns, name: str, title: str, law: Any) -> Figure:
-    """Contours of V over φ and φ̇, and a run's way over them."""
+def landscape(all_runs: AllRuns, names: Sequence[str], title: str) -> Figure:
+    """Contours of V of an experiment's law over φ and φ̇, and the run's way over them."""
+    from tensegrity_mj.controllers import Lyapunov, Projection, from_scene
     from tensegrity_mj.controllers.landscape import Landscape, angles
 
+    (name,) = names
+    experiment = experiment_of(name)
+    law = from_scene(experiment.load(), experiment.law, **experiment.options)
+    assert isinstance(law, Lyapunov | Projection)
     figure = new_figure(6.4, 4.4)
     panel: Any = figure.subplots()
     contours_of(panel, Landscape.of(law), 1.0)
@@ -209,10 +216,10 @@ def landscape(all_runs: AllRuns, name: str, title: str, law: Any) -> Figure:
     return figure
 
 
-def rows_of_panels(all_runs: AllRuns, lines: Sequence[tuple[str, str]]) -> Figure:
-    """Figures 5.4 and 6.4: for each experiment a line of coordinates, controls and λ; (name, title) each."""
-    figure, grid = panels(len(lines), 3)
-    for row, (name, title) in zip(grid, lines, strict=True):
+def rows_of_panels(all_runs: AllRuns, names: Sequence[str], titles: Sequence[str]) -> Figure:
+    """Figures 5.4 and 6.4: for each experiment a line of coordinates, controls and λ."""
+    figure, grid = panels(len(names), 3)
+    for row, name, title in zip(grid, names, titles, strict=True):
         coordinates(row[0], all_runs, name)
         row[0].set_title(title, fontsize=9.5)
         controls(row[1], all_runs, name, top=0.06)
@@ -221,8 +228,25 @@ def rows_of_panels(all_runs: AllRuns, lines: Sequence[tuple[str, str]]) -> Figur
     return figure
 
 
-def prism_panels(all_runs: AllRuns, name: str) -> Figure:
+def parts_of_lyapunov(all_runs: AllRuns, names: Sequence[str], titles: Sequence[str]) -> Figure:
+    """Figure 6.6: the orientation terms of V, those with velocities, and their sum."""
+    figure, grid = panels(1, len(names), height=3.0)
+    drawn = (
+        ("lyapunov_error", RED, "orientation"),
+        ("lyapunov_velocity", GREEN, "velocity"),
+        ("lyapunov", BLUE, "sum"),
+    )
+    for panel, name, title in zip(grid[0], names, titles, strict=True):
+        for quantity, color, label in drawn:
+            curves(panel, all_runs, name, operator.attrgetter(quantity), (color,), labels=(label,))
+        finish(panel, title, "[1]")
+    engines_note(figure, all_runs)
+    return figure
+
+
+def prism_panels(all_runs: AllRuns, names: Sequence[str]) -> Figure:
     """Figures 5.7 and 6.9: errors, controls and λ."""
+    (name,) = names
     figure, grid = panels(1, 3, height=3.2)
     errors(grid[0, 0], all_runs, name)
     controls(grid[0, 1], all_runs, name, top=0.15)

@@ -12,7 +12,6 @@ from typing import Any
 from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.engines.reference.dae import DAE, Drift
 from tensegrity_mj.engines.reference.method import Method
-from tensegrity_mj.engines.table import engine_settings
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.simulation import versions

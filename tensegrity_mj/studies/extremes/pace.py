@@ -14,6 +14,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.strings import elastic_tension
 from tensegrity_mj.model.structure import Structure
 
 DENSE = 300  # coordinates up to which eigenvalues are computed whole
@@ -49,7 +50,7 @@ def pace(scene: Scene, force_density: float = 0.0) -> Pace:
     lengths = np.linalg.norm(spans, axis=1)
     along = spans / lengths[:, None]
     outer = along[:, :, None] * along[:, None, :]
-    tension = structure.stiffness * np.maximum(0.0, lengths - structure.rest_lengths)
+    tension = elastic_tension(structure.stiffness, lengths, structure.rest_lengths)
     across = np.maximum(tension / lengths, force_density)
     material = np.maximum(structure.stiffness, force_density)
     K = _assembled(structure, material[:, None, None] * outer + across[:, None, None] * (np.eye(3) - outer))

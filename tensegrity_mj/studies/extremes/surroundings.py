@@ -17,6 +17,7 @@ from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.members import null_space_basis
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.strings import elastic_tension
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.studies.extremes.experiment import (
     COLLAPSE,
@@ -52,12 +53,10 @@ def _hanging_rate(structure: Structure, pull: float) -> float:
     T is at most the weight of all and what all strings pull; m and ℓ are the least.
     """
     masses, lengths = structure.rod_masses, structure.rod_lengths
-    tension = pull * float(masses.sum()) + float(
-        np.sum(
-            structure.stiffness
-            * np.maximum(0.0, structure.string_lengths(structure.positions) - structure.rest_lengths)
-        )
+    strings = elastic_tension(
+        structure.stiffness, structure.string_lengths(structure.positions), structure.rest_lengths
     )
+    tension = pull * float(masses.sum()) + float(np.sum(strings))
     return math.sqrt(12 * tension / float((masses * lengths).min()))
 
 

@@ -15,6 +15,7 @@ from tensegrity_mj.model.elements.resistance import resisting_forces
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.rods import lumped_masses, string_forces
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.strings import elastic_tension
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.text.reading import structure_from_toml
 from tensegrity_mj.model.text.writing import structure_to_toml
@@ -61,7 +62,7 @@ def scene_at_rest(scene: Scene) -> tuple[Scene, str]:
     still = Scene(structure, name=scene.name, gravity=scene.gravity, resistance=resistance)
     if is_at_rest(still):
         return still, text
-    tensions = np.maximum(0.0, structure.stiffness * (lengths - structure.rest_lengths))
+    tensions = elastic_tension(structure.stiffness, lengths, structure.rest_lengths)
     pushes = string_forces(structure, structure.positions, tensions)
     pushes = pushes + lumped_masses(structure)[:, None] * np.array(scene.gravity)
     pushes = pushes + resisting_forces(still, structure.positions, np.zeros_like(structure.positions))

@@ -10,7 +10,6 @@ from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.thesis import measures
 
 SNAPSHOTS = (0.0, 20.0, 40.0, 60.0)  # s, of figure 4.8
-CROSSING = (4, 5)  # of the describing lengths: the crossing strings of odd and of even cells
 
 
 def error_dynamics(run: Trajectory) -> float:
@@ -50,11 +49,6 @@ def shape_equation(run: Trajectory) -> float:
     phi, inner = measures.sector_angle(run), measures.radii(run)[:, 0]
     found = (1.0 + inner * (1.0 - np.cos(phi))) ** 2 + (inner * np.sin(phi)) ** 2
     return float(np.abs(found / 2.0 - 1.0).max())
-
-
-def change_of_length(run: Trajectory, column: int) -> float:
-    """By how much one of the six describing lengths changes [m]."""
-    return float(np.ptp(measures.describing_lengths(run)[:, column]))
 
 
 def smallest_drawn(run: Trajectory, axis: int) -> float:
