@@ -42,8 +42,7 @@ def test_a_second_run_of_a_scene_is_the_first_one_bit_for_bit(name: str) -> None
     """Limits of forces, which a run moves where strings are damped, and the data of contacts and motions included."""
     scene, fresh = tmj.load_scene(name), tmj.load_scene(name)
     scene, fresh = (
-        one.with_(structure=replace(one.structure, string_law=StringLaw.UNCLIPPED), breaks=())
-        for one in (scene, fresh)
+        one.with_(structure=replace(one.structure, string_law=StringLaw.UNCLIPPED), breaks=()) for one in (scene, fresh)
     )
     engine = tmj.MuJoCo(1e-3)
     tmj.simulate(scene, None, engine, duration=0.05)
