@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import platform
+import re
 from collections.abc import Callable
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, distribution
 from typing import Any, Protocol
 
 from numpy.typing import ArrayLike
@@ -156,10 +157,14 @@ def versions() -> dict[str, Any]:
 @cache
 def _installed() -> dict[str, str | None]:
     """Versions of packages; to look them up takes as long as a short run."""
-    found: dict[str, str | None] = {}
-    for name in ("tensegrity-mj", "mujoco", "numpy", "scipy", "numba"):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = None
-    return found
+    return {name: _release(name) for name in ("tensegrity-mj", "mujoco", "numpy", "scipy", "numba")}
+
+
+def _release(name: str) -> str | None:
+    """What `importlib.metadata.version` gives, without parsing all the rest, which takes 2 MB."""
+    try:
+        told = distribution(name)
+    except PackageNotFoundError:
+        return None
+    found = re.search(r"^Version: *(\S+)", told.read_text("METADATA") or "", re.MULTILINE)
+    return found[1] if found else told.version

@@ -16,7 +16,6 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Callable, Mapping
-from importlib.metadata import entry_points
 from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform, get_origin, get_type_hints
 
 import attrs
@@ -205,6 +204,8 @@ def register(kind: str, cls: type) -> None:
 
 def registered(base: type) -> dict[str, type]:
     """The classes that are registered for a base class, by their names."""
+    from importlib.metadata import entry_points
+
     for point in entry_points(group=f"tensegrity_mj.{base.__name__.lower()}s"):
         if point.name not in _KINDS:
             register(point.name, point.load())

@@ -6,7 +6,6 @@ one of these functions.
 
 from __future__ import annotations
 
-import hashlib
 import re
 import unicodedata
 from collections.abc import Iterable
@@ -42,6 +41,8 @@ def file_name(text: str) -> str:
         name = f"_{name}"
     if name and name == text and len(name.encode()) <= MOST_BYTES:
         return name
+    import hashlib  # OpenSSL comes with it: 4 MB
+
     mark = hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest()[:MARK_BYTES]
     head = name.encode(errors="ignore")[: MOST_BYTES - MARK_BYTES - 1].decode(errors="ignore").rstrip(" .")
     return f"{head or 'unnamed'}-{mark}"

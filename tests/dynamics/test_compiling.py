@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import ctypes
 import os
 import re
 import subprocess
@@ -234,3 +235,66 @@ def test_every_compiled_function_of_ours_is_kept_so() -> None:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call):
                 assert not any(keyword.arg == "cache" for keyword in node.keywords), f"{path}:{node.lineno}"
+
+
+def test_a_run_needs_neither_numba_nor_what_takes_long_to_import() -> None:
+    """Once its functions are kept: what the first process compiles, the second one finds."""
+    code = (
+        "import sys, tensegrity_mj as tmj\nscene = tmj.load_scene('prism')\n"
+        "tmj.simulate(scene, tmj.controllers.from_scene(scene), duration=0.01)\n"
+        "print(sorted({'numba', 'scipy', 'matplotlib', 'tqdm', 'h5py', '_hashlib'} & set(sys.modules)))"
+    )
+    for _ in range(2):
+        done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stdout.strip() == "[]"
+
+
+RUN = """
+import hashlib, warnings
+warnings.simplefilter("ignore")
+import tensegrity_mj as tmj
+for name, engine in (("prism", tmj.MuJoCo(1e-3)), ("prism", tmj.DAE()), ("tower_waves", tmj.MuJoCo(1e-3))):
+    scene = tmj.load_scene(name)
+    law = tmj.controllers.from_scene(scene) if scene.control else None
+    run = tmj.simulate(scene, law, engine, duration=0.1)
+    print(hashlib.sha256(run.nodes.tobytes() + run.tensions.tobytes() + run.lyapunov.tobytes()).hexdigest())
+"""
+
+
+def test_code_for_any_processor_gives_the_bits_of_code_for_this_one() -> None:
+    """What a wheel ships is compiled for any processor, where only arithmetic without fused steps is allowed."""
+    own = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA_CPU")}
+    found = [
+        subprocess.run([sys.executable, "-c", RUN], env=env, check=True, capture_output=True, text=True).stdout.split()
+        for env in (own, own | {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""})
+    ]
+    assert len(found[0]) == 3
+    assert found[0] == found[1]
+
+
+def test_what_is_shipped_is_used_whichever_compiler_is_installed(tmp_path: Path) -> None:
+    """And where it is made of anything else than the function is now, it is not."""
+    from tensegrity_mj.dynamics.native import compiling, kept
+
+    @compiling.c_function("float64(float64)")
+    def twice(x: float) -> float:
+        return 2.0 * x
+
+    @compiling.c_function("float64(float64)")
+    def thrice(x: float) -> float:
+        return 3.0 * x
+
+    compiling.c_functions.remove(twice)
+    compiling.c_functions.remove(thrice)
+    twice.ship(tmp_path)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(kept, "SHIPPED", tmp_path)
+        patch.setattr(kept, "folders", lambda source: ())
+        patch.setattr(kept, "made_by", lambda: "another compiler")
+        code = kept.kept_code(twice.py_func, twice.signature, {"error_model": "numpy"})
+        assert code is not None
+        function = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)(code.load())
+        assert function(21.0) == 42.0
+        assert kept.kept_code(thrice.py_func, thrice.signature, {"error_model": "numpy"}) is None
+        patch.setattr(kept, "SHIPPED", tmp_path / "none")
+        assert kept.kept_code(twice.py_func, twice.signature, {"error_model": "numpy"}) is None

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import enum
 import functools
-import hashlib
 import sys
 import types
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+
+try:
+    from _blake2 import blake2b  # hashlib imports OpenSSL besides: 4 MB
+except ImportError:
+    from hashlib import blake2b
 
 # What is known by its name, in releases that the cache keeps apart; no source of ours.
 _FOREIGN = frozenset({"numba", "numpy", "llvmlite", "scipy"}) | sys.stdlib_module_names
@@ -122,4 +126,4 @@ def _root(value: Any) -> str:
 
 def hashed(content: str | bytes) -> str:
     """SHA-256 in hexadecimal digits."""
-    return hashlib.sha256(content.encode() if isinstance(content, str) else content).hexdigest()
+    return blake2b(content.encode() if isinstance(content, str) else content, digest_size=32).hexdigest()

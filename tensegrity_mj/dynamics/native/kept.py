@@ -16,7 +16,6 @@ import contextlib
 import ctypes
 import functools
 import glob
-import hashlib
 import json
 import os
 import sys
@@ -29,6 +28,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tensegrity_mj.dynamics.native.digests import digest, hashed
 
 SHIPPED = Path(__file__).parent / "shipped"  # entries that came with the package
@@ -38,13 +39,13 @@ GENERIC = "generic"  # the processor that they are for: any of its architecture
 @functools.cache
 def made_by() -> str:
     """The releases that decide the machine code of a function."""
-    found = []
-    for name in ("numba", "llvmlite", "numpy"):
-        try:
-            found.append(f"{name} {version(name)}")
-        except PackageNotFoundError:
-            found.append(name)
-    return " ".join(found)
+    import llvmlite
+
+    try:
+        compiler = version("numba")
+    except PackageNotFoundError:
+        compiler = "none"
+    return f"numba {compiler} llvmlite {llvmlite.__version__} numpy {np.__version__}"
 
 
 @functools.cache
@@ -68,7 +69,7 @@ def folders(source: str) -> tuple[Path, ...]:
     NUMBA_CACHE_DIR, `__pycache__` beside the source, `tensegrity-mj` in XDG_CACHE_HOME or in ~/.cache.
     """
     parent = Path(source).resolve().parent
-    part = f"{parent.name}_{hashlib.sha1(str(parent).encode(), usedforsecurity=False).hexdigest()}"
+    part = f"{parent.name}_{hashed(str(parent))[:16]}"
     own = os.environ.get("NUMBA_CACHE_DIR")
     users = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return (*((Path(own) / part,) if own else ()), parent / "__pycache__", users / "tensegrity-mj" / part)

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.engines.accuracy.ladder import FIRST_STEP, HALF, STRIKES, Ladder, Rung
 from tensegrity_mj.engines.accuracy.steps import Steps
 from tensegrity_mj.engines.request import Request
@@ -26,7 +25,6 @@ from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.convergence import ROUND_OFF
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 
-LEAST, MOST = 1e-10, 1e-2  # m, what may be asked for
 LEAST_STEP = 1e-9  # of the duration
 PARTS = 8  # of a first step, in which another is taken: its error is 8⁻⁴ of that of the whole
 ROOM = 0.75  # of the coarsest step that the start allows: rates change along a run
@@ -130,29 +128,6 @@ def can_locate(structure: Structure) -> bool:
 def round_off(request: Request) -> float:
     """[m], below which differences of runs are taken for round-off."""
     return ROUND_OFF * float(np.max(np.abs(request.scene.nodes0), initial=1e-300))
-
-
-def check_accuracy(engine: str, value: Any, chosen: dict[str, tuple[Any, Any]]) -> float:
-    """The accuracy as a float.
-
-    Args:
-        engine: its name.
-        value: [m].
-        chosen: by name, what the options are that the accuracy chooses, and their defaults.
-
-    Raises:
-        OptionError: out of range, or where an option is given that the accuracy chooses.
-    """
-    accuracy = positive(f"{engine}: accuracy", value, "m")
-    if not LEAST <= accuracy <= MOST:
-        raise OptionError(f"{engine}: accuracy = {accuracy:g} m; it must be from {LEAST:g} to {MOST:g} m")
-    for name, (given, default) in chosen.items():
-        if given != default:
-            raise OptionError(
-                f"{engine}: {name} = {getattr(given, 'value', given)!r} with accuracy = {accuracy:g} m: the accuracy "
-                f"chooses it; leave out one of the two"
-            )
-    return accuracy
 
 
 def find(accuracy: float, ways: Sequence[Way], request: Request) -> Trajectory:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import mujoco
 
 from tensegrity_mj.basics.checks import member, positive
-from tensegrity_mj.engines.accuracy.search import check_accuracy
+from tensegrity_mj.engines.accuracy.option import check_accuracy
 from tensegrity_mj.engines.mujoco.prepared import prepared
 from tensegrity_mj.engines.mujoco.settings import _WORDS, Integrator
 from tensegrity_mj.engines.request import Accelerations, Request

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from tensegrity_mj.basics.checks import member, positive
-from tensegrity_mj.engines.accuracy.search import check_accuracy
+from tensegrity_mj.engines.accuracy.option import check_accuracy
 from tensegrity_mj.errors import OptionError
 
 
