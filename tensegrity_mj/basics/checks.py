@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.kinds import Kind, Wrong
-from tensegrity_mj.basics.texts import value_text
+from tensegrity_mj.basics.texts import closest, value_text
 from tensegrity_mj.errors import OptionError, TensegrityError
 
 
@@ -98,7 +98,8 @@ def choice_from(path: str, kind: type[enum.Enum], value: Any) -> Any:
     for word in (value, text):
         if isinstance(word, str) and word in words:
             return words[word]
-    raise OptionError(f"{path} = {value!r}; allowed: {', '.join(words)}")
+    meant = closest(value, words) if isinstance(value, str) else ""
+    raise OptionError(f"{path} = {value!r}{meant}; allowed: {', '.join(words)}")
 
 
 # Nodes of a family's scene. Laid out by formulas, so many take some ten seconds; where an equilibrium is found first,

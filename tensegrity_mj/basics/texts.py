@@ -64,7 +64,10 @@ def nearest(word: str, known: Iterable[str]) -> str:
     """The one of the known words that a misspelt one was probably meant to be, or nothing."""
     import difflib  # only where something is misspelt
 
-    match = difflib.get_close_matches(word, list(known), 1)
+    words = list(known)
+    # Letters in another order are the likeliest mistake, which difflib does not know: 'dea' is as near to 'ode'.
+    swapped = [one for one in words if sorted(one) == sorted(word)]
+    match = swapped or difflib.get_close_matches(word, words, 1)
     return match[0] if match else ""
 
 

@@ -22,6 +22,7 @@ MEANT = {
     "run --engien=dae": "run: --engien: there is no such option; did you mean --engine?",
     "run prism -engine dae": "run: -engine: there is no such option; did you mean --engine?",
     "audit drift prism --stepss 9": "audit drift: --stepss: there is no such option; did you mean --steps?",
+    "run prism --engine dea": "run: --engine: 'dea': allowed: mujoco, dae, ode; did you mean dae?",
     "run prism --engine mujoko": "run: --engine: 'mujoko': allowed: mujoco, dae, ode; did you mean mujoco?",
     "run prism --integrator rk5": "run: --integrator: 'rk5': allowed: euler, implicitfast, implicit, rk4, discrete; "
     "did you mean rk4?",
@@ -49,7 +50,15 @@ def test_bad_usage_is_answered_in_one_line(words: str, answer: str, capsys: pyte
 
 @pytest.mark.parametrize(
     ("words", "meant"),
-    [("run prsm", "prism"), ("run towr(stages=3)", "tower"), ("run prism --law lyapunow", "lyapunov")],
+    [
+        ("run prsm", "prism"),
+        ("run towr(stages=3)", "tower"),
+        ("run prism --law lyapunow", "lyapunov"),
+        ("validate prism --law lyapunow", "lyapunov"),
+        ("sweep prism --vary engine.integrator=rk5 --out x", "rk4"),
+        ("sweep prism --vary engine=dea --out x", "dae"),
+        ("sweep prism --vary engine.timestp=1 --out x", "timestep"),
+    ],
 )
 def test_scenes_families_and_laws_that_were_probably_meant(
     words: str, meant: str, capsys: pytest.CaptureFixture[str]

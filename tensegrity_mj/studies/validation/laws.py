@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.controllers.gains import Gains
 from tensegrity_mj.controllers.known_water import KnownWater
 from tensegrity_mj.controllers.scenes import from_scene
@@ -146,7 +147,8 @@ def _named(text: str) -> Spec:
     place, colon, name = text.rpartition(":")
     if not colon or not place or not name.isidentifier():
         raise OptionError(
-            f"law = {text!r}: it is no built-in law ({', '.join(LAWS)}); for your own write module:name or path.py:name"
+            f"law = {text!r}: it is no built-in law{closest(text, LAWS)}; built in are {', '.join(LAWS)}; for your own "
+            "write module:name or path.py:name"
         )
     if not place.endswith(".py"):
         _import(place)

@@ -1,0 +1,30 @@
+"""A command as CONTRIBUTING.md's recipe makes one: the mass of a scene's structure."""
+
+from __future__ import annotations
+
+import argparse
+
+from tensegrity_mj.commands.common import Outcome, add_scene, number, table
+
+HELP = "the mass of a structure"
+EXAMPLES = """\
+examples:
+  tensegrity-mj weigh prism --of rods
+"""
+
+
+def configure(parser: argparse.ArgumentParser) -> None:
+    """The options of `weigh`."""
+    add_scene(parser)
+    parser.add_argument("--of", choices=("rods", "point-masses", "all"), default="all", help="(all)")
+
+
+def execute(options: argparse.Namespace) -> Outcome:
+    """Add the masses up."""
+    from tensegrity_mj.library.load import load_scene
+
+    structure = load_scene(options.scene).structure
+    parts = {"rods": structure.rods, "point-masses": structure.point_masses}
+    chosen = parts.values() if options.of == "all" else [parts[options.of]]
+    mass = sum(one.mass for part in chosen for one in part)
+    return Outcome({"status": "ok", "mass": mass}, table([("mass", number(mass, "kg"))]))
