@@ -73,6 +73,8 @@ def test_plain_mujoco_loads_and_steps_the_mjcf(folder: Path) -> None:
     try:
         model = mujoco.MjModel.from_xml_path(str(folder / "scene.xml"))
         data = mujoco.MjData(model)
+        if model.nkey:  # the start of a scene that starts in motion
+            mujoco.mj_resetDataKeyframe(model, data, 0)
         mujoco.mj_step(model, data, steps)
     finally:
         mujoco.set_mju_user_warning(None)
