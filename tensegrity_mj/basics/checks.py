@@ -84,11 +84,9 @@ def state_of(
     )
 
 
-def member(what: str, value: Any, kind: type) -> None:
+def member(what: str, value: Any, kind: type[enum.Enum]) -> None:
     """Raise OptionError unless the value is a member of an enum."""
-    if not isinstance(value, kind):
-        allowed = ", ".join(f"{kind.__name__}.{one.name}" for one in kind)  # type: ignore[attr-defined]
-        raise OptionError(f"{what} = {value_text(value)}; allowed: {allowed}")
+    checked(what, value, kinds.choice(kind))
 
 
 def choice_from(path: str, kind: type[enum.Enum], value: Any) -> Any:

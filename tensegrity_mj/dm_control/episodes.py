@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-
-import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import finite
+from tensegrity_mj.basics.fields import field, value
+from tensegrity_mj.basics.kinds import not_negative, whole
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
 
@@ -19,7 +17,7 @@ Reward = Callable[[Scene, Array, Array, Array], float]
 Termination = Callable[[Scene, Array, Array, Array], float | None]
 
 
-@dataclass(frozen=True)
+@value("RandomStart", OptionError)
 class RandomStart:
     """Episodes that start near the scene's start, drawn evenly and in all ways that rods and supports allow.
 
@@ -31,15 +29,6 @@ class RandomStart:
         seed: of the whole sequence of episodes.
     """
 
-    displacement: float = 0.0
-    speed: float = 0.0
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        for name in ("displacement", "speed"):
-            value = finite(f"RandomStart: {name}", getattr(self, name), " >= 0")
-            if value < 0:
-                raise OptionError(f"RandomStart: {name} = {value!r}; it must be a finite number >= 0")
-            object.__setattr__(self, name, value)
-        if isinstance(self.seed, bool) or not isinstance(self.seed, (int, np.integer)) or self.seed < 0:
-            raise OptionError(f"RandomStart: seed = {self.seed!r}; it must be a whole number >= 0")
+    displacement: float = field(not_negative(), default=0.0)
+    speed: float = field(not_negative(), default=0.0)
+    seed: int = field(whole(0), default=0)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass
 
-from tensegrity_mj.basics.checks import member, positive
+from tensegrity_mj.basics.fields import field, refused, value
+from tensegrity_mj.basics.kinds import choice, positive
 from tensegrity_mj.errors import OptionError
 
 
@@ -25,7 +25,7 @@ class OnInfeasible(enum.Enum):
     PASSIVE = "passive"  # hold the last admissible rest lengths until it is solvable again
 
 
-@dataclass(frozen=True)
+@value(error=OptionError)
 class Actuation:
     """How a law drives the rest lengths; use the three constructors.
 
@@ -35,8 +35,8 @@ class Actuation:
         hold_rest_length: sampled each `period`; L0 stands still between samples, as a winch would hold it.
     """
 
-    mode: Mode = Mode.CONTINUOUS
-    period: float | None = None
+    mode: Mode = field(choice(Mode), default=Mode.CONTINUOUS, key="actuation mode")
+    period: float | None = field(positive("s"), default=None, none="None", key="control period")
 
     @classmethod
     def continuous(cls) -> Actuation:
@@ -53,13 +53,11 @@ class Actuation:
         """The rest length sampled each `period` [s]."""
         return cls(Mode.HOLD_REST_LENGTH, period)
 
-    def __post_init__(self) -> None:
-        member("actuation mode", self.mode, Mode)
-        if self.mode is Mode.CONTINUOUS:
-            if self.period is not None:
-                raise OptionError(f"control period = {self.period!r}: the continuous mode has none; leave it out")
-        else:
-            object.__setattr__(self, "period", positive("control period", self.period, "s"))
+    def __attrs_post_init__(self) -> None:
+        if self.mode is Mode.CONTINUOUS and self.period is not None:
+            raise refused(self, f"control period = {self.period!r}: the continuous mode has none; leave it out")
+        if self.mode is not Mode.CONTINUOUS and self.period is None:
+            raise refused(self, "control period = None; it must be > 0 s")
 
 
 def whole_ratio(larger: float, smaller: float, what: str) -> int:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from tensegrity_mj.basics.fields import field, value
+from tensegrity_mj.basics.kinds import positive
+from tensegrity_mj.errors import OptionError
 
-from tensegrity_mj.basics.checks import positive
 
-
-@dataclass(frozen=True)
+@value("material", OptionError)
 class Material:
     """A material that yields at the same stress in tension and compression.
 
@@ -20,16 +20,9 @@ class Material:
         OptionError: for a number that is not finite and > 0.
     """
 
-    density: float
-    elasticity_modulus: float
-    yield_stress: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "density", positive("material: density", self.density, "kg/m³"))
-        object.__setattr__(
-            self, "elasticity_modulus", positive("material: elasticity_modulus", self.elasticity_modulus, "Pa")
-        )
-        object.__setattr__(self, "yield_stress", positive("material: yield_stress", self.yield_stress, "Pa"))
+    density: float = field(positive("kg/m³"))
+    elasticity_modulus: float = field(positive("Pa"))
+    yield_stress: float = field(positive("Pa"))
 
 
 # The three that MOTES (Goyal, Chen, Majji and Skelton, 2019) knows, with its numbers, so that results can be compared.

@@ -6,10 +6,11 @@ import dataclasses
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
+from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.checks import finite
+from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.members import Vector
@@ -18,14 +19,11 @@ AXES = ("x", "y", "z")
 _PART = re.compile(r"[^.\[\]]+(\[.*\])?")
 
 
-@dataclass(frozen=True)
+@value("Scaled", OptionError)
 class Scaled:
     """A value that is `factor` times what the parameter was."""
 
-    factor: float
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "factor", finite("Scaled: factor", self.factor))
+    factor: float = field(kinds.finite())
 
     def __str__(self) -> str:
         return f"*{self.factor!r}"

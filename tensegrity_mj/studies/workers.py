@@ -7,11 +7,11 @@ import enum
 import os
 import warnings
 from collections.abc import Callable, Generator, Iterator, Mapping
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from tensegrity_mj.basics.checks import member
+from tensegrity_mj.basics.fields import field, value
+from tensegrity_mj.basics.kinds import choice, text, whole
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.studies.attempt import DIED, Answer, Task, attempt, settle, unable
 
@@ -24,7 +24,7 @@ class Backend(enum.Enum):
     THIS_PROCESS = "this process"  # one after another, here: to debug, or for a few short points
 
 
-@dataclass(frozen=True)
+@value("workers", OptionError)
 class Workers:
     """Who computes the points; results do not depend on it.
 
@@ -35,18 +35,14 @@ class Workers:
         client: a `dask.distributed.Client` in place of an address; it stays open.
     """
 
-    count: int | None = None
-    backend: Backend = Backend.PROCESSES
-    address: str | None = None
-    client: Any = None
+    count: int | None = field(whole(1), default=None, none="None for all cores")
+    backend: Backend = field(choice(Backend), default=Backend.PROCESSES)
+    address: str | None = field(text(), default=None, none="None")
+    client: Any = field(None, default=None)
 
-    def __post_init__(self) -> None:
-        member("workers: backend", self.backend, Backend)
-        count = self.count
-        if count is not None and (not isinstance(count, int) or isinstance(count, bool) or count < 1):
-            raise OptionError(f"workers: count = {count!r}; it must be an integer >= 1, or None for all cores")
-        if self.backend is Backend.THIS_PROCESS and count not in (None, 1):
-            raise OptionError(f"workers: count = {count}; this process computes one point at a time")
+    def __attrs_post_init__(self) -> None:
+        if self.backend is Backend.THIS_PROCESS and self.count not in (None, 1):
+            raise OptionError(f"workers: count = {self.count}; this process computes one point at a time")
         given = [name for name in ("address", "client") if getattr(self, name) is not None]
         if self.backend is Backend.CLUSTER and len(given) != 1:
             raise OptionError("workers: a cluster needs the address of its scheduler, or a client, and not both")

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.checks import member, positive
+from tensegrity_mj.basics.fields import field, value
+from tensegrity_mj.basics.kinds import choice, positive
+from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.elements.resistance import Resistance
 from tensegrity_mj.model.members import Rod
 from tensegrity_mj.model.scene import Scene
@@ -39,7 +41,7 @@ GAINS = {"feedback_linearization": "natural_frequency", "lyapunov": "decay_rate"
 DEFAULT_GAIN = 1.0  # of every law that is given none
 
 
-@dataclass(frozen=True)
+@value("disturbance", OptionError)
 class Disturbance:
     """One quantity, and the factor that it is wrong by.
 
@@ -47,12 +49,8 @@ class Disturbance:
         OptionError: for another quantity, or a factor that is not positive.
     """
 
-    quantity: Quantity
-    factor: float
-
-    def __post_init__(self) -> None:
-        member("disturbance: quantity", self.quantity, Quantity)
-        object.__setattr__(self, "factor", positive("disturbance: factor", self.factor))
+    quantity: Quantity = field(choice(Quantity))
+    factor: float = field(positive())
 
     @property
     def plain(self) -> list[Any]:

@@ -502,7 +502,7 @@ def test_points_that_are_not_plain_are_refused(points: Any, said: str) -> None:
         ({"count": 0}, "count = 0"),
         ({"count": True}, "count = True"),
         ({"count": 1.5}, "count = 1.5"),
-        ({"backend": "dask"}, "allowed: Backend.PROCESSES"),
+        ({"backend": "dask"}, "must be one of Backend.PROCESSES"),
         ({"backend": Backend.CLUSTER}, "needs the address"),
         ({"backend": Backend.CLUSTER, "address": "tcp://a:1", "client": 1}, "not both"),
         ({"address": "tcp://a:1"}, "address belongs to Backend.CLUSTER"),

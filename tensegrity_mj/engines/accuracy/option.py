@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
-from tensegrity_mj.basics.checks import positive
-from tensegrity_mj.errors import OptionError
+from tensegrity_mj.basics.fields import refused
+from tensegrity_mj.basics.kinds import number
 
 LEAST, MOST = 1e-10, 1e-2  # m, what may be asked for
+ACCURACY = number(f"from {LEAST:g} to {MOST:g} m", lambda x: LEAST <= x <= MOST)
 
 
-def check_accuracy(engine: str, value: Any, chosen: dict[str, tuple[Any, Any]]) -> float:
-    """The accuracy as a float.
-
-    Args:
-        engine: its name.
-        value: [m].
-        chosen: by name, what the options are that the accuracy chooses, and their defaults.
+def check_accuracy(options: Any, chosen: Sequence[str]) -> None:
+    """Check the options of an engine whose accuracy chooses some of them.
 
     Raises:
-        OptionError: out of range, or where an option is given that the accuracy chooses.
+        OptionError: where one of these is given with an accuracy.
     """
-    accuracy = positive(f"{engine}: accuracy", value, "m")
-    if not LEAST <= accuracy <= MOST:
-        raise OptionError(f"{engine}: accuracy = {accuracy:g} m; it must be from {LEAST:g} to {MOST:g} m")
-    for name, (given, default) in chosen.items():
-        if given != default:
-            raise OptionError(
-                f"{engine}: {name} = {getattr(given, 'value', given)!r} with accuracy = {accuracy:g} m: the accuracy "
-                f"chooses it; leave out one of the two"
+    for name in () if options.accuracy is None else chosen:
+        given = getattr(options, name)
+        if given != getattr(type(options), name):
+            raise refused(
+                options,
+                f"{name} = {getattr(given, 'value', given)!r} with accuracy = {options.accuracy:g} m: the accuracy "
+                "chooses it; leave out one of the two",
             )
-    return accuracy

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import mujoco
 
-from tensegrity_mj.basics.checks import member, positive
-from tensegrity_mj.engines.accuracy.option import check_accuracy
+from tensegrity_mj.basics.fields import field, refused, value
+from tensegrity_mj.basics.kinds import choice, flag, positive
+from tensegrity_mj.engines.accuracy.option import ACCURACY, check_accuracy
 from tensegrity_mj.engines.mujoco.prepared import prepared
 from tensegrity_mj.engines.mujoco.settings import _WORDS, Integrator
 from tensegrity_mj.engines.request import Accelerations, Request
@@ -16,7 +15,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
 
 
-@dataclass(frozen=True)
+@value("MuJoCo", OptionError)
 class MuJoCo:
     """Options of the MuJoCo engine.
 
@@ -29,28 +28,19 @@ class MuJoCo:
             there.
     """
 
-    timestep: float = 1e-3
-    integrator: Integrator = Integrator.RK4
-    accuracy: float | None = None
-    locate_slack: bool = False
+    timestep: float = field(positive("s"), default=1e-3)
+    integrator: Integrator = field(choice(Integrator), default=Integrator.RK4)
+    accuracy: float | None = field(ACCURACY, default=None, none="None")
+    locate_slack: bool = field(flag(), default=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "timestep", positive("MuJoCo: timestep", self.timestep, "s"))
-        member("MuJoCo: integrator", self.integrator, Integrator)
-        if not isinstance(self.locate_slack, bool):
-            raise OptionError(f"MuJoCo: locate_slack = {self.locate_slack!r}; it must be True or False")
+    def __attrs_post_init__(self) -> None:
         if self.locate_slack and self.integrator is not Integrator.RK4:
-            raise OptionError(
-                f"MuJoCo: locate_slack = True with {self.integrator.name}, of order 1 with strings slack or taut; it "
-                "belongs to Integrator.RK4: leave it out"
+            raise refused(
+                self,
+                f"locate_slack = True with {self.integrator.name}, of order 1 with strings slack or taut; it belongs "
+                "to Integrator.RK4: leave it out",
             )
-        if self.accuracy is not None:
-            chosen = {
-                "timestep": (self.timestep, 1e-3),
-                "integrator": (self.integrator, Integrator.RK4),
-                "locate_slack": (self.locate_slack, False),
-            }
-            object.__setattr__(self, "accuracy", check_accuracy("MuJoCo", self.accuracy, chosen))
+        check_accuracy(self, ("timestep", "integrator", "locate_slack"))
 
     def __str__(self) -> str:
         if self.accuracy is not None:

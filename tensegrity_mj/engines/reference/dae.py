@@ -14,18 +14,20 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import member, positive
+from tensegrity_mj.basics.fields import field, value
+from tensegrity_mj.basics.kinds import choice, flag, positive, whole
 from tensegrity_mj.dynamics.linked import LinkedRecords
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.pointers import address_of
 from tensegrity_mj.dynamics.native.slots import MOVED, NODES
 from tensegrity_mj.dynamics.records import StructureRecords
+from tensegrity_mj.engines.accuracy.option import ACCURACY
 from tensegrity_mj.engines.reference import dae_kernels as dae
 from tensegrity_mj.engines.reference.dae_linked_kernels import dense_rates, full_rates
 from tensegrity_mj.engines.reference.equations import WORK
 from tensegrity_mj.engines.reference.integrate import integrate
 from tensegrity_mj.engines.reference.integration import IntegratedRun
-from tensegrity_mj.engines.reference.method import Method, check_options, describe_method
+from tensegrity_mj.engines.reference.method import ATOL, RTOL, Method, check_options, describe_method
 from tensegrity_mj.engines.request import Accelerations, Request
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.capabilities import require_wet_rods
@@ -53,7 +55,7 @@ class Solver(enum.Enum):
     FULL = "full"  # (3.17): one matrix of all coordinates, multipliers, supports and closures
 
 
-@dataclass(frozen=True)
+@value("DAE", OptionError)
 class DAE:
     """Options of the reference engine.
 
@@ -72,26 +74,22 @@ class DAE:
             keeps its order of 4 there (docs/accuracy.md).
     """
 
-    method: Method = Method.DOP853
-    rtol: float = 1e-10
-    atol: float = 1e-12
-    timestep: float | None = None
-    drift: Drift = None  # type: ignore[assignment]  # never None once made
-    solver: Solver = Solver.JOINTS
-    baumgarte_frequency: float = 10.0
-    baumgarte_damping: float = 1.0
-    max_steps: int = 1_000_000
-    accuracy: float | None = None
-    locate_slack: bool = False
+    method: Method = field(choice(Method), default=Method.DOP853)
+    rtol: float = field(RTOL, default=1e-10)
+    atol: float = field(ATOL, default=1e-12)
+    timestep: float | None = field(positive("s"), default=None, none="None")
+    drift: Drift = field(choice(Drift), default=None, none="None")  # never None once made
+    solver: Solver = field(choice(Solver), default=Solver.JOINTS)
+    baumgarte_frequency: float = field(positive("rad/s"), default=10.0)
+    baumgarte_damping: float = field(positive(), default=1.0)
+    max_steps: int = field(whole(1), default=1_000_000)
+    accuracy: float | None = field(ACCURACY, default=None, none="None")
+    locate_slack: bool = field(flag(), default=False)
 
-    def __post_init__(self) -> None:
-        check_options("DAE", self)
+    def __attrs_post_init__(self) -> None:
+        check_options(self)
         if self.drift is None:
             object.__setattr__(self, "drift", Drift.NORMALIZE if self.method is Method.RK4 else Drift.MONITOR)
-        member("DAE: drift", self.drift, Drift)
-        member("DAE: solver", self.solver, Solver)
-        for name in ("baumgarte_frequency", "baumgarte_damping"):
-            object.__setattr__(self, name, positive(f"DAE: {name}", getattr(self, name)))
 
     def __str__(self) -> str:
         solver = "" if self.solver is Solver.JOINTS else f", solver: {self.solver.value}"

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import enum
+import sys
 from typing import Any, Protocol
 
-import numpy as np
-
-from tensegrity_mj.basics.checks import member, positive
+from tensegrity_mj.basics.fields import refused
+from tensegrity_mj.basics.kinds import number
 from tensegrity_mj.engines.accuracy.option import check_accuracy
-from tensegrity_mj.errors import OptionError
 
 
 class Method(enum.Enum):
@@ -39,43 +38,29 @@ class Options(Protocol):
     def accuracy(self) -> float | None: ...
 
 
-def check_options(engine: str, options: Any) -> None:
-    """Validate the fields of `Options` in a frozen dataclass, and make floats of its numbers.
+# Kinds of these options; below the first limit double precision cannot hold what is asked for.
+RTOL = number("from 2.3e-14 to 1e-2", lambda x: 100 * sys.float_info.epsilon <= x <= 1e-2)
+ATOL = number("> 0 and at most 1e-2", lambda x: 0 < x <= 1e-2)
+
+
+def check_options(options: Any) -> None:
+    """Check how `Options` of a value class fit each other.
 
     Raises:
         OptionError: naming engine, option, value and what is allowed.
     """
-    member(f"{engine}: method", options.method, Method)
-    if options.method is Method.RK4:
-        step = positive(f"{engine}: timestep (Method.RK4 has a fixed one)", options.timestep, "s")
-        object.__setattr__(options, "timestep", step)
-    elif options.timestep is not None:
-        raise OptionError(
-            f"{engine}: timestep = {options.timestep!r}: {options.method.name} chooses its steps; leave it out"
+    method, fixed = options.method, options.method is Method.RK4
+    if fixed and options.timestep is None:
+        raise refused(options, "timestep = None: Method.RK4 has a fixed one; it must be > 0 s")
+    if not fixed and options.timestep is not None:
+        raise refused(options, f"timestep = {options.timestep!r}: {method.name} chooses its steps; leave it out")
+    if options.locate_slack and not fixed:
+        raise refused(
+            options,
+            f"locate_slack = True with {method.name}, whose steps shorten where strings go slack; it belongs to "
+            "Method.RK4: leave it out",
         )
-    if not isinstance(options.locate_slack, bool):
-        raise OptionError(f"{engine}: locate_slack = {options.locate_slack!r}; it must be True or False")
-    if options.locate_slack and options.method is not Method.RK4:
-        raise OptionError(
-            f"{engine}: locate_slack = True with {options.method.name}, whose steps shorten where strings go slack; "
-            "it belongs to Method.RK4: leave it out"
-        )
-    for name in ("rtol", "atol"):
-        object.__setattr__(options, name, positive(f"{engine}: {name}", getattr(options, name)))
-    if max(options.rtol, options.atol) > 1e-2:
-        raise OptionError(f"{engine}: rtol = {options.rtol:g}, atol = {options.atol:g}; both must be <= 1e-2")
-    if options.rtol < 100 * np.finfo(float).eps:
-        raise OptionError(f"{engine}: rtol = {options.rtol:g} is below what double precision can hold; use >= 2.3e-14")
-    if options.accuracy is not None:
-        chosen = {
-            "method": (options.method, Method.DOP853),
-            "timestep": (options.timestep, None),
-            "rtol": (options.rtol, 1e-10),
-            "atol": (options.atol, 1e-12),
-        }
-        object.__setattr__(options, "accuracy", check_accuracy(engine, options.accuracy, chosen))
-    if not isinstance(options.max_steps, int) or isinstance(options.max_steps, bool) or options.max_steps < 1:
-        raise OptionError(f"{engine}: max_steps = {options.max_steps!r}; it must be an integer >= 1")
+    check_accuracy(options, ("method", "timestep", "rtol", "atol"))
 
 
 def describe_method(options: Options) -> str:

@@ -7,23 +7,25 @@ A run that comes to a pole stops there with `Status.SINGULAR`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import positive
+from tensegrity_mj.basics.fields import field, value
+from tensegrity_mj.basics.kinds import choice, flag, positive, whole, within
 from tensegrity_mj.dynamics.minimal import MinimalRecords, node_accelerations
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.pointers import address_of
 from tensegrity_mj.dynamics.native.slots import MOVED, NODES
+from tensegrity_mj.engines.accuracy.option import ACCURACY
 from tensegrity_mj.engines.reference import ode_kernels as ode
 from tensegrity_mj.engines.reference.equations import WORK
 from tensegrity_mj.engines.reference.integrate import integrate
 from tensegrity_mj.engines.reference.integration import IntegratedRun
-from tensegrity_mj.engines.reference.method import Method, check_options, describe_method
+from tensegrity_mj.engines.reference.method import ATOL, RTOL, Method, check_options, describe_method
 from tensegrity_mj.engines.request import Accelerations, Request
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.capabilities import require_dry
@@ -31,7 +33,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
 
 
-@dataclass(frozen=True)
+@value("ODE", OptionError)
 class ODE:
     """Options of the minimal ODE engine.
 
@@ -49,20 +51,17 @@ class ODE:
             keeps its order of 4 there (docs/accuracy.md).
     """
 
-    method: Method = Method.DOP853
-    rtol: float = 1e-10
-    atol: float = 1e-12
-    timestep: float | None = None
-    max_steps: int = 1_000_000
-    least_sine: float = 1e-3
-    accuracy: float | None = None
-    locate_slack: bool = False
+    method: Method = field(choice(Method), default=Method.DOP853)
+    rtol: float = field(RTOL, default=1e-10)
+    atol: float = field(ATOL, default=1e-12)
+    timestep: float | None = field(positive("s"), default=None, none="None")
+    max_steps: int = field(whole(1), default=1_000_000)
+    least_sine: float = field(within(1e-8, 0.5), default=1e-3)
+    accuracy: float | None = field(ACCURACY, default=None, none="None")
+    locate_slack: bool = field(flag(), default=False)
 
-    def __post_init__(self) -> None:
-        check_options("ODE", self)
-        object.__setattr__(self, "least_sine", positive("ODE: least_sine", self.least_sine))
-        if not 1e-8 <= self.least_sine <= 0.5:
-            raise OptionError(f"ODE: least_sine = {self.least_sine:g}; it must be from 1e-8 to 0.5")
+    def __attrs_post_init__(self) -> None:
+        check_options(self)
 
     def __str__(self) -> str:
         return f"ODE {describe_method(self)}"

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import finite
+from tensegrity_mj.basics.fields import field, value
+from tensegrity_mj.basics.kinds import number
 from tensegrity_mj.errors import OptionError
 
 UNIFORM = 1e-6  # of the interval: what samples may be off equal distances
@@ -46,7 +47,10 @@ class Peak:
     density: float
 
 
-@dataclass(frozen=True)
+PART = number("in (0, 1]", lambda x: 0 < x <= 1)
+
+
+@value("PeakCriteria", OptionError)
 class PeakCriteria:
     """Which peaks are picked besides the largest of each run; a peak that meets one of the two is.
 
@@ -55,13 +59,8 @@ class PeakCriteria:
         overall: of the largest peak among all runs.
     """
 
-    local: float = 0.10
-    overall: float = 0.01
-
-    def __post_init__(self) -> None:
-        for name in ("local", "overall"):
-            if not 0.0 < finite(f"PeakCriteria: {name}", getattr(self, name)) <= 1.0:
-                raise OptionError(f"PeakCriteria: {name} = {getattr(self, name)!r}; it must be in (0, 1]")
+    local: float = field(PART, default=0.10)
+    overall: float = field(PART, default=0.01)
 
 
 def spectrum(time: ArrayLike, values: ArrayLike) -> Spectrum:
