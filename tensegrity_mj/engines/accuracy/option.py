@@ -1,4 +1,4 @@
-"""The option `accuracy` of engines, checked; an engine without it does without the rest of this folder."""
+"""The option `accuracy` of engines, checked without importing the search that it asks for."""
 
 from __future__ import annotations
 
