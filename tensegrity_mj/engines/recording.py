@@ -73,7 +73,8 @@ def make_trajectory(
     if multipliers is None:
         assert r_accelerations is not None
         forces = rods.string_forces(structure, nodes, tensions)
-        forces = forces + np.array([scene.nodal_forces(t) for t in time]).reshape(T, N, 3)
+        if scene.loads:
+            forces = forces + np.array([scene.nodal_forces(t) for t in time]).reshape(T, N, 3)
         forces = forces + resisting_forces(scene, nodes, velocities)
         if scene.water is not None:
             forces = forces + water_forces(scene, time, nodes, velocities)[0]  # added mass acts across rods alone

@@ -84,10 +84,12 @@ def string_forces(structure: Structure, nodes: Array, tensions: Array) -> Array:
     """Forces of the strings on the nodes [N], (..., N, 3), for tensions (..., M)."""
     pairs = structure.string_nodes
     s = nodes[..., pairs[:, 1], :] - nodes[..., pairs[:, 0], :]
-    pull = np.moveaxis(s * (tensions / np.linalg.norm(s, axis=-1))[..., None], -2, 0)
-    forces = np.zeros((len(structure.nodes), *pull.shape[1:]))
-    np.add.at(forces, pairs.ravel(), np.stack([pull, -pull], axis=1).reshape(-1, *pull.shape[1:]))
-    return np.ascontiguousarray(np.moveaxis(forces, 0, -2))
+    pull = s * (tensions / np.linalg.norm(s, axis=-1))[..., None]
+    forces = np.zeros((*pull.shape[:-2], len(structure.nodes), 3))
+    for m, (i, j) in enumerate(pairs.tolist()):
+        forces[..., i, :] += pull[..., m, :]
+        forces[..., j, :] -= pull[..., m, :]
+    return forces
 
 
 def multipliers(

@@ -47,7 +47,7 @@ _WARNINGS = {
 KINDS = {"rk4": STAGES, "discrete": DISCRETE}
 
 
-def warned(counts: Sequence[int]) -> list[str]:
+def warned(counts: Any) -> list[str]:
     """What a run may have diverged of, by MuJoCo's counters of its warnings."""
     return [f"MuJoCo warned of {name}" for name, number in _WARNINGS.items() if counts[number]]
 
@@ -225,7 +225,7 @@ class MuJoCoRun:
     def _check(self, steps: int, seconds: float) -> None:
         """Raise if MuJoCo warned, stopped counting steps, or left the finite world."""
         data = self.data
-        causes = warned([entry.number for entry in data.warning])
+        causes = warned(data.warning.number)
         if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
             causes.append("the state is no longer finite")
         if int(self.counters[callback.STEP]) != steps:
