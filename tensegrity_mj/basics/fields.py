@@ -91,7 +91,12 @@ def field(
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
 def value(
-    item: str = "", error: type[TensegrityError] = SceneError, *, whole: bool = False, **options: Any
+    item: str = "",
+    error: type[TensegrityError] = SceneError,
+    *,
+    whole: bool = False,
+    positional: int | None = None,
+    **options: Any,
 ) -> Callable[[type[T]], type[T]]:
     """Make a class a value class.
 
@@ -99,13 +104,17 @@ def value(
         item: what messages call it; fields in braces are shown as they are ("rod {name!r}"). "" for nothing.
         error: of what is wrong with it.
         whole: whether files hold its fields where they are at their defaults, too, but for None.
+        positional: how many fields may be given without their names; all of them by default.
         options: further ones of `attrs.define`.
     """
+
+    def by_name(cls: type, fields: list[attrs.Attribute[Any]]) -> list[attrs.Attribute[Any]]:
+        return [one.evolve(kw_only=positional is not None and n >= positional) for n, one in enumerate(fields)]
 
     def made(cls: type[T]) -> type[T]:
         for name, kind in _typed_fields(cls):
             setattr(cls, name, field(kind, default=vars(cls).get(name, attrs.NOTHING)))
-        attrs.define(cls, frozen=True, slots=False, **options)
+        attrs.define(cls, frozen=True, slots=False, field_transformer=by_name, **options)
         fields = attrs.fields_dict(cls)  # type: ignore[arg-type]
         for name, one in fields.items():
             if one.default is not attrs.NOTHING and not hasattr(one.default, "factory"):

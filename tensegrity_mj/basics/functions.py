@@ -14,6 +14,7 @@ tower(3, radius=0.4)  # Tower(3, radius=0.4)()
 from __future__ import annotations
 
 import functools
+import inspect
 from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
@@ -28,4 +29,9 @@ def function_of(parameters: Callable[P, Callable[[], R]]) -> Callable[P, R]:
     def function(*args: P.args, **options: P.kwargs) -> R:
         return parameters(*args, **options)()
 
+    # With the types of the fields, which converters hide.
+    own, types = inspect.signature(parameters), getattr(parameters, "__annotations__", {})
+    shown = [one.replace(annotation=types.get(name, one.annotation)) for name, one in own.parameters.items()]
+    returned = vars(parameters)["__call__"].__annotations__["return"]
+    function.__signature__ = own.replace(parameters=shown, return_annotation=returned)  # type: ignore[attr-defined]
     return function

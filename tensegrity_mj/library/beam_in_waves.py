@@ -16,11 +16,13 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from tensegrity_mj.basics.checks import finite, member, positive
+from tensegrity_mj.basics import kinds
+from tensegrity_mj.basics.checks import member, positive
+from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import THESIS
@@ -55,7 +57,7 @@ class BeamWeight(enum.Enum):
     HANGING = "hanging"  # it acts, and the beam starts at rest where it hangs in still water
 
 
-@dataclass(frozen=True, eq=False)
+@value("beam_in_waves", OptionError, positional=2)
 class BeamInWaves:
     """A beam of appendix C under a regular wave from its side; the defaults are a point of figure C.8.
 
@@ -78,9 +80,8 @@ class BeamInWaves:
     """
 
     which: str = "TB1"
-    wave_height: float = 2.0
-    _: KW_ONLY
-    steepness: float = STEEPNESS
+    wave_height: float = field(kinds.positive("m"), default=2.0)
+    steepness: float = field(kinds.positive(), default=STEEPNESS)
     submergence: float = SUBMERGENCE
     end: BeamEnd = BeamEnd.GUIDED
     weight: BeamWeight = BeamWeight.CARRIED
@@ -95,15 +96,10 @@ class BeamInWaves:
     name: str = ""
 
     def __call__(self) -> Scene:
-        height = positive("beam_in_waves: wave_height", self.wave_height, "m")
-        wavelength = height / positive("beam_in_waves: steepness", self.steepness)
         tower = appendix_beam(self.which, damping=self.damping, duration=self.duration, name=self.name)
+        wave = Wave(0.5 * self.wave_height, self.wave_height / self.steepness, None, 0.5 * math.pi, self.phase)
         water = Water(
-            waves=(
-                Wave(
-                    0.5 * height, wavelength, None, 0.5 * math.pi, finite("beam_in_waves: phase", self.phase, " [rad]")
-                ),
-            ),
+            waves=(wave,),
             drag=self.drag,
             tangential_drag=self.tangential_drag,
             added_mass=self.added_mass,

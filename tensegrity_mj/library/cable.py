@@ -11,12 +11,14 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
+from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, finite, member, positive, whole
+from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, positive, whole
+from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import THESIS
@@ -163,7 +165,7 @@ def marker_weights(elements: int) -> Array:
     return weights
 
 
-@dataclass(frozen=True, eq=False)
+@value("cable", OptionError, positional=1)
 class Cable:
     """A chain of rods that hangs from a moved point.
 
@@ -190,52 +192,39 @@ class Cable:
         OptionError, StructureError, SceneError: for parameters that make no such scene.
     """
 
-    elements: int = 13
-    _: KW_ONLY
+    elements: int = field(kinds.whole(3), default=13)
     rope_mass: RopeMass = RopeMass.ELEMENTS
     excitation: Excitation = Excitation.IN_LINE
-    amplitude: float = 0.05
-    frequency: float = 0.5
-    motion: Motion | None = None
+    amplitude: float = field(None, default=0.05)  # checked where there is an excitation
+    frequency: float = field(None, default=0.5)
+    motion: Motion | None = field(None, default=None)
     start: Start = Start.MOVING_FRAME
-    seed: float = 0.0
+    seed: float = field(kinds.finite("rad"), default=0.0)
     planar: bool = False
-    viscous: float = 0.0
-    bending_stiffness: float = 0.0
-    bending_damping: float = 0.0
-    drag: float = 0.0
-    gravity: float = GRAVITY
+    viscous: float = field(kinds.not_negative("N s/m²"), default=0.0)
+    bending_stiffness: float = field(kinds.not_negative("N m"), default=0.0)
+    bending_damping: float = field(kinds.not_negative("N m s"), default=0.0)
+    drag: float = field(kinds.not_negative(), default=0.0)
+    gravity: float = field(kinds.positive("m/s²"), default=GRAVITY)
     duration: float = 45.0
     name: str = "cable"
 
     def __call__(self) -> Scene:
-        check_nodes("cable: elements", self.elements, whole("cable: elements", self.elements, 3) + 1, MOST_FOUND)
-        for what, value, kind in (
-            ("rope_mass", self.rope_mass, RopeMass),
-            ("excitation", self.excitation, Excitation),
-            ("start", self.start, Start),
-        ):
-            member(f"cable: {what}", value, kind)
-        if not isinstance(self.planar, (bool, np.bool_)):
-            raise OptionError(f"cable: planar = {self.planar!r}; it must be True or False")
-        lean = finite("cable: seed", self.seed, " [rad]")
-        if self.planar and lean:
-            raise OptionError(
-                f"cable: seed = {self.seed!r} rad leaves the plane that a planar cable stays in: leave it out"
-            )
-        down = positive("cable: gravity", self.gravity, "m/s²")
-        motions = _motions(self.excitation, self.amplitude, self.frequency, self.motion, bool(self.planar))
-        structure = _structure(self.elements, self.rope_mass, bool(self.planar), self.name)
+        check_nodes("cable: elements", self.elements, self.elements + 1, MOST_FOUND)
+        if self.planar and self.seed:
+            raise refused(self, f"seed = {self.seed!r} rad leaves the plane that a planar cable stays in: leave it out")
+        motions = _motions(self.excitation, self.amplitude, self.frequency, self.motion, self.planar)
+        structure = _structure(self.elements, self.rope_mass, self.planar, self.name)
         along = arc_lengths(self.elements)
         nodes = None
-        if lean:
+        if self.seed:
             first = motions[0].at(0.0)[0] if motions else np.zeros(3)
-            nodes = first + np.outer(along, [math.sin(lean), 0.0, -math.cos(lean)])
+            nodes = first + np.outer(along, [math.sin(self.seed), 0.0, -math.cos(self.seed)])
         scene = Scene(
             structure,
             name=self.name,
             source=f"{THESIS}, section 3.3, pages 66-69",
-            gravity=(0.0, 0.0, -down),
+            gravity=(0.0, 0.0, -self.gravity),
             initial_nodes=nodes,
             motions=motions,
             duration=self.duration,
@@ -252,10 +241,6 @@ cable = function_of(Cable)
 
 
 def _resistance(viscous: float, stiffness: float, damping: float, drag: float) -> Resistance | None:
-    named = (("viscous", viscous), ("bending_stiffness", stiffness), ("bending_damping", damping), ("drag", drag))
-    for what, value in named:
-        if finite(f"cable: {what}", value, " >= 0") < 0:
-            raise OptionError(f"cable: {what} = {value!r}; it must be >= 0")
     bending = None if (stiffness, damping) == (0.0, 0.0) else Bending(stiffness, damping)
     found = Resistance(viscous, bending, None if drag == 0.0 else Drag(drag))
     return None if found == Resistance() else found

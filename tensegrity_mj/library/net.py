@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
-from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, finite, member, positive, whole
+from tensegrity_mj.basics import kinds
+from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, whole
+from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cable import GRAVITY, ROPE_ELEMENT_MASS, ROPE_RADIUS
@@ -27,7 +28,7 @@ class Held(enum.Enum):
     EDGES = "edges"  # all nodes of the first and of the last row: a hammock
 
 
-@dataclass(frozen=True, eq=False)
+@value("net", OptionError, positional=1)
 class Net:
     """A net at the start where it hangs; from then on a weight pulls at the node in its middle.
 
@@ -50,13 +51,12 @@ class Net:
         OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such scene.
     """
 
-    cells: tuple[int, int] = (4, 4)
-    _: KW_ONLY
+    cells: tuple[int, int] = field(None, default=(4, 4))
     held: Held = Held.CORNERS
-    slack: float = 0.1
-    spacing: float = 0.25
-    rod_mass: float = ROPE_ELEMENT_MASS
-    load: float = 0.5
+    slack: float = field(kinds.number("within (0, 1)", lambda x: 0 < x < 1), default=0.1)
+    spacing: float = field(kinds.positive("m"), default=0.25)
+    rod_mass: float = field(kinds.positive("kg"), default=ROPE_ELEMENT_MASS)
+    load: float = field(kinds.not_negative("N"), default=0.5)
     gravity: float = GRAVITY
     duration: float = 3.0
     name: str = "net"
@@ -64,15 +64,8 @@ class Net:
     def __call__(self) -> Scene:
         if not isinstance(self.cells, (Sequence, np.ndarray)) or isinstance(self.cells, str) or len(self.cells) != 2:
             raise OptionError(f"net: cells = {self.cells!r}; it must be two numbers of cells, along x and along y")
-        member("net: held", self.held, Held)
         across, along = (whole("net: cells", value, 1) for value in self.cells)
         check_nodes("net: cells", self.cells, (across + 1) * (along + 1), MOST_FOUND)
-        positive("net: spacing", self.spacing, "m")
-        positive("net: rod_mass", self.rod_mass, "kg")
-        if not 0 < finite("net: slack", self.slack) < 1:
-            raise OptionError(f"net: slack = {self.slack!r}; it must be within (0, 1)")
-        if finite("net: load", self.load, " [N]") < 0:
-            raise OptionError(f"net: load = {self.load!r} N; it must be >= 0 N")
         edges = self.held is Held.EDGES
         if across < 2 or (along < 2 and not edges):
             raise OptionError(
@@ -124,7 +117,7 @@ class Net:
             name=self.name,
             source=f"our own; rods like those of the cable of {THESIS}, section 3.3, pages 66-69",
             gravity=(0.0, 0.0, -self.gravity),
-            loads=(Load(middle, (0.0, 0.0, -float(self.load))),) if self.load else (),
+            loads=(Load(middle, (0.0, 0.0, -self.load)),) if self.load else (),
             duration=self.duration,
         )
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
+from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, finite, positive, whole
+from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, positive
+from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cable import GRAVITY, ROPE_LENGTH, ROPE_RADIUS, RopeMass
@@ -42,7 +43,7 @@ def catenary(span: float, rise: float, length: float, elements: int) -> Array:
     return nodes
 
 
-@dataclass(frozen=True, eq=False)
+@value("suspended_cable", OptionError, positional=1)
 class SuspendedCable:
     """A chain of equal rods between two supports, at the start where it hangs; the right support moves to and fro.
 
@@ -62,38 +63,35 @@ class SuspendedCable:
         OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such scene.
     """
 
-    elements: int = 22
-    _: KW_ONLY
-    span: float = 2.0
+    elements: int = field(kinds.whole(3), default=22)
+    span: float = field(kinds.positive("m"), default=2.0)
     rise: float = 0.0
-    length: float = ROPE_LENGTH
-    mass: float = RopeMass.TABLE.kilograms
-    amplitude: float = 0.03
+    length: float = field(kinds.positive("m"), default=ROPE_LENGTH)
+    mass: float = field(kinds.positive("kg"), default=RopeMass.TABLE.kilograms)
+    amplitude: float = field(kinds.not_negative("m"), default=0.03)
     frequency: float = 0.6
     gravity: float = GRAVITY
     duration: float = 10.0
     name: str = "suspended_cable"
 
     def __call__(self) -> Scene:
-        count = whole("suspended_cable: elements", self.elements, 3)
-        check_nodes("suspended_cable: elements", self.elements, count + 1, MOST_FOUND)
-        total = positive("suspended_cable: length", self.length, "m")
-        reach = positive("suspended_cable: span", self.span, "m")
-        height = finite("suspended_cable: rise", self.rise, " [m]")
-        size = finite("suspended_cable: amplitude", self.amplitude, " [m]")
-        positive("suspended_cable: mass", self.mass, "kg")
-        if size < 0:
-            raise OptionError(f"suspended_cable: amplitude = {self.amplitude!r} m; it must be >= 0 m")
-        farthest = math.hypot(reach + size, height)
-        if not farthest < total:
+        count, size = self.elements, self.amplitude
+        check_nodes("suspended_cable: elements", count, count + 1, MOST_FOUND)
+        farthest = math.hypot(self.span + size, self.rise)
+        if not farthest < self.length:
             raise OptionError(
                 f"suspended_cable: length = {self.length!r} m; it must exceed the {farthest:.6g} m that the supports "
                 "come to be apart"
             )
-        guess = catenary(reach, height, total, count)
+        guess = catenary(self.span, self.rise, self.length, count)
         pairs = [(k, k + 1) for k in range(count)]
         shape = hang(
-            guess, pairs, np.full(count, total / count), np.full(count, self.mass / count), (0, count), self.gravity
+            guess,
+            pairs,
+            np.full(count, self.length / count),
+            np.full(count, self.mass / count),
+            (0, count),
+            self.gravity,
         )
         motions: tuple[Motion, ...] = ()
         if size:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
-from tensegrity_mj.basics.checks import finite
+from tensegrity_mj.basics.fields import refused, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import THESIS
@@ -55,7 +55,7 @@ TABLE_C2 = {
 CORRECTED_STIFFNESS = {"TB6": 1600e3, "TB7": 2000e3}
 
 
-@dataclass(frozen=True, eq=False)
+@value("chapter7_tower", OptionError, positional=2)
 class Chapter7Tower:
     """The beam of §7.2.3: 15 stages that lean the same way, along x, free, of aluminium tubes of 1.22 m.
 
@@ -80,7 +80,6 @@ class Chapter7Tower:
 
     stiffness: float = STIFFNESSES[0]
     prestress_measure: float = PRESTRESS_MEASURES[0]
-    _: KW_ONLY
     topology: Topology = Topology.FULL
     radius: float | None = None
     damping: float = 0.0
@@ -91,7 +90,7 @@ class Chapter7Tower:
     name: str = "chapter7_tower"
 
     def __call__(self) -> Scene:
-        force = _pluck("chapter7_tower", self.pluck, self.form_found)
+        force = _pluck(self)
         scene = tower(
             CHAPTER7_STAGES,
             topology=self.topology,
@@ -114,7 +113,7 @@ class Chapter7Tower:
 chapter7_tower = function_of(Chapter7Tower)
 
 
-@dataclass(frozen=True, eq=False)
+@value("appendix_beam", OptionError, positional=1)
 class AppendixBeam:
     """A beam of appendix C.1: 30 stages that lean to and fro, along x, of steel tubes of √2 m, form-found free.
 
@@ -136,7 +135,6 @@ class AppendixBeam:
     """
 
     which: str = "TB1"
-    _: KW_ONLY
     corrected: bool = False
     stiffness: float | None = None
     damping: float = 0.0
@@ -148,11 +146,9 @@ class AppendixBeam:
     name: str = ""
 
     def __call__(self) -> Scene:
-        if not isinstance(self.which, str) or self.which not in TABLE_C2:
+        if self.which not in TABLE_C2:
             raise OptionError(f"appendix_beam: which = {self.which!r}; allowed: {', '.join(TABLE_C2)}")
-        if not isinstance(self.corrected, (bool, np.bool_)):
-            raise OptionError(f"appendix_beam: corrected = {self.corrected!r}; it must be True or False")
-        force = _pluck("appendix_beam", self.pluck, self.form_found)
+        force = _pluck(self)
         if force and not self.pinned_base:
             raise OptionError(f"appendix_beam: pluck = {self.pluck!r} N pulls a free beam away; give pinned_base=True")
         row = TABLE_C2[self.which]
@@ -186,9 +182,8 @@ class AppendixBeam:
 appendix_beam = function_of(AppendixBeam)
 
 
-def _pluck(what: str, value: float, form_found: bool) -> float:
+def _pluck(family: Chapter7Tower | AppendixBeam) -> float:
     """The force [N], or OptionError."""
-    force = finite(f"{what}: pluck", value, " [N]")
-    if force and not form_found:
-        raise OptionError(f"{what}: pluck = {value!r} N bends what is in equilibrium; leave form_found=True")
-    return force
+    if family.pluck and not family.form_found:
+        raise refused(family, f"pluck = {family.pluck!r} N bends what is in equilibrium; leave form_found=True")
+    return family.pluck

@@ -17,13 +17,15 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Iterable
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import MOST_FOUND, MOST_NODES, check_nodes, finite, member, positive, real_array, whole
+from tensegrity_mj.basics.checks import MOST_FOUND, MOST_NODES, check_nodes
+from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import THESIS
@@ -54,7 +56,7 @@ class Axis(enum.Enum):
     Z = "z"  # standing
 
 
-@dataclass(frozen=True, eq=False)
+@value("tower", OptionError, positional=1)
 class Tower:
     """A tower of `stages` prisms at rest; the defaults are the aluminium tubes and softest strings of §7.2.3.
 
@@ -84,65 +86,43 @@ class Tower:
         OptionError, InfeasibleError, StructureError, SceneError: for parameters that make no such tower.
     """
 
-    stages: int
-    _: KW_ONLY
-    rod_length: float | None = None
-    radius: float | None = None
-    height: float | None = None
+    stages: int = field(kinds.whole(1))
+    rod_length: float | None = field(kinds.positive("m"), none="None", default=None)
+    radius: float | None = field(kinds.positive("m"), none="None", default=None)
+    height: float | None = field(kinds.positive("m"), none="None", default=None)
     topology: Topology = Topology.FULL
     alternating: bool = False
     mirrored: bool = False
-    stiffness: float = 1e4
+    stiffness: float = field(kinds.positive("N/m"), default=1e4)
     damping: float = 0.0
-    prestress_measure: float | None = None
-    tension: float | None = None
-    outer_diameter: float = 0.10
-    inner_diameter: float = 0.09
-    density: float = 2700.0
-    elasticity_modulus: float = 70e9
-    yield_stress: float | None = None
+    prestress_measure: float | None = field(kinds.positive("m"), none="None", default=None)
+    tension: float | None = field(kinds.positive("N"), none="None", default=None)
+    outer_diameter: float = field(kinds.positive("m"), default=0.10)
+    inner_diameter: float = field(kinds.not_negative("m"), default=0.09)
+    density: float = field(kinds.positive("kg/m³"), default=2700.0)
+    elasticity_modulus: float = field(kinds.positive("Pa"), default=70e9)
+    yield_stress: float | None = field(kinds.positive("Pa"), none="None where it is unknown", default=None)
     axis: Axis = Axis.X
-    origin: Vector = (0.0, 0.0, 0.0)
+    origin: Vector = field(kinds.vector("m"), default=(0.0, 0.0, 0.0))
     pinned_base: bool = False
     form_found: bool = True
-    gravity: float = 0.0
+    gravity: float = field(kinds.not_negative("m/s²"), default=0.0)
     duration: float = 5.0
     name: str = "tower"
 
     def __call__(self) -> Scene:
-        count = whole("tower: stages", self.stages, 1)
-        check_nodes("tower: stages", self.stages, 6 * count, MOST_FOUND if self.form_found is True else MOST_NODES)
-        member("tower: topology", self.topology, Topology)
-        member("tower: axis", self.axis, Axis)
-        for what in ("alternating", "mirrored", "pinned_base", "form_found"):
-            flag = getattr(self, what)
-            if not isinstance(flag, (bool, np.bool_)):
-                raise OptionError(f"tower: {what} = {flag!r}; it must be True or False")
+        check_nodes("tower: stages", self.stages, 6 * self.stages, MOST_FOUND if self.form_found else MOST_NODES)
         wide, high = _proportions(self.rod_length, self.radius, self.height)
-        outer, inner = (
-            positive("tower: outer_diameter", self.outer_diameter, "m"),
-            finite("tower: inner_diameter", self.inner_diameter),
-        )
-        if not 0 <= inner < outer:
-            raise OptionError(
-                f"tower: inner_diameter = {self.inner_diameter!r} m; it must be >= 0 and less than outer_diameter = "
-                f"{outer:g} m"
+        outer = self.outer_diameter
+        if not self.inner_diameter < outer:
+            raise refused(
+                self, f"inner_diameter = {self.inner_diameter!r} m; it must be less than outer_diameter = {outer:g} m"
             )
-        pull = finite("tower: gravity", self.gravity, " [m/s²]")
-        if pull < 0:
-            raise OptionError(f"tower: gravity = {self.gravity!r} m/s²; it must be >= 0 m/s²")
-        modulus = positive("tower: elasticity_modulus", self.elasticity_modulus, "Pa")
-        section = Section.tube(
-            outer / 2,
-            (outer - inner) / 2,
-            modulus,
-            None if self.yield_stress is None else positive("tower: yield_stress", self.yield_stress, "Pa"),
-        )
-        spring = positive("tower: stiffness", self.stiffness, "N/m")
-        mass = positive("tower: density", self.density, "kg/m³") * section.area * math.hypot(high, math.sqrt(3) * wide)
-        base = real_array("tower: origin", self.origin, (3,), "m", scalar=False)
-        nodes = _laid_out(count, wide, high, self.axis, base)
-        hands = [(-1 if self.mirrored else 1) * (-1 if self.alternating and s % 2 else 1) for s in range(count)]
+        section = Section.tube(outer / 2, (outer - self.inner_diameter) / 2, self.elasticity_modulus, self.yield_stress)
+        spring = self.stiffness
+        mass = self.density * section.area * math.hypot(high, math.sqrt(3) * wide)
+        nodes = _laid_out(self.stages, wide, high, self.axis, np.array(self.origin))
+        hands = [(-1 if self.mirrored else 1) * (-1 if self.alternating and s % 2 else 1) for s in range(self.stages)]
         pairs = dict(_strings(hands, self.topology))
         lengths = {key: float(np.linalg.norm(nodes[j] - nodes[i])) for key, (i, j) in pairs.items()}
         short = _shortening(self.prestress_measure, self.tension, spring)
@@ -172,7 +152,7 @@ class Tower:
             structure,
             name=self.name,
             source=f"{THESIS}, section 7.2.3 and appendix C.1, pages 154-157 and 185-194",
-            gravity=(0.0, 0.0, -pull),
+            gravity=(0.0, 0.0, -self.gravity),
             duration=self.duration,
         )
         return form_find(scene) if self.form_found else scene
@@ -246,14 +226,13 @@ def _proportions(rod_length: float | None, radius: float | None, height: float |
             f"tower: rod_length = {rod_length!r}, radius = {radius!r}, height = {height!r}; two of them make the third"
         )
     if radius is not None and height is not None:
-        return positive("tower: radius", radius, "m"), positive("tower: height", height, "m")
-    long = positive("tower: rod_length", ROD_LENGTH if rod_length is None else rod_length, "m")
+        return radius, height
+    long = ROD_LENGTH if rod_length is None else rod_length
     if height is not None:
-        high = positive("tower: height", height, "m")
-        if high >= long:
+        if height >= long:
             raise OptionError(f"tower: height = {height!r} m; it must be less than rod_length = {long:g} m")
-        return math.sqrt((long - high) * (long + high) / 3), high
-    wide = long / math.sqrt(6) if radius is None else positive("tower: radius", radius, "m")
+        return math.sqrt((long - height) * (long + height) / 3), height
+    wide = long / math.sqrt(6) if radius is None else radius
     across = math.sqrt(3) * wide
     if across >= long:
         raise OptionError(
@@ -270,10 +249,8 @@ def _shortening(prestress_measure: float | None, tension: float | None, stiffnes
             f"tower: prestress_measure = {prestress_measure!r} m and tension = {tension!r} N; give one of them"
         )
     if tension is not None:
-        return positive("tower: tension", tension, "N") / stiffness
-    return positive(
-        "tower: prestress_measure", PRESTRESS_MEASURE if prestress_measure is None else prestress_measure, "m"
-    )
+        return tension / stiffness
+    return PRESTRESS_MEASURE if prestress_measure is None else prestress_measure
 
 
 def _laid_out(stages: int, radius: float, height: float, axis: Axis, origin: Array) -> dict[str, Array]:

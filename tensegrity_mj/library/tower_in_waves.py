@@ -10,9 +10,8 @@ at rest with its axis `start_depth` below the still surface, from where it rises
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass
-
-from tensegrity_mj.basics.checks import finite, member, positive
+from tensegrity_mj.basics import kinds
+from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import THESIS
@@ -28,7 +27,7 @@ START_DEPTH = 1.0  # m: the axes of figures 7.6 and 7.7 have the beam 1 m below 
 GRAVITY = 9.81  # m/s²
 
 
-@dataclass(frozen=True, eq=False)
+@value("tower_in_waves", OptionError, positional=2)
 class TowerInWaves:
     """A free tower of aluminium tubes of 1.22 m in one harmonic wave; the defaults are §7.2.3's softest case.
 
@@ -59,13 +58,12 @@ class TowerInWaves:
 
     stiffness: float = STIFFNESSES[0]
     prestress_measure: float = PRESTRESS_MEASURES[0]
-    _: KW_ONLY
     stages: int = CHAPTER7_STAGES
     topology: Topology = Topology.FULL
     radius: float | None = None
     damping: float = 0.0
-    wave_height: float = WAVE_HEIGHT
-    wavelength: float = WAVELENGTH
+    wave_height: float = field(kinds.not_negative("m"), default=WAVE_HEIGHT)
+    wavelength: float = field(kinds.positive("m"), default=WAVELENGTH)
     direction: float = 0.0
     phase: float = 0.0
     water_depth: float | None = None
@@ -80,17 +78,8 @@ class TowerInWaves:
     name: str = "tower_in_waves"
 
     def __call__(self) -> Scene:
-        height = finite("tower_in_waves: wave_height", self.wave_height, " [m]")
-        if height < 0:
-            raise OptionError(f"tower_in_waves: wave_height = {self.wave_height!r} m; it must be >= 0 m")
-        member("tower_in_waves: weights", self.weights, Weights)
-        wave = Wave(
-            0.5 * height,
-            positive("tower_in_waves: wavelength", self.wavelength, "m"),
-            None,
-            finite("tower_in_waves: direction", self.direction, " [rad]"),
-            finite("tower_in_waves: phase", self.phase, " [rad]"),
-        )
+        height = self.wave_height
+        wave = Wave(0.5 * height, self.wavelength, None, self.direction, self.phase)
         water = Water(
             depth=self.water_depth,
             waves=(wave,) if height else (),
@@ -108,7 +97,7 @@ class TowerInWaves:
             stiffness=self.stiffness,
             damping=self.damping,
             prestress_measure=self.prestress_measure,
-            origin=(0.0, 0.0, -finite("tower_in_waves: start_depth", self.start_depth, " [m]")),
+            origin=(0.0, 0.0, -self.start_depth),
             gravity=GRAVITY,
             duration=self.duration,
             name=self.name,

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import KW_ONLY, dataclass
 
-from tensegrity_mj.basics.checks import check_nodes, finite, positive, whole
+from tensegrity_mj.basics import kinds
+from tensegrity_mj.basics.checks import check_nodes
+from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cable import GRAVITY
@@ -17,7 +18,7 @@ from tensegrity_mj.model.structure import Structure
 RADIUS = 0.005  # m
 
 
-@dataclass(frozen=True, eq=False)
+@value("truss_arm", OptionError, positional=2)
 class TrussArm:
     """A cantilever of square or rectangular cells in the xz plane, let go from straight under its weight.
 
@@ -40,31 +41,23 @@ class TrussArm:
         OptionError, StructureError, SceneError: for parameters that make no such scene.
     """
 
-    cells: int = 4
-    braced: int = 1
-    _: KW_ONLY
-    cell_length: float = 0.25
-    height: float = 0.25
-    line_mass: float = 0.2
+    cells: int = field(kinds.whole(1), default=4)
+    braced: int = field(kinds.whole(0), default=1)
+    cell_length: float = field(kinds.positive("m"), default=0.25)
+    height: float = field(kinds.positive("m"), default=0.25)
+    line_mass: float = field(kinds.positive("kg/m"), default=0.2)
     stiffness: float = 500.0
     damping: float = 1.0
     tension: float = 10.0
-    gravity: float = GRAVITY
+    gravity: float = field(kinds.not_negative("m/s²"), default=GRAVITY)
     duration: float = 5.0
     name: str = "truss_arm"
 
     def __call__(self) -> Scene:
-        count = whole("truss_arm: cells", self.cells, 1)
-        check_nodes("truss_arm: cells", self.cells, 2 * (count + 1))
-        if whole("truss_arm: braced", self.braced, 0) > count:
-            raise OptionError(f"truss_arm: braced = {self.braced!r}; it must be at most the number of cells, {count}")
-        step, rise = (
-            positive("truss_arm: cell_length", self.cell_length, "m"),
-            positive("truss_arm: height", self.height, "m"),
-        )
-        density = positive("truss_arm: line_mass", self.line_mass, "kg/m")
-        if finite("truss_arm: gravity", self.gravity, " [m/s²]") < 0:
-            raise OptionError(f"truss_arm: gravity = {self.gravity!r} m/s²; it must be >= 0 m/s²")
+        count, step, rise = self.cells, self.cell_length, self.height
+        check_nodes("truss_arm: cells", count, 2 * (count + 1))
+        if self.braced > count:
+            raise refused(self, f"braced = {self.braced!r}; it must be at most the number of cells, {count}")
         nodes = {}
         for k in range(count + 1):
             nodes[f"b{k}"], nodes[f"t{k}"] = (k * step, 0.0, 0.0), (k * step, 0.0, rise)
@@ -72,7 +65,7 @@ class TrussArm:
         rods, strings = [], []
 
         def rod(kind: str, k: int, i: str, j: str, length: float, support: Support) -> None:
-            rods.append(Rod(f"{kind}{k}", (i, j), density * length, RADIUS, support))
+            rods.append(Rod(f"{kind}{k}", (i, j), self.line_mass * length, RADIUS, support))
 
         hinge, loose = Support.pinned(0.0, plane=PLANE), Support.free(0.0, plane=PLANE)
         for k in range(1, count + 1):
@@ -91,7 +84,7 @@ class TrussArm:
             structure,
             name=self.name,
             source="our own: rods and strings for diagonals",
-            gravity=(0.0, 0.0, -float(self.gravity)),
+            gravity=(0.0, 0.0, -self.gravity),
             duration=self.duration,
         )
 

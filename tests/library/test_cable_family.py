@@ -525,7 +525,7 @@ REFUSED: dict[str, tuple[Callable[[], object], type[TensegrityError], tuple[str,
     ),
     "gravity": (lambda: cable(gravity=0.0), OptionError, ("cable: gravity = 0.0", "> 0 m/s²")),
     "duration": (lambda: cable(duration=0.0), SceneError, ("duration = 0.0", "> 0 s")),
-    "name": (lambda: cable(name=3), StructureError, ("structure 3: name = 3",)),  # type: ignore[arg-type]
+    "name": (lambda: cable(name=3), OptionError, ("cable: name = 3", "text")),  # type: ignore[arg-type]
     "suggested frequency": (lambda: suggest_elements(0, 1), OptionError, ("frequency = 0", "> 0 Hz")),
     "suggested length": (lambda: suggest_elements(1, -1), OptionError, ("length = -1", "> 0 m")),
     "suggested ratio": (lambda: suggest_elements(1, 1, 0.0), OptionError, ("ratio = 0.0", "> 0")),
@@ -536,7 +536,7 @@ REFUSED: dict[str, tuple[Callable[[], object], type[TensegrityError], tuple[str,
     "taut": (lambda: suspended_cable(span=2.75), OptionError, ("length = 2.75 m", "2.78 m", "apart")),
     "taut by its motion": (lambda: suspended_cable(span=2.74), OptionError, ("2.77 m",)),
     "taut by its rise": (lambda: suspended_cable(rise=2.0), OptionError, ("2.84972 m", "apart")),
-    "suspended amplitude": (lambda: suspended_cable(amplitude=-1.0), OptionError, ("amplitude = -1.0 m", ">= 0 m")),
+    "suspended amplitude": (lambda: suspended_cable(amplitude=-1.0), OptionError, ("amplitude = -1.0;", ">= 0 m")),
     "suspended frequency": (lambda: suspended_cable(frequency=0.0), OptionError, ("frequency = 0.0", "> 0 Hz")),
     "suspended mass": (lambda: suspended_cable(mass=0.0), OptionError, ("mass = 0.0", "> 0 kg")),
     "cells": (lambda: net((4,)), OptionError, ("net: cells = (4,)", "two numbers")),  # type: ignore[arg-type]
@@ -545,7 +545,7 @@ REFUSED: dict[str, tuple[Callable[[], object], type[TensegrityError], tuple[str,
     "one cell": (lambda: net((2, 1)), OptionError, ("net: cells = (2, 1)", "2 or more")),
     "net held": (lambda: net(held="corners"), OptionError, ("held = 'corners'", "Held.EDGES")),  # type: ignore[arg-type]
     "slack": (lambda: net(slack=0.0), OptionError, ("slack = 0.0", "(0, 1)")),
-    "net load": (lambda: net(load=-1.0), OptionError, ("load = -1.0 N", ">= 0 N")),
+    "net load": (lambda: net(load=-1.0), OptionError, ("load = -1.0;", ">= 0 N")),
     "viscous": (lambda: cable(viscous=np.ones(2)), OptionError, ("cable: viscous = [1.0, 1.0]",)),  # type: ignore[arg-type]
     "bending": (lambda: cable(bending_stiffness=-1.0), OptionError, ("cable: bending_stiffness = -1.0", ">= 0")),
     "drag": (lambda: cable(drag=np.ones(2)), OptionError, ("cable: drag = [1.0, 1.0]",)),  # type: ignore[arg-type]
