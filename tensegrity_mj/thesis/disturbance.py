@@ -26,7 +26,7 @@ class Quantity(enum.Enum):
     STIFFNESS: of strings, at their rest lengths.
     DAMPING: of strings, of joints, and by fluids and water.
     GAIN: the decay rate, or the natural frequency, that the law is given.
-    GEOMETRY: all lengths of rods, places of supports and targets; rest lengths of strings stay.
+    GEOMETRY: all lengths of rods, places of supports, targets and a cable's markers; rest lengths of strings stay.
     """
 
     MASS = "mass"

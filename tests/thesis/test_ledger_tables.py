@@ -15,9 +15,11 @@ import pytest
 import tensegrity_mj as tmj
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.library.tower_in_waves import tower_in_waves
+from tensegrity_mj.studies.cable.chain import Chain
 from tensegrity_mj.studies.workers import Backend, Workers
 from tensegrity_mj.thesis import noticed, sensitivity
 from tensegrity_mj.thesis.catalog import STATEMENTS
+from tensegrity_mj.thesis.chapter3.series import ELEMENTS, PLACES, SERIES, hanging, marker_places
 from tensegrity_mj.thesis.disturbance import GAINS, Disturbance, Quantity, disturbance_of, disturbed, disturbed_options
 from tensegrity_mj.thesis.experiments import EXPERIMENTS, EngineName, simulate_experiment
 from tensegrity_mj.thesis.expression import compiled, evaluate
@@ -292,6 +294,20 @@ def test_the_gain_is_that_of_the_law() -> None:
     assert disturbed_options(prism, "projection", {"decay_rate": 0.2}, error)["decay_rate"] == pytest.approx(0.22)
     assert disturbed_options(prism, "projection", {"decay_rate": 0.2}, None) == {"decay_rate": 0.2}
     assert {one.law or one.load().control.law for one in EXPERIMENTS.values()} <= set(GAINS)  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.1])
+def test_markers_stay_where_they_are_on_a_rope_of_another_length(factor: float, tmp_path: Path) -> None:
+    """The second is at 2.88 m of 2.93 m: in place it would hang below a rope a tenth shorter."""
+    longer = Disturbance(Quantity.GEOMETRY, factor)
+    rope = hanging(ELEMENTS[0])
+    there = Chain.of(rope.structure).weights(PLACES)
+    scaled = Chain.of(disturbed(rope, longer).structure).weights(marker_places(longer))
+    np.testing.assert_allclose(scaled, there, atol=1e-14)  # sums of some ten lengths, relative to one of them
+    assert marker_places(Disturbance(Quantity.MASS, factor)) == PLACES
+    run = SERIES["starts"].compute(EngineName.DAE, tmp_path, HERE, False, longer)
+    assert run.results is not None
+    assert np.isfinite(run.results.amplitudes).all()
 
 
 def test_a_bad_disturbance_is_refused() -> None:

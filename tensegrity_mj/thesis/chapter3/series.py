@@ -20,7 +20,7 @@ from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.library.cable import FASTENING_LENGTH, MARKERS, Excitation, Start, cable, refined
 from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.studies.many import run_many
-from tensegrity_mj.thesis.disturbance import Disturbance, disturbance_of, disturbed
+from tensegrity_mj.thesis.disturbance import Disturbance, Quantity, disturbance_of, disturbed
 from tensegrity_mj.thesis.experiments import EngineName
 
 if TYPE_CHECKING:
@@ -163,7 +163,7 @@ class Series:
             pairs = [pair for pair in zip(cases, found.steps, strict=True) if math.isfinite(pair[1].step)]
             cases = [replace(case, engine=replace(case.engine, timestep=one.step)) for case, one in pairs]
         else:
-            found = replace(found, results=run_cases(cases, PLACES, place, label=label, **how))
+            found = replace(found, results=run_cases(cases, marker_places(disturbance), place, label=label, **how))
         lost = [] if found.results is None or self.timed else found.results.failed
         if lost and found.results is not None:
             text = f"{len(lost)} of {len(cases)} cases, the first at {cases[lost[0]].frequency:g} Hz: "
@@ -171,6 +171,13 @@ class Series:
         if self.timed:
             found = replace(found, seconds=_timed(cases, found, folder / f"{place.name}-timing.json"))
         return replace(found, cost={"wall_time": time.perf_counter() - started})
+
+
+def marker_places(disturbance: Disturbance | None) -> tuple[float, ...]:
+    """Arc lengths [m] of the markers from the top: they sit on the rope, so their places scale with its lengths."""
+    if disturbance is None or disturbance.quantity is not Quantity.GEOMETRY:
+        return PLACES
+    return tuple(disturbance.factor * place for place in PLACES)
 
 
 def oscillations(point: dict[str, Any]) -> dict[str, Any]:
