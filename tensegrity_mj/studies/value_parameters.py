@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from tensegrity_mj.basics.checks import choice_from
-from tensegrity_mj.basics.fields import Key, item_of
+from tensegrity_mj.basics.fields import Key, item_of, kind_of
 from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.studies.parameter_values import Scaled, axis_of, no_more, number_from, scaled, vector_from
@@ -34,7 +34,7 @@ def setter(now: Any, parts: Sequence[str], path: str, what: str) -> Setter:
         OptionError: if they name nothing that could be set.
     """
     if not is_dataclass(now):
-        raise OptionError(f"{path}: {what} is a {type(now).__name__}, which has no fields that could be set")
+        raise OptionError(f"{path}: {what} is of class {type(now).__name__}, which has no fields that could be set")
     match = MEMBER.fullmatch(parts[0]) if parts else None
     keys = {
         key: one for key, one in item_of(type(now)).keys.items() if one.kind.single or one.kind.row or one.kind.part
@@ -62,16 +62,19 @@ def setter(now: Any, parts: Sequence[str], path: str, what: str) -> Setter:
 
 
 def _chosen(items: Sequence[Any], which: str | None, path: str, name: str) -> dict[int, Any]:
-    """Places of the items that are meant: all, or those of a name; a number, where they have no names."""
-    names = [_name(item) or str(place) for place, item in enumerate(items)]
-    if which is not None and which not in names:
-        raise OptionError(f"{path}: {unknown(which, dict.fromkeys(names), f'member of {name}')}")
-    return {place: item for place, item in enumerate(items) if which in (None, names[place])}
+    """Places of the items that are meant: all, those of a name or of a registered kind, or the one at a place."""
+    words = [_words(item, place) for place, item in enumerate(items)]
+    known = dict.fromkeys(word for some in words for word in some)
+    if which is not None and which not in known:
+        raise OptionError(f"{path}: {unknown(which, known, f'member of {name}')}")
+    return {place: item for place, item in enumerate(items) if which is None or which in words[place]}
 
 
-def _name(item: Any) -> str:
+def _words(item: Any, place: int) -> list[str]:
+    """What an item may be called by: its name, where it has one; or else its kind, and its place."""
     title = item_of(type(item)).title if is_dataclass(item) else ""
-    return str(getattr(item, title)) if title else ""
+    kind = kind_of(type(item))
+    return [str(getattr(item, title))] if title else [*([kind] if kind else []), str(place)]
 
 
 def _set_some(one: Key, setters: dict[int, Setter], held: Any, value: Any) -> Any:
