@@ -397,8 +397,8 @@ WRONG: list[tuple[str, str, type[TensegrityError], tuple[str, ...]]] = [
     (
         '{ kind = "pinned" }',
         '{ kind = "constrained", D = [[0, 0, 1]], values = [0, 0] }',
-        FormatError,
-        ("values = [0, 0]", "a number a row of D"),
+        StructureError,
+        ("rods[0] 'rod'.support: values: r̄ has 2 values for 1 rows of D",),
     ),
     ('{ kind = "pinned" }', '{ kind = "pinned", plane = [0, 1] }', FormatError, ("plane = [0, 1]", "[x, y, z]")),
     (

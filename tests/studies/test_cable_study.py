@@ -246,7 +246,7 @@ def test_a_step_beyond_the_limit_is_refused_before_it_runs() -> None:
         ({"excitation": Excitation.NONE}, "excitation"),
         ({"excitation": "in-line"}, "excitation"),
         ({"direction": (0.0, 0.0, 1.0)}, "horizontal"),
-        ({"direction": (0.0, 0.0, 0.0)}, "not zero"),
+        ({"direction": (0.0, 0.0, 0.0)}, "must not be zero"),
         ({"engine": "dae"}, "engine"),
         ({"scene": tmj.load_scene("prism")}, "chain"),
         ({"scene": cable(13, excitation=Excitation.NONE).with_(gravity=(0.0, 0.0, 0.0))}, "gravity"),

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from tensegrity_mj.basics.fields import item_of
-from tensegrity_mj.basics.kinds import is_list, is_row
 from tensegrity_mj.model.members import Rod, Support
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
@@ -13,6 +13,11 @@ from tensegrity_mj.model.text.codec import READERS, WRITERS, built, fields_of, r
 from tensegrity_mj.model.text.keys import STRUCTURE_KEYS, SUPPORT_KEYS, TUBE_KEYS
 from tensegrity_mj.model.text.table import Table
 
+SUPPORTS: dict[str, Callable[..., Support]] = {
+    "free": Support.free,
+    "pinned": Support.pinned,
+    "constrained": Support.constrained,
+}
 PINNED = Support.pinned().directions
 
 
@@ -29,22 +34,16 @@ def _section(table: Table) -> Section:
     if "outer_radius" not in table.data and "wall" not in table.data:
         return read_fields(Section, table)
     table.allow(TUBE_KEYS)
-    radius, wall, modulus = (table.number(key) for key in TUBE_KEYS[:3])
-    return built(table, Section, lambda: Section.tube(radius, wall, modulus, table.number("yield_stress", None)))
+    given = {key: table.number(key) for key in TUBE_KEYS if key in table.data or key != "yield_stress"}
+    return built(table, Section, lambda: Section.tube(**given))
 
 
 def _support(table: Table) -> Support:
     kind = table.choice("kind", SUPPORT_KEYS)
     table.allow(SUPPORT_KEYS[kind])
-    plane = table.vector("plane", None)
-    if kind == "free":
-        return built(table, Support, lambda: Support.free(table.number("sigma", 0.5), plane))
-    sigma = table.number("sigma", 0.0)
-    if kind == "pinned":
-        return built(table, Support, lambda: Support.pinned(sigma, plane))
-    rows = table.get("D", "rows of three numbers, as [[0, 0, 1]]", lambda x: bool(x) and is_list(x, is_row))
-    values = table.numbers("values", "a number a row of D", len(rows), None)
-    return built(table, Support, lambda: Support.constrained(rows, sigma, values, plane))
+    keys = item_of(Support).keys
+    given = {key: read_key(keys[key], table, key) for key in SUPPORT_KEYS[kind][1:] if key in table.data or key == "D"}
+    return built(table, Support, lambda: SUPPORTS[kind](**given))
 
 
 def _rod_table(rod: Rod) -> dict[str, Any]:

@@ -12,8 +12,10 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import finite, member, positive
+from tensegrity_mj.basics.checks import positive
+from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.engines.table import engine_settings
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.library.cable import Excitation, Start
@@ -42,7 +44,7 @@ STABLE = {Scheme.RUNGE_KUTTA: math.sqrt(8.0), Scheme.SEMI_IMPLICIT: 2.0, Scheme.
 COARSENESS = 0.35  # h ω of the default step: a twentieth of the fastest period, an eighth of the limit
 
 
-@dataclass(frozen=True)
+@value("case", OptionError)
 class Case:
     """A hanging chain, how its top moves, and the engine that computes it.
 
@@ -57,23 +59,18 @@ class Case:
         direction: horizontal, of any length.
     """
 
-    scene: Scene
-    frequency: float
-    excitation: Excitation = Excitation.IN_LINE
-    amplitude: float = 0.05
-    start: Start = Start.MOVING_FRAME
-    seed: float = 0.0
-    engine: Any = None
-    direction: tuple[float, float, float] = DIRECTION
+    scene: Scene = field(kinds.part(Scene))
+    frequency: float = field(kinds.positive("Hz"))
+    excitation: Excitation = field(kinds.choice(Excitation), default=Excitation.IN_LINE)
+    amplitude: float = field(kinds.positive("m"), default=0.05)
+    start: Start = field(kinds.choice(Start), default=Start.MOVING_FRAME)
+    seed: float = field(kinds.finite("rad"), default=0.0)
+    engine: Any = field(None, default=None)
+    direction: tuple[float, float, float] = field(kinds.direction(), default=DIRECTION)
 
-    def __post_init__(self) -> None:
-        member("case: excitation", self.excitation, Excitation)
-        member("case: start", self.start, Start)
+    def __attrs_post_init__(self) -> None:
         if self.excitation is Excitation.NONE:
             raise OptionError("case: excitation = none; use Excitation.IN_LINE or Excitation.CIRCULAR")
-        positive("case: frequency", self.frequency, "Hz")
-        positive("case: amplitude", self.amplitude, "m")
-        finite("case: seed", self.seed, " [rad]")
         _axes(self.scene, self.direction)
         chain = Chain.of(self.scene.structure)
         if self.engine is None:
@@ -370,8 +367,6 @@ def _axes(scene: Scene, direction: Sequence[float]) -> tuple[Array, Array, Array
     along = np.asarray(direction, float)
     if not np.linalg.norm(g) > 0:
         raise OptionError(f"scene '{scene.name}' has no gravity; a hanging chain needs it")
-    if along.shape != (3,) or not np.all(np.isfinite(along)) or not np.linalg.norm(along) > 0:
-        raise OptionError(f"case: direction = {direction!r}; it must be a vector that is not zero")
     up = -g / np.linalg.norm(g)
     along = along / np.linalg.norm(along)
     if abs(float(along @ up)) > 1e-9:
