@@ -13,6 +13,7 @@ from types import ModuleType
 import pytest
 
 import tensegrity_mj as tmj
+from tensegrity_mj.basics.dependencies import missing_for_dm_control
 
 ROOT = Path(__file__).resolve().parents[2]
 FACES = [
@@ -60,6 +61,22 @@ def test_the_package_has_at_most_40_names() -> None:
     namespace: dict[str, object] = {}
     exec("from tensegrity_mj import *", namespace)
     assert set(tmj.__all__) <= set(namespace)
+
+
+def test_names_in_the_guides_are_there() -> None:
+    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "models").glob("*/README.md")]
+    named = {(page.name, name) for page in pages for name in re.findall(r"\btmj((?:\.\w+)+)", page.read_text("utf-8"))}
+    assert len(named) > 100
+    for page, name in named:
+        if name.startswith(".dm_control") and missing_for_dm_control():
+            continue
+        place: object = tmj
+        for part in name[1:].split("."):
+            if isinstance(place, ModuleType) and not hasattr(place, part):
+                place = import_module(f"{place.__name__}.{part}")  # of a room that is no name of the top
+                continue
+            assert hasattr(place, part), f"{page}: tmj{name}"
+            place = getattr(place, part)
 
 
 def test_a_name_that_is_not_there_says_what_is() -> None:
