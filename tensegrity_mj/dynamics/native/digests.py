@@ -125,5 +125,5 @@ def _root(value: Any) -> str:
 
 
 def hashed(content: str | bytes) -> str:
-    """SHA-256 in hexadecimal digits."""
+    """BLAKE2b of 32 bytes, in hexadecimal digits."""
     return blake2b(content.encode() if isinstance(content, str) else content, digest_size=32).hexdigest()
