@@ -7,6 +7,7 @@ import contextlib
 import os
 import sys
 import traceback
+import warnings
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -29,12 +30,13 @@ from tensegrity_mj.commands import (
     tradeoff,
     validate,
 )
-from tensegrity_mj.commands.common import ExitCode, Outcome
+from tensegrity_mj.commands.common import ExitCode, Outcome, warn
 from tensegrity_mj.commands.parser import Groups, Parser, UsageError, build
 from tensegrity_mj.errors import (
     DivergenceError,
     InfeasibleError,
     MissingLibraryError,
+    StabilityWarning,
     TensegrityError,
     printable,
     printable_message,
@@ -75,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return ExitCode.SUCCESS
         if not hasattr(options, "execute"):
             parser.error(f"name a command: {', '.join(parser.commands)}")
-        with _stdout_to_stderr():
+        with _stdout_to_stderr(), _warnings_in_one_line():
             outcome: Outcome = options.execute(options)
         answer = to_json(outcome.data) if as_json else printable(outcome.text, keep="\n")
     except UsageError as error:
@@ -150,6 +152,22 @@ def _stdout_to_stderr() -> Iterator[None]:
         if kept is not None:
             os.dup2(kept, 1)
             os.close(kept)
+
+
+@contextlib.contextmanager
+def _warnings_in_one_line() -> Iterator[None]:
+    """Print warnings of steps as `warn` does: Python would add the path and the line of our code that simulates."""
+    with warnings.catch_warnings():
+        usual = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+            if issubclass(category, StabilityWarning):
+                warn(str(message))
+            else:
+                usual(message, category, *place, **more)
+
+        warnings.showwarning = show
+        yield
 
 
 if __name__ == "__main__":

@@ -70,6 +70,13 @@ def test_scenes_families_and_laws_that_were_probably_meant(
     assert err.count("\n") == 1
 
 
+def test_a_step_that_is_too_large_is_warned_of_in_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    main("run truss_arm --timestep 0.05 --duration 0.1".split())
+    lines = [line for line in capsys.readouterr().err.splitlines() if "beyond the largest stable one" in line]
+    assert len(lines) == 1
+    assert lines[0].startswith("warning: the step of 0.05 s is beyond")
+
+
 def test_help_shows_the_groups_with_one_line_each(capsys: pytest.CaptureFixture[str]) -> None:
     for words, groups in (([], GROUPS), (["audit"], {"commands": GROUPS["this package"]["audit"].COMMANDS})):
         with pytest.raises(SystemExit) as end:
