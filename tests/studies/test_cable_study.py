@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from modal_superposition import response
 
 import tensegrity_mj as tmj
 from tensegrity_mj.engines.mujoco.engine import MuJoCo
@@ -32,7 +33,7 @@ TIMES = np.arange(0.0, 45.0 + 1e-9, 0.02)
 
 def modal(case: Case) -> np.ndarray:
     """Relative amplitudes of markers 5 and 10 (nodes 7 and 12) in the linear model."""
-    x, v = linear_model(case.scene).response(TIMES, case.amplitude, case.frequency, case.start)
+    x, v = response(linear_model(case.scene), TIMES, case.amplitude, case.frequency, case.start)
     return np.array([response_amplitude(TIMES, x[:, n], v[:, n]) / (2 * case.amplitude) for n in (7, 12)])
 
 
@@ -56,7 +57,7 @@ def compared(frequency: float, amplitude: float) -> tuple[np.ndarray, np.ndarray
     difference of the motions over half of it."""
     case = Case(SCENE, frequency, amplitude=amplitude)
     run = simulated(case)
-    x, v = linear_model(SCENE).response(run.time, amplitude, frequency)
+    x, v = response(linear_model(SCENE), run.time, amplitude, frequency)
     change, phase = [], []
     for n in (7, 12):
         own = response_amplitude(run.time, run.nodes[:, n, 1], run.velocities[:, n, 1])
@@ -195,7 +196,7 @@ def test_another_chain_in_another_direction() -> None:
     nodes = {f"n{k}": (1.0, 2.0, 5.0 - z) for k, z in enumerate((0.0, 0.7, 1.0, 2.2))}
     scene = tmj.Scene(tmj.Structure(name="three", nodes=nodes, rods=rods), gravity=(0.0, 0.0, -1.62), duration=45.0)
     case = Case(scene, 0.25, amplitude=1e-3, direction=(2.0, 0.0, 0.0))
-    x, v = linear_model(scene).response(TIMES, 1e-3, 0.25)
+    x, v = response(linear_model(scene), TIMES, 1e-3, 0.25)
     found = run_cases([case], (0.7, 2.2), workers=HERE)
     own = [response_amplitude(TIMES, x[:, n], v[:, n]) / 2e-3 for n in (1, 3)]
     np.testing.assert_allclose(found.relative[0, :, 0], own, rtol=0.01)

@@ -1,4 +1,4 @@
-"""The linear model of a hanging chain, and its motion by modal superposition: what small amplitudes must give.
+"""The linear model of a hanging chain.
 
 For small rotations about the vertical, the transverse components β (K,) of the rods' directions obey
 
@@ -15,12 +15,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.cable import Start
 from tensegrity_mj.studies.cable.chain import Chain
 
 
@@ -80,7 +78,7 @@ class HangingChain:
         return self.lengths * (0.5 * self.masses + self.below)
 
     @cached_property
-    def _modes(self) -> tuple[Array, Array]:
+    def modes(self) -> tuple[Array, Array]:
         """ω (K,) [rad/s] ascending, and modes (K, K) with XᵀMX = 1."""
         # M = L Lᵀ; G^½ M⁻¹ G^½ would do as well, but this one keeps the low frequencies to round-off of their own.
         root = np.sqrt(self.stiffness)
@@ -92,48 +90,9 @@ class HangingChain:
     @property
     def frequencies(self) -> Array:
         """(K,) [Hz], ascending."""
-        return self._modes[0] / (2.0 * np.pi)
+        return self.modes[0] / (2.0 * np.pi)
 
     @property
     def fastest(self) -> float:
         """Largest angular frequency [rad/s]: what decides the largest stable step."""
-        return float(self._modes[0][-1])
-
-    @property
-    def shapes(self) -> Array:
-        """(K + 1, K): transverse displacement of the nodes in each mode, the largest 1 and the lowest node's > 0."""
-        moved = np.vstack([np.zeros(len(self.lengths)), np.cumsum(self.lengths[:, None] * self._modes[1], axis=0)])
-        return moved / np.abs(moved).max(axis=0) * np.sign(moved[-1])
-
-    def response(
-        self, times: ArrayLike, amplitude: float, frequency: float, start: Start = Start.MOVING_FRAME
-    ) -> tuple[Array, Array]:
-        """Displacements (T, K + 1) [m] and velocities [m/s] of the nodes, the top moved by amplitude · sin(2π f t).
-
-        Exact in time, at resonance too. In the lab frame, the first rod alone turns at t = 0, so that all nodes but the
-        top are at rest.
-
-        Args:
-            times: (T,) [s] from 0.
-            amplitude: [m].
-            frequency: f [Hz].
-            start: in which frame the chain is at rest at t = 0.
-        """
-        t = np.asarray(times, float)[:, None]
-        A, drive = positive("amplitude", amplitude, "m"), 2.0 * np.pi * positive("frequency", frequency, "Hz")
-        omega, X = self._modes
-        force = (X.T @ self.input) * A * drive**2
-        first = np.zeros(len(omega))
-        if start is Start.LAB_FRAME:
-            first[0] = -A * drive / self.lengths[0]
-        rate = X.T @ (self.mass_matrix @ first)  # of the modal coordinates at t = 0
-        # η = force (ω sin Ωt - Ω sin ωt) / (ω (ω² - Ω²)) + rate sin ωt / ω, without the division by ω - Ω.
-        half, mean = 0.5 * (omega - drive), 0.5 * (omega + drive)
-        sine, cosine = np.sin(omega * t), np.cos(omega * t)
-        slow = np.sinc(half * t / np.pi)  # sin(half t) / (half t)
-        eta = force / omega * (sine - omega * t * np.cos(mean * t) * slow) / (omega + drive) + rate * sine / omega
-        # η' = force Ω (cos Ωt - cos ωt) / (ω² - Ω²) + rate cos ωt, likewise.
-        eta_rate = force * drive * t * np.sin(mean * t) * slow / (omega + drive) + rate * cosine
-        modes = np.vstack([np.zeros(len(omega)), np.cumsum(self.lengths[:, None] * X, axis=0)])
-        top = A * np.sin(drive * t), A * drive * np.cos(drive * t)
-        return top[0] + eta @ modes.T, top[1] + eta_rate @ modes.T
+        return float(self.modes[0][-1])
