@@ -160,9 +160,10 @@ class Measure:
 
 def laid_out(tree: Path, folder: Path) -> Path:
     """The package of a tree as an installation has it, in a folder for PYTHONPATH."""
-    shutil.copytree(tree / "tensegrity_mj", folder / "tensegrity_mj", ignore=shutil.ignore_patterns("__pycache__"))
+    ignored = shutil.ignore_patterns("__pycache__", "shipped")
+    shutil.copytree(tree / "tensegrity_mj", folder / "tensegrity_mj", ignore=ignored)
     for name in ("controllers", "models"):
-        shutil.copytree(tree / name, folder / "tensegrity_mj" / name, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(tree / name, folder / "tensegrity_mj" / name, ignore=ignored)
     subprocess.run([sys.executable, "-m", "compileall", "-q", str(folder)], check=True)  # as installers do
     return folder
 

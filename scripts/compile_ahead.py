@@ -44,25 +44,20 @@ def main() -> None:
     if ship and kept.SHIPPED.is_dir():
         for old in kept.SHIPPED.glob(f"*.{sys.implementation.cache_tag}.*.nbc"):
             old.unlink()
-    functions = compiling.c_functions
-    begun = time.monotonic()
-    compiled = 0
+    todo = [function for function in compiling.c_functions if ship or not function.is_kept]
+    begun, watched = time.monotonic(), sys.stderr.isatty()
     with notices.silent():
-        for number, function in enumerate(functions, 1):
-            before = time.monotonic()
-            print(f"\rCompiling {number}/{len(functions)}: {function.what:<70.70}", end="", file=sys.stderr, flush=True)
+        for number, function in enumerate(todo, 1):
+            text = f"Compiling {number} of {len(todo)}: {function.what:<60.60}"
+            print(f"\r{text}" if watched else text.rstrip(), end="" if watched else "\n", file=sys.stderr, flush=True)
             _ = function.address
-            compiled += not function.cache_hits
             if ship:
                 function.ship(kept.SHIPPED)
-            elif not function.cache_hits and not sys.stderr.isatty():
-                print(f" {time.monotonic() - before:.0f} s", file=sys.stderr, flush=True)
-        print("\r" + 100 * " " + "\r", end="", file=sys.stderr)
-        if compiled and not ship:
+        if todo and not ship:
             _run_engines()
-    spent = time.monotonic() - begun
-    if compiled or ship:
-        print(f"Compiled {compiled} of {len(functions)} functions in {spent:.0f} s", file=sys.stderr)
+    if todo:
+        text = f"Compiled {len(todo)} functions in {time.monotonic() - begun:.0f} s"
+        print(f"\r{text:<100}" if watched else text, file=sys.stderr)
 
 
 def _run_engines() -> None:

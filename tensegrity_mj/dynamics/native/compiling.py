@@ -131,6 +131,11 @@ class CFunction:
             keep_code(self.py_func, self.signature, self._options, code)
             return code, code.load()
 
+    @property
+    def is_kept(self) -> bool:
+        """Whether it need not be compiled."""
+        return kept_code(self.py_func, self.signature, self._options) is not None
+
     def ship(self, folder: Path) -> None:
         """Write the machine code as an entry of the package: it is to be compiled for any processor.
 
