@@ -11,9 +11,8 @@ import numpy as np
 
 from tensegrity_mj.dynamics.kernels import rod_accelerations
 from tensegrity_mj.dynamics.native.compiling import njit
-from tensegrity_mj.dynamics.native.pointers import floats
 from tensegrity_mj.dynamics.native.vectors import vector
-from tensegrity_mj.dynamics.native.water import added_masses, immerse
+from tensegrity_mj.dynamics.native.water import immerse
 from tensegrity_mj.dynamics.target import point_target, rod_target
 from tensegrity_mj.dynamics.wet_rods import wet_rod_accelerations
 
@@ -72,7 +71,7 @@ class Known(NamedTuple):
         string_nodes: (M, 2).
         target: `TargetArrays`.
         gravity: (3,) [m/s²].
-        water: address of a `PackedWater`'s table, 0 for none.
+        water: address of a `Sea`, 0 for none.
         gains: (2, n): K_p and K_d.
     """
 
@@ -105,10 +104,9 @@ def error_equation(t: float, nodes: Any, velocities: Any, known: Known, A: Any, 
     c, aim_c = work[12], work[13]
     beta, beta_rate, aim, aim_rate = work[14], work[15], work[16], work[17]
     P, aim_P = np.empty((2, 3)), np.empty((2, 3))
-    wet, added = np.zeros((len(nodes), 3)), floats(0, (count, 4))
+    wet, added = np.zeros((len(nodes), 3)), np.zeros((count, 4))
     if water != 0:
-        immerse(water, t, nodes, velocities, wet)
-        added = floats(added_masses(water), (count, 4))
+        immerse(water, t, nodes, velocities, wet, added)
     at = 0
     for a in range(count):
         rod = rods[a]

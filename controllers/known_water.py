@@ -6,7 +6,8 @@ import enum
 from dataclasses import replace
 from typing import Any
 
-from tensegrity_mj.dynamics.native.water import PackedWater
+from tensegrity_mj.dynamics.native.views import Table
+from tensegrity_mj.dynamics.native.water import packed_sea
 from tensegrity_mj.model.elements.water import Water
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -35,12 +36,12 @@ def checked_water(structure: Structure, gravity: tuple[float, float, float], wat
     return None if water is None else Scene(structure, gravity=gravity, water=water).water
 
 
-def packed_water(structure: Structure, gravity: tuple[float, float, float], water: Water | None) -> PackedWater | None:
-    """For compiled code, which keeps what it finds in it: one for each compiled law."""
-    return None if water is None else PackedWater(Scene(structure, gravity=gravity, water=water))
+def packed_water(structure: Structure, gravity: tuple[float, float, float], water: Water | None) -> Table | None:
+    """For compiled code."""
+    return None if water is None else packed_sea(Scene(structure, gravity=gravity, water=water))
 
 
-def water_address(packed: PackedWater | None) -> int:
+def water_address(packed: Table | None) -> int:
     """Of the table; 0 for none."""
     return 0 if packed is None else packed.address
 

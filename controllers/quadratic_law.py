@@ -43,7 +43,7 @@ from tensegrity_mj.dynamics.native.pointers import (
     records_reader,
     stack_doubles,
 )
-from tensegrity_mj.dynamics.native.water import PackedWater
+from tensegrity_mj.dynamics.native.views import Table
 from tensegrity_mj.dynamics.records import POINT, ROD
 from tensegrity_mj.dynamics.target import read_target
 from tensegrity_mj.errors import InfeasibleError, OptionError
@@ -80,7 +80,7 @@ DISCONTINUOUS = (
 
 @inlined
 def _room(nodes: int, strings: int, water: int) -> int:
-    return (6 if water != 0 else 3) * nodes + 2 * strings
+    return (9 if water != 0 else 3) * nodes + 2 * strings
 
 
 @inlined
@@ -103,7 +103,7 @@ def _evaluate(t: float, nodes_at: int, velocities_at: int, own: Any, command_at:
     nodes, velocities = floats(nodes_at, (count, 3)), floats(velocities_at, (count, 3))
     influence = floats(room, (count, 3))
     f, ceiling = floats(room + 24 * count, (size,)), floats(room + 24 * count + 8 * size, (size,))
-    wet = floats(room + 24 * count + 16 * size if own.water else 0, (count, 3))
+    wet = floats(room + 24 * count + 16 * size if own.water else 0, (2 * count, 3))
     V_error, V_velocity, beta = quadratic_terms(t, nodes, velocities, known, influence, wet, f)
     V = V_error + V_velocity
     alpha = beta + own.decay_rate * V
@@ -228,7 +228,7 @@ class QuadraticLaw:
         return Packed(self.structure, self.target, self.gains)
 
     @cached_property
-    def _packed_water(self) -> PackedWater | None:
+    def _packed_water(self) -> Table | None:
         return packed_water(self.structure, self.gravity, self.water)
 
     @cached_property
@@ -239,8 +239,7 @@ class QuadraticLaw:
         own, packed = self.structure, self._packed
         limited = bool(np.any(self.floor > 0)) or bool(np.any(np.isfinite(self.limits.max_force_density)))
         rods, points = packed.records.rods, packed.records.points
-        # Each compiled law has its own water, which is written into. Scratch lies on the stack, which each thread has,
-        # or is the law's own where it is too large for that.
+        # Scratch lies on the stack, which each thread has, or is the law's own where it is too large for that.
         water = packed_water(own, self.gravity, self.water)
         room = _room.py_func(len(own.nodes), len(own.strings), water_address(water))
         scratch = np.empty(room if room > STACK_LIMIT else 0)
@@ -274,7 +273,7 @@ class QuadraticLaw:
             gravity=self.gravity,
             water=self.water,
             decay_rate=self.decay_rate,
-            stateless=len(scratch) == 0 and water is None,
+            stateless=len(scratch) == 0,
         )
 
     def native(self, structure: Structure) -> NativeLaw:
@@ -335,7 +334,7 @@ class QuadraticLaw:
             np.array(self.gravity),
             water_address(self._packed_water),
         )
-        influence, wet, f = np.empty((count, 3)), np.empty((count, 3)), np.empty(len(self.structure.strings))
+        influence, wet, f = np.empty((count, 3)), np.empty((2 * count, 3)), np.empty(len(self.structure.strings))
         state = state_of(time, nodes, velocities, count)
         error, velocity, beta = quadratic_terms(*state, known, influence, wet, f)
         return Terms(error, velocity, beta, f)

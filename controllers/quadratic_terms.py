@@ -24,7 +24,7 @@ from tensegrity_mj.controllers.gains import GAINS
 from tensegrity_mj.dynamics.kernels import rod_accelerations
 from tensegrity_mj.dynamics.native.pointers import floats, inlined, stack_doubles
 from tensegrity_mj.dynamics.native.vectors import ZERO, apply, apply_transposed, dot, minus, plus, row_of, times, vector
-from tensegrity_mj.dynamics.native.water import added_masses, immerse
+from tensegrity_mj.dynamics.native.water import immerse
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import PackedTarget, point_target, rod_target, standing_at, standing_targets
 from tensegrity_mj.dynamics.wet_rods import wet_rod_accelerations
@@ -72,7 +72,7 @@ class Known(NamedTuple):
         string_nodes: (M, 2).
         target, standing: where it moves, and where it stands (`standing_targets`).
         gravity: (3,) [m/s²].
-        water: address of a `PackedWater`'s table, 0 for none.
+        water: address of a `Sea`, 0 for none.
     """
 
     rods: Any
@@ -113,7 +113,7 @@ def quadratic_terms(
     """Both parts of V, β of (5.11) or (6.13), and f of (5.12) or (6.14) into (M,); weight and water are known forces.
 
     Args:
-        wet: (N, 3), written where there is water: its forces on the nodes.
+        wet: (2N, 3), written where there is water: its forces on the nodes, and behind them α (R, 4) of the rods.
         influence: (N, 3), written: Φ Aᵀ c, how each node's force enters V̇.
     """
     rods, points, gains, water = known.rods, known.points, known.gains, known.water
@@ -125,11 +125,11 @@ def quadratic_terms(
             influence[n, k] = 0.0
     added = floats(0, (len(rods), 4))
     if water != 0:
-        for n in range(len(nodes)):
+        for n in range(len(wet)):
             for k in range(3):
                 wet[n, k] = 0.0
-        immerse(water, t, nodes, velocities, wet)
-        added = floats(added_masses(water), (len(rods), 4))
+        added = floats(wet.ctypes.data + 24 * len(nodes), (len(rods), 4))
+        immerse(water, t, nodes, velocities, wet, added)
     for a in range(len(rods)):
         rod, gain = rods[a], gains[a]
         first, first_rate = row_of(nodes, rod.i), row_of(velocities, rod.i)

@@ -36,6 +36,10 @@ class ControllerError(TensegrityError, RuntimeError):
     """A control law that failed: an exception, a wrong shape, or a value that is not finite."""
 
 
+class ElementError(TensegrityError, RuntimeError):
+    """An element that failed during a run: an exception, a wrong shape, or a value that is not finite."""
+
+
 class InfeasibleError(TensegrityError, RuntimeError):
     """A problem that has no admissible solution (prestress, control)."""
 

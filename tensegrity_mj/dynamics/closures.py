@@ -12,8 +12,8 @@ from tensegrity_mj.dynamics.joint_forces import (
     _factor,
     _solve,
     answer_of_rod,
-    read_joints,
 )
+from tensegrity_mj.dynamics.joint_plan import read_joints
 from tensegrity_mj.dynamics.kernels import direction_of
 from tensegrity_mj.dynamics.linked import (
     normalize_linked,
@@ -71,7 +71,7 @@ def _prepare_to_close(address: int, joints_at: int, q: Any) -> None:
         link = linked.links[k]
         b = direction_of(linked.rods[link.rod], q, linked.rods[link.rod].q + link.nz)
         joints.b[link.rod, 0], joints.b[link.rod, 1], joints.b[link.rod, 2] = b[0], b[1], b[2]
-    _assemble(linked, joints)
+    _assemble(linked, joints, None)
     _factor(joints)
 
 

@@ -13,167 +13,18 @@ accelerations are right all the same.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
-
-from tensegrity_mj.basics.arrays import IntArray
+from tensegrity_mj.dynamics.joint_plan import read_joints
 from tensegrity_mj.dynamics.kernels import accelerate_points, direction_of, rod_accelerations
-from tensegrity_mj.dynamics.linked import (
-    LinkedRecords,
-    read_linked,
-    stretch_term,
-    write_coordinates,
-)
-from tensegrity_mj.dynamics.native.pointers import address_of, borrowing, floats, inlined, integers
+from tensegrity_mj.dynamics.linked import read_linked, stretch_term, write_coordinates
+from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
 from tensegrity_mj.dynamics.native.vectors import ZERO, dot, minus, plus, row_of, times, vector
+from tensegrity_mj.dynamics.wet_rods import added_forces, answer_of_wet_rod, hold, own_mass, wet_compliance
 
 # Round-off leaves about 1e-15 of a pivot that should be zero. An error ε of the nodes makes a redundant joint's pivot
 # of the order of ε², so that drifts up to a millionth are recognized.
 LEAST_PIVOT = 1e-12
-
-
-class JointArrays(NamedTuple):
-    """What compiled code sees of a `JointPlan`; joints are numbered as they are eliminated, rods as in the structure.
-
-    Attributes:
-        joints: (E, 4) rod row and end of the owner, rod row and end of the other.
-        first: (3E,) first column of each row of S that is not zero.
-        start: (3E,) where in `values` each row's first column is.
-        attached: (R + 1,) where each link's entries of `attachments` start.
-        attachments: (2E, 3) joint, end of the rod, and +1 for the other or -1 for the owner; joints ascend.
-        closures: (C,) the joint of each closure.
-        values: S, and later L.
-        pivots: (3E,) 1 / D, or 0.
-        x: (3E,) right-hand side, and later the forces on the others [N].
-        ends: (R, 2, 3) forces at the rods' ends [N].
-        free: (R, 2, 3) accelerations of the ends without forces of joints [m/s²].
-        b: (R, 3) in world components.
-        c: (R,) of `stretch_term`.
-        closure_forces: (C, 3) forces of the closures on the others [N].
-        blocks: (3, 3, 3) room for `_compliance`.
-    """
-
-    joints: Any
-    first: Any
-    start: Any
-    attached: Any
-    attachments: Any
-    closures: Any
-    values: Any
-    pivots: Any
-    x: Any
-    ends: Any
-    free: Any
-    b: Any
-    c: Any
-    closure_forces: Any
-    blocks: Any
-
-
-@dataclass(frozen=True, eq=False)
-class JointPlan:
-    """Where everything of S is, for one structure.
-
-    Attributes:
-        arrays: see `JointArrays`.
-        table: sizes and addresses of them.
-    """
-
-    arrays: JointArrays
-    table: IntArray
-
-    @classmethod
-    def of(cls, records: LinkedRecords) -> JointPlan:
-        """The plan of some records."""
-        rods, count = records.rods, len(records.rods)
-        joints = np.array(
-            [
-                (owner, int(rods[owner]["j"] == node), other, int(rods[other]["j"] == node))
-                for node, owner, other in records.forest.joints
-            ],
-            np.int64,
-        ).reshape(-1, 4)
-        size = len(joints)
-        at_rod: list[list[int]] = [[] for _ in range(count)]
-        for number, (owner, _, other, _) in enumerate(joints):
-            at_rod[owner].append(number)
-            at_rod[other].append(number)
-        order = _elimination_order(at_rod, size)
-        places = np.empty(size, np.int64)
-        places[order] = np.arange(size)
-        first_block = np.arange(size)
-        for numbers in at_rod:
-            if numbers:
-                lowest = int(places[numbers].min())
-                first_block[places[numbers]] = np.minimum(first_block[places[numbers]], lowest)
-        first = np.repeat(3 * first_block, 3)
-        lengths = np.arange(3 * size) - first + 1
-        start = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
-        attached, attachments = [0], []
-        for link in records.links:
-            row = int(link["rod"])
-            for place in sorted(int(places[number]) for number in at_rod[row]):
-                owner, end, other, other_end = joints[order[place]]
-                attachments.append((place, other_end, 1) if other == row else (place, end, -1))
-            attached.append(len(attachments))
-        closures = len(records.forest.closures)
-        arrays = JointArrays(
-            joints=np.ascontiguousarray(joints[order]),
-            first=first.astype(np.int64),
-            start=start[:-1].copy(),
-            attached=np.array(attached, np.int64),
-            attachments=np.array(attachments, np.int64).reshape(-1, 3),
-            closures=places[size - closures :].copy(),
-            values=np.zeros(int(start[-1])),
-            pivots=np.zeros(3 * size),
-            x=np.zeros(3 * size),
-            ends=np.zeros((count, 2, 3)),
-            free=np.zeros((count, 2, 3)),
-            b=np.zeros((count, 3)),
-            c=np.zeros(count),
-            closure_forces=np.zeros((closures, 3)),
-            blocks=np.zeros((3, 3, 3)),
-        )
-        table = np.array([size, count, closures, start[-1], *(address_of(array) for array in arrays)], np.int64)
-        return cls(arrays, table)
-
-
-def _elimination_order(at_rod: list[list[int]], size: int) -> IntArray:
-    """Joints by reverse Cuthill-McKee on the graph of joints that share a rod."""
-    from scipy.sparse import csr_array
-    from scipy.sparse.csgraph import reverse_cuthill_mckee
-
-    pairs = np.array([(a, b) for numbers in at_rod for a in numbers for b in numbers if a != b]).reshape(-1, 2)
-    if len(pairs) == 0:
-        return np.arange(size)
-    graph = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
-    return np.asarray(reverse_cuthill_mckee(graph, symmetric_mode=True), np.int64)
-
-
-@inlined
-def read_joints(address: int) -> Any:
-    """The arrays of a `JointPlan`."""
-    table = integers(address, (19,))
-    E, R, C = table[0], table[1], table[2]
-    return JointArrays(
-        integers(table[4], (E, 4)),
-        integers(table[5], (3 * E,)),
-        integers(table[6], (3 * E,)),
-        integers(table[7], (R + 1,)),
-        integers(table[8], (2 * E, 3)),
-        integers(table[9], (C,)),
-        floats(table[10], (table[3],)),
-        floats(table[11], (3 * E,)),
-        floats(table[12], (3 * E,)),
-        floats(table[13], (R, 2, 3)),
-        floats(table[14], (R, 2, 3)),
-        floats(table[15], (R, 3)),
-        floats(table[16], (R,)),
-        floats(table[17], (C, 3)),
-        floats(table[18], (3, 3, 3)),
-    )
 
 
 @inlined
@@ -274,7 +125,7 @@ def _solve(joints: Any) -> None:
 
 
 @borrowing
-def _assemble(linked: Any, joints: Any) -> None:
+def _assemble(linked: Any, joints: Any, added: Any) -> None:
     """S of the directions b of the moment."""
     values, first, start, attachments = joints.values, joints.first, joints.start, joints.attachments
     for k in range(len(values)):
@@ -284,7 +135,11 @@ def _assemble(linked: Any, joints: Any) -> None:
         if low == high:
             continue
         link = linked.links[k]
-        _compliance(linked.rods[link.rod], link.held, row_of(joints.b, link.rod), joints.blocks)
+        if added is None:
+            _compliance(linked.rods[link.rod], link.held, row_of(joints.b, link.rod), joints.blocks)
+        else:
+            own = own_mass(added, link.rod)
+            wet_compliance(linked.rods[link.rod], row_of(joints.b, link.rod), own, joints.blocks)
         for p in range(low, high):
             row_end, row_sign = attachments[p, 1], attachments[p, 2]
             for q in range(low, p + 1):
@@ -329,11 +184,14 @@ def set_ends(address: int, forces: Any, joints_at: int) -> None:
 
 
 @borrowing
-def joint_accelerations(at: Any, q: Any, rates: Any, forces: Any, constants: Any, out: Any, multipliers: Any) -> float:
+def joint_accelerations(
+    at: Any, added: Any, q: Any, rates: Any, forces: Any, constants: Any, out: Any, multipliers: Any
+) -> float:
     """q̈ (nq,) and λ (R,) for nodal forces (N, 3) [N] at a state that `place_linked` has placed.
 
     Args:
         at: (3,) addresses of the tables of `LinkedRecords`, `JointPlan` and `TreeEquations`.
+        added: None; or α of the rods (R, 4) [kg], and the forces (N, 3) [N] of the added mass, which are written.
         q, rates: the state.
         forces: on the nodes.
         constants: (5,) gravity [m/s²], and Baumgarte's gains k_p, k_d of (3.25) for lengths and closures, or zero.
@@ -357,14 +215,14 @@ def joint_accelerations(at: Any, q: Any, rates: Any, forces: Any, constants: Any
             continue
         drive = _acceleration_of(linked, link.motion)
         ends = joints.ends[link.rod]
-        r_acc, b_acc, _ = answer_of_rod(rod, link.held, b, c, row_of(ends, 0), row_of(ends, 1), minus(g, drive))
+        r_acc, b_acc, _ = _answer(rod, link, b, c, (row_of(ends, 0), row_of(ends, 1)), g, drive, added)
         r_acc = plus(r_acc, drive)
         free = joints.free[link.rod]
         for x in range(3):
             free[0, x] = r_acc[x] - rod.sigma * rod.length * b_acc[x]
             free[1, x] = r_acc[x] + (1.0 - rod.sigma) * rod.length * b_acc[x]
     if len(joints.joints) > 0:
-        _assemble(linked, joints)
+        _assemble(linked, joints, added)
         _factor(joints)
         for e in range(len(joints.joints)):
             for x in range(3):
@@ -378,22 +236,37 @@ def joint_accelerations(at: Any, q: Any, rates: Any, forces: Any, constants: Any
         _solve(joints)
         _add_joint_forces(joints)
     power = 0.0
+    if added is not None:
+        added[1][:] = 0.0
     for k in range(len(linked.links)):
         link = linked.links[k]
         rod = linked.rods[link.rod]
         b, ends = row_of(joints.b, link.rod), joints.ends[link.rod]
-        here = minus(g, _acceleration_of(linked, link.motion))
+        drive = _acceleration_of(linked, link.motion)
         first, second = row_of(ends, 0), row_of(ends, 1)
-        r_acc, b_acc, along = answer_of_rod(rod, link.held, b, joints.c[link.rod], first, second, here)
+        r_acc, b_acc, along = _answer(rod, link, b, joints.c[link.rod], (first, second), g, drive, added)
         multipliers[link.rod] = along * rod.per_J
         write_coordinates(rod, link.nz, r_acc, b_acc, out)
+        if added is not None:
+            hold(rod, added_forces(rod, b, own_mass(added, link.rod), plus(r_acc, drive), b_acc), added[1])
         if link.motion >= 0:
             # What the support must pull with, for r to move as it does: m r̈ + f b̈ = t_r + reaction.
-            t_r = plus(plus(first, second), times(rod.mass, here))
+            t_r = plus(plus(first, second), times(rod.mass, minus(g, drive)))
+            if added is not None:
+                pair = added_forces(rod, b, own_mass(added, link.rod), plus(r_acc, drive), b_acc)
+                t_r = plus(t_r, plus(pair[0], pair[1]))
             reaction = minus(plus(times(rod.mass, r_acc), times(rod.f, b_acc)), t_r)
             power += dot(reaction, row_of(linked.motions[link.motion], 1))
     accelerate_points(forces, linked.points, constants, out)
     return power + moved_nodes_power(at[0], forces)
+
+
+@borrowing
+def _answer(rod: Any, link: Any, b: Any, c: float, ends: Any, g: Any, drive: Any, added: Any) -> Any:
+    """`answer_of_rod` in the frame of the rod's support, which accelerates by `drive`, with its added mass if any."""
+    if added is None:
+        return answer_of_rod(rod, link.held, b, c, ends[0], ends[1], minus(g, drive))
+    return answer_of_wet_rod(rod, b, c, ends, minus(g, drive), drive, own_mass(added, link.rod))
 
 
 @inlined

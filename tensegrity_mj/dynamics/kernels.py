@@ -182,3 +182,27 @@ def normalize_direction(q: Any, rates: Any, at: int, nb: int) -> None:
         along += q[p] * rates[p]
     for p in range(at, at + nb):
         rates[p] -= along * q[p]
+
+
+@borrowing
+def solve_with_pivots(A: Any, n: int, right: int) -> None:
+    """Solve the n x n equations in A, whose right-hand sides are in the column `right`, in place, with pivots."""
+    for k in range(n):
+        best = k
+        for i in range(k + 1, n):
+            if abs(A[i, k]) > abs(A[best, k]):
+                best = i
+        if best != k:
+            for x in range(k, n):
+                A[k, x], A[best, x] = A[best, x], A[k, x]
+            A[k, right], A[best, right] = A[best, right], A[k, right]
+        for i in range(k + 1, n):
+            factor = A[i, k] / A[k, k]
+            if factor != 0.0:
+                for x in range(k, n):
+                    A[i, x] -= factor * A[k, x]
+                A[i, right] -= factor * A[k, right]
+    for k in range(n - 1, -1, -1):
+        for x in range(k + 1, n):
+            A[k, right] -= A[k, x] * A[x, right]
+        A[k, right] /= A[k, k]

@@ -1,166 +1,25 @@
 """The thesis' own forms of the equations of chapter 3, for any forest of rods: one large matrix, or one of K x K.
 
 Both are independent of `joint_forces`, which is faster, and serve as checks on it and as what the thesis describes.
-The mass matrix is constant: with Φ_i, Φ_j the (constant) derivatives of a rod's ends to q, it is the sum of
-m/3 (Φ_iᵀΦ_i + Φ_jᵀΦ_j + (Φ_iᵀΦ_j + Φ_jᵀΦ_i)/2) over the rods, a linear profile of velocities integrated.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array, IntArray
-from tensegrity_mj.dynamics.joint_forces import LEAST_PIVOT, moved_nodes_power, push_joint, read_joints, set_ends
+from tensegrity_mj.dynamics.joint_forces import LEAST_PIVOT, moved_nodes_power, push_joint, set_ends
+from tensegrity_mj.dynamics.joint_plan import read_joints
 from tensegrity_mj.dynamics.kernels import accelerate_points, direction_of
-from tensegrity_mj.dynamics.linked import LinkedRecords, read_linked, stretch_term, write_coordinates
-from tensegrity_mj.dynamics.native.pointers import address_of, borrowing, floats, inlined, integers, owning
+from tensegrity_mj.dynamics.linked import read_linked, stretch_term, write_coordinates
+from tensegrity_mj.dynamics.native.pointers import borrowing, inlined, owning
 from tensegrity_mj.dynamics.native.vectors import ZERO, dot, minus, plus, row_of, times, vector
+from tensegrity_mj.dynamics.tree_matrices import read_tree
+from tensegrity_mj.dynamics.wet_rods import forces_of_ends, hold, own_mass
 
 # Singular values of the scaled matrix (3.17) below this part of the largest are those of redundant closures.
 LEAST_SINGULAR_VALUE = 1e-11
-
-
-class TreeArrays(NamedTuple):
-    """What compiled code sees of a `TreeEquations`; n coordinates of the rods, C closures.
-
-    Attributes:
-        mass: (n, n) M, or its inverse for the K x K form.
-        loops: (3C, n) derivatives of the closures' gaps to the coordinates.
-        maps: (6R, n) derivatives of the rods' ends, for the full form alone.
-        held: (h, n) rows of supports and planes, for the full form alone.
-        at: (R,) where each rod's b starts among the coordinates.
-        roots: (R,) where each root's r starts, -1 for other rods; for the full form alone.
-    """
-
-    mass: Any
-    loops: Any
-    maps: Any
-    held: Any
-    at: Any
-    roots: Any
-
-
-@dataclass(frozen=True, eq=False)
-class TreeEquations:
-    """Constant matrices of one structure.
-
-    Attributes:
-        arrays: see `TreeArrays`.
-        table: sizes and addresses of them.
-    """
-
-    arrays: TreeArrays
-    table: IntArray
-
-    @classmethod
-    def dense(cls, records: LinkedRecords) -> TreeEquations:
-        """For (3.19)-(3.22): the coordinates are q of the records."""
-        maps = end_maps(records, full=False)
-        inverse = np.linalg.inv(mass_matrix(records, maps))
-        at = np.array([records.rods[row]["q"] for row in range(len(records.rods))], np.int64)
-        for link in records.links:
-            at[link["rod"]] += link["nz"]
-        nothing = np.zeros((0, records.rod_coordinates))
-        return cls._packed(0.5 * (inverse + inverse.T), loop_matrix(records, maps), nothing, nothing, at, at)
-
-    @classmethod
-    def full(cls, records: LinkedRecords) -> TreeEquations:
-        """For (3.17): b of every rod and r of every root, all in world components; supports are rows."""
-        maps = end_maps(records, full=True)
-        at, roots, size = _full_places(records)
-        rows = []
-        for number, rod in enumerate(records.structure.rods):
-            supported = rod.support.constraint_rows if roots[number] >= 0 else np.zeros((0, 3))
-            plane = [] if rod.support.plane is None else [rod.support.plane]
-            for where, directions in ((roots[number], supported), (at[number], np.array(plane).reshape(-1, 3))):
-                for direction in directions:
-                    row = np.zeros(size)
-                    row[where : where + 3] = direction / np.linalg.norm(direction)
-                    rows.append(row)
-        held = np.array(rows, float).reshape(-1, size)
-        flat = np.ascontiguousarray(maps.reshape(-1, size))
-        return cls._packed(mass_matrix(records, maps), loop_matrix(records, maps), flat, held, at, roots)
-
-    @classmethod
-    def _packed(cls, *arrays: Any) -> TreeEquations:
-        packed = TreeArrays(*(np.ascontiguousarray(array) for array in arrays))
-        sizes = (packed.mass.shape[1], *(len(array) for array in packed))
-        return cls(packed, np.array([*sizes, *(address_of(array) for array in packed)], np.int64))
-
-
-def _full_places(records: LinkedRecords) -> tuple[IntArray, IntArray, int]:
-    """Where b of each rod and r of each root start among the coordinates of the full form, and how many there are."""
-    at, roots, size = np.zeros(len(records.rods), np.int64), np.full(len(records.rods), -1, np.int64), 0
-    for row in range(len(records.rods)):
-        if records.forest.parent[row] < 0:
-            roots[row] = size
-            size += 3
-        at[row] = size
-        size += 3
-    return at, roots, size
-
-
-def end_maps(records: LinkedRecords, full: bool) -> Array:
-    """(R, 2, 3, n): derivatives of the ends of every rod to q, or to the coordinates of the full form."""
-    at, roots, size = _full_places(records)
-    maps = np.zeros((len(records.rods), 2, 3, size if full else records.rod_coordinates))
-    for link in records.links:
-        row = int(link["rod"])
-        rod = records.rods[row]
-        if full:
-            z, E, b, B = roots[row], np.eye(3), at[row], np.eye(3)
-        else:
-            z, E = rod["q"], rod["E"][:, : link["nz"]]
-            b, B = rod["q"] + link["nz"], rod["B"][:, : rod["nb"]]
-        ends = maps[row]
-        if link["parent"] >= 0:
-            start = int(link["hinge"])
-            hung = maps[records.links[link["parent"]]["rod"], link["parent_end"]]
-            ends[0], ends[1] = hung, hung
-            ends[1 - start][:, b : b + B.shape[1]] += (1 if start == 0 else -1) * rod["length"] * B
-        else:
-            for end, lever in ((0, -rod["sigma"]), (1, 1 - rod["sigma"])):
-                ends[end][:, z : z + E.shape[1]] = E
-                ends[end][:, b : b + B.shape[1]] = lever * rod["length"] * B
-    return maps
-
-
-def mass_matrix(records: LinkedRecords, maps: Array) -> Array:
-    """M (n, n), constant; for a chain of free rods (3.13) with the corrections of its misprints."""
-    weighted = np.sqrt(records.rods["mass"] / 3)[:, None, None, None] * maps
-    first, second = (weighted[:, end].reshape(-1, maps.shape[-1]) for end in (0, 1))
-    cross = first.T @ second
-    return np.asarray(first.T @ first + second.T @ second + 0.5 * (cross + cross.T))
-
-
-def loop_matrix(records: LinkedRecords, maps: Array | None = None) -> Array:
-    """(3C, n): derivatives of the closures' gaps to the rods' coordinates; the gaps are linear in them."""
-    if not records.forest.closures:
-        return np.zeros((0, records.rod_coordinates if maps is None else maps.shape[-1]))
-    maps = end_maps(records, full=False) if maps is None else maps
-    rows = [
-        maps[other, int(records.rods[other]["j"] == node)] - maps[owner, int(records.rods[owner]["j"] == node)]
-        for node, owner, other in records.forest.closures
-    ]
-    return np.array(rows).reshape(-1, maps.shape[-1])
-
-
-@inlined
-def read_tree(address: int) -> Any:
-    """The arrays of a `TreeEquations`."""
-    table = integers(address, (13,))
-    n = table[0]
-    return TreeArrays(
-        floats(table[7], (table[1], n)),
-        floats(table[8], (table[2], n)),
-        floats(table[9], (table[3], n)),
-        floats(table[10], (table[4], n)),
-        integers(table[11], (table[5],)),
-        integers(table[12], (table[6],)),
-    )
 
 
 @inlined
@@ -303,11 +162,13 @@ def dense_accelerations(at: Any, q: Any, rates: Any, forces: Any, constants: Any
             joints.closure_forces[a // 3, a % 3] = force[a]
     out[:n] = acceleration
     accelerate_points(forces, linked.points, constants, out)
-    return _supports_power(at[0], at[1], forces, constants, out)
+    return _supports_power(at[0], at[1], q, forces, constants, out, None)
 
 
 @owning
-def full_accelerations(at: Any, q: Any, rates: Any, forces: Any, constants: Any, out: Any, multipliers: Any) -> float:
+def full_accelerations(
+    at: Any, added: Any, q: Any, rates: Any, forces: Any, constants: Any, out: Any, multipliers: Any
+) -> float:
     """As `joint_accelerations`, by one matrix (3.17) of M̄, Y, and rows of supports, planes and closures.
 
     The matrix is scaled to unit diagonals and rows. With closures, which may be redundant, the solution of least norm
@@ -320,6 +181,8 @@ def full_accelerations(at: Any, q: Any, rates: Any, forces: Any, constants: Any,
     _load_ends(at[0], at[1], forces, constants)
     x[:n] = np.dot(joints.ends.copy().reshape(-1), tree.maps)
     matrix[:n, :n] = tree.mass
+    if added is not None:
+        _add_mass(linked, tree, added[0], q, matrix, x)
     for k in range(R):
         link = linked.links[k]
         rod, row, place = linked.rods[link.rod], n + link.rod, linked.rods[link.rod].q + link.nz
@@ -357,15 +220,43 @@ def full_accelerations(at: Any, q: Any, rates: Any, forces: Any, constants: Any,
     for a in range(size):
         joints.closure_forces[a // 3, a % 3] = -solved[n + R + held + a]
     accelerate_points(forces, linked.points, constants, out)
-    return _supports_power(at[0], at[1], forces, constants, out)
+    return _supports_power(at[0], at[1], q, forces, constants, out, added)
 
 
 @owning
-def _supports_power(address: int, joints_at: int, forces: Any, gravity: Any, accelerations: Any) -> float:
-    """Power of the moved supports [W]: what each tree's momentum takes that loads and closures do not give it."""
+def _add_mass(linked: Any, tree: Any, added: Any, q: Any, matrix: Any, x: Any) -> None:
+    """Σ Φᵀ_i α_ij P Φ_j to the mass matrix, and what moved supports make of it to the right-hand side."""
+    n = tree.mass.shape[0]
+    for k in range(len(linked.links)):
+        link = linked.links[k]
+        rod = linked.rods[link.rod]
+        b = direction_of(rod, q, rod.q + link.nz)
+        square, W, lead = dot(b, b), np.empty((6, 6)), np.empty(6)
+        drive = _drive_of(linked, link.drive)
+        for i in range(6):
+            lead[i] = drive[i % 3]
+            for j in range(6):
+                across = (1.0 if i % 3 == j % 3 else 0.0) - b[i % 3] * b[j % 3] / square
+                W[i, j] = added[link.rod, 2 * (i // 3) + j // 3] * across
+        maps = np.ascontiguousarray(tree.maps[6 * link.rod : 6 * link.rod + 6])
+        weighted = np.dot(maps.T, W)
+        matrix[:n, :n] += np.dot(weighted, maps)
+        x[:n] -= np.dot(weighted, lead)
+
+
+@owning
+def _supports_power(
+    address: int, joints_at: int, q: Any, forces: Any, gravity: Any, accelerations: Any, added: Any
+) -> float:
+    """Power of the moved supports [W]: what each tree's momentum takes that loads and closures do not give it.
+
+    Writes the forces of the added mass, where there is any.
+    """
     linked, joints = read_linked(address), read_joints(joints_at)
     power = moved_nodes_power(address, forces)
-    if len(linked.motions) == 0:
+    if added is not None:
+        added[1][:] = 0.0
+    elif len(linked.motions) == 0:
         return power
     set_ends(address, forces, joints_at)
     for a in range(len(joints.closures)):
@@ -387,10 +278,16 @@ def _supports_power(address: int, joints_at: int, forces: Any, gravity: Any, acc
                 r_acc = plus(r_acc, (rod.E[0, p] * z, rod.E[1, p] * z, rod.E[2, p] * z))
             first = minus(r_acc, times(rod.sigma * rod.length, b_acc))
         second = plus(first, times(rod.length, b_acc))
+        wet = ZERO
+        if added is not None:
+            b = direction_of(rod, q, rod.q + link.nz)
+            pair = forces_of_ends(b, own_mass(added, link.rod), first, second)
+            wet = plus(pair[0], pair[1])
+            hold(rod, pair, added[1])
         for x in range(3):
             ends[k, 0, x], ends[k, 1, x] = first[x], second[x]
             if link.drive >= 0:
-                need = rod.mass * (0.5 * (first[x] + second[x]) - gravity[x])
+                need = rod.mass * (0.5 * (first[x] + second[x]) - gravity[x]) - wet[x]
                 reactions[link.drive, x] += need - joints.ends[link.rod, 0, x] - joints.ends[link.rod, 1, x]
     for m in range(len(linked.motions)):
         power += dot(row_of(reactions, m), row_of(linked.motions[m], 1))

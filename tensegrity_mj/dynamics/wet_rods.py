@@ -120,3 +120,61 @@ def _power(rod: Any, b: Any, added: Any, r_acc: Any, b_acc: Any, r_rate: Any, b_
     force1 = minus(force1, times(dot(b, force1) * per_square, b))
     force2 = minus(force2, times(dot(b, force2) * per_square, b))
     return -dot(force1, v1) - dot(force2, v2)
+
+
+@inlined
+def own_mass(added: Any, rod: int) -> Any:
+    """(α_11, α_12, α_21, α_22) of a rod."""
+    return added[0][rod, 0], added[0][rod, 1], added[0][rod, 2], added[0][rod, 3]
+
+
+@borrowing
+def answer_of_wet_rod(rod: Any, b: Any, c: float, ends: Any, g: Any, drive: Any, own: Any) -> Any:
+    """r̈ at σ, b̈ and Jλ, as `joint_forces.answer_of_rod`; r̈ and g are seen from a support that accelerates by `drive`.
+
+    Added mass feels the whole acceleration, and acts across the rod, so that it has no part in λ.
+    """
+    across = minus(drive, times(dot(b, drive) / dot(b, b), b))
+    first, second = minus(ends[0], times(own[0] + own[1], across)), minus(ends[1], times(own[2] + own[3], across))
+    t_r = plus(plus(first, second), times(rod.mass, g))
+    t_b = plus(times(rod.length, minus(times(1.0 - rod.sigma, second), times(rod.sigma, first))), times(rod.f, g))
+    r_acc, b_acc = wet_rod_accelerations(rod, b, c, t_r, t_b, own)
+    return r_acc, b_acc, rod.J * c - dot(b, minus(times(rod.f, r_acc), t_b)) / dot(b, b)
+
+
+@borrowing
+def wet_compliance(rod: Any, b: Any, own: Any, A: Any) -> None:
+    """(3, 3) blocks of how the ends answer forces at the ends, as `joint_forces._compliance`: symmetric where α is."""
+    back, ahead = rod.sigma * rod.length, (1.0 - rod.sigma) * rod.length
+    for y in range(3):
+        unit = (1.0 if y == 0 else 0.0, 1.0 if y == 1 else 0.0, 1.0 if y == 2 else 0.0)
+        r_acc, b_acc = wet_rod_accelerations(rod, b, 0.0, unit, times(-back, unit), own)
+        first = minus(r_acc, times(back, b_acc))
+        r_acc, b_acc = wet_rod_accelerations(rod, b, 0.0, unit, times(ahead, unit), own)
+        other, second = minus(r_acc, times(back, b_acc)), plus(r_acc, times(ahead, b_acc))
+        A[0, 0, y], A[0, 1, y], A[0, 2, y] = first[0], first[1], first[2]
+        A[1, 0, y], A[1, 1, y], A[1, 2, y] = other[0], other[1], other[2]
+        A[2, 0, y], A[2, 1, y], A[2, 2, y] = second[0], second[1], second[2]
+
+
+@borrowing
+def added_forces(rod: Any, b: Any, own: Any, r_acc: Any, b_acc: Any) -> Any:
+    """-Σ_j α_ij P a_j on both ends, for the whole r̈ and b̈."""
+    a1 = minus(r_acc, times(rod.sigma * rod.length, b_acc))
+    return forces_of_ends(b, own, a1, plus(a1, times(rod.length, b_acc)))
+
+
+@inlined
+def forces_of_ends(b: Any, own: Any, a1: Any, a2: Any) -> Any:
+    """-Σ_j α_ij P a_j on both ends, for the accelerations of the ends."""
+    per_square = 1.0 / dot(b, b)
+    p1, p2 = minus(times(dot(b, a1) * per_square, b), a1), minus(times(dot(b, a2) * per_square, b), a2)
+    return plus(times(own[0], p1), times(own[1], p2)), plus(times(own[2], p1), times(own[3], p2))
+
+
+@inlined
+def hold(rod: Any, pair: Any, held: Any) -> None:
+    """Add the forces of a rod's ends to those on the nodes (N, 3)."""
+    for x in range(3):
+        held[rod.i, x] += pair[0][x]
+        held[rod.j, x] += pair[1][x]

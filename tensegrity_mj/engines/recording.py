@@ -13,8 +13,7 @@ from tensegrity_mj.engines.reports import reports_of
 from tensegrity_mj.engines.request import Request, cost_of_law
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model import rods
-from tensegrity_mj.model.elements.resistance import resisting_forces
-from tensegrity_mj.model.elements.water import water_forces
+from tensegrity_mj.model.elements.element import forces_of
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 
 MEMORY_LIMIT = 4 * 2**30  # bytes of recorded rows
@@ -73,11 +72,8 @@ def make_trajectory(
     if multipliers is None:
         assert r_accelerations is not None
         forces = rods.string_forces(structure, nodes, tensions)
-        if scene.loads:
-            forces = forces + np.array([scene.nodal_forces(t) for t in time]).reshape(T, N, 3)
-        forces = forces + resisting_forces(scene, nodes, velocities)
-        if scene.water is not None:
-            forces = forces + water_forces(scene, time, nodes, velocities)[0]  # added mass acts across rods alone
+        if scene.effects:  # added mass acts across rods alone
+            forces = forces + forces_of(scene.effects, scene, time, nodes, velocities)
         if contact_forces is not None:
             forces = forces + contact_forces
         multipliers = rods.multipliers(structure, nodes, velocities, forces, np.array(scene.gravity), r_accelerations)

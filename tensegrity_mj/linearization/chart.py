@@ -10,7 +10,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.linked import LinkedRecords
-from tensegrity_mj.dynamics.tree_equations import loop_matrix
+from tensegrity_mj.dynamics.tree_matrices import loop_matrix
 from tensegrity_mj.model.members import null_space_basis
 from tensegrity_mj.model.structure import Structure
 

@@ -21,6 +21,8 @@ STEP = 0.022  # of R
 # Of that, where rods close loops: what closes them is a root of equations, analytic in a shorter distance. The lowest
 # ω² of `net` is 118 with the whole step, and 67.30030945 with this part of it and with a quarter of this.
 LOOP_STEP = 0.15
+# Where forces may have kinks near by: of STEP; and of 1 m/s or 1 rad/s, for differences in rates.
+NARROW, NARROW_RATE = 0.01, 1e-6
 
 
 def central(function: Callable[[float], Array], h: float) -> Array:

@@ -27,6 +27,10 @@ in δ̇ and v are then exact. In δ, 2 n points with the step h have a truncatio
 of 4 ε R / h, relative to k, where R is the distance within which a tension is analytic: the shortest string or rod.
 n = 6 and h = 0.022 R make 7e-15 and 4e-14 of them. Engines differ by their round-off alone. Where joints close loops h
 is shorter (`differences.LOOP_STEP`), and engines agree to 1e-8.
+
+Elements whose forces have kinks (drag where a rod stands still in a fluid, the surface of water), or of which it is not
+known, take narrow differences instead, h times `differences.NARROW` in δ and `differences.NARROW_RATE` in δ̇: their
+round-off is 4e-12 relative to k, and 1e-10 s of the accelerations. At a kink itself a model is the mean of its sides.
 """
 
 from __future__ import annotations
@@ -44,12 +48,12 @@ from tensegrity_mj.dynamics.native.plant import break_times
 from tensegrity_mj.engines.request import Accelerations, Request
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.linearization.chart import Chart
-from tensegrity_mj.linearization.differences import LOOP_STEP, PAIRS, STEP, WEIGHTS, reach_of
+from tensegrity_mj.linearization.differences import LOOP_STEP, NARROW, NARROW_RATE, PAIRS, STEP, WEIGHTS, reach_of
 from tensegrity_mj.linearization.law import SetRestLengths
 from tensegrity_mj.linearization.model import Linearization
 from tensegrity_mj.linearization.strings import KeptStrings
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
-from tensegrity_mj.model.capabilities import require_dry, require_still_supports
+from tensegrity_mj.model.capabilities import require_still_supports
 from tensegrity_mj.model.elements.contact import overlaps
 from tensegrity_mj.model.scene import Scene
 
@@ -92,7 +96,7 @@ def linearize(
         OptionError: for options out of range, where the engine's coordinates cannot hold the state, and where something
             touches.
         SceneError: for a state that stretches a rod or breaks a support, and where supports move: the model would
-            depend on time. Leave motions out with scene.with_(motions=()). In water, whose forces have kinks.
+            depend on time. Leave motions out with scene.with_(motions=()).
         InfeasibleError, ControllerError: what the law says at the state.
     """
     if not isinstance(scene, Scene):
@@ -106,7 +110,6 @@ def linearize(
     member("inputs", inputs, Command)
     time = finite("time", time, " [s]")
     require_still_supports(scene, "linearization is")
-    require_dry(scene, "linearization, whose differences are those of analytic forces, is")
     structure, contact = scene.structure, scene.contact
     broken = break_times(scene) <= time
     scene = scene.with_(
@@ -151,7 +154,9 @@ def linearize(
     none, zero = np.zeros(n), np.zeros(M)
     A, B, C = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, M)), np.zeros((3 * len(structure.nodes), 2 * n))
     A[:n, n:] = np.eye(n)
-    step = STEP * (LOOP_STEP if chart.has_loops else 1.0)
+    smooth = all(element.smooth for element in scene.effects)
+    step = STEP * (LOOP_STEP if chart.has_loops else 1.0) * (1.0 if smooth else NARROW)
+    turn = 1.0 if smooth else NARROW_RATE
     for k in range(n):
         unit = np.eye(n)[k]
         h = step * reach / chart.lever(k)
@@ -159,7 +164,8 @@ def linearize(
             ahead, behind = motion(p * h * unit, rate0, zero), motion(-p * h * unit, rate0, zero)
             C[:, k] += weight / h * (ahead[0] - behind[0])
             A[n:, k] += weight / h * (ahead[1] - behind[1])
-        A[n:, n + k] = 0.5 * (motion(none, rate0 + unit, zero)[1] - motion(none, rate0 - unit, zero)[1])
+        ahead, behind = motion(none, rate0 + turn * unit, zero), motion(none, rate0 - turn * unit, zero)
+        A[n:, n + k] = (ahead[1] - behind[1]) / (2 * turn)
     for m in np.flatnonzero(strings.taut):
         h = strings.input_step[m]
         change = h * np.eye(M)[m]

@@ -5,9 +5,12 @@ from typing import TYPE_CHECKING
 from tensegrity_mj.basics.faces import face
 
 if TYPE_CHECKING:
+    from tensegrity_mj.basics.fields import register as register
     from tensegrity_mj.model.actuation import Actuation as Actuation
     from tensegrity_mj.model.actuation import OnInfeasible as OnInfeasible
     from tensegrity_mj.model.elements.contact import Contact as Contact
+    from tensegrity_mj.model.elements.element import Element as Element
+    from tensegrity_mj.model.elements.element import Work as Work
     from tensegrity_mj.model.elements.resistance import Bending as Bending
     from tensegrity_mj.model.elements.resistance import Drag as Drag
     from tensegrity_mj.model.elements.resistance import Resistance as Resistance

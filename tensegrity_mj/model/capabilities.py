@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tensegrity_mj.errors import OptionError, SceneError, StructureError
+from tensegrity_mj.errors import SceneError, StructureError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 
@@ -17,14 +17,6 @@ def require_class_1(structure: Structure, who: str) -> None:
         )
 
 
-def require_no_resistance(scene: Scene, who: str) -> None:
-    """Raise SceneError where something resists motion; `who` begins the sentence, as "dm_control models are"."""
-    if scene.resistance is not None:
-        raise SceneError(
-            f"{who} for scenes without resistance; use simulate, or leave it out with scene.with_(resistance=None)"
-        )
-
-
 def require_still_supports(scene: Scene, who: str) -> None:
     """Raise SceneError where supports move; `who` begins the sentence, as "the ODE is"."""
     if scene.motions:
@@ -33,31 +25,12 @@ def require_still_supports(scene: Scene, who: str) -> None:
         )
 
 
-def require_dry(scene: Scene, who: str) -> None:
-    """Raise SceneError where there is water; `who` begins the sentence, as "the ODE is"."""
-    if scene.water is not None:
-        raise SceneError(
-            f"{who} for scenes without water; use simulate with the DAE or MuJoCo, or leave it out with "
-            "scene.with_(water=None)"
-        )
-
-
-def require_wet_rods(scene: Scene, who: str, solver_fits: bool = True) -> None:
-    """Raise where an engine cannot find the accelerations of rods in water; `who` is its name, as "MuJoCo".
-
-    Raises:
-        StructureError: where rods share nodes.
-        SceneError: where supports move, or rods touch.
-        OptionError: where the solver does not fit.
-    """
-    if scene.water is None:
-        return
-    require_class_1(scene.structure, f"{who} in water is")
-    require_still_supports(scene, f"{who} in water is")
-    if scene.contact is not None:
-        raise SceneError(
-            f"{who} in water is for scenes without contact, whose forces are not known when the added mass is found; "
-            "leave one of the two out with scene.with_(contact=None) or scene.with_(water=None)"
-        )
-    if not solver_fits:
-        raise OptionError(f"{who}: in water, accelerations are found by Solver.JOINTS alone: leave solver out")
+def require_loads_alone(scene: Scene, who: str) -> None:
+    """Raise SceneError where more than loads acts on nodes; `who` begins the sentence, as "dm_control models are"."""
+    for element in scene.effects:
+        if element.label != "loads":
+            raise SceneError(
+                f"{who} for scenes without {element.label}: a MuJoCo model by itself has no such forces, a callback "
+                "finds them; use simulate or law_in, or leave it out with "
+                f"scene.with_({element.label if element.label in ('resistance', 'water') else 'elements'}=...)"
+            )

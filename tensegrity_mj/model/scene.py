@@ -15,6 +15,8 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import SAME_ARRAY, field, value
 from tensegrity_mj.basics.kinds import array, part, parts, positive, text, vector
 from tensegrity_mj.model.elements.contact import Contact
+from tensegrity_mj.model.elements.element import Element
+from tensegrity_mj.model.elements.loads import NodalLoads
 from tensegrity_mj.model.elements.resistance import Resistance
 from tensegrity_mj.model.elements.water import Water
 from tensegrity_mj.model.elements.water_segments import SegmentCount, segment_count
@@ -47,6 +49,7 @@ class Scene:
         motions: of supports that do not stand still, one a support.
         resistance: of a fluid against rods, and of joints against bending; None, the default, for none.
         water: with its surface at z = 0, waves and current; None, the default, for none.
+        elements: whatever else acts on nodes, see `Element`.
 
     Raises:
         SceneError: on construction, if the motion stretches a rod, breaks a support, or does not fit.
@@ -73,6 +76,7 @@ class Scene:
     )
     resistance: Resistance | None = field(part(Resistance), default=None, none="None")
     water: Water | None = field(part(Water), default=None, none="None")
+    elements: tuple[Element, ...] = field(parts(Element, "objects of subclasses of Element"), default=())
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -105,6 +109,13 @@ class Scene:
     def water_segments(self) -> SegmentCount:
         """The segments of each rod, of a scene that has water: given, or chosen for its waves."""
         return segment_count(self)
+
+    @cached_property
+    def effects(self) -> tuple[Element, ...]:
+        """All that acts on nodes beside strings and gravity, in the order in which forces add up."""
+        loads = (NodalLoads(),) if callable(self.loads) or self.loads else ()
+        resistance = () if self.resistance is None else self.resistance.elements
+        return (*loads, *resistance, *(() if self.water is None else (self.water,)), *self.elements)
 
     def nodal_forces(self, time: float) -> Array:
         """External forces (N, 3) [N] at a time [s]; neither gravity nor resistance nor water is among them."""

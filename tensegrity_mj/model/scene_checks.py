@@ -11,6 +11,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.kinds import LARGEST
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.model.elements.contact import check_contact
+from tensegrity_mj.model.elements.element import check_elements
 from tensegrity_mj.model.elements.resistance import check_resistance
 from tensegrity_mj.model.elements.water import check_water
 from tensegrity_mj.model.members import unit_rows
@@ -43,6 +44,7 @@ def check_scene(scene: Scene) -> None:
         check_resistance(structure, scene.resistance)
     if scene.water is not None:
         check_water(scene)
+    check_elements(scene)
     if scene.target is not None:
         check_target(structure, scene.target)
 

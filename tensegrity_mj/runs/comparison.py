@@ -137,7 +137,7 @@ def compare(first: Trajectory, second: Trajectory, tolerance: float = 1e-6) -> C
         return np.max(np.abs(difference(name) * scale), axis=1, initial=0.0)
 
     def energy(run: Trajectory) -> Array:
-        return run.kinetic_energy + run.gravity_energy + run.string_energy + run.bending_energy
+        return run.kinetic_energy + run.gravity_energy + run.string_energy + run.element_energy
 
     distance = np.linalg.norm(difference("nodes"), axis=-1)
     return Comparison(

@@ -122,7 +122,7 @@ def energy_unresolved(run: Trajectory) -> float:
         run.kinetic_energy,
         run.gravity_energy,
         run.string_energy,
-        run.bending_energy,
+        run.element_energy,
         run.winch_work,
         run.external_work,
         run.dissipation,
@@ -142,7 +142,7 @@ def energy_unresolved(run: Trajectory) -> float:
 
 def _energy_given(run: Trajectory) -> Array:
     """(T,) [J]: the initial energy and the largest works of winches, loads and gravity up to each time."""
-    given = np.full(len(run.time), run.kinetic_energy[0] + run.string_energy[0] + run.bending_energy[0])
+    given = np.full(len(run.time), run.kinetic_energy[0] + run.string_energy[0] + run.element_energy[0])
     for term in (run.winch_work, run.external_work, run.gravity_energy - run.gravity_energy[0]):
         given += np.maximum.accumulate(np.abs(term))
     return given
@@ -150,7 +150,7 @@ def _energy_given(run: Trajectory) -> Array:
 
 def _energy_at_work(run: Trajectory) -> Array:
     """(T,) [J]: `energy_exchanged`, or what strings hold at the start or bent joints at any time, if that is more."""
-    stored = np.maximum.accumulate(np.maximum(np.abs(run.bending_energy), run.string_energy[0]))
+    stored = np.maximum.accumulate(np.maximum(np.abs(run.element_energy), run.string_energy[0]))
     return np.asarray(np.maximum(energy_exchanged(run), stored))
 
 
@@ -166,7 +166,7 @@ def energy_exchanged(run: Trajectory) -> Array:
         run.kinetic_energy,
         run.string_energy - run.string_energy[:1] - run.winch_work,
         run.gravity_energy - run.gravity_energy[:1],
-        run.bending_energy - run.bending_energy[:1],
+        run.element_energy - run.element_energy[:1],
         run.external_work,
         run.dissipation,
     )

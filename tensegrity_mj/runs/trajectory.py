@@ -17,6 +17,7 @@ from tensegrity_mj.basics.files import checked, replacing
 from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.dynamics.native.law import Report
 from tensegrity_mj.errors import FormatError, TensegrityError
+from tensegrity_mj.model.elements.element import energy_of
 from tensegrity_mj.model.elements.resistance import bending_energy
 from tensegrity_mj.model.scene import Scene
 
@@ -111,9 +112,14 @@ class Trajectory:
         return bending_energy(self.scene, self.nodes)
 
     @property
+    def element_energy(self) -> Array:
+        """(T,) [J]: what the scene's elements have stored, bent joints among them."""
+        return energy_of(self.scene.effects, self.scene, self.nodes)
+
+    @property
     def energy_balance(self) -> Array:
         """(T,) [J]: energy gained minus winch work minus external work plus dissipation; zero if exact."""
-        energy = self.kinetic_energy + self.gravity_energy + self.string_energy + self.bending_energy
+        energy = self.kinetic_energy + self.gravity_energy + self.string_energy + self.element_energy
         return energy - energy[:1] - self.winch_work - self.external_work + self.dissipation
 
     @property

@@ -16,7 +16,10 @@ def driven(model: StaticModel, parameter: float = 1.0) -> Array:
     """(3,) [N]: weights and loads along the straight lines on which nothing holds the whole; zero in equilibrium."""
     G, count = model.boundary.rows, len(model.structure.nodes)
     shifts = np.tile(np.eye(3), (count, 1))
-    _, singular, right = np.linalg.svd(np.vstack([np.zeros((3, 3)), G @ shifts]))
+    rows = [np.zeros((3, 3)), G @ shifts]
+    if model.elements:
+        rows.append(model.element_stiffness(model.start.ravel()) @ shifts / model.scale[1])
+    _, singular, right = np.linalg.svd(np.vstack(rows))
     free = right[singular < 1e-9]
     external = model.external(parameter)
     force = free.T @ (free @ (external @ shifts))
@@ -70,6 +73,8 @@ def neutral_motions(model: StaticModel, x: Array, parameter: float = 1.0, rod_fo
     if largest > 0:
         free = Z @ (Z.T @ forces) / largest
         rows += [(free @ bodies)[None], by_turning(free)]
+    if model.elements:
+        rows.append(Z.T @ (model.element_stiffness(x) @ bodies) / model.scale[1])
     if G.shape[0]:
         inside = model.gradient(x, parameter)
         N = linear_systems.rod_forces(model, x, inside) if rod_forces is None else rod_forces

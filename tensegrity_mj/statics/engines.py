@@ -27,7 +27,7 @@ from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.linearization.differences import reach_of
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
-from tensegrity_mj.model.capabilities import require_dry, require_still_supports
+from tensegrity_mj.model.capabilities import require_still_supports
 from tensegrity_mj.model.elements.resistance import Resistance
 from tensegrity_mj.model.scene import Scene
 
@@ -91,7 +91,7 @@ def engine_equilibrium(
 
     Raises:
         OptionError: for arguments that do not fit.
-        SceneError: for a start that stretches a rod or breaks a support, moved supports, and water.
+        SceneError: for a start that stretches a rod or breaks a support, and moved supports.
         InfeasibleError: where none is found.
     """
     if not isinstance(scene, Scene):
@@ -100,7 +100,6 @@ def engine_equilibrium(
         raise OptionError(f"engine = {engine!r}; use MuJoCo(...), DAE(...) or ODE(...)")
     limit = whole("iterations", iterations, 1)
     require_still_supports(scene, "engine_equilibrium is")
-    require_dry(scene, "engine_equilibrium is")
     shape = (len(scene.structure.nodes), 3)
     start = scene.nodes0 if nodes is None else real_array("nodes", nodes, shape, "m", scalar=False)
     bending = None if scene.resistance is None else scene.resistance.bending

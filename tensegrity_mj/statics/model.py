@@ -1,6 +1,8 @@
 """What statics computes with: the potential of strings, weights and loads over the positions of the nodes.
 
-    Π(x) = Σ ½ k (L - L0)₊² + Σ ½ κ ‖e‖² - Σ m g·x - Σ f·x        x (3N,): node positions, one after another
+    Π(x) = Σ ½ k (L - L0)₊² + Σ ½ κ ‖e‖² + Σ E - Σ m g·x - Σ f·x        x (3N,): node positions, one after another
+
+with the energies E of elements of the scene that store their work; those of others push as they do at the start,
 
 under rods of given length, L(x) = ℓ + N ℓ/EA, with the axial forces N [N] (positive in tension) as their multipliers:
 a rigid rod has EA = ∞, and an elastic one enters by its compliance, so that one is the limit of the other. Equilibrium
@@ -22,6 +24,7 @@ from scipy import sparse
 from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.basics.checks import member, real_array
 from tensegrity_mj.errors import OptionError, StructureError
+from tensegrity_mj.model.elements.element import Element, Work, energy_of, forces_of, slopes_of
 from tensegrity_mj.model.elements.resistance import bending_joints
 from tensegrity_mj.model.rigidity import Members, members_at, spans_at
 from tensegrity_mj.model.rods import lumped_masses
@@ -50,7 +53,7 @@ class StaticModel:
         stiffness: k (M,) [N/m]; zero for a string that is broken.
         rod_lengths: ℓ (R,) [m] without force.
         compliance: ℓ/EA (R,) [m/N]; zero for rigid rods.
-        forces: (N, 3) [N] weights and loads.
+        forces: (N, 3) [N] weights, loads, and elements that store no energy, at rest where the model starts.
         loads: (N, 3) [N] further loads, which a path multiplies by its parameter.
         holds: further boundary conditions, whose displacements a path multiplies by its parameter.
     """
@@ -128,7 +131,7 @@ class StaticModel:
             stiffness=np.where(whole, structure.stiffness, 0.0),
             rod_lengths=np.array(structure.rod_lengths),
             compliance=compliance,
-            forces=weights + scene.nodal_forces(0.0),
+            forces=weights + steady_forces(scene, np.array(start, float)),
             loads=np.array(extra, float),
             holds=tuple(holds),
         )
@@ -147,9 +150,30 @@ class StaticModel:
         return self.scene.structure
 
     @cached_property
+    def elements(self) -> tuple[Element, ...]:
+        """What else stores energy."""
+        return tuple(one for one in self.scene.elements if one.work is Work.STORED)
+
+    def element_forces(self, x: Array) -> Array:
+        """(3N,) [N]: minus the gradient of the elements' energy at x (3N,)."""
+        nodes = x.reshape(-1, 3)
+        return forces_of(self.elements, self.scene, 0.0, nodes, np.zeros_like(nodes)).ravel()
+
+    def element_stiffness(self, x: Array) -> Array:
+        """(3N, 3N) [N/m] the Hessian of the elements' energy at x (3N,), symmetric."""
+        nodes = x.reshape(-1, 3)
+        K = slopes_of(self.elements, self.scene, 0.0, nodes, np.zeros_like(nodes))[0]
+        return np.asarray(0.5 * (K + K.T))
+
+    @cached_property
     def boundary(self) -> Boundary:
         """Supports and holds."""
         return Boundary.of(self.structure, self.holds)
+
+    @cached_property
+    def _element_diagonal(self) -> Array:
+        """[N/m] sizes of the elements' stiffness at the start."""
+        return np.abs(self.element_stiffness(self.start.ravel()).diagonal()) if self.elements else np.zeros(0)
 
     @cached_property
     def scale(self) -> tuple[float, float]:
@@ -158,14 +182,15 @@ class StaticModel:
         length = float(span.mean()) if span.size else 1.0
         weight = float(np.abs(self.forces).max(initial=0.0) + np.abs(self.loads).max(initial=0.0))
         bent = 0.0 if self.bending_stiffness is None else float(self.bending_stiffness.diagonal().max())
-        return length, max(float(self.stiffness.max(initial=0.0)), bent, weight / length) or 1.0
+        own = float(self._element_diagonal.max(initial=0.0))
+        return length, max(float(self.stiffness.max(initial=0.0)), bent, own, weight / length) or 1.0
 
     @cached_property
     def stiffest(self) -> tuple[float, float]:
         """What resists most: [N] a strain of 1 of an elastic rod and a bend of 1 rad of a joint; [N/m] any member."""
         axial = 1.0 / self.compliance[self.compliance > 0]
         strained = float(np.max(self.rod_lengths[self.compliance > 0] * axial, initial=0.0))
-        stiffness = max(float(np.max(part, initial=0.0)) for part in (self.stiffness, axial))
+        stiffness = max(float(np.max(part, initial=0.0)) for part in (self.stiffness, axial, self._element_diagonal))
         if self.bends is None or self.bending_stiffness is None:
             return strained, stiffness
         bent = float(np.max(self.bends.data**2 * self.rod_lengths[self.bends.indices // 3]))
@@ -234,7 +259,8 @@ class StaticModel:
         bent = 0.0 if self.bends is None else 0.5 * float(np.sum((self.bends @ self._spans(x)) ** 2))
         # From the start, so that heavy things far from the origin leave digits for the rest.
         work = float(self.external(parameter) @ (x - self.start.ravel()))
-        return 0.5 * float(self.stiffness @ stretch**2) + bent - work
+        own = float(energy_of(self.elements, self.scene, x.reshape(-1, 3))) if self.elements else 0.0
+        return 0.5 * float(self.stiffness @ stretch**2) + bent + own - work
 
     def rod_energy(self, x: Array) -> float:
         """½ Σ (EA/ℓ) (L - ℓ)² [J] of the elastic rods."""
@@ -250,6 +276,8 @@ class StaticModel:
         if self.bends is not None:
             bent = self.bends.T @ (self.bends @ self._spans(x))
             _add_spans(out, self.structure.rod_nodes, bent.reshape(-1, 3))
+        if self.elements:
+            out -= self.element_forces(x)
         return out
 
     def rod_pulls(self, x: Array, rod_forces: Array) -> Array:
@@ -262,6 +290,8 @@ class StaticModel:
         """∇²Π + Σ N ∇²L (3N, 3N) [N/m] for axial forces N (R,) of the rods."""
         values, places = self._hessian_entries(x, rod_forces)
         K = sparse.csr_array(sparse.coo_array((values, places), shape=(len(x), len(x))))
+        if self.elements:
+            K = sparse.csr_array(K + sparse.csr_array(self.element_stiffness(x)))
         return K if self.bending_stiffness is None else sparse.csr_array(K + self.bending_stiffness)
 
     def dense_hessian(self, x: Array, rod_forces: Array) -> Array:
@@ -269,6 +299,8 @@ class StaticModel:
         n = len(x)
         values, (rows, columns) = self._hessian_entries(x, rod_forces)
         K: Array = np.bincount(rows * n + columns, values, n * n).astype(float).reshape(n, n)
+        if self.elements:
+            K = K + self.element_stiffness(x)
         return K if self.bending_stiffness is None else K + self.bending_stiffness.toarray()
 
     def _hessian_entries(self, x: Array, rod_forces: Array) -> tuple[Array, tuple[IntArray, IntArray]]:
@@ -309,6 +341,12 @@ class StaticModel:
     def reactions(self, x: Array, rod_forces: Array, parameter: float = 1.0) -> Array:
         """(N, 3) [N]: what supports and holds push the nodes with, in equilibrium."""
         return np.asarray((self.gradient(x, parameter) + self.rod_pulls(x, rod_forces)).reshape(-1, 3))
+
+
+def steady_forces(scene: Scene, nodes: Array) -> Array:
+    """(N, 3) [N]: loads of a scene, and its elements that store no energy, on nodes (N, 3) at rest at t = 0."""
+    others = [one for one in scene.elements if one.work is not Work.STORED]
+    return np.asarray(scene.nodal_forces(0.0) + forces_of(others, scene, 0.0, nodes, np.zeros_like(nodes)))
 
 
 def _add_spans(out: Array, pairs: IntArray, pulls: Array) -> None:

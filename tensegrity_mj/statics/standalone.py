@@ -11,7 +11,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.statics.model import StaticModel
+from tensegrity_mj.statics.model import StaticModel, steady_forces
 from tensegrity_mj.statics.state import StaticState
 
 
@@ -59,7 +59,7 @@ def _scene_forces(state: StaticState) -> Array:
 
     scene = state.model.scene
     weights = lumped_masses(scene.structure)[:, None] * np.array(scene.gravity)
-    return np.asarray(weights + scene.nodal_forces(0.0))
+    return np.asarray(weights + steady_forces(scene, state.model.start))
 
 
 def _loaded(scene: Scene, further: Array) -> Scene:

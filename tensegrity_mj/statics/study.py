@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.checks import member, real_array, whole
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import InfeasibleError, OptionError
+from tensegrity_mj.model.elements.element import Work
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.trajectory import Trajectory
@@ -23,7 +24,7 @@ from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.equilibrium import find_equilibrium
 from tensegrity_mj.statics.lightest import minimal_mass
 from tensegrity_mj.statics.materials import Material
-from tensegrity_mj.statics.model import Rods, StaticModel
+from tensegrity_mj.statics.model import Rods, StaticModel, steady_forces
 from tensegrity_mj.statics.modes import Modes, natural_modes
 from tensegrity_mj.statics.path import follow
 from tensegrity_mj.statics.prestress import Prestressability, prestressability
@@ -313,7 +314,7 @@ def _sized(model: StaticModel, materials: Materials) -> Sizing:
     placed: Any = replace(structure, nodes=nodes)
     return minimal_mass(
         placed,
-        scene.nodal_forces(0.0) + model.loads,
+        steady_forces(scene, model.start) + model.element_forces(model.start.ravel()).reshape(-1, 3) + model.loads,
         rods=materials.rods,
         strings=materials.strings,
         holds=model.holds,
@@ -370,6 +371,9 @@ def _notes(model: StaticModel) -> tuple[str, ...]:
         notes.append("wind is left out")
     if callable(scene.loads) or any(load.angular_frequency for load in scene.loads):
         notes.append("loads that vary are those at t = 0")
+    pushing = [one.label for one in scene.elements if one.work is not Work.STORED]
+    if pushing:
+        notes.append(f"elements without energy push as they do at the start, at rest: {', '.join(pushing)}")
     if model.bends is not None:
         notes.append("states of self-stress, mechanisms and what stiffens them leave the joints' bending stiffness out")
     if scene.breaks:

@@ -18,7 +18,6 @@ from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, NOT_FINITE, L
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import ControllerError, DivergenceError, InfeasibleError, OptionError, TensegrityError
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
-from tensegrity_mj.model.capabilities import require_dry
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import provenance_of, request_for
@@ -204,7 +203,6 @@ def _checked(scenes: Any) -> list[Scene]:
                 f"scenes[{number}] ('{scene.name}') has contacts, whose work is counted run by run: use simulate, or "
                 "run_many"
             )
-        require_dry(scene, f"scenes[{number}]: simulate_many is")
         for what in ("structure", "gravity"):
             if getattr(scene, what) is not getattr(first, what) and getattr(scene, what) != getattr(first, what):
                 raise OptionError(
@@ -259,6 +257,7 @@ def law_in(
     from tensegrity_mj.engines.mujoco.engine import MuJoCo
     from tensegrity_mj.engines.mujoco.ensemble import law_in as installed
     from tensegrity_mj.engines.mujoco.many import OTHER_STRINGS
+    from tensegrity_mj.engines.mujoco.water import check_added_mass
 
     engine = MuJoCo() if engine is None else engine
     if not isinstance(engine, MuJoCo):
@@ -274,7 +273,7 @@ def law_in(
         )
     if scene.breaks:
         raise OptionError(f"scene '{scene.name}' has strings that break, which takes a run: use simulate_many")
-    require_dry(scene, "law_in is")
+    check_added_mass(scene, engine.integrator.name, engine.is_explicit)
     model = engine.model(scene)
     plant = Plant(scene, request.law, request.actuation, on_infeasible)
     with installed(model, plant) as answers:
@@ -285,10 +284,10 @@ def law_in(
             "damping, rest lengths, nodes or order); the law was not applied to it: use a law_in of its own scene"
         )
     if answers[FAILED]:
-        cause = next(iter([*(request.law.failure or []), *plant.load_failure]), None)
+        cause = next(iter([*(request.law.failure or []), *(error for _, error in plant.elements.failures)]), None)
         if cause is not None and not isinstance(cause, Exception):
             raise cause  # KeyboardInterrupt within Python code
-        raise ControllerError(f"the law or a load failed at some state: {cause or 'no reason given'}") from cause
+        raise ControllerError(f"the law or an element failed at some state: {cause or 'no reason given'}") from cause
     if answers[NOT_FINITE]:
         raise ControllerError("the law returned a value that is not finite at some state")
     if answers[NO_SOLUTION] and on_infeasible is OnInfeasible.STOP:

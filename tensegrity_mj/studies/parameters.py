@@ -9,6 +9,8 @@
     scene.water.density, .weights, .current.x, ...       of a scene that has water; .waves.phase of all, or waves[0]
     scene.motions.amplitude, .frequency, .phase          of supports; motions[SUPPORT]: of one
     scene.resistance.viscous, .wind, .drag.normal, ...   also .bending.stiffness, .bending.damping
+    scene.water.density, .depth, .current, ...           any field of a scene's water
+    scene.elements[KIND].FIELD, .elements[0].FIELD       of all elements of a kind, or of one by its number
     scene.loads.force, .angular_frequency, .phase        of all loads, or loads[NODE]: of those on a node
     structure.rods.mass                                  of all rods; rods[rod1] or rods[rod1,rod2]: of some
     structure.strings.stiffness, .damping, ...           any number of a string, and so for point_masses

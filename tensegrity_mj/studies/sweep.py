@@ -23,6 +23,7 @@ from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate, versions
 from tensegrity_mj.studies.attempt import WithFiles
 from tensegrity_mj.studies.axes import Draw, Grid, Together, Vary
+from tensegrity_mj.studies.known_elements import elements_of, know_elements
 from tensegrity_mj.studies.many import Study, run_many, task_name
 from tensegrity_mj.studies.measures import measure
 from tensegrity_mj.studies.parameter_values import encoded
@@ -114,6 +115,7 @@ class Sweep:
         engine, options = ("mujoco", {}) if self.engine is None else engine_settings(self.engine)
         return {
             **({"family": self.family} if self.family else {}),
+            **elements_of(cast(Scene, self.scene)),
             "scene": scene_to_toml(cast(Scene, self.scene)),
             "law": None if self.law is None else task_name(self.law),
             "engine": {"name": engine, "options": options},
@@ -208,6 +210,7 @@ def simulate_point(point: dict[str, Any]) -> dict[str, Any] | WithFiles:
 
 def drafted(common: Mapping[str, Any]) -> Draft:
     """The experiment of what all points of a sweep share."""
+    know_elements(common.get("elements", {}))
     return Draft(
         scene=_scene(common["scene"]),
         family=common.get("family", ""),

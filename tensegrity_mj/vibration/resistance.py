@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.model.elements.element import slopes_of
 from tensegrity_mj.model.elements.resistance import bending_joints, resisting_forces
 from tensegrity_mj.model.scene import Scene
 
@@ -78,6 +79,28 @@ def viscous_blocks(scene: Scene, ends: Any) -> Blocks | None:
     values = weight * (2 * back @ first + back @ second + ahead @ first + 2 * ahead @ second)
     rows = np.arange(len(values))
     return Blocks(values, rows, rows)
+
+
+def element_blocks(
+    scene: Scene, time: float, nodes: Array, velocities: Array, body: IntArray, turned: Array
+) -> tuple[Blocks, Blocks]:
+    """Of the scene's `elements`, stiffness (its symmetric part) and damping, by differences of their forces.
+
+    Args:
+        scene: which.
+        time: [s].
+        nodes, velocities: (N, 3) the state.
+        body: (N,) the body that carries each node.
+        turned: (N, 3, slots): δx of each node by its body's slots.
+    """
+    found = []
+    for symmetric, values in zip((True, False), slopes_of(scene.elements, scene, time, nodes, velocities), strict=True):
+        matrix = 0.5 * (values + values.T) if symmetric else values
+        blocks = matrix.reshape(len(nodes), 3, len(nodes), 3).transpose(0, 2, 1, 3)
+        rows, columns = np.nonzero(np.any(blocks != 0, axis=(2, 3)))
+        each = np.swapaxes(turned[rows], 1, 2) @ blocks[rows, columns] @ turned[columns]
+        found.append(Blocks(each, body[rows], body[columns]))
+    return found[0], found[1]
 
 
 def _ends_of_joints(scene: Scene) -> tuple[IntArray, Array]:

@@ -31,12 +31,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.model.elements.element import forces_of
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.vibration.bodies import SLOTS, Bodies, _Motion, motion_of_bodies
 from tensegrity_mj.vibration.joints import Joints
-from tensegrity_mj.vibration.resistance import Blocks, bending_blocks, bending_pulls, fluid_forces, viscous_blocks
+from tensegrity_mj.vibration.resistance import (
+    Blocks,
+    bending_blocks,
+    bending_pulls,
+    element_blocks,
+    fluid_forces,
+    viscous_blocks,
+)
 
 ROUND_OFF = 1e-14  # of the forces on a rod's ends
 EDGE = 1e-12  # of its length: within round-off of its rest length, a string counts as taut
@@ -183,6 +191,9 @@ def vibration(
         damper = damper + assemble.sum(bent.times(scene.resistance.bending.damping))
     if viscous is not None:
         damper = damper + assemble.sum(viscous)
+    if scene.elements:
+        stiff, lossy = element_blocks(scene, time, nodes, velocities, bodies.body, motion.turned)
+        material, damper = material + assemble.sum(stiff), damper + assemble.sum(lossy)
     # In a tree of MuJoCo's bodies, which dampers an implicit integrator knows depends on the tree: `tree`.
     known = 0.5 * strings if joints is not None else assemble(damping[:, None, None] * weights, between=False)
     return Vibration(
@@ -247,14 +258,17 @@ def stiffness_bounds(
         other += scene.resistance.bending.damping * _row_sums(bent, B)
     if viscous is not None:
         other += _row_sums(viscous, B)
+    if scene.elements:
+        stiff, lossy = element_blocks(scene, 0.0, nodes, velocities, bodies.body, motion.turned)
+        rest, other = rest + _row_sums(stiff, B), other + _row_sums(lossy, B)
     return largest(structure.stiffness), rest, largest(structure.damping), other
 
 
 def _row_sums(blocks: Blocks, bodies: int) -> float:
     """The largest sum of absolute values along a row: a bound on eigenvalues."""
-    sums = np.zeros((bodies, SLOTS))
+    sums = np.zeros((bodies + 1, SLOTS))
     np.add.at(sums, blocks.rows, np.abs(blocks.values).sum(axis=2))
-    return float(sums.max(initial=0.0))
+    return float(sums[:bodies].max(initial=0.0))
 
 
 def _resistance_of(scene: Scene, bodies: Bodies, motion: _Motion) -> tuple[Blocks | None, Blocks | None]:
@@ -309,6 +323,7 @@ def _rods_geometric(
     R, B = len(bodies.length), len(bodies.mass)
     forces = np.array(scene.nodal_forces(time)) if scene.loads else np.zeros_like(nodes)
     forces += fluid_forces(scene, nodes, velocities)
+    forces += forces_of(scene.elements, scene, time, nodes, velocities)
     np.add.at(forces, i, pulls)
     np.subtract.at(forces, j, pulls)
     first, second = structure.rod_nodes.T

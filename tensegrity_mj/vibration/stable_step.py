@@ -363,6 +363,11 @@ def _notes(model: Vibration, engine: Any) -> tuple[str, ...]:
             "but the damping of drag, which matters where the water is fast, and the stiffness of buoyancy at the "
             "surface are left out"
         )
+    if scene.elements:
+        names = ", ".join(dict.fromkeys(element.label for element in scene.elements))
+        notes.append(
+            f"of elements ({names}) the model has differences of their forces, the symmetric part of their stiffness"
+        )
     scheme = scheme_of(engine)
     if scene.contact is not None and scheme is not None:
         notes.append(

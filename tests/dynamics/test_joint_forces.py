@@ -9,7 +9,7 @@ from natural_coordinates import chain, random_class_k, request
 
 import tensegrity_mj as tmj
 from tensegrity_mj.dynamics.closures import project_linked
-from tensegrity_mj.dynamics.joint_forces import JointPlan
+from tensegrity_mj.dynamics.joint_plan import JointPlan
 from tensegrity_mj.dynamics.linked import LinkedRecords
 from tensegrity_mj.dynamics.native.pointers import address_of
 from tensegrity_mj.engines.reference.dae import DAE, Drift, Solver

@@ -12,18 +12,15 @@ evaluations, to round-off.
 
 from __future__ import annotations
 
-import ctypes
-
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
 import tensegrity_mj as tmj
-from tensegrity_mj.dynamics.native.elements import set_loads
+from tensegrity_mj.dynamics.native.elements import let_act
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.dynamics.native.plant import Plant
-from tensegrity_mj.dynamics.native.slots import FORCES, WATER
-from tensegrity_mj.dynamics.native.water import added_masses
+from tensegrity_mj.dynamics.native.slots import FORCES
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.simulation import request_for
 
@@ -49,15 +46,15 @@ def one(b=(1.0, 0.0, 0.0), center=(0.0, 0.0, 0.0), mass=3.0, velocities=None, gr
 def forces_on(scene, time=0.0):
     """(2, 3) [N] that the engines' compiled code puts on the nodes, but for what answers accelerations."""
     plant = Plant(scene, native_law(None, scene.structure), Actuation.continuous(), OnInfeasible.STOP)
-    set_loads(plant.table, time)
+    let_act(plant.table, time)
     return plant[FORCES].copy()
 
 
 def added_mass_of(scene):
     """α (2, 2) [kg] of the rod."""
     plant = Plant(scene, native_law(None, scene.structure), Actuation.continuous(), OnInfeasible.STOP)
-    set_loads(plant.table, 0.0)
-    return np.array((ctypes.c_double * 4).from_address(added_masses(plant.table[WATER]))).reshape(2, 2)
+    let_act(plant.table, 0.0)
+    return plant.elements.added.reshape(2, 2).copy()
 
 
 def first_accelerations(scene, engine):

@@ -15,12 +15,15 @@ from mujoco.batch import Batch
 import tensegrity_mj as tmj
 from tensegrity_mj.controllers import Delayed, Lyapunov
 from tensegrity_mj.dynamics.native import pointers
+from tensegrity_mj.dynamics.native.law import native_law
+from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.engines.mujoco import callback as mujoco_callback
 from tensegrity_mj.engines.mujoco import layout as mujoco_layout
 from tensegrity_mj.engines.mujoco import many as mujoco_many
 from tensegrity_mj.engines.mujoco.install import installed
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.errors import StabilityWarning
+from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 
 STEP = 1e-3
 RK4, EULER = tmj.MuJoCo(STEP), tmj.MuJoCo(STEP, tmj.Integrator.EULER)
@@ -419,7 +422,8 @@ def test_scratch_beyond_the_stack_is_on_the_heap() -> None:
     copies = 800
     part = tmj.load_scene("pinned_rod")
     N, M = len(part.structure.nodes), len(part.structure.strings)
-    assert copies * (3 * N + 2 * M) > pointers.STACK_LIMIT > mujoco_many.law_room(N, M, 0)
+    dry = Plant(part, native_law(None, part.structure), Actuation.continuous(), OnInfeasible.STOP)
+    assert copies * (3 * N + 2 * M) > pointers.STACK_LIMIT > mujoco_many.law_room(dry.table)
     nodes: dict[str, Any] = {}
     rods, strings, fixed = [], [], []
     for k in range(copies):

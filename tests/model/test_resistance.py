@@ -10,11 +10,10 @@ from scipy.integrate import quad
 
 import tensegrity_mj as tmj
 from tensegrity_mj.commands.scenes import describe
-from tensegrity_mj.dynamics.native.elements import set_loads
+from tensegrity_mj.dynamics.native.elements import let_act
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.dynamics.native.plant import Plant
-from tensegrity_mj.dynamics.native.resistance import dissipated
-from tensegrity_mj.dynamics.native.slots import FORCES, LOADED, NODES, RESISTANCE, VELOCITIES
+from tensegrity_mj.dynamics.native.slots import ELEMENT_COUNT, FORCES, NODES, VELOCITIES
 from tensegrity_mj.library.cable import cable
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.model.elements.resistance import bending_energy, resisting_forces
@@ -39,8 +38,8 @@ def compiled(scene, nodes=None, velocities=None):
     plant = Plant(scene, native_law(None, scene.structure), Actuation.continuous(), OnInfeasible.STOP)
     if nodes is not None:
         plant[NODES][:], plant[VELOCITIES][:] = nodes, velocities
-    given = set_loads(plant.table, 0.0)
-    return plant[FORCES].copy(), given, dissipated(plant.table[RESISTANCE])
+    given, lost = let_act(plant.table, 0.0)
+    return plant[FORCES].copy(), given, lost
 
 
 def test_compiled_forces_are_those_of_numpy_and_their_power_is_wind_less_dissipation_less_bending():
@@ -321,7 +320,7 @@ def test_a_law_in_mujocos_own_loop_meets_it_too():
 def test_a_scene_without_resistance_has_no_trace_of_it():
     scene = single_rod()
     plant = Plant(scene, native_law(None, scene.structure), Actuation.continuous(), OnInfeasible.STOP)
-    assert (plant.table[RESISTANCE], plant.table[LOADED], plant.resistance) == (0, 0, None)
+    assert plant.table[ELEMENT_COUNT] == 0
     assert not tmj.simulate(scene, engine=FINE, duration=0.1).bending_energy.any()
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import json
 import math
 from dataclasses import replace
@@ -13,11 +12,10 @@ from scipy.integrate import quad, solve_ivp
 
 import tensegrity_mj as tmj
 from tensegrity_mj.commands.scenes import describe
-from tensegrity_mj.dynamics.native.elements import set_loads
+from tensegrity_mj.dynamics.native.elements import let_act
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.dynamics.native.plant import Plant
-from tensegrity_mj.dynamics.native.slots import FORCES, WATER
-from tensegrity_mj.dynamics.native.water import added_masses
+from tensegrity_mj.dynamics.native.slots import FORCES
 from tensegrity_mj.engines.mujoco import accelerations as mujoco_accelerations
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import place as mujoco_accelerations_place
@@ -98,9 +96,8 @@ def accelerations(scene, engine, time=0.0, nodes=None, velocities=None):
 def compiled(scene, time=0.0):
     """F⁰ (N, 3), its power, and α (R, 2, 2), from what every engine calls."""
     plant = Plant(scene, native_law(None, scene.structure), Actuation.continuous(), OnInfeasible.STOP)
-    power = set_loads(plant.table, time)
-    rods = (ctypes.c_double * (4 * len(scene.structure.rods))).from_address(added_masses(plant.table[WATER]))
-    return plant[FORCES].copy(), power, np.array(rods).reshape(-1, 2, 2)
+    power = let_act(plant.table, time)[0]
+    return plant[FORCES].copy(), power, plant.elements.added.reshape(-1, 2, 2).copy()
 
 
 # What is under water
@@ -465,34 +462,12 @@ def test_resistance_goes_with_water() -> None:
 
 def test_what_cannot_be_in_water_says_so() -> None:
     scene = one()
-    with pytest.raises(tmj.errors.SceneError, match="the ODE is for scenes without water"):
-        tmj.simulate(scene, engine=tmj.ODE())
     for integrator in (tmj.Integrator.IMPLICIT, tmj.Integrator.IMPLICITFAST, tmj.Integrator.DISCRETE):
-        with pytest.raises(tmj.errors.OptionError, match=rf"integrator {integrator.name} in water: added mass"):
+        with pytest.raises(tmj.errors.OptionError, match=rf"water adds mass .* and integrator {integrator.name} makes"):
             tmj.simulate(scene, engine=tmj.MuJoCo(1e-3, integrator))
-    for solver in (tmj.engines.Solver.DENSE, tmj.engines.Solver.FULL):
-        with pytest.raises(tmj.errors.OptionError, match=r"in water.*Solver\.JOINTS"):
-            tmj.simulate(scene, engine=tmj.DAE(solver=solver))
-    with pytest.raises(tmj.errors.SceneError, match="simulate_many is for scenes without water"):
-        tmj.simulate_many([scene], None, tmj.MuJoCo())
-    with (
-        pytest.raises(tmj.errors.SceneError, match="law_in is for scenes without water"),
-        tmj.law_in(scene, lambda t, n, v: np.zeros(0)),
-    ):
-        pass
-    with pytest.raises(tmj.errors.SceneError, match=r"linearization, .* is for scenes without water"):
-        tmj.linearize(scene, tmj.DAE())
-    nodes = {"a": (0, 0, -3), "b": (1, 0, -3), "c": (2, 0, -3)}
-    linked = tmj.Structure("two", nodes, (tmj.Rod("p", ("a", "b"), 1.0), tmj.Rod("q", ("b", "c"), 1.0)))
-    motion = tmj.model.Motion("rod", (tmj.model.Harmonic((0.1, 0, 0), 1.0, 0.0),))
-    for engine, name in zip((tmj.DAE(), tmj.MuJoCo()), ("the DAE", "MuJoCo"), strict=True):
-        with pytest.raises(
-            tmj.errors.StructureError, match=f"{name} in water is for structures of class 1.*'p' and 'q'"
-        ):
-            tmj.simulate(tmj.Scene(linked, gravity=DOWN, water=tmj.Water()), engine=engine)
-        with pytest.raises(tmj.errors.SceneError, match=f"{name} in water is for supports that stand still"):
-            tmj.simulate(one(support=tmj.Support.pinned(0.0), motions=(motion,)), engine=engine)
-    with pytest.raises(tmj.errors.SceneError, match="MuJoCo in water is for scenes without contact"):
+    with pytest.raises(tmj.errors.OptionError, match=r"water adds mass .*Solver\.DENSE"):
+        tmj.simulate(scene, engine=tmj.DAE(solver=tmj.engines.Solver.DENSE))
+    with pytest.raises(tmj.errors.SceneError, match=r"MuJoCo: water adds mass .* before the forces of contact"):
         tmj.simulate(one(contact=tmj.model.Contact(floor=-8.0)), engine=tmj.MuJoCo(1e-4))
 
 

@@ -1,77 +1,176 @@
-"""Loads and moved supports as compiled code sees them."""
+"""Elements as compiled code sees them: a C function each, and one loop that lets all of a scene act.
+
+    int64 act(double t, int64 motion, int64 context, int64 effect)
+
+The integers are addresses of tables (`views`): a `Motion`, what the element has packed, and an `Effect`, to whose
+forces (N, 3) [N] it adds its own. Each element has an effect to itself, whose forces are zero when it is called. The
+rest follows from forces and speeds: the power F·v of an element is given, lost or stored as its `Work` says, and so is
+that of forces which an integrator of one stage holds over a step.
+"""
 
 from __future__ import annotations
 
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.dynamics.native.law import FAILED
+from tensegrity_mj.dynamics.native.compiling import intrinsic
+from tensegrity_mj.dynamics.native.law import FAILED, SOLVED
 from tensegrity_mj.dynamics.native.motion import motion_at
 from tensegrity_mj.dynamics.native.pointers import (
+    address_of,
     borrowing,
-    call_load,
+    call_by_address,
+    copy,
     floats,
+    integers,
     records_reader,
 )
-from tensegrity_mj.dynamics.native.resistance import resist
 from tensegrity_mj.dynamics.native.slots import (
+    ADDED,
+    ELEMENT_COUNT,
+    ELEMENTS,
     FORCES,
-    LOAD_COUNT,
-    LOAD_FUNCTION_SLOT,
-    LOADED,
-    LOADS,
+    HELD_MASS,
     MOTION_COUNT,
     MOTIONS,
     MOVED,
     NODE_COUNT,
     NODES,
-    RESISTANCE,
+    ROD_TOTAL,
+    SEEN,
     STATUS,
     VELOCITIES,
-    WATER,
 )
-from tensegrity_mj.dynamics.native.water import immerse
+from tensegrity_mj.dynamics.native.views import view_of
+from tensegrity_mj.errors import ElementError, OptionError
+from tensegrity_mj.model.elements.element import Element, Work, acted
+from tensegrity_mj.model.elements.loads import NodalLoads
+from tensegrity_mj.model.scene import Scene
 
-LOAD = np.dtype([("node", "i8"), ("force", "f8", (3,)), ("frequency", "f8"), ("phase", "f8")], align=True)
+Motion, pack_motion = view_of("Motion", count="size", nodes=("f8", "count", 3), velocities=("f8", "count", 3))
+# given: of surroundings that move, the power that they give [W]; added: α of the rods [kg], of all elements together,
+# rows (α_11, α_12, α_21, α_22), of which there are none where no element adds mass.
+Effect, pack_effect = view_of(
+    "Effect", count="size", forces=("f8", "count", 3), rods="size", added=("f8", "rods", 4), given="real"
+)
+MOTION_SIZE, EFFECT_SIZE = 3, 5
+_FORCES_AT, _ADDED_AT, _GIVEN = 1, 3, 4  # of an `Effect`: the loop reads it by place, as it may lie on a stack
+
+ACT_SIGNATURE = "int64(float64, int64, int64, int64)"
+ACT_FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_double, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
+ELEMENT = np.dtype([("function", "i8"), ("context", "i8"), ("effect", "i8"), ("work", "i8")], align=True)
+RECORD_SIZE = 4  # numbers of a record
+_read_elements = records_reader(ELEMENT)
+_WORKS = {Work.GIVEN: 0, Work.LOST: 1, Work.STORED: 2}
+GIVEN, LOST = _WORKS[Work.GIVEN], _WORKS[Work.LOST]
 
 
-_read_loads = records_reader(LOAD)
+@intrinsic
+def _call_element(typingctx: Any, function: Any, time: Any, motion: Any, context_: Any, effect: Any) -> Any:
+    """Call the element at address `function`."""
+    return call_by_address("diii")
 
 
 @borrowing
-def set_loads(table: Any, t: float) -> float:
-    """Set the nodal forces to the external ones, those of the resistance and those of water at time t.
+def let_act(table: Any, t: float) -> Any:
+    """Set the nodal forces to those of all elements at time t; powers [W] that are given and that are lost.
 
-    Returns the power [W] of the external ones, of the wind, and of water. What answers the rods' accelerations is
-    not among the forces: the engine adds it.
+    What answers the rods' accelerations is not among the forces: the engine adds it, from α.
     """
-    N = table[NODE_COUNT]
-    forces, velocities = floats(table[FORCES], (N, 3)), floats(table[VELOCITIES], (N, 3))
-    for n in range(N):
-        for x in range(3):
-            forces[n, x] = 0.0
-    if not table[LOADED]:
-        return 0.0
-    if table[LOAD_FUNCTION_SLOT]:
-        if call_load(table[LOAD_FUNCTION_SLOT], t, table[FORCES]) != 0:
+    size = 3 * table[NODE_COUNT]
+    forces, velocities = floats(table[FORCES], (size,)), floats(table[VELOCITIES], (size,))
+    for x in range(size):
+        forces[x] = 0.0
+    if table[ADDED]:
+        added = floats(table[ADDED], (4 * table[ROD_TOTAL],))
+        for x in range(len(added)):
+            added[x] = 0.0
+    given, lost = 0.0, 0.0
+    elements = _read_elements(table[ELEMENTS], table[ELEMENT_COUNT])
+    for e in range(len(elements)):
+        element = elements[e]
+        own = floats(integers(element.effect, EFFECT_SIZE)[_FORCES_AT], (size,))
+        surroundings = floats(element.effect + 8 * _GIVEN, 1)
+        for x in range(size):
+            own[x] = 0.0
+        surroundings[0] = 0.0
+        if _call_element(element.function, t, table[SEEN], element.context, element.effect) != SOLVED:
             table[STATUS] = FAILED
-    else:
-        loads = _read_loads(table[LOADS], table[LOAD_COUNT])
-        for a in range(len(loads)):
-            load = loads[a]
-            scale = np.cos(load.frequency * t + load.phase)
-            for x in range(3):
-                forces[load.node, x] += scale * load.force[x]
-    power = 0.0
-    for n in range(N):
-        for x in range(3):
-            power += forces[n, x] * velocities[n, x]
-    if table[RESISTANCE]:
-        power += resist(table[RESISTANCE], floats(table[NODES], (N, 3)), velocities, forces)
-    if table[WATER]:
-        power += immerse(table[WATER], t, floats(table[NODES], (N, 3)), velocities, forces)
-    return power
+        power = 0.0
+        for x in range(size):
+            forces[x] += own[x]
+            power += own[x] * velocities[x]
+        if element.work == GIVEN:
+            given += power
+        elif element.work == LOST:
+            given += surroundings[0]
+            lost += surroundings[0] - power
+    return given, lost
+
+
+@borrowing
+def held_powers(table: Any) -> Any:
+    """As `let_act`, of the forces as last found, held, at the speeds of now; with what answers accelerations."""
+    size = 3 * table[NODE_COUNT]
+    velocities, given, lost = floats(table[VELOCITIES], (size,)), 0.0, 0.0
+    elements = _read_elements(table[ELEMENTS], table[ELEMENT_COUNT])
+    for e in range(len(elements)):
+        element = elements[e]
+        own, power = floats(integers(element.effect, EFFECT_SIZE)[_FORCES_AT], (size,)), 0.0
+        for x in range(size):
+            power += own[x] * velocities[x]
+        if element.work == GIVEN:
+            given += power
+        elif element.work == LOST:
+            surroundings = floats(element.effect + 8 * _GIVEN, 1)[0]
+            given += surroundings
+            lost += surroundings - power
+    if table[ADDED]:
+        held = floats(table[HELD_MASS], (size,))
+        for x in range(size):
+            given += held[x] * velocities[x]
+    return given, lost
+
+
+@borrowing
+def lend_room(table: Any, room: int) -> None:
+    """Give a copy of a table's elements, and all that they write, room of its own: `room_of_elements` numbers there."""
+    N, R, count = table[NODE_COUNT], table[ROD_TOTAL], table[ELEMENT_COUNT]
+    seen = integers(room, MOTION_SIZE)
+    seen[0], seen[1], seen[2] = N, table[NODES], table[VELOCITIES]
+    table[SEEN] = room
+    room += 8 * MOTION_SIZE
+    if table[ADDED]:
+        table[ADDED] = room
+        room += 32 * R
+        table[HELD_MASS] = room
+        room += 24 * N
+    copy(integers(table[ELEMENTS], RECORD_SIZE * count), integers(room, RECORD_SIZE * count))
+    table[ELEMENTS] = room
+    elements = _read_elements(room, count)
+    room += 8 * RECORD_SIZE * count
+    for e in range(count):
+        effect = integers(room, EFFECT_SIZE)
+        copy(integers(elements[e].effect, EFFECT_SIZE), effect)
+        elements[e].effect = room
+        room += 8 * EFFECT_SIZE
+        effect[_FORCES_AT] = room
+        room += 24 * N
+        if table[ADDED]:
+            effect[_ADDED_AT] = table[ADDED]
+
+
+@borrowing
+def room_of_elements(table: Any) -> int:
+    """Numbers that `lend_room` takes."""
+    N, count = table[NODE_COUNT], table[ELEMENT_COUNT]
+    added = 4 * table[ROD_TOTAL] + 3 * N if table[ADDED] else 0
+    return MOTION_SIZE + added + count * (RECORD_SIZE + EFFECT_SIZE + 3 * N)
 
 
 @borrowing
@@ -80,3 +179,113 @@ def set_motions(table: Any, t: float) -> None:
     for number in range(table[MOTION_COUNT]):
         if motion_at(table[MOTIONS], number, t, table[MOVED] + 72 * number) != 0:
             table[STATUS] = FAILED
+
+
+@dataclass(frozen=True)
+class NativeElement:
+    """An element as a C function.
+
+    Attributes:
+        address, context: of the function and of its data.
+        keep: objects that must stay alive while it is called.
+    """
+
+    address: int
+    context: int
+    keep: tuple[Any, ...] = ()
+
+
+Failures = list[tuple[Element, BaseException]]
+
+
+def native_element(element: Element, scene: Scene, failures: Failures) -> NativeElement:
+    """An element of a scene as a C function: its own where it has one, else a call back into Python.
+
+    Args:
+        element, scene: which.
+        failures: where what it raises goes, the first alone.
+    """
+    if not element.compiled:
+        return called_back(element, scene, failures)
+    module, _, name = element.compiled.partition(":")
+    try:
+        pack: Callable[[Element, Scene], NativeElement | None] = getattr(import_module(module), name)
+    except (ImportError, AttributeError) as error:
+        raise ElementError(
+            f"element {element.label}: compiled = {element.compiled!r} cannot be imported ({error}); it must be "
+            "'module:function', or '' for an element in Python alone"
+        ) from error
+    return pack(element, scene) or called_back(element, scene, failures)
+
+
+def called_back(element: Element, scene: Scene, failures: Failures) -> NativeElement:
+    """`act` of an element in Python as a C function."""
+    shape = (len(scene.structure.nodes), 3)
+    known: dict[int, Any] = {}  # views by address
+
+    def view(address: int) -> Any:
+        if address not in known:
+            if len(known) > 100:  # threads come and go
+                known.clear()
+            known[address] = np.ctypeslib.as_array((ctypes.c_double * (3 * shape[0])).from_address(address))
+        return known[address].reshape(shape)
+
+    def call(time: float, motion: int, context: int, effect: int) -> int:
+        try:
+            _, nodes, velocities = (ctypes.c_int64 * MOTION_SIZE).from_address(motion)
+            x, v = view(nodes).copy(), view(velocities).copy()
+            view((ctypes.c_int64 * EFFECT_SIZE).from_address(effect)[_FORCES_AT])[:] = acted(element, scene, time, x, v)
+            if element.work is Work.LOST:
+                power = float(element.given(scene, time, x, v))
+                ctypes.c_double.from_address(effect + 8 * _GIVEN).value = power
+        except BaseException as error:
+            if not failures:
+                failures.append((element, error))
+            return FAILED
+        return SOLVED
+
+    function = ACT_FUNCTION(call)
+    return NativeElement(ctypes.cast(function, ctypes.c_void_p).value or 0, 0, (function,))
+
+
+class PackedElements:
+    """All that acts in a scene, in the slots of a plant's table; to be kept alive while the table is read.
+
+    Attributes:
+        failures: what an element in Python raised: it, and the first exception.
+    """
+
+    def __init__(self, scene: Scene, table: Any) -> None:
+        self.failures: Failures = []
+        effects, N, R = scene.effects, len(scene.structure.nodes), len(scene.structure.rods)
+        self.records = np.zeros(len(effects), ELEMENT)
+        self.seen = np.array([N, table[NODES], table[VELOCITIES]], np.int64)
+        self.added = np.zeros((R if any(one.adds_mass for one in effects) else 0, 4))
+        self.held = np.zeros((N, 3))
+        self._keep: list[Any] = []
+        for record, element in zip(self.records, effects, strict=True):
+            native = native_element(element, scene, self.failures)
+            effect = pack_effect(count=N, forces=np.zeros((N, 3)), rods=len(self.added), added=self.added, given=0.0)
+            record["function"], record["context"] = native.address, native.context
+            record["effect"], record["work"] = effect.address, _WORKS[element.work]
+            self._keep += [native, effect]
+        table[ELEMENT_COUNT], table[ELEMENTS] = len(effects), address_of(self.records)
+        table[SEEN], table[ROD_TOTAL] = address_of(self.seen), R
+        table[ADDED] = address_of(self.added) if len(self.added) else 0
+        table[HELD_MASS] = address_of(self.held)
+
+    def raise_if_failed(self, time: float) -> None:
+        """Raise what an element in Python did wrong.
+
+        Raises:
+            ElementError: with its name and the time; OptionError for a function of loads.
+        """
+        if not self.failures:
+            return
+        element, error = self.failures[0]
+        if not isinstance(error, Exception):
+            raise error  # KeyboardInterrupt
+        cause = f"failed near t = {time:.6g} s: {type(error).__name__}: {error}"
+        if isinstance(element, NodalLoads):
+            raise OptionError(f"loads: the function {cause}") from error
+        raise ElementError(f"element {element.label} {cause}") from error

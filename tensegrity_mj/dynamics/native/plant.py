@@ -1,4 +1,4 @@
-"""What every engine does around its own dynamics: strings, the law, actuation, loads, in compiled code.
+"""What every engine does around its own dynamics: strings, the law, actuation, elements, in compiled code.
 
 The parts live in arrays owned by a `Plant`; compiled code reaches them through one table of sizes and addresses,
 so that an engine passes a single integer.
@@ -6,24 +6,16 @@ so that an engine passes a single integer.
 
 from __future__ import annotations
 
-import ctypes
 from typing import Any
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.actuation import winch_work
-from tensegrity_mj.dynamics.native.elements import LOAD
+from tensegrity_mj.dynamics.native.elements import PackedElements
 from tensegrity_mj.dynamics.native.law import FAILED, NOT_FINITE, Command, NativeLaw, Report
 from tensegrity_mj.dynamics.native.motion import PackedMotions
-from tensegrity_mj.dynamics.native.pointers import (
-    LOAD_FUNCTION,
-    address_of,
-    borrowing,
-    copy,
-    floats,
-)
-from tensegrity_mj.dynamics.native.resistance import PackedResistance
+from tensegrity_mj.dynamics.native.pointers import address_of, borrowing, copy, floats
 from tensegrity_mj.dynamics.native.slots import (
     BREAK_TIMES,
     BREAKING,
@@ -43,10 +35,6 @@ from tensegrity_mj.dynamics.native.slots import (
     LAW_CONTEXT,
     LENGTH,
     LIMITED,
-    LOAD_COUNT,
-    LOAD_FUNCTION_SLOT,
-    LOADED,
-    LOADS,
     MAX_FORCE_DENSITY,
     MEMORY,
     MIN_REST_LENGTH,
@@ -61,7 +49,6 @@ from tensegrity_mj.dynamics.native.slots import (
     RATE,
     REPORT,
     REPORT_SIZE,
-    RESISTANCE,
     REST,
     RETURNS_LENGTHS,
     SAMPLED_LENGTH,
@@ -71,12 +58,10 @@ from tensegrity_mj.dynamics.native.slots import (
     TABLE_SIZE,
     TENSION,
     VELOCITIES,
-    WATER,
     WINCH,
     WINCH_REACH,
 )
-from tensegrity_mj.dynamics.native.water import PackedWater
-from tensegrity_mj.errors import ControllerError, OptionError
+from tensegrity_mj.errors import ControllerError
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
@@ -123,18 +108,18 @@ def break_times(scene: Scene) -> Array:
 
 
 class Plant:
-    """The arrays behind the table: strings, law, actuation and loads of one run.
+    """The arrays behind the table: strings, law, actuation and elements of one run.
 
     Attributes:
         table: (TABLE_SIZE,) int64, see the slots above.
         arrays: slot -> array, kept alive here.
+        elements: what acts on the nodes besides.
     """
 
     def __init__(self, scene: Scene, law: NativeLaw, actuation: Actuation, on_infeasible: OnInfeasible) -> None:
         structure = scene.structure
         N, M = len(structure.nodes), len(structure.strings)
         self.scene, self.law = scene, law
-        self.load_failure: list[BaseException] = []
         self.arrays: dict[int, Any] = {
             STRING_NODES: np.array(structure.string_nodes),
             STIFFNESS: np.array(structure.stiffness),
@@ -169,15 +154,7 @@ class Plant:
         self.motions = PackedMotions(scene.motions)
         self.table[MOTION_COUNT], self.table[MOTIONS] = len(scene.motions), self.motions.address
         self._set_limits(structure, actuation)
-        self._set_loads(scene)
-        self.resistance = None
-        if scene.resistance is not None:
-            self.resistance = PackedResistance(scene)
-            self.table[RESISTANCE], self.table[LOADED] = self.resistance.address, 1
-        self.water = None
-        if scene.water is not None:
-            self.water = PackedWater(scene)
-            self.table[WATER], self.table[LOADED] = self.water.address, 1
+        self.elements = PackedElements(scene, self.table)
 
     def _set_limits(self, structure: Structure, actuation: Actuation) -> None:
         # A winch that holds rest lengths from sample to sample moves them once a period.
@@ -196,53 +173,17 @@ class Plant:
     def __getitem__(self, slot: int) -> Any:
         return self.arrays[slot]
 
-    def _set_loads(self, scene: Scene) -> None:
-        if callable(scene.loads):
-            shape = (len(scene.structure.nodes), 3)
-            function = scene.loads
-
-            def call(time: float, out: int) -> int:
-                try:
-                    value = np.asarray(function(time), float)
-                    if value.shape != shape or not np.all(np.isfinite(value)):
-                        raise ValueError(f"it returned shape {value.shape}; it must return finite {shape} [N]")
-                    buffer = (ctypes.c_double * value.size).from_address(out)
-                    np.ctypeslib.as_array(buffer)[:] = value.ravel()
-                except BaseException as error:
-                    if not self.load_failure:
-                        self.load_failure.append(error)
-                    return 1
-                return 0
-
-            self._load_function = LOAD_FUNCTION(call)
-            pointer = ctypes.cast(self._load_function, ctypes.c_void_p).value
-            self.table[LOAD_FUNCTION_SLOT] = pointer or 0
-            self.table[LOADED] = 1
-        elif scene.loads:
-            records = np.zeros(len(scene.loads), LOAD)
-            for record, load in zip(records, scene.loads, strict=True):
-                record["node"] = scene.structure.node_index[load.node]
-                record["force"] = load.force
-                record["frequency"], record["phase"] = load.angular_frequency, load.phase
-            self.arrays[LOADS] = records
-            self.table[LOADS], self.table[LOAD_COUNT], self.table[LOADED] = address_of(records), len(records), 1
-
     def raise_if_failed(self, status: int, time: float) -> None:
-        """Raise what a law or a load function did wrong.
+        """Raise what a law or an element did wrong.
 
         Raises:
             ControllerError: with the time, and the exception or the offending value.
-            OptionError, SceneError: what a function of loads or of a support's motion did wrong.
+            ElementError: with the element that failed; OptionError, SceneError: what a function of loads or of a
+                support's motion did wrong.
         """
         if self.motions.failure:
             raise self.motions.failure[0]
-        if self.load_failure:
-            error = self.load_failure[0]
-            if not isinstance(error, Exception):
-                raise error
-            raise OptionError(
-                f"loads: the function failed near t = {time:.6g} s: {type(error).__name__}: {error}"
-            ) from error
+        self.elements.raise_if_failed(time)
         if status == FAILED:
             cause = self.law.failure[0] if self.law.failure else None
             if cause is not None and not isinstance(cause, Exception):

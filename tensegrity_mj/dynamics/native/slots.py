@@ -14,7 +14,7 @@ MODE, RETURNS_LENGTHS, PASSIVE, LAW, LAW_CONTEXT, HOLDS_FORCE_DENSITY, STATUS = 
 HELD, MEMORY, COMMAND, REPORT = range(14, 18)
 
 
-LOAD_COUNT, LOADS, LOAD_FUNCTION_SLOT, LOADED = range(18, 22)
+ELEMENT_COUNT, ELEMENTS, SEEN, ADDED = range(18, 22)  # records of `ELEMENT`, a `Motion`, α of the rods or 0
 
 
 REST, LENGTH, RATE, TENSION, ELASTIC, FORCES, NODES, VELOCITIES = range(22, 30)
@@ -38,16 +38,13 @@ COMPLIANCE = 40  # 1/k
 MOTION_COUNT, MOTIONS, MOVED = 41, 42, 43  # moved supports, their `PackedMotions`, and d, ḋ, d̈ of each (m, 3, 3)
 
 
-RESISTANCE = 44  # the table of a `PackedResistance`, 0 for none
-
-
-WATER = 45  # the table of a `PackedWater`, 0 for none
+ROD_TOTAL, HELD_MASS = 44, 45  # how many rods there are; forces of the added mass as last found (N, 3)
 
 
 ENGINE_SLOTS = 49  # an engine's own slots start here
 
 
-TABLE_SIZE = 96
+TABLE_SIZE = 112
 
 
 REPORT_SIZE = len(Report)

@@ -7,8 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.dynamics.native.pointers import address_of, borrowing, floats, inlined, integers, records_reader
-from tensegrity_mj.dynamics.native.vectors import ZERO, dot, minus, plus, row_of, times
+from tensegrity_mj.dynamics.native.compiling import c_function
+from tensegrity_mj.dynamics.native.elements import ACT_SIGNATURE, Effect, Motion, NativeElement
+from tensegrity_mj.dynamics.native.law import SOLVED
+from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
+from tensegrity_mj.dynamics.native.vectors import ZERO, dot, minus, plus, row_of, times, vector
+from tensegrity_mj.dynamics.native.views import Table, view_of
 from tensegrity_mj.model.elements.water import (
     ANGLE_WEIGHTS,
     ANGLES,
@@ -16,6 +20,7 @@ from tensegrity_mj.model.elements.water import (
     GAUSS_WEIGHTS,
     LEAST_COSINE,
     NEARLY_LEVEL,
+    Water,
     Weights,
     diameters,
     sea_of,
@@ -36,47 +41,59 @@ ROD = np.dtype(
 WAVE = np.dtype(
     [(name, "f8") for name in ("amplitude", "frequency", "number", "cosine", "sine", "phase", "whole")], align=True
 )  # whole: 1 - e^{-2kh}
-_read_rods, _read_waves = records_reader(ROD), records_reader(WAVE)
+Sea, pack = view_of(
+    "Sea",
+    count="size",
+    rods=(ROD, "count"),
+    wave_count="size",
+    waves=(WAVE, "wave_count"),
+    segments="size",
+    hermite="size",
+    constant="size",
+    depth="real",
+    added_mass="real",
+    inertia="real",
+    current=("f8", 3),
+    gravity=("f8", 3),
+)
 
-# The table; NUMBERS are the depth, C_a, C_M, current (3,) and gravity (3,), ADDED is α (R, 4) as last found. Threads of
-# a law without a run would share ADDED, and water has none of these (`capabilities.require_dry`).
-_ROD_COUNT, _RODS, _WAVE_COUNT, _WAVES, _NUMBERS, _SEGMENTS, _HERMITE, _CONSTANT, _ADDED = range(9)
-_SIZE = 9
+
+def packed_sea(scene: Scene) -> Table:
+    """The water of a scene as compiled code sees it."""
+    structure, water, sea = scene.structure, scene.water, sea_of(scene)
+    assert water is not None
+    rods, d = np.zeros(len(structure.rods), ROD), diameters(structure, water)
+    count = scene.water_segments.count
+    length = structure.rod_lengths / count
+    rods["nodes"], rods["half"] = structure.rod_nodes, 0.5 * d
+    rods["mass"] = water.density * np.pi * d**2 / 4 * length
+    rods["drag"] = 0.5 * water.density * water.drag * d * length
+    rods["tangential"] = 0.5 * water.density * water.tangential_drag * np.pi * d * length
+    waves = np.zeros(len(sea.amplitude), WAVE)
+    for name in ("amplitude", "frequency", "number", "phase"):
+        waves[name] = getattr(sea, name)
+    waves["cosine"], waves["sine"] = np.cos(sea.direction), np.sin(sea.direction)
+    waves["whole"] = -np.expm1(-2 * sea.number * sea.depth)
+    return pack(
+        count=len(rods),
+        rods=rods,
+        wave_count=len(waves),
+        waves=waves,
+        segments=count,
+        hermite=water.weights is Weights.HERMITE,
+        constant=water.above is AboveLevel.CONSTANT,
+        depth=sea.depth,
+        added_mass=water.added_mass,
+        inertia=water.inertia_coefficient,
+        current=np.array(sea.current, float),
+        gravity=np.array(scene.gravity, float),
+    )
 
 
-class PackedWater:
-    """The arrays of a scene's water and a table of their addresses, to be kept alive while it is read.
-
-    Attributes:
-        table: (9,) int64.
-    """
-
-    def __init__(self, scene: Scene) -> None:
-        structure, water, sea = scene.structure, scene.water, sea_of(scene)
-        assert water is not None
-        rods, d = np.zeros(len(structure.rods), ROD), diameters(structure, water)
-        count = scene.water_segments.count
-        length = structure.rod_lengths / count
-        rods["nodes"], rods["half"] = structure.rod_nodes, 0.5 * d
-        rods["mass"] = water.density * np.pi * d**2 / 4 * length
-        rods["drag"] = 0.5 * water.density * water.drag * d * length
-        rods["tangential"] = 0.5 * water.density * water.tangential_drag * np.pi * d * length
-        waves = np.zeros(len(sea.amplitude), WAVE)
-        for name in ("amplitude", "frequency", "number", "phase"):
-            waves[name] = getattr(sea, name)
-        waves["cosine"], waves["sine"] = np.cos(sea.direction), np.sin(sea.direction)
-        waves["whole"] = -np.expm1(-2 * sea.number * sea.depth)
-        numbers = np.array([sea.depth, water.added_mass, water.inertia_coefficient, *sea.current, *scene.gravity])
-        self._arrays = (rods, waves, numbers, np.zeros((len(rods), 4)))
-        at = [address_of(array) for array in self._arrays]
-        hermite, constant = water.weights is Weights.HERMITE, water.above is AboveLevel.CONSTANT
-        sizes = (count, hermite, constant)
-        self.table = np.array([len(rods), at[0], len(waves), at[1], at[2], *sizes, at[3]], np.int64)
-
-    @property
-    def address(self) -> int:
-        """Of the table."""
-        return address_of(self.table)
+def pack_water(element: Water, scene: Scene) -> NativeElement:
+    """The water of a scene."""
+    packed = packed_sea(scene)
+    return NativeElement(act_water.address, packed.address, (packed,))
 
 
 @inlined
@@ -161,14 +178,12 @@ def _across(v: Any, axis: Any) -> Any:
 
 
 @borrowing
-def immerse(packed: int, t: float, nodes: Any, velocities: Any, forces: Any) -> float:
-    """Add F⁰ to nodal forces (N, 3) and keep α of the rods; returns the power of F⁰ [W]."""
-    table = integers(packed, (_SIZE,))
-    numbers, count = floats(table[_NUMBERS], (9,)), table[_SEGMENTS]
-    depth, C_a, C_M, hermite, constant = numbers[0], numbers[1], numbers[2], table[_HERMITE], table[_CONSTANT]
-    current, gravity = (numbers[3], numbers[4], numbers[5]), (numbers[6], numbers[7], numbers[8])
-    rods, waves = _read_rods(table[_RODS], table[_ROD_COUNT]), _read_waves(table[_WAVES], table[_WAVE_COUNT])
-    added, power = floats(table[_ADDED], (len(rods), 4)), 0.0
+def immerse(packed: int, t: float, nodes: Any, velocities: Any, forces: Any, added: Any) -> None:
+    """Add F⁰ to nodal forces (N, 3), and α of the rods to `added` (R, 4) [kg], rows (α_11, α_12, α_21, α_22)."""
+    sea = Sea(packed)
+    count, rods, waves = sea.segments, sea.rods, sea.waves
+    depth, C_a, C_M, hermite, constant = sea.depth, sea.added_mass, sea.inertia, sea.hermite, sea.constant
+    current, gravity = vector(sea.current), vector(sea.gravity)
     for r in range(len(rods)):
         rod = rods[r]
         i, j = rod.nodes[0], rod.nodes[1]
@@ -205,15 +220,18 @@ def immerse(packed: int, t: float, nodes: Any, velocities: Any, forces: Any) -> 
             a12 += mass * (1.0 - share) * s
             a21 += mass * share * (1.0 - s)
             a22 += mass * share * s
-        added[r, 0], added[r, 1], added[r, 2], added[r, 3] = a11, a12, a21, a22
-        power += dot(first, v1) + dot(second, plus(v1, turn))
+        added[r, 0] += a11
+        added[r, 1] += a12
+        added[r, 2] += a21
+        added[r, 3] += a22
         for x in range(3):
             forces[i, x] += first[x]
             forces[j, x] += second[x]
-    return power
 
 
-@borrowing
-def added_masses(packed: int) -> int:
-    """Address of α (R, 4) [kg], rows (α_11, α_12, α_21, α_22), of the state that `immerse` saw last."""
-    return integers(packed, (_SIZE,))[_ADDED]
+@c_function(ACT_SIGNATURE)
+def act_water(t: Any, motion_at: Any, context_at: Any, effect_at: Any) -> Any:
+    """See `native.elements`."""
+    motion, effect = Motion(motion_at), Effect(effect_at)
+    immerse(context_at, t, motion.nodes, motion.velocities, effect.forces, effect.added)
+    return SOLVED

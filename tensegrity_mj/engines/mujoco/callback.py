@@ -1,4 +1,4 @@
-"""The control callback inside MuJoCo, compiled: law, actuation, loads, work integrals and recording at every stage.
+"""The control callback inside MuJoCo, compiled: law, actuation, elements, work integrals and recording at every stage.
 
 MuJoCo calls it once a stage: four times a step with RK4, once with the other integrators. At the first stage of a
 step the state is that of the step's start: there the law is sampled and rows are written. Accelerations and
@@ -13,23 +13,24 @@ from __future__ import annotations
 from typing import Any
 
 from tensegrity_mj.dynamics.native.actuation import break_strings, remember, set_rest_lengths, start_ledger, take_sample
-from tensegrity_mj.dynamics.native.elements import set_loads, set_motions
+from tensegrity_mj.dynamics.native.elements import held_powers, let_act, set_motions
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import row_width, write_row
 from tensegrity_mj.dynamics.native.pointers import borrowing, copy, floats, inlined, integers
-from tensegrity_mj.dynamics.native.resistance import dissipated, held_powers
 from tensegrity_mj.dynamics.native.resolution import resolve_stage, resolve_start
 from tensegrity_mj.dynamics.native.slots import (
+    ADDED,
     BREAKING,
     BROKEN,
     CLIPPED,
     CONTINUOUS,
     DAMPED,
     DAMPING,
+    ELEMENT_COUNT,
     ENGINE_SLOTS,
     FORCES,
+    HELD_MASS,
     LENGTH,
-    LOADED,
     MODE,
     MOTION_COUNT,
     MOVED,
@@ -37,7 +38,6 @@ from tensegrity_mj.dynamics.native.slots import (
     NODES,
     PASSIVE,
     RATE,
-    RESISTANCE,
     REST,
     STATUS,
     STIFFNESS,
@@ -59,7 +59,6 @@ from tensegrity_mj.engines.mujoco.motion import (
     keep_rates,
     support_power,
 )
-from tensegrity_mj.engines.mujoco.water import SIZE as WET_SIZE
 from tensegrity_mj.engines.mujoco.water import add_mass
 from tensegrity_mj.runs.energy import BEYOND
 
@@ -104,8 +103,18 @@ from tensegrity_mj.runs.energy import BEYOND
     PART,  # of a step that is split: address of the time [s] at which the part begins that STEP_SIZE is of
     ANSWERED,  # where rest lengths of this very state are known already: 1 + what the law answered
     POWERS,  # address where the powers of the last stage go whose work was counted
-    WET,  # of a `WaterTable`
-) = range(ENGINE_SLOTS, ENGINE_SLOTS + 40)
+    FLOATING,  # what `add_mass` takes, eleven in a row: of an `AddedMass`, its room, and arrays of MjData
+    MASS_ROOM,
+    MASS_MATRIX,
+    AXES,
+    AXIS_RATES,
+    TWISTS,
+    CENTERS,
+    RATES,
+    BIAS,
+    PASSIVE_FORCES,
+    DRIVES,
+) = range(ENGINE_SLOTS, ENGINE_SLOTS + 50)
 
 # Counters: calls within the step, steps begun, next row, row waiting for its accelerations, final status.
 STAGE, STEP, NEXT_ROW, WAITING, ENDED, END_STEP = range(6)
@@ -149,7 +158,7 @@ def _is_sane(v: Any) -> bool:
 
 @borrowing
 def apply_loads(table: Any) -> None:
-    """External nodal forces as forces and torques at the bodies' centres of mass."""
+    """Nodal forces of elements as forces and torques at the bodies' centres of mass."""
     N, bodies_total = table[NODE_COUNT], table[BODY_COUNT]
     nodes, forces = floats(table[NODES], (N, 3)), floats(table[FORCES], (N, 3))
     bodies = integers(table[NODE_BODY], (N,))
@@ -169,19 +178,6 @@ def apply_loads(table: Any) -> None:
         xfrc[body, 3] += y * fz - z * fy
         xfrc[body, 4] += z * fx - x * fz
         xfrc[body, 5] += x * fy - y * fx
-
-
-@borrowing
-def load_power(table: Any) -> float:
-    """Power of the last external forces at the current velocities [W]."""
-    N = table[NODE_COUNT]
-    forces, velocities = floats(table[FORCES], (3 * N,)), floats(table[VELOCITIES], (3 * N,))
-    total = 0.0
-    for x in range(3 * N):
-        total += forces[x] * velocities[x]
-    if table[RESISTANCE]:
-        total -= held_powers(table[RESISTANCE], velocities)[1]
-    return total
 
 
 @borrowing
@@ -215,7 +211,7 @@ def power_of_supports(table: Any) -> float:
         table[MOVED],
         table[NODES],
         table[VELOCITIES],
-        table[FORCES] if table[LOADED] else 0,
+        table[FORCES] if table[ELEMENT_COUNT] else 0,
         table[STRING_NODES],
         table[TENSION],
         table[LENGTH],
@@ -224,10 +220,12 @@ def power_of_supports(table: Any) -> float:
 
 @borrowing
 def write_coordinates(table: Any, row: Any) -> None:
-    """Write qpos and qvel into a row."""
+    """Write qpos and qvel into a row, and the forces of added mass where there are any."""
     sizes = integers(table[STATE_SIZES], (2,))
     copy(floats(table[QPOS], (sizes[0],)), row)
     copy(floats(table[QVEL], (sizes[1],)), row[sizes[0] :])
+    if table[ADDED]:
+        copy(floats(table[HELD_MASS], (3 * table[NODE_COUNT],)), row[sizes[0] + sizes[1] :])
 
 
 @borrowing
@@ -318,15 +316,14 @@ def control_stage(table: Any) -> None:
         move_supports(table, t, stage == 0)
         if table[CONSTRAINED]:
             work[2] += constraint_work(supports, table[MOVED], table[CONSTRAINT_FORCE], before, stages == 1)
-    external = 0.0
-    if table[LOADED]:
+    given, spent = 0.0, 0.0
+    if table[ELEMENT_COUNT]:
         if stages == 1 and step > 0:
-            # One-stage integrators hold the force over the step: its work counts the speeds at both ends.
-            work[2] += 0.5 * h * load_power(table)
-            if table[RESISTANCE]:
-                velocities = floats(table[VELOCITIES], (3 * table[NODE_COUNT],))
-                work[1] += 0.5 * h * held_powers(table[RESISTANCE], velocities)[0]
-        external = set_loads(table, t)
+            # One-stage integrators hold forces over the step: their work counts the speeds at both ends.
+            given, spent = held_powers(table)
+            work[1] += 0.5 * h * spent
+            work[2] += 0.5 * h * given
+        given, spent = let_act(table, t)
         apply_loads(table)
     status = SOLVED
     if begins and table[BREAKING] > 0:
@@ -344,11 +341,10 @@ def control_stage(table: Any) -> None:
         if asked <= NO_SOLUTION and status <= NO_SOLUTION and not set_controls(table):
             counters[ENDED], counters[END_STEP] = LOST_CONTROL, step
             return
-    if table[WET]:
-        external += add_mass(table, integers(table[WET], (WET_SIZE,)), floats(table[XIPOS], (table[BODY_COUNT], 3)))
+    if table[ADDED]:
+        given += add_mass(table, table[FLOATING : DRIVES + 1])
         apply_loads(table)
-    if table[RESISTANCE]:
-        lost += (1.0 if stages == 4 else 0.5) * dissipated(table[RESISTANCE])
+    lost += (1.0 if stages == 4 else 0.5) * spent
     moving = 0.0
     if table[MOTION_COUNT] > 0:
         moving = power_of_supports(table)
@@ -396,10 +392,10 @@ def control_stage(table: Any) -> None:
         return
     work[0] += weight * stored
     work[1] += weight * lost
-    work[2] += (weight if stages == 4 else 0.5 * weight) * (external + moving)
+    work[2] += (weight if stages == 4 else 0.5 * weight) * (given + moving)
     if table[POWERS]:
         powers = floats(table[POWERS], (3,))
-        powers[0], powers[1], powers[2] = stored, lost, external + moving
+        powers[0], powers[1], powers[2] = stored, lost, given + moving
     if table[CONTACT]:
         keep_stage(contact)
     if table[MOTION_COUNT] > 0 and table[CONSTRAINED]:

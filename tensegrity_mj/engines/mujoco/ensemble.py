@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.pointers import address_of
+from tensegrity_mj.dynamics.native.slots import ADDED
 from tensegrity_mj.engines.driving import Progress, Stopwatch, chunks
 from tensegrity_mj.engines.mujoco import callback, many
 from tensegrity_mj.engines.mujoco.install import finish, installed
@@ -25,6 +26,7 @@ from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_co
 from tensegrity_mj.engines.mujoco.motion import SupportTable
 from tensegrity_mj.engines.mujoco.prepared import node_addresses, prepared_with
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun, warned
+from tensegrity_mj.engines.mujoco.water import AddedMass
 from tensegrity_mj.engines.recording import check_rows
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError
@@ -184,9 +186,13 @@ def law_in(model: mujoco.MjModel, plant: Plant) -> Iterator[NDArray[np.int64]]:
     sites, bodies, roots = node_addresses(scene, model)
     answers = np.zeros(many.ANSWER_COUNT, np.int64)
     table = plant.table.copy()
-    supports = SupportTable(scene, body_tree(scene), model, resets=False) if scene.motions else None
+    tree = body_tree(scene)
+    supports = SupportTable(scene, tree, model, resets=False) if scene.motions else None
     if supports is not None:
         table[callback.SUPPORTS] = address_of(supports.table)
+    added_mass = AddedMass(scene, tree, model) if table[ADDED] else None
+    if added_mass is not None:
+        table[callback.FLOATING] = added_mass.address
     places = {
         callback.DESIGNED: designed,
         callback.NODE_SITE: sites,

@@ -22,7 +22,7 @@ from tensegrity_mj.engines.mujoco.mjcf_bodies import Names
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree
 from tensegrity_mj.engines.mujoco.motion import SupportTable
 from tensegrity_mj.model import rods
-from tensegrity_mj.model.elements.resistance import resisting_forces
+from tensegrity_mj.model.elements.element import forces_of
 from tensegrity_mj.model.scene import Scene
 
 REDUNDANT = 1e-12  # of the largest singular value: below it, a constraint says what others say
@@ -33,8 +33,9 @@ class JointForces:
 
     def __init__(self, scene: Scene, tree: BodyTree, model: mujoco.MjModel, supports: SupportTable | None) -> None:
         self.scene, self.tree, self.model, self.supports = scene, tree, model, supports
-        self.width = int(model.nq + model.nv)
         structure = scene.structure
+        self.state = int(model.nq + model.nv)
+        self.width = self.state + (3 * len(structure.nodes) if any(one.adds_mass for one in scene.effects) else 0)
         self._sites = np.array([model.site(name).id for name in structure.node_names], np.int64)
         ends = Names(scene, tree).ends
         # Where each end of each rod is: at its node's site, or at a site of its own where a constraint holds it there.
@@ -53,15 +54,17 @@ class JointForces:
 
         Args:
             time: (T,) [s].
-            rows: (T, ...) as recorded: those of `write_row` first, qpos and qvel last.
+            rows: (T, ...) as recorded: those of `write_row` first, qpos, qvel and the forces of added mass last.
         """
         scene, structure = self.scene, self.scene.structure
         T, N, M = len(time), len(structure.nodes), len(structure.strings)
         nodes, velocities = rows[:, : 3 * N].reshape(T, N, 3), rows[:, 3 * N : 6 * N].reshape(T, N, 3)
         tensions = rows[:, 6 * N + 2 * M : 6 * N + 3 * M]
-        loads = np.array([scene.nodal_forces(t) for t in time]).reshape(nodes.shape)
-        loads += resisting_forces(scene, nodes, velocities)
-        accelerations, pulls, gaps = self._solve(time, rows[:, -self.width :], tensions, loads)
+        loads = forces_of(scene.effects, scene, time, nodes, velocities)
+        kept = rows[:, -self.width :]
+        if self.width > self.state:
+            loads += kept[:, self.state :].reshape(T, N, 3)
+        accelerations, pulls, gaps = self._solve(time, kept[:, : self.state], tensions, loads)
         forces = self._end_forces(rods.string_forces(structure, nodes, tensions) + loads, pulls, accelerations)
         sigma = np.array([rod.support.sigma for rod in structure.rods])[:, None]
         r_accelerations = (1 - sigma) * accelerations[:, :, 0] + sigma * accelerations[:, :, 1]

@@ -20,7 +20,7 @@ import numpy as np
 
 from tensegrity_mj.dynamics.native.actuation import ask_law, command_as_lengths
 from tensegrity_mj.dynamics.native.compiling import c_function
-from tensegrity_mj.dynamics.native.elements import set_loads
+from tensegrity_mj.dynamics.native.elements import lend_room, let_act, room_of_elements
 from tensegrity_mj.dynamics.native.law import FAILED, SOLVED
 from tensegrity_mj.dynamics.native.pointers import (
     STACK_LIMIT,
@@ -34,10 +34,12 @@ from tensegrity_mj.dynamics.native.pointers import (
     stack_doubles,
 )
 from tensegrity_mj.dynamics.native.slots import (
+    ADDED,
     COMMAND,
+    ELASTIC,
+    ELEMENT_COUNT,
     FORCES,
     LENGTH,
-    LOADED,
     MOTION_COUNT,
     MOVED,
     NODE_COUNT,
@@ -49,11 +51,16 @@ from tensegrity_mj.dynamics.native.slots import (
     STATUS,
     STRING_COUNT,
     TABLE_SIZE,
+    TENSION,
     VELOCITIES,
 )
+from tensegrity_mj.dynamics.native.strings import tighten_strings
 from tensegrity_mj.engines.mujoco import callback
 from tensegrity_mj.engines.mujoco.callback import (
+    DRIVES,
+    FLOATING,
     FORCE_RANGE,
+    MASS_ROOM,
     apply_loads,
     control_stage,
     move_supports,
@@ -62,6 +69,7 @@ from tensegrity_mj.engines.mujoco.callback import (
 )
 from tensegrity_mj.engines.mujoco.install import CALLBACK, active_table
 from tensegrity_mj.engines.mujoco.layout import check_layout, offset
+from tensegrity_mj.engines.mujoco.water import add_mass, room_of_mass
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
@@ -80,6 +88,15 @@ _ARRAYS = {
     callback.QVEL: "qvel",
     callback.APPLIED: "qfrc_applied",
     callback.CONSTRAINT_FORCE: "qfrc_constraint",
+    callback.MASS_MATRIX: "M",
+    callback.AXES: "cdof",
+    callback.AXIS_RATES: "cdof_dot",
+    callback.TWISTS: "cvel",
+    callback.CENTERS: "subtree_com",
+    callback.RATES: "qvel",
+    callback.BIAS: "qfrc_bias",
+    callback.PASSIVE_FORCES: "qfrc_passive",
+    callback.DRIVES: "qfrc_applied",
     LENGTH: "ten_length",
     RATE: "ten_velocity",
 }
@@ -189,7 +206,11 @@ def _command(guide: Any, data: int, room: int) -> int:
     at += 72 * N
     table[COMMAND], table[REST], table[FORCE_RANGE] = at, at + 8 * M, at + 16 * M
     table[REPORT] = at + 32 * M
-    table[MOVED] = table[REPORT] + 8 * REPORT_SIZE
+    table[TENSION], table[ELASTIC] = table[REPORT] + 8 * REPORT_SIZE, table[REPORT] + 8 * (REPORT_SIZE + M)
+    table[MOVED] = table[ELASTIC] + 8 * M
+    at = table[MOVED] + 72 * table[MOTION_COUNT]
+    table[MASS_ROOM] = at
+    lend_room(table, at + 8 * room_of_mass(table[FLOATING]))
     _bind(guide, table, data)
     t = floats(data + guide[TIME_AT], 1)[0]
     if not read_nodes(table):
@@ -198,24 +219,30 @@ def _command(guide: Any, data: int, room: int) -> int:
         move_supports(table, t, False)
         if table[STATUS] != 0:
             return FAILED
-    if table[LOADED]:
-        set_loads(table, t)
+    if table[ELEMENT_COUNT]:
+        let_act(table, t)
         if table[STATUS] != 0:
             return FAILED
         apply_loads(table)
-    if M == 0:
-        return SOLVED
-    status = ask_law(table, t)
-    if status == SOLVED:
-        command_as_lengths(table, floats(table[REST], (M,)))
-        set_controls(table)
+    status = SOLVED
+    if M > 0:
+        status = ask_law(table, t)
+        if status == SOLVED:
+            command_as_lengths(table, floats(table[REST], (M,)))
+            tighten_strings(table)
+            set_controls(table)
+    if table[ADDED] and status == SOLVED:
+        add_mass(table, table[FLOATING : DRIVES + 1])
+        apply_loads(table)
     return status
 
 
 @inlined
-def law_room(N: int, M: int, motions: int) -> int:
+def law_room(table: Any) -> int:
     """Numbers of scratch that `_command` needs."""
-    return TABLE_SIZE + 9 * N + 4 * M + REPORT_SIZE + 9 * motions
+    N, M = table[NODE_COUNT], table[STRING_COUNT]
+    own = TABLE_SIZE + 9 * N + 6 * M + REPORT_SIZE + 9 * table[MOTION_COUNT]
+    return own + room_of_mass(table[FLOATING]) + room_of_elements(table)
 
 
 @owning
@@ -227,7 +254,7 @@ def stage_of_a_law(guide: Any, model: int, data: int) -> None:
         integers(guide[ANSWERS], (ANSWER_COUNT,))[OTHER_STRINGS] = 1
         return
     own = integers(guide[LAW_TABLE], (TABLE_SIZE,))
-    size = law_room(own[NODE_COUNT], own[STRING_COUNT], own[MOTION_COUNT])
+    size = law_room(own)
     if size <= STACK_LIMIT:
         status = _command(guide, data, stack_doubles(size))
     else:

@@ -13,7 +13,7 @@ from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import RESOLUTION_KIND, Plant, row_width
 from tensegrity_mj.dynamics.native.pointers import address_of
 from tensegrity_mj.dynamics.native.resolution import DISCRETE, SEMI_IMPLICIT, STAGES
-from tensegrity_mj.dynamics.native.slots import LENGTH, RATE, STATUS
+from tensegrity_mj.dynamics.native.slots import ADDED, LENGTH, RATE, STATUS
 from tensegrity_mj.engines.driving import Grid, Progress, Stopwatch, chunks
 from tensegrity_mj.engines.mujoco import callback
 from tensegrity_mj.engines.mujoco.contact import ContactTable
@@ -21,11 +21,10 @@ from tensegrity_mj.engines.mujoco.install import finish, installed
 from tensegrity_mj.engines.mujoco.joints import JointForces
 from tensegrity_mj.engines.mujoco.motion import SupportTable
 from tensegrity_mj.engines.mujoco.prepared import Prepared, prepared
-from tensegrity_mj.engines.mujoco.water import WaterTable
+from tensegrity_mj.engines.mujoco.water import AddedMass, check_added_mass
 from tensegrity_mj.engines.recording import allocate_rows, make_trajectory
 from tensegrity_mj.engines.request import Request
-from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
-from tensegrity_mj.model.capabilities import require_wet_rods
+from tensegrity_mj.errors import DivergenceError, TensegrityError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.energy import BEYOND, blame_divergence, check_energy
 from tensegrity_mj.runs.trajectory import Status, Trajectory
@@ -68,7 +67,7 @@ class MuJoCoRun:
     ) -> None:
         self.options, self.request = options, request
         scene, structure = request.scene, request.scene.structure
-        self._check_water(scene)
+        check_added_mass(scene, options.integrator.name, options.is_explicit)
         self.grid = Grid.of(request, options.timestep)
         ready = prepared(scene, options.timestep, options.word) if ready is None else ready
         self.model, self.tree = ready.model, ready.tree
@@ -115,6 +114,15 @@ class MuJoCoRun:
             callback.QVEL: data.qvel,
             callback.APPLIED: data.qfrc_applied,
             callback.CONSTRAINT_FORCE: data.qfrc_constraint,
+            callback.MASS_MATRIX: data.M,
+            callback.AXES: data.cdof,
+            callback.AXIS_RATES: data.cdof_dot,
+            callback.TWISTS: data.cvel,
+            callback.CENTERS: data.subtree_com,
+            callback.RATES: data.qvel,
+            callback.BIAS: data.qfrc_bias,
+            callback.PASSIVE_FORCES: data.qfrc_passive,
+            callback.DRIVES: data.qfrc_applied,
             LENGTH: data.ten_length,
             RATE: data.ten_velocity,
         }
@@ -134,21 +142,13 @@ class MuJoCoRun:
         if self.joints is not None:
             self.keep[callback.STATE_SIZES] = sizes = np.array([self.model.nq, self.model.nv], np.int64)
             table[callback.STATE_SIZES] = address_of(sizes)
-        self.water = None if scene.water is None else WaterTable(scene, self.model, self.data)
-        if self.water is not None:
-            table[callback.WET] = address_of(self.water.table)
+        self.added_mass = AddedMass(scene, self.tree, self.model) if table[ADDED] else None
+        if self.added_mass is not None:
+            table[callback.FLOATING] = self.added_mass.address
+            table[callback.MASS_ROOM] = address_of(self.added_mass.room)
         if self.contact is not None:
             table[callback.CONTACT] = address_of(self.contact.table)
             table[callback.CONTACT_SIZE] = len(self.contact.table)
-
-    def _check_water(self, scene: Scene) -> None:
-        require_wet_rods(scene, "MuJoCo")
-        if scene.water is not None and not self.options.is_explicit:
-            raise OptionError(
-                f"MuJoCo: integrator {self.options.integrator.name} in water: added mass is a force that is found for "
-                "the accelerations of the step's start, and this integrator makes its step of others; use "
-                "Integrator.RK4 or EULER"
-            )
 
     def run(self) -> Trajectory:
         grid, options = self.grid, self.options

@@ -1,18 +1,18 @@
 """Rods in water inside MuJoCo: added mass, which MuJoCo's isotropic bodies have no place for.
 
 MuJoCo solves M q̈ = Q with the thin rods' own M. In water each rod feels -Σ_j α_ij P a_j at its nodes besides, a_j being
-the accelerations that are to be found. So the callback finds them first, rod by rod, from the numbers that MuJoCo has
-for its degrees of freedom when it calls: with J_i the velocities of node i for each of them (from `cdof`), M = the
-body's own inertia in these (and `dof_armature`), Q = `qfrc_passive` - `qfrc_bias` + `qfrc_applied` + Σ J_iᵀ f_i, where
-f_i are loads, pulls of strings and F⁰ of the water, it solves
+the accelerations that are to be found. So the callback finds them first, one tree of bodies after another, from the
+numbers that MuJoCo has for its degrees of freedom when it calls: with J_i the velocities of a rod's node i for each of
+them (from `cdof`), a_i⁰ what it accelerates by without any q̈ (from `cdof_dot`), and Q = `qfrc_passive` - `qfrc_bias` +
+`qfrc_applied` + Σ J_nᵀ f_n, where f_n are the forces of elements and strings on the nodes n, it solves
 
-    (M + Σ_ij α_ij J_iᵀ P J_j) q̈ = Q - Σ_ij α_ij J_iᵀ P ω × (ω × (x_j - x_0)),
+    (M + Σ_ij α_ij J_iᵀ P J_j) q̈ = Q - Σ_ij α_ij J_iᵀ P a_j⁰
 
-x_0 being the origin of the body, which is where all its joints are, and applies -Σ_j α_ij P a_j of this q̈ as external
-forces. MuJoCo then finds the same q̈ by itself. No number of the DAE takes part, and both agree to round-off.
+and applies -Σ_j α_ij P a_j of this q̈ as external forces. MuJoCo then finds the same q̈ by itself. No number of the DAE
+takes part, and both agree to round-off.
 
-An integrator whose step is not made of these accelerations would apply these forces all the same, and be wrong:
-`implicit`, `implicitfast` and `discrete` solve M + h D, not M. They are refused.
+Joints that close loops, and contact, act through forces that MuJoCo finds after the callback: they are refused. So are
+integrators whose step is not made of these accelerations: `implicit`, `implicitfast` and `discrete` solve M + h D.
 """
 
 from __future__ import annotations
@@ -22,149 +22,274 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from tensegrity_mj.dynamics.native.pointers import address_of, borrowing, floats, inlined, integers
-from tensegrity_mj.dynamics.native.slots import FORCES, NODE_COUNT, NODES, STRING_COUNT, VELOCITIES, WATER
+from tensegrity_mj.dynamics.kernels import solve_with_pivots
+from tensegrity_mj.dynamics.native.pointers import borrowing, floats, inlined
+from tensegrity_mj.dynamics.native.slots import (
+    ADDED,
+    FORCES,
+    HELD_MASS,
+    NODE_COUNT,
+    NODES,
+    ROD_TOTAL,
+    STRING_COUNT,
+    VELOCITIES,
+)
 from tensegrity_mj.dynamics.native.strings import add_string_forces
 from tensegrity_mj.dynamics.native.vectors import dot, minus, plus, row_of, times
-from tensegrity_mj.dynamics.native.water import added_masses
+from tensegrity_mj.dynamics.native.views import view_of
+from tensegrity_mj.engines.mujoco.mjcf_bodies import Names
+from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree
+from tensegrity_mj.errors import OptionError, SceneError, StructureError
+from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.scene import Scene
 
-MOST = 6  # degrees of freedom of a body
+# trees: first degree of freedom, how many, and the first and how many of `rods` and of `loaded`. rods: row, its nodes,
+# its body, the root of its tree, the last degree of freedom that moves it. loaded: node, root, and that of the nodes.
+# rows: where the row of each degree of freedom is in M, and its length; columns: of the entries of M. chains: where the
+# degrees of freedom that move what one of them moves are in `chain`, and how many. size: of the largest tree; room:
+# numbers of scratch.
+Floating, pack_floating = view_of(
+    "Floating",
+    tree_count="size",
+    trees=("i8", "tree_count", 6),
+    rod_count="size",
+    rods=("i8", "rod_count", 6),
+    load_count="size",
+    loaded=("i8", "load_count", 3),
+    dofs="size",
+    rows=("i8", "dofs", 2),
+    entries="size",
+    columns=("i8", "entries"),
+    chains=("i8", "dofs", 2),
+    links="size",
+    chain=("i8", "links"),
+    bodies="size",
+    size="size",
+    room="size",
+)
 
-# The table: rows (first node, second node, body, first dof, number of dofs) of the rods, addresses of MuJoCo's arrays,
-# and room: all forces on the nodes (N, 3), and for one rod its J_1, J_2, its equations and q̈.
-(
-    ROD_COUNT,
-    PLACES,
-    BODY_COUNT,
-    DOF_COUNT,
-    MASS,
-    INERTIA,
-    ARMATURE,
-    FRAMES,
-    ORIGINS,
-    AXES,
-    TWISTS,
-    BIAS,
-    PASSIVE,
-    APPLIED,
-    PULLS,
-    JACOBIANS,
-    EQUATIONS,
-) = range(17)
-SIZE = 17
+
+def check_added_mass(scene: Scene, integrator: str, explicit: bool) -> None:
+    """Raise an error of the package where MuJoCo cannot find the accelerations of a scene whose elements add mass.
+
+    Args:
+        scene: which.
+        integrator: its name.
+        explicit: whether its step is made of the accelerations at the stages.
+    """
+    adding = [element for element in scene.effects if element.adds_mass]
+    if not adding:
+        return
+    who = f"MuJoCo: {adding[0].label} adds mass to rods, "
+    if scene.contact is not None:
+        raise SceneError(
+            f"{who}whose accelerations are found before the forces of contact are known: leave one of the two out, "
+            "with scene.with_(contact=None) or scene.with_(water=None)"
+        )
+    closures = spanning_forest(scene.structure).closures
+    if closures:
+        node = scene.structure.node_names[closures[0][0]]
+        raise StructureError(
+            f"{who}whose accelerations are found before the forces of joints that close loops are known; here rods "
+            f"close a loop at node '{node}': use the DAE"
+        )
+    if not explicit:
+        raise OptionError(
+            f"{who}a force that is found for the accelerations of the step's start, and integrator {integrator} makes "
+            "its step of others: use Integrator.RK4 or EULER"
+        )
 
 
-class WaterTable:
-    """The table of a run in water, kept alive with what it points to.
+class AddedMass:
+    """What compiled code knows of the trees of a model whose rods are in water, kept alive.
 
     Attributes:
-        table: (17,) int64.
+        address: of a `Floating`.
+        room: scratch.
     """
 
-    def __init__(self, scene: Scene, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-        structure = scene.structure
-        bodies = [int(model.site_bodyid[model.site(rod.nodes[0]).id]) for rod in structure.rods]
-        rows = [
-            [*pair, body, model.body_dofadr[body], model.body_dofnum[body]]
-            for pair, body in zip(structure.rod_nodes, bodies, strict=True)
-        ]
-        arrays: dict[int, np.ndarray[Any, Any]] = {
-            PLACES: np.array(rows, np.int64),
-            MASS: model.body_mass,
-            INERTIA: model.body_inertia,
-            ARMATURE: model.dof_armature,
-            FRAMES: data.ximat,
-            ORIGINS: data.xpos,
-            AXES: data.cdof,
-            TWISTS: data.cvel,
-            BIAS: data.qfrc_bias,
-            PASSIVE: data.qfrc_passive,
-            APPLIED: data.qfrc_applied,
-            PULLS: np.zeros((len(structure.nodes), 3)),
-            JACOBIANS: np.zeros((2, MOST, 3)),
-            EQUATIONS: np.zeros((MOST, MOST + 1)),
-        }
-        self._keep = arrays
-        self.table = np.zeros(SIZE, np.int64)
-        self.table[ROD_COUNT], self.table[BODY_COUNT], self.table[DOF_COUNT] = len(rows), model.nbody, model.nv
-        for slot, array in arrays.items():
-            self.table[slot] = address_of(array)
+    def __init__(self, scene: Scene, tree: BodyTree, model: mujoco.MjModel) -> None:
+        structure, roots = scene.structure, model.body_rootid
+        bodies = [int(model.body(name).id) for name in Names(scene, tree).rods]
+        sites = [int(model.site_bodyid[model.site(name).id]) for name in structure.node_names]
+        last = np.full(model.nbody, -1, np.int64)  # degree of freedom that moves a body
+        for body in range(1, model.nbody):
+            count = int(model.body_dofnum[body])
+            last[body] = model.body_dofadr[body] + count - 1 if count else last[model.body_parentid[body]]
+        trees: list[Any] = []
+        rods: list[Any] = []
+        loaded: list[Any] = []
+        for root in dict.fromkeys(int(roots[body]) for body in bodies if last[body] >= 0):
+            dofs = np.flatnonzero(roots[model.dof_bodyid] == root)
+            own = [
+                (row, *structure.rod_nodes[row], body, root, last[body])
+                for row, body in enumerate(bodies)
+                if roots[body] == root and last[body] >= 0
+            ]
+            pushed = [(n, root, last[body]) for n, body in enumerate(sites) if roots[body] == root and last[body] >= 0]
+            trees.append((dofs[0], len(dofs), len(rods), len(own), len(loaded), len(pushed)))
+            rods += own
+            loaded += pushed
+        chains = [_chain(model, d) for d in range(model.nv)]
+        counts = np.array([len(chain) for chain in chains], np.int64)
+        N, size = len(structure.nodes), max((len_ for _, len_, *_ in trees), default=0)
+        self.room = np.zeros(3 * N + size * (size + 1) + 6 * size)
+        self._packed = pack_floating(
+            tree_count=len(trees),
+            trees=np.array(trees).reshape(-1, 6),
+            rod_count=len(rods),
+            rods=np.array(rods).reshape(-1, 6),
+            load_count=len(loaded),
+            loaded=np.array(loaded).reshape(-1, 3),
+            dofs=model.nv,
+            rows=np.stack([model.M_rowadr, model.M_rownnz], axis=1),
+            entries=len(model.M_colind),
+            columns=model.M_colind,
+            chains=np.stack([np.cumsum(counts) - counts, counts], axis=1),
+            links=int(counts.sum()),
+            chain=np.concatenate([*chains, np.zeros(0, np.int64)]),
+            bodies=model.nbody,
+            size=size,
+            room=len(self.room),
+        )
+        self.address = self._packed.address
+
+
+def _chain(model: mujoco.MjModel, dof: int) -> list[int]:
+    """A degree of freedom and those that carry it."""
+    found = []
+    while dof >= 0:
+        found.append(dof)
+        dof = int(model.dof_parentid[dof])
+    return found[::-1]
 
 
 @borrowing
-def add_mass(table: Any, wet: Any, centers: Any) -> float:
+def room_of_mass(floating: int) -> int:
+    """Numbers of scratch that `add_mass` takes; 0 where there is no water."""
+    return Floating(floating).room if floating != 0 else 0
+
+
+@borrowing
+def add_mass(table: Any, data: Any) -> float:
     """Add the forces of the added mass to the nodal forces; returns their power [W].
 
     Args:
         table: of the plant, whose nodal forces are all but those of strings, whose tensions are known.
-        wet: of a `WaterTable`.
-        centers: (bodies, 3) [m] centres of mass.
+        data: addresses of the `Floating`, of the scratch, and of MuJoCo's M, cdof, cdof_dot, cvel, subtree_com, qvel,
+            qfrc_bias, qfrc_passive and qfrc_applied.
     """
-    N, power = table[NODE_COUNT], 0.0
-    forces, pulls = floats(table[FORCES], (N, 3)), floats(wet[PULLS], (N, 3))
+    water, N, power = Floating(data[0]), table[NODE_COUNT], 0.0
+    nv, size = water.dofs, water.size
+    forces, pulls = floats(table[FORCES], (N, 3)), floats(data[1], (N, 3))
     nodes, velocities = floats(table[NODES], (N, 3)), floats(table[VELOCITIES], (N, 3))
+    held = floats(table[HELD_MASS], (N, 3))
     for n in range(N):
         for x in range(3):
             pulls[n, x] = forces[n, x]
+            held[n, x] = 0.0
     if table[STRING_COUNT] > 0:
         own = table[FORCES]
-        table[FORCES] = wet[PULLS]
+        table[FORCES] = data[1]
         add_string_forces(table)
         table[FORCES] = own
-    rods, nv = integers(wet[PLACES], (wet[ROD_COUNT], 5)), wet[DOF_COUNT]
-    added = floats(added_masses(table[WATER]), (wet[ROD_COUNT], 4))
-    mass, inertia = floats(wet[MASS], (wet[BODY_COUNT],)), floats(wet[INERTIA], (wet[BODY_COUNT], 3))
-    frames, origins = floats(wet[FRAMES], (wet[BODY_COUNT], 3, 3)), floats(wet[ORIGINS], (wet[BODY_COUNT], 3))
-    twists, axes = floats(wet[TWISTS], (wet[BODY_COUNT], 6)), floats(wet[AXES], (nv, 6))
-    bias, passive, applied = floats(wet[BIAS], (nv,)), floats(wet[PASSIVE], (nv,)), floats(wet[APPLIED], (nv,))
-    armature = floats(wet[ARMATURE], (nv,))
-    J, A = floats(wet[JACOBIANS], (2, MOST, 3)), floats(wet[EQUATIONS], (MOST, MOST + 1))
-    for r in range(len(rods)):
-        alpha = (added[r, 0], added[r, 1], added[r, 2], added[r, 3])
-        if alpha[0] + alpha[1] + alpha[2] + alpha[3] == 0.0:
+    added = floats(table[ADDED], (table[ROD_TOTAL], 4))
+    A, J = floats(data[1] + 24 * N, (size, size + 1)), floats(data[1] + 24 * N + 8 * size * (size + 1), (2, size, 3))
+    M, axes, axis_rates = floats(data[2], (water.entries,)), floats(data[3], (nv, 6)), floats(data[4], (nv, 6))
+    twists, centers, rates = floats(data[5], (water.bodies, 6)), floats(data[6], (water.bodies, 3)), floats(data[7], nv)
+    bias, passive, applied = floats(data[8], nv), floats(data[9], nv), floats(data[10], nv)
+    for k in range(water.tree_count):
+        tree = water.trees[k]
+        start, n = tree[0], tree[1]
+        for d in range(n):
+            for e in range(n):
+                A[d, e] = 0.0
+            A[d, size] = passive[start + d] - bias[start + d] + applied[start + d]
+        for d in range(n):
+            for c in range(water.rows[start + d, 0], water.rows[start + d, 0] + water.rows[start + d, 1]):
+                e = water.columns[c] - start
+                A[d, e] = A[e, d] = M[c]
+        for p in range(tree[4], tree[4] + tree[5]):
+            node, root, last = water.loaded[p, 0], water.loaded[p, 1], water.loaded[p, 2]
+            offset, pull = minus(row_of(nodes, node), row_of(centers, root)), row_of(pulls, node)
+            for c in range(water.chains[last, 0], water.chains[last, 0] + water.chains[last, 1]):
+                d = water.chain[c]
+                A[d - start, size] += dot(_moved(axes, d, offset), pull)
+        wet = False
+        for r in range(tree[2], tree[2] + tree[3]):
+            rod = water.rods[r]
+            alpha = _alpha(added, rod[0])
+            if alpha[0] + alpha[1] + alpha[2] + alpha[3] == 0.0:
+                continue
+            wet = True
+            axis, a1, a2 = _free(rod, nodes, velocities, centers, twists, axis_rates, rates, water)
+            held1, held2 = _added(alpha, axis, a1, a2)
+            first, count = _jacobians(rod, nodes, centers, axes, water, J)
+            for e in range(count):
+                column = water.chain[first + e] - start
+                A[column, size] -= dot(row_of(J[0], e), held1) + dot(row_of(J[1], e), held2)
+                one, two = _added(alpha, axis, row_of(J[0], e), row_of(J[1], e))
+                for d in range(count):
+                    A[water.chain[first + d] - start, column] += dot(row_of(J[0], d), one) + dot(row_of(J[1], d), two)
+        if not wet:
             continue
-        i, j, body, start, count = rods[r, 0], rods[r, 1], rods[r, 2], rods[r, 3], rods[r, 4]
-        x1, x2, center, origin = row_of(nodes, i), row_of(nodes, j), row_of(centers, body), row_of(origins, body)
-        span = minus(x2, x1)
-        axis, spin = times(1.0 / np.sqrt(dot(span, span)), span), row_of(twists, body)
-        bent1 = _cross(spin, _cross(spin, minus(x1, origin)))
-        bent2 = _cross(spin, _cross(spin, minus(x2, origin)))
-        held1, held2 = _added(alpha, axis, bent1, bent2)
-        f1, f2 = minus(row_of(pulls, i), held1), minus(row_of(pulls, j), held2)
-        for d in range(count):
-            turn, slide = _dof(axes, start + d)
-            for x, value in enumerate(plus(slide, _cross(turn, minus(x1, center)))):
-                J[0, d, x] = value
-            for x, value in enumerate(plus(slide, _cross(turn, minus(x2, center)))):
-                J[1, d, x] = value
-        for e in range(count):
-            turn, slide = _dof(axes, start + e)
-            momentum, swing = times(mass[body], slide), _turned(frames, inertia, body, turn)
-            held1, held2 = _added(alpha, axis, row_of(J[0], e), row_of(J[1], e))
+        solve_with_pivots(A, n, size)
+        for r in range(tree[2], tree[2] + tree[3]):
+            rod = water.rods[r]
+            alpha, i, j = _alpha(added, rod[0]), rod[1], rod[2]
+            axis, a1, a2 = _free(rod, nodes, velocities, centers, twists, axis_rates, rates, water)
+            first, count = _jacobians(rod, nodes, centers, axes, water, J)
             for d in range(count):
-                other, moves = _dof(axes, start + d)
-                A[d, e] = dot(moves, momentum) + dot(other, swing)
-                A[d, e] += dot(row_of(J[0], d), held1) + dot(row_of(J[1], d), held2)
-            A[e, e] += armature[start + e]
-            A[e, MOST] = passive[start + e] - bias[start + e] + applied[start + e]
-            A[e, MOST] += dot(row_of(J[0], e), f1) + dot(row_of(J[1], e), f2)
-        _solve(A, count)
-        a1, a2 = bent1, bent2
-        for d in range(count):
-            a1, a2 = plus(a1, times(A[d, MOST], row_of(J[0], d))), plus(a2, times(A[d, MOST], row_of(J[1], d)))
-        held1, held2 = _added(alpha, axis, a1, a2)
-        power -= dot(held1, row_of(velocities, i)) + dot(held2, row_of(velocities, j))
+                change = A[water.chain[first + d] - start, size]
+                a1, a2 = plus(a1, times(change, row_of(J[0], d))), plus(a2, times(change, row_of(J[1], d)))
+            held1, held2 = _added(alpha, axis, a1, a2)
+            power -= dot(held1, row_of(velocities, i)) + dot(held2, row_of(velocities, j))
+            for x in range(3):
+                held[i, x] -= held1[x]
+                held[j, x] -= held2[x]
+    for n in range(N):
         for x in range(3):
-            forces[i, x] -= held1[x]
-            forces[j, x] -= held2[x]
+            forces[n, x] += held[n, x]
     return power
 
 
 @inlined
-def _dof(axes: Any, d: int) -> Any:
-    """Angular velocity, and velocity of the centre of mass, of a degree of freedom."""
-    return (axes[d, 0], axes[d, 1], axes[d, 2]), (axes[d, 3], axes[d, 4], axes[d, 5])
+def _alpha(added: Any, row: int) -> Any:
+    return added[row, 0], added[row, 1], added[row, 2], added[row, 3]
+
+
+@inlined
+def _moved(axes: Any, d: int, offset: Any) -> Any:
+    """How a point moves with a degree of freedom, at an offset from the centre of mass of its tree."""
+    turn, slide = (axes[d, 0], axes[d, 1], axes[d, 2]), (axes[d, 3], axes[d, 4], axes[d, 5])
+    return plus(slide, _cross(turn, offset))
+
+
+@inlined
+def _jacobians(rod: Any, nodes: Any, centers: Any, axes: Any, water: Any, J: Any) -> Any:
+    """J of both nodes of a rod, by the chain of its last degree of freedom; where that starts, and how many."""
+    center, last = row_of(centers, rod[4]), rod[5]
+    first, count = water.chains[last, 0], water.chains[last, 1]
+    for end in range(2):
+        offset = minus(row_of(nodes, rod[1 + end]), center)
+        for d in range(count):
+            J[end, d, 0], J[end, d, 1], J[end, d, 2] = _moved(axes, water.chain[first + d], offset)
+    return first, count
+
+
+@inlined
+def _free(
+    rod: Any, nodes: Any, velocities: Any, centers: Any, twists: Any, axis_rates: Any, rates: Any, water: Any
+) -> Any:
+    """The rod's direction, and a⁰ of both its nodes."""
+    x1, x2, center, last = row_of(nodes, rod[1]), row_of(nodes, rod[2]), row_of(centers, rod[4]), rod[5]
+    spin, span = row_of(twists, rod[3]), minus(x2, x1)
+    a1, a2 = _cross(spin, row_of(velocities, rod[1])), _cross(spin, row_of(velocities, rod[2]))
+    for c in range(water.chains[last, 0], water.chains[last, 0] + water.chains[last, 1]):
+        d = water.chain[c]
+        a1 = plus(a1, times(rates[d], _moved(axis_rates, d, minus(x1, center))))
+        a2 = plus(a2, times(rates[d], _moved(axis_rates, d, minus(x2, center))))
+    return times(1.0 / np.sqrt(dot(span, span)), span), a1, a2
 
 
 @inlined
@@ -177,36 +302,3 @@ def _added(alpha: Any, axis: Any, a1: Any, a2: Any) -> Any:
     """Σ_j α_ij P a_j of both ends."""
     p1, p2 = minus(a1, times(dot(a1, axis), axis)), minus(a2, times(dot(a2, axis), axis))
     return plus(times(alpha[0], p1), times(alpha[1], p2)), plus(times(alpha[2], p1), times(alpha[3], p2))
-
-
-@inlined
-def _turned(frames: Any, inertia: Any, body: int, w: Any) -> Any:
-    """The body's moment of inertia, in the world's axes, times w."""
-    out = (0.0, 0.0, 0.0)
-    for k in range(3):
-        column = (frames[body, 0, k], frames[body, 1, k], frames[body, 2, k])
-        out = plus(out, times(inertia[body, k] * dot(column, w), column))
-    return out
-
-
-@borrowing
-def _solve(A: Any, n: int) -> None:
-    """Solve the n x n equations in A, whose right-hand sides are in the last column, in place, with pivots."""
-    for k in range(n):
-        best = k
-        for i in range(k + 1, n):
-            if abs(A[i, k]) > abs(A[best, k]):
-                best = i
-        if best != k:
-            for x in range(k, n):
-                A[k, x], A[best, x] = A[best, x], A[k, x]
-            A[k, MOST], A[best, MOST] = A[best, MOST], A[k, MOST]
-        for i in range(k + 1, n):
-            factor = A[i, k] / A[k, k]
-            for x in range(k, n):
-                A[i, x] -= factor * A[k, x]
-            A[i, MOST] -= factor * A[k, MOST]
-    for k in range(n - 1, -1, -1):
-        for x in range(k + 1, n):
-            A[k, MOST] -= A[k, x] * A[x, MOST]
-        A[k, MOST] /= A[k, k]

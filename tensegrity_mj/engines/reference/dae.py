@@ -19,18 +19,16 @@ from tensegrity_mj.basics.kinds import choice, flag, positive, whole
 from tensegrity_mj.dynamics.linked import LinkedRecords
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.pointers import address_of
-from tensegrity_mj.dynamics.native.slots import MOVED, NODES
+from tensegrity_mj.dynamics.native.slots import ADDED, MOVED, NODES
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.engines.accuracy.option import ACCURACY
 from tensegrity_mj.engines.reference import dae_kernels as dae
-from tensegrity_mj.engines.reference.dae_linked_kernels import dense_rates, full_rates
 from tensegrity_mj.engines.reference.equations import WORK
 from tensegrity_mj.engines.reference.integrate import integrate
 from tensegrity_mj.engines.reference.integration import IntegratedRun
 from tensegrity_mj.engines.reference.method import ATOL, RTOL, Method, check_options, describe_method
 from tensegrity_mj.engines.request import Accelerations, Request
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.model.capabilities import require_wet_rods
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.trajectory import Trajectory
@@ -122,7 +120,7 @@ class DAE:
 
     def _prepared(self, request: Request) -> tuple[IntegratedRun, StructureRecords | LinkedRecords]:
         scene = request.scene
-        require_wet_rods(scene, "the DAE", self.solver is Solver.JOINTS)
+        _check_added_mass(scene, self.solver)
         plant = Plant(scene, request.law, request.actuation, request.on_infeasible)
         baumgarte = self.drift is Drift.BAUMGARTE
         kp = self.baumgarte_frequency**2 if baumgarte else 0.0
@@ -169,20 +167,34 @@ def _rods_alone(scene: Scene, plant: Plant) -> _Model:
     records, table = StructureRecords.of(scene.structure), plant.table
     table[dae.RODS], table[dae.ROD_COUNT] = address_of(records.rods), len(records.rods)
     table[dae.POINTS], table[dae.POINT_COUNT] = address_of(records.points), len(records.points)
-    rates = dae.dae_rates.address
-    if scene.water is not None:
-        from tensegrity_mj.engines.reference.dae_kernels import dae_wet_rates
-
-        rates = dae_wet_rates.address
     return _Model(
         records,
-        rates,
+        dae.dae_wet_rates.address if table[ADDED] else dae.dae_rates.address,
         dae.dae_place.address,
         dae.dae_normalize.address,
         np.zeros(len(records.rods)),
         (records,),
         {"size": dae.Q_SIZE, "constants": dae.CONSTANTS},
     )
+
+
+def _check_added_mass(scene: Scene, solver: Solver) -> None:
+    """Raise OptionError where a solver cannot find the accelerations of rods with added mass."""
+    adding = [element for element in scene.effects if element.adds_mass]
+    if not adding:
+        return
+    who = f"DAE: {adding[0].label} adds mass to rods, "
+    if solver is Solver.DENSE:
+        raise OptionError(
+            f"{who}which changes as they move, and Solver.DENSE inverts a constant mass matrix beforehand: use "
+            "Solver.JOINTS or Solver.FULL"
+        )
+    uneven = [element for element in adding if not element.symmetric]
+    if uneven and solver is Solver.JOINTS and scene.structure.class_number > 1:
+        raise OptionError(
+            f"DAE: {uneven[0].label}: its added mass is not symmetric (Weights.HERMITE shares loads otherwise than "
+            "velocities), and forces of joints are found from symmetric equations: use Solver.FULL, or Weights.RIGID"
+        )
 
 
 def _check_masses(structure: Structure) -> None:
@@ -199,27 +211,28 @@ def _check_masses(structure: Structure) -> None:
 
 def _rods_linked(scene: Scene, plant: Plant, solver: Solver) -> _Model:
     """Rods that share nodes, moved supports."""
-    from tensegrity_mj.dynamics.joint_forces import JointPlan
-    from tensegrity_mj.dynamics.tree_equations import TreeEquations
+    from tensegrity_mj.dynamics.joint_plan import JointPlan
+    from tensegrity_mj.dynamics.tree_matrices import TreeEquations
     from tensegrity_mj.engines.reference import dae_linked_kernels as linked
 
     records, table = LinkedRecords.of(scene.structure, scene.motions, plant[MOVED]), plant.table
     plan = JointPlan.of(records)
     keep: list[Any] = [records, plan]
-    rates = linked.linked_rates.address
+    rates = linked.linked_wet_rates if table[ADDED] else linked.linked_rates
     if solver is Solver.JOINTS:
         _check_masses(scene.structure)
     else:
         tree = TreeEquations.full(records) if solver is Solver.FULL else TreeEquations.dense(records)
         keep.append(tree)
         table[linked.TREE] = address_of(tree.table)
-        rates = full_rates.address if solver is Solver.FULL else dense_rates.address
+        full = linked.full_wet_rates if table[ADDED] else linked.full_rates
+        rates = full if solver is Solver.FULL else linked.dense_rates
     closures = len(records.forest.closures)
     table[linked.LINKED], table[linked.JOINTS] = address_of(records.table), address_of(plan.table)
     table[linked.ROD_COUNT], table[linked.CLOSURE_COUNT] = len(records.rods), closures
     return _Model(
         records,
-        rates,
+        rates.address,
         linked.linked_place.address,
         linked.linked_project.address,
         np.zeros(len(records.rods) + (linked.EXTRA if closures else 0)),

@@ -12,10 +12,19 @@ from tensegrity_mj.dynamics.closures import largest_gap, project_linked
 from tensegrity_mj.dynamics.joint_forces import joint_accelerations
 from tensegrity_mj.dynamics.linked import place_linked
 from tensegrity_mj.dynamics.native.compiling import c_function
-from tensegrity_mj.dynamics.native.elements import set_loads, set_motions
+from tensegrity_mj.dynamics.native.elements import set_motions
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.pointers import borrowing, floats, inlined, integers
-from tensegrity_mj.dynamics.native.slots import FORCES, MOTION_COUNT, NODE_COUNT, NODES, TABLE_SIZE, VELOCITIES
+from tensegrity_mj.dynamics.native.slots import (
+    ADDED,
+    FORCES,
+    HELD_MASS,
+    MOTION_COUNT,
+    NODE_COUNT,
+    NODES,
+    TABLE_SIZE,
+    VELOCITIES,
+)
 from tensegrity_mj.dynamics.tree_equations import dense_accelerations, full_accelerations
 from tensegrity_mj.engines.reference.equations import (
     MODEL_SLOTS,
@@ -24,7 +33,7 @@ from tensegrity_mj.engines.reference.equations import (
     STATE_SIGNATURE,
     STATE_SIZE,
     WORK,
-    pull_strings,
+    let_forces_act,
 )
 
 LINKED, JOINTS, TREE, Q_SIZE, CONSTANTS, ROD_COUNT, CLOSURE_COUNT = range(MODEL_SLOTS, MODEL_SLOTS + 7)
@@ -46,8 +55,7 @@ def before(t: float, y: Any, dy: Any, table: Any) -> int:
     """Everything but the accelerations; the law's answer."""
     nq, work = table[Q_SIZE], len(y) - WORK
     place_at(t, y, table)
-    dy[work + 2] = set_loads(table, t)
-    status = pull_strings(t, dy[work : work + 2], table)
+    status = let_forces_act(t, dy[work : work + 3], table)
     for k in range(nq):
         dy[k] = y[nq + k]
     if table[MOTION_COUNT] > 0:
@@ -66,10 +74,9 @@ def after(table: Any) -> None:
 
 @inlined
 def given(y: Any, dy: Any, table: Any) -> Any:
-    """What the accelerations are found from, and where they and λ go: the arguments of `joint_accelerations`."""
+    """What the accelerations are found from, and where they and λ go: the last arguments of `joint_accelerations`."""
     nq = table[Q_SIZE]
     return (
-        table[LINKED : TREE + 1],
         y[:nq],
         y[nq : 2 * nq],
         floats(table[FORCES], (table[NODE_COUNT], 3)),
@@ -79,13 +86,29 @@ def given(y: Any, dy: Any, table: Any) -> Any:
     )
 
 
+@inlined
+def mass(table: Any) -> Any:
+    """α of the rods, and where the forces of the added mass go."""
+    return floats(table[ADDED], (table[ROD_COUNT], 4)), floats(table[HELD_MASS], (table[NODE_COUNT], 3))
+
+
+@borrowing
+def power_of_mass(table: Any) -> float:
+    """[W] of the forces of the added mass."""
+    size, power = 3 * table[NODE_COUNT], 0.0
+    held, velocities = floats(table[HELD_MASS], (size,)), floats(table[VELOCITIES], (size,))
+    for x in range(size):
+        power += held[x] * velocities[x]
+    return power
+
+
 @c_function(RATES_SIGNATURE, "the equations of the DAE for rods that share nodes")
 def linked_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     """By joint forces, in O(K)."""
     table = integers(table_at, (TABLE_SIZE,))
     y, dy = floats(y_at, (table[STATE_SIZE],)), floats(dy_at, (table[STATE_SIZE],))
     status = before(t, y, dy, table)
-    dy[len(dy) - 1] += joint_accelerations(*given(y, dy, table))
+    dy[len(dy) - 1] += joint_accelerations(table[LINKED : TREE + 1], None, *given(y, dy, table))
     after(table)
     return status
 
@@ -123,7 +146,7 @@ def dense_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     table = integers(table_at, (TABLE_SIZE,))
     y, dy = floats(y_at, (table[STATE_SIZE],)), floats(dy_at, (table[STATE_SIZE],))
     status = before(t, y, dy, table)
-    dy[len(dy) - 1] += dense_accelerations(*given(y, dy, table))
+    dy[len(dy) - 1] += dense_accelerations(table[LINKED : TREE + 1], *given(y, dy, table))
     after(table)
     return status
 
@@ -134,6 +157,30 @@ def full_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     table = integers(table_at, (TABLE_SIZE,))
     y, dy = floats(y_at, (table[STATE_SIZE],)), floats(dy_at, (table[STATE_SIZE],))
     status = before(t, y, dy, table)
-    dy[len(dy) - 1] += full_accelerations(*given(y, dy, table))
+    dy[len(dy) - 1] += full_accelerations(table[LINKED : TREE + 1], None, *given(y, dy, table))
+    after(table)
+    return status
+
+
+@c_function(RATES_SIGNATURE)
+def linked_wet_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
+    """By joint forces, with added mass."""
+    table = integers(table_at, (TABLE_SIZE,))
+    y, dy = floats(y_at, (table[STATE_SIZE],)), floats(dy_at, (table[STATE_SIZE],))
+    status = before(t, y, dy, table)
+    dy[len(dy) - 1] += joint_accelerations(table[LINKED : TREE + 1], mass(table), *given(y, dy, table))
+    dy[len(dy) - 1] += power_of_mass(table)
+    after(table)
+    return status
+
+
+@c_function(RATES_SIGNATURE)
+def full_wet_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
+    """By (3.17), with added mass."""
+    table = integers(table_at, (TABLE_SIZE,))
+    y, dy = floats(y_at, (table[STATE_SIZE],)), floats(dy_at, (table[STATE_SIZE],))
+    status = before(t, y, dy, table)
+    dy[len(dy) - 1] += full_accelerations(table[LINKED : TREE + 1], mass(table), *given(y, dy, table))
+    dy[len(dy) - 1] += power_of_mass(table)
     after(table)
     return status

@@ -16,11 +16,11 @@ from typing import Any
 
 from tensegrity_mj.dynamics.native.actuation import break_strings, set_rest_lengths, take_sample
 from tensegrity_mj.dynamics.native.compiling import intrinsic, njit
+from tensegrity_mj.dynamics.native.elements import let_act
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.plant import row_width, write_row
 from tensegrity_mj.dynamics.native.pointers import call_by_address, floats
-from tensegrity_mj.dynamics.native.resistance import dissipated
-from tensegrity_mj.dynamics.native.slots import BREAKING, ENGINE_SLOTS, RESISTANCE, STRING_COUNT
+from tensegrity_mj.dynamics.native.slots import BREAKING, ENGINE_SLOTS, STRING_COUNT
 from tensegrity_mj.dynamics.native.strings import add_string_forces, measure_strings, tighten_strings
 
 RATES, PLACE, PROJECT, GUARD, STATE_SIZE, MULTIPLIERS, MULTIPLIER_COUNT = range(ENGINE_SLOTS, ENGINE_SLOTS + 7)
@@ -74,15 +74,14 @@ def guard(y: Any, table: Any) -> int:
 
 
 @njit
-def pull_strings(t: float, dwork: Any, table: Any) -> int:
-    """What strings do at the nodes' current places, for the rates of a model: their pull is added to the nodal forces.
+def let_forces_act(t: float, dwork: Any, table: Any) -> int:
+    """Forces of elements and strings on the nodes at their current places, for the rates of a model.
 
-    Writes the powers of elastic tensions and of dampers into dwork (2,), what resists motion among these, and returns
-    the law's answer.
+    Writes into dwork (3,) the powers of elastic tensions, of what is lost, and of what is given from outside but for
+    what answers accelerations; returns the law's answer.
     """
-    dwork[0], dwork[1] = 0.0, 0.0
-    if table[RESISTANCE]:
-        dwork[1] = dissipated(table[RESISTANCE])
+    dwork[0] = 0.0
+    dwork[2], dwork[1] = let_act(table, t)
     if table[STRING_COUNT] == 0:
         return SOLVED
     measure_strings(table)

@@ -19,7 +19,7 @@ from tensegrity_mj.basics.kinds import choice, flag, positive, whole, within
 from tensegrity_mj.dynamics.minimal import MinimalRecords, node_accelerations
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.pointers import address_of
-from tensegrity_mj.dynamics.native.slots import MOVED, NODES
+from tensegrity_mj.dynamics.native.slots import ADDED, MOVED, NODES
 from tensegrity_mj.engines.accuracy.option import ACCURACY
 from tensegrity_mj.engines.reference import ode_kernels as ode
 from tensegrity_mj.engines.reference.equations import WORK
@@ -28,7 +28,6 @@ from tensegrity_mj.engines.reference.integration import IntegratedRun
 from tensegrity_mj.engines.reference.method import ATOL, RTOL, Method, check_options, describe_method
 from tensegrity_mj.engines.request import Accelerations, Request
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.model.capabilities import require_dry
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
 
@@ -94,7 +93,6 @@ class ODE:
 
     def _prepared(self, request: Request) -> tuple[IntegratedRun, MinimalRecords]:
         scene = request.scene
-        require_dry(scene, "the ODE is")
         plant = Plant(scene, request.law, request.actuation, request.on_infeasible)
         records = MinimalRecords.of(scene.structure)
         constants = np.array([*scene.gravity, self.least_sine, self.timestep or 0.0])
@@ -130,7 +128,7 @@ class ODE:
             request,
             plant,
             y,
-            rates=ode.ode_rates.address,
+            rates=(ode.ode_wet_rates if table[ADDED] else ode.ode_rates).address,
             place=ode.ode_place.address,
             guard=ode.ode_guard.address,
             multipliers=np.zeros(len(records.rods)),

@@ -15,11 +15,22 @@ import numpy as np
 
 from tensegrity_mj.dynamics.minimal import minimal_accelerations, node_accelerations, place_minimal
 from tensegrity_mj.dynamics.native.compiling import c_function, njit
-from tensegrity_mj.dynamics.native.elements import set_loads, set_motions
+from tensegrity_mj.dynamics.native.elements import set_motions
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.pointers import floats, integers, records_reader
-from tensegrity_mj.dynamics.native.slots import FORCES, MOTION_COUNT, MOVED, NODE_COUNT, NODES, TABLE_SIZE, VELOCITIES
+from tensegrity_mj.dynamics.native.slots import (
+    ADDED,
+    FORCES,
+    HELD_MASS,
+    MOTION_COUNT,
+    MOVED,
+    NODE_COUNT,
+    NODES,
+    TABLE_SIZE,
+    VELOCITIES,
+)
 from tensegrity_mj.dynamics.records import POINT, ROD
+from tensegrity_mj.dynamics.wet_minimal import wet_minimal_accelerations
 from tensegrity_mj.engines.reference.equations import (
     MODEL_SLOTS,
     MULTIPLIERS,
@@ -28,7 +39,7 @@ from tensegrity_mj.engines.reference.equations import (
     STATE_SIGNATURE,
     STATE_SIZE,
     WORK,
-    pull_strings,
+    let_forces_act,
 )
 
 RODS, ROD_COUNT, POINTS, POINT_COUNT, Q_SIZE, CONSTANTS, LAST_SINGULAR, REASON = range(MODEL_SLOTS, MODEL_SLOTS + 8)
@@ -38,6 +49,7 @@ _read_rods, _read_points = records_reader(ROD), records_reader(POINT)
 # Constants: gravity (3,), the least sin φ, the fixed step [s] or 0.
 GRAVITY, LEAST_SINE, STEP = 0, 3, 4
 NEAR_POLE, ACROSS_POLE, TURNS_TOO_FAR = 1, 2, 3  # reasons
+ACROSS = -1  # of `_before`, which has found no forces then
 
 # θ turns the frame (e_θ, e_φ) about b by θ̇ cos φ a second, which is the rod's own ω cot φ near a pole. A fixed step h
 # errs there by (h θ̇)⁴ instead of (h ω)⁴: it is refused where a step turns the frame by more than MAX_TURN (1e-4 to the
@@ -145,45 +157,99 @@ def power_of_supports(q: Any, rates: Any, accelerations: Any, table: Any) -> flo
     return power
 
 
-@c_function(RATES_SIGNATURE, "the equations of the ODE")
-def ode_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
-    """A fixed step cannot shorten itself: there every stage is held to what `ode_guard` asks of whole steps."""
-    table = integers(table_at, (TABLE_SIZE,))
-    N, nq, size = table[NODE_COUNT], table[Q_SIZE], table[STATE_SIZE]
-    y, dy = floats(y_at, (size,)), floats(dy_at, (size,))
+@njit
+def _before(t: float, y: Any, dy: Any, table: Any) -> int:
+    """Everything but the accelerations; the answer.
+
+    A fixed step cannot shorten itself: there every stage is held to what `ode_guard` asks of whole steps.
+    """
+    N, nq, work = table[NODE_COUNT], table[Q_SIZE], len(y) - WORK
     constants = floats(table[CONSTANTS], (5,))
-    fixed = constants[STEP] > 0.0
-    singular = _check(y, table, constants[LEAST_SINE] if fixed else 1e-300)
+    singular = _check(y, table, constants[LEAST_SINE] if constants[STEP] > 0.0 else 1e-300)
     if singular == SINGULAR and table[REASON] == ACROSS_POLE:
-        return SINGULAR
+        return ACROSS
     rods, points = _read_rods(table[RODS], table[ROD_COUNT]), _read_points(table[POINTS], table[POINT_COUNT])
-    q, q_rates, work = y[:nq], y[nq : 2 * nq], size - WORK
     nodes, velocities = floats(table[NODES], (N, 3)), floats(table[VELOCITIES], (N, 3))
     moves = table[MOTION_COUNT] > 0
     if moves:
         carry_nodes(t, table)
-    place_minimal(q, q_rates, rods, points, nodes, velocities)
+    place_minimal(y[:nq], y[nq : 2 * nq], rods, points, nodes, velocities)
     if moves:
         carry_velocities(table)
-    dy[work + 2] = set_loads(table, t)
-    status = pull_strings(t, dy[work : work + 2], table)
+    status = let_forces_act(t, dy[work : work + 3], table)
     if moves:
         add_inertia_of_supports(table)
+    dy[:nq] = y[nq : 2 * nq]
+    return max(status, singular)
+
+
+@njit
+def _after(y: Any, dy: Any, table: Any) -> None:
+    """Time, and what moves the supports."""
+    nq = table[Q_SIZE]
+    if table[MOTION_COUNT] > 0:
+        dy[2 * nq] = 1.0
+        dy[len(y) - 1] += power_of_supports(y[:nq], y[nq : 2 * nq], dy[nq : 2 * nq], table)
+
+
+@c_function(RATES_SIGNATURE)
+def ode_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
+    table = integers(table_at, (TABLE_SIZE,))
+    N, nq, size = table[NODE_COUNT], table[Q_SIZE], table[STATE_SIZE]
+    y, dy = floats(y_at, (size,)), floats(dy_at, (size,))
+    status = _before(t, y, dy, table)
+    if status == ACROSS:
+        return SINGULAR
+    rods, points = _read_rods(table[RODS], table[ROD_COUNT]), _read_points(table[POINTS], table[POINT_COUNT])
     minimal_accelerations(
-        q,
-        q_rates,
+        y[:nq],
+        y[nq : 2 * nq],
         floats(table[FORCES], (N, 3)),
         rods,
         points,
-        constants,
+        floats(table[CONSTANTS], (5,)),
         dy[nq : 2 * nq],
         floats(table[MULTIPLIERS], (len(rods),)),
     )
-    dy[:nq] = q_rates
-    if moves:
-        dy[2 * nq] = 1.0
-        dy[work + 2] += power_of_supports(q, q_rates, dy[nq : 2 * nq], table)
-    return max(status, singular)
+    _after(y, dy, table)
+    return status
+
+
+@c_function(RATES_SIGNATURE)
+def ode_wet_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
+    """With added mass, whose forces join those on the nodes once they are known."""
+    table = integers(table_at, (TABLE_SIZE,))
+    N, nq, size = table[NODE_COUNT], table[Q_SIZE], table[STATE_SIZE]
+    y, dy = floats(y_at, (size,)), floats(dy_at, (size,))
+    status = _before(t, y, dy, table)
+    if status == ACROSS:
+        return SINGULAR
+    rods, points = _read_rods(table[RODS], table[ROD_COUNT]), _read_points(table[POINTS], table[POINT_COUNT])
+    R, m = len(rods), table[MOTION_COUNT]
+    drives, carried = np.zeros((R, 3)), integers(table[CARRIED], (m, 2))
+    moved = floats(table[MOVED], (m, 3, 3))
+    for a in range(m):
+        if carried[a, 0] >= 0:
+            drives[carried[a, 0]] = moved[a, 2]
+    forces, velocities = floats(table[FORCES], (N, 3)), floats(table[VELOCITIES], (N, 3))
+    held = floats(table[HELD_MASS], (N, 3))
+    wet_minimal_accelerations(
+        y[:nq],
+        y[nq : 2 * nq],
+        forces,
+        rods,
+        points,
+        floats(table[CONSTANTS], (5,)),
+        (floats(table[ADDED], (R, 4)), drives),
+        (held, floats(table[MULTIPLIERS], (R,))),
+        dy[nq : 2 * nq],
+    )
+    for n in range(N):
+        for k in range(3):
+            forces[n, k] += held[n, k]
+            dy[size - 1] += held[n, k] * velocities[n, k]
+    _after(y, dy, table)
+    return status
 
 
 @c_function(STATE_SIGNATURE)

@@ -23,7 +23,7 @@ Arrays of nodes and velocities are (..., N, 3).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import many, not_negative, pair, part, positive, vector
+from tensegrity_mj.model.elements.element import Element, Work, energy_of, forces_of
 from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.structure_checks import names_of
@@ -96,6 +97,18 @@ class Resistance:
     drag: Drag | None = field(part(Drag), default=None, none="None")
     wind: Vector = field(vector("m/s"), default=(0.0, 0.0, 0.0))
 
+    @property
+    def elements(self) -> tuple[Element, ...]:
+        """What acts: a fluid around the rods, stiffness and damping of joints."""
+        found: list[Element] = []
+        if self.viscous or self.drag is not None:
+            found.append(FluidResistance(self))
+        if self.bending is not None and self.bending.stiffness:
+            found.append(BendingStiffness(self.bending))
+        if self.bending is not None and self.bending.damping:
+            found.append(BendingDamping(self.bending))
+        return tuple(found)
+
 
 @dataclass(frozen=True)
 class Joint:
@@ -134,27 +147,85 @@ def diameters(structure: Structure, drag: Drag) -> Array:
     return np.array([2 * rod.radius if drag.diameter is None else drag.diameter for rod in structure.rods], float)
 
 
-def resisting_forces(scene: Scene, nodes: Array, velocities: Array) -> Array:
-    """Forces (..., N, 3) [N] of a scene's resistance on the nodes; zero where it has none."""
-    out, resistance, structure = np.zeros_like(nodes), scene.resistance, scene.structure
-    if resistance is None:
+@dataclass(frozen=True)
+class FluidResistance(Element):
+    """Viscous forces and drag of all rods, in wind."""
+
+    resistance: Resistance
+    work = Work.LOST
+    vectorized = True
+    compiled = "tensegrity_mj.dynamics.native.resistance:pack_fluid"
+    label = "resistance"
+
+    @property
+    def smooth(self) -> bool:  # type: ignore[override]
+        """Drag has a kink where a part of a rod stands still in the fluid."""
+        return self.resistance.drag is None
+
+    def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
+        """See `Element`."""
+        out, structure, drag = np.zeros_like(nodes), scene.structure, self.resistance.drag
+        pairs, lengths = structure.rod_nodes, structure.rod_lengths[:, None]
+        (x1, x2), (u1, u2) = _ends(nodes, pairs), _ends(velocities - np.array(self.resistance.wind), pairs)
+        first = -self.resistance.viscous * lengths * (2 * u1 + u2) / 6
+        second = -self.resistance.viscous * lengths * (u1 + 2 * u2) / 6
+        if drag is not None:
+            for total, part in zip((first, second), _drag(structure, drag, x1, x2, u1, u2), strict=True):
+                total += part
+        for row, (i, j) in enumerate(pairs):
+            out[..., i, :] += first[..., row, :]
+            out[..., j, :] += second[..., row, :]
         return out
-    pairs, lengths = structure.rod_nodes, structure.rod_lengths[:, None]
-    (x1, x2), (u1, u2) = _ends(nodes, pairs), _ends(velocities - np.array(resistance.wind), pairs)
-    first = -resistance.viscous * lengths * (2 * u1 + u2) / 6
-    second = -resistance.viscous * lengths * (u1 + 2 * u2) / 6
-    if resistance.drag is not None:
-        for total, part in zip((first, second), _drag(structure, resistance.drag, x1, x2, u1, u2), strict=True):
-            total += part
-    for row, (i, j) in enumerate(pairs):
-        out[..., i, :] += first[..., row, :]
-        out[..., j, :] += second[..., row, :]
-    bending = resistance.bending
+
+    def given(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> float:
+        """Of the wind."""
+        return float(np.sum(self.act(scene, time, nodes, velocities) @ np.array(self.resistance.wind)))
+
+
+@dataclass(frozen=True)
+class BendingStiffness(Element):
+    """-κ e · ∂e/∂nodes of the joints that resist bending."""
+
+    bending: Bending
+    work = Work.STORED
+    smooth = True
+    vectorized = True
+    compiled = "tensegrity_mj.dynamics.native.resistance:pack_stiffness"
+    label = "resistance"
+
+    def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
+        """See `Element`."""
+        return _bending(scene.structure, self.bending, self.bending.stiffness, nodes)
+
+    def energy(self, scene: Scene, nodes: Array) -> Any:
+        """Σ ½ κ ‖e‖² [J]."""
+        total = np.zeros(nodes.shape[:-2])
+        for joint in bending_joints(scene.structure, self.bending):
+            total += 0.5 * self.bending.stiffness * np.sum(_bend(scene.structure, joint, nodes) ** 2, axis=-1)
+        return total
+
+
+@dataclass(frozen=True)
+class BendingDamping(Element):
+    """-γ ė · ∂e/∂nodes of the joints that resist bending."""
+
+    bending: Bending
+    work = Work.LOST
+    smooth = True
+    vectorized = True
+    compiled = "tensegrity_mj.dynamics.native.resistance:pack_damping"
+    label = "resistance"
+
+    def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
+        """See `Element`."""
+        return _bending(scene.structure, self.bending, self.bending.damping, velocities)
+
+
+def _bending(structure: Structure, bending: Bending, factor: float, values: Array) -> Array:
+    """Forces (..., N, 3) of a factor times e of node positions, or ė of velocities."""
+    out = np.zeros_like(values)
     for joint in bending_joints(structure, bending):
-        assert bending is not None
-        moment = bending.stiffness * _bend(structure, joint, nodes) + bending.damping * _bend(
-            structure, joint, velocities
-        )
+        moment = factor * _bend(structure, joint, values)
         outer, node, other = joint.nodes
         for end, row in zip((outer, other), joint.rods, strict=True):
             pull = moment / structure.rod_lengths[row]
@@ -163,14 +234,16 @@ def resisting_forces(scene: Scene, nodes: Array, velocities: Array) -> Array:
     return out
 
 
+def resisting_forces(scene: Scene, nodes: Array, velocities: Array) -> Array:
+    """Forces (..., N, 3) [N] of a scene's resistance on the nodes; zero where it has none."""
+    parts = () if scene.resistance is None else scene.resistance.elements
+    return forces_of(parts, scene, 0.0, nodes, velocities)
+
+
 def bending_energy(scene: Scene, nodes: Array) -> Array:
     """Σ ½ κ ‖e‖² [J], (...): what bent joints have stored."""
-    total = np.zeros(nodes.shape[:-2])
-    bending = None if scene.resistance is None else scene.resistance.bending
-    for joint in bending_joints(scene.structure, bending):
-        assert bending is not None
-        total += 0.5 * bending.stiffness * np.sum(_bend(scene.structure, joint, nodes) ** 2, axis=-1)
-    return total
+    parts = () if scene.resistance is None else scene.resistance.elements
+    return energy_of(parts, scene, nodes)
 
 
 def _ends(values: Array, pairs: NDArray[np.int64]) -> tuple[Array, Array]:

@@ -40,6 +40,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import choice, not_negative, parts, positive, vector, whole
+from tensegrity_mj.model.elements.element import Element
 from tensegrity_mj.model.elements.waves import AboveLevel, Sea, Wave
 from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.structure import Structure
@@ -72,7 +73,7 @@ class Weights(enum.Enum):
 
 
 @value("water")
-class Water:
+class Water(Element):
     """Water, waves and current, and how they load rods.
 
     Attributes:
@@ -104,6 +105,24 @@ class Water:
     diameter: float | None = field(positive("m"), default=None, none="None for twice each rod's radius")
     above: AboveLevel = field(choice(AboveLevel), default=AboveLevel.EXPONENTIAL)
     viscosity: float = field(positive("m²/s"), default=1.19e-6)
+
+    adds_mass = True
+    vectorized = True
+    compiled = "tensegrity_mj.dynamics.native.water:pack_water"
+    label = "water"
+
+    @property
+    def symmetric(self) -> bool:  # type: ignore[override]
+        """(7.9)-(7.10) share loads as velocities are shared; Hermite's weights do not."""
+        return self.weights is Weights.RIGID
+
+    def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
+        """F⁰, see `water_forces`."""
+        return water_forces(scene, time, nodes, velocities)[0]
+
+    def alpha(self, scene: Scene, time: Array | float, nodes: Array) -> Array:
+        """α, see `water_forces`."""
+        return water_forces(scene, time, nodes, np.zeros_like(nodes))[1]
 
     @property
     def inertia_coefficient(self) -> float:

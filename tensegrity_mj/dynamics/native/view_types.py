@@ -1,0 +1,104 @@
+"""numba's type of a view (`views`): the code that reads and writes its fields, imported where something compiles."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import infer_getattr, lower_getattr_generic, lower_setattr_generic, models, register_model
+from numba.np import arrayobj
+
+# A field: "size" (a whole number), "real", or an array as (dtype, extents...), each a size by name or a number.
+Field = str | tuple[Any, ...]
+
+WORD = ir.IntType(64)
+
+
+class View(types.Type):  # type: ignore[misc]
+    """numba's type of a view; its name holds all that compiled code depends on.
+
+    Attributes:
+        fields: (name, field) of each, in the order of the table.
+    """
+
+    def __init__(self, name: str, fields: tuple[tuple[str, Field], ...]) -> None:
+        self.fields = fields
+        super().__init__(name=f"{name}({', '.join(f'{key}: {_text(field)}' for key, field in fields)})")
+
+    def place(self, name: str) -> int:
+        """Where a field stands in the table; -1 for none."""
+        return next((place for place, (key, _) in enumerate(self.fields) if key == name), -1)
+
+    def type_of(self, name: str) -> Any:
+        """numba's type of a field, or None."""
+        field = dict(self.fields).get(name)
+        if field is None:
+            return None
+        if isinstance(field, str):
+            return types.int64 if field == "size" else types.float64
+        return types.Array(numba.from_dtype(np.dtype(field[0])), len(field) - 1, "C")
+
+
+def _text(field: Field) -> str:
+    if isinstance(field, str):
+        return field
+    dtype = np.dtype(field[0])
+    return f"{dtype.descr if dtype.names else dtype} {field[1:]} {dtype.itemsize}"
+
+
+@register_model(View)
+class _Model(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, WORD)
+
+
+@infer_getattr
+class _Attributes(AttributeTemplate):  # type: ignore[misc]
+    key = View
+
+    def generic_resolve(self, view: View, name: str) -> Any:
+        """numba's type of a field."""
+        return view.type_of(name)
+
+
+def _address(builder: Any, view: View, value: Any, name: str, kind: Any) -> Any:
+    at = builder.add(value, WORD(8 * view.place(name)))
+    return builder.inttoptr(at, kind.as_pointer())
+
+
+def _word(builder: Any, view: View, value: Any, name: str) -> Any:
+    """A size or an address, which is the same whenever it is read."""
+    word = builder.load(_address(builder, view, value, name, WORD))
+    word.set_metadata("invariant.load", builder.module.add_metadata([]))
+    return word
+
+
+@lower_getattr_generic(View)
+def _get(context: Any, builder: Any, view: View, value: Any, name: str) -> Any:
+    field = dict(view.fields)[name]
+    if field == "real":
+        return builder.load(_address(builder, view, value, name, ir.DoubleType()))
+    word = _word(builder, view, value, name)
+    if isinstance(field, str):
+        return word
+    kind = view.type_of(name)
+    array = context.make_array(kind)(context, builder)
+    extents = [_word(builder, view, value, extent) if isinstance(extent, str) else WORD(extent) for extent in field[1:]]
+    size = WORD(np.dtype(field[0]).itemsize)
+    strides = [size]
+    for extent in reversed(extents[1:]):
+        strides.insert(0, builder.mul(strides[0], extent))
+    data = builder.inttoptr(word, array.data.type)
+    arrayobj.populate_array(array, data, extents, strides, size, None)
+    return array._getvalue()
+
+
+@lower_setattr_generic(View)
+def _set(context: Any, builder: Any, signature: Any, args: Any, name: str) -> None:
+    view, value = signature.args[0], context.cast(builder, args[1], signature.args[1], types.float64)
+    assert dict(view.fields)[name] == "real", f"{view}: {name} is not for compiled code to change"
+    builder.store(value, _address(builder, view, args[0], name, ir.DoubleType()))

@@ -1,0 +1,184 @@
+"""The noun of this package: an element, a physical effect that acts on nodes.
+
+Loads, wind, drag, bending of joints and water are elements, and so is whatever a subclass of `Element` says, in Python:
+
+    @dataclass(frozen=True)
+    class GroundSpring(Element):
+        node: str
+        stiffness: float
+        work = Work.STORED
+
+        def act(self, scene, time, nodes, velocities):
+            forces, row = np.zeros_like(nodes), scene.structure.node_index[self.node]
+            forces[row] = -self.stiffness * nodes[row]
+            return forces
+
+        def energy(self, scene, nodes):
+            return 0.5 * self.stiffness * np.sum(nodes[scene.structure.node_index[self.node]] ** 2)
+
+    scene = scene.with_(elements=(GroundSpring("a", 100.0),))
+
+Engines, the balance of energy, linear models, stable steps and statics know elements by this interface alone. One that
+is to be as fast as those of the package names a compiled function besides (docs/elements.md).
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.errors import SceneError
+
+if TYPE_CHECKING:
+    from tensegrity_mj.model.scene import Scene
+
+
+class Work(enum.Enum):
+    """Where the work of an element's forces goes in the balance of energy."""
+
+    GIVEN = "given"  # to the external work: forces that something outside drives
+    LOST = "lost"  # to the dissipation, but for what surroundings that move give (`Element.given`)
+    STORED = "stored"  # to the element's own energy, of which the forces are minus the gradient
+
+
+class Element:
+    """A physical effect that acts on nodes; a subclass is a frozen value, such as a frozen dataclass.
+
+    Attributes:
+        work: see `Work`.
+        smooth: whether its forces are analytic in positions and quadratic at most in velocities, so that linear models
+            may take wide differences of them. Where they have kinks, or it is not known, narrow ones are taken.
+        adds_mass: whether it answers the accelerations of rods, too; for compiled elements (`alpha`).
+        symmetric: whether α_12 = α_21 of what it adds.
+        vectorized: whether `act`, `given` and `energy` take positions (..., N, 3) at times (...).
+        compiled: "module:function", of a function (element, scene) -> `NativeElement`, imported when an engine first
+            needs it; "" for none, and `act` is called.
+        label: its name in messages; by default that of its class.
+    """
+
+    work: ClassVar[Work] = Work.GIVEN
+    smooth: ClassVar[bool] = False
+    adds_mass: ClassVar[bool] = False
+    symmetric: ClassVar[bool] = True
+    vectorized: ClassVar[bool] = False
+    compiled: ClassVar[str] = ""
+    label: ClassVar[str] = ""
+
+    def __init_subclass__(cls, **options: object) -> None:
+        super().__init_subclass__(**options)
+        cls.label = vars(cls).get("label") or cls.__name__
+
+    def check(self, scene: Scene) -> None:
+        """Raise SceneError unless it fits a scene; called when the scene is made."""
+
+    def act(self, scene: Scene, time: float, nodes: Array, velocities: Array) -> Array:
+        """Forces (N, 3) [N] on the nodes at a time [s], positions [m] and velocities [m/s] (N, 3)."""
+        raise NotImplementedError
+
+    def given(self, scene: Scene, time: float, nodes: Array, velocities: Array) -> float:
+        """Of a LOST element whose surroundings move: the power [W] that they give. Depends on the forces alone."""
+        return 0.0
+
+    def energy(self, scene: Scene, nodes: Array) -> float:
+        """Of a STORED element: what it has stored [J] at positions (N, 3) [m]."""
+        return 0.0
+
+    def alpha(self, scene: Scene, time: float, nodes: Array) -> Array:
+        """α (..., R, 2, 2) [kg]: each rod's nodes feel -Σ_j α_ij P a_j besides, P taking what is across the rod."""
+        return np.zeros((*nodes.shape[:-2], len(scene.structure.rods), 2, 2))
+
+
+def forces_of(elements: Sequence[Element], scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
+    """Forces (..., N, 3) [N] of elements of a scene at times (...), positions and velocities (..., N, 3).
+
+    What answers accelerations is not among them.
+    """
+    out = np.zeros(nodes.shape)
+    times = np.broadcast_to(np.asarray(time, float), nodes.shape[:-2])
+    for element in elements:
+        if element.vectorized:
+            out += element.act(scene, times, nodes, velocities)  # type: ignore[arg-type]
+            continue
+        for place in np.ndindex(times.shape):
+            out[place] += acted(element, scene, float(times[place]), nodes[place], velocities[place])
+    return out
+
+
+def acted(element: Element, scene: Scene, time: float, nodes: Array, velocities: Array) -> Array:
+    """What `act` returns, (N, 3); ValueError where it is no finite array of that shape."""
+    forces = np.asarray(element.act(scene, time, nodes, velocities), float)
+    if forces.shape != nodes.shape or not np.all(np.isfinite(forces)):
+        raise ValueError(f"it returned shape {forces.shape}; it must return finite {nodes.shape} [N]")
+    return forces
+
+
+def energy_of(elements: Sequence[Element], scene: Scene, nodes: Array) -> Array:
+    """What elements have stored [J], (...), at positions (..., N, 3)."""
+    out = np.zeros(nodes.shape[:-2])
+    for element in elements:
+        if element.work is not Work.STORED:
+            continue
+        if element.vectorized:
+            out += element.energy(scene, nodes)
+            continue
+        for place in np.ndindex(out.shape):
+            out[place] += float(element.energy(scene, nodes[place]))
+    return out
+
+
+def slopes_of(
+    elements: Sequence[Element], scene: Scene, time: float, nodes: Array, velocities: Array
+) -> tuple[Array, Array]:
+    """K = -∂F/∂x [N/m] and D = -∂F/∂v [N s/m], (3N, 3N), of elements at positions and velocities (N, 3).
+
+    By central differences of `act`, over 1e-5 of the shortest member and over 1e-5 m/s: relative errors of 1e-10 of
+    forces that are smooth so near.
+    """
+    size, structure = nodes.size, scene.structure
+    lengths = [*structure.string_lengths(nodes), *structure.rod_lengths]
+    steps = (1e-5 * (min(lengths) if lengths else 1.0), 1e-5)
+    found = []
+    for which, h in enumerate(steps):
+        out, state = np.zeros((size, size)), [nodes, velocities]
+        for k in range(size) if elements else ():
+            change = np.zeros(size)
+            change[k] = h
+            sides = []
+            for sign in (1.0, -1.0):
+                moved = list(state)
+                moved[which] = state[which] + sign * change.reshape(nodes.shape)
+                sides.append(forces_of(elements, scene, time, moved[0], moved[1]).ravel())
+            out[:, k] = (sides[1] - sides[0]) / (2 * h)
+        found.append(out)
+    return found[0], found[1]
+
+
+def check_elements(scene: Scene) -> None:
+    """Raise SceneError unless the elements of others in a scene are such, and fit it."""
+    for number, element in enumerate(scene.elements):
+        what = f"elements[{number}]"
+        if type(element).act is Element.act:
+            raise SceneError(f"{what} ({element.label}) has no act(scene, time, nodes, velocities): give it one")
+        if not isinstance(element.work, Work):
+            raise SceneError(f"{what} ({element.label}): work = {element.work!r}; it must be a member of Work")
+        if (element.work is Work.STORED) == (type(element).energy is Element.energy):
+            raise SceneError(
+                f"{what} ({element.label}): work = {element.work}; an element that stores its work has energy(scene, "
+                "nodes), and no other has: add the one or change the other"
+            )
+        if element.adds_mass and not element.compiled:
+            raise SceneError(
+                f"{what} ({element.label}) adds mass, which takes a compiled function: name it in `compiled`, or leave "
+                "adds_mass out"
+            )
+        element.check(scene)
+        try:
+            acted(element, scene, 0.0, scene.nodes0, scene.velocities0)
+        except SceneError:
+            raise
+        except Exception as error:
+            raise SceneError(f"{what} ({element.label}) failed at t = 0: {type(error).__name__}: {error}") from error
