@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import finite, positive
+from tensegrity_mj.basics.checks import checked, positive
+from tensegrity_mj.basics.kinds import not_negative, whole
 from tensegrity_mj.dynamics.native.compiling import c_function, njit
 from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, Command, NativeLaw, Report, native_law
 from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, address_of, call_law, floats, integers
@@ -134,11 +135,9 @@ class Noisy:
 
     def __init__(self, law: Any, position_std: float, velocity_std: float, seed: int, period: float) -> None:
         self.law = law
-        self.position_std = _at_least_zero("Noisy: position_std", position_std, "m")
-        self.velocity_std = _at_least_zero("Noisy: velocity_std", velocity_std, "m/s")
-        if not isinstance(seed, (int, np.integer)) or isinstance(seed, bool) or not 0 <= seed < 2**63:
-            raise OptionError(f"Noisy: seed = {seed!r}; it must be an integer from 0 to 2**63 - 1")
-        self.seed = int(seed)
+        self.position_std: float = checked("Noisy: position_std", position_std, not_negative("m"))
+        self.velocity_std: float = checked("Noisy: velocity_std", velocity_std, not_negative("m/s"))
+        self.seed: int = checked("Noisy: seed", seed, whole(0, 2**63 - 1))
         self.period = positive("Noisy: period", period, "s")
 
     @property
@@ -212,9 +211,7 @@ class Delayed:
 
     def __init__(self, law: Any, samples: int, period: float) -> None:
         self.law = law
-        if not isinstance(samples, (int, np.integer)) or isinstance(samples, bool) or samples < 0:
-            raise OptionError(f"Delayed: samples = {samples!r}; it must be an integer >= 0")
-        self.samples = int(samples)
+        self.samples: int = checked("Delayed: samples", samples, whole(0))
         self.period = positive("Delayed: period", period, "s")
         self._answers: dict[int, ArrayLike] = {}
 
@@ -278,10 +275,3 @@ def _inner(law: Any, structure: Structure, period: float) -> NativeLaw:
 def _told(law: Any) -> Any:
     describe = getattr(law, "describe", None)
     return describe() if callable(describe) else getattr(law, "__name__", type(law).__name__)
-
-
-def _at_least_zero(what: str, value: Any, unit: str) -> float:
-    number = finite(what, value, f" >= 0 {unit}")
-    if number < 0:
-        raise OptionError(f"{what} = {value!r}; it must be a finite number >= 0 {unit}")
-    return number

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import enum
-import math
-from dataclasses import dataclass
-from typing import TypedDict
+from typing import Any, TypedDict
 
-import numpy as np
-
+from tensegrity_mj.basics import kinds
+from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.pictures.opengl import MAX_SIZE
 
@@ -33,7 +32,17 @@ class Quality(enum.Enum):
     BEST = "best"
 
 
-@dataclass(frozen=True)
+def _size(given: Any) -> tuple[int, ...]:
+    """(width, height) in the range that can be drawn."""
+    pixels = kinds.whole(MIN_SIZE, MAX_SIZE)
+    with contextlib.suppress(kinds.Wrong):
+        size = kinds.tuple_of(pixels.plain, given)
+        if len(size) == 2:
+            return size
+    raise kinds.not_allowed(given, f"(width, height), whole numbers of pixels from {MIN_SIZE} to {MAX_SIZE}")
+
+
+@value("view", OptionError)
 class View:
     """What the caller chose of the picture; all angles in degrees, None to have it chosen.
 
@@ -46,21 +55,14 @@ class View:
         text: whether title, time and legend are drawn.
     """
 
-    size: tuple[int, int] = (1280, 720)
+    size: tuple[int, int] = field(kinds.Kind(_size), default=(1280, 720))
     traces: bool = True
     target: bool = True
-    azimuth: float | None = None
-    elevation: float | None = None
-    distance: float | None = None
+    azimuth: float | None = field(kinds.finite("deg"), default=None, none="None")
+    elevation: float | None = field(kinds.finite("deg"), default=None, none="None")
+    distance: float | None = field(kinds.positive("m"), default=None, none="None")
     quality: Quality = Quality.FINE
     text: bool = True
-
-    def __post_init__(self) -> None:
-        check_size(self.size)
-        if self.distance is not None and not (math.isfinite(self.distance) and self.distance > 0.0):
-            raise OptionError(f"distance={self.distance}: it must be a finite length > 0 [m], or None")
-        if not isinstance(self.quality, Quality):
-            raise OptionError(f"quality={self.quality!r}: it must be a Quality: {', '.join(str(q) for q in Quality)}")
 
 
 class ViewOptions(TypedDict, total=False):
@@ -74,13 +76,3 @@ class ViewOptions(TypedDict, total=False):
     distance: float | None
     quality: Quality
     text: bool
-
-
-def check_size(size: tuple[int, int]) -> None:
-    """Raise OptionError unless the size is two whole numbers of pixels in the range that can be drawn."""
-    whole = isinstance(size, (tuple, list)) and len(size) == 2
-    whole = whole and all(isinstance(v, (int, np.integer)) and not isinstance(v, bool) for v in size)
-    if not whole or not all(MIN_SIZE <= v <= MAX_SIZE for v in size):
-        raise OptionError(
-            f"size={size!r}: it must be (width, height), whole numbers of pixels from {MIN_SIZE} to {MAX_SIZE}"
-        )

@@ -20,8 +20,9 @@ from scipy import sparse
 from scipy.linalg import eigh, qr
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
 
+from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import positive, whole
+from tensegrity_mj.basics.checks import checked, positive, whole
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model import rods as thin
 from tensegrity_mj.model.structure import Structure
@@ -269,10 +270,7 @@ def mode_trajectory(
     if not isinstance(modes, Modes):
         raise OptionError(f"mode_trajectory of {modes!r}: use natural_modes(state)")
     count = len(modes.squares)
-    if isinstance(number, bool) or not isinstance(number, (int, np.integer)) or not 0 <= number < count:
-        raise OptionError(
-            f"number = {number!r}; it must be a whole number from 0 to {count - 1}: there are {count} modes"
-        )
+    number = checked("number of the mode", number, kinds.whole(0, count - 1))
     samples = whole("frames", frames, 8)
     state, shape = modes.state, modes.shapes[:, number]
     size = positive("amplitude", AMPLITUDE * state.model.scale[0] if amplitude is None else amplitude, "m")

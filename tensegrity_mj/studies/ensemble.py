@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tensegrity_mj.basics import interrupts
+from tensegrity_mj.basics import interrupts, kinds
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import member
+from tensegrity_mj.basics.checks import checked, member
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, NOT_FINITE, Law, NativeLaw
 from tensegrity_mj.engines.request import Request
@@ -158,8 +158,7 @@ class ManyRuns:
         if getattr(engine, "accuracy", None) is not None:
             raise OptionError("MuJoCo(accuracy=...) chooses a step for each run; give simulate_many a timestep")
         _refuse_located(engine, "simulate_many")
-        if isinstance(threads, bool) or not isinstance(threads, (int, np.integer)) or threads < 0:
-            raise OptionError(f"threads = {threads!r}; it must be a whole number >= 0, 0 for all cores")
+        threads = checked("threads (0 for all cores)", threads, kinds.whole(0))
         scenes = _checked(self.scenes)
         laws = list(controllers) if isinstance(controllers, Sequence) else [controllers] * len(scenes)
         if len(laws) != len(scenes):

@@ -14,12 +14,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import mujoco
 
-from tensegrity_mj.basics.checks import positive
+from tensegrity_mj.basics import kinds
+from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.mujoco.clock import profiler_off
 from tensegrity_mj.engines.mujoco.engine import MuJoCo
@@ -37,7 +37,7 @@ INTEGRATORS = (Integrator.RK4, Integrator.EULER)
 CONTROL_PERIOD = 0.01  # s, of laws that cost more than a step
 
 
-@dataclass(frozen=True)
+@value("benchmark", OptionError)
 class Benchmark:
     """What is measured.
 
@@ -54,31 +54,18 @@ class Benchmark:
         OptionError: for values out of range.
     """
 
-    scenes: tuple[Scene, ...]
-    repeats: int = 15
-    timestep: float = 1e-3
-    sample: float = 0.1
-    simulations: int = 1024
-    threads: tuple[int, ...] = (1, 2)
+    scenes: tuple[Scene, ...] = field(kinds.parts(Scene))
+    repeats: int = field(kinds.whole(1), default=15)
+    timestep: float = field(kinds.positive("s"), default=1e-3)
+    sample: float = field(kinds.positive("s"), default=0.1)
+    simulations: int = field(kinds.whole(0), default=1024)
+    threads: tuple[int, ...] = field(kinds.many(kinds.whole(1), "a list of integers"), default=(1, 2))
     renderer: bool = True
     startup: bool = True
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "scenes", tuple(self.scenes))
+    def __attrs_post_init__(self) -> None:
         if not self.scenes:
-            raise OptionError("benchmark: name at least one scene")
-        for scene in self.scenes:
-            if not isinstance(scene, Scene):
-                raise OptionError(f"benchmark: {scene!r} is no Scene")
-        positive("benchmark: timestep", self.timestep, "s")
-        positive("benchmark: sample", self.sample, "s")
-        for name, least in (("repeats", 1), ("simulations", 0)):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < least:
-                raise OptionError(f"benchmark: {name} = {value!r}; it must be a whole number >= {least}")
-        for count in self.threads:
-            if isinstance(count, bool) or not isinstance(count, int) or count < 1:
-                raise OptionError(f"benchmark: threads = {count!r}; each must be a whole number >= 1")
+            raise refused(self, "name at least one scene")
 
 
 def run_benchmark(options: Benchmark, told: Callable[[str], None] = lambda text: None) -> dict[str, Any]:
