@@ -116,9 +116,9 @@ captions, tables and the tick labels of the axes. The classes are:
 The last column says of each number and statement which errors it notices: by what a quantity must be wrong, 1 % or
 10 %, in one direction or the other, to change the verdict or to leave the recorded difference
 (`tensegrity-mj reproduce --sensitivity`, in one engine). Mass (of a cable: its rope's), stiffness (of strings), damping
-and geometry (all lengths) are those of the plant, of which the law knows nothing; gain is the law's decay rate or
-natural frequency. A quantity that a row does not name is not noticed, or its experiment has none; rows that notice
-nothing say so.
+and geometry (all lengths but rest lengths, so that prestress changes with it) are those of the plant, of which the law
+knows nothing; gain is the law's decay rate or natural frequency. A quantity that a row does not name is not noticed, or
+its experiment has none; rows that notice nothing say so.
 """
 
 
