@@ -17,7 +17,7 @@ from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, address_of, ca
 from tensegrity_mj.model.structure import Structure
 
 
-@c_function(LAW_SIGNATURE, "a law without its limits")
+@c_function(LAW_SIGNATURE, "a law that believes in another stiffness of the strings")
 def _nominal(t, nodes, velocities, context, command, report):  # type: ignore[no-untyped-def]
     table = integers(context, (4,))
     status = call_law(table[0], t, nodes, velocities, table[1], command, report)

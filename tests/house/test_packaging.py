@@ -25,6 +25,9 @@ def names(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
             shutil.copytree(path, source / name, ignore=shutil.ignore_patterns("__pycache__"))
         else:
             shutil.copy(path, source / name)
+    shipped = source / "tensegrity_mj" / "dynamics" / "native" / "shipped"  # of scripts/compile_ahead.py --ship
+    shipped.mkdir(exist_ok=True)
+    (shipped / "any.nbc").write_text("machine code")
     pip = [sys.executable, "-m", "pip"]
     if subprocess.run([*pip, "--version"], capture_output=True).returncode:
         # The environment of scripts/setup.sh may have no pip of its own and borrow one.
@@ -71,6 +74,10 @@ def test_laws_and_scenes_are_inside_the_package(names: list[str]) -> None:
 def test_every_module_of_the_checkout_is_in_the_wheel(names: list[str]) -> None:
     modules = {str(path.relative_to(ROOT)) for path in (ROOT / "tensegrity_mj").rglob("*.py")}
     assert modules <= set(names)
+
+
+def test_machine_code_that_was_compiled_ahead_is_included(names: list[str]) -> None:
+    assert "tensegrity_mj/dynamics/native/shipped/any.nbc" in names
 
 
 def test_license_and_type_marker_are_included(names: list[str]) -> None:
