@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import math
 import warnings
 from collections.abc import Callable
@@ -49,10 +50,11 @@ def before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) 
     It is looked at once for a scene, an engine and a law, as long as the scene lives, where all are known to stay what
     they are.
     """
-    if not _stays(scene, engine, law):
+    if not dataclasses.is_dataclass(engine) or not _stays(scene, law):
         return _before_run(scene, engine, law, actuation)
+    options = tuple(getattr(engine, item.name) for item in dataclasses.fields(engine))
     # With what the law keeps alive: its addresses stay its own.
-    key = (engine, law.address, law.context, actuation)
+    key = (type(engine), options, law.address, law.context, actuation)
     found, text, _ = _remembered.get(scene, key, lambda: (*_before_run(scene, engine, law, actuation), law.keep))
     return copy.deepcopy(found), text
 
@@ -60,11 +62,8 @@ def before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) 
 _remembered = Remembered()
 
 
-def _stays(scene: Scene, engine: Any, law: NativeLaw) -> bool:
-    """Whether nothing that the check before a run looks at can have changed by the next one."""
-    params = getattr(engine, "__dataclass_params__", None)
-    if params is None or not params.frozen or not params.eq:
-        return False
+def _stays(scene: Scene, law: NativeLaw) -> bool:
+    """Whether nothing of a scene and a law can have changed by the next check."""
     of_python = callable(scene.loads) or any(motion.function is not None for motion in scene.motions)
     return not of_python and (not law.address or law.stateless)
 

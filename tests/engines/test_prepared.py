@@ -15,6 +15,7 @@ from tensegrity_mj.dynamics.native.law import Law
 from tensegrity_mj.engines.mujoco.prepared import prepared
 from tensegrity_mj.errors import DivergenceError, StabilityWarning
 from tensegrity_mj.model.strings import StringLaw
+from tensegrity_mj.vibration import step_warnings
 
 
 def test_a_model_is_the_callers_own() -> None:
@@ -82,3 +83,25 @@ def test_the_warning_comes_each_time() -> None:
     for _ in range(2):
         with pytest.warns(StabilityWarning, match="beyond the largest stable one"), suppress(DivergenceError):
             tmj.simulate(scene, law, tmj.MuJoCo(0.01, tmj.Integrator.EULER), duration=0.01)
+
+
+def test_the_check_is_made_once_for_what_stays_and_each_time_for_what_may_change(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made = []
+
+    def count(*arguments: Any) -> tuple[dict[str, Any], str]:
+        made.append(arguments)
+        return {}, ""
+
+    monkeypatch.setattr(step_warnings, "_before_run", count)
+    scene = tmj.load_scene("prism")
+    law = tmj.controllers.Lyapunov(scene.structure, scene.target)
+    for _ in range(3):
+        for step in (1e-3, 2e-3):
+            tmj.simulate(scene, law, tmj.MuJoCo(step), duration=2e-3)
+    assert len(made) == 2
+    loaded = scene.with_(loads=lambda time: np.zeros((len(scene.structure.nodes), 3)))
+    for _ in range(3):
+        tmj.simulate(loaded, law, tmj.MuJoCo(1e-3), duration=2e-3)
+    assert len(made) == 5

@@ -186,6 +186,8 @@ class Code:
         import llvmlite.binding as llvm
 
         with _loading:
+            with contextlib.suppress(RuntimeError):
+                llvm.initialize()  # needed below llvmlite 0.45, refused from there on
             llvm.initialize_native_target()
             llvm.initialize_native_asmprinter()
             # An engine each: names of different functions never meet. It also opens what this process has of symbols.
