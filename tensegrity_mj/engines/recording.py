@@ -61,8 +61,8 @@ def make_trajectory(
     """
     scene, structure = request.scene, request.scene.structure
     T, N, M = len(time), len(structure.nodes), len(structure.strings)
-    nodes = rows[:, : 3 * N].reshape(T, N, 3).copy()
-    velocities = rows[:, 3 * N : 6 * N].reshape(T, N, 3).copy()
+    nodes = rows[:, : 3 * N].copy().reshape(T, N, 3)
+    velocities = rows[:, 3 * N : 6 * N].copy().reshape(T, N, 3)
     at = 6 * N
     rest, elastic, tensions = (rows[:, at + part * M : at + (part + 1) * M].copy() for part in range(3))
     at += 3 * M

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, dot
 from tensegrity_mj.dynamics.native.plant import RESOLUTION_KIND, Plant
 from tensegrity_mj.dynamics.native.resolution import STAGES, unresolved
 from tensegrity_mj.dynamics.native.watch import Impossible, impossible
@@ -102,7 +102,7 @@ def _drifts(run: Trajectory) -> tuple[Array, Array]:
     b = (second - first) / structure.rod_lengths[:, None]
     first, second = rods.ends(structure, run.velocities)
     b_rate = (second - first) / structure.rod_lengths[:, None]
-    return np.abs(np.sum(b * b, axis=-1) - 1), np.abs(np.sum(b * b_rate, axis=-1))
+    return np.abs(dot(b, b) - 1), np.abs(dot(b, b_rate))
 
 
 def _balance_warnings(run: Trajectory) -> list[str]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, dot, norm
 from tensegrity_mj.model.structure import Structure
 
 
@@ -44,7 +44,7 @@ def kinetic_energy(structure: Structure, velocities: Array) -> Array:
     energy = 0.5 * np.sum(structure.rod_masses * square, axis=-1)
     for point in structure.point_masses:
         v = velocities[..., structure.node_index[point.node], :]
-        energy = energy + 0.5 * point.mass * np.sum(v * v, axis=-1)
+        energy = energy + 0.5 * point.mass * dot(v, v)
     return energy
 
 
@@ -84,12 +84,12 @@ def string_forces(structure: Structure, nodes: Array, tensions: Array) -> Array:
     """Forces of the strings on the nodes [N], (..., N, 3), for tensions (..., M)."""
     pairs = structure.string_nodes
     s = nodes[..., pairs[:, 1], :] - nodes[..., pairs[:, 0], :]
-    pull = s * (tensions / np.linalg.norm(s, axis=-1))[..., None]
-    forces = np.zeros((*pull.shape[:-2], len(structure.nodes), 3))
-    for m, (i, j) in enumerate(pairs.tolist()):
-        forces[..., i, :] += pull[..., m, :]
-        forces[..., j, :] -= pull[..., m, :]
-    return forces
+    pull = np.moveaxis(s * (tensions / norm(s))[..., None], -2, 0).copy()
+    forces = np.zeros((len(structure.nodes), *pull.shape[1:]))
+    for (i, j), one in zip(pairs.tolist(), pull, strict=True):
+        forces[i] += one
+        forces[j] -= one
+    return np.ascontiguousarray(np.moveaxis(forces, 0, -2))
 
 
 def multipliers(
@@ -119,9 +119,9 @@ def multipliers_of_ends(
     (x1, x2), (v1, v2) = ends(structure, nodes), ends(structure, velocities)
     b, b_rate = (x2 - x1) / length, (v2 - v1) / length
     t_b = length * ((1 - sigma)[:, None] * second - sigma[:, None] * first) + f[:, None] * np.asarray(gravity, float)
-    square = np.sum(b * b, axis=-1)
-    along = np.sum(b * (f[:, None] * r_accelerations - t_b), axis=-1)
-    return np.sum(b_rate * b_rate, axis=-1) / square - along / (J * square)
+    square = dot(b, b)
+    along = dot(b, f[:, None] * r_accelerations - t_b)
+    return dot(b_rate, b_rate) / square - along / (J * square)
 
 
 def force_densities(structure: Structure, multipliers: Array) -> Array:

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.basics.arrays import Array, IntArray, dot, norm
 from tensegrity_mj.basics.checks import sequence_of
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import Kind, Wrong, choice, names, parts, printable_name, text, vector
@@ -294,14 +294,14 @@ class Structure:
     def string_lengths(self, nodes: Array) -> Array:
         """‖s‖ [m] of every string for node positions (..., N, 3); shape (..., M)."""
         pairs = self.string_nodes
-        return np.linalg.norm(nodes[..., pairs[:, 1], :] - nodes[..., pairs[:, 0], :], axis=-1)
+        return norm(nodes[..., pairs[:, 1], :] - nodes[..., pairs[:, 0], :])
 
     def string_rates(self, nodes: Array, velocities: Array) -> Array:
         """d‖s‖/dt [m/s] for node positions and velocities (..., N, 3); shape (..., M)."""
         pairs = self.string_nodes
         s = nodes[..., pairs[:, 1], :] - nodes[..., pairs[:, 0], :]
         rate = velocities[..., pairs[:, 1], :] - velocities[..., pairs[:, 0], :]
-        return np.sum(s * rate, axis=-1) / np.linalg.norm(s, axis=-1)
+        return dot(s, rate) / norm(s)
 
     def _pairs(self, members: Sequence[Rod] | Sequence[String]) -> IntArray:
         pairs = [[self.node_index[name] for name in member.nodes] for member in members]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, norm
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.slots import NODES, VELOCITIES
 from tensegrity_mj.errors import DivergenceError
@@ -75,7 +75,7 @@ def _torn_rods(run: Trajectory) -> tuple[int, str]:
     """The first sample at which a rod is not nearly as long as it should be (none: their number), and what to say."""
     structure = run.scene.structure
     first, second = rods.ends(structure, run.nodes)
-    strain = np.linalg.norm(second - first, axis=-1) / structure.rod_lengths - 1
+    strain = norm(second - first) / structure.rod_lengths - 1
     bad = np.any(np.abs(strain) > STRAIN_BOUND, axis=1)
     if not bad.any():
         return len(bad), ""
