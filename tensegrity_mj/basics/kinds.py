@@ -261,7 +261,12 @@ def pair(of: str) -> Kind:
 
 def many(kind: Kind, need: str) -> Kind:
     """Any number of values of a kind, without fields."""
-    return Kind(lambda value: tuple_of(kind.plain, value), need, partial(is_list, valid=kind.fits))
+    return Kind(
+        lambda value: tuple_of(kind.plain, value),
+        need,
+        partial(is_list, valid=kind.fits),
+        lambda value: [kind.load(item) for item in value],
+    )
 
 
 def part(of: type, use: str = "") -> Kind:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
+from tensegrity_mj.basics.fields import field, refused, value
+from tensegrity_mj.basics.kinds import Kind, Wrong, choice, is_list, is_number, is_table, many, part, rows, text, whole
+from tensegrity_mj.errors import FormatError
 from tensegrity_mj.thesis.experiments import OF_EQUILIBRIUM, OF_MOTION, EngineName
 
 # What one engine computed: a Trajectory by the name of its experiment, a SeriesRun by that of its series (chapter 3), a
@@ -55,12 +58,25 @@ HOLDS = Interval(1.0, 1.0)
 NO_CAUSE = "no cause known"
 
 
-@dataclass(frozen=True)
+def _interval(given: Any) -> Interval:
+    if isinstance(given, Interval):
+        return given
+    ends = given if is_list(given, is_number) and len(given) == 2 else ()
+    if not ends or not ends[0] <= ends[1]:
+        raise Wrong(f" = {given!r}; it must be two numbers, [low, high], the first not above the second")
+    return Interval(float(ends[0]), float(ends[1]))
+
+
+ENDS = Kind(_interval, "two numbers, [low, high]")
+TEXTS = many(text(), "a list of texts in quotes")
+
+
+@value("differs", FormatError)
 class KnownDifference:
     """What ours is where it differs, and why, as far as it is known: a difference of another size has another cause."""
 
-    cause: str
-    ours: Interval
+    cause: str = field(text())
+    ours: Interval = field(ENDS)
 
     @property
     def is_explained(self) -> bool:
@@ -68,7 +84,7 @@ class KnownDifference:
         return not self.cause.startswith(NO_CAUSE)
 
 
-@dataclass(frozen=True)
+@value("row {id!r}", FormatError)
 class Statement:
     """One row of the ledger, as a table of `tables/` has it.
 
@@ -95,26 +111,32 @@ class Statement:
         unjudged: why it cannot be judged at all, or "".
     """
 
-    id: str
-    kind: Class
-    figure: str
-    place: str
-    page: int
-    says: str
-    stated: str
-    accepted: Interval
-    tolerance: str
-    needs: tuple[str, ...]
-    measure: str
-    arguments: Mapping[str, Any] = field(default_factory=dict)
-    unit: str = ""
-    value: tuple[float, ...] = ()
-    printed: tuple[str, ...] = ()
-    line: int = 0
-    origin: str = ""
-    known: KnownDifference | None = None
-    engines: tuple[EngineName, ...] = ()
-    unjudged: str = ""
+    id: str = field(text())
+    kind: Class = field(choice(Class), key="class")
+    place: str = field(text(), key="where")
+    page: int = field(whole(1))
+    says: str = field(text(), key="words")
+    stated: str = field(text())
+    figure: str = field(text(), default="")
+    accepted: Interval = field(ENDS, default=None, none="None", key="band")  # never None once made
+    tolerance: str = field(text(), default="", key="reason")
+    needs: tuple[str, ...] = field(TEXTS, default=(), key="runs")
+    measure: str = field(text(), default="")
+    arguments: Mapping[str, Any] = field(Kind(dict, "a table", is_table), factory=dict)
+    unit: str = field(text(), default="")
+    value: tuple[float, ...] = field(rows(), default=())
+    printed: tuple[str, ...] = field(TEXTS, default=())
+    line: int = field(whole(0), default=0)
+    origin: str = field(text(), default="")
+    known: KnownDifference | None = field(part(KnownDifference), default=None, none="None", key="differs")
+    engines: tuple[EngineName, ...] = field(many(choice(EngineName), "a list of engines"), default=())
+    unjudged: str = field(text(), default="")
+
+    def __attrs_post_init__(self) -> None:
+        if not self.measure and not self.unjudged:
+            raise refused(self, "it has neither a measure nor a reason why it cannot be judged (unjudged)")
+        if self.accepted is None:
+            object.__setattr__(self, "accepted", Interval() if self.unjudged else HOLDS)
 
     @property
     def chapter(self) -> str:

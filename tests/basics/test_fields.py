@@ -324,5 +324,5 @@ def test_a_package_that_is_installed_registers_by_an_entry_point(monkeypatch: py
         return [EntryPoint("spring", f"{__name__}:Spring", group)] if group == "tensegrity_mj.effects" else []
 
     monkeypatch.setattr(fields, "_KINDS", {})
-    monkeypatch.setattr(fields, "entry_points", points)
+    monkeypatch.setattr("importlib.metadata.entry_points", points)
     assert effects('[[effects]]\nkind = "spring"\nnode = "b"').effects == (Spring("b"),)

@@ -208,7 +208,7 @@ def test_texts_stand_for_their_names(tmp_path: Path) -> None:
         (("band = [0.9, 1.1]", "band = [1.1, 0.9]"), "not above the second"),
         (("band = [0.9, 1.1]", "band = [1.1]"), "two numbers"),
         (("page = 120", 'page = "120"'), "page = '120'"),
-        (("page = 120", "paige = 120"), "page = None"),
+        (("page = 120\n", ""), "'page' is missing"),
         (('unit = "m"', ""), ""),
         (("page = 120", "page = 120\npaige = 1"), "unknown key 'paige'"),
         (("[[rows]]", "[[rows"), "cannot be read"),

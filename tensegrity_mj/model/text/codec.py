@@ -14,7 +14,7 @@ import attrs
 
 from tensegrity_mj.basics.checks import checked
 from tensegrity_mj.basics.fields import Key, item_of, kind_of, registered, without_item
-from tensegrity_mj.errors import SceneError, StructureError
+from tensegrity_mj.errors import FormatError, SceneError, StructureError
 from tensegrity_mj.model.text.table import Table
 
 T = TypeVar("T")
@@ -71,8 +71,10 @@ def built(table: Table, cls: type, make: Callable[[], T], values: Mapping[str, A
     """What `make` makes of a table; errors of its class, which has these values, name the table in place of them."""
     try:
         return make()
-    except (StructureError, SceneError) as error:
-        raise type(error)(f"{table.path}: {without_item(cls, values or {}, error)}") from None
+    except (StructureError, SceneError, FormatError) as error:
+        # The file is put in front of all that is wrong with a structure or a scene.
+        place = table.where if isinstance(error, FormatError) else table.path
+        raise type(error)(f"{place}: {without_item(cls, values or {}, error)}") from None
 
 
 def table_of(value: Any) -> dict[str, Any]:
