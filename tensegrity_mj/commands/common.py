@@ -36,7 +36,7 @@ PLOT_SUFFIXES = (".png", ".pdf", ".svg")
 EXIT_CODES = """\
 exit codes:
   0    success
-  1    an error in the program itself (with a traceback); reproduce: rows that differ without a known cause
+  1    an error in the program itself (with a traceback); reproduce: rows that differ otherwise than recorded
   2    bad usage or bad input
   3    infeasible: the control law or the problem has no admissible solution
   4    the simulation diverged
