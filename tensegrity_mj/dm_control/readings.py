@@ -12,6 +12,7 @@ from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.engines.mujoco.mjcf import UNLIMITED
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model import strings
+from tensegrity_mj.model.elements.element import as_forces
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
 
@@ -126,9 +127,7 @@ class Loads:
         at = time + 0.5 * timestep if middle else time
         shape = (len(self.scene.structure.nodes), 3)
         try:
-            forces = self.scene.nodal_forces(at)
-            if forces.shape != shape or not np.all(np.isfinite(forces)):
-                raise ValueError(f"it returned shape {forces.shape}; it must return finite {shape} [N]")
+            forces = as_forces(self.scene.nodal_forces(at), shape)
         except Exception as error:
             raise OptionError(
                 f"loads: the function failed near t = {at:.6g} s: {type(error).__name__}: {error}"

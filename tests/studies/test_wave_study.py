@@ -79,7 +79,7 @@ def test_other_towers_and_other_seas() -> None:
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        ({"wave_height": -1.0}, "wave_height = -1.0 m; it must be >= 0"),
+        ({"wave_height": -1.0}, "wave_height = -1.0; it must be >= 0 m"),
         ({"wavelength": 0.0}, "wavelength"),
         ({"weights": "rigid"}, "weights = 'rigid'"),
         ({"phase": math.nan}, "phase"),

@@ -29,6 +29,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import SceneError
@@ -110,9 +111,14 @@ def forces_of(elements: Sequence[Element], scene: Scene, time: Array | float, no
 
 def acted(element: Element, scene: Scene, time: float, nodes: Array, velocities: Array) -> Array:
     """What `act` returns, (N, 3); ValueError where it is no finite array of that shape."""
-    forces = np.asarray(element.act(scene, time, nodes, velocities), float)
-    if forces.shape != nodes.shape or not np.all(np.isfinite(forces)):
-        raise ValueError(f"it returned shape {forces.shape}; it must return finite {nodes.shape} [N]")
+    return as_forces(element.act(scene, time, nodes, velocities), nodes.shape)
+
+
+def as_forces(returned: ArrayLike, shape: tuple[int, ...]) -> Array:
+    """What a function returned, as an array; ValueError where it is no finite one of that shape."""
+    forces = np.asarray(returned, float)
+    if forces.shape != shape or not np.all(np.isfinite(forces)):
+        raise ValueError(f"it returned shape {forces.shape}; it must return finite {shape} [N]")
     return forces
 
 

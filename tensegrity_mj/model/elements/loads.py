@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.model.elements.element import Element
+from tensegrity_mj.model.elements.element import Element, as_forces
 
 if TYPE_CHECKING:
     from tensegrity_mj.model.scene import Scene
@@ -26,5 +26,5 @@ class NodalLoads(Element):
     def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
         """See `Element`."""
         times = np.broadcast_to(np.asarray(time, float), nodes.shape[:-2])
-        forces = [scene.nodal_forces(float(t)) for t in times.ravel()]
+        forces = [as_forces(scene.nodal_forces(float(t)), nodes.shape[-2:]) for t in times.ravel()]
         return np.array(forces, float).reshape(nodes.shape)
