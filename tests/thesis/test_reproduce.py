@@ -216,8 +216,8 @@ def near(value: float, tolerance: float) -> Interval:
 
 def made_up(accepted: Interval, known: KnownDifference | None = None, unit: str = "m") -> Statement:
     return Statement(
-        "5.9-x", Class.NUMBER, "5.4", "§5", 120, "what", "1 m", accepted, "why", ("pinned",), "peak", unit=unit,
-        value=(1.0,), known=known,
+        id="5.9-x", kind=Class.NUMBER, figure="5.4", place="§5", page=120, says="what", stated="1 m", accepted=accepted,
+        tolerance="why", needs=("pinned",), measure="peak", unit=unit, value=(1.0,), known=known,
     )  # fmt: skip
 
 
