@@ -39,7 +39,7 @@ class TowerInWaves:
         stages: 1 or more.
         topology: which diagonals.
         radius: R of a stage before form-finding [m]; ℓ/√6 = 0.498 m by default.
-        damping: of every string [N s/m]; the thesis tells of none.
+        damping: of every string [N s/m]; the thesis states none.
         wave_height: H = 2 A [m], >= 0; 0 for still water.
         wavelength: [m].
         direction: to which waves travel [rad], from the tower's axis, x, towards y.

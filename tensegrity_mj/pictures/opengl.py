@@ -40,7 +40,7 @@ def choose_backend() -> str:
     renderer; it needs no display), then OSMesa, then a window system's, if there is a display.
 
     Raises:
-        MissingLibraryError: if there is none; the message tells which Debian packages bring one.
+        MissingLibraryError: if there is none; the message names which Debian packages bring one.
         OptionError: if MUJOCO_GL has a value that means nothing here.
     """
     chosen = os.environ.get("MUJOCO_GL", "").strip().lower()
@@ -61,7 +61,7 @@ def choose_backend() -> str:
         return "cgl"
     if sys.platform != "linux":
         return "glfw"
-    # PyOpenGL can speak one kind in a process; PYOPENGL_PLATFORM tells which, once any is in use.
+    # PyOpenGL can speak one kind in a process; PYOPENGL_PLATFORM names it, once any is in use.
     bound = os.environ.get("PYOPENGL_PLATFORM", "").lower()
     if bound in ("", "egl") and egl_devices() > 0:
         return "egl"

@@ -56,7 +56,7 @@ def write_netcdf(
             if dimensions == (name,):
                 made[name].make_scale(name)
                 scales[name] = made[name]
-        for name, (dimensions, _, told) in variables.items():
+        for name, (dimensions, _, described) in variables.items():
             variable = made[name]
             if dimensions != (name,):
                 for axis, dimension in enumerate(dimensions):
@@ -64,7 +64,7 @@ def write_netcdf(
             variable.attrs["_Netcdf4Coordinates"] = np.array([numbers[dimension] for dimension in dimensions], np.int32)
             if dimensions == (name,) or sizes[dimensions[0]]:  # NetCDF notes it when it writes the first values
                 variable.attrs["_Netcdf4Dimid"] = numbers[dimensions[0]]
-            for key, text in told.items():
+            for key, text in described.items():
                 variable.attrs[key] = text
         for key, value in attributes.items():
             file.attrs[key] = value if isinstance(value, str) else np.array([value])

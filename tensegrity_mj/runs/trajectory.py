@@ -142,7 +142,7 @@ class Trajectory:
     def error_estimate(self) -> float:
         """Largest node error over the run [m] of an engine with `accuracy`; NaN where none was asked for.
 
-        `reports["accuracy"]["settled"]` tells whether it can be relied on.
+        `reports["accuracy"]["settled"]` states whether it can be relied on.
         """
         return float(self.reports.get("accuracy", {}).get("error_estimate", float("nan")))
 

@@ -14,7 +14,7 @@ from tensegrity_mj.statics.standalone import require_rigid_and_free, standalone_
 from tensegrity_mj.statics.state import StaticState
 
 SAME = 1e-6  # of the mean member: nodes that are nearer are at the same place
-SOFT = 1e-6  # of the largest ω²: those below are told from central differences' error no better than to 1e-4
+SOFT = 1e-6  # of the largest ω²: those below are distinguished from central differences' error no better than to 1e-4
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,7 +45,7 @@ UNSTABLE = 1e-6  # of the largest ∂a/∂δ
 
 
 class AcceleratingEngine(Protocol):
-    """An engine that tells the accelerations of the nodes."""
+    """An engine that gives the accelerations of the nodes."""
 
     def accelerations(self, request: Request) -> Accelerations:
         """See `engines.run.Accelerations`."""
@@ -160,7 +160,7 @@ class _Search:
             highest = float(np.linalg.eigvals(slopes).real.max())
             steady = highest <= UNSTABLE * stiffest
             shift = max(least, highest) if shift is None else shift
-            # Newton's own step tells how near a place of rest is, a stable one or not.
+            # Newton's own step shows how near a place of rest is, a stable one or not.
             step = np.asarray(np.linalg.solve(least * np.eye(chart.size) - slopes, a), float)
             move = float(np.linalg.norm(chart.state(none, step)[1], axis=1).max())
             if move <= SMALL_MOVE * self.reach:

@@ -167,7 +167,7 @@ class _Task:
         if 0 < pressed < NO_FORCE * column and not own.any():
             raise InfeasibleError(
                 f"structure '{structure.name}': loads of at most {pressed:.3g} N are too small beside the own weight "
-                f"of columns, about {column:.3g} N, to be told from none; leave gravity out, or give a least_radius"
+                f"of columns, about {column:.3g} N, to be seen beside it; leave gravity out, or give a least_radius"
             )
         rates = np.concatenate([a_b, a_s, c / np.sqrt(force)])
         mass = force * float(rates.max(initial=0.0)) or 1.0

@@ -33,7 +33,7 @@ from tensegrity_mj.statics.words import counted
 
 Flags = NDArray[np.bool_]
 
-LEAST_COUNT = 12  # shapes that are found of a large structure unless told otherwise
+LEAST_COUNT = 12  # shapes that are found of a large structure unless another number is given
 SHIFT = 1e-8  # of the largest stiffness over the smallest mass: where large structures' eigenvalues are sought from
 AMPLITUDE = 0.1  # of the mean member, of the node that moves most
 
@@ -49,7 +49,7 @@ class Modes:
         neutral: (3N, p) orthonormal motions of the whole that nothing resists: ω = 0, and none of `shapes`.
         masses: M (3N, 3N) [kg], sparse.
         complete: whether these are all the modes there are.
-        round_off: [1/s²] what round-off makes of ω² = 0: smaller ones cannot be told from it.
+        round_off: [1/s²] what round-off makes of ω² = 0: smaller ones cannot be distinguished from it.
     """
 
     state: StaticState

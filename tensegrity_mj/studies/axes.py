@@ -46,8 +46,8 @@ class Together:
             raise OptionError(f"Together: axes = {self.axes!r}; give a list of Vary(parameter, values)")
         lengths = {axis.parameter: len(axis.values) for axis in axes}
         if len(set(lengths.values())) > 1:
-            told = ", ".join(f"{name}: {count}" for name, count in lengths.items())
-            raise OptionError(f"Together: parameters that go together need as many values each ({told})")
+            counts = ", ".join(f"{name}: {count}" for name, count in lengths.items())
+            raise OptionError(f"Together: parameters that go together need as many values each ({counts})")
         object.__setattr__(self, "axes", axes)
 
 

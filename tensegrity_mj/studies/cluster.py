@@ -85,7 +85,7 @@ def compute(
     watched = _Cluster(client)
     suspects = {}
     # Dask itself gives a point to other workers when its worker dies, and gives it up when several died with it; which
-    # of those under way there did it, only trying each alone tells.
+    # of those under way there did it, only trying each alone shows.
     for key, answer in watched.answers(count, task, points):
         if answer is None:
             suspects[key] = points[key]

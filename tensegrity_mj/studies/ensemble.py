@@ -268,7 +268,7 @@ def law_in(
     request = request_for(scene, law, None, None, on_infeasible, None, False)
     if not request.law.stateless:
         raise OptionError(
-            "the law keeps something between its calls, and here one state is not told from another: use simulate_many"
+            "the law keeps something between its calls, and here states are not kept apart: use simulate_many"
         )
     if scene.breaks:
         raise OptionError(f"scene '{scene.name}' has strings that break, which takes a run: use simulate_many")

@@ -124,14 +124,14 @@ def run_many(
     """
     name = task_name(task)
     workers = workers or Workers()
-    shared, told = plain(common or {}, "common"), plain(identity or {}, "identity")
+    shared, facts = plain(common or {}, "common"), plain(identity or {}, "identity")
     given = [_point(number, point, shared) for number, point in enumerate(points)]
     # The key is of everything that the task gets, so that a record means the same in any order and any folder.
     calls = {digest({"task": name, "point": shared | point}): shared | point for point in given}
     keys = [digest({"task": name, "point": shared | point}) for point in given]
     first = {key: number for number, key in reversed(list(enumerate(keys)))}
     place = None if folder is None else Path(folder)
-    study = {"task": name, "identity": told, "common": shared, "points": given}
+    study = {"task": name, "identity": facts, "common": shared, "points": given}
 
     with contextlib.ExitStack() as stack:
         kept = stack.enter_context(store.opened(place, study)) if place is not None else None
@@ -153,7 +153,7 @@ def run_many(
             except ClusterError as error:
                 raise ClusterError(f"{error}. {_stopped(len(outcomes), len(calls), place)}") from error
         result = Study(
-            name, tuple(given), tuple(outcomes[key] for key in keys), shared, told, place, computed=len(missing)
+            name, tuple(given), tuple(outcomes[key] for key in keys), shared, facts, place, computed=len(missing)
         )
         if place is not None:
             text = json.dumps(json.loads(to_exact_json(result.to_dict())), ensure_ascii=False, indent=1)

@@ -67,5 +67,5 @@ class NominalWinches:
 
     def describe(self) -> dict[str, Any]:
         """Plain values for the provenance of a run."""
-        told = native_law(self.law, self.nominal).description or {}
-        return {**told, "nominal_stiffness": self.nominal.stiffness.tolist()}
+        description = native_law(self.law, self.nominal).description or {}
+        return {**description, "nominal_stiffness": self.nominal.stiffness.tolist()}

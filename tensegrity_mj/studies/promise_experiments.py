@@ -122,12 +122,12 @@ def _random(rng: np.random.Generator) -> tuple[Scene, float, str]:
     oddity = rng.uniform()
     if oddity < 0.1:
         structure = _shortened(structure, length := _log_uniform(rng, SHORTEST, 0.1))
-        told = [f"a rod of {length:.1e} m"]
+        features = [f"a rod of {length:.1e} m"]
     elif oddity < 0.15 and not planar:
         structure = _tilted(structure, angle := _log_uniform(rng, *TILT))
-        told = [f"a rod {angle:.1e} from the pole"]
+        features = [f"a rod {angle:.1e} from the pole"]
     else:
-        told = []
+        features = []
     stiffness = _log_uniform(rng, *STIFFNESS)
     ratio = 0.0 if rng.uniform() < 1 / 3 else _log_uniform(rng, *RATIO)
     speed = _log_uniform(rng, *SPEED)
@@ -148,9 +148,9 @@ def _random(rng: np.random.Generator) -> tuple[Scene, float, str]:
     duration = float(f"{min(duration, LONGEST, DECAYS / max(rates.decay, 1e-300)):.3g}")
     pulled = speed / max(1.0, 2 * ratio)  # an overdamped rod creeps at the stretch times k / c
     distance = min(1.0, (spin + pulled) * duration + 5.0 * gravity * duration**2)
-    told += [name for name, true in (("planar", planar), ("gravity", gravity)) if true]
-    told += [f"damped {ratio:.2g} of critical"] * bool(ratio) + [f"spin {spin:.2g} rad/s"] * bool(spin)
-    words = f"{rods} rods, {M} strings of {stiffness:.2g} N/m{''.join(', ' + one for one in told)}, {duration:g} s"
+    features += [name for name, true in (("planar", planar), ("gravity", gravity)) if true]
+    features += [f"damped {ratio:.2g} of critical"] * bool(ratio) + [f"spin {spin:.2g} rad/s"] * bool(spin)
+    words = f"{rods} rods, {M} strings of {stiffness:.2g} N/m{''.join(', ' + one for one in features)}, {duration:g} s"
     return scene.with_(duration=duration), distance, words
 
 

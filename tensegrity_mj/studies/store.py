@@ -132,7 +132,7 @@ def _hold(lock: FileIO, folder: Path) -> None:
         raise OptionError(
             f"{folder}: {who} works on this study; wait for it to end, or choose another folder"
         ) from None
-    with contextlib.suppress(OSError):  # a full disk; who holds it is only told to others
+    with contextlib.suppress(OSError):  # a full disk; who holds it is only for others to read
         lock.truncate(0)
         lock.write(f"process {os.getpid()}\n".encode())
 

@@ -93,7 +93,7 @@ def _processes(count: int, task: Task, points: Mapping[str, dict[str, Any]]) -> 
             return
         except TerminatedWorkerError:
             pass
-        # Of the points that were under way, which one it was only trying tells.
+        # Of the points that were under way, which one it was only trying shows.
         for key in [key for key in begun if key in missing]:
             point = missing.pop(key)
             try:

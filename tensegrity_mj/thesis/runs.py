@@ -16,7 +16,7 @@ from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.thesis.disturbance import Disturbance, disturbance_of, disturbed
 from tensegrity_mj.thesis.experiments import EngineName, experiment_of, simulate_experiment
 
-STAMP = "reproduction"  # the key of a run's provenance that tells what it is a run of
+STAMP = "reproduction"  # the key of a run's provenance that states what it is a run of
 # What simulates, besides the laws: plots, pages and commands may change without a run becoming another one.
 CODE = (
     "basics/*.py",

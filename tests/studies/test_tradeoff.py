@@ -278,7 +278,7 @@ def test_a_reference_knows_how_wrong_it_is() -> None:
     true = np.linalg.norm(found.motion.nodes - spring_motion(found.motion.time), axis=-1).max()
     # The formula's cosine is round-off of 0.2 m, 3e-17; the reference is as good as it says or within ten units of it.
     assert true <= found.own_error + 10 * np.finfo(float).eps * START
-    assert found.told["second_formulation"]["engine"].startswith("ODE")
+    assert found.facts["second_formulation"]["engine"].startswith("ODE")
 
 
 def test_a_coarse_reference_says_so_and_points_below_it_are_marked(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -313,13 +313,13 @@ def test_where_the_dae_refuses_mujoco_at_two_steps_is_the_reference_and_there_is
 
     found = find_reference(experiment, 1e5, run)
     assert found.motion is not None
-    assert found.told["engine"].startswith("MuJoCo")
-    assert found.told["second_formulation"] is None
-    assert "there is no second formulation" in sentence.reference_sentence({"reference": found.told})
+    assert found.facts["engine"].startswith("MuJoCo")
+    assert found.facts["second_formulation"] is None
+    assert "there is no second formulation" in sentence.reference_sentence({"reference": found.facts})
     # The finer step is the reference: it lies nearer to the truth than the coarser by the order of the method.
     true = np.linalg.norm(found.motion.nodes - spring_motion(found.motion.time), axis=-1).max()
     assert true <= found.own_error + 1e-13
-    assert [one["status"] for one in found.told["tried"]].count("refused") == 2  # each of the DAE's ways once
+    assert [one["status"] for one in found.facts["tried"]].count("refused") == 2  # each of the DAE's ways once
 
 
 def test_without_any_reference_the_reason_is_told() -> None:
@@ -328,7 +328,7 @@ def test_without_any_reference_the_reason_is_told() -> None:
     found = find_reference(spring_experiment(), 1e5, lambda engine: Attempt(Ended.REFUSED, "not today", None))
     assert found.motion is None
     assert math.isinf(found.own_error)
-    assert found.told["reason"] == "not today"
+    assert found.facts["reason"] == "not today"
 
 
 def test_a_motion_of_other_times_or_nodes_is_infinitely_far() -> None:

@@ -314,9 +314,9 @@ def test_a_run_that_does_not_converge_does_not_set_what_converging_is(pinned_rod
     assert report.data["nominal"]["engines"]["mujoco"]["outcome"] == "still moving"
     assert [one["outcome"] for one in rows(report, "delay")] == ["still moving"]
     assert not any("olerate a delay" in sentence for sentence in report.summary)
-    (unjudged,) = [sentence for sentence in report.summary if "cannot be told" in sentence]
+    (unjudged,) = [sentence for sentence in report.summary if "cannot be judged" in sentence]
     assert unjudged == (
-        "What the law tolerates of delay cannot be told where it does not converge without: see the tables, and test "
+        "What the law tolerates of delay cannot be judged where it does not converge without: see the tables, and test "
         "it where it does, or with more time (--duration)."
     )
     assert any(sentence.startswith("Hold force density at 5 ms costs") for sentence in report.summary)
@@ -514,7 +514,7 @@ def test_the_command_writes_the_report(tmp_path: Path, capsys: pytest.CaptureFix
     assert set(answer) >= {"summary", "nominal", "delay"}
     assert main(arguments) == 0
     out = capsys.readouterr().out
-    assert "What the law tolerates of delay cannot be told" in out  # 1 s of the 60 s that it takes to converge
+    assert "What the law tolerates of delay cannot be judged" in out  # 1 s of the 60 s that it takes to converge
     assert str(tmp_path / study.PAGE) in out
     assert main(["validate", "pinned_rod", "--seed", "-1"]) == 2
     assert main(["validate", "tbar"]) == 2

@@ -32,7 +32,7 @@ class Extremes:
 def extremes(time: ArrayLike, values: ArrayLike, rates: ArrayLike | None = None) -> Extremes:
     """Where a motion turns back.
 
-    With rates, a sign of the rate that changes between two samples tells of an extreme, which is that of the cubic with
+    With rates, a sign of the rate that changes between two samples marks an extreme, which is that of the cubic with
     the values and rates of both: its value is off by (ω h)⁴/384 of an amplitude of angular frequency ω, h between
     samples. Without, it is the vertex of the parabola through three samples, off by (ω h)⁴/128 or less.
 

@@ -92,7 +92,7 @@ class Case:
 
     @property
     def exceeded(self) -> str:
-        """Why the engine's step is beyond its limit, or "": the linear model tells before anything runs."""
+        """Why the engine's step is beyond its limit, or "": the linear model shows it before anything runs."""
         scheme = scheme_of(self.engine)
         if scheme is None or scheme not in STABLE or not self.coarseness > STABLE[scheme]:
             return ""

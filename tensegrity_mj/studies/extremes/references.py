@@ -16,7 +16,7 @@ from tensegrity_mj.runs.convergence import node_difference
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.studies.extremes.setups import GRAIN, Setup, attempt
 
-TIGHT, LOOSE = 1e-11, 1e-9  # rtol; the second tells how far the first may be off
+TIGHT, LOOSE = 1e-11, 1e-9  # rtol; the second shows how far the first may be off
 STIFF_TIGHT, STIFF_LOOSE = 1e-9, 1e-8
 MOST_STEPS = 20_000  # of an error-controlled method
 FINE = 0.02  # h times the fastest rate, of fixed steps

@@ -159,6 +159,6 @@ def caught(run: Callable[[], Trajectory]) -> Attempt:
     # Words for the user, not what numpy says of an overflow on the way.
     words = [str(w.message) for w in heard if issubclass(w.category, UserWarning) or str(w.message)[:7] == "MuJoCo:"]
     if found is not None:
-        told = found.reports.get("warnings", [])
-        words += [text for text in told if NO_LINE not in text and NO_PUSH not in text]
+        warned = found.reports.get("warnings", [])
+        words += [text for text in warned if NO_LINE not in text and NO_PUSH not in text]
     return Attempt(found, error, tuple(words))

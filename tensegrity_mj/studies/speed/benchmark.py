@@ -68,26 +68,26 @@ class Benchmark:
             raise refused(self, "name at least one scene")
 
 
-def run_benchmark(options: Benchmark, told: Callable[[str], None] = lambda text: None) -> dict[str, Any]:
-    """Measure; `told` hears what is being measured. Everything measured is under "timing".
+def run_benchmark(options: Benchmark, report: Callable[[str], None] = lambda text: None) -> dict[str, Any]:
+    """Measure; `report` is called with what is being measured. Everything measured is under "timing".
 
     Raises:
         OptionError: for a scene without a law.
     """
     timing: dict[str, Any] = {"single": [], "batch": [], "references": []}
     for scene in options.scenes:
-        told(f"{scene.name}: single runs")
+        report(f"{scene.name}: single runs")
         timing["single"] += _single(options, scene)
-        told(f"{scene.name}: reference models")
+        report(f"{scene.name}: reference models")
         timing["references"] += _references(options, scene)
         if options.simulations:
-            told(f"{scene.name}: {options.simulations} simulations at once")
+            report(f"{scene.name}: {options.simulations} simulations at once")
             timing["batch"] += _batches(options, scene)
     if options.renderer:
-        told("renderer")
+        report("renderer")
         timing["renderer"] = _renderer(options)
     if options.startup:
-        told("start-up")
+        report("start-up")
         timing["startup"] = _startup(options)
     return {
         "settings": {

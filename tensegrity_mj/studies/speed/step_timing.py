@@ -212,7 +212,7 @@ def _further_step(scene: Scene, law: Any, engine: MuJoCo, size: int) -> tuple[fl
 
 @cache
 def _clock() -> tuple[Any, Any]:
-    """A C function that tells the time [s], and what keeps it alive; Python's clock where there is none."""
+    """A C function that gives the time [s], and what keeps it alive; Python's clock where there is none."""
     kind = ctypes.CFUNCTYPE(ctypes.c_double)
     try:
         read = ctypes.CDLL(None).clock_gettime

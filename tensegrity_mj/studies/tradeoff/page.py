@@ -74,13 +74,13 @@ def _advice(data: Data) -> Iterator[Table]:
             floors.append((experiment["title"], timing["floor"].partition(": ")[2]))
         else:
             pairs = zip(timing["advice"], experiment["by_right_hand_sides"]["advice"], strict=True)
-            told = [
+            facts = [
                 (sentence.metres(one["tolerance"]), sentence.advice_alone(one), sentence.advice_alone(other))
                 for one, other in pairs
             ]
             title = experiment["title"][:1].upper() + experiment["title"][1:]
             heads = ("error at most", "fastest here", "fewest right-hand sides")
-            yield Table(title, heads, told, "" if told else _nothing(experiment))
+            yield Table(title, heads, facts, "" if facts else _nothing(experiment))
     if floors:
         yield Table("Held controls", ("", "what no smaller step cures, and what is fine enough"), floors)
 
@@ -94,23 +94,23 @@ def _nothing(experiment: Data) -> str:
 
 def _reference(experiment: Data) -> list[tuple[str, object]]:
     reference, floor = experiment["reference"], experiment["modelling_floor"]
-    told: list[tuple[str, object]] = [("reference", reference["engine"] or f"none: {reference['reason']}")]
+    facts: list[tuple[str, object]] = [("reference", reference["engine"] or f"none: {reference['reason']}")]
     if reference["engine"] is not None:
         looser, second = reference["looser"], reference["second_formulation"]
-        told += [
+        facts += [
             ("largest motion of a node [m]", reference["motion"]),
             ("its own error, at most about [m]", reference["own_error"]),
             (f"difference from {looser['engine']} [m]", looser["difference"]),
         ]
         if second is None:
-            told.append(("second formulation", "none that can do this"))
+            facts.append(("second formulation", "none that can do this"))
         else:
-            told.append((f"difference from {second['engine']} [m]", second["difference"]))
+            facts.append((f"difference from {second['engine']} [m]", second["difference"]))
     if floor is not None:
         distance = floor["reason"] if floor["distance"] is None else floor["distance"]
-        told.append(("modelling floor: distance from the continuous law's motion [m]", distance))
-        told.append(("the same at the end [m]", floor["final_distance"]))
-    return told
+        facts.append(("modelling floor: distance from the continuous law's motion [m]", distance))
+        facts.append(("the same at the end [m]", floor["final_distance"]))
+    return facts
 
 
 def rows(experiment: Data, timing: Data) -> list[Sequence[object]]:

@@ -33,7 +33,7 @@ MOST_FULL = 100  # rods; the full equations take time with the third power
 HELD = 13  # times as much again where the law is sampled, which then costs nothing at most right-hand sides
 RTOL, TIGHTER, LOOSER = 1e-12, 1e-13, (1e-11, 1e-10, 1e-9)
 ATOL_OF_RTOL = 0.1  # positions are of the order of metres: below, round-off decides
-FLOOR_FACTOR = 3.0  # errors within so many times the reference's own cannot be told from it
+FLOOR_FACTOR = 3.0  # errors within so many times the reference's own cannot be distinguished from it
 
 Run = Callable[[Any], Attempt]
 
@@ -44,16 +44,16 @@ class Reference:
 
     Attributes:
         motion: of the nodes; None where there is no reference.
-        told: plain values: engines, differences, own_error [m], the way to it, and the state with most kinetic energy.
+        facts: plain values: engines, differences, own_error [m], the way to it, and the state with most kinetic energy.
     """
 
     motion: Motion | None
-    told: dict[str, Any]
+    facts: dict[str, Any]
 
     @property
     def own_error(self) -> float:
         """How wrong it may be itself [m]; infinite where there is none."""
-        value = self.told["own_error"]
+        value = self.facts["own_error"]
         return float("inf") if value is None else float(value)
 
 

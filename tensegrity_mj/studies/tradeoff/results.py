@@ -65,28 +65,28 @@ def result_of(
         wall = min(walls, default=None)
         factor = experiment.duration / wall if wall and known else None
         clocked.append({"wall_time": wall, "repeats": len(walls), "real_time_factor": factor})
-    told = {
+    facts = {
         **experiment.to_dict(),
-        "reference": {key: value for key, value in reference.told.items() if key != "fastest"},
+        "reference": {key: value for key, value in reference.facts.items() if key != "fastest"},
         "modelling_floor": _modelling_floor(experiment, reference, continuous),
         "points": points,
     }
     errors = [one["error"] for one in points]
     floor = own if math.isfinite(own) else 0.0
     right_hand_sides = [one.get("evaluations") for one in points]
-    told["by_right_hand_sides"] = {
+    facts["by_right_hand_sides"] = {
         "front": pareto(right_hand_sides, errors, floor),
-        "advice": sentence.advice(told, right_hand_sides),
-        "floor": sentence.floor_sentence(told, right_hand_sides),
+        "advice": sentence.advice(facts, right_hand_sides),
+        "floor": sentence.floor_sentence(facts, right_hand_sides),
     }
     walls = [one["wall_time"] for one in clocked]
     timing = {
         "points": clocked,
         "front": pareto(walls, errors, floor),
-        "advice": sentence.advice(told, walls, clocked),
-        "floor": sentence.floor_sentence(told, walls, clocked),
+        "advice": sentence.advice(facts, walls, clocked),
+        "floor": sentence.floor_sentence(facts, walls, clocked),
     }
-    return told, timing
+    return facts, timing
 
 
 def _modelling_floor(experiment: Experiment, reference: Reference, continuous: Reference | None) -> Data | None:
@@ -98,7 +98,7 @@ def _modelling_floor(experiment: Experiment, reference: Reference, continuous: R
         return {**unknown, "reason": "the continuous law was not asked for"}
     if continuous is None or reference.motion is None or continuous.motion is None:
         missing = continuous if reference.motion is not None and continuous is not None else reference
-        return {**unknown, "reason": str(missing.told["reason"])}
+        return {**unknown, "reason": str(missing.facts["reason"])}
     distance = reference.motion.distance(continuous.motion)
     return {
         "distance": float(distance.max()),

@@ -32,15 +32,15 @@ def advice(experiment: Data, costs: Sequence[float | None], timing: Sequence[Dat
         timing: of the points, where costs are wall times.
     """
     reaches = bounds(experiment)
-    told: list[Data] = []
+    facts: list[Data] = []
     for tolerance in decades(experiment["reference"]["motion"] or 0.0, reaches):
         number, text = _choice(experiment, costs, timing, tolerance)
         if number is None:
             text = f"for {power_text(tolerance)} m: {_out_of_reach(experiment, tolerance)}"
         else:
             text = f"for {power_text(tolerance)} m use {text}"
-        told.append({"tolerance": tolerance, "point": number, "text": text})
-    return told
+        facts.append({"tolerance": tolerance, "point": number, "text": text})
+    return facts
 
 
 def advice_alone(advised: Data) -> str:

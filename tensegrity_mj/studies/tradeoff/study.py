@@ -103,12 +103,12 @@ def tradeoff(
         )
     spec = laws.spec_of(law, scene) if has_law else None
     made = laws.make(spec, scene) if spec is not None else None
-    told = None if spec is None else plain(laws.describe(spec, made, scene), "what the law says of itself")
+    facts = None if spec is None else plain(laws.describe(spec, made, scene), "what the law says of itself")
     study = {
         "task": "tradeoff",
         "scene": scene_to_toml(scene),
         "law": spec,
-        "law_description": told,
+        "law_description": facts,
         "options": chosen.to_dict(),
         "versions": versions(),
     }
@@ -123,7 +123,7 @@ def tradeoff(
             "strings": len(scene.structure.strings),
             "duration": scene.duration,
         },
-        "law": told,
+        "law": facts,
         "options": chosen.to_dict(),
         "versions": versions(),
         **found,
@@ -186,12 +186,12 @@ def _reference(experiment: Experiment, options: TradeoffOptions, kept: bench.Ben
         if found.motion is not None:
             kept.save_array(f"{name}-time", found.motion.time)
             kept.save_array(f"{name}-nodes", found.motion.nodes)
-        return found.told
+        return found.facts
 
-    told = kept.once(point, compute)
-    if told["engine"] is None:
-        return Reference(None, told)
-    return Reference(Motion(kept.load_array(f"{name}-time"), kept.load_array(f"{name}-nodes")), told)
+    facts = kept.once(point, compute)
+    if facts["engine"] is None:
+        return Reference(None, facts)
+    return Reference(Motion(kept.load_array(f"{name}-time"), kept.load_array(f"{name}-nodes")), facts)
 
 
 def _open(
@@ -199,18 +199,18 @@ def _open(
 ) -> tuple[Experiment, Reference]:
     """The open loop and its reference: from the scene's start or, if nothing moves there, from a state of the law's."""
     experiment, reference = _shortened(open_loop(scene, options, None), options, kept)
-    starts = [one.told["fastest"] for one in closed if one.motion is not None]
+    starts = [one.facts["fastest"] for one in closed if one.motion is not None]
     if reference.motion is None or not stays(reference.motion.nodes):
         return experiment, reference
     if starts:
         with contextlib.suppress(SceneError):  # a state that has drifted is no start
             return _shortened(open_loop(scene, options, starts[0]), options, kept)
-    motion = reference.told["motion"]
+    motion = reference.facts["motion"]
     most = f" by more than {sentence.metres(motion)} in {experiment.duration:g} s" if motion else ""
     reason = f"without a law nothing moves{most}, so that there is no error to measure"
     if motion:
         reason += ": run longer, or start where something moves"
-    return experiment, Reference(None, reference.told | {"engine": None, "own_error": None, "reason": reason})
+    return experiment, Reference(None, reference.facts | {"engine": None, "own_error": None, "reason": reason})
 
 
 def _shortened(experiment: Experiment, options: TradeoffOptions, kept: bench.Bench) -> tuple[Experiment, Reference]:
@@ -227,7 +227,7 @@ def _shortened(experiment: Experiment, options: TradeoffOptions, kept: bench.Ben
             tried = replace(experiment, duration=shorter, note=f"{experiment.note} {note}".strip())
         reference = _reference(tried, options, kept)
         found.append((tried, reference))
-        if reference.own_error <= GOOD * (reference.told["motion"] or 0.0) or _at_rest(reference):
+        if reference.own_error <= GOOD * (reference.facts["motion"] or 0.0) or _at_rest(reference):
             return tried, reference
     # None is good: the one that is known best, the longer of equals.
     return min(found, key=lambda one: _uncertainty(one[1]))
@@ -238,7 +238,7 @@ def _at_rest(reference: Reference) -> bool:
 
 
 def _uncertainty(reference: Reference) -> float:
-    motion = reference.told["motion"]
+    motion = reference.facts["motion"]
     return reference.own_error / motion if motion else math.inf
 
 

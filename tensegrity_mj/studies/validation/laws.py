@@ -125,12 +125,12 @@ def with_gain(law: Any, scene: Scene, gain: str, factor: float) -> Any:
 
 
 def knows_gravity(law: Any) -> bool:
-    """Whether it can be told of gravity."""
+    """Whether it can be given another gravity."""
     return _has(law, "gravity")
 
 
 def with_gravity(law: Any, gravity: Any) -> Any:
-    """The law, told of another gravity [m/s²]."""
+    """The law for another gravity [m/s²]."""
     return dataclasses.replace(law, gravity=tuple(gravity))
 
 

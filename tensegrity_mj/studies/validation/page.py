@@ -45,7 +45,7 @@ NOTES = {
     "stiffness": "The winches set L0 = L (1 - u/k) with the nominal k: a stiffer string pulls harder than asked.",
     "noise": "Independent normal errors of every moving node, drawn at each control sample; the force density is held.",
     "delay": "The command of an earlier control sample; the force density is held.",
-    "breaks": "From that time on the string carries nothing, and no law is told.",
+    "breaks": "From that time on the string carries nothing, and no law knows.",
     "starts": "At rest. Map: directions b of the rod on the sphere (Mollweide's projection, centre +x, +z up).",
 }
 

@@ -264,10 +264,10 @@ def _gravity(setup: Setup, engine: str) -> Iterator[Case]:
     else:
         levels = [(f"{g:g} m/s²", np.array([0.0, 0.0, -g])) for g in setup.extent.gravity]
     for label, vector in levels:
-        for told in (False, True) if laws.knows_gravity(setup.law) else (False,):
-            facts = {"gravity": vector.tolist(), "known_to_the_law": told}
-            words = f"{label}, {'known' if told else 'unknown'} to the law"
-            yield Case("gravity", words, setup.usual(engine) | {"gravity": [vector.tolist(), told]}, facts)
+        for known in (False, True) if laws.knows_gravity(setup.law) else (False,):
+            facts = {"gravity": vector.tolist(), "known_to_the_law": known}
+            words = f"{label}, {'known' if known else 'unknown'} to the law"
+            yield Case("gravity", words, setup.usual(engine) | {"gravity": [vector.tolist(), known]}, facts)
 
 
 # --------------------------------------------------------------------------------------------------- initial states

@@ -90,7 +90,7 @@ def _unjudged_sentence(unjudged: Sequence[str], outcome: str) -> str:
         return ""
     more = ", or with more time (--duration)" if outcome == "still moving" else ""
     return (
-        f"What the law tolerates of {' and '.join(unjudged)} cannot be told where it does not converge without: see "
+        f"What the law tolerates of {' and '.join(unjudged)} cannot be judged where it does not converge without: see "
         f"the tables, and test it where it does{more}."
     )
 
@@ -129,7 +129,7 @@ def _winch_sentences(found: Data, engine: str) -> list[str]:
 
 def _sampling_sentences(setup: Setup, section: str, part: Data) -> list[str]:
     sentences = []
-    # What sampling costs is told of runs that end as the law at every stage does, well or not.
+    # What sampling costs is stated of runs that end as the law at every stage does, well or not.
     without = {one["outcome"] for one in part["rows"] if one["mode"] == Mode.CONTINUOUS.value}
     fine = {*GOOD, *without} - {*STOPPED, "failed"}
     for mode in (Mode.HOLD_FORCE_DENSITY.value, Mode.HOLD_REST_LENGTH.value):
@@ -152,7 +152,7 @@ def _milliseconds(one: Data) -> str:
 
 def _gain_sentences(setup: Setup, section: str, part: Data) -> list[str]:
     words = {"yes": "shows", "no": "does not show: it is the other way round", "mixed": "shows in part only"}
-    words |= {"none": "does not show: nothing changes", "unknown": "cannot be told"}
+    words |= {"none": "does not show: nothing changes", "unknown": "cannot be judged"}
     return [f"§5.6, {one['statement']}: {words[one['shows']]}." for one in part["trends"]]
 
 
@@ -208,8 +208,8 @@ def _break_sentences(setup: Setup, section: str, part: Data) -> list[str]:
 
 def _gravity_sentences(setup: Setup, section: str, part: Data) -> list[str]:
     sentences = []
-    for told, words in ((False, "unknown to the law"), (True, "known to it")):
-        own = [one for one in part["rows"] if one["known_to_the_law"] is told]
+    for known, words in ((False, "unknown to the law"), (True, "known to it")):
+        own = [one for one in part["rows"] if one["known_to_the_law"] is known]
         if own:
             good = [one for one in own if one["outcome"] in GOOD]
             bad = [one for one in own if one["outcome"] not in GOOD]

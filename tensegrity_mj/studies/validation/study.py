@@ -100,7 +100,7 @@ class Validate:
         scene = self.scene if isinstance(self.scene, Scene) else load_scene(self.scene)
         spec = laws.spec_of(self.law, scene)
         made = laws.make(spec, scene)
-        told = plain(laws.describe(spec, made, scene), "what the law says of itself")
+        description = plain(laws.describe(spec, made, scene), "what the law says of itself")
         setup = self._setup(scene, made)
         chosen = _names("sections", self.sections, tuple(SECTIONS))
         chosen = [name for name in SECTIONS if name == "nominal" or name in chosen]
@@ -117,7 +117,7 @@ class Validate:
                 "duration": setup.duration,
                 "timestep": setup.timestep,
             },
-            identity={"versions": known, "law": told},
+            identity={"versions": known, "law": description},
             workers=_workers(self.workers, spec),
             progress=self.progress,
             label=f"validation of {scene.name}",
@@ -125,7 +125,7 @@ class Validate:
         data: dict[str, Any] = {
             "format": FORMAT,
             "scene": {"name": scene.name, "source": scene.source},
-            "law": told,
+            "law": description,
             "setup": {
                 "engines": list(setup.engines),
                 "sections": chosen,

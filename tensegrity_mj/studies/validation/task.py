@@ -34,7 +34,7 @@ DEFAULTS: dict[str, Any] = {
     "law": None,  # another law than the one under test
     "gain": None,  # [X, Y, Z or decay_rate, factor]
     "settings": {},  # parameters of `studies.parameters`
-    "gravity": None,  # [g, whether the law is told]
+    "gravity": None,  # [g, whether the law knows]
     "noise": None,  # [m, m/s, seed]
     "delay": 0,  # samples
     "breaks": [],  # [string, s]
@@ -56,9 +56,9 @@ def run_point(point: dict[str, Any]) -> dict[str, Any]:
     plant = draft.plant or draft.scene
     law = _law(case, nominal)
     if case["gravity"] is not None:
-        gravity, told = case["gravity"]
+        gravity, known = case["gravity"]
         plant = plant.with_(gravity=tuple(gravity))
-        law = laws.with_gravity(law, gravity) if told else law
+        law = laws.with_gravity(law, gravity) if known else law
     if case["breaks"]:
         plant = plant.with_(breaks=tuple(Break(name, time) for name, time in case["breaks"]))
     if case["nodes"] is not None:

@@ -111,11 +111,11 @@ class BeamStudy:
         points = [{**self.points[label], **error} for label in chosen]
         identity = {"code": statics_digest(self.sources), "versions": versions()}
         # A change of versions, code or settings is another study, in a folder of its own.
-        told = hashlib.sha256(to_exact_json([identity, points]).encode()).hexdigest()[:8]
+        digest = hashlib.sha256(to_exact_json([identity, points]).encode()).hexdigest()[:8]
         study = run_many(
             self.tasks[engine],
             points,
-            folder / f"{self.name}-{engine.value}-{told}",
+            folder / f"{self.name}-{engine.value}-{digest}",
             identity=identity,
             workers=workers,
             progress=progress,

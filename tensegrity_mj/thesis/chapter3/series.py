@@ -149,8 +149,8 @@ class Series:
         error = {} if disturbance is None else {"disturbance": disturbance.plain}
         identity |= error
         # A change of versions, code or settings is another study, in a folder of its own.
-        told = to_exact_json([identity, versions(), self.frequencies, [_told(case) for case in cases]])
-        place = folder / f"{self.name}-{engine.value}-{hashlib.sha256(told.encode()).hexdigest()[:8]}"
+        content = to_exact_json([identity, versions(), self.frequencies, [_identity(case) for case in cases]])
+        place = folder / f"{self.name}-{engine.value}-{hashlib.sha256(content.encode()).hexdigest()[:8]}"
         how: dict[str, Any] = {"identity": identity, "workers": workers, "progress": progress}
         found = SeriesRun(self.name, engine.value)
         if self.frequencies:
@@ -216,7 +216,7 @@ def _timed(cases: Sequence[Case], found: SeriesRun, path: Path) -> tuple[float, 
     return tuple(times)
 
 
-def _told(case: Case) -> dict[str, Any]:
+def _identity(case: Case) -> dict[str, Any]:
     return {
         "elements": len(case.scene.structure.rods),
         "settings": [case.frequency, case.excitation.value, case.amplitude, case.start.value, case.seed],
