@@ -30,7 +30,7 @@ def pack_loads(element: Element, scene: Scene) -> NativeElement | None:
     return NativeElement(act_loads.address, packed.address, (packed,))
 
 
-@c_function(ACT_SIGNATURE)
+@c_function(ACT_SIGNATURE, "loads")
 def act_loads(t: Any, motion_at: Any, context_at: Any, effect_at: Any) -> Any:
     """f(t) = force · cos(ω t + phase) of every load."""
     given, forces = Loads(context_at), Effect(effect_at).forces

@@ -137,7 +137,7 @@ def add_bending(bent: Any, values: Any, forces: Any) -> None:
         _add(n, times(-at_a - at_b, moment), forces)
 
 
-@c_function(ACT_SIGNATURE)
+@c_function(ACT_SIGNATURE, "drag and wind")
 def act_fluid(t: Any, motion_at: Any, context_at: Any, effect_at: Any) -> Any:
     """See `native.elements`."""
     effect = Effect(effect_at)
@@ -145,14 +145,14 @@ def act_fluid(t: Any, motion_at: Any, context_at: Any, effect_at: Any) -> Any:
     return SOLVED
 
 
-@c_function(ACT_SIGNATURE)
+@c_function(ACT_SIGNATURE, "stiffness of joints against bending")
 def act_stiffness(t: Any, motion_at: Any, context_at: Any, effect_at: Any) -> Any:
     """See `native.elements`."""
     add_bending(Joints(context_at), Motion(motion_at).nodes, Effect(effect_at).forces)
     return SOLVED
 
 
-@c_function(ACT_SIGNATURE)
+@c_function(ACT_SIGNATURE, "damping of joints against bending")
 def act_damping(t: Any, motion_at: Any, context_at: Any, effect_at: Any) -> Any:
     """See `native.elements`."""
     add_bending(Joints(context_at), Motion(motion_at).velocities, Effect(effect_at).forces)

@@ -229,7 +229,7 @@ def immerse(packed: int, t: float, nodes: Any, velocities: Any, forces: Any, add
             forces[j, x] += second[x]
 
 
-@c_function(ACT_SIGNATURE)
+@c_function(ACT_SIGNATURE, "water and waves")
 def act_water(t: Any, motion_at: Any, context_at: Any, effect_at: Any) -> Any:
     """See `native.elements`."""
     motion, effect = Motion(motion_at), Effect(effect_at)

@@ -61,7 +61,7 @@ def dae_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     return status
 
 
-@c_function(RATES_SIGNATURE)
+@c_function(RATES_SIGNATURE, "the equations of the DAE in water")
 def dae_wet_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     """With added mass."""
     table = integers(table_at, (TABLE_SIZE,))
@@ -86,7 +86,7 @@ def dae_wet_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     return status
 
 
-@c_function(STATE_SIGNATURE)
+@c_function(STATE_SIGNATURE, "places of nodes in the DAE")
 def dae_place(y_at, table_at):  # type: ignore[no-untyped-def]
     table = integers(table_at, (TABLE_SIZE,))
     N, nq = table[NODE_COUNT], table[Q_SIZE]
@@ -97,7 +97,7 @@ def dae_place(y_at, table_at):  # type: ignore[no-untyped-def]
     return SOLVED
 
 
-@c_function(STATE_SIGNATURE)
+@c_function(STATE_SIGNATURE, "lengths kept by the DAE")
 def dae_normalize(y_at, table_at):  # type: ignore[no-untyped-def]
     """(3.23)-(3.24) on the state."""
     table = integers(table_at, (TABLE_SIZE,))

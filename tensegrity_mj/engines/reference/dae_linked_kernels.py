@@ -113,7 +113,7 @@ def linked_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     return status
 
 
-@c_function(STATE_SIGNATURE)
+@c_function(STATE_SIGNATURE, "places of nodes in the DAE for rods that share nodes")
 def linked_place(y_at, table_at):  # type: ignore[no-untyped-def]
     table = integers(table_at, (TABLE_SIZE,))
     y = floats(y_at, (table[STATE_SIZE],))
@@ -121,7 +121,7 @@ def linked_place(y_at, table_at):  # type: ignore[no-untyped-def]
     return SOLVED
 
 
-@c_function(STATE_SIGNATURE)
+@c_function(STATE_SIGNATURE, "joints kept closed by the DAE")
 def linked_project(y_at, table_at):  # type: ignore[no-untyped-def]
     """Lengths and closures of a state."""
     table = integers(table_at, (TABLE_SIZE,))
@@ -140,7 +140,7 @@ def linked_project(y_at, table_at):  # type: ignore[no-untyped-def]
     return SOLVED
 
 
-@c_function(RATES_SIGNATURE, "the equations of the DAE for rods that share nodes")
+@c_function(RATES_SIGNATURE, "the equations (3.19) to (3.22) of the DAE")
 def dense_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     """By (3.19)-(3.22)."""
     table = integers(table_at, (TABLE_SIZE,))
@@ -151,7 +151,7 @@ def dense_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     return status
 
 
-@c_function(RATES_SIGNATURE, "the equations of the DAE for rods that share nodes")
+@c_function(RATES_SIGNATURE, "the equations (3.17) of the DAE")
 def full_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     """By (3.17)."""
     table = integers(table_at, (TABLE_SIZE,))
@@ -162,7 +162,7 @@ def full_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     return status
 
 
-@c_function(RATES_SIGNATURE)
+@c_function(RATES_SIGNATURE, "the equations of the DAE in water for rods that share nodes")
 def linked_wet_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     """By joint forces, with added mass."""
     table = integers(table_at, (TABLE_SIZE,))
@@ -174,7 +174,7 @@ def linked_wet_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     return status
 
 
-@c_function(RATES_SIGNATURE)
+@c_function(RATES_SIGNATURE, "the equations (3.17) of the DAE in water")
 def full_wet_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     """By (3.17), with added mass."""
     table = integers(table_at, (TABLE_SIZE,))

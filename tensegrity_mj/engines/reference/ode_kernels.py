@@ -192,7 +192,7 @@ def _after(y: Any, dy: Any, table: Any) -> None:
         dy[len(y) - 1] += power_of_supports(y[:nq], y[nq : 2 * nq], dy[nq : 2 * nq], table)
 
 
-@c_function(RATES_SIGNATURE)
+@c_function(RATES_SIGNATURE, "the equations of the ODE")
 def ode_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     table = integers(table_at, (TABLE_SIZE,))
     N, nq, size = table[NODE_COUNT], table[Q_SIZE], table[STATE_SIZE]
@@ -215,7 +215,7 @@ def ode_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     return status
 
 
-@c_function(RATES_SIGNATURE)
+@c_function(RATES_SIGNATURE, "the equations of the ODE in water")
 def ode_wet_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     """With added mass, whose forces join those on the nodes once they are known."""
     table = integers(table_at, (TABLE_SIZE,))
@@ -252,7 +252,7 @@ def ode_wet_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
     return status
 
 
-@c_function(STATE_SIGNATURE)
+@c_function(STATE_SIGNATURE, "places of nodes in the ODE")
 def ode_place(y_at, table_at):  # type: ignore[no-untyped-def]
     table = integers(table_at, (TABLE_SIZE,))
     N, nq = table[NODE_COUNT], table[Q_SIZE]
@@ -267,7 +267,7 @@ def ode_place(y_at, table_at):  # type: ignore[no-untyped-def]
     return SOLVED
 
 
-@c_function(STATE_SIGNATURE)
+@c_function(STATE_SIGNATURE, "poles of the ODE's angles")
 def ode_guard(y_at, table_at):  # type: ignore[no-untyped-def]
     table = integers(table_at, (TABLE_SIZE,))
     y = floats(y_at, (2 * table[Q_SIZE],))
