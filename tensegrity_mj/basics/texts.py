@@ -68,6 +68,8 @@ def nearest(word: str, known: Iterable[str]) -> str:
     # Letters in another order are the likeliest mistake, which difflib does not know: 'dea' is as near to 'ode'.
     swapped = [one for one in words if sorted(one) == sorted(word)]
     match = swapped or difflib.get_close_matches(word, words, 1)
+    if not match and len(word) > 2:  # an abbreviation
+        match = [one for one in words if one.startswith(word)]
     return match[0] if match else ""
 
 

@@ -13,6 +13,7 @@ from tensegrity_mj.commands.common import EXIT_CODES
 
 PROGRAM = "tensegrity-mj"
 Groups = Mapping[str, Mapping[str, ModuleType]]
+FORMER = {"benchmark": "speed", "long-runs": "drift"}  # what commands were, or are also, called
 _NEGATIVE_NUMBER = re.compile(r"-\.?\d")
 
 
@@ -48,8 +49,9 @@ class Parser(argparse.ArgumentParser):
         for word in self._own(args or ()):
             name = word.partition("=")[0]
             if name not in self._option_string_actions:
-                meant = nearest(name, self._option_string_actions)
-                more = f"did you mean {meant}?" if meant else f"see {self.prog} --help"
+                options = {option.lstrip("-"): option for option in self._option_string_actions}
+                meant = nearest(name.lstrip("-"), options)
+                more = f"did you mean {options[meant]}?" if meant else f"see {self.prog} --help"
                 self.error(f"{name}: there is no such option; {more}")
         found, rest = super().parse_known_args(args, namespace)
         if rest and not self.commands:
@@ -82,8 +84,10 @@ class Parser(argparse.ArgumentParser):
         phrases = {name: name for name in self.commands}
         for name, command in self.commands.items():
             phrases |= {inner: f"{name} {inner}" for inner in command.commands if inner not in phrases}
-        meant = nearest(word, phrases)
-        return f"{self.words} {phrases[meant]}".strip() if meant else ""
+        meant = FORMER.get(word) or nearest(word, phrases)
+        if meant not in phrases:
+            return ""
+        return f"{self.words} {phrases[meant]}".strip()
 
     def format_help(self) -> str:
         """As argparse does, with the commands by their groups."""

@@ -15,6 +15,10 @@ from tensegrity_mj.cli import GROUPS, main
 # Answers that the issue gives, or that follow from difflib's ratio (2 M / T over the letters that match, at least 0.6).
 MEANT = {
     "runn": "runn: there is no such command; did you mean run?",
+    "benchmark --quick": "benchmark: there is no such command; did you mean audit speed?",
+    "extremes --runs 3": "extremes: there is no such command; did you mean audit extremes?",
+    "promise": "promise: there is no such command; did you mean audit promise?",
+    "run prism --tim 1": "run: --tim: there is no such option; did you mean --timestep?",
     "drift prism": "drift: there is no such command; did you mean audit drift?",
     "audit extrems": "audit: extrems: there is no such command; did you mean audit extremes?",
     "--versoin": "--versoin: there is no such option; did you mean --version?",
@@ -34,6 +38,8 @@ ELSE = {
     "audit": "audit: name a command: extremes, promise, drift, speed",
     "run": "run: SCENE: missing; see tensegrity-mj run --help",
     "run prism tower": "run: tower: more than it takes; see tensegrity-mj run --help",
+    # 'gravity' and 'drift' share three letters of twelve in this order (.5), which is not near.
+    "run prism --gravity 1": "run: --gravity: there is no such option; see tensegrity-mj run --help",
     "export prism --zzz": "export: --zzz: there is no such option; see tensegrity-mj export --help",
     "run prism --timestep -1": "run: --timestep: -1: it must be > 0",
     "run prism --engine": "run: --engine: expected one argument",
