@@ -179,7 +179,8 @@ def without_item(cls: type, values: Mapping[str, Any], error: TensegrityError) -
 
 def _label(of: Item, values: Mapping[str, Any]) -> str:
     """What messages begin with; the kind alone of an item that is called nothing yet."""
-    if of.title and not values.get(of.title):
+    called = values.get(of.title)
+    if of.title and not (isinstance(called, str) and called):
         return of.label.partition(" {")[0] + ": "
     return of.label.format_map(values) + ": " if of.label else ""
 

@@ -159,7 +159,7 @@ def choice(of: type[enum.Enum]) -> Kind:
 
 
 def vector(unit: str = "m") -> Kind:
-    """Three finite numbers."""
+    """Three finite numbers, of a unit or of none ("")."""
 
     def plain(value: Any) -> tuple[float, ...]:
         try:
@@ -168,14 +168,14 @@ def vector(unit: str = "m") -> Kind:
                 return row
         except (TypeError, Wrong):
             pass
-        raise not_allowed(value, f"three finite numbers [{unit}] of at most {LARGEST:g}")
+        raise not_allowed(value, f"three finite numbers{unit and f' [{unit}]'} of at most {LARGEST:g}")
 
     return Kind(plain, "three numbers [x, y, z]", is_row, row=True)
 
 
 def direction() -> Kind:
     """A vector of any length but zero."""
-    any_vector = vector("no unit")
+    any_vector = vector("")
 
     def plain(value: Any) -> tuple[float, ...]:
         row: tuple[float, ...] = any_vector.plain(value)
@@ -211,7 +211,10 @@ def each(need: str, **of: Kind) -> Kind:
     """As many numbers as there are kinds, each of its own and with a name for messages."""
 
     def plain(value: Any) -> tuple[Any, ...]:
-        given = sequence(value)
+        try:
+            given = sequence(value)
+        except Wrong:
+            raise not_allowed(value, need) from None
         if len(given) != len(of):
             raise not_allowed(value, need)
         found = []
@@ -251,9 +254,13 @@ def pair(of: str) -> Kind:
     some = names(of)
 
     def plain(value: Any) -> tuple[str, ...]:
-        found: tuple[str, ...] = some.plain(value)
-        if len(found) != 2:
-            raise Wrong(f" = {value_text(value)}; it must name two {of}s")
+        try:
+            given = sequence(value)
+        except Wrong:
+            given = ()
+        if len(given) != 2:
+            raise Wrong(f" = {value_text(shown(value))}; it must name two {of}s")
+        found: tuple[str, ...] = some.plain(given)
         return found
 
     return Kind(plain, "a list of two names in quotes", lambda value: some.fits(value) and len(value) == 2)
@@ -304,8 +311,11 @@ def tuple_of(plain: Callable[[Any], Any], value: Any) -> tuple[Any, ...]:
 
 
 def sequence(value: Any) -> tuple[Any, ...]:
-    """The value as a tuple, unless it is a text, or no sequence at all."""
-    if not isinstance(value, str):
+    """The value as a tuple, unless it is a text, or no sequence at all.
+
+    Names in a set have no order, and of a mapping the values would be lost.
+    """
+    if not isinstance(value, (str, bytes, dict, set, frozenset)):
         try:
             return tuple(value)
         except TypeError:
@@ -365,7 +375,7 @@ PLAIN_TYPES: dict[Any, Kind] = {
     int: whole(-(2**63), 2**63 - 1),
     bool: flag(),
     str: text(),
-    tuple[float, float, float]: vector("no unit"),
+    tuple[float, float, float]: vector(""),
     tuple[float, ...]: rows(),
     tuple[str, ...]: many(text(), "a list of texts in quotes"),
     tuple[tuple[float, float, float], ...]: rows(3),

@@ -45,7 +45,7 @@ class Support:
 
     sigma: float = field(within(0, 1), default=0.5)
     directions: tuple[Vector, ...] = field(
-        many(vector("no unit"), "rows of three numbers, as [[0, 0, 1]]"), default=(), key="D"
+        many(vector(""), "rows of three numbers, as [[0, 0, 1]]"), default=(), key="D"
     )
     # r̄; None: what the reference nodes give
     values: tuple[float, ...] | None = field(rows(), default=None, none="None for what the nodes give")
@@ -86,8 +86,14 @@ class Support:
         Raises:
             StructureError: if D or r̄ is not of that shape.
         """
-        one_row = np.array(D, dtype=object).ndim == 1
-        return cls(sigma, (D,) if one_row else D, values, plane)  # type: ignore[arg-type]
+        rows = list(D) if isinstance(D, (list, tuple)) or (isinstance(D, np.ndarray) and D.ndim) else D
+        if rows == []:
+            raise StructureError(
+                "support: D = []; it must be one to three rows of three numbers, as [[0, 0, 1]]; use Support.free where "
+                "nothing holds the rod"
+            )
+        one_row = isinstance(rows, list) and not any(np.iterable(row) for row in rows)
+        return cls(sigma, [rows] if one_row else rows, values, plane)  # type: ignore[arg-type]
 
     @property
     def constraint_rows(self) -> Array:

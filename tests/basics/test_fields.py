@@ -57,7 +57,8 @@ class Pond:
 WRONG: list[tuple[dict[str, Any], str]] = [
     ({"name": ""}, "pond: name = ''; it must be a non-empty string of printable characters"),
     ({"name": "a\n"}, "it must be a non-empty string of printable characters"),
-    ({"name": 3}, "pond 3: name = 3; it must be"),
+    ({"name": 3}, "pond: name = 3; it must be"),
+    ({"name": np.array([1.0, 2.0])}, "pond: name = [1.0, 2.0]; it must be"),
     ({"depth": 0}, "pond 'p': depth = 0; it must be > 0 m"),
     ({"depth": NAN}, "depth = nan; it must be > 0 m"),
     ({"depth": True}, "depth = True; it must be > 0 m"),
@@ -80,12 +81,15 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"up": "xyz"}, "up = 'xyz'; it must be three finite numbers"),
     (
         {"up": np.array([0, NAN, 0])},
-        "up = [0.0, nan, 0.0]; it must be three finite numbers [no unit] of at most 1e+100",
+        "up = [0.0, nan, 0.0]; it must be three finite numbers of at most 1e+100",
     ),
     ({"banks": [[0, 0]]}, "banks = [[0, 0]]; it must be a sequence of finite vectors, (T, 3)"),
     ({"banks": [[0, 0, 1e200]]}, "of at most 1e+100"),
     ({"share": 2}, "pond 'p': part = 2; it must be within [0, 1]"),
     ({"owner": ("a",)}, "owner = ('a',); it must name two persons"),
+    ({"owner": 3}, "owner = 3; it must name two persons"),
+    ({"owner": {"a", "b"}}, "; it must name two persons"),  # a set has no order
+    ({"owner": {"a": 1, "b": 2}}, "owner = {'a': 1, 'b': 2}; it must name two persons"),
     ({"owner": ("a", 2)}, "owner[1] = 2; it must be the name of a person"),
     ({"note": "\ud800"}, "it must be a text that UTF-8 can hold"),
     ({"deep": True, "depth": 0.5}, "pond 'p': deep, but depth = 0.5 m; make it 1 m at least"),
@@ -287,6 +291,12 @@ def test_what_is_wrong_with_them_in_a_file(old: str, new: str, message: str) -> 
     with pytest.raises(FormatError) as caught:
         effects(EFFECTS.replace(old, new))
     assert message in str(caught.value)
+
+
+def test_a_file_that_names_a_kind_where_none_is_registered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fields, "_KINDS", {})
+    with pytest.raises(FormatError, match="effects.0. 'magnet': no kind of effect is registered here: install"):
+        effects(EFFECTS)
 
 
 def test_what_has_no_name_is_not_written(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -99,7 +99,7 @@ INVALID: dict[str, tuple[Callable[[], Structure], tuple[str, ...]]] = {
     # rods
     "rod to an unknown node": (lambda: with_rod(nodes=("a", "z")), ("rod 'r1'", "'z'", "'a', 'b', 'c', 'd', 'f'")),
     "rod with three ends": (lambda: with_rod(nodes=("a", "b", "c")), ("rod 'r1'", "two nodes")),
-    "rod whose ends are a text": (lambda: with_rod(nodes="ab"), ("rod 'r1'", "'ab'", "sequence")),
+    "rod whose ends are a text": (lambda: with_rod(nodes="ab"), ("rod 'r1'", "'ab'", "must name two nodes")),
     "rod whose end is a list": (
         lambda: with_rod(nodes=(["a"], "b")),
         ("'r1'", "nodes[0] = ['a']", "name of a node"),
@@ -364,10 +364,22 @@ def test_bad_arrays_are_refused_and_named(case: str) -> None:
         assert word in str(caught.value)
 
 
-@pytest.mark.parametrize("D", [[[1, 0], [0, 1]], [1, 0], "xyz", [[1, 0, 0], [1]], 5.0])
-def test_d_of_another_shape_is_refused(D: Any) -> None:
-    with pytest.raises(StructureError, match="D"):
+@pytest.mark.parametrize(
+    ("D", "message"),
+    [
+        ([[1, 0], [0, 1]], "D[0] = [1, 0]; it must be three finite numbers of at most"),
+        ([1, 0], "D[0] = [1, 0]; it must be three finite numbers of at most"),
+        ("xyz", "D = 'xyz'; it must be a sequence"),
+        ([[1, 0, 0], [1]], "D[1] = [1]; it must be three finite numbers of at most"),
+        (5.0, "D = 5.0; it must be a sequence"),
+        ([], "D = []; it must be one to three rows of three numbers, as [[0, 0, 1]]; use Support.free"),
+        (np.zeros((0, 3)), "D = []; it must be one to three rows"),
+    ],
+)
+def test_d_of_another_shape_is_refused(D: Any, message: str) -> None:
+    with pytest.raises(StructureError) as caught:
         Support.constrained(D)
+    assert str(caught.value).startswith(f"support: {message}")
 
 
 def test_plane_of_another_shape_is_refused() -> None:

@@ -212,6 +212,14 @@ def test_saved_files_load(tmp_path: Path) -> None:
     assert load_scene(tmp_path / "only.toml") == Scene(plain())
 
 
+def test_what_is_no_scene_or_structure_is_not_saved(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=r"scene = 3; use a Scene, or load_scene\(name or path\)"):
+        save_scene(3, tmp_path / "mine.toml")  # type: ignore[arg-type]
+    with pytest.raises(SceneError, match="structure = 'prism'; use a Structure"):
+        save_structure("prism", tmp_path / "mine.toml")  # type: ignore[arg-type]
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_byte_order_mark_and_other_line_ends_are_read(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_bytes(b"\xef\xbb\xbf" + structure_to_toml(plain()).replace("\n", "\r\n").encode())

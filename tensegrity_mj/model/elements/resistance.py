@@ -44,7 +44,7 @@ GAUSS_POINTS = tuple(float(x) for x in 0.5 * (1 + _points))  # on [0, 1]
 GAUSS_WEIGHTS = tuple(float(x) for x in 0.5 * _weights)
 
 
-@value("bending", whole=True)
+@value("resistance: bending", whole=True)
 class Bending:
     """Stiffness and damping of joints in bending.
 
@@ -64,7 +64,7 @@ class Bending:
     )
 
 
-@value("drag", whole=True)
+@value("resistance: drag", whole=True)
 class Drag:
     """Quadratic drag; the defaults are a cylinder's in air, below the drag crisis.
 

@@ -13,8 +13,10 @@ import numpy as np
 import tomli_w
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import checked
 from tensegrity_mj.basics.fields import item_of
 from tensegrity_mj.basics.files import replacing
+from tensegrity_mj.basics.kinds import part
 from tensegrity_mj.errors import FormatError, SceneError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
@@ -30,19 +32,23 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> Path:
     """Write a scene, atomically (a crash leaves the old file or none); returns the path.
 
     Raises:
-        SceneError: if its loads or a motion are a Python function, which no file can hold.
+        SceneError: if it is no Scene, or its loads or a motion are a Python function, which no file can hold.
         FormatError: if the file cannot be written, or would be too large to be read back.
     """
-    return _write(path, scene_to_toml(scene))
+    return _write(
+        path, scene_to_toml(checked("scene", scene, part(Scene, "a Scene, or load_scene(name or path)"), SceneError))
+    )
 
 
 def save_structure(structure: Structure, path: str | os.PathLike[str]) -> Path:
     """Write a structure, atomically; returns the path.
 
     Raises:
+        SceneError: if it is no Structure.
         FormatError: if the file cannot be written, or would be too large to be read back.
     """
-    return _write(path, structure_to_toml(structure))
+    whole = checked("structure", structure, part(Structure, "a Structure"), SceneError)
+    return _write(path, structure_to_toml(whole))
 
 
 def scene_to_toml(scene: Scene) -> str:
