@@ -255,7 +255,7 @@ def pair(of: str) -> Kind:
 
     def plain(value: Any) -> tuple[str, ...]:
         try:
-            given = sequence(value)
+            given = () if isinstance(value, (dict, set, frozenset)) else sequence(value)  # of no order
         except Wrong:
             given = ()
         if len(given) != 2:
@@ -311,11 +311,8 @@ def tuple_of(plain: Callable[[Any], Any], value: Any) -> tuple[Any, ...]:
 
 
 def sequence(value: Any) -> tuple[Any, ...]:
-    """The value as a tuple, unless it is a text, or no sequence at all.
-
-    Names in a set have no order, and of a mapping the values would be lost.
-    """
-    if not isinstance(value, (str, bytes, dict, set, frozenset)):
+    """The value as a tuple, unless it is a text, or no sequence at all."""
+    if not isinstance(value, (str, bytes)):
         try:
             return tuple(value)
         except TypeError:
