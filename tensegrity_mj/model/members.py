@@ -89,8 +89,8 @@ class Support:
         rows = list(D) if isinstance(D, (list, tuple)) or (isinstance(D, np.ndarray) and D.ndim) else D
         if rows == []:
             raise StructureError(
-                "support: D = []; it must be one to three rows of three numbers, as [[0, 0, 1]]; use Support.free where "
-                "nothing holds the rod"
+                "support: D = []; it must be one to three rows of three numbers, as [[0, 0, 1]]; use Support.free where"
+                " nothing holds the rod"
             )
         one_row = isinstance(rows, list) and not any(np.iterable(row) for row in rows)
         return cls(sigma, [rows] if one_row else rows, values, plane)  # type: ignore[arg-type]

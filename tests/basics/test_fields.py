@@ -295,7 +295,7 @@ def test_what_is_wrong_with_them_in_a_file(old: str, new: str, message: str) -> 
 
 def test_a_file_that_names_a_kind_where_none_is_registered(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fields, "_KINDS", {})
-    with pytest.raises(FormatError, match="effects.0. 'magnet': no kind of effect is registered here: install"):
+    with pytest.raises(FormatError, match=r"effects.0. 'magnet': no kind of effect is registered here: install"):
         effects(EFFECTS)
 
 

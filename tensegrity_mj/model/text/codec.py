@@ -37,8 +37,8 @@ def read(cls: type[T], table: Table) -> T:
         known = registered(cls)
         if not known:
             raise FormatError(
-                f"{table.where}: no kind of {cls.__name__.lower()} is registered here: install the package that has it, "
-                "or import the module that registers it before the file is read"
+                f"{table.where}: no kind of {cls.__name__.lower()} is registered here: install the package that has it,"
+                " or import the module that registers it before the file is read"
             )
         return read_fields(known[table.choice("kind", known)], table, ("kind",))
     return read_fields(cls, table)
