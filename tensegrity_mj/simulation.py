@@ -15,6 +15,8 @@ from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.checks import member, positive
 from tensegrity_mj.dynamics.native.law import Law, native_law
 from tensegrity_mj.engines.request import Request
+from tensegrity_mj.engines.requirements import require
+from tensegrity_mj.engines.table import check_engine
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.moved_supports import check_motions_until
@@ -75,8 +77,8 @@ def simulate(
         from tensegrity_mj.engines.mujoco.engine import MuJoCo
 
         engine = MuJoCo()
-    if isinstance(engine, type) or not callable(getattr(engine, "run", None)):
-        raise OptionError(f"engine = {engine!r}; use MuJoCo(...), DAE(...) or ODE(...)")
+    check_engine(engine)
+    require(engine, scene)
     request = request_for(scene, controller, duration, actuation, on_infeasible, output_interval, progress)
     law, actuation = request.law, request.actuation
     checked = warn_before_run(scene, engine, law, actuation)

@@ -162,6 +162,7 @@ def _engines(options: argparse.Namespace) -> tuple[str, str]:
 
 
 def _simulate(options: argparse.Namespace, names: tuple[str, str]) -> tuple[Trajectory, Trajectory]:
+    from tensegrity_mj.engines.requirements import engines_for, only_one
     from tensegrity_mj.library.load import load_scene
     from tensegrity_mj.model.actuation import OnInfeasible
     from tensegrity_mj.runs.trajectory import Status
@@ -170,10 +171,10 @@ def _simulate(options: argparse.Namespace, names: tuple[str, str]) -> tuple[Traj
 
     experiment.check_control(options)
     scene = load_scene(options.inputs[0])
-    if scene.contact is not None:
+    if len(engines_for(scene)) == 1:
         raise OptionError(
-            f"scene '{scene.name}' has contact, which MuJoCo alone has: there is no second engine to compare with. "
-            "Compare two runs of MuJoCo, at two steps for instance: run --out a.nc, run --out b.nc, compare a.nc b.nc"
+            f"{only_one(scene)}: there is no second engine to compare with. "
+            "Compare two of its runs, at two steps for instance: run --out a.nc, run --out b.nc, compare a.nc b.nc"
         )
     # The step is that of the engine that has fixed steps by default; others take it where their method is such a one.
     alone = all(ENGINES[name].fixed_step for name in names)

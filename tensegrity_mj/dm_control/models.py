@@ -19,7 +19,7 @@ from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.engines.mujoco.engine import MuJoCo
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.settings import Integrator
-from tensegrity_mj.model.capabilities import require_class_1, require_loads_alone, require_still_supports
+from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.model.scene import Scene
 
 if TYPE_CHECKING:
@@ -65,9 +65,7 @@ def model(scene: Scene, command: Command, options: MuJoCo) -> ET.Element:
         StructureError: where rods share nodes.
         SceneError: where supports move, something resists motion or there is water, which takes a control callback.
     """
-    require_class_1(scene.structure, "dm_control models are")
-    require_still_supports(scene, "dm_control models are")
-    require_loads_alone(scene, "dm_control models are")
+    require(None, scene, "dm_control models")
     root = ET.fromstring(scene_to_mjcf(scene, options.timestep, options.word))
     if command is Command.FORCE_DENSITY:
         for actuator, string in zip(root.iterfind("actuator/general"), scene.structure.strings, strict=True):

@@ -49,7 +49,7 @@ class MinimalRecords:
         Raises:
             StructureError: where rods share nodes.
         """
-        require_class_1(structure, "the ODE and its minimal coordinates (use DAE or MuJoCo instead) are")
+        require_class_1(structure, "minimal coordinates are")
         records = StructureRecords.of(structure)
         rods, points = records.rods.copy(), records.points.copy()
         offset = 0

@@ -1,4 +1,5 @@
-"""The table of engines: the command line, sweeps, studies and pages have their names from it. It imports none of them.
+"""The table of engines and of what each cannot simulate: commands, sweeps, studies and pages have their names from it.
+It imports none of them.
 
 A new engine is a folder of its own beside this file, and a row here.
 """
@@ -8,33 +9,101 @@ from __future__ import annotations
 import dataclasses
 import enum
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any
 
 from tensegrity_mj.basics.texts import unknown
-from tensegrity_mj.errors import OptionError
+from tensegrity_mj.errors import OptionError, StructureError
+from tensegrity_mj.model.capabilities import (
+    ADDED_MASS,
+    ADDED_MASS_IN_CONTACT,
+    ADDED_MASS_IN_LOOPS,
+    CLASS_K,
+    CONTACT,
+    JOINED_CONTACT,
+    UNEVEN_MASS,
+    Descriptor,
+    Limit,
+)
 
-
-@dataclass(frozen=True)
-class Row:
-    """An engine.
-
-    Attributes:
-        title: what texts and figures call it.
-        place: its class, a frozen dataclass of options with `run(request)`, as "module:class".
-        fixed_step: the options with which it takes steps of `timestep` by the classical Runge-Kutta method.
-    """
-
-    title: str
-    place: str
-    fixed_step: Mapping[str, Any] = field(default_factory=dict)
-
+_WITHOUT_CONTACT = "leave it out (scene.with_(contact=None))"
+_OWN_NODES = "give each rod nodes of its own"
+_NO_CONTACT = Limit(CONTACT, "the thesis' equations have no forces of contact", _WITHOUT_CONTACT, OptionError)
+JOINED_CONTACT_LIMIT = Limit(JOINED_CONTACT, "contact is for rods of class 1", f"{_WITHOUT_CONTACT}, or {_OWN_NODES}")
 
 ENGINES = {
-    "mujoco": Row("MuJoCo", "tensegrity_mj.engines.mujoco.engine:MuJoCo"),
-    "dae": Row("DAE", "tensegrity_mj.engines.reference.dae:DAE", {"method": "rk4"}),
-    "ode": Row("ODE", "tensegrity_mj.engines.reference.ode:ODE", {"method": "rk4"}),
+    "mujoco": Descriptor(
+        "MuJoCo",
+        "tensegrity_mj.engines.mujoco.engine:MuJoCo",
+        shares_model=True,
+        limits=(
+            JOINED_CONTACT_LIMIT,
+            Limit(
+                ADDED_MASS_IN_CONTACT,
+                "accelerations of added mass are found before the forces of contact are known",
+                "leave one of the two out, with scene.with_(contact=None) or scene.with_(water=None)",
+            ),
+            Limit(
+                ADDED_MASS_IN_LOOPS,
+                "accelerations of added mass are found before the forces of joints that close loops are known",
+                "open the loop",
+                StructureError,
+            ),
+            Limit(
+                ADDED_MASS,
+                "its force is found for the accelerations of the step's start, and this integrator makes its step of "
+                "others",
+                "use Integrator.RK4 or EULER",
+                OptionError,
+                lambda engine: "" if engine.is_explicit else f"Integrator.{engine.integrator.name}",
+            ),
+            Limit(
+                CONTACT,
+                "its forces jump at other instants than those of strings",
+                f"leave locate_slack out, or run without contact ({_WITHOUT_CONTACT})",
+                OptionError,
+                lambda engine: "locate_slack = True" if engine.locate_slack else "",
+            ),
+        ),
+    ),
+    "dae": Descriptor(
+        "DAE",
+        "tensegrity_mj.engines.reference.dae:DAE",
+        {"method": "rk4"},
+        (
+            _NO_CONTACT,
+            Limit(
+                ADDED_MASS,
+                "it changes as they move, and Solver.DENSE inverts a constant mass matrix beforehand",
+                "use Solver.JOINTS or Solver.FULL",
+                OptionError,
+                lambda engine: "Solver.DENSE" if engine.solver.value == "dense" else "",
+            ),
+            Limit(
+                UNEVEN_MASS,
+                "Weights.HERMITE shares loads otherwise than velocities, and forces of joints are found from symmetric "
+                "equations",
+                "use Solver.FULL, or Weights.RIGID",
+                OptionError,
+                lambda engine: "Solver.JOINTS" if engine.solver.value == "joints" else "",
+            ),
+        ),
+    ),
+    "ode": Descriptor(
+        "ODE",
+        "tensegrity_mj.engines.reference.ode:ODE",
+        {"method": "rk4"},
+        (
+            _NO_CONTACT,
+            Limit(
+                CLASS_K,
+                "the angles of minimal coordinates are those of rods that hang on no other, of class 1",
+                _OWN_NODES,
+                StructureError,
+            ),
+        ),
+        has_poles=True,
+    ),
 }
 
 
@@ -85,8 +154,18 @@ def engine_settings(engine: Any) -> tuple[str, dict[str, Any]]:
         if type(engine) is engine_class(name):
             items = {item.name: (getattr(engine, item.name), item.default) for item in dataclasses.fields(engine)}
             return name, {key: _word(value) for key, (value, default) in items.items() if value != default}
-    allowed = ", ".join(row.place.partition(":")[2] for row in ENGINES.values())
-    raise OptionError(f"engine = {engine!r}; use one of {allowed}, an object and not a class")
+    raise OptionError(f"engine = {engine!r}; use one of {_classes()}, an object and not a class")
+
+
+def check_engine(engine: Any, what: str = "run") -> None:
+    """Raise OptionError unless this is an engine's options: an object, not a class, that has this method."""
+    if isinstance(engine, type) or not callable(getattr(engine, what, None)):
+        raise OptionError(f"engine = {engine!r}; use {_classes('(...)', ' or ')}")
+
+
+def _classes(call: str = "", last: str = ", ") -> str:
+    names = [row.place.partition(":")[2] + call for row in ENGINES.values()]
+    return last.join([", ".join(names[:-1]), names[-1]])
 
 
 def _word(value: Any) -> Any:

@@ -46,6 +46,8 @@ from tensegrity_mj.basics.checks import finite, member, real_array
 from tensegrity_mj.dynamics.native.law import Command, Law, native_law
 from tensegrity_mj.dynamics.native.plant import break_times
 from tensegrity_mj.engines.request import Accelerations, Request
+from tensegrity_mj.engines.requirements import require
+from tensegrity_mj.engines.table import check_engine
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.linearization.differences import LOOP_STEP, NARROW, NARROW_RATE, PAIRS, STEP, WEIGHTS, reach_of
@@ -53,7 +55,6 @@ from tensegrity_mj.linearization.law import SetRestLengths
 from tensegrity_mj.linearization.model import Linearization
 from tensegrity_mj.linearization.strings import KeptStrings
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
-from tensegrity_mj.model.capabilities import require_still_supports
 from tensegrity_mj.model.elements.contact import overlaps
 from tensegrity_mj.model.scene import Scene
 
@@ -105,11 +106,10 @@ def linearize(
         from tensegrity_mj.engines.mujoco.engine import MuJoCo
 
         engine = MuJoCo()
-    if isinstance(engine, type) or not callable(getattr(engine, "accelerations", None)):
-        raise OptionError(f"engine = {engine!r}; use MuJoCo(...), DAE(...) or ODE(...)")
+    check_engine(engine, "accelerations")
     member("inputs", inputs, Command)
     time = finite("time", time, " [s]")
-    require_still_supports(scene, "linearization is")
+    require(None, scene, "linearize")
     structure, contact = scene.structure, scene.contact
     broken = break_times(scene) <= time
     scene = scene.with_(

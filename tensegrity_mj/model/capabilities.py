@@ -1,36 +1,158 @@
-"""What a part of the package cannot do yet, refused in words before it would compute nonsense."""
+"""What scenes have that not every engine simulates (`Trait`), and how an engine says what it cannot (`Descriptor`).
+
+The engines' own are in `engines.table`; `engines.requirements.require` holds a scene against them.
+"""
 
 from __future__ import annotations
 
-from tensegrity_mj.errors import SceneError, StructureError
-from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.structure import Structure
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from tensegrity_mj.errors import SceneError, StructureError, TensegrityError
+
+if TYPE_CHECKING:  # the table of engines is read for --help, which loads neither numpy nor a scene
+    from tensegrity_mj.model.scene import Scene
+    from tensegrity_mj.model.structure import Structure
+
+
+@dataclass(frozen=True)
+class Trait:
+    """What a scene may have.
+
+    Attributes:
+        name: for people.
+        find: words that name the first item of a scene that has it; "" where there is none.
+    """
+
+    name: str
+    find: Callable[[Scene], str]
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What an engine, or a function that uses engines, cannot do.
+
+    Attributes:
+        trait: which scenes it refuses.
+        reason: why, by physics or by method.
+        remedy: what to change.
+        error: what is raised.
+        setting: words for the options with which an engine (its argument) has this limit, "" for others; None: always.
+    """
+
+    trait: Trait
+    reason: str
+    remedy: str
+    error: type[TensegrityError] = SceneError
+    setting: Callable[[Any], str] | None = None
+
+
+@dataclass(frozen=True)
+class Descriptor:
+    """An engine, and what it can do; its class has it as the attribute `descriptor`.
+
+    Attributes:
+        title: what texts and figures call it.
+        place: its class, a frozen value of options with `run(request)`, as "module:class".
+        fixed_step: the options with which it takes steps of `timestep` by the classical Runge-Kutta method.
+        limits: what it cannot simulate; without any, it is held to simulate all scenes.
+        shares_model: whether one compiled model of it makes many runs at a time (`simulate_many`, `law_in`).
+        has_poles: whether its coordinates are angles that end where a rod points along z.
+    """
+
+    title: str
+    place: str
+    fixed_step: Mapping[str, Any] = field(default_factory=dict)
+    limits: tuple[Limit, ...] = ()
+    shares_model: bool = False
+    has_poles: bool = False
+
+
+def _joined(structure: Structure) -> str:
+    if structure.class_number <= 1:
+        return ""
+    name = next(name for name, rows in structure.rods_at.items() if len(rows) > 1)
+    rods = " and ".join(f"'{structure.rods[row].name}'" for row in structure.rods_at[name][:2])
+    return f"rods {rods} share node '{name}'"
+
+
+def _closed(structure: Structure) -> str:
+    from tensegrity_mj.model.forest import spanning_forest
+
+    closures = spanning_forest(structure).closures
+    return f"rods close a loop at node '{structure.node_names[closures[0][0]]}'" if closures else ""
+
+
+def _first(items: list[str]) -> str:
+    return items[0] if items else ""
+
+
+def _added(scene: Scene) -> str:
+    return _first([f"{one.label} adds mass to rods" for one in scene.effects if one.adds_mass])
+
+
+def _uneven(scene: Scene) -> str:
+    return _first([f"the mass that {one.label} adds is not symmetric" for one in scene.effects if not one.symmetric])
+
+
+def _and(*traits: Callable[[Scene], str]) -> Callable[[Scene], str]:
+    """Words for scenes that have all of these."""
+
+    def find(scene: Scene) -> str:
+        found = []
+        for trait in traits:
+            found.append(trait(scene))
+            if not found[-1]:
+                return ""
+        return ", and ".join(found)
+
+    return find
+
+
+def _contact(scene: Scene) -> str:
+    return "" if scene.contact is None else f"scene '{scene.name}' has contact"
+
+
+def _joined_rods(scene: Scene) -> str:
+    return _joined(scene.structure)
+
+
+def _pushing(scene: Scene) -> str:
+    from tensegrity_mj.model.strings import StringLaw
+
+    if scene.structure.string_law is StringLaw.CLIPPED:
+        return ""
+    return _first(
+        [f"string '{one.name}' is damped and not clipped" for one in scene.structure.strings if one.damping > 0]
+    )
+
+
+CONTACT = Trait("contact", _contact)
+CLASS_K = Trait("rods that share nodes", _joined_rods)
+CLOSED_LOOPS = Trait("closed loops", lambda scene: _closed(scene.structure))
+MOVED_SUPPORTS = Trait(
+    "moved supports",
+    lambda scene: f"support '{scene.motions[0].support}' moves (scene.motions)" if scene.motions else "",
+)
+BREAKS = Trait(
+    "strings that break",
+    lambda scene: f"string '{scene.breaks[0].string}' breaks (scene.breaks)" if scene.breaks else "",
+)
+ADDED_MASS = Trait("added mass", _added)
+UNEVEN_MASS = Trait("added mass that is not symmetric, on rods that share nodes", _and(_uneven, _joined_rods))
+ELEMENTS = Trait(
+    "elements beside loads",
+    lambda scene: _first([f"{one.label} acts on nodes" for one in scene.effects if one.label != "loads"]),
+)
+PUSHING_DAMPERS = Trait("damped strings that are not clipped", _pushing)
+JOINED_CONTACT = Trait("contact of rods that share nodes", _and(_contact, _joined_rods))
+ADDED_MASS_IN_CONTACT = Trait("contact and added mass", _and(_added, _contact))
+ADDED_MASS_IN_LOOPS = Trait("closed loops and added mass", _and(_added, lambda scene: _closed(scene.structure)))
 
 
 def require_class_1(structure: Structure, who: str) -> None:
-    """Raise StructureError where rods share nodes; `who` begins the sentence, as "the ODE is"."""
-    if structure.class_number > 1:
-        name = next(name for name, rows in structure.rods_at.items() if len(rows) > 1)
-        rods = " and ".join(f"'{structure.rods[row].name}'" for row in structure.rods_at[name][:2])
-        raise StructureError(
-            f"{who} for structures of class 1, whose rods share no node; here rods {rods} share node '{name}'"
-        )
-
-
-def require_still_supports(scene: Scene, who: str) -> None:
-    """Raise SceneError where supports move; `who` begins the sentence, as "the ODE is"."""
-    if scene.motions:
-        raise SceneError(
-            f"{who} for supports that stand still; here '{scene.motions[0].support}' moves (scene.motions)"
-        )
-
-
-def require_loads_alone(scene: Scene, who: str) -> None:
-    """Raise SceneError where more than loads acts on nodes; `who` begins the sentence, as "dm_control models are"."""
-    for element in scene.effects:
-        if element.label != "loads":
-            raise SceneError(
-                f"{who} for scenes without {element.label}: a MuJoCo model by itself has no such forces, a callback "
-                "finds them; use simulate or law_in, or leave it out with "
-                f"scene.with_({element.label if element.label in ('resistance', 'water') else 'elements'}=...)"
-            )
+    """Raise StructureError where rods share nodes; `who` begins the sentence, as "the laws of chapters 4 to 6 are"."""
+    shared = _joined(structure)
+    if shared:
+        raise StructureError(f"{who} for structures of class 1, whose rods share no node; here {shared}")

@@ -23,11 +23,12 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import real_array, whole
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.request import Accelerations, Request
+from tensegrity_mj.engines.requirements import require
+from tensegrity_mj.engines.table import check_engine
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.linearization.differences import reach_of
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
-from tensegrity_mj.model.capabilities import require_still_supports
 from tensegrity_mj.model.elements.resistance import Resistance
 from tensegrity_mj.model.scene import Scene
 
@@ -96,10 +97,9 @@ def engine_equilibrium(
     """
     if not isinstance(scene, Scene):
         raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
-    if isinstance(engine, type) or not callable(getattr(engine, "accelerations", None)):
-        raise OptionError(f"engine = {engine!r}; use MuJoCo(...), DAE(...) or ODE(...)")
+    check_engine(engine, "accelerations")
     limit = whole("iterations", iterations, 1)
-    require_still_supports(scene, "engine_equilibrium is")
+    require(None, scene, "engine_equilibrium")
     shape = (len(scene.structure.nodes), 3)
     start = scene.nodes0 if nodes is None else real_array("nodes", nodes, shape, "m", scalar=False)
     bending = None if scene.resistance is None else scene.resistance.bending

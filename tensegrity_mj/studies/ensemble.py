@@ -16,6 +16,8 @@ from tensegrity_mj.basics.checks import checked, member
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, NOT_FINITE, Law, NativeLaw
 from tensegrity_mj.engines.request import Request
+from tensegrity_mj.engines.requirements import require
+from tensegrity_mj.engines.table import ENGINES, check_engine
 from tensegrity_mj.errors import ControllerError, DivergenceError, InfeasibleError, OptionError, TensegrityError
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.model.scene import Scene
@@ -153,13 +155,9 @@ class ManyRuns:
         from tensegrity_mj.engines.mujoco.engine import MuJoCo
 
         engine = MuJoCo() if self.engine is None else self.engine
-        if not isinstance(engine, MuJoCo):
-            raise OptionError(f"engine = {engine!r}: simulate_many runs in MuJoCo(...); run_many takes any engine")
-        if getattr(engine, "accuracy", None) is not None:
-            raise OptionError("MuJoCo(accuracy=...) chooses a step for each run; give simulate_many a timestep")
-        _refuse_located(engine, "simulate_many")
+        _require_shared(engine, "simulate_many")
         threads = checked("threads (0 for all cores)", threads, kinds.whole(0))
-        scenes = _checked(self.scenes)
+        scenes = _checked(self.scenes, engine)
         laws = list(controllers) if isinstance(controllers, Sequence) else [controllers] * len(scenes)
         if len(laws) != len(scenes):
             raise OptionError(
@@ -190,18 +188,14 @@ class ManyRuns:
 simulate_many = function_of(ManyRuns)
 
 
-def _checked(scenes: Any) -> list[Scene]:
+def _checked(scenes: Any, engine: MuJoCo) -> list[Scene]:
     if isinstance(scenes, Scene) or not isinstance(scenes, Sequence) or not scenes:
         raise OptionError("scenes: give a list of at least one Scene")
     first = scenes[0]
     for number, scene in enumerate(scenes):
         if not isinstance(scene, Scene):
             raise OptionError(f"scenes[{number}] = {scene!r}; use a Scene, or load_scene(name or path)")
-        if scene.contact is not None:
-            raise OptionError(
-                f"scenes[{number}] ('{scene.name}') has contacts, whose work is counted run by run: use simulate, or "
-                "run_many"
-            )
+        require(engine, scene, "simulate_many", f"scenes[{number}]")
         for what in ("structure", "gravity"):
             if getattr(scene, what) is not getattr(first, what) and getattr(scene, what) != getattr(first, what):
                 raise OptionError(
@@ -211,7 +205,15 @@ def _checked(scenes: Any) -> list[Scene]:
     return list(scenes)
 
 
-def _refuse_located(engine: MuJoCo, what: str) -> None:
+def _require_shared(engine: Any, what: str) -> None:
+    """Raise OptionError unless one model of this engine, with these options, makes many runs."""
+    check_engine(engine)
+    descriptor = getattr(engine, "descriptor", None)
+    if descriptor is None or not descriptor.shares_model:
+        able = " or ".join(row.place.partition(":")[2] + "(...)" for row in ENGINES.values() if row.shares_model)
+        raise OptionError(f"engine = {engine!r}: {what} runs in {able}; run_many takes any engine")
+    if engine.accuracy is not None:
+        raise OptionError(f"{what}: accuracy = {engine.accuracy:g} m chooses a step for each run; give a timestep")
     if engine.locate_slack:
         raise OptionError(
             f"{what}: locate_slack = True, which splits the steps of one run where its strings change, and here "
@@ -256,12 +258,9 @@ def law_in(
     from tensegrity_mj.engines.mujoco.engine import MuJoCo
     from tensegrity_mj.engines.mujoco.ensemble import law_in as installed
     from tensegrity_mj.engines.mujoco.many import OTHER_STRINGS
-    from tensegrity_mj.engines.mujoco.water import check_added_mass
 
     engine = MuJoCo() if engine is None else engine
-    if not isinstance(engine, MuJoCo):
-        raise OptionError(f"engine = {engine!r}; use MuJoCo(...)")
-    _refuse_located(engine, "law_in")
+    _require_shared(engine, "law_in")
     member("on_infeasible", on_infeasible, OnInfeasible)
     if law is None:
         raise OptionError("law = None: there is nothing to install")
@@ -270,9 +269,7 @@ def law_in(
         raise OptionError(
             "the law keeps something between its calls, and here states are not kept apart: use simulate_many"
         )
-    if scene.breaks:
-        raise OptionError(f"scene '{scene.name}' has strings that break, which takes a run: use simulate_many")
-    check_added_mass(scene, engine.integrator.name, engine.is_explicit)
+    require(engine, scene, "law_in")
     model = engine.model(scene)
     plant = Plant(scene, request.law, request.actuation, on_infeasible)
     with installed(model, plant) as answers:

@@ -233,7 +233,7 @@ def test_point_masses_alone_have_no_matrix_to_solve(solver):
 
 def test_the_minimal_model_and_the_laws_of_class_1_refuse_shared_nodes_in_words():
     scene = four_bar()
-    with pytest.raises(tmj.errors.StructureError, match=r"use DAE or MuJoCo.*class 1.*'r1' and 'r2' share node 'n2'"):
+    with pytest.raises(tmj.errors.StructureError, match=r"ODE: rods 'r1' and 'r2' share node 'n2'.*use MuJoCo or DAE"):
         tmj.simulate(scene, None, ODE())
     scene = tmj.load_scene("dbar")
     target = tmj.Target.set_point(scene.nodes0)
@@ -296,5 +296,5 @@ def test_the_linear_model_of_a_loop_has_its_one_coordinate():
 def test_linear_models_refuse_moved_supports():
     motion = tmj.model.Motion.in_line("r1", 0.1, 1.0, (1.0, 0.0, 0.0))
     scene = tmj.Scene(chain(np.random.default_rng(0), 2), motions=(motion,))
-    with pytest.raises(tmj.errors.SceneError, match="stand still"):
+    with pytest.raises(tmj.errors.SceneError, match=r"linearize: support 'r1' moves .*depend on time"):
         tmj.linearize(scene, DAE())

@@ -370,7 +370,7 @@ def test_it_belongs_to_rk4_without_contact_and_to_single_runs() -> None:
         tmj.MuJoCo(1e-3, locate_slack="yes")  # type: ignore[arg-type]
     with pytest.raises(tmj.errors.OptionError, match="locate_slack = True with accuracy"):
         tmj.MuJoCo(accuracy=1e-3, locate_slack=True)
-    with pytest.raises(tmj.errors.OptionError, match="has contact"):
+    with pytest.raises(tmj.errors.OptionError, match="MuJoCo with locate_slack = True: scene 'prism_drop' has contact"):
         tmj.simulate(tmj.load_scene("prism_drop"), None, located(1e-3), duration=0.01)
     with pytest.raises(tmj.errors.OptionError, match="simulate_many: locate_slack"):
         tmj.simulate_many([bob()], None, located(1e-3))

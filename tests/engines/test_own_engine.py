@@ -19,7 +19,7 @@ from verlet import Verlet
 
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
-from tensegrity_mj.engines.table import ENGINES, Row, engine_settings
+from tensegrity_mj.engines.table import ENGINES, engine_settings
 
 K, M, G, T = 60.0, 1.5, 9.81, 2.0
 OMEGA = np.sqrt(K / M)
@@ -28,7 +28,7 @@ OMEGA = np.sqrt(K / M)
 @pytest.fixture
 def hung(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """The row, and a file of the scene."""
-    monkeypatch.setitem(ENGINES, "verlet", Row("Verlet", "verlet:Verlet"))
+    monkeypatch.setitem(ENGINES, "verlet", Verlet.descriptor)
     structure = tmj.Structure(
         "hung",
         {"hook": (0.0, 0.0, 0.0), "m": (0.0, 0.0, -1.4)},
@@ -80,7 +80,7 @@ def test_what_it_has_not_is_refused(hung: Path, capsys: pytest.CaptureFixture[st
         f"run {hung} --engine verlet --rtol 1e-9": "--rtol belongs to --engine dae or ode",
         f"run {hung} --engine verlet --accuracy 1e-6": "--accuracy belongs to --engine mujoco or dae or ode; verlet ",
         f"run {hung} --engine verlet --timestep 3e-4": "time step",
-        "run prism --engine verlet": "Verlet is for scenes without rods; use MuJoCo, the DAE or the ODE",
+        "run prism --engine verlet": "structure has rods: it moves point masses on strings alone; use MuJoCo or DAE",
     }.items():
         assert main(words.split()) == 2
         assert message in capsys.readouterr().err

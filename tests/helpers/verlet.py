@@ -13,8 +13,10 @@ from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.dynamics.native.law import Report
 from tensegrity_mj.engines.driving import Grid, Progress
 from tensegrity_mj.engines.request import Accelerations, Request
+from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.model import rods, strings
+from tensegrity_mj.model.capabilities import BREAKS, CONTACT, ELEMENTS, MOVED_SUPPORTS, Descriptor, Limit, Trait
 from tensegrity_mj.runs.trajectory import Trajectory
 
 
@@ -27,6 +29,20 @@ class Verlet:
     """
 
     timestep: float = 1e-3
+    descriptor = Descriptor(
+        "Verlet",
+        "verlet:Verlet",
+        limits=tuple(
+            Limit(Trait(what, find), "it moves point masses on strings alone", f"leave {what} out")
+            for what, find in {
+                "rods": lambda scene: "the structure has rods" if scene.structure.rods else "",
+                "breaks": BREAKS.find,
+                "moved supports": MOVED_SUPPORTS.find,
+                "contact": CONTACT.find,
+                "elements beside loads": ELEMENTS.find,
+            }.items()
+        ),
+    )
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "timestep", positive("Verlet: timestep", self.timestep, "s"))
@@ -92,21 +108,13 @@ class Verlet:
 
 
 class _Masses:
-    """Newton's law for the point masses of a request, which is refused where it has more than these."""
+    """Newton's law for the point masses of a request."""
 
     def __init__(self, request: Request) -> None:
         self.scene, self.structure = request.scene, request.scene.structure
-        for what, there in {
-            "rods": self.structure.rods,
-            "a law": request.law.address,
-            "moved supports": self.scene.motions,
-            "breaks": self.scene.breaks,
-            "contact": self.scene.contact,
-            "resistance": self.scene.resistance,
-            "water": self.scene.water,
-        }.items():
-            if there:
-                raise OptionError(f"Verlet is for scenes without {what}; use MuJoCo, the DAE or the ODE")
+        if request.law.address:
+            raise OptionError("Verlet simulates no law; use MuJoCo, the DAE or the ODE")
+        require(Verlet(), self.scene)
         index = self.structure.node_index
         self.rows = [index[point.node] for point in self.structure.point_masses]
         self.masses = np.array([point.mass for point in self.structure.point_masses])

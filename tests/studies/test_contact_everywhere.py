@@ -147,7 +147,7 @@ def test_compare_says_how_to_compare(tmp_path: Path, capsys: pytest.CaptureFixtu
     for wrong in ([], ["--engine", "dae", "--reference", "ode"], ["--accuracy", "1e-4"]):
         assert main(["compare", "prism_drop", "--duration", "0.1", *wrong]) == 2
         told = capsys.readouterr().err
-        assert "scene 'prism_drop' has contact, which MuJoCo alone has" in told
+        assert "scene 'prism_drop' has contact, which MuJoCo alone simulates: there is no second engine" in told
         assert "compare a.nc b.nc" in told
     # As it says:
     for name, step in (("a", "1e-3"), ("b", "5e-4")):

@@ -10,6 +10,7 @@ from tensegrity_mj.engines.accuracy.option import ACCURACY, check_accuracy
 from tensegrity_mj.engines.mujoco.prepared import prepared
 from tensegrity_mj.engines.mujoco.settings import _WORDS, Integrator
 from tensegrity_mj.engines.request import Accelerations, Request
+from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
@@ -27,6 +28,8 @@ class MuJoCo:
         locate_slack: whether steps of RK4 are split where strings begin or cease to pull, so that it keeps its order
             there.
     """
+
+    descriptor = ENGINES["mujoco"]
 
     timestep: float = field(positive("s"), default=1e-3)
     integrator: Integrator = field(choice(Integrator), default=Integrator.RK4)

@@ -60,7 +60,6 @@ from tensegrity_mj.engines.mujoco.callback import (
 from tensegrity_mj.engines.mujoco.motion import SUPPORTS_SIZE, constraint_work
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun
 from tensegrity_mj.engines.request import Request
-from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
     from tensegrity_mj.engines.mujoco.engine import MuJoCo
@@ -161,11 +160,6 @@ class LocatedRun(MuJoCoRun):
     """
 
     def __init__(self, options: MuJoCo, request: Request) -> None:
-        if request.scene.contact is not None:
-            raise OptionError(
-                f"MuJoCo: locate_slack = True, and scene '{request.scene.name}' has contact, whose forces jump at "
-                "other instants: leave it out, or run without contact as scene.with_(contact=None)"
-            )
         super().__init__(options, request)
         data, table = self.data, self.plant.table
         M = int(table[STRING_COUNT])

@@ -70,9 +70,7 @@ from tensegrity_mj.engines.mujoco.callback import (
 from tensegrity_mj.engines.mujoco.install import CALLBACK, active_table
 from tensegrity_mj.engines.mujoco.layout import check_layout, offset
 from tensegrity_mj.engines.mujoco.water import add_mass, room_of_mass
-from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.strings import StringLaw
 
 # Which slot of a run's table holds the address of which array of MjData.
 _ARRAYS = {
@@ -288,21 +286,10 @@ class Guide:
         table: (GUIDE_SIZE,) int64, see the slots above.
 
     Raises:
-        OptionError: for scenes that need more of a model than its data.
         MissingLibraryError: for a MuJoCo with another layout.
     """
 
     def __init__(self, scene: Scene, model: mujoco.MjModel) -> None:
-        structure = scene.structure
-        if scene.contact is not None:
-            raise OptionError(
-                f"scene '{scene.name}' has contacts, whose work is counted run by run: use simulate, or run_many"
-            )
-        if structure.string_law is not StringLaw.CLIPPED and np.any(structure.damping > 0):
-            raise OptionError(
-                f"structure '{structure.name}': strings that are damped and not clipped change the model as they go "
-                "slack, and many simulations share it: use simulate, or run_many"
-            )
         data = mujoco.MjData(model)
         check_layout(model, data, (*_ARRAYS.values(), "userdata"))
         self._fields = np.array([(slot, offset("mjData", name)) for slot, name in _ARRAYS.items()], np.int64)

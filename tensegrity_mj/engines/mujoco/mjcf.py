@@ -30,7 +30,8 @@ from tensegrity_mj.engines.mujoco.mjcf_frames import quaternion as quaternion
 from tensegrity_mj.engines.mujoco.mjcf_frames import rotation_to as rotation_to
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, distinct
 from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities as initial_velocities
-from tensegrity_mj.errors import SceneError, StructureError
+from tensegrity_mj.engines.requirements import require
+from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
 
@@ -79,11 +80,7 @@ def scene_to_mjcf(scene: Scene, timestep: float = 1e-3, integrator: str = "RK4")
         SceneError: where rods that share nodes may touch something.
     """
     structure = scene.structure
-    if scene.contact is not None and structure.class_number > 1:
-        raise SceneError(
-            f"scene '{scene.name}' has contact, and its rods share nodes (class {structure.class_number}): contact is "
-            "for rods of class 1; leave it out (scene.with_(contact=None)), or give each rod nodes of its own"
-        )
+    require(None, scene, "MuJoCo's model")
     tree = body_tree(scene)
     if tree.depth > MOST_NESTED:
         raise StructureError(

@@ -21,9 +21,10 @@ from tensegrity_mj.engines.mujoco.install import finish, installed
 from tensegrity_mj.engines.mujoco.joints import JointForces
 from tensegrity_mj.engines.mujoco.motion import SupportTable
 from tensegrity_mj.engines.mujoco.prepared import Prepared, prepared
-from tensegrity_mj.engines.mujoco.water import AddedMass, check_added_mass
+from tensegrity_mj.engines.mujoco.water import AddedMass
 from tensegrity_mj.engines.recording import allocate_rows, make_trajectory
 from tensegrity_mj.engines.request import Request
+from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import DivergenceError, TensegrityError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.energy import BEYOND, blame_divergence, check_energy
@@ -67,7 +68,7 @@ class MuJoCoRun:
     ) -> None:
         self.options, self.request = options, request
         scene, structure = request.scene, request.scene.structure
-        check_added_mass(scene, options.integrator.name, options.is_explicit)
+        require(options, scene)
         self.grid = Grid.of(request, options.timestep)
         ready = prepared(scene, options.timestep, options.word) if ready is None else ready
         self.model, self.tree = ready.model, ready.tree

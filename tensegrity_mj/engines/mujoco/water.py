@@ -39,8 +39,6 @@ from tensegrity_mj.dynamics.native.vectors import dot, minus, plus, row_of, time
 from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.engines.mujoco.mjcf_bodies import Names
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree
-from tensegrity_mj.errors import OptionError, SceneError, StructureError
-from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.scene import Scene
 
 # trees: first degree of freedom, how many, and the first and how many of `rods` and of `loaded`. rods: row, its nodes,
@@ -67,37 +65,6 @@ Floating, pack_floating = view_of(
     size="size",
     room="size",
 )
-
-
-def check_added_mass(scene: Scene, integrator: str, explicit: bool) -> None:
-    """Raise an error of the package where MuJoCo cannot find the accelerations of a scene whose elements add mass.
-
-    Args:
-        scene: which.
-        integrator: its name.
-        explicit: whether its step is made of the accelerations at the stages.
-    """
-    adding = [element for element in scene.effects if element.adds_mass]
-    if not adding:
-        return
-    who = f"MuJoCo: {adding[0].label} adds mass to rods, "
-    if scene.contact is not None:
-        raise SceneError(
-            f"{who}whose accelerations are found before the forces of contact are known: leave one of the two out, "
-            "with scene.with_(contact=None) or scene.with_(water=None)"
-        )
-    closures = spanning_forest(scene.structure).closures
-    if closures:
-        node = scene.structure.node_names[closures[0][0]]
-        raise StructureError(
-            f"{who}whose accelerations are found before the forces of joints that close loops are known; here rods "
-            f"close a loop at node '{node}': use the DAE"
-        )
-    if not explicit:
-        raise OptionError(
-            f"{who}a force that is found for the accelerations of the step's start, and integrator {integrator} makes "
-            "its step of others: use Integrator.RK4 or EULER"
-        )
 
 
 class AddedMass:

@@ -28,6 +28,8 @@ from tensegrity_mj.engines.reference.integrate import integrate
 from tensegrity_mj.engines.reference.integration import IntegratedRun
 from tensegrity_mj.engines.reference.method import ATOL, RTOL, Method, check_options, describe_method
 from tensegrity_mj.engines.request import Accelerations, Request
+from tensegrity_mj.engines.requirements import require
+from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -71,6 +73,8 @@ class DAE:
         locate_slack: of RK4 only, whether steps are split at the instants where strings go slack or taut, so that it
             keeps its order of 4 there (docs/accuracy.md).
     """
+
+    descriptor = ENGINES["dae"]
 
     method: Method = field(choice(Method), default=Method.DOP853)
     rtol: float = field(RTOL, default=1e-10)
@@ -120,7 +124,7 @@ class DAE:
 
     def _prepared(self, request: Request) -> tuple[IntegratedRun, StructureRecords | LinkedRecords]:
         scene = request.scene
-        _check_added_mass(scene, self.solver)
+        require(self, scene)
         plant = Plant(scene, request.law, request.actuation, request.on_infeasible)
         baumgarte = self.drift is Drift.BAUMGARTE
         kp = self.baumgarte_frequency**2 if baumgarte else 0.0
@@ -176,25 +180,6 @@ def _rods_alone(scene: Scene, plant: Plant) -> _Model:
         (records,),
         {"size": dae.Q_SIZE, "constants": dae.CONSTANTS},
     )
-
-
-def _check_added_mass(scene: Scene, solver: Solver) -> None:
-    """Raise OptionError where a solver cannot find the accelerations of rods with added mass."""
-    adding = [element for element in scene.effects if element.adds_mass]
-    if not adding:
-        return
-    who = f"DAE: {adding[0].label} adds mass to rods, "
-    if solver is Solver.DENSE:
-        raise OptionError(
-            f"{who}which changes as they move, and Solver.DENSE inverts a constant mass matrix beforehand: use "
-            "Solver.JOINTS or Solver.FULL"
-        )
-    uneven = [element for element in adding if not element.symmetric]
-    if uneven and solver is Solver.JOINTS and scene.structure.class_number > 1:
-        raise OptionError(
-            f"DAE: {uneven[0].label}: its added mass is not symmetric (Weights.HERMITE shares loads otherwise than "
-            "velocities), and forces of joints are found from symmetric equations: use Solver.FULL, or Weights.RIGID"
-        )
 
 
 def _check_masses(structure: Structure) -> None:

@@ -53,11 +53,6 @@ class IntegratedRun:
         explain_singular: Callable[[float], str] | None = None,
     ) -> None:
         self.name, self.options, self.request, self.plant, self.y = name, options, request, plant, y
-        if request.scene.contact is not None:
-            raise OptionError(
-                f"{name}: scene '{request.scene.name}' has contact, which MuJoCo alone has: "
-                "run it with MuJoCo, or without contact as scene.with_(contact=None)"
-            )
         self.table = table = plant.table
         self.projects = bool(project)
         self.multipliers, self.keep = multipliers, keep  # alive while the table holds their addresses

@@ -27,6 +27,8 @@ from tensegrity_mj.engines.reference.integrate import integrate
 from tensegrity_mj.engines.reference.integration import IntegratedRun
 from tensegrity_mj.engines.reference.method import ATOL, RTOL, Method, check_options, describe_method
 from tensegrity_mj.engines.request import Accelerations, Request
+from tensegrity_mj.engines.requirements import require
+from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
@@ -49,6 +51,8 @@ class ODE:
         locate_slack: of RK4 only, whether steps are split at the instants where strings go slack or taut, so that it
             keeps its order of 4 there (docs/accuracy.md).
     """
+
+    descriptor = ENGINES["ode"]
 
     method: Method = field(choice(Method), default=Method.DOP853)
     rtol: float = field(RTOL, default=1e-10)
@@ -93,6 +97,7 @@ class ODE:
 
     def _prepared(self, request: Request) -> tuple[IntegratedRun, MinimalRecords]:
         scene = request.scene
+        require(self, scene)
         plant = Plant(scene, request.law, request.actuation, request.on_infeasible)
         records = MinimalRecords.of(scene.structure)
         constants = np.array([*scene.gravity, self.least_sine, self.timestep or 0.0])

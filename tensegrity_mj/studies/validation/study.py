@@ -14,6 +14,7 @@ from tensegrity_mj.basics.checks import positive, whole
 from tensegrity_mj.basics.files import made_folder
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.dynamics.native.law import Law
+from tensegrity_mj.engines.requirements import engines_for, only_one
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.load import load_scene
@@ -178,15 +179,13 @@ def _names(what: str, given: Sequence[str] | None, known: Sequence[str]) -> list
 
 
 def _engines(scene: Scene, given: Sequence[str] | None) -> list[str]:
-    if scene.contact is None:
+    able = engines_for(scene)
+    if len(able) != 1:
         return _names("engines", given, tuple(ENGINES))
-    names = _names("engines", ["mujoco"] if given is None else given, tuple(ENGINES))
-    others = [name for name in names if name != "mujoco"]
+    names = _names("engines", able if given is None else given, tuple(ENGINES))
+    others = [name for name in names if name not in able]
     if others:
-        raise OptionError(
-            f"engines: {', '.join(others)}: scene '{scene.name}' has contact, which MuJoCo alone has: leave them "
-            "out, or validate the scene without contact"
-        )
+        raise OptionError(f"engines: {', '.join(others)}: {only_one(scene)}: leave them out, or validate another scene")
     return names
 
 

@@ -1,0 +1,105 @@
+"""`require`: whether an engine, or a function that uses engines, can do a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from tensegrity_mj.engines.table import ENGINES, JOINED_CONTACT_LIMIT
+from tensegrity_mj.errors import OptionError, StructureError
+from tensegrity_mj.model.capabilities import (
+    BREAKS,
+    CLASS_K,
+    CONTACT,
+    ELEMENTS,
+    MOVED_SUPPORTS,
+    PUSHING_DAMPERS,
+    Descriptor,
+    Limit,
+)
+from tensegrity_mj.model.scene import Scene
+
+_STILL = "leave motions out (scene.with_(motions=()))"
+_NO_CALLBACK = "a MuJoCo model by itself has no such forces, a callback finds them"
+_SHARED_MODEL = (
+    Limit(CONTACT, "the work of contacts is counted run by run", "use simulate, or run_many", OptionError),
+    Limit(
+        PUSHING_DAMPERS,
+        "such strings change the model as they go slack, and many simulations share it",
+        "use simulate, or run_many",
+        OptionError,
+    ),
+)
+# What functions cannot do, whichever the engine.
+USES: Mapping[str, tuple[Limit, ...]] = {
+    "linearize": (Limit(MOVED_SUPPORTS, "the linear model would depend on time", _STILL),),
+    "engine_equilibrium": (Limit(MOVED_SUPPORTS, "an equilibrium is of supports that stand still", _STILL),),
+    "simulate_many": _SHARED_MODEL,
+    "law_in": (
+        *_SHARED_MODEL,
+        Limit(BREAKS, "a break belongs to a run, which begins and ends", "use simulate_many", OptionError),
+    ),
+    "MuJoCo's model": (JOINED_CONTACT_LIMIT,),
+    "dm_control models": (
+        Limit(
+            CLASS_K,
+            "they are for structures of class 1, whose rods share no node",
+            "use simulate or law_in, or give each rod nodes of its own",
+            StructureError,
+        ),
+        Limit(MOVED_SUPPORTS, "they are for supports that stand still", f"use simulate, or {_STILL}"),
+        Limit(
+            ELEMENTS,
+            _NO_CALLBACK,
+            "use simulate or law_in, or leave it out (scene.with_(resistance=None, water=None, elements=()))",
+        ),
+    ),
+}
+
+
+def require(engine: Any, scene: Scene, use: str = "", where: str = "") -> None:
+    """Raise an error that names the item, who refuses it, why, and which engines take it, unless a scene can be done.
+
+    Args:
+        engine: options of an engine, or None where it is the use alone that counts. One without `descriptor` is held
+            to simulate all scenes.
+        scene: what is to be done.
+        use: a name of `USES`, for its own limits.
+        where: begins the item, as "scenes[1]".
+
+    Raises:
+        SceneError, StructureError, OptionError: as the limit says.
+    """
+    place = f"{where}: " if where else ""
+    for limit in USES[use] if use else ():
+        if found := limit.trait.find(scene):
+            raise limit.error(f"{use}: {place}{found}: {limit.reason}; {limit.remedy}")
+    descriptor: Descriptor | None = getattr(engine, "descriptor", None)
+    if descriptor is None:
+        return
+    for limit in descriptor.limits:
+        setting = "" if limit.setting is None else limit.setting(engine)
+        if limit.setting is not None and not setting:
+            continue
+        if found := limit.trait.find(scene):
+            who, others = f"{descriptor.title} with {setting}" if setting else descriptor.title, ""
+            if not setting:
+                able = " or ".join(ENGINES[name].title for name in engines_for(scene))
+                others = f"use {able}, or " if able else "no engine simulates it: "
+            raise limit.error(f"{who}: {place}{found}: {limit.reason}; {others}{limit.remedy}")
+
+
+def engines_for(scene: Scene) -> list[str]:
+    """The names of the engines that simulate a scene, with some of their options at least."""
+    return [
+        name
+        for name, row in ENGINES.items()
+        if not any(limit.setting is None and limit.trait.find(scene) for limit in row.limits)
+    ]
+
+
+def only_one(scene: Scene) -> str:
+    """Words for a scene that one engine alone simulates: what it has, and the engine."""
+    (name,) = engines_for(scene)
+    found = {limit.trait.find(scene): None for row in ENGINES.values() for limit in row.limits if limit.setting is None}
+    return f"{', '.join(words for words in found if words)}, which {ENGINES[name].title} alone simulates"
