@@ -71,7 +71,7 @@ class ClusterError(TensegrityError, RuntimeError):
 
 
 class StabilityWarning(UserWarning):
-    """A run whose step is beyond the largest stable one, or too coarse for its contact, told before; it goes on."""
+    """A run whose step is beyond the largest stable one, or too coarse for its contact, reported before it starts."""
 
 
 MOST_LETTERS = 600  # of a message

@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.commands import experiment
-from tensegrity_mj.commands.common import ExitCode, Outcome, add_scene, distinct, output_file, positive, refuse, table
+from tensegrity_mj.commands.common import (
+    ExitCode,
+    Outcome,
+    add_scene,
+    distinct,
+    finite,
+    output_file,
+    positive,
+    refuse,
+    table,
+)
 from tensegrity_mj.engines.table import ENGINES, engine_class
 from tensegrity_mj.errors import OptionError
 
@@ -48,7 +57,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     problem.add_argument(
         "--load", action="append", type=_vector, metavar="NODE=X,Y,Z", help="a further force [N]; may be repeated"
     )
-    problem.add_argument("--load-factor", type=_number, metavar="F", help="what these are multiplied by (1)")
+    problem.add_argument("--load-factor", type=finite, metavar="F", help="what these are multiplied by (1)")
     problem.add_argument(
         "--hold", action="append", type=_hold, metavar="NODES[:DIRECTIONS][=X,Y,Z]", help="see below; may be repeated"
     )
@@ -200,16 +209,6 @@ def _sizes(options: argparse.Namespace) -> Materials | None:
 # ------------------------------------------------------------------------------------------------- argparse types
 
 
-def _number(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text}: it must be finite")
-    return value
-
-
 def _count(text: str) -> int:
     if not text.isascii() or not text.isdigit() or not 1 <= int(text) <= MOST_COUNT:
         raise argparse.ArgumentTypeError(f"{text!r}: write a whole number from 1 to {MOST_COUNT}")
@@ -220,7 +219,7 @@ def _three(text: str, example: str) -> tuple[float, float, float]:
     parts = text.split(",")
     if len(parts) != 3:
         raise argparse.ArgumentTypeError(f"{text!r}: write three numbers, for example {example}")
-    x, y, z = (_number(part) for part in parts)
+    x, y, z = (finite(part) for part in parts)
     return x, y, z
 
 

@@ -55,7 +55,7 @@ def loads_kind() -> Kind:
 
 @value("break of string {string!r}")
 class Break:
-    """A string that breaks at a time [s], >= 0, and carries nothing from then on; no law is told."""
+    """A string that breaks at a time [s], >= 0, and carries nothing from then on; laws do not know of it."""
 
     string: str = field(printable_name())
     time: float = field(not_negative("s"))

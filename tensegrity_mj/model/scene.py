@@ -44,7 +44,7 @@ class Scene:
         breaks: strings that break, each at its time.
         target: what a controller aims at.
         control: the law that the scene is run with unless another is given.
-        duration: [s], what the scene is run for unless told otherwise.
+        duration: [s], what the scene is run for unless another duration is given.
         contact: what may touch: rods and a floor, rods and rods; None, the default, for nothing.
         motions: of supports that do not stand still, one a support.
         resistance: of a fluid against rods, and of joints against bending; None, the default, for none.

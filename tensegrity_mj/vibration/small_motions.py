@@ -74,10 +74,10 @@ class Vibration:
         damping: (M,) [N s/m].
         turned: (N, 3, 5) X of each node, in the coordinates of its body.
         material, geometric, damper: the matrices K and D above, (n, n) [1/s²], [1/s²], [1/s].
-        string_damper: (n, n) [1/s] the part of D that strings have: what MuJoCo's `discrete` integrator reckons with.
-        body_damper: (n, n) [1/s] the blocks of that on single bodies: what the implicit ones reckon with. Where rods
+        string_damper: (n, n) [1/s] the part of D that strings have: what MuJoCo's `discrete` integrator counts with.
+        body_damper: (n, n) [1/s] the blocks of that on single bodies: what the implicit ones count with. Where rods
             share nodes half of `string_damper`, as if there were no dampers: `tree` has what they know there.
-        seen: (n, n) [1/s²] the material stiffness that MuJoCo's `discrete` integrator reckons with: of k, always.
+        seen: (n, n) [1/s²] the material stiffness that MuJoCo's `discrete` integrator counts with: of k, always.
         acceleration: (n,) [√kg m/s²] ÿ of the state: zero at rest in an equilibrium.
         law: what a law in the loop adds, or None.
         joints: what of y they forbid, or None where no rods share a node. Dense matrices have that taken out already;
@@ -123,12 +123,6 @@ class Vibration:
         """(N, 3) displacements of the nodes of coordinates y (n,), of what joints allow."""
         parts = np.vstack([y.reshape(-1, SLOTS), np.zeros((1, SLOTS))])
         return np.asarray(np.einsum("nxs,ns->nx", self.turned, parts[self.bodies.body]))
-
-    def elongations(self, y: Array) -> Array:
-        """(M,) changes of the strings' lengths of coordinates y (n,)."""
-        moved = self.motion(y)
-        i, j = self.scene.structure.string_nodes.T
-        return np.asarray(np.sum(self.direction * (moved[j] - moved[i]), axis=1))
 
 
 def vibration(

@@ -31,7 +31,7 @@ from tensegrity_mj.vibration.stable_step import (
     stable_step,
 )
 
-LAW_COORDINATES = 100  # of a structure up to which the check before a run asks the law for its derivative
+LAW_COORDINATES = 100  # of a structure up to which the check before a run takes the law's derivative
 
 
 RUN_COORDINATES = 1000  # of a structure up to which the states of a run without a law are looked at
@@ -43,7 +43,7 @@ HALF_DISC = 2.6  # |z| within which Runge-Kutta's R(z) <= 1 for all Re z <= 0 (i
 def before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) -> tuple[dict[str, Any] | None, str]:
     """What is known of the step before a run: for `run.reports["stability"]`, and the text of a warning or "".
 
-    A bound that costs next to nothing comes first, and the model only where the step is beyond it. It never asks a
+    A bound that costs next to nothing comes first, and the model only where the step is beyond it. It never calls a
     law of Python's, or one that is not a function of the state alone. None where there is nothing to check. What
     contact asks of a step is looked at apart: `contact_steps`.
 
@@ -171,7 +171,7 @@ def _checked(
 
 
 def message(found: StableStep, engine: Any, step: float) -> str:
-    """What a run is told whose step is beyond the limit."""
+    """The warning of a run whose step is beyond the limit."""
     where = "at the start" if found.time == 0 else f"at t = {found.time:.4g} s"
     kind = found.scheme.value if found.scheme is not None else ""
     loop = "in the loop with the law" if found.closed_loop else f"stiffest motion ω = {found.omega:.4g} rad/s"

@@ -93,7 +93,7 @@ def test_ten_thousand_files_and_commands() -> None:
     check(range(1000, 11_000))
 
 
-def test_cases_come_from_their_numbers_alone(tmp_path: Path) -> None:
+def test_cases_come_from_their_numbers_alone() -> None:
     import random
 
     for number in range(40):

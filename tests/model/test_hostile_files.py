@@ -146,7 +146,7 @@ def test_what_is_nested_deeply_is_refused(depth: int, brackets: str) -> None:
         scene_from_toml(f'{SMALL}[scene.control]\nlaw = "lyapunov"\noptions = {{ x = {value} }}')
 
 
-def test_the_search_for_long_keys_takes_time_in_proportion(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_search_for_long_keys_takes_time_in_proportion() -> None:
     # What a search that goes back would take the square of: quotes that are never closed, and one endless word.
     for text in ('"' + '\\"' * 500_000, '"""' + '\\"' * 500_000, "'" * 10**6, "a" * 10**6, "a " * 500_000, "." * 10**6):
         with pytest.raises(FormatError):
@@ -176,9 +176,7 @@ def everything(folder: Path) -> set[str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", ["demo", "tradeoff"])
-def test_commands_write_inside_their_folder(
-    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_commands_write_inside_their_folder(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What these two write is called after the scene: the names of the file must not lead elsewhere."""
     (tmp_path / "victim").mkdir()
     name = "../victim/$\\frac{$x"  # and a formula that matplotlib cannot read

@@ -77,7 +77,7 @@ def test_checks_take_work_in_proportion(make: Callable[[int], object]) -> None:
         assert many <= 2.05 * few
 
 
-def test_loading_takes_work_in_proportion(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_loading_takes_work_in_proportion(tmp_path: Path) -> None:
     path = tmp_path / "lattice.toml"
     save_scene(Scene(lattice(300)), path)
     few = calls(lambda: load_scene(path))

@@ -550,7 +550,7 @@ def test_the_documented_files_load(tmp_path: Path) -> None:
         assert scene_from_toml(scene_to_toml(scene)) == scene
 
 
-def test_the_documented_fragments_fit_into_a_file(tmp_path: Path) -> None:
+def test_the_documented_fragments_fit_into_a_file() -> None:
     base = scene_to_toml(Scene(plain()))
     for text in blocks("toml"):
         if not text.startswith("format"):

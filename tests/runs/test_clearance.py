@@ -403,7 +403,7 @@ def test_the_first_touch_is_where_the_contact_of_mujoco_begins() -> None:
     assert np.all((counts > 0) == (run.time > event.start) & (run.time < event.end - 1e-9))
 
 
-def test_runs_scenes_structures_and_states_are_taken(tmp_path: Path) -> None:
+def test_runs_scenes_structures_and_states_are_taken() -> None:
     scene = tmj.load_scene("prism")
     still = tmj.clearance(scene)
     assert (still.samples, still.events, still.planar) == (1, (), False)
@@ -435,7 +435,7 @@ def test_elements_that_share_a_node_are_not_looked_at() -> None:
     assert [p.distance for p in found.pairs] == sorted(p.distance for p in found.pairs)
 
 
-def test_mistakes_are_told(tmp_path: Path) -> None:
+def test_mistakes_are_told() -> None:
     structure = two_rods()
     nodes = np.repeat(structure.positions[None], 2, axis=0)
     for arguments, text in (

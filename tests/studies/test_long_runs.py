@@ -134,7 +134,7 @@ def test_a_run_that_diverges_is_a_row() -> None:
     assert "diverged by t = " in result.text
 
 
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command(capsys: pytest.CaptureFixture[str]) -> None:
     assert COMMAND_METHODS == METHODS
     words = "audit drift pinned_rod --steps 1000 --workers 1 --json --methods"
     arguments = [*words.split(), "dae normalize"]

@@ -437,7 +437,7 @@ def test_an_interrupt_stops_cleanly(number: signal.Signals, who: str, tmp_path: 
     assert set(Counter(key for key, _ in records(folder)).values()) == {1}
 
 
-def test_handlers_are_put_back(tmp_path: Path) -> None:
+def test_handlers_are_put_back() -> None:
     before = [signal.getsignal(one) for one in (signal.SIGINT, signal.SIGTERM)]
     for workers in (HERE, TWO):
         run_many(study_tasks.noted, POINTS, workers=workers)

@@ -1,4 +1,4 @@
-"""Contact as a scene asks for it: of rods with a floor and with each other, and how far apart they are.
+"""Contact as a scene has it: of rods with a floor and with each other, and how far apart they are.
 
 A rod's surface for contact is its capsule: the cylinder of the rod's radius from node to node, and a half ball of that
 radius beyond each node. A point mass touches the floor with its very point, and no rod. Strings touch nothing.

@@ -33,7 +33,6 @@ BY_PRESTRESS = ("TB1", "TB2", "TB3", "TB4")
 BY_STIFFNESS = ("TB1", "TB5", "TB6*", "TB7*")  # of equal prestress, the springs ever stiffer
 TOWER = (("full", 10e3, 0.10), ("full", 30e3, 0.20), ("reduced_a", 10e3, 0.10), ("reduced_b", 10e3, 0.10))
 
-STATICS_ONLY = (EngineName.STATICS,)
 CONFIRMED = (EngineName.STATICS, EngineName.MUJOCO)
 
 
