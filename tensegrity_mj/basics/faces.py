@@ -15,6 +15,7 @@ import sys
 from collections.abc import Callable
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 
@@ -74,6 +75,23 @@ def _unknown(package: str, name: str, listed: Callable[[], list[str]]) -> str:
     message = f"module '{package}' has no attribute '{name}'"
     if name.startswith("__"):  # Python looks for many such names, and reads no message
         return message
+    home = _elsewhere(package, name)
+    if home:
+        return f"{message}; it is {home}.{name}"
     from tensegrity_mj.basics.texts import closest
 
     return f"{message}{closest(name, listed())}; it has {', '.join(listed())}"
+
+
+def _elsewhere(package: str, name: str) -> str:
+    """The room or module inside a package that lists or defines a name, or ""; nothing is imported."""
+    import pkgutil
+    import re
+
+    has = re.compile(rf"^(class {name}\b|def {name}\(|    from [\w.]+ import {name} as {name}$)", re.MULTILINE)
+    for path in map(Path, sys.modules[package].__path__):
+        for one in pkgutil.iter_modules([str(path)]):
+            source = path / one.name / "__init__.py" if one.ispkg else path / f"{one.name}.py"
+            if not name.startswith("_") and source.is_file() and has.search(source.read_text(encoding="utf-8")):
+                return f"{package}.{one.name}"
+    return ""

@@ -84,6 +84,16 @@ def test_a_name_that_is_not_there_says_what_is() -> None:
         AttributeError, match=r"'tensegrity_mj' has no attribute 'Structre' \(did you mean 'Structure'\?\)"
     ):
         tmj.Structre  # noqa: B018
+    # Names of rooms and of their modules; `SceneError` is no misspelt `Scene`.
+    for room, name, home in (
+        (tmj, "SceneError", "errors"),
+        (tmj, "Contact", "model"),
+        (tmj, "reproduce", "thesis"),
+        (tmj, "plots", "pictures"),
+        (tmj.studies, "TradeoffOptions", "tradeoff"),
+    ):
+        with pytest.raises(AttributeError, match=rf"'{name}'; it is {room.__name__}\.{home}\.{name}$"):
+            getattr(room, name)
     with pytest.raises(AttributeError, match=r"'tensegrity_mj.runs' has no attribute 'Rod'; it has Approach, "):
         tmj.runs.Rod  # noqa: B018
     assert not hasattr(tmj, "__wrapped__")
