@@ -138,7 +138,7 @@ def test_gradient_and_hessian_are_derivatives_of_the_energy(case: int | str, rod
 
 @pytest.mark.parametrize("case", MODELS)
 def test_free_motions_are_those_of_another_assembly(case: int | str) -> None:
-    """`prestress.free_motions` takes rods apart, and joins them; here nodes are joined, and rods keep their lengths."""
+    """`rigidity.free_motions` takes rods apart, and joins them; here nodes are joined, and rods keep their lengths."""
     model = made(case, Rods.RIGID)
     model = StaticModel.of(model.scene, nodes=model.structure.positions)  # without holds
     Z, G = model.boundary.Z.toarray(), model.boundary.rows
@@ -280,7 +280,7 @@ def test_loads_on_what_is_held_do_no_harm() -> None:
 @pytest.mark.parametrize("name", ["tbar", "dbar", "truss_arm", "net", "prism"])
 @pytest.mark.parametrize("gravity", [(0.0, 0.0, 0.0), (0.3, 0.0, -9.81)])
 def test_equilibria_are_those_of_another_assembly(name: str, gravity: tuple[float, float, float]) -> None:
-    """Of `prestress.equilibrium_residual`, for rods taken apart; it is in newtons too."""
+    """Of `rigidity.equilibrium_residual`, for rods taken apart; it is in newtons too."""
     scene = tmj.load_scene(name).with_(gravity=gravity, resistance=None)
     state = find_equilibrium(scene)
     left = equilibrium_residual(scene.structure, state.nodes, state.force_densities, gravity, scene.nodal_forces(0.0))
