@@ -10,10 +10,8 @@ from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.linearization.differences import STEP
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.strings import StringLaw
+from tensegrity_mj.model.strings import StringLaw, on_taut_side
 from tensegrity_mj.model.structure import Structure
-
-EDGE = 1e-12  # of its length: within round-off of its rest length, a string is at the edge of slackness
 
 
 class KeptStrings:
@@ -41,13 +39,12 @@ class KeptStrings:
             raise OptionError(f"string '{name}' has no length at this state, and so no direction: linearize elsewhere")
         rates = structure.string_rates(scene.nodes0, scene.velocities0)
         stretch = lengths - rest
-        edge = EDGE * np.maximum(lengths, np.abs(rest))
-        self.at_edge = (np.abs(stretch) <= edge) & ~broken
+        taut, self.at_edge = on_taut_side(lengths, rest, broken)
         elastic = structure.stiffness * stretch
         dampers = structure.damping * rates
         clipped = structure.string_law is StringLaw.CLIPPED
         # A clipped string whose damper pushes more than it pulls carries nothing, and goes on so.
-        self.taut = (stretch >= -edge) & ~(clipped & ~self.at_edge & (elastic + dampers <= 0)) & ~broken
+        self.taut = taut & ~(clipped & ~self.at_edge & (elastic + dampers <= 0))
         self.u = structure.stiffness * stretch / lengths
         self.input_step = (
             np.full(len(rest), STEP * reach)

@@ -16,9 +16,11 @@ from __future__ import annotations
 import enum
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.basics.arrays import Array
+
+EDGE = 1e-12  # of its length: within round-off of its rest length, a string is at the edge of slackness
 
 
 class StringLaw(enum.Enum):
@@ -63,3 +65,19 @@ def force_density(stiffness: ArrayLike, length: ArrayLike, rest_length: ArrayLik
 def rest_length(stiffness: ArrayLike, length: ArrayLike, force_density: ArrayLike) -> Array:
     """Rest length L0 = L (1 - u/k) [m] that gives the force density u [N/m], below (2.58)."""
     return np.asarray(length) * (1.0 - np.asarray(force_density) / np.asarray(stiffness))
+
+
+def on_taut_side(
+    lengths: Array, rest_lengths: Array, broken: NDArray[np.bool_] | None = None
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which strings (M,) a linear model has as taut, and which of these are at the edge of slackness.
+
+    At the edge, where a string is as long as at rest to round-off, the model is that of the taut side. What is broken,
+    or has no length and so no direction, is not taut.
+    """
+    stretch = lengths - rest_lengths
+    edge = EDGE * np.maximum(lengths, np.abs(rest_lengths))
+    taut = (stretch >= -edge) & (lengths > 0)
+    if broken is not None:
+        taut &= ~broken
+    return taut, taut & (np.abs(stretch) <= edge)

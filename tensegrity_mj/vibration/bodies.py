@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -71,6 +72,11 @@ class Bodies:
             E[R + number, :, : basis.shape[1]] = basis
         return cls(structure, body, lever, ends, joints, mass, f, J, length, sigma, E, planes)
 
+    @cached_property
+    def joint_ends(self) -> IntArray:
+        """(J, 2) which end, 0 or 1, of each joint's two bodies is there."""
+        return (self.structure.rod_nodes[self.joints[:, 1:], 1] == self.joints[:, :1]).astype(int)
+
     @property
     def mobilities(self) -> Array:
         """(N,) [1/kg] bound on what a force at a node accelerates it by: that of a free rod, 0 for a fixed node."""
@@ -81,7 +87,7 @@ class Bodies:
         return np.asarray(per_body_mass[self.body] + arm**2 * per_body_moment[self.body])
 
 
-class _Motion(NamedTuple):
+class Motion(NamedTuple):
     """How nodes move with the coordinates y."""
 
     b: Array  # (R, 3)
@@ -90,7 +96,7 @@ class _Motion(NamedTuple):
     turned: Array  # (N, 3, 5) X
 
 
-def motion_of_bodies(bodies: Bodies, nodes: Array) -> _Motion:
+def motion_of_bodies(bodies: Bodies, nodes: Array) -> Motion:
     """How the bodies of a structure move about these node positions (N, 3) [m]."""
     R, B = len(bodies.length), len(bodies.mass)
     first, second = bodies.structure.rod_nodes.T
@@ -117,7 +123,7 @@ def motion_of_bodies(bodies: Bodies, nodes: Array) -> _Motion:
     padded = np.zeros((B + 1, SLOTS, SLOTS))
     padded[:B] = inverse
     turned = (moved[bodies.body] + bodies.lever[:, None, None] * levered[bodies.body]) @ padded[bodies.body]
-    return _Motion(b, T, inverse, turned)
+    return Motion(b, T, inverse, turned)
 
 
 def _cross(a: Array, b: Array) -> Array:

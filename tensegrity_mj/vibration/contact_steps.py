@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.model.elements.contact import Contact
-from tensegrity_mj.vibration.integrators import Scheme, polynomial
+from tensegrity_mj.vibration.integrators import polynomial
+from tensegrity_mj.vibration.stepping import Scheme
 
 DEPTHS = 400  # looked at, up to the width of the impedance; deeper it is constant
 # Steps that resolve a landing, times the contact's rate. Measured on the fall of prism_drop over 1 s, of 0.3 m: RK4 at

@@ -29,7 +29,6 @@ prestress alone holds: there K = geometric, Ks = 0, and ω h = 2. Runge-Kutta's 
 
 from __future__ import annotations
 
-import enum
 import math
 from typing import Any
 
@@ -37,6 +36,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.vibration.small_motions import Vibration
+from tensegrity_mj.vibration.stepping import Scheme
 from tensegrity_mj.vibration.tree import has_tree_model, tree_limit, tree_model
 
 # With a law a motion may grow by this part a step, and at twice the rate of its own growth: what is less is a matter
@@ -45,32 +45,6 @@ ALLOWANCE = 1e-3
 GRID = 1.05  # ratio of the steps that the search with a law looks at
 FLAT = 1e-12  # of the largest: a stiffness below it is round-off
 REACH = 4.0  # |z| up to which R(z) is looked at; it is above 1 for all larger ones of Re z <= 0
-
-
-class Scheme(enum.Enum):
-    """The integrators that differ for small motions about a state of rest."""
-
-    SEMI_IMPLICIT = "semi-implicit Euler"
-    VELOCITY_IMPLICIT = "Euler, implicit in velocity"
-    LINEARLY_IMPLICIT = "Euler, implicit in position and velocity"
-    RUNGE_KUTTA = "classical Runge-Kutta"
-
-
-_OF_WORDS = {
-    "euler": Scheme.SEMI_IMPLICIT,
-    "implicitfast": Scheme.VELOCITY_IMPLICIT,
-    "implicit": Scheme.VELOCITY_IMPLICIT,
-    "discrete": Scheme.LINEARLY_IMPLICIT,
-    "rk4": Scheme.RUNGE_KUTTA,
-}
-
-
-def scheme_of(engine: Any) -> Scheme | None:
-    """The scheme of an engine's options; None where it chooses its steps itself, or is not known here."""
-    if getattr(engine, "accuracy", None) is not None:
-        return None
-    word = getattr(engine, "integrator", None) or getattr(engine, "method", None)
-    return _OF_WORDS.get(getattr(word, "value", ""))
 
 
 def limit_of(model: Vibration, scheme: Scheme, extra: tuple[complex, ...] = ()) -> tuple[float, Array]:

@@ -7,7 +7,7 @@ derivative of drag is left out: it grows with the speed of the fluid past a rod,
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,19 +16,7 @@ from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.model.elements.element import slopes_of
 from tensegrity_mj.model.elements.resistance import bending_joints, resisting_forces
 from tensegrity_mj.model.scene import Scene
-
-
-@dataclass(frozen=True, eq=False)
-class Blocks:
-    """A sum of blocks (..., slots, slots) of a matrix of bodies, at these rows and columns of blocks."""
-
-    values: Array
-    rows: IntArray
-    columns: IntArray
-
-    def times(self, factor: float) -> Blocks:
-        """The blocks, each times a factor."""
-        return Blocks(factor * self.values, self.rows, self.columns)
+from tensegrity_mj.vibration.blocks import Blocks
 
 
 def fluid_forces(scene: Scene, nodes: Array, velocities: Array) -> Array:

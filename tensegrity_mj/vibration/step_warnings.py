@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import math
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -18,26 +17,15 @@ from tensegrity_mj.model.actuation import Actuation, Mode
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.vibration.bodies import SLOTS, Bodies
+from tensegrity_mj.vibration.bounds import bounds_at
+from tensegrity_mj.vibration.closed_loop import AskedLaw, Loop
 from tensegrity_mj.vibration.contact_steps import check_contact
-from tensegrity_mj.vibration.integrators import Scheme, is_stable, scheme_of
-from tensegrity_mj.vibration.small_motions import stiffness_bounds
-from tensegrity_mj.vibration.stable_step import (
-    StableStep,
-    _constraint_modes,
-    _Law,
-    _model,
-    _solvable,
-    _step_of,
-    stable_step,
-)
+from tensegrity_mj.vibration.integrators import is_stable
+from tensegrity_mj.vibration.stable_step import StableStep, solvable, stable_step, step_of
+from tensegrity_mj.vibration.stepping import Scheme, Stepping
 
 LAW_COORDINATES = 100  # of a structure up to which the check before a run takes the law's derivative
-
-
 RUN_COORDINATES = 1000  # of a structure up to which the states of a run without a law are looked at
-
-
-HALF_DISC = 2.6  # |z| within which Runge-Kutta's R(z) <= 1 for all Re z <= 0 (its smallest radius there is 2.615)
 
 
 def before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) -> tuple[dict[str, Any] | None, str]:
@@ -69,19 +57,20 @@ def _stays(scene: Scene, law: NativeLaw) -> bool:
 
 
 def _before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) -> tuple[dict[str, Any] | None, str]:
-    scheme, step = scheme_of(engine), getattr(engine, "timestep", None)
+    stepping: Stepping = engine.stepping
+    scheme, step = stepping.scheme, stepping.timestep
     if scheme is None or step is None:
         return None, ""
     try:
-        with _solvable(scene):
-            report, text = _checked(scene, engine, scheme, float(step), law, actuation)
+        with solvable(scene):
+            report, text = _checked(scene, stepping, scheme, step, law, actuation)
     except SceneError as error:
         report, text = {"step": step, "checked": False, "reason": str(error)}, f"the step was not checked: {error}"
     except Exception as error:
         # Loads are a user's code: no check stands in the way of a run, which itself reports better what is wrong.
         report, text = {"step": step, "checked": False, "reason": f"{type(error).__name__}: {error}"}, ""
     if scene.contact is not None:
-        report["contact"], more = check_contact(scene.contact, scheme, float(step))
+        report["contact"], more = check_contact(scene.contact, scheme, step)
         text = "; and ".join(part for part in (text, more) if part)
     return report, text
 
@@ -99,7 +88,8 @@ def may_be_the_step(run: Trajectory, engine: Any, law: NativeLaw, actuation: Act
 
     Laws must be continuous; without one, the rest lengths stay.
     """
-    if scheme_of(engine) is None or getattr(engine, "timestep", None) is None:
+    stepping: Stepping = engine.stepping
+    if stepping.scheme is None or stepping.timestep is None:
         return False
     if law.failure is not None or law.discontinuous or actuation.mode is not Mode.CONTINUOUS:
         return False
@@ -127,7 +117,8 @@ def explain_warnings(
     actuation, native = actuation or Actuation.continuous(), native_law(law, run.scene.structure)
     if not may_be_the_step(run, engine, native, actuation):
         return
-    step = float(engine.timestep)
+    stepping: Stepping = engine.stepping
+    step = stepping.timestep or 0.0
     try:
         # A law of Python's that has no address is none at all.
         found = stable_step(run.scene, engine, law=native if native.address else None, run=run)
@@ -136,11 +127,11 @@ def explain_warnings(
     run.reports.get("stability", {}).pop("along_the_run", None)
     if found.limit < step:
         run.reports["stability"] = {"step": step, "checked": True, "exceeded": True, **found.to_dict()}
-        run.reports["warnings"].append(message(found, engine, step))
+        run.reports["warnings"].append(message(found, stepping, step))
 
 
 def _checked(
-    scene: Scene, engine: Any, scheme: Scheme, step: float, law: NativeLaw, actuation: Actuation
+    scene: Scene, stepping: Stepping, scheme: Scheme, step: float, law: NativeLaw, actuation: Actuation
 ) -> tuple[dict[str, Any], str]:
     structure = scene.structure
     bodies = Bodies.of(structure)
@@ -156,21 +147,19 @@ def _checked(
     # Which dampers an implicit integrator knows between rods that share nodes, only the model tells.
     known = scheme is not Scheme.VELOCITY_IMPLICIT or structure.class_number <= 1 or not structure.damping.any()
     if not by_density and known:
-        bound = _bound(
-            scheme, *stiffness_bounds(scene, bodies, scene.nodes0, scene.velocities0, structure.rest_lengths)
-        )
+        bounds = bounds_at(scene, bodies, scene.nodes0, scene.velocities0, structure.rest_lengths)
+        bound = bounds.stable_step(scheme)
         if step <= bound:
             return {"step": step, "checked": True, "exceeded": False, "at_least": bound}, ""
-    asked = _Law(scene, law) if pure else None
-    held = actuation.mode if asked is not None else None
-    model = _model(scene, asked, held, scene.nodes0, scene.velocities0, None, 0.0, bodies)
-    if not is_stable(model, scheme, step, _constraint_modes(engine)):
-        found = _step_of(model, engine, scheme, 0.0)
-        return {"step": step, "checked": True, "exceeded": True, **found.to_dict()}, message(found, engine, step)
+    loop = Loop(scene, bodies, AskedLaw(scene, law) if pure else None, actuation.mode)
+    model = loop.at(scene.nodes0, scene.velocities0, None, 0.0)
+    if not is_stable(model, scheme, step, stepping.constraints):
+        found = step_of(model, stepping, 0.0)
+        return {"step": step, "checked": True, "exceeded": True, **found.to_dict()}, message(found, stepping, step)
     return {"step": step, "checked": True, "exceeded": False}, ""
 
 
-def message(found: StableStep, engine: Any, step: float) -> str:
+def message(found: StableStep, stepping: Stepping, step: float) -> str:
     """The warning of a run whose step is beyond the limit."""
     where = "at the start" if found.time == 0 else f"at t = {found.time:.4g} s"
     kind = found.scheme.value if found.scheme is not None else ""
@@ -179,42 +168,12 @@ def message(found: StableStep, engine: Any, step: float) -> str:
     if found.string:
         blame += f" on string '{found.string}' ({found.string_share:.0%} of its energy)"
     remedies = [f"use a step below {found.limit:.3g} s"]
-    if hasattr(engine, "integrator"):
-        # It knows the stiffness of strings, and nothing of what weight and joints hold.
-        if found.scheme is not Scheme.LINEARLY_IMPLICIT and not found.closed_loop and found.string:
-            remedies.append("Integrator.DISCRETE (stable, not accurate)")
-    elif not found.closed_loop:
-        remedies.append("Method.RADAU, which chooses its steps")
-    if hasattr(engine, "accuracy"):
+    if not found.closed_loop:
+        remedies += [stepping.against_strings] if found.string and stepping.against_strings else []
+        remedies += [stepping.against_all] if stepping.against_all else []
+    if stepping.by_accuracy:
         remedies.append("accuracy=..., which chooses the step")
     return (
         f"the step of {step:g} s is beyond the largest stable one, {found.limit:.4g} s {where} ({kind}, {loop}): "
         f"small motions of {blame} grow without bound; {', or '.join(remedies)}"
     )
-
-
-def _bound(scheme: Scheme, material: float, rest: float, damper: float, other: float) -> float:
-    """A step [s] that is stable for every structure with up to these stiffnesses and dampers.
-
-    Args:
-        scheme: of the integrator.
-        material, damper: [1/s²], [1/s] of strings, as the implicit integrators know them.
-        rest, other: the same of all else, which none of them knows.
-    """
-    whole, all_dampers = material + rest, damper + other
-    match scheme:
-        case Scheme.RUNGE_KUTTA:
-            fastest = 0.5 * (all_dampers + math.sqrt(all_dampers**2 + 4 * whole))  # of |λ|² <= d |λ| + k
-            return HALF_DISC / fastest if fastest > 0 else math.inf
-        case Scheme.SEMI_IMPLICIT:
-            return _explicit_bound(whole, all_dampers)
-        case Scheme.VELOCITY_IMPLICIT:
-            return _explicit_bound(whole, other)
-        case Scheme.LINEARLY_IMPLICIT:
-            return _explicit_bound(rest, other)
-
-
-def _explicit_bound(stiffness: float, damper: float) -> float:
-    """h with h² k / 4 + h d / 2 = 1."""
-    largest = damper + math.sqrt(damper**2 + 4 * stiffness)
-    return 4 / largest if largest > 0 else math.inf

@@ -18,6 +18,7 @@ from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.model import rods, strings
 from tensegrity_mj.model.capabilities import BREAKS, CONTACT, ELEMENTS, MOVED_SUPPORTS, Descriptor, Limit, Trait
 from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.vibration.stepping import Stepping
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,8 @@ class Verlet:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "timestep", positive("Verlet: timestep", self.timestep, "s"))
+
+    stepping = Stepping()  # its stable step is not known to `vibration`
 
     def accelerations(self, request: Request) -> Accelerations:
         """Accelerations of the nodes at one state."""

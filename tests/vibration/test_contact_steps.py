@@ -22,7 +22,7 @@ from tensegrity_mj.vibration.contact_steps import (
     resolving_step,
     small_motion,
 )
-from tensegrity_mj.vibration.integrators import Scheme
+from tensegrity_mj.vibration.stepping import Scheme
 
 DEFAULT = Contact(floor=0.0, friction=0.0)
 BOUNCY = replace(DEFAULT, damping=40.0)

@@ -26,17 +26,17 @@ from tensegrity_mj.studies.stability.engines import NAMES, engine_of
 from tensegrity_mj.studies.stability.measure import measured_limit
 from tensegrity_mj.studies.stability.study import AGREEMENT, compared, steps_for
 from tensegrity_mj.vibration.bodies import Bodies
+from tensegrity_mj.vibration.bounds import HALF_DISC, bounds_at
 from tensegrity_mj.vibration.integrators import (
-    Scheme,
     amplification_matrix,
     is_stable,
     limit_of,
     polynomial,
-    scheme_of,
     system_matrix,
 )
-from tensegrity_mj.vibration.small_motions import Vibration, stiffness_bounds, vibration
-from tensegrity_mj.vibration.step_warnings import HALF_DISC, _bound, before_run, explain_warnings
+from tensegrity_mj.vibration.small_motions import Vibration, vibration
+from tensegrity_mj.vibration.step_warnings import before_run, explain_warnings
+from tensegrity_mj.vibration.stepping import Scheme
 
 Array = NDArray[np.float64]
 
@@ -178,7 +178,7 @@ def test_the_cheap_bound_is_one(seed: int) -> None:
     damping = float(rng.choice([0.0, 1.0, 10.0]))
     structure = random_taut_structure(rng, rods=4, planar=bool(seed % 2), damping_ratio=(0.0, damping))
     model = model_of(structure)
-    bounds = stiffness_bounds(
+    bounds = bounds_at(
         Scene(structure),
         Bodies.of(structure),
         structure.positions,
@@ -188,7 +188,7 @@ def test_the_cheap_bound_is_one(seed: int) -> None:
     for matrix, bound in zip((model.material, model.geometric, model.damper), bounds[:3], strict=True):
         assert np.linalg.eigvalsh(matrix)[-1] <= bound
     for scheme in Scheme:
-        least, real = _bound(scheme, *bounds), limit_of(model, scheme)[0]
+        least, real = bounds.stable_step(scheme), limit_of(model, scheme)[0]
         assert 0 < least <= real
         if math.isfinite(real) and scheme is not Scheme.LINEARLY_IMPLICIT:
             assert least > 0.05 * real  # and not a useless one
@@ -204,7 +204,7 @@ def test_the_half_disc_of_runge_kutta() -> None:
 def test_sparse_and_dense_agree(damped: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     structure = random_taut_structure(np.random.default_rng(3), rods=12, damping_ratio=(0.0, 2.0 if damped else 0.0))
     dense = [limit_of(model_of(structure), scheme)[0] for scheme in Scheme]
-    monkeypatch.setattr("tensegrity_mj.vibration.small_motions.DENSE", 10)
+    monkeypatch.setattr("tensegrity_mj.vibration.blocks.DENSE", 10)
     model = model_of(structure)
     assert not isinstance(model.material, np.ndarray)
     # The sparse solver stops at 1e-9 of an eigenvalue.
@@ -302,7 +302,7 @@ def test_a_run_far_below_the_limit_is_passed_by_the_bound_alone(monkeypatch: pyt
     def never(*_: object, **__: object) -> None:
         raise AssertionError("the model was made")
 
-    monkeypatch.setattr("tensegrity_mj.vibration.stable_step.vibration", never)
+    monkeypatch.setattr("tensegrity_mj.vibration.closed_loop.vibration", never)
     run = tmj.simulate(tmj.load_scene("prism"), None, tmj.MuJoCo(), duration=0.01)
     assert run.reports["stability"]["at_least"] > 1e-3
 
@@ -313,12 +313,9 @@ def test_what_chooses_its_steps_is_not_checked() -> None:
     assert "stability" not in run.reports
     assert stable_step(scene, tmj.DAE()).limit == math.inf
 
-    class Asked:
-        integrator, timestep, accuracy = Integrator.EULER, 1.0, 1e-6
-
-    assert scheme_of(Asked()) is None
-    Asked.accuracy = None  # type: ignore[assignment]
-    assert scheme_of(Asked()) is Scheme.SEMI_IMPLICIT
+    assert tmj.MuJoCo(accuracy=1e-6).stepping.scheme is None
+    assert tmj.DAE(accuracy=1e-6).stepping.scheme is None
+    assert tmj.MuJoCo(1.0, Integrator.EULER).stepping.scheme is Scheme.SEMI_IMPLICIT
 
 
 def test_the_check_never_calls_a_law_of_pythons_and_never_raises() -> None:

@@ -40,9 +40,11 @@ from tensegrity_mj.studies.stability.cases import is_at_rest, joined_points, joi
 from tensegrity_mj.studies.stability.engines import engine_of
 from tensegrity_mj.studies.stability.study import at_rest
 from tensegrity_mj.vibration.bodies import Bodies
-from tensegrity_mj.vibration.integrators import Scheme, limit_of, system_matrix
-from tensegrity_mj.vibration.small_motions import Vibration, stiffness_bounds, vibration
-from tensegrity_mj.vibration.step_warnings import _bound, explain_warnings
+from tensegrity_mj.vibration.bounds import bounds_at
+from tensegrity_mj.vibration.integrators import limit_of, system_matrix
+from tensegrity_mj.vibration.small_motions import Vibration, vibration
+from tensegrity_mj.vibration.step_warnings import explain_warnings
+from tensegrity_mj.vibration.stepping import Scheme
 from tensegrity_mj.vibration.tree import tree_limit, tree_model
 
 Array = NDArray[np.float64]
@@ -208,11 +210,9 @@ def test_bending_and_viscous_forces(kappa: float, gamma: float, viscous: float) 
     values = np.linalg.eigvals(np.linalg.solve(M, h * h * K / 4 + h * D / 2)).real
     assert values.max() == pytest.approx(1.0, rel=1e-9)
     assert limits[1:] == pytest.approx([h, h], rel=1e-9)
-    bounds = stiffness_bounds(
-        scene, Bodies.of(scene.structure), scene.nodes0, scene.velocities0, scene.structure.rest_lengths
-    )
+    bounds = bounds_at(scene, Bodies.of(scene.structure), scene.nodes0, scene.velocities0, scene.structure.rest_lengths)
     for scheme in Scheme:
-        assert 0 < _bound(scheme, *bounds) <= limit_of(model_of(scene), scheme)[0] * (1 + 1e-12)
+        assert 0 < bounds.stable_step(scheme) <= limit_of(model_of(scene), scheme)[0] * (1 + 1e-12)
 
 
 @pytest.mark.parametrize("name", ["euler", "implicitfast", "discrete", "rk4", "dae"])
@@ -332,10 +332,10 @@ def test_sparse_and_dense_agree(make: str, monkeypatch: pytest.MonkeyPatch) -> N
         "suspended": lambda: scene_at_rest(suspended(False))[0],
         "tree": lambda: scene_at_rest(random_tree(np.random.default_rng(5), 8, True, "free"))[0],
     }[make]()
-    monkeypatch.setattr("tensegrity_mj.vibration.small_motions.DENSE", 1000)
+    monkeypatch.setattr("tensegrity_mj.vibration.blocks.DENSE", 1000)
     dense = [limit_of(model_of(scene), scheme)[0] for scheme in Scheme]
     assert isinstance(model_of(scene).material, np.ndarray)
-    monkeypatch.setattr("tensegrity_mj.vibration.small_motions.DENSE", 10)
+    monkeypatch.setattr("tensegrity_mj.vibration.blocks.DENSE", 10)
     assert not isinstance(model_of(scene).material, np.ndarray)
     # Lanczos iterations stop at 1e-9 of an eigenvalue, those of damped models at 1e-8.
     np.testing.assert_allclose([limit_of(model_of(scene), scheme)[0] for scheme in Scheme], dense, rtol=1e-7)
@@ -355,11 +355,11 @@ def test_sparse_and_dense_agree(make: str, monkeypatch: pytest.MonkeyPatch) -> N
 )
 def test_the_cheap_bound_is_one(scene: Scene) -> None:
     structure, model = scene.structure, model_of(scene)
-    bounds = stiffness_bounds(scene, Bodies.of(structure), scene.nodes0, scene.velocities0, structure.rest_lengths)
+    bounds = bounds_at(scene, Bodies.of(structure), scene.nodes0, scene.velocities0, structure.rest_lengths)
     for matrix, bound in zip((model.material, model.geometric, model.damper), bounds[:3], strict=True):
         assert np.linalg.eigvalsh(matrix)[-1] <= bound * (1 + 1e-12)
     for scheme in Scheme:
-        least, real = _bound(scheme, *bounds), limit_of(model, scheme)[0]
+        least, real = bounds.stable_step(scheme), limit_of(model, scheme)[0]
         assert 0 < least <= real * (1 + 1e-12)
 
 

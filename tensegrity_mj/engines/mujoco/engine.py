@@ -8,12 +8,13 @@ from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import choice, flag, positive
 from tensegrity_mj.engines.accuracy.option import ACCURACY, check_accuracy
 from tensegrity_mj.engines.mujoco.prepared import prepared
-from tensegrity_mj.engines.mujoco.settings import _WORDS, Integrator
+from tensegrity_mj.engines.mujoco.settings import _WORDS, SCHEMES, Integrator
 from tensegrity_mj.engines.request import Accelerations, Request
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.vibration.stepping import Stepping
 
 
 @value("MuJoCo", OptionError)
@@ -76,6 +77,16 @@ class MuJoCo:
     def word(self) -> str:
         """MuJoCo's own word for the integrator."""
         return _WORDS[self.integrator]
+
+    @property
+    def stepping(self) -> Stepping:
+        """How it steps, for small motions."""
+        if self.accuracy is not None:
+            return Stepping(by_accuracy=True)
+        # It knows the stiffness of strings, and nothing of what weight and joints hold.
+        discrete = "" if self.integrator is Integrator.DISCRETE else "Integrator.DISCRETE (stable, not accurate)"
+        scheme = SCHEMES[self.integrator]
+        return Stepping(scheme, float(self.timestep), against_strings=discrete, by_accuracy=True)
 
     def run(self, request: Request) -> Trajectory:
         """Simulate; called by `simulate`."""

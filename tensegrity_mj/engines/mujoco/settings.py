@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import enum
 
+from tensegrity_mj.vibration.stepping import Scheme
+
 
 class Integrator(enum.Enum):
     """MuJoCo's integrators."""
@@ -14,6 +16,14 @@ class Integrator(enum.Enum):
     RK4 = "rk4"  # classical Runge-Kutta, order 4
     DISCRETE = "discrete"  # implicit in position and velocity, order 1: for stability, not for accuracy
 
+
+SCHEMES = {
+    Integrator.EULER: Scheme.SEMI_IMPLICIT,
+    Integrator.IMPLICITFAST: Scheme.VELOCITY_IMPLICIT,
+    Integrator.IMPLICIT: Scheme.VELOCITY_IMPLICIT,
+    Integrator.RK4: Scheme.RUNGE_KUTTA,
+    Integrator.DISCRETE: Scheme.LINEARLY_IMPLICIT,
+}
 
 _WORDS = {
     Integrator.EULER: "Euler",

@@ -26,7 +26,7 @@ from tensegrity_mj.engines.reference import dae_kernels as dae
 from tensegrity_mj.engines.reference.equations import WORK
 from tensegrity_mj.engines.reference.integrate import integrate
 from tensegrity_mj.engines.reference.integration import IntegratedRun
-from tensegrity_mj.engines.reference.method import ATOL, RTOL, Method, check_options, describe_method
+from tensegrity_mj.engines.reference.method import ATOL, RTOL, Method, check_options, describe_method, stepping_of
 from tensegrity_mj.engines.request import Accelerations, Request
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import ENGINES
@@ -34,6 +34,7 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.vibration.stepping import Stepping
 
 # Of rods that hang together, for `Solver.JOINTS`: forces of joints lose as many digits, and a pivot of 1e-12 is none.
 LARGEST_MASS_RATIO = 1e10
@@ -96,6 +97,16 @@ class DAE:
     def __str__(self) -> str:
         solver = "" if self.solver is Solver.JOINTS else f", solver: {self.solver.value}"
         return f"DAE {describe_method(self)}, drift: {self.drift.value}{solver}"
+
+    @property
+    def stepping(self) -> Stepping:
+        """How it steps, for small motions."""
+        if self.drift is not Drift.BAUMGARTE:
+            return stepping_of(self)
+        # s² + k_d s + k_p = 0 of the stabilized constraints.
+        omega, zeta = self.baumgarte_frequency, self.baumgarte_damping
+        root = complex(zeta * zeta - 1) ** 0.5
+        return stepping_of(self, (omega * (-zeta + root), omega * (-zeta - root)))
 
     def run(self, request: Request) -> Trajectory:
         """Simulate; called by `simulate`."""

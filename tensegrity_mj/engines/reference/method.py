@@ -9,6 +9,7 @@ from typing import Any, Protocol
 from tensegrity_mj.basics.fields import refused
 from tensegrity_mj.basics.kinds import number
 from tensegrity_mj.engines.accuracy.option import check_accuracy
+from tensegrity_mj.vibration.stepping import Scheme, Stepping
 
 
 class Method(enum.Enum):
@@ -61,6 +62,19 @@ def check_options(options: Any) -> None:
             "Method.RK4: leave it out",
         )
     check_accuracy(options, ("method", "timestep", "rtol", "atol"))
+
+
+def stepping_of(options: Options, constraints: tuple[complex, ...] = (), polar: bool = False) -> Stepping:
+    """How an engine with these options steps, for small motions; arguments as `Stepping` has them."""
+    fixed = options.method is Method.RK4 and options.accuracy is None
+    return Stepping(
+        Scheme.RUNGE_KUTTA if fixed else None,
+        float(options.timestep) if fixed and options.timestep is not None else None,
+        constraints,
+        polar,
+        against_all="Method.RADAU, which chooses its steps",
+        by_accuracy=True,
+    )
 
 
 def describe_method(options: Options) -> str:

@@ -25,13 +25,14 @@ from tensegrity_mj.engines.reference import ode_kernels as ode
 from tensegrity_mj.engines.reference.equations import WORK
 from tensegrity_mj.engines.reference.integrate import integrate
 from tensegrity_mj.engines.reference.integration import IntegratedRun
-from tensegrity_mj.engines.reference.method import ATOL, RTOL, Method, check_options, describe_method
+from tensegrity_mj.engines.reference.method import ATOL, RTOL, Method, check_options, describe_method, stepping_of
 from tensegrity_mj.engines.request import Accelerations, Request
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.vibration.stepping import Stepping
 
 
 @value("ODE", OptionError)
@@ -68,6 +69,11 @@ class ODE:
 
     def __str__(self) -> str:
         return f"ODE {describe_method(self)}"
+
+    @property
+    def stepping(self) -> Stepping:
+        """How it steps, for small motions."""
+        return stepping_of(self, polar=True)
 
     def run(self, request: Request) -> Trajectory:
         """Simulate; called by `simulate`."""

@@ -33,7 +33,7 @@ from tensegrity_mj.studies.cable.spectrum import spectrum
 from tensegrity_mj.studies.cable.whirling import whirl
 from tensegrity_mj.studies.many import RunOptions, Study, run_many
 from tensegrity_mj.studies.parameters import Draft
-from tensegrity_mj.vibration.integrators import Scheme, scheme_of
+from tensegrity_mj.vibration.stepping import Scheme
 
 DIRECTION = (0.0, 1.0, 0.0)  # of the thesis' in-line excitation
 DURATION, INTERVAL = 45.0, 0.02  # s
@@ -85,19 +85,19 @@ class Case:
     @property
     def coarseness(self) -> float:
         """h ω of the engine's step, ω the fastest of the hanging chain; NaN where the engine chooses its steps."""
-        step = getattr(self.engine, "timestep", None)
-        if step is None or scheme_of(self.engine) is None:
+        step = self.engine.stepping.timestep
+        if step is None:
             return math.nan
-        return float(step) * linear_model(self.scene).fastest
+        return step * linear_model(self.scene).fastest
 
     @property
     def exceeded(self) -> str:
         """Why the engine's step is beyond its limit, or "": the linear model shows it before anything runs."""
-        scheme = scheme_of(self.engine)
+        scheme = self.engine.stepping.scheme
         if scheme is None or scheme not in STABLE or not self.coarseness > STABLE[scheme]:
             return ""
         bound = STABLE[scheme]
-        step = float(self.engine.timestep)
+        step = self.engine.stepping.timestep
         return (
             f"unstable step: {step:g} s is beyond the limit {step * bound / self.coarseness:.3g} s of {scheme.value} "
             f"(h ω = {self.coarseness:.3g} > {bound:.3g}) for a chain of {len(self.scene.structure.rods)} elements"

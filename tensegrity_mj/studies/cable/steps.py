@@ -28,7 +28,7 @@ from tensegrity_mj.studies.cable.cases import (
 )
 from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.studies.workers import Workers
-from tensegrity_mj.vibration.integrators import Scheme
+from tensegrity_mj.vibration.stepping import Scheme
 
 LARGEST = 0.1  # s, the largest step tried
 RESOLUTION = 0.01  # of a step: where the search ends

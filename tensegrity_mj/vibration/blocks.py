@@ -1,0 +1,92 @@
+"""Matrices of small motions as sums of blocks: of pairs of bodies, and of strings between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.vibration.bodies import SLOTS, Bodies
+from tensegrity_mj.vibration.joints import Joints
+
+DENSE = 150  # coordinates up to which matrices are dense
+
+
+def is_dense(bodies: int) -> bool:
+    """Whether the matrices of that many bodies are arrays."""
+    return SLOTS * bodies <= DENSE
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """A sum of blocks (..., slots, slots) of a matrix of bodies, at these rows and columns of blocks."""
+
+    values: Array
+    rows: IntArray
+    columns: IntArray
+
+    def times(self, factor: float) -> Blocks:
+        """The blocks, each times a factor."""
+        return Blocks(factor * self.values, self.rows, self.columns)
+
+    def row_sums(self, bodies: int) -> float:
+        """The largest sum of absolute values along a row of a matrix of that many bodies: a bound on eigenvalues."""
+        sums = np.zeros((bodies + 1, SLOTS))
+        np.add.at(sums, self.rows, np.abs(self.values).sum(axis=2))
+        return float(sums[:bodies].max(initial=0.0))
+
+
+def spring_blocks(directions: Array, along: Array, across: Array) -> Array:
+    """(m, 3, 3) [N/m] of members of stiffness (m,) along unit vectors (m, 3), and (m,) across (force / length)."""
+    parallel = directions[:, :, None] * directions[:, None, :]
+    return np.asarray(along[:, None, None] * parallel + across[:, None, None] * (np.eye(3) - parallel))
+
+
+class Assembly:
+    """Matrices (n, n) of sums over strings of Xᵀ W X, with W (M, 3, 3), and of blocks."""
+
+    def __init__(self, structure: Structure, bodies: Bodies, turned: Array, joints: Joints | None) -> None:
+        self.i, self.j = structure.string_nodes.T
+        self.body, self.turned, self.B, self.joints = bodies.body, turned, len(bodies.mass), joints
+
+    def sum(self, blocks: Blocks) -> Any:
+        """The matrix of blocks of bodies."""
+        return self._matrix(blocks.values, blocks.rows, blocks.columns)
+
+    def __call__(self, weights: Array, blocks: Blocks | None = None, between: bool = True) -> Any:
+        """The matrix, with blocks added; `between` bodies there is nothing of strings without that."""
+        parts, rows, columns = [], [], []
+        for p, a in ((1.0, self.i), (-1.0, self.j)):
+            for q, b in ((1.0, self.i), (-1.0, self.j)):
+                if a is not b and not between:
+                    continue
+                parts.append(p * q * np.swapaxes(self.turned[a], 1, 2) @ weights @ self.turned[b])
+                rows.append(self.body[a])
+                columns.append(self.body[b])
+        if blocks is not None:
+            parts.append(blocks.values)
+            rows.append(blocks.rows)
+            columns.append(blocks.columns)
+        return self._matrix(np.concatenate(parts), np.concatenate(rows), np.concatenate(columns))
+
+    def _matrix(self, values: Array, row: IntArray, column: IntArray) -> Any:
+        if is_dense(self.B):
+            matrix = np.zeros((self.B + 1, self.B + 1, SLOTS, SLOTS))
+            np.add.at(matrix, (row, column), values)
+            kept = matrix[: self.B, : self.B]
+            full = np.ascontiguousarray(kept.transpose(0, 2, 1, 3)).reshape(SLOTS * self.B, SLOTS * self.B)
+            return full if self.joints is None else self.joints.projection @ full @ self.joints.projection
+        from scipy.sparse import coo_array
+
+        inside = (row < self.B) & (column < self.B)
+        values, row, column = values[inside], row[inside], column[inside]
+        slot = np.arange(SLOTS)
+        at = (
+            SLOTS * row[:, None, None] + slot[:, None] + 0 * slot,
+            SLOTS * column[:, None, None] + 0 * slot[:, None] + slot,
+        )
+        shape = (SLOTS * self.B, SLOTS * self.B)
+        return coo_array((values.ravel(), (at[0].ravel(), at[1].ravel())), shape=shape).tocsr()

@@ -1,0 +1,83 @@
+"""Bounds of the matrices of small motions that cost little, and the step that is stable for all that keep to them."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.vibration.bodies import Bodies
+from tensegrity_mj.vibration.geometric import geometric_of_rods
+from tensegrity_mj.vibration.state import State
+from tensegrity_mj.vibration.stepping import Scheme
+
+HALF_DISC = 2.6  # |z| within which Runge-Kutta's R(z) <= 1 for all Re z <= 0 (its smallest radius there is 2.615)
+
+
+class Bounds(NamedTuple):
+    """The largest eigenvalues, at most.
+
+    Attributes:
+        material, damper: [1/s²], [1/s] of strings, as the implicit integrators know them.
+        rest, other: the same of all else, which none of them knows.
+    """
+
+    material: float
+    rest: float
+    damper: float
+    other: float
+
+    def stable_step(self, scheme: Scheme) -> float:
+        """A step [s] that is stable for every structure with up to these stiffnesses and dampers."""
+        whole, all_dampers = self.material + self.rest, self.damper + self.other
+        match scheme:
+            case Scheme.RUNGE_KUTTA:
+                fastest = 0.5 * (all_dampers + math.sqrt(all_dampers**2 + 4 * whole))  # of |λ|² <= d |λ| + k
+                return HALF_DISC / fastest if fastest > 0 else math.inf
+            case Scheme.SEMI_IMPLICIT:
+                return _explicit_bound(whole, all_dampers)
+            case Scheme.VELOCITY_IMPLICIT:
+                return _explicit_bound(whole, self.other)
+            case Scheme.LINEARLY_IMPLICIT:
+                return _explicit_bound(self.rest, self.other)
+
+
+def bounds_at(scene: Scene, bodies: Bodies, nodes: Array, velocities: Array, rest_lengths: Array) -> Bounds:
+    """Bounds at t = 0 and a state, (N, 3) [m] and [m/s], with rest lengths (M,) [m].
+
+    (a - b)² <= 2 a² + 2 b² makes a sum over bodies of the quadratic form of a string; the largest eigenvalue of a body
+    is at most the sum of those of its strings. A string that is fixed at one end has b = 0. Joints only lower them.
+    """
+    structure = scene.structure
+    i, j = structure.string_nodes.T
+    state = State(scene, bodies, nodes, velocities, 0.0)
+    length, s = state.strings
+    B = len(bodies.mass)
+    ends_free = (bodies.body[i] < B).astype(float) + (bodies.body[j] < B)
+    mobility = bodies.mobilities
+    stretch = length - rest_lengths
+    pull = np.where(stretch >= 0, np.abs(structure.stiffness * stretch + structure.damping * state.rates), 0.0)
+    density = pull / np.where(length > 0, length, np.inf)
+
+    def largest(weight: Array) -> float:
+        each = ends_free * weight
+        bodies_of = np.concatenate([bodies.body[i], bodies.body[j]])
+        values = np.concatenate([each * mobility[i], each * mobility[j]])
+        return float(np.bincount(bodies_of, values, minlength=B + 1)[:B].max(initial=0.0))
+
+    # Two directions across, and each rod's own part.
+    blocks, _ = geometric_of_rods(state, s * pull[:, None])
+    rest, other = largest(2 * density) + float(np.abs(blocks).sum(axis=2).max(initial=0.0)), 0.0
+    stiff, lossy = state.resisting()
+    rest += sum(part.row_sums(B) for part in stiff)
+    other += sum(part.row_sums(B) for part in lossy)
+    return Bounds(largest(structure.stiffness), rest, largest(structure.damping), other)
+
+
+def _explicit_bound(stiffness: float, damper: float) -> float:
+    """h with h² k / 4 + h d / 2 = 1."""
+    largest = damper + math.sqrt(damper**2 + 4 * stiffness)
+    return 4 / largest if largest > 0 else math.inf

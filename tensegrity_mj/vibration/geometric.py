@@ -1,0 +1,124 @@
+"""What the forces of a state do to small motions of rods: their part of the geometric stiffness, and accelerations.
+
+    Σ (t_b - f r̈)·b on the turns of each rod
+
+t_b being the generalized force on b (2.55): a rod's compression makes it negative. Where rods share nodes the forces of
+the joints are part of t_b, and velocities count: see `small_motions`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.elements.element import forces_of
+from tensegrity_mj.vibration.bodies import SLOTS
+from tensegrity_mj.vibration.resistance import bending_pulls, fluid_forces
+from tensegrity_mj.vibration.state import State
+
+ROUND_OFF = 1e-14  # of the forces on a rod's ends
+
+
+def geometric_of_rods(state: State, pulls: Array) -> tuple[Array, Array]:
+    """(B, 5, 5) [1/s²] of every body, and ÿ (n,) [√kg m/s²], with pulls (M, 3) [N] of the strings on their first nodes.
+
+    Each rod's (t_b - f r̈)·b on its turns.
+    """
+    bodies, motion, joints, structure = state.bodies, state.motion, state.joints, state.scene.structure
+    R, B = len(bodies.length), len(bodies.mass)
+    forces = _forces_on_nodes(state, pulls)
+    first, second = structure.rod_nodes.T
+    driven = _driven(state)
+    weight = np.array(state.scene.gravity) - driven  # (B, 3) felt by what moves with its support
+
+    # Forces on the ends of each rod: those on a node go to the first body there.
+    at_ends = np.zeros((R, 2, 3))
+    for end, rows in enumerate((first, second)):
+        own = bodies.body[rows] == np.arange(R)
+        at_ends[own, end] = forces[rows[own]]
+    b_rate = _turning_rates(state)
+    turning = np.sum(b_rate * b_rate, axis=1)
+
+    pushed = np.zeros((B + 1, SLOTS))
+    np.add.at(pushed, bodies.body, np.einsum("nxs,nx->ns", motion.turned, forces))
+    slides = np.einsum("bx,bxz->bz", bodies.mass[:, None] * weight, bodies.E)
+    slides[:R] += (bodies.f[:R] * turning)[:, None] * np.einsum("rx,rxz->rz", motion.b, bodies.E[:R])
+    turns = bodies.f[:, None] * np.einsum("bx,bxt->bt", weight, motion.T)
+    bends = bending_pulls(state.scene, motion.b)
+    turns[:R] += np.einsum("rx,rxt->rt", bends, motion.T[:R])
+    acceleration = pushed[:B] + np.einsum("bij,bi->bj", motion.inverse, np.concatenate([slides, turns], axis=1))
+    if joints is not None:
+        carried = joints.forces(acceleration.ravel(), _joint_bias(state, driven, turning))
+        for side, sign in ((0, 1.0), (1, -1.0)):
+            rods, ends = joints.pairs[:, side], bodies.joint_ends[:, side]
+            np.add.at(at_ends, (rods, ends), sign * carried)
+            np.add.at(acceleration, rods, np.einsum("jxs,jx->js", joints.maps[side], sign * carried))
+    free = np.einsum("bij,bj->bi", motion.inverse, acceleration)
+    r_acceleration = np.einsum("rxi,ri->rx", bodies.E[:R], free[:R, :3])
+    t_b = np.sum(bodies.ends[:, :, None] * at_ends, axis=1) + bodies.f[:R, None] * weight[:R] + bends
+    along = np.sum(motion.b * (t_b - bodies.f[:R, None] * r_acceleration), axis=1)
+    # Forces that cancel leave round-off, which is no stiffness.
+    largest = np.sum(np.abs(bodies.ends) * np.linalg.norm(at_ends, axis=2), axis=1) + np.linalg.norm(bends, axis=1)
+    along = np.where(np.abs(along) > ROUND_OFF * largest, along, 0.0)
+    return _on_turns(state, along + bodies.J[:R] * turning, b_rate), acceleration.ravel()
+
+
+def _forces_on_nodes(state: State, pulls: Array) -> Array:
+    """(N, 3) [N] of loads, fluids, elements and strings."""
+    scene, nodes = state.scene, state.nodes
+    forces = np.array(scene.nodal_forces(state.time)) if scene.loads else np.zeros_like(nodes)
+    forces += fluid_forces(scene, nodes, state.velocities)
+    forces += forces_of(scene.elements, scene, state.time, nodes, state.velocities)
+    i, j = scene.structure.string_nodes.T
+    np.add.at(forces, i, pulls)
+    np.subtract.at(forces, j, pulls)
+    return forces
+
+
+def _turning_rates(state: State) -> Array:
+    """(R, 3) [1/s] ḃ where rods share nodes; without joints velocities are left out."""
+    if state.joints is None:
+        return np.zeros((len(state.bodies.length), 3))
+    first, second = state.scene.structure.rod_nodes.T
+    rate = (state.velocities[second] - state.velocities[first]) / state.bodies.length[:, None]
+    return np.asarray(rate - state.motion.b * np.sum(state.motion.b * rate, axis=1)[:, None])
+
+
+def _on_turns(state: State, along: Array, b_rate: Array) -> Array:
+    """(B, 5, 5): a stiffness (R,) of each rod's turns, less what the turning of jointed rods takes from it."""
+    bodies, motion = state.bodies, state.motion
+    R, B = len(bodies.length), len(bodies.mass)
+    # A planar rod has one turn alone.
+    held = np.any(motion.T[:R] != 0, axis=1) * along[:, None]
+    inner = held[:, :, None] * np.eye(2)
+    if state.joints is not None:
+        # What a rod alone would have of |II(δ, ḃ)|², II the second fundamental form of where it can be: of a rod that
+        # turns about a pin, all in the plane of its turning.
+        pull = np.einsum("rx,rxz->rz", motion.b, bodies.E[:R]) * bodies.f[:R, None]
+        bent = bodies.J[:R] - np.sum(np.einsum("rij,ri->rj", motion.inverse[:R, :3], pull) ** 2, axis=1)
+        way = np.einsum("rx,rxt->rt", b_rate, motion.T[:R])
+        inner = inner - bent[:, None, None] * way[:, :, None] * way[:, None, :]
+    blocks = np.zeros((B, SLOTS, SLOTS))
+    levers = motion.inverse[:R, 3:, :]
+    blocks[:R] = np.swapaxes(levers, 1, 2) @ inner @ levers
+    return blocks
+
+
+def _driven(state: State) -> Array:
+    """(B, 3) [m/s²]: d̈ of the support of each body."""
+    driven = np.zeros((len(state.bodies.mass), 3))
+    rows = {rod.name: number for number, rod in enumerate(state.scene.structure.rods)}
+    for motion in state.scene.motions:
+        if motion.support in rows:
+            driven[rows[motion.support]] = motion.at(state.time)[2]
+    return driven
+
+
+def _joint_bias(state: State, driven: Array, turning: Array) -> Array:
+    """(J, 3) [m/s²] how much faster the end of the first rod of each joint accelerates than the second's at ÿ = 0."""
+    bodies = state.bodies
+    bias = np.zeros((len(bodies.joints), 3))
+    for side, sign in ((0, 1.0), (1, -1.0)):
+        rods, end = bodies.joints[:, 1 + side], bodies.joint_ends[:, side]
+        bias += sign * (driven[rods] - (bodies.ends[rods, end] * turning[rods])[:, None] * state.motion.b[rods])
+    return bias

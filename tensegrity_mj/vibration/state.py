@@ -1,0 +1,82 @@
+"""A state as small motions see it: its strings, how its bodies move, the joints, and what else resists there."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.rigidity import Members, members_at
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.vibration.blocks import Blocks, is_dense
+from tensegrity_mj.vibration.bodies import Bodies, Motion, motion_of_bodies
+from tensegrity_mj.vibration.joints import Joints
+from tensegrity_mj.vibration.resistance import bending_blocks, element_blocks, viscous_blocks
+
+
+class State:
+    """What the matrices of a state and their bounds have in common.
+
+    Args:
+        scene: structure, gravity and loads.
+        bodies: of the structure.
+        nodes, velocities: (N, 3) [m], [m/s].
+        time: [s] of the loads.
+    """
+
+    def __init__(self, scene: Scene, bodies: Bodies, nodes: Array, velocities: Array, time: float) -> None:
+        self.scene, self.bodies, self.time = scene, bodies, time
+        self.nodes, self.velocities = nodes, velocities
+
+    @cached_property
+    def strings(self) -> Members:
+        """Lengths (M,) and unit vectors (M, 3) of the strings."""
+        return members_at(self.scene.structure.string_nodes, self.nodes)
+
+    @cached_property
+    def rates(self) -> Array:
+        """(M,) [m/s] of the strings' lengths."""
+        i, j = self.scene.structure.string_nodes.T
+        return np.asarray(np.sum(self.strings.directions * (self.velocities[j] - self.velocities[i]), axis=1))
+
+    @cached_property
+    def motion(self) -> Motion:
+        """How nodes move with the coordinates."""
+        return motion_of_bodies(self.bodies, self.nodes)
+
+    @cached_property
+    def joints(self) -> Joints | None:
+        """What they forbid; None where no rods share a node."""
+        bodies, motion = self.bodies, self.motion
+        if not len(bodies.joints):
+            return None
+        pairs = bodies.joints[:, 1:]
+        maps = []
+        for side, rods in enumerate(pairs.T):
+            lever = bodies.ends[rods, bodies.joint_ends[:, side]]
+            plain = np.concatenate([bodies.E[rods], lever[:, None, None] * motion.T[rods]], axis=2)
+            maps.append(plain @ motion.inverse[rods])
+        return Joints(pairs, np.array(maps), len(bodies.mass), is_dense(len(bodies.mass)))
+
+    def resisting(self) -> tuple[list[Blocks], list[Blocks]]:
+        """Stiffness and dampers of what is no string: joints in bending, a viscous fluid, the scene's elements."""
+        scene, bodies, motion = self.scene, self.bodies, self.motion
+        stiff, lossy = [], []
+        if scene.resistance is not None:
+            R = len(bodies.length)
+            turns = motion.T[:R] @ motion.inverse[:R, 3:]
+            slides = bodies.E[:R] @ motion.inverse[:R, :3]
+            ends = np.array([slides + bodies.ends[:, end, None, None] * turns for end in range(2)])
+            bending, bent = scene.resistance.bending, bending_blocks(scene, turns)
+            if bending is not None and bent is not None:
+                stiff.append(bent.times(bending.stiffness))
+                lossy.append(bent.times(bending.damping))
+            viscous = viscous_blocks(scene, ends)
+            if viscous is not None:
+                lossy.append(viscous)
+        if scene.elements:
+            own = element_blocks(scene, self.time, self.nodes, self.velocities, bodies.body, motion.turned)
+            stiff.append(own[0])
+            lossy.append(own[1])
+        return stiff, lossy
