@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import Outcome, add_several, positive
+from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
@@ -27,8 +28,7 @@ Errors are the largest distance of a node from where a tight reference has it [m
 Nothing else should use the machine: wall times are measured one run at a time. Interrupted, the same command goes on.
 """
 
-# The values of `Kind` and `Loop`: written here so that --help need not import them (tested to agree).
-ENGINES = ("mujoco", "dae", "ode")
+# The values of `Loop`: written here so that --help need not import them (tested to agree).
 LOOPS = ("open", "closed")
 
 
@@ -46,7 +46,7 @@ def configure(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--duration", type=positive, metavar="S", help="of each run [s] (the scene's)")
     sweep = parser.add_argument_group("what is swept")
     sweep.add_argument("--loops", nargs="+", choices=LOOPS, metavar="LOOP", help="of open, closed (both)")
-    add_several(sweep, "--engines", ENGINES, "ENGINE")
+    add_several(sweep, "--engines", tuple(ENGINES), "ENGINE")
     sweep.add_argument(
         "--families", nargs="+", metavar="WORD", help="only those whose name has one of these: RK4, Euler, DOP853, ..."
     )
@@ -104,17 +104,14 @@ def execute(options: argparse.Namespace) -> Outcome:
 def _options(options: argparse.Namespace) -> TradeoffOptions:
     from tensegrity_mj.model.actuation import Mode
     from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
-    from tensegrity_mj.studies.tradeoff.settings import Kind
 
     given: dict[str, Any] = {
         name: getattr(options, name)
-        for name in ("families", "periods", "steps", "tolerances", "duration", "repeats", "budget")
+        for name in ("engines", "families", "periods", "steps", "tolerances", "duration", "repeats", "budget")
         if getattr(options, name) is not None
     }
     if options.loops is not None:
         given["loops"] = [Loop(name) for name in options.loops]
-    if options.engines is not None:
-        given["engines"] = [Kind(name) for name in options.engines]
     if options.actuations is not None:
         given["actuations"] = [Mode(name.replace("-", " ")) for name in options.actuations]
     return TradeoffOptions(**given)

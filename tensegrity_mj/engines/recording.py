@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -35,29 +36,39 @@ def check_rows(count: float, width: int = 1) -> None:
         )
 
 
+@dataclass(frozen=True)
+class RodMotion:
+    """What λ follows from: r̈ (T, R, 3) [m/s²], and forces of contacts (T, N, 3) [N] on the nodes that they come to."""
+
+    r_accelerations: Array
+    contact_forces: Array | None = None
+
+
+@dataclass(frozen=True)
+class Account:
+    """What a run says of itself: how it ended, what it cost, with which options of its engine, and its own reports."""
+
+    status: Status
+    message: str
+    cost: dict[str, float]
+    engine: dict[str, Any]
+    reports: dict[str, Any] = field(default_factory=dict)
+
+
 # Of a run that diverged too, where numbers overflow: what they mean is for `check_energy` to say.
 @np.errstate(over="ignore", invalid="ignore", divide="ignore")
 def make_trajectory(
-    request: Request,
-    time: Array,
-    rows: Array,
-    *,
-    engine: str,
-    status: Status,
-    message: str,
-    cost: dict[str, float],
-    provenance: dict[str, Any],
-    plant: Plant,
-    step: float | None,
-    multipliers: Array | None = None,
-    r_accelerations: Array | None = None,
-    contact_forces: Array | None = None,
-    reports: dict[str, Any] | None = None,
+    request: Request, options: Any, plant: Plant, time: Array, rows: Array, rod: Array | RodMotion, account: Account
 ) -> Trajectory:
-    """The trajectory of recorded rows (T, row_width); λ is given, or follows from the accelerations r̈ (T, R, 3).
+    """The trajectory of recorded rows.
 
-    `plant` is what the run was made with, `step` [s] that of fixed steps. Contact forces (T, N, 3) [N] are those on the
-    nodes that contacts come to, where λ is to follow from all forces.
+    Args:
+        request: of the run.
+        options: the engine's; `timestep` is that of fixed steps, or None.
+        plant: what the run was made with.
+        time, rows: (T,) [s] and (T, row_width).
+        rod: λ (T, R) [1/s²], or what it follows from.
+        account: what the run says of itself.
     """
     scene, structure = request.scene, request.scene.structure
     T, N, M = len(time), len(structure.nodes), len(structure.strings)
@@ -69,14 +80,16 @@ def make_trajectory(
     winch, lost, external = (rows[:, at + column].copy() for column in range(3))
     told: dict[str, Any] = {report.name.lower(): rows[:, at + 3 + report].copy() for report in Report}
     lengths = structure.string_lengths(nodes)
-    if multipliers is None:
-        assert r_accelerations is not None
+    if isinstance(rod, RodMotion):
         forces = rods.string_forces(structure, nodes, tensions)
         if scene.effects:  # added mass acts across rods alone
             forces = forces + forces_of(scene.effects, scene, time, nodes, velocities)
-        if contact_forces is not None:
-            forces = forces + contact_forces
-        multipliers = rods.multipliers(structure, nodes, velocities, forces, np.array(scene.gravity), r_accelerations)
+        if rod.contact_forces is not None:
+            forces = forces + rod.contact_forces
+        gravity = np.array(scene.gravity)
+        multipliers = rods.multipliers(structure, nodes, velocities, forces, gravity, rod.r_accelerations)
+    else:
+        multipliers = rod
     trajectory = Trajectory(
         scene=scene,
         time=time,
@@ -94,12 +107,14 @@ def make_trajectory(
         external_work=external,
         dissipation=lost,
         **told,
-        status=status,
-        message=message,
-        engine=engine,
-        cost=cost | cost_of_law(request),
-        provenance=provenance
-        | {"actuation": {"mode": request.actuation.mode.value, "period": request.actuation.period}},
+        status=account.status,
+        message=account.message,
+        engine=str(options),
+        cost=account.cost | cost_of_law(request),
+        provenance={
+            "engine": account.engine,
+            "actuation": {"mode": request.actuation.mode.value, "period": request.actuation.period},
+        },
     )
-    trajectory.reports.update(reports_of(request, trajectory, plant, step), **(reports or {}))
+    trajectory.reports.update(reports_of(request, trajectory, plant, options.timestep), **account.reports)
     return trajectory

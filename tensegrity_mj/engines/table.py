@@ -60,7 +60,7 @@ ENGINES = {
             Limit(
                 CONTACT,
                 "its forces jump at other instants than those of strings",
-                f"leave locate_slack out, or run without contact ({_WITHOUT_CONTACT})",
+                "leave one of the two out (scene.with_(contact=None))",
                 OptionError,
                 lambda engine: "locate_slack = True" if engine.locate_slack else "",
             ),
@@ -102,7 +102,6 @@ ENGINES = {
                 StructureError,
             ),
         ),
-        has_poles=True,
     ),
 }
 

@@ -58,7 +58,6 @@ class Descriptor:
         fixed_step: the options with which it takes steps of `timestep` by the classical Runge-Kutta method.
         limits: what it cannot simulate; without any, it is held to simulate all scenes.
         shares_model: whether one compiled model of it makes many runs at a time (`simulate_many`, `law_in`).
-        has_poles: whether its coordinates are angles that end where a rod points along z.
     """
 
     title: str
@@ -66,7 +65,6 @@ class Descriptor:
     fixed_step: Mapping[str, Any] = field(default_factory=dict)
     limits: tuple[Limit, ...] = ()
     shares_model: bool = False
-    has_poles: bool = False
 
 
 def _joined(structure: Structure) -> str:

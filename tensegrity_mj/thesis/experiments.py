@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
@@ -27,12 +28,7 @@ class EngineName(enum.Enum):
 
 
 # How the columns of the ledger are headed.
-TITLES = {
-    EngineName.DAE: "DAE",
-    EngineName.MUJOCO: "MuJoCo",
-    EngineName.ODE: "ODE",
-    EngineName.STATICS: "statics",
-}
+TITLES = {one: ENGINES[one.value].title if one.value in ENGINES else one.value for one in EngineName}
 # Which engines a motion is computed in, and which an equilibrium: MuJoCo's forces confirm those of statics.
 OF_MOTION = (EngineName.DAE, EngineName.MUJOCO, EngineName.ODE)
 OF_EQUILIBRIUM = (EngineName.STATICS, EngineName.MUJOCO)

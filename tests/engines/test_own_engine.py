@@ -71,6 +71,12 @@ def test_studies_have_it(hung: Path, capsys: pytest.CaptureFixture[str], tmp_pat
     points = [json.loads(line)["outcome"] for line in (tmp_path / "out" / "points.jsonl").read_text().splitlines()]
     # Evaluations: one a step and one before the first; MuJoCo's Runge-Kutta has four a step.
     assert [one["values"]["evaluations"] for one in points][:2] == [101, 51]
+    # Half the step, a quarter of the error, to the phase error itself: ω t (ω h)²/24 = 1e-3.
+    words = ["--engines", "verlet", "--steps", "0.01", "0.005", "--duration", "1", "--repeats", "1"]
+    answer(capsys, "tradeoff", hung, *words, "--out", tmp_path / "tradeoff")
+    data = json.loads(next((tmp_path / "tradeoff").rglob("tradeoff.json")).read_text())
+    coarse, fine = (one["error"] for one in data["experiments"][0]["points"])
+    assert coarse / fine == pytest.approx(4, rel=0.01)
     assert engine_settings(Verlet(2e-3)) == ("verlet", {"timestep": 2e-3})
 
 

@@ -17,6 +17,7 @@ from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.model import rods, strings
 from tensegrity_mj.model.capabilities import BREAKS, CONTACT, ELEMENTS, MOVED_SUPPORTS, Descriptor, Limit, Trait
+from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.vibration.stepping import Stepping
 
@@ -58,6 +59,10 @@ class Verlet:
             return nodes, model(t, nodes, velocities, rest)
 
         return found
+
+    def working_bytes(self, scene: Scene) -> int:
+        """Bytes of positions, velocities and accelerations."""
+        return 3 * scene.nodes0.nbytes
 
     def run(self, request: Request) -> Trajectory:
         """Simulate a request."""

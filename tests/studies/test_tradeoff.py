@@ -19,6 +19,7 @@ from tensegrity_mj.cli import main
 from tensegrity_mj.commands import tradeoff as command
 from tensegrity_mj.commands.experiment import ACTUATIONS
 from tensegrity_mj.engines.reference.method import Method
+from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.studies.tradeoff import docs, reference, sentence
@@ -28,7 +29,6 @@ from tensegrity_mj.studies.tradeoff.measurement import Ended, Motion, attempt, r
 from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
 from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, find_reference
 from tensegrity_mj.studies.tradeoff.settings import (
-    Kind,
     grid_of_steps,
     most_evaluations,
     recording_interval,
@@ -124,21 +124,21 @@ def test_every_step_divides_run_interval_and_period(duration: float, period: flo
 
 def test_the_sweep_covers_every_integrator_and_keeps_its_budget() -> None:
     scene = tmj.load_scene("prism")
-    found = {kind: sweep_settings(scene, kind) for kind in Kind}
-    assert {one.engine.integrator for one in found[Kind.MUJOCO]} == set(tmj.Integrator)  # type: ignore[union-attr]
-    for kind in (Kind.DAE, Kind.ODE):
+    found = {kind: sweep_settings(scene, kind) for kind in ENGINES}
+    assert {one.engine.integrator for one in found["mujoco"]} == set(tmj.Integrator)  # type: ignore[union-attr]
+    for kind in ("dae", "ode"):
         assert {one.engine.method for one in found[kind]} == set(Method)  # type: ignore[union-attr]
-    assert {one.engine.drift for one in found[Kind.DAE]} == set(tmj.engines.Drift)  # type: ignore[union-attr]
-    for one in found[Kind.DAE]:  # a name says what is not the default
+    assert {one.engine.drift for one in found["dae"]} == set(tmj.engines.Drift)  # type: ignore[union-attr]
+    for one in found["dae"]:  # a name says what is not the default
         default = tmj.DAE(method=one.engine.method, timestep=one.engine.timestep).drift  # type: ignore[union-attr]
         assert (one.engine.drift is default) == (one.family in ("DAE RK4", "DAE DOP853", "DAE Radau"))  # type: ignore[union-attr]
     most = most_evaluations(scene)
-    for one in found[Kind.MUJOCO]:
+    for one in found["mujoco"]:
         assert one.engine.stages * scene.duration / one.engine.timestep <= most * (1 + 1e-9)  # type: ignore[union-attr]
-    labels = [one.label for kind in Kind for one in found[kind]]
+    labels = [one.label for kind in ENGINES for one in found[kind]]
     assert len(set(labels)) == len(labels)
     assert "MuJoCo RK4, 10 ms" in labels
-    sampled = sweep_settings(scene, Kind.MUJOCO, period=1e-2)
+    sampled = sweep_settings(scene, "mujoco", period=1e-2)
     assert max(one.engine.timestep for one in sampled) == 1e-2  # type: ignore[union-attr]
 
 
@@ -154,7 +154,7 @@ def test_options_that_make_no_sense_are_refused() -> None:
     with pytest.raises(OptionError, match="loops"):
         TradeoffOptions(loops=[])
     with pytest.raises(OptionError, match="engines"):
-        TradeoffOptions(engines=["mujoco"])  # type: ignore[list-item]
+        TradeoffOptions(engines=["mujoko"])
     with pytest.raises(OptionError, match="periods"):
         TradeoffOptions(periods=[-1.0])
     with pytest.raises(OptionError, match="repeats"):
@@ -201,7 +201,7 @@ def spring_motion(times: Any) -> Any:
 def test_errors_are_those_of_the_formula() -> None:
     study = tradeoff(
         spring_scene(),
-        options=TradeoffOptions(engines=[Kind.MUJOCO], families=["Euler", "RK4"], steps=[2e-2, 5e-3], repeats=1),
+        options=TradeoffOptions(engines=["mujoco"], families=["Euler", "RK4"], steps=[2e-2, 5e-3], repeats=1),
     )
     (experiment,) = study.data["experiments"]
     assert experiment["interval"] == 0.02
@@ -235,7 +235,7 @@ def test_errors_are_those_of_the_formula() -> None:
 def test_a_held_experiment_is_measured_against_itself_and_its_distance_from_the_law_is_the_floor() -> None:
     options = TradeoffOptions(
         loops=[Loop.CLOSED],
-        engines=[Kind.DAE],
+        engines=["dae"],
         families=["RK4"],
         actuations=[Mode.CONTINUOUS, Mode.HOLD_FORCE_DENSITY],
         periods=[0.05],
@@ -290,7 +290,7 @@ def test_a_coarse_reference_says_so_and_points_below_it_are_marked(monkeypatch: 
     assert true > 1e-7  # it is coarse
     assert found.own_error > true / FLOOR_FACTOR
     study = tradeoff(
-        spring_scene(), options=TradeoffOptions(engines=[Kind.MUJOCO], families=["RK4"], steps=[1e-3], repeats=1)
+        spring_scene(), options=TradeoffOptions(engines=["mujoco"], families=["RK4"], steps=[1e-3], repeats=1)
     )
     (experiment,) = study.data["experiments"]
     # RK4 at 1 ms errs by 1e-13 m: what is measured is the reference.
@@ -387,7 +387,7 @@ def test_failed_points_are_drawn_and_listed(tmp_path: Path) -> None:
 
 
 def small_study(folder: Path | None, **changes: Any) -> Any:
-    chosen = {"engines": [Kind.MUJOCO, Kind.DAE], "families": ["Euler", "RK4"], "steps": [0.02, 0.005], "repeats": 2}
+    chosen = {"engines": ["mujoco", "dae"], "families": ["Euler", "RK4"], "steps": [0.02, 0.005], "repeats": 2}
     return tradeoff(spring_scene(), folder=folder, options=TradeoffOptions(**{**chosen, **changes}))
 
 
@@ -449,9 +449,7 @@ def test_a_finished_study_computes_nothing_again(tmp_path: Path, monkeypatch: py
 
 
 def test_what_stands_still_starts_from_where_its_law_moves_it() -> None:
-    options = TradeoffOptions(
-        engines=[Kind.MUJOCO], families=["RK4"], steps=[0.01], repeats=1, duration=1.0, periods=[]
-    )
+    options = TradeoffOptions(engines=["mujoco"], families=["RK4"], steps=[0.01], repeats=1, duration=1.0, periods=[])
     opened, closed = tradeoff("prism", options=options).data["experiments"]
     assert (opened["loop"], closed["loop"]) == ("open", "closed")
     assert "most kinetic energy" in opened["note"]
@@ -549,7 +547,7 @@ def test_what_is_recommended_completed_and_is_good_enough_even_if_the_reference_
 def test_below_the_references_own_error_the_front_has_one_point_the_cheapest() -> None:
     from tensegrity_mj.studies.tradeoff.results import result_of
 
-    chosen = sweep_settings(spring_scene(), Kind.MUJOCO, steps=[0.02, 0.01, 0.005])[:3]
+    chosen = sweep_settings(spring_scene(), "mujoco", steps=[0.02, 0.01, 0.005])[:3]
     costs_and_errors = [(1.0, 1e-3), (2.0, 5e-7), (4.0, 1e-7)]
     records = [
         [
@@ -618,7 +616,7 @@ def test_without_a_reference_or_a_run_the_sentence_has_the_reason() -> None:
 
 
 def short_study(scene: Any, duration: float, **changes: Any) -> Any:
-    options = {"engines": [Kind.MUJOCO], "families": ["RK4"], "periods": [], "repeats": 1, "budget": 1e4} | changes
+    options = {"engines": ["mujoco"], "families": ["RK4"], "periods": [], "repeats": 1, "budget": 1e4} | changes
     return tradeoff(scene, options=TradeoffOptions(duration=duration, **options))
 
 
@@ -670,7 +668,6 @@ def test_the_reference_is_part_of_every_bound() -> None:
 
 def test_the_commands_words_are_those_of_the_enums() -> None:
     assert list(command.LOOPS) == [one.value for one in Loop]
-    assert list(command.ENGINES) == [one.value for one in Kind]
     assert list(ACTUATIONS) == [one.value.replace(" ", "-") for one in Mode]
 
 

@@ -88,6 +88,12 @@ class MuJoCo:
         scheme = SCHEMES[self.integrator]
         return Stepping(scheme, float(self.timestep), against_strings=discrete, by_accuracy=True)
 
+    def working_bytes(self, scene: Scene) -> int:
+        """Bytes of the compiled model's buffer and of one data object's: its arrays and its arena, taken whole."""
+        model = self.model(scene)
+        data = mujoco.MjData(model)
+        return int(model.nbuffer) + int(data.nbuffer) + int(data.narena)
+
     def run(self, request: Request) -> Trajectory:
         """Simulate; called by `simulate`."""
         from tensegrity_mj.engines.mujoco.run import MuJoCoRun

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import mujoco
 import numpy as np
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import RESOLUTION_KIND, Plant, row_width
 from tensegrity_mj.dynamics.native.pointers import address_of
@@ -22,7 +23,7 @@ from tensegrity_mj.engines.mujoco.joints import JointForces
 from tensegrity_mj.engines.mujoco.motion import SupportTable
 from tensegrity_mj.engines.mujoco.prepared import Prepared, prepared
 from tensegrity_mj.engines.mujoco.water import AddedMass
-from tensegrity_mj.engines.recording import allocate_rows, make_trajectory
+from tensegrity_mj.engines.recording import Account, RodMotion, allocate_rows, make_trajectory
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import DivergenceError, TensegrityError
@@ -254,40 +255,29 @@ class MuJoCoRun:
 
     def _finish(self, count: int, status: Status, message: str, seconds: float) -> Trajectory:
         R = len(self.request.scene.structure.rods)
-        steps = int(self.counters[callback.STEP])
         rows = self.rows[:count]
         states = self.width + 3 * R
         reports: dict[str, Any] = {}
-        forces = multipliers = None
+        forces: Array | None = None
         if self.contact is not None:
             forces, reports["contact"] = self.contact.forces(rows[:, states:])
+        rod: Array | RodMotion = RodMotion(rows[:, self.width : states].reshape(count, R, 3), forces)
         if self.joints is not None:
-            multipliers, found = self.joints.multipliers(self.times[:count], rows[:, : states + self.joints.width])
+            rod, found = self.joints.multipliers(self.times[:count], rows[:, : states + self.joints.width])
             reports |= found
+        cost = {"wall_time": seconds, "steps": int(self.counters[callback.STEP]), "evaluations": self.evaluations}
+        engine = {
+            "name": "MuJoCo",
+            "timestep": self.options.timestep,
+            "integrator": self.options.integrator.value,
+            **({"locate_slack": True} if self.options.locate_slack else {}),
+        }
         return make_trajectory(
             self.request,
+            self.options,
+            self.plant,
             self.times[:count],
             rows[:, : self.width],
-            r_accelerations=rows[:, self.width : states].reshape(count, R, 3),
-            contact_forces=forces,
-            multipliers=multipliers,
-            reports=reports,
-            plant=self.plant,
-            step=self.options.timestep,
-            engine=str(self.options),
-            status=status,
-            message=message,
-            cost={
-                "wall_time": seconds,
-                "steps": steps,
-                "evaluations": self.evaluations,
-            },
-            provenance={
-                "engine": {
-                    "name": "MuJoCo",
-                    "timestep": self.options.timestep,
-                    "integrator": self.options.integrator.value,
-                    **({"locate_slack": True} if self.options.locate_slack else {}),
-                }
-            },
+            rod,
+            Account(status, message, cost, engine, reports),
         )

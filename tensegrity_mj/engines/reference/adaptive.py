@@ -14,7 +14,7 @@ from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.actuation import ask_law, remember, start_ledger
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED, Report
-from tensegrity_mj.dynamics.native.plant import break_times, row_width
+from tensegrity_mj.dynamics.native.plant import row_width
 from tensegrity_mj.dynamics.native.slots import (
     CONTINUOUS,
     HOLDS_FORCE_DENSITY,
@@ -27,8 +27,8 @@ from tensegrity_mj.dynamics.native.slots import (
     SUSPENDED,
 )
 from tensegrity_mj.dynamics.native.watch import watch_strings
-from tensegrity_mj.engines.driving import DEFAULT_INTERVAL, Progress, Stopwatch
-from tensegrity_mj.engines.recording import allocate_rows, check_rows
+from tensegrity_mj.engines.driving import Progress, Stopwatch
+from tensegrity_mj.engines.recording import allocate_rows
 from tensegrity_mj.engines.reference.equations import (
     SINGULAR,
     WORK,
@@ -40,10 +40,10 @@ from tensegrity_mj.engines.reference.equations import (
     sample_law,
 )
 from tensegrity_mj.engines.reference.integration import IntegratedRun
+from tensegrity_mj.engines.reference.marks import marks_of, output_times
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.reference.pulls import LOOKS, pulls_within
 from tensegrity_mj.engines.reports import V_ROUND_OFF
-from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
 from tensegrity_mj.runs.energy import check_energy
 from tensegrity_mj.runs.trajectory import Status, Trajectory
@@ -66,7 +66,6 @@ BEYOND_FLOATS = (
     "accelerations or their derivatives are beyond double precision",
     "give masses, lengths, stiffnesses and forces that are nearer to 1 in SI units",
 )
-MOST_SAMPLES = 10_000_000  # of a law in a run: their times are laid out beforehand, in some gigabytes
 
 
 class _Stopped(Exception):
@@ -114,7 +113,7 @@ class ErrorControlled:
         self.clock = Stopwatch(self.request)
         # DOP853's dense output has a local error of the order of the method's global one; Radau's has not, so there
         # the solver steps onto the output times.
-        marks = _marks(self.request, self.times, with_outputs=self.kind is Radau)
+        marks = marks_of(self.request, self.times, with_outputs=self.kind is Radau)
         try:
             with Progress(self.request, f"{self.run.name} {self.options.method.name}") as progress:
                 self._start()
@@ -381,18 +380,6 @@ class ErrorControlled:
         raise DivergenceError(f"the integration stopped at t = {t:.6g} s: {cause}; {remedy}", t, partial)
 
 
-def output_times(request: Request) -> Array:
-    """Multiples of the output interval, and the end."""
-    interval = request.output_interval or DEFAULT_INTERVAL
-    count = math.floor(request.duration / interval * (1 + 1e-12))
-    check_rows(count)
-    times: Array = np.arange(count + 1, dtype=float) * interval
-    if request.duration - times[-1] > 1e-9 * interval:
-        return np.append(times, request.duration)
-    times[-1] = request.duration
-    return times
-
-
 def _bisect(holds: Callable[[float], bool], start: float, end: float) -> tuple[float, float]:
     """Two times between which something ends that holds at `start` and not at `end`.
 
@@ -407,40 +394,3 @@ def _bisect(holds: Callable[[float], bool], start: float, end: float) -> tuple[f
         else:
             end = middle
     return start, end
-
-
-def _marks(request: Request, times: Array, with_outputs: bool) -> list[tuple[float, bool, bool]]:
-    """Times to step onto, each with whether something jumps there, and whether that is a sample of the law."""
-    jumps: dict[float, bool] = {}
-
-    def add(time: float, window: float, is_sample: bool) -> None:
-        # The very float of an output or a sample where they coincide, so that no sliver of a step lies between.
-        beside = int(np.searchsorted(times, time - window))
-        candidates = (float(times[min(beside, len(times) - 1)]), *(() if is_sample else jumps))
-        at = next((other for other in candidates if abs(other - time) < window), time)
-        jumps[at] = jumps.get(at, False) or is_sample
-
-    if request.sampled:
-        period = request.actuation.period
-        assert period is not None
-        count = request.duration / period * (1 + 1e-12)
-        if count > MOST_SAMPLES:
-            raise OptionError(
-                f"control period = {period:g} s: a run of {request.duration:g} s samples the law {count:.3g} times; at "
-                f"most {MOST_SAMPLES} samples are taken: choose a longer period or a shorter run"
-            )
-        for number in range(1, math.floor(count) + 1):
-            add(number * period, 1e-9 * period, is_sample=True)
-    for time in break_times(request.scene):
-        if 0 < time <= request.duration:
-            add(float(time), 1e-12 * time, is_sample=False)
-    marks = {time: (True, is_sample) for time, is_sample in jumps.items()}
-    if with_outputs:
-        for time in times[1:]:
-            marks.setdefault(float(time), (False, False))
-    for motion in request.scene.motions:  # a derivative of data jumps at each of their times
-        for time in motion.times:
-            if 0 < time < times[-1]:
-                marks.setdefault(float(time), (False, False))
-    marks.setdefault(float(times[-1]), (False, False))
-    return [(time, *what) for time, what in sorted(marks.items())]

@@ -25,7 +25,8 @@ from tensegrity_mj.engines.accuracy.option import ACCURACY
 from tensegrity_mj.engines.reference import dae_kernels as dae
 from tensegrity_mj.engines.reference.equations import WORK
 from tensegrity_mj.engines.reference.integrate import integrate
-from tensegrity_mj.engines.reference.integration import IntegratedRun
+from tensegrity_mj.engines.reference.integration import Equations, IntegratedRun
+from tensegrity_mj.engines.reference.memory import working_bytes
 from tensegrity_mj.engines.reference.method import ATOL, RTOL, Method, check_options, describe_method, stepping_of
 from tensegrity_mj.engines.request import Accelerations, Request
 from tensegrity_mj.engines.requirements import require
@@ -108,6 +109,10 @@ class DAE:
         root = complex(zeta * zeta - 1) ** 0.5
         return stepping_of(self, (omega * (-zeta + root), omega * (-zeta - root)))
 
+    def working_bytes(self, scene: Scene) -> int:
+        """Bytes of state, stages and matrices."""
+        return working_bytes(self.method, LinkedRecords.of(scene.structure).nq)
+
     def run(self, request: Request) -> Trajectory:
         """Simulate; called by `simulate`."""
         if self.accuracy is not None:
@@ -155,11 +160,13 @@ class DAE:
             request,
             plant,
             y,
-            rates=model.rates,
-            place=model.place,
-            project=model.project if self.drift is Drift.NORMALIZE else 0,
-            multipliers=model.multipliers,
-            keep=(*model.keep, constants),
+            Equations(
+                rates=model.rates,
+                place=model.place,
+                project=model.project if self.drift is Drift.NORMALIZE else 0,
+                multipliers=model.multipliers,
+                keep=(*model.keep, constants),
+            ),
         )
         return run, records
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from tensegrity_mj.dynamics.native.pointers import address_of
 from tensegrity_mj.dynamics.native.resolution import STAGES
 from tensegrity_mj.dynamics.native.slots import HELD, STATUS
 from tensegrity_mj.engines.driving import Grid, Progress, Stopwatch, chunks
-from tensegrity_mj.engines.recording import allocate_rows, make_trajectory
+from tensegrity_mj.engines.recording import Account, allocate_rows, make_trajectory
 from tensegrity_mj.engines.reference import equations as kernels
 from tensegrity_mj.engines.reference.equations import SINGULAR
 from tensegrity_mj.engines.reference.method import Options
@@ -25,6 +26,28 @@ from tensegrity_mj.runs.energy import blame_divergence, check_energy
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 
 
+@dataclass(frozen=True)
+class Equations:
+    """A model's compiled functions by their addresses (0: none), and what goes with them.
+
+    Attributes:
+        rates, place: dy/dt, and where a state has the nodes.
+        project: puts a state where constraints hold.
+        guard: says whether the coordinates can hold a state.
+        multipliers: (R,) λ, and gaps of closed loops behind it, where `rates` leaves them.
+        keep: what has to live as long as the table holds its address.
+        explain_singular: says why the state that `guard` or `rates` refused last cannot be held, and what to do.
+    """
+
+    rates: int
+    place: int
+    multipliers: Array
+    project: int = 0
+    guard: int = 0
+    keep: tuple[Any, ...] = ()
+    explain_singular: Callable[[float], str] | None = None
+
+
 class IntegratedRun:
     """One run of a model: the plant, its table, the state y, and what is made of the recorded rows.
 
@@ -32,35 +55,20 @@ class IntegratedRun:
         name: of the engine.
         options: the engine's.
         y: the state: at first the start's, and later that which the fixed-step method has reached.
-        functions: addresses of the model's rates and place, and of project and guard (0: none).
-        explain_singular: says why the state that `guard` or `rates` refused last cannot be held, and what to do.
+        equations: of the model.
     """
 
     def __init__(
-        self,
-        name: str,
-        options: Options,
-        request: Request,
-        plant: Plant,
-        y: Array,
-        *,
-        rates: int,
-        place: int,
-        project: int = 0,
-        guard: int = 0,
-        multipliers: Array,
-        keep: tuple[Any, ...] = (),
-        explain_singular: Callable[[float], str] | None = None,
+        self, name: str, options: Options, request: Request, plant: Plant, y: Array, equations: Equations
     ) -> None:
         self.name, self.options, self.request, self.plant, self.y = name, options, request, plant, y
         self.table = table = plant.table
-        self.projects = bool(project)
-        self.multipliers, self.keep = multipliers, keep  # alive while the table holds their addresses
-        table[kernels.RATES], table[kernels.PLACE] = rates, place
-        table[kernels.PROJECT], table[kernels.GUARD] = project, guard
+        self.equations, multipliers = equations, equations.multipliers
+        self.projects = bool(equations.project)
+        table[kernels.RATES], table[kernels.PLACE] = equations.rates, equations.place
+        table[kernels.PROJECT], table[kernels.GUARD] = equations.project, equations.guard
         table[kernels.STATE_SIZE] = len(y)
         table[kernels.MULTIPLIERS], table[kernels.MULTIPLIER_COUNT] = address_of(multipliers), len(multipliers)
-        self.explain_singular = explain_singular
         self.width = row_width(table) + len(multipliers)
         self.evaluations = 0
         self.steps = 0
@@ -84,8 +92,8 @@ class IntegratedRun:
 
     def singular_message(self, time: float) -> str:
         """What a run says that stopped because its coordinates cannot hold the state."""
-        assert self.explain_singular is not None
-        return self.explain_singular(time)
+        assert self.equations.explain_singular is not None
+        return self.equations.explain_singular(time)
 
     def finish(
         self, time: Array, rows: Array, status: Status, message: str, seconds: float, **reports: Any
@@ -99,19 +107,15 @@ class IntegratedRun:
                 "closure_rate_drift": float(rows[:, told + 1].max(initial=0.0)),  # [m/s]
             }
         options = {name: getattr(value, "value", value) for name, value in vars(self.options).items()}
+        cost = {"wall_time": seconds, "steps": self.steps, "evaluations": self.evaluations}
         return make_trajectory(
             self.request,
+            self.options,
+            self.plant,
             time,
             rows[:, :width],
-            multipliers=rows[:, width:told].copy(),
-            engine=str(self.options),
-            status=status,
-            message=message,
-            cost={"wall_time": seconds, "steps": self.steps, "evaluations": self.evaluations},
-            provenance={"engine": {"name": self.name, **options}},
-            reports=reports,
-            plant=self.plant,
-            step=self.options.timestep,
+            rows[:, width:told].copy(),
+            Account(status, message, cost, {"name": self.name, **options}, reports),
         )
 
     def fixed_steps(self) -> Trajectory:

@@ -24,7 +24,8 @@ from tensegrity_mj.engines.accuracy.option import ACCURACY
 from tensegrity_mj.engines.reference import ode_kernels as ode
 from tensegrity_mj.engines.reference.equations import WORK
 from tensegrity_mj.engines.reference.integrate import integrate
-from tensegrity_mj.engines.reference.integration import IntegratedRun
+from tensegrity_mj.engines.reference.integration import Equations, IntegratedRun
+from tensegrity_mj.engines.reference.memory import working_bytes
 from tensegrity_mj.engines.reference.method import ATOL, RTOL, Method, check_options, describe_method, stepping_of
 from tensegrity_mj.engines.request import Accelerations, Request
 from tensegrity_mj.engines.requirements import require
@@ -74,6 +75,10 @@ class ODE:
     def stepping(self) -> Stepping:
         """How it steps, for small motions."""
         return stepping_of(self, polar=True)
+
+    def working_bytes(self, scene: Scene) -> int:
+        """Bytes of state, stages and matrices."""
+        return working_bytes(self.method, MinimalRecords.of(scene.structure).nq)
 
     def run(self, request: Request) -> Trajectory:
         """Simulate; called by `simulate`."""
@@ -139,12 +144,14 @@ class ODE:
             request,
             plant,
             y,
-            rates=(ode.ode_wet_rates if table[ADDED] else ode.ode_rates).address,
-            place=ode.ode_place.address,
-            guard=ode.ode_guard.address,
-            multipliers=np.zeros(len(records.rods)),
-            keep=(records, constants, carried, bases),
-            explain_singular=explain,
+            Equations(
+                rates=(ode.ode_wet_rates if table[ADDED] else ode.ode_rates).address,
+                place=ode.ode_place.address,
+                guard=ode.ode_guard.address,
+                multipliers=np.zeros(len(records.rods)),
+                keep=(records, constants, carried, bases),
+                explain_singular=explain,
+            ),
         )
         return run, records
 

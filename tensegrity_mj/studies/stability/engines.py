@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-NAMES = ("euler", "implicitfast", "implicit", "discrete", "rk4", "dae", "ode")
-CLASS_1 = ("ode",)  # those of structures whose rods share no nodes
+from tensegrity_mj.engines.requirements import engines_for
+from tensegrity_mj.engines.table import ENGINES, make_engine
+from tensegrity_mj.model.scene import Scene
+
 TITLES = {
     "euler": "MuJoCo Euler",
     "implicitfast": "MuJoCo implicitfast",
@@ -15,16 +17,19 @@ TITLES = {
     "dae": "DAE RK4",
     "ode": "ODE RK4",
 }
+NAMES = tuple(TITLES)
 
 
 def engine_of(name: str, step: float) -> Any:
     """The engine of that name with a step [s]."""
     from tensegrity_mj.engines.mujoco.engine import MuJoCo
     from tensegrity_mj.engines.mujoco.settings import Integrator
-    from tensegrity_mj.engines.reference.dae import DAE
-    from tensegrity_mj.engines.reference.method import Method
-    from tensegrity_mj.engines.reference.ode import ODE
 
-    if name in ("dae", "ode"):
-        return (DAE if name == "dae" else ODE)(method=Method.RK4, timestep=step)
+    if name in ENGINES:
+        return make_engine(name, {**ENGINES[name].fixed_step, "timestep": step})
     return MuJoCo(timestep=step, integrator=Integrator(name))
+
+
+def simulates(name: str, scene: Scene) -> bool:
+    """Whether the engine of that name simulates a scene; contact, which has no small motions, does not count."""
+    return (name if name in ENGINES else "mujoco") in engines_for(scene.with_(contact=None))

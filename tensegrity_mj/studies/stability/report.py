@@ -15,7 +15,7 @@ from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.studies.stability.cases import AXES, joined_points, map_points, random_points, scene_at_rest
-from tensegrity_mj.studies.stability.engines import CLASS_1, NAMES, TITLES, engine_of
+from tensegrity_mj.studies.stability.engines import NAMES, TITLES, engine_of, simulates
 from tensegrity_mj.studies.stability.study import at_rest, limits_at, summary
 from tensegrity_mj.studies.workers import Backend, Workers
 from tensegrity_mj.vibration.stable_step import stable_step
@@ -74,7 +74,7 @@ class StabilityStudy:
                 f"stability: maps vary the strings of structures of class 1; scene '{scene.name}' has "
                 f"{'rods that share nodes' if linked else 'no strings'}: leave the maps out"
             )
-        measured = [name for name in engines if not (linked and name in CLASS_1)]
+        measured = [name for name in engines if simulates(name, scene)]
         base, text = scene_at_rest(scene)
         data: dict[str, Any] = {
             "scene": scene.name,

@@ -12,7 +12,7 @@ from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.studies.stability.cases import joined_scene, structure_of
-from tensegrity_mj.studies.stability.engines import CLASS_1, NAMES, engine_of
+from tensegrity_mj.studies.stability.engines import NAMES, engine_of, simulates
 from tensegrity_mj.studies.stability.measure import STEPS, measured_limit
 from tensegrity_mj.vibration.stable_step import StableStep, stable_step
 
@@ -29,7 +29,7 @@ def limits_at(point: Mapping[str, Any]) -> dict[str, Any]:
     """What `run_many` computes: a structure's limits, {engine: {...}} (see `compared`); none of the ODE if joined."""
     if point["kind"] == "joined":
         scene = joined_scene(point)
-        found = {name: at_rest(scene, name) for name in point["engines"] if name not in CLASS_1}
+        found = {name: at_rest(scene, name) for name in point["engines"] if simulates(name, scene)}
         return _limits(scene.structure, found)
     structure = structure_of(point)
     scene = Scene(structure)

@@ -12,10 +12,9 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import ControllerError, DivergenceError, InfeasibleError, TensegrityError
-from tensegrity_mj.runs.trajectory import Status, Trajectory
+from tensegrity_mj.runs.trajectory import VARIABLES, Status, Trajectory
 from tensegrity_mj.simulation import simulate
 from tensegrity_mj.studies.tradeoff.experiments import Experiment
-from tensegrity_mj.studies.tradeoff.memory import memory_of
 
 if TYPE_CHECKING:
     from tensegrity_mj.studies.tradeoff.settings import AnyEngine
@@ -126,7 +125,9 @@ def record(made: Attempt, engine: AnyEngine, reference: Motion | None) -> dict[s
         }
         timing["wall_time"] = float(run.cost["wall_time"])
     if motion is not None and run is not None:
-        values["memory"] = memory_of(run, engine)
+        # Counted, as peaks depend on the allocator and on what ran before: what is recorded, and what the engine holds.
+        recorded = sum(int(getattr(run, name).nbytes) for name in VARIABLES)
+        values["memory"] = recorded + engine.working_bytes(run.scene)
         if reference is not None:
             distance = motion.distance(reference)
             values |= {"error": float(distance.max()), "final_error": float(distance[-1])}

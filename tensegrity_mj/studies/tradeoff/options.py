@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from tensegrity_mj.basics.checks import positive, whole
+from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import Mode
-from tensegrity_mj.studies.tradeoff.settings import BUDGET, Kind
+from tensegrity_mj.studies.tradeoff.settings import BUDGET
 
 PERIODS = (1e-2, 1e-3)  # s
 REPEATS = 3
@@ -29,7 +30,7 @@ class TradeoffOptions:
 
     Attributes:
         loops: open, closed or both.
-        engines: which of the three.
+        engines: names of `engines.table.ENGINES`; all by default.
         actuations: of the closed loop.
         periods: between control samples [s], of the held actuations.
         families: words such as "RK4" or "DAE DOP853", of which a setting's family must contain one; none: all.
@@ -41,7 +42,7 @@ class TradeoffOptions:
     """
 
     loops: Sequence[Loop] = tuple(Loop)
-    engines: Sequence[Kind] = tuple(Kind)
+    engines: Sequence[str] = field(default_factory=lambda: tuple(ENGINES))
     actuations: Sequence[Mode] = tuple(Mode)
     periods: Sequence[float] = PERIODS
     families: Sequence[str] = ()
@@ -52,12 +53,15 @@ class TradeoffOptions:
     budget: float = BUDGET
 
     def __post_init__(self) -> None:
-        for name, kind in (("loops", Loop), ("engines", Kind), ("actuations", Mode)):
+        for name, kind in (("loops", Loop), ("actuations", Mode)):
             given = tuple(dict.fromkeys(getattr(self, name)))
             if not given or not all(isinstance(one, kind) for one in given):
                 allowed = ", ".join(f"{kind.__name__}.{one.name}" for one in kind)
                 raise OptionError(f"tradeoff: {name} = {getattr(self, name)!r}; name at least one of {allowed}")
             object.__setattr__(self, name, tuple(one for one in kind if one in given))
+        if not self.engines or not all(one in ENGINES for one in self.engines):
+            raise OptionError(f"tradeoff: engines = {self.engines!r}; name at least one of {', '.join(ENGINES)}")
+        object.__setattr__(self, "engines", tuple(one for one in ENGINES if one in self.engines))
         for name, unit in (("periods", "s"), ("steps", "s"), ("tolerances", "")):
             given = getattr(self, name)
             if given is not None:
@@ -82,7 +86,7 @@ class TradeoffOptions:
         """Plain values."""
         return {
             "loops": [one.value for one in self.loops],
-            "engines": [one.value for one in self.engines],
+            "engines": list(self.engines),
             "actuations": [one.value for one in self.actuations],
             "periods": list(self.periods),
             "families": list(self.families),

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.dynamics.native.law import NativeLaw
-from tensegrity_mj.engines.table import engine_settings
+from tensegrity_mj.engines.table import ENGINES, engine_class, engine_settings
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import whole_ratio
 from tensegrity_mj.model.forest import spanning_forest
@@ -40,14 +40,6 @@ FLOPS = 100  # of linear algebra that cost as much as a string in a right-hand s
 LEAST_RADAU = 50  # steps; where the budget has fewer, Radau is left out
 RESTART = 13  # right-hand sides that DOP853 needs for a stretch between two control samples
 HELD = 2  # times the budget where the law is sampled, which then costs nothing at most right-hand sides
-
-
-class Kind(enum.Enum):
-    """The engines whose settings are swept here."""
-
-    MUJOCO = "mujoco"
-    DAE = "dae"
-    ODE = "ode"
 
 
 class Extent(enum.Enum):
@@ -144,6 +136,7 @@ class SettingsSweep:
     """The settings of one engine for a scene, family by family, the coarsest first in each.
 
     Attributes:
+        engine: a name of `engines.table.ENGINES`.
         duration: of each run [s]; the scene's by default.
         period: between control samples [s]; None where the law is not sampled.
         steps: fixed steps [s] in place of the grid's.
@@ -157,7 +150,7 @@ class SettingsSweep:
     """
 
     scene: Scene
-    kind: Kind
+    engine: str
     _: KW_ONLY
     duration: float | None = None
     period: float | None = None
@@ -168,7 +161,8 @@ class SettingsSweep:
     extent: Extent | None = None
 
     def __call__(self) -> list[Setting]:
-        return self._of_mujoco() if self.kind is Kind.MUJOCO else self._of_reference()
+        own = {"mujoco": self._of_mujoco, "dae": self._of_reference, "ode": self._of_reference}
+        return own.get(self.engine, self._of_fixed_steps)()
 
     @property
     def _total(self) -> float:
@@ -194,6 +188,14 @@ class SettingsSweep:
             for step in self._steps(MuJoCo(1.0, integrator).stages)
         ]
 
+    def _of_fixed_steps(self) -> list[Setting]:
+        """Of an engine of which nothing more is known than that it has a time step."""
+        row = ENGINES[self.engine]
+        return [
+            Setting(engine_class(self.engine)(timestep=step, **row.fixed_step), row.title, time_text(step))
+            for step in self._steps(1)
+        ]
+
     def _of_reference(self) -> list[Setting]:
         from tensegrity_mj.engines.reference.dae import DAE, Drift
         from tensegrity_mj.engines.reference.method import Method
@@ -204,15 +206,15 @@ class SettingsSweep:
         rtols = sorted(TOLERANCES[::2] if lean else TOLERANCES, reverse=True)
         if self.tolerances is not None:
             rtols = sorted(self.tolerances, reverse=True)
-        engine: type[DAE] | type[ODE] = DAE if self.kind is Kind.DAE else ODE
+        engine: type[DAE] | type[ODE] = DAE if self.engine == "dae" else ODE
         found: list[Setting] = []
-        for method, drift in itertools.product(Method, Drift if self.kind is Kind.DAE else [None]):
+        for method, drift in itertools.product(Method, Drift if engine is DAE else [None]):
             usual = Drift.NORMALIZE if method is Method.RK4 else Drift.MONITOR  # the DAE's default
             treated, radau = drift not in (None, usual), method is Method.RADAU
             if treated + radau + lean > 1:
                 continue
             own: dict[str, Any] = {} if drift is None else {"drift": drift}
-            name = f"{self.kind.name} {'Radau' if radau else method.name}"
+            name = f"{ENGINES[self.engine].title} {'Radau' if radau else method.name}"
             if treated and drift is not None:
                 name += f", {'Baumgarte' if drift is Drift.BAUMGARTE else drift.value}"
             if method is Method.RK4:

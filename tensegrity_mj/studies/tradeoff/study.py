@@ -248,10 +248,10 @@ def _uncertainty(reference: Reference) -> float:
 def _settings(experiment: Experiment, options: TradeoffOptions) -> list[Setting]:
     return [
         setting
-        for kind in options.engines
+        for engine in options.engines
         for setting in sweep_settings(
             experiment.scene,
-            kind,
+            engine,
             duration=experiment.duration,
             period=experiment.actuation.period,
             steps=options.steps,

@@ -1,0 +1,65 @@
+"""The times onto which an error-controlled run steps: outputs, samples of a law, breaks, and data of motions."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.plant import break_times
+from tensegrity_mj.engines.driving import DEFAULT_INTERVAL
+from tensegrity_mj.engines.recording import check_rows
+from tensegrity_mj.engines.request import Request
+from tensegrity_mj.errors import OptionError
+
+MOST_SAMPLES = 10_000_000  # of a law in a run: their times are laid out beforehand, in some gigabytes
+
+
+def output_times(request: Request) -> Array:
+    """Multiples of the output interval, and the end."""
+    interval = request.output_interval or DEFAULT_INTERVAL
+    count = math.floor(request.duration / interval * (1 + 1e-12))
+    check_rows(count)
+    times: Array = np.arange(count + 1, dtype=float) * interval
+    if request.duration - times[-1] > 1e-9 * interval:
+        return np.append(times, request.duration)
+    times[-1] = request.duration
+    return times
+
+
+def marks_of(request: Request, times: Array, with_outputs: bool) -> list[tuple[float, bool, bool]]:
+    """Times to step onto, each with whether something jumps there, and whether that is a sample of the law."""
+    jumps: dict[float, bool] = {}
+
+    def add(time: float, window: float, is_sample: bool) -> None:
+        # The very float of an output or a sample where they coincide, so that no sliver of a step lies between.
+        beside = int(np.searchsorted(times, time - window))
+        candidates = (float(times[min(beside, len(times) - 1)]), *(() if is_sample else jumps))
+        at = next((other for other in candidates if abs(other - time) < window), time)
+        jumps[at] = jumps.get(at, False) or is_sample
+
+    if request.sampled:
+        period = request.actuation.period
+        assert period is not None
+        count = request.duration / period * (1 + 1e-12)
+        if count > MOST_SAMPLES:
+            raise OptionError(
+                f"control period = {period:g} s: a run of {request.duration:g} s samples the law {count:.3g} times; at "
+                f"most {MOST_SAMPLES} samples are taken: choose a longer period or a shorter run"
+            )
+        for number in range(1, math.floor(count) + 1):
+            add(number * period, 1e-9 * period, is_sample=True)
+    for time in break_times(request.scene):
+        if 0 < time <= request.duration:
+            add(float(time), 1e-12 * time, is_sample=False)
+    marks = {time: (True, is_sample) for time, is_sample in jumps.items()}
+    if with_outputs:
+        for time in times[1:]:
+            marks.setdefault(float(time), (False, False))
+    for motion in request.scene.motions:  # a derivative of data jumps at each of their times
+        for time in motion.times:
+            if 0 < time < times[-1]:
+                marks.setdefault(float(time), (False, False))
+    marks.setdefault(float(times[-1]), (False, False))
+    return [(time, *what) for time, what in sorted(marks.items())]
