@@ -1,8 +1,8 @@
 """A scene as a PyMJCF element that other models take in.
 
 An attached model keeps no options of its own: PyMJCF merges them with those of the model that takes it in, and refuses
-where they differ. So the element holds the scene's bodies, strings and loads alone, and `adopt_options` tells the whole
-what to run with. Keyframes, lights and statistics are left out for the same reason.
+where they differ. So the element holds the scene's bodies, strings and what pushes its nodes alone, and `adopt_options`
+sets on the whole what to run with. Keyframes, lights and statistics are left out for the same reason.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def element(scene: Scene, command: Command = Command.REST_LENGTH, name: str | No
         OptionError: for a command that is none, a name that PyMJCF cannot hold, or a scene with contact.
         StructureError: for names with a slash, which PyMJCF keeps to itself, for rods that share nodes, and for what
             MuJoCo cannot hold.
-        SceneError: for supports that move.
+        SceneError: for supports that move, and for water, which adds mass to rods.
     """
     if scene.contact is not None:
         raise OptionError(

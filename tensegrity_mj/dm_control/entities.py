@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import member
 from tensegrity_mj.dm_control.elements import element
-from tensegrity_mj.dm_control.readings import Loads, StringActuators, point_velocities
+from tensegrity_mj.dm_control.readings import HeldForces, StringActuators, point_velocities
 from tensegrity_mj.dm_control.stepping import checked_command
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities
@@ -46,7 +46,7 @@ class TensegrityEntity(composer.Entity):  # type: ignore[misc]
         member("command", command, Command)
         self._scene = scene
         self._mjcf_root = element(scene, command, name)
-        self._command, self._loads = command, Loads(scene)
+        self._command, self._forces = command, HeldForces(scene)
         self._strings = StringActuators(scene, command, timestep=1e-3)
         root, structure = self._mjcf_root, scene.structure
         actuators = list(root.actuator.general)
@@ -168,7 +168,7 @@ class TensegrityEntity(composer.Entity):  # type: ignore[misc]
             physics.bind(self._actuators).ctrl = self._strings.designed(self.string_lengths(physics))
 
     def before_substep(self, physics: Any, random_state: Any = None) -> None:
-        """Once a physics step: loads, breaks, no damping in slack strings."""
+        """Once a physics step: forces on nodes, breaks, no damping in slack strings."""
         if self._strings.needs_limits:
             ctrl, lengths = self._ctrl(physics), self.string_lengths(physics)
             limits = self._strings.force_limits(ctrl, lengths, physics.time())
@@ -176,7 +176,8 @@ class TensegrityEntity(composer.Entity):  # type: ignore[misc]
         if self._load_actuators:
             option = physics.model.opt
             middle = option.integrator == mujoco.mjtIntegrator.mjINT_RK4
-            forces = self._loads.controls(physics.time(), option.timestep, middle)
+            state = self.nodes(physics), self.velocities(physics)
+            forces = self._forces.controls(physics.time(), option.timestep, middle, *state)
             physics.bind(self._load_actuators).ctrl = forces
 
 

@@ -35,7 +35,7 @@ class SceneEnvironment:
     keep them.
 
     Attributes:
-        scene: the experiment. Its loads are held over each physics step.
+        scene: the experiment. Its loads and elements are held over each physics step.
         action: what an action is.
         control_timestep: between two actions [s], a multiple of `timestep`.
         timestep: of the physics [s].

@@ -4,8 +4,8 @@ Two things are added to `mjcf.scene_to_mjcf`, since dm_control has no place for 
 
 - Where actions are force densities, an actuator's gain is minus its string's length, so that its control is u itself:
   the rest length L0 = L (1 - u/k) is renewed at every stage of the integrator, without a callback.
-- External loads are three more actuators a loaded node. They push at the node along the scene's axes, whatever way
-  the rod has turned by then.
+- Forces on nodes (loads, wind, drag, elements) are three more actuators a node. They push along the scene's axes,
+  whatever way the rod has turned by then.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import xml.etree.ElementTree as ET
 from typing import TYPE_CHECKING
 
 from tensegrity_mj.basics.checks import member
-from tensegrity_mj.dm_control.readings import loaded_nodes
+from tensegrity_mj.dm_control.readings import pushed_nodes
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.engines.mujoco.engine import MuJoCo
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
@@ -45,7 +45,7 @@ def physics(
     Raises:
         OptionError: for a time step, an integrator or a command that is none.
         StructureError: for rods that share nodes, and for masses or sizes that MuJoCo cannot hold.
-        SceneError: for supports that move, and where something resists motion.
+        SceneError: for supports that move, and for water, which adds mass to rods.
     """
     options = MuJoCo(timestep, integrator)
     member("command", command, Command)
@@ -59,11 +59,11 @@ def physics(
 
 
 def model(scene: Scene, command: Command, options: MuJoCo) -> ET.Element:
-    """The MJCF of a scene for the given command, loads included; actuators of strings come first.
+    """The MJCF of a scene for the given command, forces on nodes included; actuators of strings come first.
 
     Raises:
         StructureError: where rods share nodes.
-        SceneError: where supports move, something resists motion or there is water, which takes a control callback.
+        SceneError: where supports move, or something adds mass to rods, as water does.
     """
     require(None, scene, "dm_control models")
     root = ET.fromstring(scene_to_mjcf(scene, options.timestep, options.word))
@@ -72,7 +72,7 @@ def model(scene: Scene, command: Command, options: MuJoCo) -> ET.Element:
             actuator.set("gaintype", "affine")
             actuator.set("gainprm", "0 -1 0")
             actuator.set("biasprm", f"0 0 {-string.damping!r}")
-    nodes = loaded_nodes(scene)
+    nodes = pushed_nodes(scene)
     if nodes:
         world = root.find("worldbody")
         assert world is not None

@@ -1,8 +1,8 @@
-"""What MuJoCo's arrays say in the scene's own terms: nodes, strings, loads. Pure functions over arrays."""
+"""What MuJoCo's arrays say in the scene's own terms: nodes, strings, forces. Pure functions over arrays."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,14 +10,12 @@ from numpy.typing import NDArray
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.engines.mujoco.mjcf import UNLIMITED
-from tensegrity_mj.errors import OptionError
+from tensegrity_mj.errors import ElementError, OptionError
 from tensegrity_mj.model import strings
-from tensegrity_mj.model.elements.element import as_forces
+from tensegrity_mj.model.elements.element import acted
+from tensegrity_mj.model.elements.loads import NodalLoads
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
-
-if TYPE_CHECKING:
-    pass
 
 
 def point_velocities(model: Any, data: Any, bodies: Any, points: Array) -> Array:
@@ -104,41 +102,45 @@ class StringActuators:
         return strings.force_density(self.k, lengths, self.designed_lengths)
 
 
-class Loads:
-    """External loads of a scene as controls of the load actuators, held over each physics step.
+class HeldForces:
+    """What acts on a scene's nodes, as controls of the actuators there, held over each physics step.
 
-    Sampled in the middle of a step of RK4, which leaves an error of the second order in the step, and at its beginning
-    with the other integrators, as the MuJoCo engine does with them.
+    Of the state and time in the middle of a step of RK4, and at its beginning with the other integrators, as the MuJoCo
+    engine has them there. With RK4 the error is of the second order in the step where forces depend on time and
+    positions alone, and of the first where they depend on velocities, which are those of the step's beginning.
     """
 
     def __init__(self, scene: Scene) -> None:
-        self.scene = scene
-        self.rows = np.array([scene.structure.node_index[name] for name in loaded_nodes(scene)], np.int64)
+        self.scene, self.effects = scene, scene.effects
+        self.rows = np.array([scene.structure.node_index[name] for name in pushed_nodes(scene)], np.int64)
 
     def __len__(self) -> int:
         return 3 * len(self.rows)
 
-    def controls(self, time: float, timestep: float, middle: bool) -> Array:
-        """ctrl of the load actuators [N] for the step that begins at a time [s].
+    def controls(self, time: float, timestep: float, middle: bool, nodes: Array, velocities: Array) -> Array:
+        """ctrl of the actuators [N] for the step that begins at a time [s], and at nodes (N, 3) [m] and [m/s].
 
         Raises:
-            OptionError: where the scene's function fails or returns something else than finite (N, 3).
+            OptionError: where the scene's load function fails or returns something else than finite (N, 3).
+            ElementError: where an element does.
         """
-        at = time + 0.5 * timestep if middle else time
-        shape = (len(self.scene.structure.nodes), 3)
-        try:
-            forces = as_forces(self.scene.nodal_forces(at), shape)
-        except Exception as error:
-            raise OptionError(
-                f"loads: the function failed near t = {at:.6g} s: {type(error).__name__}: {error}"
-            ) from error
+        at, places = (time + 0.5 * timestep, nodes + 0.5 * timestep * velocities) if middle else (time, nodes)
+        forces = np.zeros_like(nodes)
+        for element in self.effects:
+            try:
+                forces += acted(element, self.scene, at, places, velocities)
+            except Exception as error:
+                cause = f"failed near t = {at:.6g} s: {type(error).__name__}: {error}"
+                if isinstance(element, NodalLoads):
+                    raise OptionError(f"loads: the function {cause}") from error
+                raise ElementError(f"element {element.label} {cause}") from error
         return forces[self.rows].ravel()
 
 
-def loaded_nodes(scene: Scene) -> list[str]:
-    """Nodes that may be loaded: all that move, where the loads are a function of time."""
+def pushed_nodes(scene: Scene) -> list[str]:
+    """Nodes that forces may act on: those with loads, or all that move, where loads are a function or elements act."""
     names = [name for name in scene.structure.node_names if name not in scene.structure.fixed_nodes]
-    if callable(scene.loads):
+    if callable(scene.loads) or any(not isinstance(element, NodalLoads) for element in scene.effects):
         return names
     loaded = {load.node for load in scene.loads}
     return [name for name in names if name in loaded]

@@ -1,4 +1,4 @@
-"""A dm_control Physics that keeps a scene's strings and loads true to it from step to step."""
+"""A dm_control Physics that keeps a scene's strings and forces true to it from step to step."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dm_control.rl.control import PhysicsError
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dm_control.readings import Loads, StringActuators, point_velocities
+from tensegrity_mj.dm_control.readings import HeldForces, StringActuators, point_velocities
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities
 from tensegrity_mj.errors import ControllerError, DivergenceError
@@ -44,7 +44,7 @@ class ScenePhysics(Physics):  # type: ignore[misc]
 
     def _equip(self, scene: Scene, command: Command) -> None:
         self.scene, self.command = scene, command
-        self.string_actuators, self.loads = StringActuators(scene, command, self.timestep()), Loads(scene)
+        self.string_actuators, self.forces = StringActuators(scene, command, self.timestep()), HeldForces(scene)
         model = self.model.ptr
         self._sites = np.array([model.site(name).id for name in scene.structure.node_names], np.int64)
         self._bodies = np.asarray(model.site_bodyid[self._sites])
@@ -114,9 +114,9 @@ class ScenePhysics(Physics):  # type: ignore[misc]
 
         Raises:
             PhysicsDivergence: where the state leaves the finite world.
-            OptionError: where the scene's load function fails.
+            OptionError, ElementError: where the scene's load function or an element fails.
         """
-        if self.string_actuators.needs_limits or len(self.loads):
+        if self.string_actuators.needs_limits or len(self.forces):
             for _ in range(nstep):
                 self._renew()
                 self._advance(1)
@@ -124,14 +124,15 @@ class ScenePhysics(Physics):  # type: ignore[misc]
             self._advance(nstep)
 
     def _renew(self) -> None:
-        """What a callback would do at each stage, once a step: loads, breaks, no damping in slack strings."""
+        """What a callback would do at each stage, once a step: forces on nodes, breaks, no damping in slack strings."""
         model, data = self.model.ptr, self.data.ptr
         if self.string_actuators.needs_limits:
             limits = self.string_actuators.force_limits(data.ctrl[: self._size], data.ten_length, data.time)
             model.actuator_forcerange[: self._size] = limits
-        if len(self.loads):
+        if len(self.forces):
             middle = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-            data.ctrl[self._size :] = self.loads.controls(data.time, model.opt.timestep, middle)
+            state = self.nodes(), self.velocities()
+            data.ctrl[self._size :] = self.forces.controls(data.time, model.opt.timestep, middle, *state)
 
     def _advance(self, nstep: int) -> None:
         try:

@@ -8,10 +8,10 @@ from typing import Any
 from tensegrity_mj.engines.table import ENGINES, JOINED_CONTACT_LIMIT
 from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.model.capabilities import (
+    ADDED_MASS,
     BREAKS,
     CLASS_K,
     CONTACT,
-    ELEMENTS,
     MOVED_SUPPORTS,
     PUSHING_DAMPERS,
     Descriptor,
@@ -20,7 +20,6 @@ from tensegrity_mj.model.capabilities import (
 from tensegrity_mj.model.scene import Scene
 
 _STILL = "leave motions out (scene.with_(motions=()))"
-_NO_CALLBACK = "a MuJoCo model by itself has no such forces, a callback finds them"
 _SHARED_MODEL = (
     Limit(CONTACT, "the work of contacts is counted run by run", "use simulate, or run_many", OptionError),
     Limit(
@@ -49,9 +48,9 @@ USES: Mapping[str, tuple[Limit, ...]] = {
         ),
         Limit(MOVED_SUPPORTS, "they are for supports that stand still", f"use simulate, or {_STILL}"),
         Limit(
-            ELEMENTS,
-            _NO_CALLBACK,
-            "use simulate or law_in, or leave it out (scene.with_(resistance=None, water=None, elements=()))",
+            ADDED_MASS,
+            "they hold forces over a step, and that of added mass depends on the accelerations of each stage",
+            "use simulate or law_in, or leave it out (scene.with_(water=None))",
         ),
     ),
 }

@@ -145,8 +145,11 @@ def test_scenes_that_it_cannot_hold_are_refused() -> None:
     for scene, error, message in (
         (Scene(chain), StructureError, "rods .r. and .s. share node .b.: .* structures of class 1"),
         (Scene(structure, motions=moved), SceneError, "support .r. moves .* supports that stand still"),
-        (Scene(structure, resistance=tmj.Resistance(viscous=1.0)), SceneError, "resistance acts on nodes: .* callback"),
-        (Scene(structure, gravity=(0, 0, -9.81), water=tmj.Water()), SceneError, "water acts on nodes: .* callback"),
+        (
+            Scene(structure, gravity=(0, 0, -9.81), water=tmj.Water()),
+            SceneError,
+            "water adds mass to rods: .* each stage",
+        ),
     ):
         for call in (physics, element):
             with pytest.raises(error, match=f"dm_control models: {message}"):
