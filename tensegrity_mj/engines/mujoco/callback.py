@@ -296,15 +296,11 @@ def control_stage(table: Any) -> None:
     before = h if stages == 1 else h / 6.0 if stage < 2 else h / 3.0  # of the stage whose forces are known now
     if table[CONTACT]:
         work[2] += last_stage_work(contact, before, stages == 1)
-    weight = h
-    t = step * h
-    if stages == 4:
-        weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
-        t = (step + (0.0 if stage == 0 else (1.0 if stage == 3 else 0.5))) * h
-    begins = stage == 0
+    weight = h if stages == 1 else h / 6.0 if stage == 0 or stage == 3 else h / 3.0
+    along = 0.0 if stage == 0 else 1.0 if stage == 3 else 0.5  # of the step
+    t, begins = (step + along) * h, stage == 0
     if table[PART]:
-        begins = False
-        t = floats(table[PART], (1,))[0] + (0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)) * h
+        t, begins = floats(table[PART], (1,))[0] + along * h, False
     if not read_nodes(table):
         counters[ENDED], counters[END_STEP] = LOST, step
         return
@@ -325,12 +321,11 @@ def control_stage(table: Any) -> None:
             work[2] += 0.5 * h * given
         given, spent = let_act(table, t)
         apply_loads(table)
-    status = SOLVED
+    status, asked, stored, lost = SOLVED, SOLVED, 0.0, 0.0
     if begins and table[BREAKING] > 0:
         break_strings(table, t)
     if begins and table[RATIO] > 0 and step % table[RATIO] == 0:
         status = take_sample(table, t)
-    asked, stored, lost = SOLVED, 0.0, 0.0
     if M > 0:
         if table[ANSWERED]:
             asked = table[ANSWERED] - 1
@@ -381,8 +376,7 @@ def control_stage(table: Any) -> None:
             counters[WAITING] = counters[NEXT_ROW]
             counters[NEXT_ROW] += 1
         if stopped or last:
-            counters[ENDED] = status if stopped else FINISHED
-            counters[END_STEP] = step
+            counters[ENDED], counters[END_STEP] = (status if stopped else FINISHED), step
             return
     elif asked > NO_SOLUTION:
         counters[ENDED], counters[END_STEP] = asked, step
