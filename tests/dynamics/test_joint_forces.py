@@ -36,7 +36,7 @@ def rates_of(scene, solver, shift=0.0, drift=Drift.MONITOR, time=0.0):
     run, records = DAE(solver=solver, drift=drift)._prepared(request(scene))
     nq = records.nq
     run.y[: 2 * nq] += shift * np.random.default_rng(9).normal(size=2 * nq)
-    return run.rates_at(time, run.y, None), run.multipliers[: len(records.rods)].copy()
+    return run.rates_at(time, run.y, None), run.equations.multipliers[: len(records.rods)].copy()
 
 
 def spread(a, b):
@@ -74,7 +74,7 @@ def test_three_solvers_agree_on_random_trees_off_the_manifold(seed, planar):
     # In space every joint is needed, so that none may be taken for redundant; a plane leaves one direction of each.
     run, _ = DAE(drift=Drift.BAUMGARTE)._prepared(request(scene))
     run.rates_at(0.0, run.y, None)
-    skipped = int(np.sum(run.keep[1].arrays.pivots == 0))
+    skipped = int(np.sum(run.equations.keep[1].arrays.pivots == 0))
     held = sum(len(rod.support.directions) > 0 for rod in structure.rods)
     assert len(plan.arrays.joints) == 7
     if held <= 1:
@@ -256,7 +256,7 @@ def test_a_braced_square_has_joints_that_others_satisfy_already():
     run.rates_at(0.0, run.y, None)
     # Eight joints are 24 rows. Six rods of constant length have 18 freedoms in their plane, the square has 3, so that
     # 15 rows are needed: of the others, 8 are across the plane and one is the rod too many.
-    assert np.sum(run.keep[1].arrays.pivots == 0) == 24 - 15
+    assert np.sum(run.equations.keep[1].arrays.pivots == 0) == 24 - 15
 
 
 @pytest.mark.parametrize("seed", range(6))
