@@ -7,8 +7,7 @@ ledger, integrated beside it. MuJoCo takes no part.
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,8 +22,8 @@ from tensegrity_mj.dynamics.native.slots import ADDED, MOVED, NODES
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.engines.accuracy.option import ACCURACY
 from tensegrity_mj.engines.reference import dae_kernels as dae
+from tensegrity_mj.engines.reference.engine import ReferenceEngine
 from tensegrity_mj.engines.reference.equations import WORK
-from tensegrity_mj.engines.reference.integrate import integrate
 from tensegrity_mj.engines.reference.integration import Equations, IntegratedRun
 from tensegrity_mj.engines.reference.memory import working_bytes
 from tensegrity_mj.engines.reference.method import ATOL, RTOL, Method, check_options, describe_method, stepping_of
@@ -34,7 +33,6 @@ from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.vibration.stepping import Stepping
 
 # Of rods that hang together, for `Solver.JOINTS`: forces of joints lose as many digits, and a pivot of 1e-12 is none.
@@ -58,7 +56,7 @@ class Solver(enum.Enum):
 
 
 @value("DAE", OptionError)
-class DAE:
+class DAE(ReferenceEngine):
     """Options of the reference engine.
 
     Attributes:
@@ -112,19 +110,6 @@ class DAE:
     def working_bytes(self, scene: Scene) -> int:
         """Bytes of state, stages and matrices."""
         return working_bytes(self.method, LinkedRecords.of(scene.structure).nq)
-
-    def run(self, request: Request) -> Trajectory:
-        """Simulate; called by `simulate`."""
-        if self.accuracy is not None:
-            from tensegrity_mj.engines.reference.accuracy import run_accurately
-
-            plain = partial(replace, self, accuracy=None)
-            return run_accurately(self.accuracy, request, plain, lambda options, made: options._prepared(made)[0])
-        return integrate(self._prepared(request)[0])
-
-    def prepared(self, request: Request) -> IntegratedRun:
-        """A run that is ready to start: for those who want its right-hand side rather than a trajectory."""
-        return self._prepared(request)[0]
 
     def accelerations(self, request: Request) -> Accelerations:
         """Node accelerations of the equations that `run` integrates."""

@@ -7,9 +7,6 @@ A run that comes to a pole stops there with `Status.SINGULAR`.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import partial
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,8 +19,8 @@ from tensegrity_mj.dynamics.native.pointers import address_of
 from tensegrity_mj.dynamics.native.slots import ADDED, MOVED, NODES
 from tensegrity_mj.engines.accuracy.option import ACCURACY
 from tensegrity_mj.engines.reference import ode_kernels as ode
+from tensegrity_mj.engines.reference.engine import ReferenceEngine
 from tensegrity_mj.engines.reference.equations import WORK
-from tensegrity_mj.engines.reference.integrate import integrate
 from tensegrity_mj.engines.reference.integration import Equations, IntegratedRun
 from tensegrity_mj.engines.reference.memory import working_bytes
 from tensegrity_mj.engines.reference.method import ATOL, RTOL, Method, check_options, describe_method, stepping_of
@@ -32,12 +29,11 @@ from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.vibration.stepping import Stepping
 
 
 @value("ODE", OptionError)
-class ODE:
+class ODE(ReferenceEngine):
     """Options of the minimal ODE engine.
 
     Attributes:
@@ -79,15 +75,6 @@ class ODE:
     def working_bytes(self, scene: Scene) -> int:
         """Bytes of state, stages and matrices."""
         return working_bytes(self.method, MinimalRecords.of(scene.structure).nq)
-
-    def run(self, request: Request) -> Trajectory:
-        """Simulate; called by `simulate`."""
-        if self.accuracy is not None:
-            from tensegrity_mj.engines.reference.accuracy import run_accurately
-
-            plain = partial(replace, self, accuracy=None)
-            return run_accurately(self.accuracy, request, plain, lambda options, made: options._prepared(made)[0])
-        return integrate(self._prepared(request)[0])
 
     def accelerations(self, request: Request) -> Accelerations:
         """Node accelerations r̈ and b̈ = W β̈ + Ẇ β̇ of the equations that `run` integrates."""
