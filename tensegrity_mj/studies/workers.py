@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import enum
 import os
+import threading
 import warnings
 from collections.abc import Callable, Generator, Iterator, Mapping
 from functools import partial
@@ -14,6 +15,8 @@ from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import choice, text, whole
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.studies.attempt import DIED, Answer, Task, attempt, settle, unable
+
+FEEDER_WAIT = 1.0  # s
 
 
 class Backend(enum.Enum):
@@ -127,12 +130,13 @@ def _run(
             return_as="generator_unordered",
             max_nbytes=None,
         )
-    answers = None
+    answers, ended = None, False
     try:
         answers = parallel(jobs())
         # Not `yield from`: it would close the answers before the warnings are silenced.
         for answer in answers:  # noqa: UP028
             yield answer
+        ended = True
     except (TerminatedWorkerError, TensegrityError):
         raise
     except Exception as error:
@@ -142,6 +146,10 @@ def _run(
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # that work was cancelled is what was wanted
                 answers.close()
+            # The feeder of a stopped queue cleans up its semaphore; a process that ends meanwhile prints a warning.
+            for thread in () if ended else threading.enumerate():
+                if thread.name == "QueueFeederThread":
+                    thread.join(FEEDER_WAIT)
 
 
 def _cores() -> int:
