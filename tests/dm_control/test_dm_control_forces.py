@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
+from ground_spring import GroundSpring
+from ground_spring import tethered as tethered_rod
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
 from tensegrity_mj import Integrator
 from tensegrity_mj.errors import ElementError
-from tensegrity_mj.model import Element, Work
+from tensegrity_mj.model import Element
 
 pytest.importorskip("tensegrity_mj.dm_control")
 from dm_control import mjcf
@@ -21,25 +24,6 @@ from tensegrity_mj.dm_control import TensegrityEntity, adopt_options, physics
 
 Array = NDArray[np.float64]
 DURATION = 0.4
-
-
-@dataclass(frozen=True)
-class Spring(Element):
-    """A spring of no length from a node to a place."""
-
-    node: str
-    stiffness: float
-    place: tuple[float, float, float]
-    work = Work.STORED
-
-    def act(self, scene: Any, time: float, nodes: Any, velocities: Any) -> Any:
-        forces, row = np.zeros_like(nodes), scene.structure.node_index[self.node]
-        forces[row] = self.stiffness * (np.array(self.place) - nodes[row])
-        return forces
-
-    def energy(self, scene: Any, nodes: Any) -> float:
-        away = nodes[scene.structure.node_index[self.node]] - self.place
-        return 0.5 * self.stiffness * float(away @ away)
 
 
 @dataclass(frozen=True)
@@ -53,18 +37,8 @@ class Failing(Element):
 
 
 WIND = tmj.Resistance(0.4, None, tmj.model.Drag(1.2, 0.05, density=20.0), (1.0, 0.5, 0.0))
-SPRINGS = (Spring("a", 30.0, (0.1, -0.4, 0.3)), Spring("b", 20.0, (0.9, 0.5, 0.0)))
-
-
-def tethered(**changes: Any) -> tmj.Scene:
-    """A free rod on two taut strings without dampers, which starts with a push."""
-    nodes = {"a": (0.0, 0.0, 0.0), "b": (0.8, 0.1, 0.2), "p": (-0.6, 0.0, 0.1), "q": (1.3, 0.4, 0.0)}
-    strings = (tmj.String("s1", ("p", "a"), 40.0, 0.0, 0.1), tmj.String("s2", ("b", "q"), 60.0, 0.0, 0.1))
-    structure = tmj.Structure("tethered", nodes, (tmj.Rod("r", ("a", "b"), 0.7),), strings, fixed_nodes=("p", "q"))
-    velocities = np.zeros((4, 3))
-    velocities[:2] = (0.1, 0.4, -0.2)
-    given: dict[str, Any] = {"initial_velocities": velocities, "gravity": (0.0, 0.0, -2.0)}
-    return tmj.Scene(structure, **(given | changes))
+SPRINGS = (GroundSpring("a", 30.0, (0.1, -0.4, 0.3)), GroundSpring("b", 20.0, (0.9, 0.5, 0.0)))
+tethered = partial(tethered_rod, gravity=(0.0, 0.0, -2.0))
 
 
 def error(scene: tmj.Scene, integrator: Integrator, step: float) -> float:

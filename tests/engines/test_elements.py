@@ -1,6 +1,6 @@
-"""Elements: the one interface of what acts on nodes, with those of the package and two of the test's own.
+"""Elements: the one interface of what acts on nodes, with those of the package and the tests' own.
 
-A spring to the ground and a magnet are written here in ten lines each. The package knows nothing of them.
+A spring to the ground (`ground_spring`), a magnet and a brake take ten lines each; the package knows nothing of them.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 from compiled_spring import CompiledSpring
+from ground_spring import GroundSpring, tethered
 from linked_scenes import hanging_chain
 
 import tensegrity_mj as tmj
@@ -23,26 +24,6 @@ from tensegrity_mj.studies.parameter_values import Scaled
 from tensegrity_mj.studies.scene_parameters import scene_change
 from tensegrity_mj.studies.sweep import Sweep
 from tensegrity_mj.studies.workers import Backend, Workers
-
-
-@dataclass(frozen=True)
-class GroundSpring(Element):
-    """A spring of no length from a node to a place."""
-
-    node: str
-    stiffness: float
-    place: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    work = Work.STORED
-    smooth = True
-
-    def act(self, scene: Any, time: float, nodes: Any, velocities: Any) -> Any:
-        forces, row = np.zeros_like(nodes), scene.structure.node_index[self.node]
-        forces[row] = self.stiffness * (np.array(self.place) - nodes[row])
-        return forces
-
-    def energy(self, scene: Any, nodes: Any) -> float:
-        away = nodes[scene.structure.node_index[self.node]] - self.place
-        return 0.5 * self.stiffness * float(away @ away)
 
 
 @dataclass(frozen=True)
@@ -78,16 +59,6 @@ class Brake(Element):
 
     def given(self, scene: Any, time: float, nodes: Any, velocities: Any) -> float:
         return float(self.act(scene, time, nodes, velocities)[:, 0].sum()) * self.wind
-
-
-def tethered(elements: Any, **scene: Any) -> tmj.Scene:
-    """A free rod on two strings, which starts with a push."""
-    nodes = {"a": (0.0, 0.0, 0.0), "b": (0.8, 0.1, 0.2), "p": (-0.6, 0.0, 0.1), "q": (1.3, 0.4, 0.0)}
-    strings = (tmj.String("s1", ("p", "a"), 40.0, 0.0, 0.3), tmj.String("s2", ("b", "q"), 60.0, 0.0, 0.3))
-    structure = tmj.Structure("tethered", nodes, (tmj.Rod("r", ("a", "b"), 0.7),), strings, fixed_nodes=("p", "q"))
-    velocities = np.zeros((4, 3))
-    velocities[:2] = (0.1, 0.4, -0.2)
-    return tmj.Scene(structure, initial_velocities=velocities, elements=elements, **scene)
 
 
 OWN = (GroundSpring("a", 12.0, (0.1, -0.2, 0.3)), Magnet("b", -0.02, (0.9, 0.7, 0.1)), Brake(0.05, 0.3))

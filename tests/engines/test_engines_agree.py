@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from engine_accelerations import dae_accelerations, mujoco_accelerations
 from numpy.typing import NDArray
+from random_states import SUPPORTS, random_state
 
 import tensegrity_mj as tmj
 from tensegrity_mj.library.random_structures import random_scene, random_structure
@@ -27,7 +28,6 @@ DURATION = 0.4  # s
 INTERVAL = 0.01
 FASTEST_TURN = 15.0  # rad/s
 LAWS = list(StringLaw)
-SUPPORTS = ["free", "pinned", "constrained"]
 
 
 def run(scene: Scene, engine: tmj.DAE | tmj.MuJoCo) -> tmj.Trajectory:
@@ -38,19 +38,7 @@ def run(scene: Scene, engine: tmj.DAE | tmj.MuJoCo) -> tmj.Trajectory:
 @pytest.mark.parametrize("planar", [False, True], ids=["space", "plane"])
 @pytest.mark.parametrize("seed", range(12))
 def test_accelerations_are_equal_at_random_states(seed: int, planar: bool, law: StringLaw) -> None:
-    rng = np.random.default_rng([seed, planar])
-    structure = random_structure(
-        rng,
-        rods=1 + seed % 5,
-        support=SUPPORTS[seed % 4] if seed % 4 < 3 else SUPPORTS,
-        planar=planar,
-        own_planes=0.3,
-        point_masses=seed % 3,
-        stretch=(-0.2, 0.4),
-        damping=(0.0, 3.0),
-        law=law,
-    )
-    scene = random_scene(rng, structure, displaced=0.3, moving=2.0, gravity=True, loads=2)
+    scene = random_state(seed, planar, law)
     dae, mujoco = dae_accelerations(scene), mujoco_accelerations(scene)
     scale = max(1.0, float(np.abs(dae).max()))
     error = float(np.abs(dae - mujoco).max())

@@ -10,6 +10,7 @@ import pytest
 import truth
 from engine_accelerations import dae_accelerations, ode_accelerations
 from numpy.typing import NDArray
+from random_states import random_state
 from stedy import largest_frequency, scene_of
 
 import tensegrity_mj as tmj
@@ -28,25 +29,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
 
 Array = NDArray[np.float64]
-SUPPORTS = ["free", "pinned", "constrained"]
 TIGHT = {"rtol": 1e-12, "atol": 1e-13}
-
-
-def random_state(seed: int, planar: bool, law: StringLaw = StringLaw.CLIPPED) -> Scene:
-    """Every support, point masses, slack strings, dampers, gravity, loads, motion."""
-    rng = np.random.default_rng([seed, planar])
-    structure = random_structure(
-        rng,
-        rods=1 + seed % 5,
-        support=SUPPORTS[seed % 4] if seed % 4 < 3 else SUPPORTS,
-        planar=planar,
-        own_planes=0.3,
-        point_masses=seed % 3,
-        stretch=(-0.2, 0.4),
-        damping=(0.0, 3.0),
-        law=law,
-    )
-    return random_scene(rng, structure, displaced=0.3, moving=2.0, gravity=True, loads=2)
 
 
 def sines(scene: Scene) -> Array:
