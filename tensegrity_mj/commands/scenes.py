@@ -123,7 +123,7 @@ def statics(scene: Scene) -> dict[str, Any]:
     from tensegrity_mj.errors import InfeasibleError
     from tensegrity_mj.model.elements.resistance import resisting_forces
     from tensegrity_mj.model.elements.water import water_forces
-    from tensegrity_mj.statics.balance import balance, fluid_forces, unheld_gravity
+    from tensegrity_mj.statics.balance import balance, unheld_gravity
     from tensegrity_mj.statics.model import StaticModel
     from tensegrity_mj.statics.self_stress import prestress, self_stress
 
@@ -143,7 +143,7 @@ def statics(scene: Scene) -> dict[str, Any]:
     falls, floats = bool(np.any(loose)) and scene.water is None, bool(np.any(loose)) and scene.water is not None
     gravity = np.array(scene.gravity) - loose
     seen = scene.with_(gravity=tuple(gravity.tolist())) if falls else scene
-    there = balance(StaticModel.of(seen), fluid_forces(scene))
+    there = balance(StaticModel.of(seen))
     found |= {
         "falls_freely": falls,
         "floats_freely": floats,

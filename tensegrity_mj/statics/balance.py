@@ -1,6 +1,6 @@
 """How far a structure is from equilibrium where it stands: one definition, for all that says so.
 
-Of the forces on the nodes (strings, bent joints, weights, a rod's half at either end, and loads), axial forces of the
+Of the forces on the nodes (strings, weights, a rod's half at either end, and all that acts there), axial forces of the
 rods and reactions of supports and holds take away as much as they can. What is left, r (N, 3), is the least there is in
 the sum of its squares: the part of the forces along motions that keep rods' lengths and supports. The unbalanced force
 is the largest magnitude of it on a node,
@@ -12,13 +12,11 @@ which is zero in equilibrium, and the same in any system of coordinates. Elastic
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.model.elements.resistance import resisting_forces
-from tensegrity_mj.model.elements.water import water_forces
 from tensegrity_mj.model.members import null_space_basis
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.statics import linear_systems
@@ -55,15 +53,8 @@ class Balance:
         return f"{size} on node '{self.node}', the largest that neither rods nor supports can balance"
 
 
-def balance(model: StaticModel, further: Array | None = None) -> Balance:
-    """Of a model at its start, without what the parameter of a path multiplies.
-
-    Args:
-        model: the problem.
-        further: (N, 3) [N] forces besides.
-    """
-    if further is not None:
-        model = model.with_(forces=model.forces + further)
+def balance(model: StaticModel) -> Balance:
+    """Of a model at its start, without what the parameter of a path multiplies."""
     x, Z = model.start.ravel(), model.boundary.Z
     gradient = model.gradient(x, 0.0)
     forces = linear_systems.rod_forces(model, x, gradient)
@@ -74,17 +65,6 @@ def balance(model: StaticModel, further: Array | None = None) -> Balance:
     threshold = max(BALANCED * largest, round_off(model, x, 0.0, forces))
     worst = model.structure.node_names[int(sizes.argmax())] if len(sizes) else ""
     return Balance(left, worst, bool(sizes.max(initial=0.0) <= threshold))
-
-
-def fluid_forces(scene: Scene) -> Array:
-    """(N, 3) [N]: what wind and water push still rods with at t = 0."""
-    still = np.zeros_like(scene.nodes0)
-    out = water_forces(scene, 0.0, scene.nodes0, still)[0]
-    resistance = scene.resistance
-    if resistance is not None and (resistance.viscous or resistance.drag is not None):
-        rigid = scene.with_(resistance=replace(resistance, bending=None))  # joints that are bent are of the model
-        out = out + resisting_forces(rigid, scene.nodes0, still)
-    return out
 
 
 def unheld_gravity(scene: Scene) -> Array:

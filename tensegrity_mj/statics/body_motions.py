@@ -35,12 +35,12 @@ def require_held(model: StaticModel, parameter: float = 1.0) -> None:
     remedy = "take gravity out (gravity = (0, 0, 0), --no-gravity) to see it as it falls freely"
     if scene.water is not None:
         remedy = (
-            "statics leaves the scene's water and its buoyancy out: take gravity out too (gravity = (0, 0, 0), "
-            "--no-gravity)"
+            "buoyancy is that of the start, wherever it would float, so take gravity out, and buoyancy with it "
+            "(gravity = (0, 0, 0), --no-gravity)"
         )
     floor = "; statics leaves the scene's contact out" if scene.contact is not None else ""
     raise InfeasibleError(
-        f"'{scene.name}': weights and loads push the whole with ({force[0]:.6g}, {force[1]:.6g}, {force[2]:.6g}) N, "
+        f"'{scene.name}': what acts on it pushes the whole with ({force[0]:.6g}, {force[1]:.6g}, {force[2]:.6g}) N, "
         f"and nothing holds it in that direction: there is no equilibrium; {remedy}, or hold nodes (holds, --hold) to "
         f"see it stand{floor}"
     )

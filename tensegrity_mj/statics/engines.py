@@ -13,7 +13,7 @@ against it, so that it stays on the near side of the energy's least value on its
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -29,7 +29,6 @@ from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.linearization.differences import reach_of
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
-from tensegrity_mj.model.elements.resistance import Resistance
 from tensegrity_mj.model.scene import Scene
 
 STEP = 1e-5  # of the shortest member: central differences have an error of its square, 1e-10 of ∂a/∂δ
@@ -82,7 +81,7 @@ def engine_equilibrium(
 ) -> EngineEquilibrium:
     """A stable equilibrium of a scene by an engine's accelerations alone, near the start.
 
-    Weights, loads at t = 0 and bent joints' stiffness count; contact, breaks and what resists motion do not.
+    All that acts at rest and t = 0 counts, water and wind where the nodes are; contact and breaks do not.
 
     Args:
         scene: strings have their own rest lengths.
@@ -102,11 +101,7 @@ def engine_equilibrium(
     require(None, scene, "engine_equilibrium")
     shape = (len(scene.structure.nodes), 3)
     start = scene.nodes0 if nodes is None else real_array("nodes", nodes, shape, "m", scalar=False)
-    bending = None if scene.resistance is None else scene.resistance.bending
-    resistance = None if bending is None else Resistance(bending=replace(bending, damping=0.0))
-    scene = scene.with_(
-        initial_nodes=start, initial_velocities=None, breaks=(), contact=None, resistance=resistance, control=None
-    )
+    scene = scene.with_(initial_nodes=start, initial_velocities=None, breaks=(), contact=None, control=None)
     return _Search(scene, engine).found(limit)
 
 

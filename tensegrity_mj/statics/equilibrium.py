@@ -42,8 +42,8 @@ def find_equilibrium(
     """The equilibrium that the energy falls to from the start.
 
     Args:
-        scene: a `StaticModel`, or what `StaticModel.of` takes: rigid rods, no further loads. Contact, water, wind and
-            breaks of the scene are left out.
+        scene: a `StaticModel`, or what `StaticModel.of` takes: rigid rods, no further loads. Contact and breaks of
+            the scene are left out; water and wind push as they do at the start, at rest.
         parameter: what further loads and holds' displacements are multiplied by.
         iterations: at most.
         stable: leave an equilibrium that is none of least energy (a start may be one, by symmetry), and go on.

@@ -53,7 +53,7 @@ class StaticModel:
         stiffness: k (M,) [N/m]; zero for a string that is broken.
         rod_lengths: ℓ (R,) [m] without force.
         compliance: ℓ/EA (R,) [m/N]; zero for rigid rods.
-        forces: (N, 3) [N] weights, loads, and elements that store no energy, at rest where the model starts.
+        forces: (N, 3) [N] weights, loads, wind, water, and elements without energy, at rest where the model starts.
         loads: (N, 3) [N] further loads, which a path multiplies by its parameter.
         holds: further boundary conditions, whose displacements a path multiplies by its parameter.
     """
@@ -344,9 +344,9 @@ class StaticModel:
 
 
 def steady_forces(scene: Scene, nodes: Array) -> Array:
-    """(N, 3) [N]: loads of a scene, and its elements that store no energy, on nodes (N, 3) at rest at t = 0."""
-    others = [one for one in scene.elements if one.work is not Work.STORED]
-    return np.asarray(scene.nodal_forces(0.0) + forces_of(others, scene, 0.0, nodes, np.zeros_like(nodes)))
+    """(N, 3) [N]: what loads, wind, water and elements without energy push nodes (N, 3) with, at rest at t = 0."""
+    others = [one for one in scene.effects if one.work is not Work.STORED]
+    return forces_of(others, scene, 0.0, nodes, np.zeros_like(nodes))
 
 
 def _add_spans(out: Array, pairs: IntArray, pulls: Array) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.checks import member, real_array, whole
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.model.elements.element import Work
+from tensegrity_mj.model.elements.element import Work, forces_of
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.trajectory import Trajectory
@@ -363,17 +363,17 @@ def _notes(model: StaticModel) -> tuple[str, ...]:
         notes.append("the control law is left out: strings have their own rest lengths")
     if scene.contact is not None:
         notes.append("contact is left out")
-    if scene.water is not None:
-        notes.append("water is left out, buoyancy included")
     if scene.motions:
         notes.append("supports that move stand where they are at t = 0")
-    if scene.resistance is not None and scene.resistance.drag is not None and any(scene.resistance.wind):
-        notes.append("wind is left out")
     if callable(scene.loads) or any(load.angular_frequency for load in scene.loads):
         notes.append("loads that vary are those at t = 0")
-    pushing = [one.label for one in scene.elements if one.work is not Work.STORED]
+    others = (one for one in scene.effects if one.work is not Work.STORED and one.label != "loads")
+    still = np.zeros_like(model.start)
+    pushing = [one.label for one in others if np.any(forces_of([one], scene, 0.0, model.start, still))]
     if pushing:
         notes.append(f"elements without energy push as they do at the start, at rest: {', '.join(pushing)}")
+    if any(one.adds_mass for one in scene.effects):
+        notes.append("frequencies leave the mass that water adds out")
     if model.bends is not None:
         notes.append("states of self-stress, mechanisms and what stiffens them leave the joints' bending stiffness out")
     if scene.breaks:

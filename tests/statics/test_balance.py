@@ -163,9 +163,9 @@ def test_it_is_the_same_in_any_coordinates() -> None:
 
 @pytest.mark.parametrize("name", scene_names())
 def test_both_commands_say_the_same_of_shipped_scenes(name: str) -> None:
-    """Where statics leaves nothing out that `scenes` counts: water, and the weight of what falls freely."""
+    """Without the weight of what falls freely, which `scenes` leaves out; what floats freely has no study."""
     scene = tmj.load_scene(name)
-    if scene.control is not None or scene.water is not None:
+    if scene.control is not None or (scene.water is not None and unheld_gravity(scene).any()):
         return
     told = describe(scene)
     scene = scene.with_(gravity=tuple(np.array(scene.gravity) - unheld_gravity(scene)))
