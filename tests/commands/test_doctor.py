@@ -37,7 +37,7 @@ def test_every_failure_names_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
         assert check.remedy
 
 
-def test_a_missing_package_and_an_old_one_are_told_apart() -> None:
+def test_a_missing_package_and_an_old_one_are_distinguished() -> None:
     missing = check_package("no-such-package-of-ours", ">=1")
     assert not missing.works
     assert missing.found == "not installed"

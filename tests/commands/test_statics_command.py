@@ -233,7 +233,7 @@ def test_the_lightest_members(capsys: pytest.CaptureFixture[str], tmp_path: Path
     assert "Lightest members" in (tmp_path / "out" / PAGE).read_text(encoding="utf-8")
 
 
-def test_without_an_equilibrium_what_else_was_asked_for_is_answered(
+def test_without_an_equilibrium_what_else_was_requested_is_answered(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def none(*_: object, **__: object) -> None:

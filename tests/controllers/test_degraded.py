@@ -174,7 +174,7 @@ def test_a_law_without_a_solution_has_none_late(prism: Any) -> None:
     assert "no more" in run.message
 
 
-def test_an_error_of_the_law_is_told_at_once(prism: Any) -> None:
+def test_an_error_of_the_law_is_reported_at_once(prism: Any) -> None:
     def fails(time: float, nodes: Any, velocities: Any) -> Any:
         raise ZeroDivisionError("oh")
 

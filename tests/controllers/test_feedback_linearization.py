@@ -342,7 +342,7 @@ def test_options_that_are_refused() -> None:
         tmj.simulate(tmj.load_scene("prism"), tmj.controllers.from_scene(scene))
 
 
-def test_what_it_tells_of_itself() -> None:
+def test_what_it_reports_of_itself() -> None:
     law = FeedbackLinearization(
         cross().structure,
         cross().target,  # type: ignore[arg-type]
@@ -359,7 +359,7 @@ def test_what_it_tells_of_itself() -> None:
     assert np.all(np.isnan(run.feasibility_margin))
 
 
-def test_round_off_at_a_target_asks_nothing_of_the_strings() -> None:
+def test_round_off_at_a_target_requires_nothing_of_the_strings() -> None:
     """Where a structure rests at its target the errors are round-off, and their sign must not decide feasibility."""
     rng = np.random.default_rng(3)
     scene = tmj.load_scene("pinned_rod")
@@ -388,7 +388,7 @@ def test_a_cross_of_other_forms_is_refused() -> None:
             cross(**options)  # type: ignore[arg-type]
 
 
-def test_states_that_no_law_can_be_asked_about() -> None:
+def test_states_that_no_law_can_be_evaluated_at() -> None:
     """Compiled code would read beyond arrays that are too short."""
     scene = tmj.load_scene("cross")
     nodes, velocities = scene.nodes0, scene.velocities0

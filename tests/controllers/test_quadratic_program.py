@@ -164,7 +164,7 @@ def test_rows_that_depend_on_others_get_nothing() -> None:
     np.testing.assert_allclose(x, expected, rtol=1e-12)
 
 
-def test_nothing_asked_for_gives_the_floor() -> None:
+def test_no_request_gives_the_floor() -> None:
     p = Problem(
         np.zeros((0, 3)), np.zeros(0), np.zeros((0, 3)), np.zeros(0), np.ones(3), np.array([0.0, 1, 2]), 9 * np.ones(3)
     )

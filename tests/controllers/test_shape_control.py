@@ -239,7 +239,7 @@ def test_winch_power_integrates_to_winch_work() -> None:
         assert np.abs(tmj.runs.winch_power(run)).max() < 1e-9 * run.tensions.max()
 
 
-def test_what_laws_know_of_water_is_told_and_checked() -> None:
+def test_what_laws_know_of_water_is_reported_and_checked() -> None:
     of = scene()
     assert from_scene(of).water == of.water
     assert from_scene(of, water=KnownWater.NONE).water is None

@@ -285,7 +285,7 @@ def test_projection_closes_loops_and_lengths_to_round_off_with_the_least_change(
     assert np.abs(again_rates - rates).max() <= 1e-12
 
 
-def test_scaling_is_measured_for_the_numbers_of_rods_asked_for_and_fits_a_power():
+def test_scaling_is_measured_for_the_numbers_of_rods_requested_and_fits_a_power():
     points = cable_scaling((4, 9))
     assert [(point.elements, point.solver) for point in points] == [(4, Solver.JOINTS), (9, Solver.JOINTS)]
     assert all(point.seconds > 0 for point in points)

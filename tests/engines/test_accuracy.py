@@ -73,7 +73,7 @@ def truth(scene: tmj.Scene, run: tmj.Trajectory, law: Any = None) -> tmj.Traject
 
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("accuracy", [1e-2, 1e-4, 1e-6, 1e-8, 1e-10])
-def test_the_pendulum_is_as_accurate_as_was_asked_for(engine: Any, accuracy: float) -> None:
+def test_the_pendulum_is_as_accurate_as_was_requested(engine: Any, accuracy: float) -> None:
     run = tmj.simulate(pendulum(), None, engine(accuracy=accuracy))
     angles = pendulum_angles(run.time)
     ends = np.stack([np.sin(angles), 0 * angles, -np.cos(angles)], axis=1)
@@ -169,7 +169,7 @@ def test_files_keep_it(tmp_path: Path) -> None:
     assert math.isnan(tmj.simulate(pendulum(0.5), None, tmj.MuJoCo(timestep=0.01)).error_estimate)
 
 
-def test_a_law_without_a_solution_is_told_and_does_not_settle() -> None:
+def test_a_law_without_a_solution_is_reported_and_does_not_settle() -> None:
     def fails_later(time: float, nodes: np.ndarray, velocities: np.ndarray) -> np.ndarray:
         if time > 0.3:
             raise tmj.errors.InfeasibleError("nothing is left")

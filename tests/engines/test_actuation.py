@@ -240,7 +240,7 @@ def test_what_does_not_fit_together_is_warned_of(prism):
     assert fine.reports["warnings"] == []
 
 
-def test_a_run_too_long_to_record_is_refused_before_memory_is_asked_for(prism):
+def test_a_run_too_long_to_record_is_refused_before_memory_is_requested(prism):
     for engine in ENGINES:
         with pytest.raises(tmj.errors.OptionError, match=r"GiB|counted"):
             tmj.simulate(prism, None, engine, duration=1e12)

@@ -146,7 +146,7 @@ def test_a_four_bar_loop_follows_its_one_coordinate_for_two_seconds(plane, drift
     assert run.energy_residual <= 1e-9
 
 
-def test_reports_tell_how_far_loops_have_opened_and_normalizing_closes_them():
+def test_reports_say_how_far_loops_have_opened_and_normalizing_closes_them():
     """A start with an open loop: the gap stays, is projected away, or decays as e^(-ωt)(1 + ωt) by Baumgarte."""
     scene = four_bar()
     gaps = {}

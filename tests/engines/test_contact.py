@@ -261,7 +261,7 @@ def test_the_report_is_of_the_recorded_states() -> None:
     assert (free["deepest"], free["largest_normal_force"], free["final_forces"]) == (0, 0, {})
 
 
-def test_touches_only_what_the_scene_asks_for() -> None:
+def test_touches_only_what_the_scene_requires() -> None:
     scene = tmj.load_scene("prism_drop")
     model = mujoco.MjModel.from_xml_string(scene_to_mjcf(scene))
     touch = [
@@ -456,7 +456,7 @@ def test_distances_of_segments() -> None:
         assert least - cell <= found[row] <= least + 1e-12
 
 
-def test_overlaps_are_told_in_words() -> None:
+def test_overlaps_are_reported_in_words() -> None:
     found = overlaps(_crossed(), Contact(floor=0.0, rods=True), np.array(list(_crossed().nodes.values()), float))
     assert found[0] == "rod 'rod1' at node 'a' is 0.01 m inside the floor"
     assert found[-1] == "rods 'rod1' and 'rod2' overlap by 0.01 m"

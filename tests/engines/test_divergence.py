@@ -101,7 +101,7 @@ def diverging(
 
 @pytest.mark.parametrize("name", [*(i.name for i in EXPLICIT), "DAE"])
 @pytest.mark.parametrize("excess", [1.05, 3.0, 30.0])
-def test_a_step_beyond_the_limit_of_stability_is_told(name: str, excess: float) -> None:
+def test_a_step_beyond_the_limit_of_stability_is_reported(name: str, excess: float) -> None:
     # x'' = -ω² x is stable for h ω < 2 with the semi-implicit Euler method (all of MuJoCo's one-stage integrators are
     # that for springs) and for h ω < 2 √2 with the classical Runge-Kutta method.
     limit = 2 * math.sqrt(2) if name in ("RK4", "DAE") else 2.0
@@ -161,7 +161,7 @@ def test_a_controlled_run_with_too_large_a_step(name: str) -> None:
     diverging(scene, engines(1.0)[name], 20.0, law, on_infeasible=OnInfeasible.PASSIVE)
 
 
-def test_rods_that_tear_are_told() -> None:
+def test_rods_that_tear_are_reported() -> None:
     # The reference model's rods are held by a multiplier, and let go of when the step is too large.
     run = tmj.simulate(tmj.load_scene("prism"), None, tmj.DAE(), duration=0.1)
     nodes = run.nodes.copy()
@@ -174,7 +174,7 @@ def test_rods_that_tear_are_told() -> None:
 
 
 @pytest.mark.parametrize("integrator", Integrator)
-def test_a_rest_length_that_mujoco_would_ignore_is_told(integrator: Integrator) -> None:
+def test_a_rest_length_that_mujoco_would_ignore_is_reported(integrator: Integrator) -> None:
     # Beyond 1e10 MuJoCo sets all controls to zero, warns, and goes on.
     class Runaway:
         command = Command.REST_LENGTH
@@ -426,7 +426,7 @@ def test_an_interrupt_within_a_load_goes_through(name: str) -> None:
 # Runs that disturb each other ----------------------------------------------------------------------------
 
 
-def test_a_callback_of_the_users_own_is_told() -> None:
+def test_a_callback_of_the_users_own_is_reported() -> None:
     # It would be asked about models that it does not know, and it would be put out of action by ours.
     scene = tmj.load_scene("pinned_rod")
     mujoco.set_mjcb_control(lambda model, data: None)

@@ -114,7 +114,7 @@ def test_a_law_with_a_memory_gets_a_fresh_one_a_run(prism, law) -> None:
         assert np.array_equal(run.nodes, alone.nodes)
 
 
-def test_one_that_ends_early_is_told_apart_and_stops_no_other(prism, law) -> None:
+def test_one_that_ends_early_is_distinguished_and_stops_no_other(prism, law) -> None:
     def explosive(time: float, nodes: Any, velocities: Any) -> Any:
         return np.full(12, 1e9)
 
@@ -264,7 +264,7 @@ def test_other_models_are_left_alone_while_a_law_is_in(prism, law) -> None:
     assert mujoco.get_mjcb_control() is None
 
 
-def test_a_model_of_the_same_shape_with_other_strings_is_told_apart(prism, law) -> None:
+def test_a_model_of_the_same_shape_with_other_strings_is_distinguished(prism, law) -> None:
     """Its signature is the same; the law's rest lengths would be another spring's."""
     structure = prism.structure
     stiff = replace(structure, strings=[replace(s, stiffness=2 * s.stiffness) for s in structure.strings])

@@ -175,7 +175,7 @@ def test_breaks_are_kept() -> None:
     assert np.allclose(np.diff(speeds), GRAVITY * 0.02, atol=1e-13)
 
 
-def test_the_accuracy_uses_it_and_tells_so() -> None:
+def test_the_accuracy_uses_it_and_reports_so() -> None:
     scene = bob(0.8)
     run = tmj.simulate(scene, None, tmj.DAE(accuracy=1e-6))
     chosen = run.reports["accuracy"]["chosen"]

@@ -185,7 +185,7 @@ def test_smooth_motion_is_bit_for_bit_the_plain_one(closed: bool, actuation: tmj
     assert plain.cost["evaluations"] == split.cost["evaluations"]
 
 
-def test_a_law_is_asked_once_a_stage() -> None:
+def test_a_law_is_evaluated_once_a_stage() -> None:
     """What it answered for the end of a step is not asked for again at the start of the next."""
     scene = tmj.load_scene("pinned_rod").with_(duration=0.1)
     own = tmj.controllers.from_scene(scene)
@@ -299,7 +299,7 @@ def test_a_search_that_finds_nothing_leaves_the_step_as_it_was() -> None:
     assert found.cost["evaluations"] > plain.cost["evaluations"]
 
 
-def test_the_accuracy_uses_it_and_tells_so() -> None:
+def test_the_accuracy_uses_it_and_reports_so() -> None:
     scene = bob(0.8)
     run = tmj.simulate(scene, None, tmj.MuJoCo(accuracy=1e-7))
     chosen = run.reports["accuracy"]["chosen"]

@@ -258,7 +258,7 @@ def test_without_control_the_prism_stands_still() -> None:
         assert np.linalg.norm(data.site(name).xpos - position) <= 2e-13
 
 
-def test_the_integrator_and_the_step_are_those_asked_for() -> None:
+def test_the_integrator_and_the_step_are_those_requested() -> None:
     for integrator in tmj.Integrator:
         model = tmj.MuJoCo(0.0123, integrator).model(one_rod())
         assert model.opt.timestep == 0.0123

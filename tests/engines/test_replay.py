@@ -98,7 +98,7 @@ def test_a_recording_is_replayed_as_it_was_made(prism):
     assert any("recording ends at 0.2 s" in warning for warning in longer.reports["warnings"])
 
 
-def test_a_splined_recording_tells_its_own_error():
+def test_a_splined_recording_reports_its_own_error():
     times = np.linspace(0, 1, 41)
     law = Replay(times, np.sin(10 * times)[:, None] + 2)
     fine = np.linspace(0, 1, 4001)

@@ -117,7 +117,7 @@ def test_random_scenes_hold_the_least(seed: int) -> None:
     assert needs.flags == OFF
 
 
-def test_contact_brings_what_it_asks_for_alone() -> None:
+def test_contact_brings_what_it_requires_alone() -> None:
     scene = tmj.load_scene("prism_drop")
     floor = tmj.studies.requirements(scene)
     assert floor.rows_per_contact == 3

@@ -327,7 +327,7 @@ def run_of(heights: tuple[float, ...], swing: Any) -> BeamRun:
     return BeamRun("", "", values)
 
 
-def test_rows_ask_what_the_sentences_say() -> None:
+def test_rows_judge_what_the_sentences_say() -> None:
     like_the_figure = run_of((2.0, 4.0, 6.0), lambda n, height: height - 0.1 * n * (height - 4.0))
     assert measures_c2.swings_grow(like_the_figure, (2.0, 4.0, 6.0))
     assert not measures_c2.swings_grow(like_the_figure, (6.0, 4.0))

@@ -112,7 +112,7 @@ def test_natural_frequencies_are_those_of_the_hanging_rope() -> None:
     assert linear_frequencies(cable(rope_mass=RopeMass.TABLE))[0] != pytest.approx(0.3242, abs=5e-5)
 
 
-def test_the_start_is_at_rest_in_the_frame_that_is_asked_for() -> None:
+def test_the_start_is_at_rest_in_the_frame_that_is_requested() -> None:
     rate = 2 * math.pi * 0.5 * 0.05
     moving = cable(5)
     np.testing.assert_allclose(moving.velocities0, np.tile([0.0, rate, 0.0], (6, 1)), rtol=1e-15)

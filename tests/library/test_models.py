@@ -131,7 +131,7 @@ def test_runs_are_finite_and_repeat_bit_by_bit(folder: Path, engine: object) -> 
 
 
 @every_model
-def test_the_readme_tells_what_it_must(folder: Path) -> None:
+def test_the_readme_has_what_it_must(folder: Path) -> None:
     text = (folder / "README.md").read_text(encoding="utf-8")
     for part in ("**Source:**", "**Needs:** MuJoCo 4.0", "(scene.png)", "## Where each number comes from", "## Run it"):
         assert part in text

@@ -59,7 +59,7 @@ def test_some_of_those_random_structures_have_such_rods_and_some_have_none():
     assert min(found) == 0 < sum(count > 0 for count in found)
 
 
-def test_a_truss_arm_tells_its_braced_cell_and_a_run_of_it_does():
+def test_a_truss_arm_reports_its_braced_cell_and_a_run_of_it_does():
     scene = tmj.load_scene("truss_arm")
     braced = ("lower1", "upper1", "post1", "rising1", "falling1")
     assert redundancy(scene.structure, scene.nodes0) == Redundancy(braced)

@@ -255,7 +255,7 @@ def test_one_step_of_a_held_force_is_counted_at_both_its_ends():
 
 
 @pytest.mark.parametrize("integrator", [tmj.Integrator.EULER, tmj.Integrator.IMPLICIT, tmj.Integrator.DISCRETE])
-def test_one_step_methods_are_stable_and_exact_in_energy_up_to_the_limit_of_the_docs_and_told_beyond(integrator):
+def test_one_step_methods_are_stable_and_exact_in_energy_up_to_the_limit_of_the_docs_and_reported_beyond(integrator):
     # u' = u - h c ℓ u / m: the factor is -1 at h = 2 m / (c ℓ). The work of a held force is exact by the
     # speeds at both ends of a step.
     h, limit = 0.01, 2 * 0.5 / (0.8 * 0.01)

@@ -168,7 +168,7 @@ def test_the_polynomial_passes_through_everything_between() -> None:
     np.testing.assert_array_equal(along.shapes, shape(np.array(along.parameters)))
 
 
-def test_it_stands_still_outside_and_starts_where_it_is_told() -> None:
+def test_it_stands_still_outside_and_starts_where_it_is_placed() -> None:
     made, aim = structure(), target()
     times = np.array([-1.0, 0.0, 1.0, 3.0, 7.0])
     nodes = target_nodes(made, aim, times)

@@ -556,7 +556,7 @@ def test_water_is_written_and_read_without_loss(tmp_path) -> None:
             scene_from_toml(text.replace(old, new))
 
 
-def test_people_are_told_of_water() -> None:
+def test_descriptions_name_water() -> None:
     scene = one(water=tmj.Water(waves=WAVES, current=(0.1, 0, 0)))
     told = describe(scene)
     assert "waves of 1 m, 15 m long, towards 17.19°" in told["water"]
@@ -625,7 +625,7 @@ def test_each_rod_has_the_period_of_the_waves_where_it_is() -> None:
     assert np.isnan(number(5.0))
 
 
-def test_waves_beyond_linear_theory_are_told() -> None:
+def test_waves_beyond_linear_theory_are_reported() -> None:
     rod = tmj.Rod("r", ("a", "b"), 5.0, 0.05, tmj.Support.pinned(0.5))
     structure = tmj.Structure("s", {"a": (0.0, -0.5, -3.0), "b": (0.0, 0.5, -3.0)}, (rod,))
 

@@ -297,7 +297,7 @@ def test_the_number_is_chosen_from_the_waves_and_what_was_given_is_kept() -> Non
     assert shallow == 39  # of one wave, κ alone decides
 
 
-def test_there_is_a_limit_that_is_told() -> None:
+def test_there_is_a_limit_that_is_reported() -> None:
     sea = tmj.Water(waves=(tmj.Wave(0.01, 1.0),))
     capped = rod_scene((0, 0, -1), (1, 0, 0), 20.0, sea).water_segments
     assert (capped.count, capped.chosen) == (200, True)

@@ -95,7 +95,7 @@ def test_motion_stops_at_the_first_sample_that_is_not_finite():
         Motion.of(run.until(0))
 
 
-def test_how_a_run_ended_is_told():
+def test_how_a_run_ended_is_reported():
     assert Motion.of(replace(cone_run(), status=Status.INFEASIBLE)).note == "infeasible at t = 2 s"
 
 
@@ -191,7 +191,7 @@ def test_the_azimuth_keeps_members_apart():
     assert corners_of(np.array([[0, 1], [2, 3]]), nodes).shape == (1, 0, 2, 3)
 
 
-def test_angles_that_were_asked_for_are_kept():
+def test_angles_that_were_requested_are_kept():
     camera = direction(cone_scene().structure.positions, np.zeros((1, 0, 2, 3)), 12.0, -34.0)
     assert (camera.azimuth, camera.elevation) == (12.0, -34.0)
 

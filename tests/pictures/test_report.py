@@ -87,7 +87,7 @@ def test_a_report_holds_everything_itself(tmp_path: Path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["film.mp4", "report.html"]
 
 
-def test_a_report_tells_the_numbers(tmp_path: Path):
+def test_a_report_has_the_numbers(tmp_path: Path):
     run = cone_run(engine="first")
     nodes = run.nodes.copy()
     nodes[:, 1, 2] += 3e-4

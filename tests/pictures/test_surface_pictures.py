@@ -348,7 +348,7 @@ def test_what_floats_is_seen_from_the_side():
 
 
 @needs_opengl
-def test_angles_that_were_asked_for_are_kept_over_water():
+def test_angles_that_were_requested_are_kept_over_water():
     with stage_of(wet(), azimuth=12.0, elevation=-34.0, distance=9.0) as stage:
         assert (stage.framing.camera.azimuth, stage.framing.camera.elevation, stage.framing.camera.distance) == (
             12.0,

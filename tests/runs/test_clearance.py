@@ -435,7 +435,7 @@ def test_elements_that_share_a_node_are_not_looked_at() -> None:
     assert [p.distance for p in found.pairs] == sorted(p.distance for p in found.pairs)
 
 
-def test_mistakes_are_told() -> None:
+def test_mistakes_are_reported() -> None:
     structure = two_rods()
     nodes = np.repeat(structure.positions[None], 2, axis=0)
     for arguments, text in (

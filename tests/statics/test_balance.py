@@ -199,7 +199,7 @@ def test_elastic_rods_carry_what_their_lengths_say() -> None:
     assert elastic.unbalanced > rigid.unbalanced
 
 
-def test_what_falls_freely_is_not_told_to_add_supports(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_falls_freely_gets_no_advice_to_add_supports(capsys: pytest.CaptureFixture[str]) -> None:
     for scene, falls in (
         (tmj.load_scene("prism_drop"), True),
         (tmj.load_scene("prism_drop").with_(contact=None), True),

@@ -137,7 +137,7 @@ def test_a_steep_truss_leaves_sideways_before_it_snaps() -> None:
     assert np.allclose(path.criticals[0].mode[1], [1, 0, 0], atol=2e-5)
 
 
-def test_several_critical_points_within_one_step_are_told_apart() -> None:
+def test_several_critical_points_within_one_step_are_distinguished() -> None:
     """Steps so long that bifurcation and limit point fall into one."""
     truss = VonMises(0.3, 1.0, sideways=True)
     first, (z, peak) = truss.sideways[0], truss.limit
@@ -721,7 +721,7 @@ def test_units_do_not_matter() -> None:
         assert path.criticals[0].parameter * 60 == pytest.approx(2 * mast.tension / mast.d * mast.a, rel=LOCATED)
 
 
-def test_it_ends_where_stability_is_lost_if_asked_to() -> None:
+def test_it_ends_where_stability_is_lost_if_requested() -> None:
     mast = Mast()
     path = follow(mast.model, loads=60 * mast.down, points=9, stop_at_critical=True)
     assert path.end is End.CRITICAL

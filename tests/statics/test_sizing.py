@@ -511,7 +511,7 @@ def test_a_column_bears_itself(length: float, load: float) -> None:
     assert found.mass == pytest.approx(max(buckling, crushing), rel=2e-6)  # its own tolerance is 1e-6
 
 
-def test_loads_that_cannot_be_told_from_none_are_refused() -> None:
+def test_loads_that_cannot_be_distinguished_from_none_are_refused() -> None:
     rod = Rod("r", ("a", "b"), 1.0, 0.01, Support.pinned(0.0))
     structure = Structure("column", {"a": (0.0, 0.0, 0.0), "b": (0.0, 0.0, 100.0)}, (rod,))
     loads = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1e-5]])

@@ -456,7 +456,7 @@ def setups_of(engine: str, kind: Kind = Kind.SLACK) -> Iterator[tuple[dict[str, 
 @pytest.mark.parametrize(
     ("engine", "other"), [("dae rk4", "ODE"), ("dae dop853", "ODE"), ("rk4", "DAE"), ("euler", "DAE"), ("ode", "DAE")]
 )
-def test_a_reference_is_of_another_formulation_and_tells_its_doubt(engine: str, other: str) -> None:
+def test_a_reference_is_of_another_formulation_and_reports_its_doubt(engine: str, other: str) -> None:
     _, setup = next(setups_of(engine, Kind.SPIN))
     reference = reference_of(setup)
     assert reference is not None
@@ -582,7 +582,7 @@ def test_a_moments_pull_is_not_stepped_over(engine: Any, reach: float) -> None:
     assert run.cost["steps"] < 500
 
 
-def test_a_law_that_raises_is_told_what_it_must_do() -> None:
+def test_a_law_that_raises_has_an_error_that_names_what_it_must_do() -> None:
     law = laws.GoesWrong(np.full(3, 0.03), "an exception", 0.1)
     with pytest.raises(ControllerError) as caught_error:
         tmj.simulate(tmj.load_scene("pinned_rod"), law, tmj.DAE(), duration=0.5)

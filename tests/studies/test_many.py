@@ -347,7 +347,7 @@ def test_the_bar_shows_what_is_left(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     assert "6/6" in terminal.getvalue()
 
 
-def test_nothing_is_shown_unless_asked(capfd: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_shown_unless_requested(capfd: pytest.CaptureFixture[str]) -> None:
     run_many(study_tasks.noted, POINTS, workers=TWO)
     assert capfd.readouterr() == ("", "")
 
@@ -560,7 +560,7 @@ def test_differences_are_found_where_they_are() -> None:
     assert difference({"a": "x\n"}, {"a": "x"}) == "a has other line ends"
 
 
-def test_a_full_disk_is_told_with_the_file_and_nothing_finished_is_lost(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported_with_the_file_and_nothing_finished_is_lost(tmp_path: Path) -> None:
     points = [{"x": number} for number in range(60)]
     script = (
         "import resource, sys, study_tasks, tensegrity_mj as tmj\n"

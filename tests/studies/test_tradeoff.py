@@ -88,7 +88,7 @@ def test_what_lies_below_the_floor_counts_as_equal() -> None:
     assert pareto([1.0, 2.0, 3.0], [1e-3, 1e-7, 1e-9]) == [0, 1, 2]
 
 
-def test_costs_that_a_clock_cannot_tell_apart_go_to_the_first() -> None:
+def test_costs_that_a_clock_cannot_distinguish_go_to_the_first() -> None:
     assert cheapest([1.2, 1.0, 3.0], [0.1, 0.1, 0.1], 0.5, alike=1.25) == 0
     assert cheapest([1.3, 1.0, 3.0], [0.1, 0.1, 0.1], 0.5, alike=1.25) == 1
     assert cheapest([1.2, 1.0, 3.0], [0.9, 0.1, 0.1], 0.5, alike=1.25) == 1
@@ -322,7 +322,7 @@ def test_where_the_dae_refuses_mujoco_at_two_steps_is_the_reference_and_there_is
     assert [one["status"] for one in found.facts["tried"]].count("refused") == 2  # each of the DAE's ways once
 
 
-def test_without_any_reference_the_reason_is_told() -> None:
+def test_without_any_reference_the_reason_is_reported() -> None:
     from tensegrity_mj.studies.tradeoff.measurement import Attempt
 
     found = find_reference(spring_experiment(), 1e5, lambda engine: Attempt(Ended.REFUSED, "not today", None))

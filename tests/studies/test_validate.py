@@ -149,7 +149,7 @@ def test_masses_are_off_in_the_plant_alone(report: Any, pinned_rod: Any) -> None
     assert values["lyapunov"]["promised_rate"] is None  # V' = -δ V is a promise about the nominal plant
 
 
-def test_a_stiffer_string_pulls_harder_than_asked(report: Any, pinned_rod: Any) -> None:
+def test_a_stiffer_string_pulls_harder_than_commanded(report: Any, pinned_rod: Any) -> None:
     _, values = point(report, "stiffness", 1)
     nominal = report.data["nominal"]["engines"]["mujoco"]
     # At t = 0 the law asks for the same u, and the string pulls k/k̂ = 1.2 times as hard.

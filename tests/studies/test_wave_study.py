@@ -209,7 +209,7 @@ def test_engines_agree_in_every_case_of_the_study(label: str) -> None:
 # The study
 
 
-def test_a_point_of_the_study_tells_what_the_run_tells() -> None:
+def test_a_point_of_the_study_reports_what_the_run_reports() -> None:
     tower_ = {"stages": 4, "radius": 0.5, "duration": 4.0}
     point = {**cases.point(tower_), "transient": 2.0}
     found = in_waves(point)
@@ -287,7 +287,7 @@ def verdicts(runs: dict[str, BeamRun]) -> dict[str, Verdict]:
     return {row.statement.id: row.verdict for row in judge(asked, Computed({EngineName.DAE: runs}))}
 
 
-def test_rows_of_the_ledger_tell_the_thesis_from_what_is_not() -> None:
+def test_rows_of_the_ledger_distinguish_the_thesis_from_what_is_not() -> None:
     assert set(verdicts(made_up()).values()) == {Verdict.REPRODUCED}
     twice = verdicts(made_up(2.0))  # percentages are the same
     assert twice["7.9-soft"] is twice["7.9-stiff"] is Verdict.UNEXPLAINED

@@ -350,7 +350,7 @@ def test_what_rows_notice_is_found_and_kept(tmp_path: Path, monkeypatch: pytest.
     assert sensitivity.sensitivity(["6.8"], tmp_path, file, sizes=(10,), workers=HERE) == made
 
 
-def test_the_table_of_errors_is_of_rows_that_are_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_table_of_errors_is_of_rows_that_are_studied(monkeypatch: pytest.MonkeyPatch) -> None:
     table = json.loads(noticed.FILE.read_text(encoding="utf-8"))
     asked = {one.id for one in sensitivity.evidence(STATEMENTS)}
     assert set(table["rows"]) <= asked

@@ -296,7 +296,7 @@ def test_reading_an_axis() -> None:
         (near(1.0, 0.1), math.nan, "–"),
     ],
 )
-def test_values_have_the_digits_that_their_tolerance_asks_for(accepted: Interval, value: float, text: str) -> None:
+def test_values_have_the_digits_that_their_tolerance_requires(accepted: Interval, value: float, text: str) -> None:
     assert value_text(made_up(accepted), value) == text
 
 

@@ -116,7 +116,7 @@ def test_closed_forms() -> None:
         (tmj.Integrator.DISCRETE, 4e-3, "may chatter"),
     ],
 )
-def test_a_run_says_before_it_starts_what_its_contact_asks_of_the_step(
+def test_a_run_says_before_it_starts_what_its_contact_requires_of_the_step(
     integrator: tmj.Integrator, step: float, says: str
 ) -> None:
     scene = tmj.load_scene("prism_drop")

@@ -272,7 +272,7 @@ def test_the_closed_loop_follows_the_law(engine: str, name: str) -> None:
     assert np.abs(model.A - open_loop.A).max() > 1e-2
 
 
-def test_strings_at_the_edge_of_slackness_are_told() -> None:
+def test_strings_at_the_edge_of_slackness_are_reported() -> None:
     for engine in ENGINES.values():
         model = tmj.linearize(spring_mass(taut=False), engine)
         assert len(model.warnings) == 1
@@ -283,7 +283,7 @@ def test_strings_at_the_edge_of_slackness_are_told() -> None:
     assert tmj.linearize(spring_mass(), tmj.DAE()).warnings == ()
 
 
-def test_a_kink_of_the_law_is_told() -> None:
+def test_a_kink_of_the_law_is_reported() -> None:
     scene = spring_mass()
 
     def law(time: float, nodes: Array, velocities: Array) -> Array:
