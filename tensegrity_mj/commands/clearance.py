@@ -9,53 +9,30 @@ from typing import TYPE_CHECKING, Any
 from tensegrity_mj.commands.common import (
     PLOT_SUFFIXES,
     Outcome,
-    finite,
     number,
     output_file,
-    positive,
     table,
 )
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
-    from tensegrity_mj.runs.approaches import Approach, Clearance
+    from tensegrity_mj.runs.approaches import Approach, Clearance, Pairs
 
-HELP = "the smallest distances between rods and strings along a run"
-EXAMPLES = """\
-examples:
-  tensegrity-mj clearance prism.nc              # of tensegrity-mj run prism --out prism.nc
-  tensegrity-mj clearance prism.nc --pairs rod-rod,rod-string --below 0.05 --out nearest.png
-  tensegrity-mj clearance tower --json          # one shape: the scene's start
-
-Distances are those of the surfaces, negative where elements overlap. Elements that share a node are left out. Between
-samples the nodes follow cubics through positions and velocities, and nothing on these is missed.
-"""
-KINDS = ("rod-rod", "rod-string", "string-string")
 SHOWN = 20  # events, to people
 
 
-def configure(parser: argparse.ArgumentParser) -> None:
-    """The options of `clearance`."""
-    parser.add_argument("input", metavar="FILE.nc | SCENE", help="a run, or a scene, whose start is looked at")
-    parser.add_argument("--pairs", type=kinds, metavar="KINDS", help=f"of {', '.join(KINDS)}, by commas (all)")
-    parser.add_argument(
-        "--below", type=finite, default=0.0, metavar="D", help="list all approaches to at most D [m] (0: touches)"
-    )
-    parser.add_argument("--string-radius", type=finite, default=0.0, metavar="M", help="of every string [m] (0)")
-    parser.add_argument("--tolerance", type=positive, default=1e-6, metavar="M", help="of distances [m] (1e-6)")
-    parser.add_argument("--every-pair", action="store_true", help="list the smallest distance of every pair, too")
-    parser.add_argument("--out", metavar="FILE.png", help="write a plot over time (or .pdf, .svg)")
-
-
-def kinds(text: str) -> list[str]:
+def kinds(text: str) -> list[Pairs]:
     """argparse type: kinds of pairs, by commas."""
+    from tensegrity_mj.runs.approaches import Pairs
+
+    known = {one.value: one for one in Pairs}
     names = [name.strip() for name in text.split(",") if name.strip()]
     for name in names:
-        if name not in KINDS:
-            raise argparse.ArgumentTypeError(f"{name!r}; allowed: {', '.join(KINDS)}")
+        if name not in known:
+            raise argparse.ArgumentTypeError(f"{name!r}; allowed: {', '.join(known)}")
     if not names:
         raise argparse.ArgumentTypeError("none given")
-    return names
+    return [known[name] for name in names]
 
 
 def execute(options: argparse.Namespace) -> Outcome:
@@ -73,7 +50,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     what = Trajectory.load(options.input) if is_run else load_scene(options.input)
     found = clearance(
         what,
-        pairs=[Pairs(name) for name in options.pairs or KINDS],
+        pairs=options.pairs or list(Pairs),
         below=options.below,
         string_radius=options.string_radius,
         tolerance=options.tolerance,

@@ -125,23 +125,6 @@ def refuse(options: argparse.Namespace, names: Sequence[str], why: str) -> None:
             raise OptionError(f"--{name} {why}")
 
 
-def add_scene(parser: argparse.ArgumentParser) -> None:
-    """The scene that a command is about."""
-    parser.add_argument("scene", metavar="SCENE", help="a scene (see `scenes`), a .toml file, or a family's call")
-
-
-def add_workers(parser: argparse.ArgumentParser | argparse._ArgumentGroup, what: str = "runs") -> None:
-    """How much is computed at the same time."""
-    parser.add_argument("--workers", type=int, metavar="N", help=f"{what} at a time (all cores)")
-
-
-def add_several(
-    parser: argparse.ArgumentParser | argparse._ArgumentGroup, option: str, choices: Sequence[str], metavar: str
-) -> None:
-    """Some of several words, all by default."""
-    parser.add_argument(option, nargs="+", choices=choices, metavar=metavar, help=f"of {', '.join(choices)} (all)")
-
-
 def positive(text: str) -> float:
     """argparse type: a finite number > 0."""
     value = finite(text)

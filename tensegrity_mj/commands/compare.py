@@ -16,7 +16,6 @@ from tensegrity_mj.commands.common import (
     code_of_status,
     number,
     output_file,
-    positive,
     refuse,
     table,
     warn,
@@ -27,18 +26,6 @@ from tensegrity_mj.errors import OptionError
 if TYPE_CHECKING:
     from tensegrity_mj.runs.trajectory import Trajectory
 
-HELP = "compare two engines on one scene, or two recorded runs"
-EXAMPLES = """\
-examples:
-  tensegrity-mj compare prism --timestep 5e-3 --duration 4 --json
-  tensegrity-mj compare prism --actuation hold-force-density --control-period 1e-3 --out results/
-  tensegrity-mj compare prism --engine ode --reference dae --rtol 1e-12
-  tensegrity-mj compare prism --accuracy 1e-6
-  tensegrity-mj compare a.nc b.nc --tolerance 1e-8 --plot difference.png
-
-By default: MuJoCo with RK4 at --timestep against the DAE at its default tolerances, under the scene's law,
-evaluated continuously. With --accuracy both engines choose, and their errors are reported beside the difference.
-"""
 
 # unit of each number of a comparison, for people
 UNITS = {
@@ -51,25 +38,6 @@ UNITS = {
     "max_rest_length_error": "m",
     "max_energy_error": "J",
 }
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """The options of `compare`."""
-    parser.add_argument("inputs", nargs="+", metavar="SCENE | FILE.nc", help="one scene, or two trajectory files")
-    parser.add_argument("--duration", type=positive, metavar="S", help="simulated time [s] (the scene's)")
-    parser.add_argument(
-        "--tolerance", type=positive, help="report when each quantity first differs by more (in its SI unit)"
-    )
-    engines = parser.add_argument_group("engines")
-    engines.add_argument("--engine", choices=list(ENGINES), help="the first (mujoco)")
-    engines.add_argument("--reference", choices=list(ENGINES), help="the second (dae, or ode beside --engine dae)")
-    experiment.add_engine_options(engines)
-    experiment.add_control_options(parser.add_argument_group("control"))
-    output = parser.add_argument_group("output")
-    output.add_argument(
-        "--out", metavar="FOLDER|PREFIX", help="write both runs: FOLDER/mujoco.nc and dae.nc, or PREFIX-mujoco.nc ..."
-    )
-    output.add_argument("--plot", metavar="FILE.png", help="write a plot of the differences (or .pdf, .svg)")
 
 
 def execute(options: argparse.Namespace) -> Outcome:

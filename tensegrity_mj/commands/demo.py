@@ -24,19 +24,6 @@ if TYPE_CHECKING:
     from tensegrity_mj.runs.comparison import Comparison
     from tensegrity_mj.runs.trajectory import Trajectory
 
-HELP = "the main job: the prism in both engines, compared and filmed"
-EXAMPLES = """\
-examples:
-  tensegrity-mj demo
-  tensegrity-mj demo --scene pinned_rod --out /tmp/pinned
-"""
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """The options of `demo`."""
-    parser.add_argument("--out", metavar="FOLDER", default="results", help="for the files; made if absent (results)")
-    parser.add_argument("--scene", metavar="SCENE", default="prism", help="a scene with a control law (prism)")
-
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run it and say where the files are."""

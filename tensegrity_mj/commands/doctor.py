@@ -12,18 +12,6 @@ from importlib import metadata
 
 from tensegrity_mj.commands.common import ExitCode, Outcome
 
-HELP = "what works on this machine, and how to mend what does not"
-EXAMPLES = """\
-example:
-  tensegrity-mj doctor
-
-It exits 0 when everything works that simulation and video need, and 5 otherwise.
-"""
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """No options of its own."""
-
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run every check."""

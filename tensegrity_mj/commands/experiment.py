@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from tensegrity_mj.commands.common import positive, refuse
+from tensegrity_mj.commands.common import refuse
 from tensegrity_mj.controllers.table import LAWS
 from tensegrity_mj.engines.table import ENGINES, make_engine, option_names
 from tensegrity_mj.errors import OptionError
@@ -16,13 +16,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.model.actuation import Actuation
     from tensegrity_mj.model.scene import Scene
 
-# The values of the enums of the same names: written here so that --help need not import them (tested to agree).
-INTEGRATORS = ("euler", "implicitfast", "implicit", "rk4", "discrete")
-METHODS = ("dop853", "radau", "rk4")
-DRIFTS = ("monitor", "normalize", "baumgarte")
-INFEASIBLE_CHOICES = ("stop", "passive")
 
-ACTUATIONS = ("continuous", "hold-force-density", "hold-rest-length")
 NORMS = {"1": 1.0, "2": 2.0, "inf": math.inf}
 
 CHOSEN_BY_ACCURACY = ("timestep", "integrator", "method", "rtol", "atol", "locate-slack")
@@ -39,50 +33,6 @@ ENGINE_OPTIONS = {
 }
 LAW_OPTIONS = ("norm", "decay-rate", "law-option", "on-infeasible")
 ACTUATION_OPTIONS = ("actuation", "control-period")
-
-
-def add_engine_options(parser: argparse._ArgumentGroup) -> None:
-    """The options of all engines."""
-    parser.add_argument(
-        "--accuracy",
-        type=positive,
-        metavar="M",
-        help="largest node error over the run [m], 1e-10 to 1e-2: chooses integrator and step, and verifies them",
-    )
-    parser.add_argument("--timestep", type=positive, metavar="S", help="fixed step [s] of MuJoCo, or of --method rk4")
-    parser.add_argument("--integrator", choices=INTEGRATORS, help="MuJoCo's integrator (rk4)")
-    parser.add_argument("--method", choices=METHODS, help="the method of DAE and ODE (dop853)")
-    parser.add_argument("--rtol", type=positive, help="relative tolerance of dop853 and radau")
-    parser.add_argument("--atol", type=positive, help="absolute tolerance of dop853 and radau")
-    parser.add_argument(
-        "--locate-slack",
-        action="store_const",
-        const=True,
-        help="split the steps of rk4 where strings go slack or taut, so that it keeps its order there",
-    )
-    parser.add_argument(
-        "--drift", choices=DRIFTS, help="what the DAE does about the drift of its constraints (monitor)"
-    )
-    parser.add_argument(
-        "--output-interval", type=positive, metavar="S", help="between recorded samples [s] (about 0.01)"
-    )
-
-
-def add_control_options(parser: argparse._ArgumentGroup) -> None:
-    """The options of laws and actuation."""
-    parser.add_argument("--law", choices=(*LAWS, "none"), help="the control law (the scene's)")
-    parser.add_argument("--norm", choices=tuple(NORMS), help="norm of u that the law keeps least (the scene's)")
-    parser.add_argument("--decay-rate", type=positive, metavar="1/S", help="decay rate δ of the law [1/s]")
-    parser.add_argument(
-        "--law-option",
-        action="append",
-        type=law_option,
-        metavar="NAME=VALUE",
-        help="any other option of the law, written as in a scene file: onto=target, rotation={Z=2.0}; may be repeated",
-    )
-    parser.add_argument("--on-infeasible", choices=INFEASIBLE_CHOICES, help="without an admissible u: (stop)")
-    parser.add_argument("--actuation", choices=ACTUATIONS, help="what is held between control samples (continuous)")
-    parser.add_argument("--control-period", type=positive, metavar="S", help="time between control samples [s]")
 
 
 def check_accuracy(options: argparse.Namespace) -> None:

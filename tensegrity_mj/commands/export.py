@@ -4,20 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from tensegrity_mj.commands.common import Outcome, add_scene, output_file
-
-HELP = "write a scene as MJCF (.xml) or TOML (.toml)"
-EXAMPLES = """\
-examples:
-  tensegrity-mj export prism --out prism.xml
-  tensegrity-mj export prism --out my_prism.toml
-"""
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """The options of `export`."""
-    add_scene(parser)
-    parser.add_argument("--out", metavar="FILE", required=True, help="what to write: .xml (MJCF) or .toml")
+from tensegrity_mj.commands.common import Outcome, output_file
 
 
 def execute(options: argparse.Namespace) -> Outcome:

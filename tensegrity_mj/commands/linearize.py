@@ -6,37 +6,14 @@ import argparse
 import math
 from typing import TYPE_CHECKING, Any
 
-from tensegrity_mj.commands.common import Outcome, add_scene, number, output_file, positive, refuse, table
-from tensegrity_mj.engines.table import ENGINES, engine_class
+from tensegrity_mj.commands.common import Outcome, number, output_file, refuse, table
+from tensegrity_mj.engines.table import engine_class
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
     from tensegrity_mj.linearization.model import Linearization
 
-HELP = "linearize a scene about a state: A, B, C, frequencies"
-EXAMPLES = """\
-examples:
-  tensegrity-mj linearize prism
-  tensegrity-mj linearize prism --engine ode --inputs force-density --out prism.npz
-  tensegrity-mj linearize pinned_rod --closed-loop --json
-  tensegrity-mj linearize prism --state p.nc --time 2.5
-
-The state is the scene's start, or a sample of a run. ẋ = A x + B v + residual, y = C x; x are the translations and
-turns of rods and point masses and their rates, the same coordinates in every engine; v rest lengths [m] or force
-densities [N/m]; y node positions [m].
-"""
 MOST_LINES = 20
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """The options of `linearize`."""
-    add_scene(parser)
-    parser.add_argument("--engine", choices=list(ENGINES), default="mujoco", help="(mujoco)")
-    parser.add_argument("--inputs", choices=("rest-length", "force-density"), default="rest-length", help="what v is")
-    parser.add_argument("--closed-loop", action="store_true", help="with the scene's control law: A is A + B ∂v/∂x")
-    parser.add_argument("--state", metavar="FILE.nc", help="a run of this scene, whose sample is the state")
-    parser.add_argument("--time", type=positive, metavar="S", help="of the sample: the nearest one (the last)")
-    parser.add_argument("--out", metavar="FILE", help="write everything: .npz (arrays) or .json")
 
 
 def execute(options: argparse.Namespace) -> Outcome:

@@ -9,6 +9,7 @@ from types import ModuleType
 from typing import Any, NoReturn
 
 from tensegrity_mj.basics.texts import nearest
+from tensegrity_mj.commands.arguments import add_arguments, words_of
 from tensegrity_mj.commands.common import EXIT_CODES
 
 PROGRAM = "tensegrity-mj"
@@ -123,16 +124,15 @@ def _add_commands(parser: Parser, modules: Mapping[str, ModuleType], required: b
     places = parser.add_subparsers(metavar="COMMAND", required=required)
     for name, module in modules.items():
         inner: Mapping[str, ModuleType] = getattr(module, "COMMANDS", {})
-        examples = "" if inner else module.EXAMPLES.rstrip()
-        command = places.add_parser(
-            name, help=module.HELP, description=module.__doc__, epilog=f"{examples}\n\n{EXIT_CODES}".strip()
-        )
+        words = words_of(module)
+        epilog = f"{words.get('examples', '').rstrip()}\n\n{EXIT_CODES}".strip()
+        command = places.add_parser(name, help=words["help"], description=module.__doc__, epilog=epilog)
         parser.commands[name] = command
         if inner:
             _add_commands(command, inner, required=True)
             command.groups = {"commands": list(inner)}
             continue
-        module.configure(command)
+        add_arguments(command, module)
         command.add_argument(
             "--json", action="store_true", help="print one JSON object on stdout; everything else goes to stderr"
         )

@@ -5,27 +5,8 @@ from __future__ import annotations
 import argparse
 
 from tensegrity_mj.commands import experiment
-from tensegrity_mj.commands.common import Outcome, output_file, positive, refuse, size
+from tensegrity_mj.commands.common import Outcome, output_file, refuse
 from tensegrity_mj.errors import OptionError
-
-HELP = "make a video of one or two recorded runs"
-EXAMPLES = """\
-examples:
-  tensegrity-mj render p.nc --out p.mp4 --fps 60 --speed 0.5
-  tensegrity-mj render mujoco.nc dae.nc --out both.mp4 --layout side-by-side
-"""
-
-LAYOUTS = ("overlay", "side-by-side")
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """The options of `render`."""
-    parser.add_argument("runs", nargs="+", metavar="FILE.nc", help="one trajectory file, or two")
-    parser.add_argument("--out", metavar="FILE.mp4", required=True, help="the video")
-    parser.add_argument("--layout", choices=LAYOUTS, help="how two runs are shown (overlay)")
-    parser.add_argument("--size", type=size, metavar="WxH", default=(1280, 720), help="picture size (1280x720)")
-    parser.add_argument("--fps", type=positive, default=30.0, help="frames a second of the video (30)")
-    parser.add_argument("--speed", type=positive, default=1.0, help="simulated seconds a second of the video (1)")
 
 
 def execute(options: argparse.Namespace) -> Outcome:

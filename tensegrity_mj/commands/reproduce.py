@@ -6,55 +6,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tensegrity_mj.commands.common import ExitCode, Outcome, add_workers, output_file
+from tensegrity_mj.commands.common import ExitCode, Outcome, output_file
 
 if TYPE_CHECKING:
     from tensegrity_mj.thesis.disturbance import Disturbance
-
-HELP = "the thesis' figures again, and a ledger of what it states"
-EXAMPLES = """\
-examples:
-  tensegrity-mj reproduce
-  tensegrity-mj reproduce 3
-  tensegrity-mj reproduce C
-  tensegrity-mj reproduce 5.4 6.7 --out ledger/
-  tensegrity-mj reproduce 5 --json
-  tensegrity-mj reproduce 5 --disturb mass=1.1 --out heavier/
-  tensegrity-mj reproduce 4 5 6 --sensitivity tensegrity_mj/thesis/tables/sensitivity.json --out errors/
-  tensegrity-mj reproduce --table docs/reproduction.md
-
-Writes reproduction.html (the ledger and the figures), reproduction.json, figures/ and runs/ into the folder. Runs
-that are there are not computed again. Exit code 0: every row is reproduced, or differs as its table records;
-1: some row differs otherwise, which is a mistake of this program until a cause is found.
-"""
-
-# The values of `EngineName`: written here so that --help need not import it (tested to agree).
-ENGINES = ("dae", "mujoco", "ode", "statics")
-# Those of `Quantity`, likewise.
-QUANTITIES = ("mass", "stiffness", "damping", "gain", "geometry")
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """The options of `reproduce`."""
-    parser.add_argument("figures", nargs="*", metavar="FIGURE", help="such as 5.4, or a chapter such as 5 or C (all)")
-    parser.add_argument("--out", metavar="FOLDER", default="reproduction", help="made if absent (reproduction)")
-    parser.add_argument(
-        "--engine", nargs="+", choices=ENGINES, default=["dae", "mujoco", "statics"], help="(dae mujoco statics)"
-    )
-    add_workers(parser)
-    parser.add_argument("--format", choices=("png", "svg", "pdf"), default="png", help="of the figures' files (png)")
-    parser.add_argument("--no-figures", action="store_true", help="the ledger alone")
-    parser.add_argument("--table", metavar="FILE.md", help="write the ledger as a Markdown table too")
-    parser.add_argument(
-        "--disturb",
-        metavar="QUANTITY=FACTOR",
-        help=f"one quantity in error, to see rows turn red: {', '.join(QUANTITIES)}",
-    )
-    parser.add_argument(
-        "--sensitivity",
-        metavar="FILE.json",
-        help="instead of the ledger: which rows notice errors of 1 and 10 %%, put into this table",
-    )
 
 
 def execute(options: argparse.Namespace) -> Outcome:
@@ -121,9 +76,8 @@ def _disturbance(text: str | None) -> Disturbance | None:
     try:
         chosen = Quantity(name), float(factor)
     except ValueError:
-        raise OptionError(
-            f"--disturb {text!r}: use QUANTITY=FACTOR, such as mass=1.1; quantities: {', '.join(QUANTITIES)}"
-        ) from None
+        known = ", ".join(one.value for one in Quantity)
+        raise OptionError(f"--disturb {text!r}: use QUANTITY=FACTOR, such as mass=1.1; quantities: {known}") from None
     return Disturbance(*chosen)
 
 

@@ -11,53 +11,20 @@ from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import (
     PLOT_SUFFIXES,
     Outcome,
-    add_scene,
     code_of_status,
     distinct,
     number,
     output_file,
-    positive,
     refuse,
     table,
     warn,
 )
-from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import DivergenceError, OptionError
 
 if TYPE_CHECKING:
     from tensegrity_mj.model.actuation import Actuation
     from tensegrity_mj.model.scene import Scene
     from tensegrity_mj.runs.trajectory import Trajectory
-
-HELP = "simulate a scene in one engine"
-EXAMPLES = """\
-examples:
-  tensegrity-mj run prism --engine mujoco --integrator rk4 --timestep 1e-3 --duration 10 --out p.nc --video p.mp4
-  tensegrity-mj run prism --accuracy 1e-6
-  tensegrity-mj run prism --engine dae --method dop853 --rtol 1e-11 --json
-  tensegrity-mj run prism --actuation hold-force-density --control-period 1e-3 --norm 1
-  tensegrity-mj run prism --engine dae --replay p.nc --replay-quantity rest-length
-"""
-
-REPLAY_QUANTITIES = ("rest-length", "force-density")
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """The options of `run`."""
-    add_scene(parser)
-    parser.add_argument("--duration", type=positive, metavar="S", help="simulated time [s] (the scene's)")
-    engine = parser.add_argument_group("engine")
-    engine.add_argument("--engine", choices=list(ENGINES), default="mujoco", help="(mujoco)")
-    experiment.add_engine_options(engine)
-    experiment.add_control_options(parser.add_argument_group("control"))
-    replay = parser.add_argument_group("replay: open loop, instead of a law")
-    replay.add_argument("--replay", metavar="FILE.nc", help="a run whose strings are commanded again")
-    replay.add_argument("--replay-quantity", choices=REPLAY_QUANTITIES, help="what of it (rest-length)")
-    output = parser.add_argument_group("output")
-    output.add_argument("--out", metavar="FILE.nc", help="write the trajectory (NetCDF)")
-    output.add_argument("--video", metavar="FILE.mp4", help="write a video")
-    output.add_argument("--plot", metavar="FILE.png", help="write the plots of the run (or .pdf, .svg)")
-    output.add_argument("--view", action="store_true", help="then show the run in MuJoCo's interactive viewer")
 
 
 def execute(options: argparse.Namespace) -> Outcome:

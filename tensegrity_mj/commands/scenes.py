@@ -16,22 +16,6 @@ if TYPE_CHECKING:
     from tensegrity_mj.model.motion import Motion
     from tensegrity_mj.model.scene import Scene
 
-HELP = "list the shipped scenes, or describe one"
-EXAMPLES = """\
-examples:
-  tensegrity-mj scenes
-  tensegrity-mj scenes prism
-  tensegrity-mj scenes ./my_tower.toml --json
-  tensegrity-mj scenes "tower(stages=10, stiffness=2e4)"
-  tensegrity-mj scenes planar_beam --no-timing
-"""
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """The options of `scenes`."""
-    parser.add_argument("scene", nargs="?", metavar="SCENE", help="a shipped scene, a .toml file, or a family's call")
-    parser.add_argument("--no-timing", action="store_true", help="do not measure what a step costs (a second or two)")
-
 
 def execute(options: argparse.Namespace) -> Outcome:
     """List, or describe one."""

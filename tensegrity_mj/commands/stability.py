@@ -6,47 +6,14 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.basics.files import made_folder
-from tensegrity_mj.commands.common import Outcome, add_scene, output_file
+from tensegrity_mj.commands.common import Outcome, output_file
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-HELP = "the largest stable step of each integrator"
-EXAMPLES = """\
-examples:
-  tensegrity-mj stability prism
-  tensegrity-mj stability prism --maps stiffness damping rods --out stability --workers 2
-  tensegrity-mj stability prism --random 50 --seed 7 --json
 
---out FOLDER gets stability.json, index.html and the figures, and keeps finished points: the same command goes on
-where it stopped.
-"""
-
-# As in studies.stability: written here so that --help need not import them (tested to agree).
-ENGINES = ("euler", "implicitfast", "implicit", "discrete", "rk4", "dae", "ode")
 SMALL_DPI = 65
-AXES = ("stiffness", "damping", "mass_ratio", "prestress", "slenderness", "rods")
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """The options of `stability`."""
-    add_scene(parser)
-    parser.add_argument("--engines", nargs="+", choices=ENGINES, default=list(ENGINES), help="which ones (all)")
-    parser.add_argument("--open-loop", action="store_true", help="leave the scene's control law out")
-    parser.add_argument("--maps", nargs="*", choices=AXES, help="maps over these properties (all, if none is named)")
-    parser.add_argument(
-        "--random",
-        type=_count,
-        default=0,
-        metavar="N",
-        help="compare N random taut structures, and a third as many trees and loops",
-    )
-    parser.add_argument("--seed", type=int, default=0, help="of the random structures (0)")
-    parser.add_argument("--quick", action="store_true", help="few values of each map, and few rods")
-    parser.add_argument("--workers", type=_count, metavar="N", help="processes that compute points (all cores)")
-    parser.add_argument("--out", metavar="FOLDER", help="write data, page and figures there")
-    parser.add_argument("--small", action="store_true", help="figures of less than 80 kB, as for the documentation")
 
 
 def execute(options: argparse.Namespace) -> Outcome:
@@ -61,11 +28,12 @@ def execute(options: argparse.Namespace) -> Outcome:
         raise OptionError(f"--seed {options.seed}: it must be >= 0")
 
     from tensegrity_mj.library.load import load_scene
+    from tensegrity_mj.studies.stability.cases import AXES
     from tensegrity_mj.studies.stability.report import describe, study_stability
     from tensegrity_mj.studies.workers import Workers
 
     scene = load_scene(options.scene)
-    maps = () if options.maps is None else tuple(options.maps) or AXES
+    maps = () if options.maps is None else tuple(options.maps or AXES)
     data = study_stability(
         scene,
         law=_law_of(scene, options.open_loop),
@@ -111,7 +79,8 @@ def _law_of(scene: Any, open_loop: bool) -> Any:
     return None if getattr(law, "discontinuous", "") else law
 
 
-def _count(text: str) -> int:
+def count(text: str) -> int:
+    """argparse type: a whole number > 0."""
     if not text.isascii() or not text.isdigit() or not 1 <= int(text) <= 10**6:
         raise argparse.ArgumentTypeError(f"{text!r}: write a whole number from 1 to 1000000")
     return int(text)

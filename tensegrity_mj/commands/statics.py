@@ -10,7 +10,6 @@ from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import (
     ExitCode,
     Outcome,
-    add_scene,
     distinct,
     finite,
     output_file,
@@ -18,73 +17,17 @@ from tensegrity_mj.commands.common import (
     refuse,
     table,
 )
-from tensegrity_mj.engines.table import ENGINES, engine_class
+from tensegrity_mj.engines.table import engine_class
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
     from tensegrity_mj.statics.boundary import Hold
     from tensegrity_mj.statics.study import Materials, StaticStudy
 
-HELP = "equilibrium, prestress, stiffness, modes, buckling, strength"
-EXAMPLES = """\
-examples:
-  tensegrity-mj statics prism
-  tensegrity-mj statics truss_arm --load t4=0,0,-20 --path --out arm
-  tensegrity-mj statics truss_arm --hold t4:z=0,0,-0.2 --path --json
-  tensegrity-mj statics tower --rods elastic --hold b1_1,b1_2,b1_3 --hold t15_1,t15_2,t15_3=-1,0,0 --path
-  tensegrity-mj statics tower --method both --check-engine mujoco --save-scene tower_at_rest.toml
-  tensegrity-mj statics truss_arm --load t4=0,0,-20 --size aluminium,uhmwpe --least-radius 1e-4 --save-sized light.toml
-  tensegrity-mj statics truss_arm --broken rising3 --mode-video 1 mode.mp4
 
---hold NODES[:DIRECTIONS][=X,Y,Z] holds nodes in all directions, or in those of the letters x, y, z, and moves them
-by X, Y, Z [m]. --path follows the equilibria while loads and displacements grow from none (parameter 0) to all
-(parameter 1), through limit points; without it only the last one is looked for. docs/statics.md explains the numbers.
-"""
-
-# The values of `Search` and `Rods`: written here so that --help need not import them (tested to agree).
-METHODS = ("newton", "relaxation", "both")
-RODS = ("rigid", "elastic")
 MATERIALS = ("aluminium", "steel", "uhmwpe")  # names of statics.materials, in small letters
 MOST_COUNT = 10_000
 SECONDS = 2.0  # of a mode's video a period
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """The options of `statics`."""
-    add_scene(parser)
-    problem = parser.add_argument_group("the problem")
-    problem.add_argument("--rods", choices=RODS, default="rigid", help="elastic ones need sections (rigid)")
-    problem.add_argument(
-        "--load", action="append", type=_vector, metavar="NODE=X,Y,Z", help="a further force [N]; may be repeated"
-    )
-    problem.add_argument("--load-factor", type=finite, metavar="F", help="what these are multiplied by (1)")
-    problem.add_argument(
-        "--hold", action="append", type=_hold, metavar="NODES[:DIRECTIONS][=X,Y,Z]", help="see below; may be repeated"
-    )
-    problem.add_argument("--broken", action="append", metavar="STRING", help="it carries nothing; may be repeated")
-    problem.add_argument(
-        "--rest-length", action="append", type=_length, metavar="STRING=M", help="of a string [m]; may be repeated"
-    )
-    problem.add_argument("--no-gravity", action="store_true", help="leave the scene's gravity out")
-    work = parser.add_argument_group("what is done")
-    work.add_argument("--method", choices=METHODS, default="newton", help="how the equilibrium is found (newton)")
-    work.add_argument("--path", action="store_true", help="follow the equilibria as loads and displacements grow")
-    work.add_argument("--points", type=_count, metavar="N", help="about how many, along a straight path (100)")
-    work.add_argument("--modes", type=_count, default=12, metavar="N", help="natural modes (12)")
-    work.add_argument("--check-engine", choices=list(ENGINES), help="find the same by an engine")
-    work.add_argument("--run", metavar="FILE.nc", help="check the members over this run of the scene, too")
-    work.add_argument(
-        "--size",
-        type=_materials,
-        metavar="RODS[,STRINGS]",
-        help=f"lightest members of these materials at the scene's start: {', '.join(MATERIALS)}",
-    )
-    work.add_argument("--least-radius", type=positive, metavar="M", help="of sized members [m] (0)")
-    output = parser.add_argument_group("output")
-    output.add_argument("--out", metavar="FOLDER", help="write statics.json and statics.html with pictures there")
-    output.add_argument("--save-scene", metavar="FILE.toml", help="write the scene that starts in the equilibrium")
-    output.add_argument("--save-sized", metavar="FILE.toml", help="write the scene with the lightest members")
-    output.add_argument("--mode-video", nargs=2, metavar=("N", "FILE.mp4"), help="write a video of a natural mode")
 
 
 def execute(options: argparse.Namespace) -> Outcome:
@@ -209,7 +152,8 @@ def _sizes(options: argparse.Namespace) -> Materials | None:
 # ------------------------------------------------------------------------------------------------- argparse types
 
 
-def _count(text: str) -> int:
+def count(text: str) -> int:
+    """argparse type: a whole number > 0."""
     if not text.isascii() or not text.isdigit() or not 1 <= int(text) <= MOST_COUNT:
         raise argparse.ArgumentTypeError(f"{text!r}: write a whole number from 1 to {MOST_COUNT}")
     return int(text)
@@ -223,21 +167,24 @@ def _three(text: str, example: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _vector(text: str) -> tuple[str, tuple[float, float, float]]:
+def vector(text: str) -> tuple[str, tuple[float, float, float]]:
+    """argparse type: a node and a force on it."""
     name, equals, value = text.partition("=")
     if not equals or not name:
         raise argparse.ArgumentTypeError(f"{text!r}: write NODE=X,Y,Z, for example t4=0,0,-20")
     return name, _three(value, "t4=0,0,-20")
 
 
-def _length(text: str) -> tuple[str, float]:
+def length(text: str) -> tuple[str, float]:
+    """argparse type: a string and its rest length."""
     name, equals, value = text.partition("=")
     if not equals or not name:
         raise argparse.ArgumentTypeError(f"{text!r}: write STRING=M, for example s1=0.4")
     return name, positive(value)
 
 
-def _hold(text: str) -> tuple[tuple[str, ...], str, tuple[float, float, float]]:
+def hold(text: str) -> tuple[tuple[str, ...], str, tuple[float, float, float]]:
+    """argparse type: nodes, letters of directions, and how far they are moved."""
     where, equals, value = text.partition("=")
     names, _, letters = where.partition(":")
     nodes = tuple(names.split(","))
@@ -249,7 +196,8 @@ def _hold(text: str) -> tuple[tuple[str, ...], str, tuple[float, float, float]]:
     return nodes, letters, _three(value, "t1:z=0,0,-0.1") if equals else (0.0, 0.0, 0.0)
 
 
-def _materials(text: str) -> tuple[str, str]:
+def materials(text: str) -> tuple[str, str]:
+    """argparse type: names of the materials of rods and of strings."""
     names = text.lower().split(",")
     if len(names) > 2 or not set(names) <= set(MATERIALS):
         raise argparse.ArgumentTypeError(f"{text!r}: write RODS or RODS,STRINGS, each of {', '.join(MATERIALS)}")

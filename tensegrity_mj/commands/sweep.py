@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tensegrity_mj.commands.common import Outcome, add_scene, add_workers, table
+from tensegrity_mj.commands.common import Outcome, table
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
@@ -18,62 +18,8 @@ if TYPE_CHECKING:
     from tensegrity_mj.studies.table import Row
     from tensegrity_mj.studies.workers import Workers
 
-HELP = "simulate over values of any parameter, or random draws"
-EXAMPLES = """\
-examples:
-  tensegrity-mj sweep prism --vary law.decay_rate=0.5,1,2 --vary engine.timestep=log:1e-3:1e-2:3 --out study/
-  tensegrity-mj sweep pinned_rod --vary engine=mujoco,dae --set scene.duration=5
-  tensegrity-mj sweep prism --draw plant.rods[*].mass=*uniform:0.8:1.2 --samples 20 --seed 1 --out study/
-  tensegrity-mj sweep prism --set actuation=hold-rest-length --vary actuation.period=0.001,0.01 --out study/
-  tensegrity-mj sweep "tower_in_waves(stages=8)" --vary family.stiffness=1e4,2e4 --measures late_deformation
-  tensegrity-mj sweep prism --zip structure.rods.mass=1,2 structure.strings.stiffness=*1,*2 --measures min_margin
-
-parameters, by their paths:
-  family.stages family.stiffness   arguments of the family's call that the scene is given by
-  scene.gravity scene.gravity.z scene.duration scene.initial_nodes[NODE] scene.initial_velocities[NODE].x
-  scene.target[NODE].x scene.loads.force.z scene.breaks[STRING].time scene.contact.friction
-  structure.rods.mass structure.rods[rod1].mass structure.strings[s1,s2].stiffness structure.nodes[NODE].z
-  plant. ...                   as structure and scene, for what is simulated only: the law knows the nominal one
-  law law.decay_rate law.norm  a law by name, or none; the law's options
-  engine engine.timestep       mujoco, dae or ode; the engine's options: integrator, method, rtol, atol, ...
-  actuation actuation.period   continuous, hold-force-density, hold-rest-length; time between samples [s]
-  on_infeasible output_interval
-
-values: numbers, words, or JSON ([0,0,-9.81]); *0.8 is 0.8 times the scene's value. In place of a list,
-  linear:FROM:TO:COUNT and log:FROM:TO:COUNT, with * before them for factors.
-draws: uniform:LOW:HIGH, loguniform:LOW:HIGH, normal:MEAN:DEVIATION, choice:A,B,C, with * before them for factors;
-  [*] draws for each member by itself.
-
-With --out the study is kept in a folder: every point that is finished is saved at once, and the same command goes on
-with what is missing, whatever stopped it. Points that fail are part of the result: the exit code is 0 when all
-points have been tried. docs/studies.md says more.
-"""
 
 MOST_LINES = 40
-BACKENDS = ("processes", "this-process")
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """The options of `sweep`."""
-    add_scene(parser)
-    what = parser.add_argument_group("what varies")
-    repeated: dict[str, Any] = {"action": "append", "default": []}
-    what.add_argument("--vary", metavar="PATH=VALUES", help="a parameter and its values, with all others'", **repeated)
-    what.add_argument(
-        "--zip", metavar="PATH=VALUES", nargs="+", help="parameters that go through their values together", **repeated
-    )
-    what.add_argument("--draw", metavar="PATH=DISTRIBUTION", help="a parameter that is drawn at random", **repeated)
-    what.add_argument("--set", metavar="PATH=VALUE", help="a parameter with one value", **repeated)
-    what.add_argument("--samples", type=int, metavar="N", help="draws at every combination of values (1)")
-    what.add_argument("--seed", type=int, metavar="N", help="of the draws; the same seed draws the same")
-    who = parser.add_argument_group("who computes")
-    add_workers(who, "points")
-    who.add_argument("--backend", choices=BACKENDS, help="worker processes, or this process, to debug (processes)")
-    who.add_argument("--cluster", metavar="ADDRESS", help="of the scheduler of a Dask cluster, such as tcp://host:8786")
-    output = parser.add_argument_group("output")
-    output.add_argument("--out", metavar="FOLDER", help="keep the study there, or go on with it")
-    output.add_argument("--measures", metavar="NAMES", help="what to list and to plot, with commas between")
-    output.add_argument("--keep-trajectories", action="store_true", help="keep each run as a .nc file in FOLDER/files")
 
 
 def execute(options: argparse.Namespace) -> Outcome:

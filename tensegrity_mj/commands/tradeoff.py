@@ -8,65 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.basics.texts import file_name
-from tensegrity_mj.commands import experiment
-from tensegrity_mj.commands.common import Outcome, add_several, positive
-from tensegrity_mj.engines.table import ENGINES
+from tensegrity_mj.commands.common import Outcome
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
     from tensegrity_mj.studies.tradeoff.options import TradeoffOptions
-
-HELP = "speed against accuracy of every engine; what to use"
-EXAMPLES = """\
-examples:
-  tensegrity-mj tradeoff prism --out tradeoff/
-  tensegrity-mj tradeoff my_scene.toml --engines mujoco --families RK4 Euler --actuations continuous
-  tensegrity-mj tradeoff prism --loops closed --actuations hold-rest-length --periods 0.02 0.01 0.005 --json
-  tensegrity-mj tradeoff prism cross tbar --out tradeoff/ --docs docs
-
-Errors are the largest distance of a node from where a tight reference has it [m]; docs/tradeoff.md says against which.
-Nothing else should use the machine: wall times are measured one run at a time. Interrupted, the same command goes on.
-"""
-
-# The values of `Loop`: written here so that --help need not import them (tested to agree).
-LOOPS = ("open", "closed")
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """The options of `tradeoff`."""
-    parser.add_argument(
-        "scenes", nargs="+", metavar="SCENE", help="shipped scenes (see `scenes`) or paths to .toml files"
-    )
-    parser.add_argument(
-        "--law",
-        metavar="LAW",
-        help="of the closed loop: a built-in law, or module:name or path.py:name of a law or of a function "
-        "scene -> law (the scene's)",
-    )
-    parser.add_argument("--duration", type=positive, metavar="S", help="of each run [s] (the scene's)")
-    sweep = parser.add_argument_group("what is swept")
-    sweep.add_argument("--loops", nargs="+", choices=LOOPS, metavar="LOOP", help="of open, closed (both)")
-    add_several(sweep, "--engines", tuple(ENGINES), "ENGINE")
-    sweep.add_argument(
-        "--families", nargs="+", metavar="WORD", help="only those whose name has one of these: RK4, Euler, DOP853, ..."
-    )
-    add_several(sweep, "--actuations", experiment.ACTUATIONS, "MODE")
-    sweep.add_argument(
-        "--periods", nargs="+", type=positive, metavar="S", help="between control samples where held [s] (0.01 0.001)"
-    )
-    sweep.add_argument("--steps", nargs="+", type=positive, metavar="S", help="fixed steps [s] (a grid of 1-2-5)")
-    sweep.add_argument("--tolerances", nargs="+", type=positive, metavar="RTOL", help="(1e-3 ... 1e-11)")
-    sweep.add_argument("--repeats", type=int, metavar="N", help="how often each point is timed (3)")
-    sweep.add_argument(
-        "--budget", type=positive, metavar="N", help="right-hand sides times strings of a run, at most (1e6)"
-    )
-    output = parser.add_argument_group("output")
-    output.add_argument(
-        "--out",
-        metavar="FOLDER",
-        help="write SCENE/tradeoff.json, .html and .png there for each scene; go on there if interrupted",
-    )
-    output.add_argument("--docs", metavar="FOLDER", help="write the pictures and tables of FOLDER/tradeoff.md anew")
 
 
 def execute(options: argparse.Namespace) -> Outcome:

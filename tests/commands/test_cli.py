@@ -18,12 +18,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_words import choices_of
 
 import tensegrity_mj as tmj
 from tensegrity_mj import errors
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.cli import GROUPS, build_parser, main
 from tensegrity_mj.commands import common, experiment, scenes
+from tensegrity_mj.commands.arguments import words_of
 from tensegrity_mj.commands.common import ExitCode, Outcome
 from tensegrity_mj.commands.doctor import Check
 
@@ -79,9 +81,8 @@ def test_every_command_explains_itself(command: str, capsys: pytest.CaptureFixtu
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_example_parses(command: str) -> None:
-    lines = [
-        shlex.split(line, comments=True) for line in COMMANDS[command].EXAMPLES.splitlines() if "tensegrity-mj " in line
-    ]
+    examples = words_of(COMMANDS[command])["examples"]
+    lines = [shlex.split(line, comments=True) for line in examples.splitlines() if "tensegrity-mj " in line]
     assert lines
     for words in lines:
         assert build_parser().parse_args(words[1:]).command == command
@@ -112,16 +113,16 @@ def test_help_and_parsing_load_no_heavy_library() -> None:
 
 
 def test_choices_are_the_values_of_the_enums() -> None:
-    from tensegrity_mj.commands.render import LAYOUTS
-
-    for choices, kind in (
-        (experiment.INTEGRATORS, tmj.Integrator),
-        (experiment.METHODS, tmj.Method),
-        (experiment.DRIFTS, tmj.engines.Drift),
-        (experiment.INFEASIBLE_CHOICES, tmj.OnInfeasible),
+    for option, kind in (
+        ("--integrator", tmj.Integrator),
+        ("--method", tmj.Method),
+        ("--drift", tmj.engines.Drift),
+        ("--on-infeasible", tmj.OnInfeasible),
     ):
-        assert set(choices) == {item.value for item in kind}
-    assert {name.replace("-", "_").upper() for name in LAYOUTS} == {item.name for item in tmj.pictures.Layout}
+        assert set(choices_of("run", option)) == {item.value for item in kind}
+    assert choices_of("run", "--norm") == list(experiment.NORMS)
+    layouts = choices_of("render", "--layout")
+    assert {name.replace("-", "_").upper() for name in layouts} == {item.name for item in tmj.pictures.Layout}
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_words import choices_of
 
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
@@ -35,8 +36,8 @@ def strong(tmp_path: Path) -> Path:
 
 
 def test_the_words_of_the_command_are_those_of_the_library() -> None:
-    assert {search.value for search in Search} == set(command.METHODS)
-    assert {rods.value for rods in tmj.statics.Rods} == set(command.RODS)
+    assert {search.value for search in Search} == set(choices_of("statics", "--method"))
+    assert {rods.value for rods in tmj.statics.Rods} == set(choices_of("statics", "--rods"))
     known = {name.lower() for name, value in vars(materials).items() if isinstance(value, materials.Material)}
     assert known == set(command.MATERIALS)
 

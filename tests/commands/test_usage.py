@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from tensegrity_mj.cli import GROUPS, main
+from tensegrity_mj.commands.arguments import words_of
 
 # Answers that the issue gives, or that follow from difflib's ratio (2 M / T over the letters that match, at least 0.6).
 MEANT = {
@@ -92,7 +93,7 @@ def test_help_shows_the_groups_with_one_line_each(capsys: pytest.CaptureFixture[
         for title, commands in groups.items():
             first = lines.index(f"{title}:") + 1
             shown = [line.split(maxsplit=1) for line in lines[first : first + len(commands)]]
-            assert shown == [[name, module.HELP] for name, module in commands.items()]
+            assert shown == [[name, words_of(module)["help"]] for name, module in commands.items()]
 
 
 # Completion --------------------------------------------------------------------------------------------------------

@@ -4,19 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from tensegrity_mj.commands.common import Outcome, add_scene, number, table
-
-HELP = "the mass of a structure"
-EXAMPLES = """\
-examples:
-  tensegrity-mj weigh prism --of rods
-"""
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """The options of `weigh`."""
-    add_scene(parser)
-    parser.add_argument("--of", choices=("rods", "point-masses", "all"), default="all", help="(all)")
+from tensegrity_mj.commands.common import Outcome, number, table
 
 
 def execute(options: argparse.Namespace) -> Outcome:

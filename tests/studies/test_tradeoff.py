@@ -11,13 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from command_words import choices_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
-from tensegrity_mj.commands import tradeoff as command
-from tensegrity_mj.commands.experiment import ACTUATIONS
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import FormatError, OptionError
@@ -667,8 +666,9 @@ def test_the_reference_is_part_of_every_bound() -> None:
 
 
 def test_the_commands_words_are_those_of_the_enums() -> None:
-    assert list(command.LOOPS) == [one.value for one in Loop]
-    assert list(ACTUATIONS) == [one.value.replace(" ", "-") for one in Mode]
+    assert choices_of("tradeoff", "--loops") == [one.value for one in Loop]
+    for name, option in (("tradeoff", "--actuations"), ("run", "--actuation")):
+        assert choices_of(name, option) == [one.value.replace(" ", "-") for one in Mode]
 
 
 def test_the_command_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

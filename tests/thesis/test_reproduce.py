@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_words import choices_of
 from ledger_lines import lines_of
 
 import tensegrity_mj as tmj
-from tensegrity_mj.cli import main
+from tensegrity_mj.cli import build_parser, main
 from tensegrity_mj.commands.common import ExitCode
-from tensegrity_mj.commands.reproduce import ENGINES, QUANTITIES
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.studies.workers import Backend, Workers
@@ -440,8 +440,9 @@ def test_the_doc_counts_its_rows_by_class() -> None:
 
 
 def test_engines_of_the_command_line_are_those_of_the_ledger() -> None:
-    assert tuple(engine.value for engine in EngineName) == ENGINES
-    assert tuple(quantity.value for quantity in Quantity) == QUANTITIES
+    assert [engine.value for engine in EngineName] == choices_of("reproduce", "--engine")
+    help_ = build_parser().commands["reproduce"]._option_string_actions["--disturb"].help or ""
+    assert help_.endswith(", ".join(quantity.value for quantity in Quantity))
 
 
 @pytest.mark.parametrize("chosen", ["9.9", "5.2", "8", "c", "prism"])

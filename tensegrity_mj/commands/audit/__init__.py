@@ -4,5 +4,4 @@ from types import ModuleType
 
 from tensegrity_mj.commands.audit import drift, extremes, promise, speed
 
-HELP = "check the package itself: extremes, promise, drift, speed"
 COMMANDS: dict[str, ModuleType] = {"extremes": extremes, "promise": promise, "drift": drift, "speed": speed}

@@ -5,55 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from tensegrity_mj.commands.common import ExitCode, Outcome, add_several, add_workers
-
-HELP = "random extreme runs: is any of them wrong without a warning?"
-EXAMPLES = """\
-examples:
-  tensegrity-mj audit extremes --runs 1000 --seed 0 --out extremes
-  tensegrity-mj audit extremes --runs 50 --kinds stiff slack past_limit
-  tensegrity-mj audit extremes --runs 60 --kinds past_limit bad_law --autoreset  # here failures must show
-"""
-
-# As in studies.extremes.experiment.Kind: written here so that --help need not import it (tested to agree).
-KINDS = (
-    "stiff",
-    "slack",
-    "no_prestress",
-    "negative_rest",
-    "vanishing",
-    "pole",
-    "degenerate",
-    "contrast",
-    "bad_law",
-    "wild_law",
-    "infeasible",
-    "past_limit",
-    "spin",
-    "joined",
-    "moved",
-    "resisted",
-    "contact",
-    "large",
-    "long",
-)
-
-
-def configure(parser: argparse.ArgumentParser) -> None:
-    """The options of `audit extremes`."""
-    parser.add_argument("--runs", type=int, metavar="N", default=1000, help="how many (1000)")
-    parser.add_argument("--seed", type=int, metavar="N", default=0, help="of everything random (0)")
-    add_several(parser, "--kinds", KINDS, "KIND")
-    add_workers(parser)
-    parser.add_argument(
-        "--autoreset",
-        action="store_true",
-        help="the test of the test: step MuJoCo as a script of one's own would, with its autoreset on and no check; "
-        "failures that nobody detects must then be counted",
-    )
-    parser.add_argument(
-        "--out", metavar="FOLDER", help="write extremes.json and extremes.html there; go on there if interrupted"
-    )
+from tensegrity_mj.commands.common import ExitCode, Outcome
 
 
 def execute(options: argparse.Namespace) -> Outcome:

@@ -1,0 +1,77 @@
+"""The words of a command: its help, its examples and its arguments, from the TOML file beside its module.
+
+    help = "the mass of a structure"
+    examples = "..."
+    arguments = [
+        { use = "scene" },
+        { name = "--of", choices = ["rods", "point-masses", "all"], default = "all", help = "(all)" },
+    ]
+
+A row has `name` and what argparse's `add_argument` takes, `type` as the name of a function of the command's module, of
+`experiment` or of `common`, or int. Choices may be "engines" or "laws": those that there are. `several` are choices of
+which some may be given, all by default. `use` stands for the rows of that name in `shared.toml`. The file's `[groups]`
+have rows by the titles of argparse's groups. Choices that are values of enums stand in these files, so that --help need
+not import the enums; tests compare both.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tomllib
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from tensegrity_mj.commands import common, experiment
+from tensegrity_mj.controllers.table import LAWS
+from tensegrity_mj.engines.table import ENGINES
+
+SHARED = Path(__file__).with_name("shared.toml")
+Row = dict[str, Any]
+
+
+def words_of(module: ModuleType) -> dict[str, Any]:
+    """What the file beside a command's module holds."""
+    return _read(Path(str(module.__file__)).with_suffix(".toml"))
+
+
+def add_arguments(parser: argparse.ArgumentParser, module: ModuleType) -> None:
+    """The arguments of a command, those of groups after the others."""
+    words = words_of(module)
+    places: list[tuple[Any, Sequence[Row]]] = [(parser, words.get("arguments", ()))]
+    places += [(parser.add_argument_group(title), rows) for title, rows in words.get("groups", {}).items()]
+    for place, rows in places:
+        for row in _expanded(rows):
+            place.add_argument(row.pop("name"), **_settings(row, module))
+
+
+@cache
+def _read(path: Path) -> dict[str, Any]:
+    return tomllib.loads(path.read_text(encoding="utf-8"))
+
+
+def _expanded(rows: Sequence[Row]) -> Iterator[Row]:
+    for row in rows:
+        yield from map(dict, _read(SHARED)[row["use"]] if "use" in row else [row])
+
+
+def _settings(row: Row, module: ModuleType) -> Row:
+    """What argparse takes."""
+    known = {"engines": list(ENGINES), "laws": [*LAWS, "none"]}
+    for key in ("choices", "several"):
+        if isinstance(row.get(key), str):
+            row[key] = known[row[key]]
+    if "several" in row:
+        row |= {"nargs": "+", "choices": (choices := row.pop("several")), "help": f"of {', '.join(choices)} (all)"}
+    if "type" in row:
+        row["type"] = _type(row["type"], module)
+    if isinstance(row.get("metavar"), list):
+        row["metavar"] = tuple(row["metavar"])
+    return row
+
+
+def _type(name: str, module: ModuleType) -> Callable[[str], Any]:
+    found: Any = next((getattr(one, name) for one in (module, experiment, common) if hasattr(one, name)), int)
+    return found
