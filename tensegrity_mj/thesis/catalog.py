@@ -6,23 +6,11 @@ from collections.abc import Sequence
 
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.thesis import figure_table
-from tensegrity_mj.thesis.appendix_c import figures_c, figures_c2
-from tensegrity_mj.thesis.chapter3 import figures3
-from tensegrity_mj.thesis.chapter4 import figures4
-from tensegrity_mj.thesis.chapter7 import figures7, figures7_waves
 from tensegrity_mj.thesis.drawing import ThesisFigure
 from tensegrity_mj.thesis.statement import Statement
 from tensegrity_mj.thesis.tables import all_statements
 
-FIGURES: tuple[ThesisFigure, ...] = (
-    *figures3.FIGURES,
-    *figures4.FIGURES,
-    *figure_table.figures(),
-    *figures7.FIGURES,
-    *figures7_waves.FIGURES,
-    *figures_c.FIGURES,
-    *figures_c2.FIGURES,
-)
+FIGURES: tuple[ThesisFigure, ...] = figure_table.figures()
 STATEMENTS: tuple[Statement, ...] = all_statements()
 
 

@@ -60,6 +60,11 @@ def versions_of(all_runs: AllRuns, name: str) -> list[tuple[EngineName, Trajecto
     return [(engine, runs[name]) for engine, runs in all_runs.items() if name in runs][:2]
 
 
+def first_of(all_runs: AllRuns, name: str) -> Any:
+    """The run of an experiment, or of a series or study, of the first engine that has it."""
+    return next(runs[name] for runs in all_runs.values() if name in runs)
+
+
 def curves(
     panel: Any,
     all_runs: AllRuns,
@@ -128,7 +133,7 @@ def coordinates(panel: Any, all_runs: AllRuns, name: str) -> None:
 
 def controls(panel: Any, all_runs: AllRuns, name: str, title: str = "", top: float | None = None) -> None:
     """Every u."""
-    count = _first(all_runs, name).force_densities.shape[1]
+    count = first_of(all_runs, name).force_densities.shape[1]
     labels = [f"$u_{{{number + 1}}}$" for number in range(count)] if count <= 4 else ()
     curves(panel, all_runs, name, lambda run: run.force_densities, labels=labels)
     if top is not None:
@@ -138,7 +143,7 @@ def controls(panel: Any, all_runs: AllRuns, name: str, title: str = "", top: flo
 
 def multipliers(panel: Any, all_runs: AllRuns, name: str, bottom: float | None = None) -> None:
     """Every λ."""
-    count = _first(all_runs, name).multipliers.shape[1]
+    count = first_of(all_runs, name).multipliers.shape[1]
     labels = [rf"$\lambda_{{{number + 1}}}$" for number in range(count)] if count > 1 else ()
     curves(panel, all_runs, name, lambda run: run.multipliers, labels=labels)
     if bottom is not None:
@@ -175,7 +180,7 @@ def space_paths(
                 else:
                     every = max(1, len(run.time) // MARKS)
                     axes.plot(*path[:, ::every], ls="none", marker="o", ms=3.2, mfc="none", mec=color, mew=0.7)
-    run = _first(all_runs, names[-1])
+    run = first_of(all_runs, names[-1])
     structure, end = run.scene.structure, run.nodes[-1]
     for i, j in structure.string_nodes:
         axes.plot(*end[[i, j]].T, color=palette.TARGET, lw=0.7)
@@ -253,7 +258,3 @@ def prism_panels(all_runs: AllRuns, names: Sequence[str]) -> Figure:
     multipliers(grid[0, 2], all_runs, name, bottom=-0.5)
     engines_note(figure, all_runs, "the pale band is the range of the thesis' axis")
     return figure
-
-
-def _first(all_runs: AllRuns, name: str) -> Trajectory:
-    return versions_of(all_runs, name)[0][1]

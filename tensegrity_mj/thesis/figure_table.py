@@ -1,41 +1,41 @@
-"""The figures of chapters 5 and 6, as `tables/figures.toml` has them: a row each, drawn by a function of `drawing`.
+"""The figures, as `tables/figures.toml` has them: a row each.
 
-A row has `number`, `page` and `title`, the names of the `runs` that are drawn, `draw` (of `DRAWN`) and its `options`.
+A row has `number`, `page` and `title`, the names of the `runs` that are drawn, `draw` (the function, with its module of
+`MODULES`) and its `options`. A function that takes `names` is given those of the runs.
 """
 
 from __future__ import annotations
 
+import inspect
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING
+from types import ModuleType
+from typing import Any
 
 from tensegrity_mj.thesis import drawing
+from tensegrity_mj.thesis.appendix_c import figures_c, figures_c2
+from tensegrity_mj.thesis.chapter3 import figures3
+from tensegrity_mj.thesis.chapter4 import figures4
+from tensegrity_mj.thesis.chapter7 import figures7, figures7_waves
 from tensegrity_mj.thesis.drawing import ThesisFigure
 from tensegrity_mj.thesis.tables import FOLDER
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-DRAWN: Mapping[str, Callable[..., Figure]] = {
-    "landscape": drawing.landscape,
-    "parts": drawing.parts_of_lyapunov,
-    "paths": drawing.space_paths,
-    "prism": drawing.prism_panels,
-    "rows": drawing.rows_of_panels,
+MODULES: Mapping[str, ModuleType] = {
+    module.__name__.rpartition(".")[2]: module
+    for module in (drawing, figures3, figures4, figures7, figures7_waves, figures_c, figures_c2)
 }
 
 
 def figures() -> tuple[ThesisFigure, ...]:
     """The rows, in order."""
     rows = tomllib.loads((FOLDER / "figures.toml").read_text(encoding="utf-8"))["figures"]
-    return tuple(
-        ThesisFigure(
-            row["number"],
-            row["page"],
-            row["title"],
-            tuple(row["runs"]),
-            partial(DRAWN[row["draw"]], names=row["runs"], **row.get("options", {})),
-        )
-        for row in rows
-    )
+    return tuple(map(_figure, rows))
+
+
+def _figure(row: Mapping[str, Any]) -> ThesisFigure:
+    module, _, name = row["draw"].partition(".")
+    function, options = getattr(MODULES[module], name), dict(row.get("options", {}))
+    if "names" in inspect.signature(function).parameters:
+        options["names"] = row["runs"]
+    return ThesisFigure(row["number"], row["page"], row["title"], tuple(row["runs"]), partial(function, **options))

@@ -20,8 +20,8 @@ from tensegrity_mj.studies.cable.amplitude import response_amplitude
 from tensegrity_mj.studies.cable.cases import Case, linear_model, run_cases, simulated
 from tensegrity_mj.studies.cable.spectrum import PeakCriteria, Spectrum, peaks_of, picked
 from tensegrity_mj.studies.workers import Backend, Workers
-from tensegrity_mj.thesis.catalog import STATEMENTS, selected
-from tensegrity_mj.thesis.chapter3 import figures3, measures3, series
+from tensegrity_mj.thesis.catalog import FIGURES, STATEMENTS, selected
+from tensegrity_mj.thesis.chapter3 import measures3, series
 from tensegrity_mj.thesis.chapter3.measures3 import element_frequencies
 from tensegrity_mj.thesis.chapter3.series import SERIES, SeriesRun, run_series
 from tensegrity_mj.thesis.experiments import EXPERIMENTS, EngineName
@@ -34,12 +34,13 @@ from tensegrity_mj.thesis.statement import Class
 HERE = Workers(backend=Backend.THIS_PROCESS)
 BOTH = (EngineName.DAE, EngineName.MUJOCO)
 ROWS = {one.id: one for one in STATEMENTS if one.chapter == "3"}
+OF_CHAPTER = [one for one in FIGURES if one.number.startswith("3.")]
 GRID = 0.05  # Hz, between two inputs
 
 
 def test_names_of_series_and_experiments_differ() -> None:
     assert not SERIES.keys() & EXPERIMENTS.keys()
-    assert {name for one in (*ROWS.values(), *figures3.FIGURES) for name in one.needs} == set(SERIES)
+    assert {name for one in (*ROWS.values(), *OF_CHAPTER) for name in one.needs} == set(SERIES)
 
 
 def test_the_frequencies_are_those_of_the_thesis() -> None:
@@ -255,7 +256,7 @@ def test_all_rows_of_chapter_3_are_reproduced_or_explained(tmp_path: Path) -> No
     assert [row.statement.id for row in found.rows if row.verdict is Verdict.UNEXPLAINED] == []
     explained = {row.statement.id for row in found.rows if row.statement.known is not None}
     assert explained == {row.statement.id for row in found.rows if row.verdict is Verdict.DIFFERS}
-    assert {figure.number for figure in figures3.FIGURES} <= set(found.files)
+    assert {figure.number for figure in OF_CHAPTER} <= set(found.files)
     lines = lines_of(DOC.read_text(encoding="utf-8"))
     for row in found.rows:
         assert lines[row.statement.id] == page.markdown_row(row)

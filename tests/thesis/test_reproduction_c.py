@@ -16,9 +16,9 @@ from tensegrity_mj.library.thesis_towers import TABLE_C2
 from tensegrity_mj.statics import Hold, follow
 from tensegrity_mj.studies.workers import Backend, Workers
 from tensegrity_mj.thesis import page
-from tensegrity_mj.thesis.appendix_c import beam_tasks, beams, figures_c, measures_c
+from tensegrity_mj.thesis.appendix_c import beam_tasks, beams, measures_c
 from tensegrity_mj.thesis.appendix_c.beams import BEAMS, BY_PRESTRESS, STUDIES, BeamRun
-from tensegrity_mj.thesis.catalog import STATEMENTS
+from tensegrity_mj.thesis.catalog import FIGURES, STATEMENTS
 from tensegrity_mj.thesis.chapter3.series import SERIES, run_series
 from tensegrity_mj.thesis.experiments import EXPERIMENTS, EngineName
 from tensegrity_mj.thesis.ledger import Verdict, judge
@@ -161,7 +161,7 @@ def test_the_tower_of_chapter_7_is_what_the_doc_says(tmp_path: Path) -> None:
 
 
 def test_figure_c2_is_drawn_from_one_beam() -> None:
-    figure = next(one for one in figures_c.FIGURES if one.number == "C.2")
+    figure = next(one for one in FIGURES if one.number == "C.2")
     canvas = figure.draw({EngineName.STATICS: {"beams": BeamRun("beams", "statics", {"TB1": found("TB1")})}})
     lines = [len(panel.get_lines()) for panel in canvas.axes]
     assert lines == [90, 90 + 444, 90, 90 + 444]  # cross sections without strings, as in the thesis

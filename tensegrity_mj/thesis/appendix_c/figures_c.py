@@ -13,7 +13,7 @@ from tensegrity_mj.pictures.figure import GREY, new_figure
 from tensegrity_mj.thesis import drawing
 from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, BY_STIFFNESS, BeamRun
 from tensegrity_mj.thesis.appendix_c.measures_c import buckling, initial, stiffness
-from tensegrity_mj.thesis.drawing import AllRuns, ThesisFigure
+from tensegrity_mj.thesis.drawing import AllRuns
 from tensegrity_mj.thesis.experiments import EngineName
 
 if TYPE_CHECKING:
@@ -30,21 +30,16 @@ PANELS = (
 CROSSES = 6.5  # size of MuJoCo's marks
 
 
-def _run(all_runs: AllRuns, name: str) -> BeamRun:
-    found: BeamRun = next(runs[name] for runs in all_runs.values() if name in runs)
-    return found
-
-
 def _curve(panel: Any, run: BeamRun, label: str, color: Any, text: str | None, style: str = "-") -> None:
     panel.plot(run.of(label, "w"), stiffness(run, label), color=color, lw=1.3, ls=style, label=text)
 
 
-def _stiffness(
-    all_runs: AllRuns, name: str, ends: tuple[float, float], ticks: tuple[tuple[float, float], ...], axis: int
+def stiffness_over(
+    all_runs: AllRuns, names: Sequence[str], ends: Sequence[float], ticks: Sequence[Sequence[float]], axis: int
 ) -> Figure:
     """Figures C.3, C.6 and C.7: stiffness over deformation; ends of the deformation, and ranges of the thesis' axes."""
     figure, ((left, right),) = drawing.panels(1, 2, height=3.6, width=4.4)
-    run = _run(all_runs, name)
+    run = drawing.first_of(all_runs, names[0])
     suffix = {0: "", 1: " y", 2: " z"}[axis]
     confirmed = all_runs.get(EngineName.MUJOCO, {}).get("beams")
     for panel, (beams, title), band in zip((left, right), PANELS, ticks, strict=True):
@@ -62,15 +57,16 @@ def _stiffness(
     return figure
 
 
-def _finish(panel: Any, title: str, ends: tuple[float, float]) -> None:
+def _finish(panel: Any, title: str, ends: Sequence[float]) -> None:
     drawing.finish(panel, title, "stiffness [kN/m]", time=False)
     panel.set_xlabel("deformation [m]", fontsize=8.5)
     panel.set_xlim(*ends)
 
 
-def _compression(all_runs: AllRuns) -> Figure:
+def compression(all_runs: AllRuns) -> Figure:
+    """Figure C.4: stiffness of beams that are pushed, perfect ones and others."""
     figure, ((left, right),) = drawing.panels(1, 2, height=3.9, width=4.4)
-    perfect, imperfect = _run(all_runs, "compression"), _run(all_runs, "imperfect")
+    perfect, imperfect = drawing.first_of(all_runs, "compression"), drawing.first_of(all_runs, "imperfect")
     for panel, (beams, title) in zip((left, right), PANELS, strict=True):
         drawing.thesis_axis(panel, 0.0, 40.0)
         for number, beam in enumerate(beams):
@@ -92,9 +88,9 @@ def _compression(all_runs: AllRuns) -> Figure:
     return figure
 
 
-def _configuration(all_runs: AllRuns) -> Figure:
-    """(a), (b) rods across the beam, (c), (d) the beam from its side, before and after form-finding."""
-    run = _run(all_runs, "beams")
+def configuration(all_runs: AllRuns) -> Figure:
+    """Figure C.2: (a), (b) rods across the beam, (c), (d) the beam from its side, before and after form-finding."""
+    run = drawing.first_of(all_runs, "beams")
     figure = new_figure(9.0, 4.6)
     panels: Any = figure.subplots(2, 2, width_ratios=[1, 4.2])
     rods, strings = run.of(SHOWN, "rods"), run.of(SHOWN, "strings")
@@ -124,20 +120,3 @@ def lines(panel: Any, places: Array, rods: Array, strings: Sequence[Any] | Array
         panel.plot(*places[[i, j]].T, color=palette.TARGET, lw=0.5)
     for i, j in rods:
         panel.plot(*places[[i, j]].T, color="black", lw=1.3, solid_capstyle="round")
-
-
-def _tension(all_runs: AllRuns) -> Figure:
-    return _stiffness(all_runs, "tension", (0.0, 1.6), ((10.0, 30.0), (10.0, 40.0)), 0)
-
-
-def _across(axis: int) -> Any:
-    return lambda all_runs: _stiffness(all_runs, "lateral", (0.0, 8.0), ((0.0, 6.0), (0.0, 6.0)), axis)
-
-
-FIGURES: tuple[ThesisFigure, ...] = (
-    ThesisFigure("C.2", 188, "The beam prior to and after form-finding", ("beams",), _configuration),
-    ThesisFigure("C.3", 190, "Axial stiffness in tension", ("tension", "beams"), _tension),
-    ThesisFigure("C.4", 192, "Axial stiffness in compression", ("compression", "imperfect"), _compression),
-    ThesisFigure("C.6", 193, "Lateral stiffness, y-direction", ("lateral", "beams"), _across(1)),
-    ThesisFigure("C.7", 194, "Lateral stiffness, z-direction", ("lateral", "beams"), _across(2)),
-)

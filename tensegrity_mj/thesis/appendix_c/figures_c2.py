@@ -11,7 +11,7 @@ from tensegrity_mj.thesis import drawing
 from tensegrity_mj.thesis.appendix_c.beam_wave_studies import DOUBLED, HEIGHTS, PRINTED, TWICE, label_of
 from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS
 from tensegrity_mj.thesis.appendix_c.measures_c2 import amplitude
-from tensegrity_mj.thesis.drawing import AllRuns, ThesisFigure
+from tensegrity_mj.thesis.drawing import AllRuns
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,7 +23,8 @@ READINGS = (
 )
 
 
-def _oscillation(all_runs: AllRuns) -> Figure:
+def oscillation(all_runs: AllRuns) -> Figure:
+    """Figure C.8: how much beams swing, over the wave height."""
     figure, (panels,) = drawing.panels(1, 2, height=3.6, width=4.4)
     confirmed = False
     for panel, (study, heights, title) in zip(panels, READINGS, strict=True):
@@ -47,8 +48,3 @@ def _oscillation(all_runs: AllRuns) -> Figure:
     circles = "; circles: the other engine" if confirmed else ""
     figure.supxlabel(f"the stage that swings most{circles}; pale: the thesis' axis", fontsize=8, color=GREY)
     return figure
-
-
-FIGURES: tuple[ThesisFigure, ...] = (
-    ThesisFigure("C.8", 195, "Oscillation amplitude over wave height", (PRINTED, DOUBLED), _oscillation),
-)

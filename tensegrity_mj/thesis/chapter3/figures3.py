@@ -16,7 +16,7 @@ from tensegrity_mj.pictures.figure import GREY, new_figure
 from tensegrity_mj.thesis import drawing
 from tensegrity_mj.thesis.chapter3.measures3 import element_frequencies
 from tensegrity_mj.thesis.chapter3.series import ELEMENTS, FINE_STEP, SHOWN, SeriesRun
-from tensegrity_mj.thesis.drawing import BLUE, GREEN, RED, AllRuns, ThesisFigure
+from tensegrity_mj.thesis.drawing import BLUE, GREEN, RED, AllRuns
 from tensegrity_mj.thesis.experiments import TITLES
 
 if TYPE_CHECKING:
@@ -37,7 +37,8 @@ def _note(figure: Figure, all_runs: AllRuns, name: str, extra: str = "") -> None
     figure.supxlabel("; ".join(part for part in (text, extra) if part), fontsize=8, color=GREY)
 
 
-def _psd(all_runs: AllRuns) -> Figure:
+def psd(all_runs: AllRuns) -> Figure:
+    """Figure 3.3: of marker 10 in the plane, at 0.70 Hz, from both starts."""
     figure = new_figure(6.4, 3.6)
     panel: Any = figure.subplots()
     for name, color, label in (("in-line", RED, "lab frame"), ("in-line-moving", BLUE, "moving frame")):
@@ -58,8 +59,8 @@ def _psd(all_runs: AllRuns) -> Figure:
     return figure
 
 
-def _responses(all_runs: AllRuns, names: tuple[str, str], marker: int, axis: int, last_tick: float) -> Figure:
-    """(a) relative amplitudes and (b) main peaks, over the frequency of the excitation."""
+def responses(all_runs: AllRuns, names: Sequence[str], marker: int, axis: int, last_tick: float) -> Figure:
+    """Figures 3.4 to 3.9: (a) relative amplitudes and (b) main peaks, over the frequency of the excitation."""
     figure, ((top,), (bottom,)) = drawing.panels(2, 1, height=2.9, width=6.4)
     drawing.thesis_axis(top, 0.0, last_tick)
     styles = ((names[1], BLUE, "s", 3.2, "moving frame"), (names[0], RED, "o", 4.0, "lab frame"))
@@ -90,11 +91,8 @@ def _responses(all_runs: AllRuns, names: tuple[str, str], marker: int, axis: int
     return figure
 
 
-def _response(excitation: str, marker: int, axis: int, last_tick: float) -> Any:
-    return lambda all_runs: _responses(all_runs, (excitation, f"{excitation}-moving"), marker, axis, last_tick)
-
-
-def _elements(all_runs: AllRuns) -> Figure:
+def elements(all_runs: AllRuns) -> Figure:
+    """Figure 3.11: frequencies of single elements."""
     figure = new_figure(6.4, 3.6)
     panel: Any = figure.subplots()
     found = np.array([element_frequencies(K) for K in ELEMENTS])
@@ -115,7 +113,8 @@ def _over_elements(panel: Any, x: Sequence[float], y: Any, title: str, unit: str
     panel.set_xlabel("number of elements", fontsize=8.5)
 
 
-def _fixed_step(all_runs: AllRuns) -> Figure:
+def fixed_step(all_runs: AllRuns) -> Figure:
+    """Figure 3.12: wall time and drift at one step."""
     figure, ((left, right),) = drawing.panels(1, 2, height=3.4, width=4.4)
     run = _series(all_runs, "fixed-step")[0][1]
     _over_elements(left, ELEMENTS, run.seconds, "(a) Wall time of 45 s at h = 0.01 s", "time [s]")
@@ -133,14 +132,15 @@ def _fixed_step(all_runs: AllRuns) -> Figure:
     return figure
 
 
-def _fixed_drift(all_runs: AllRuns) -> Figure:
+def fixed_drift(all_runs: AllRuns) -> Figure:
+    """Figure 3.13: wall time and step at one drift."""
     figure, ((left, right),) = drawing.panels(1, 2, height=3.4, width=4.4)
     run = _series(all_runs, "fixed-drift")[0][1]
     steps = [one for one in run.steps if np.isfinite(one.step)]
-    elements = [one.elements for one in steps]
-    _over_elements(left, elements, run.seconds, "(a) Wall time of 45 s", "time [s]")
-    _over_elements(right, elements, [one.step for one in steps], "(b) Largest step with a drift within 2 %", "step [s]")
-    right.plot(elements, [one.limit for one in steps], color=RED, ls="--", lw=1.0, label="stable at rest (RK4)")
+    counts = [one.elements for one in steps]
+    _over_elements(left, counts, run.seconds, "(a) Wall time of 45 s", "time [s]")
+    _over_elements(right, counts, [one.step for one in steps], "(b) Largest step with a drift within 2 %", "step [s]")
+    right.plot(counts, [one.limit for one in steps], color=RED, ls="--", lw=1.0, label="stable at rest (RK4)")
     drawing.thesis_axis(right, 0.0, 0.025)
     right.set_ylim(bottom=0.0)
     right.legend(fontsize=7.5, frameon=False)
@@ -148,7 +148,8 @@ def _fixed_drift(all_runs: AllRuns) -> Figure:
     return figure
 
 
-def _drift(all_runs: AllRuns) -> Figure:
+def drift(all_runs: AllRuns) -> Figure:
+    """Figure 3.14: wall time and drift over the frequency."""
     figure, ((left, right),) = drawing.panels(1, 2, height=3.4, width=4.4)
     run = _series(all_runs, "drift")[0][1]
     f = run.cases.frequencies
@@ -169,14 +170,15 @@ def _drift(all_runs: AllRuns) -> Figure:
     return figure
 
 
-def _refined(all_runs: AllRuns) -> Figure:
+def refined(all_runs: AllRuns) -> Figure:
+    """Figure 3.15: amplitudes of models with 13 to 61 elements."""
     figure = new_figure(6.4, 4.0)
     panel: Any = figure.subplots()
     drawing.thesis_axis(panel, 0.0, 18.0)
     marks = ((13, "k", "o"), (25, BLUE, "^"), (37, GREEN, "s"), (49, RED, "p"), (61, PURPLE, "h"))
-    for elements, color, mark in marks:
-        run = _series(all_runs, "in-line" if elements == 13 else f"in-line-{elements}")[0][1]
-        label = f"{elements} elements"
+    for count, color, mark in marks:
+        run = _series(all_runs, "in-line" if count == 13 else f"in-line-{count}")[0][1]
+        label = f"{count} elements"
         panel.plot(
             run.cases.frequencies, run.marker(10), color=color, marker=mark, ms=5, mfc="none", lw=0.8, label=label
         )
@@ -184,42 +186,3 @@ def _refined(all_runs: AllRuns) -> Figure:
     panel.set_xlabel("input frequency [Hz]", fontsize=8.5)
     _note(figure, all_runs, "in-line-25", "the pale band is the range of the thesis' axis")
     return figure
-
-
-_IN_LINE, _CIRCULAR = ("in-line", "in-line-moving"), ("circular", "circular-moving")
-
-FIGURES: tuple[ThesisFigure, ...] = (
-    ThesisFigure("3.3", 70, "PSD of marker 10 at 0.70 Hz, in-plane, from both starts", _IN_LINE, _psd),
-    ThesisFigure(
-        "3.4", 73, "Marker 10, in-plane, in-line: MRA and main peaks", _IN_LINE,
-        _response("in-line", 10, 0, 18),
-    ),
-    ThesisFigure(
-        "3.5", 74, "Marker 10, out-of-plane, in-line: MRA and main peaks", _IN_LINE,
-        _response("in-line", 10, 1, 9),
-    ),
-    ThesisFigure(
-        "3.6", 75, "Marker 5, in-plane, in-line: MRA and main peaks", _IN_LINE,
-        _response("in-line", 5, 0, 10),
-    ),
-    ThesisFigure(
-        "3.7", 76, "Marker 5, out-of-plane, in-line: MRA and main peaks", _IN_LINE,
-        _response("in-line", 5, 1, 9),
-    ),
-    ThesisFigure(
-        "3.8", 78, "Marker 10, in-plane, circular: MRA and main peaks", _CIRCULAR,
-        _response("circular", 10, 0, 18),
-    ),
-    ThesisFigure(
-        "3.9", 79, "Marker 5, in-plane, circular: MRA and main peaks", _CIRCULAR,
-        _response("circular", 5, 0, 12),
-    ),
-    ThesisFigure("3.11", 81, "Frequencies of single elements over the number of elements", (), _elements),
-    ThesisFigure("3.12", 84, "13 to 121 elements at 0.8 Hz, h = 0.01 s: time and drift", ("fixed-step",), _fixed_step),
-    ThesisFigure("3.13", 85, "13 to 121 elements at 0.8 Hz, drift 2 %: time and step", ("fixed-drift",), _fixed_drift),
-    ThesisFigure("3.14", 86, "13 elements, h = 0.005 s, over the frequency: time and drift", ("drift",), _drift),
-    ThesisFigure(
-        "3.15", 87, "Marker 10, in-plane: MRA of 13, 25, 37, 49 and 61 elements",
-        ("in-line", *(f"in-line-{K}" for K in ELEMENTS[1:5])), _refined,
-    ),
-)  # fmt: skip

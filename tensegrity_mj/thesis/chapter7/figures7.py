@@ -8,18 +8,19 @@ import numpy as np
 
 from tensegrity_mj.library.tower import Topology
 from tensegrity_mj.pictures.figure import GREY, equal_scales, new_figure
+from tensegrity_mj.thesis import drawing
 from tensegrity_mj.thesis.appendix_c.beams import BeamRun
 from tensegrity_mj.thesis.appendix_c.figures_c import lines
 from tensegrity_mj.thesis.chapter7.measures7 import FIRST, FORMED, STAGES
-from tensegrity_mj.thesis.drawing import AllRuns, ThesisFigure
+from tensegrity_mj.thesis.drawing import AllRuns
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def _close_view(all_runs: AllRuns) -> Figure:
-    """Three stages, in space."""
-    run: BeamRun = next(runs["tower-form"] for runs in all_runs.values() if "tower-form" in runs)
+def close_view(all_runs: AllRuns) -> Figure:
+    """Figure 7.6: three stages, in space."""
+    run: BeamRun = drawing.first_of(all_runs, "tower-form")
     rods, strings = run.of(FORMED, "rods"), run.of(FORMED, "strings")
     chosen = range(6 * (FIRST - 1), 6 * (FIRST - 1 + STAGES))  # six nodes a stage
     inside = [np.array([pair for pair in pairs if set(pair) <= set(chosen)]) for pairs in (rods, strings)]
@@ -37,8 +38,3 @@ def _close_view(all_runs: AllRuns) -> Figure:
         color=GREY,
     )
     return figure
-
-
-FIGURES: tuple[ThesisFigure, ...] = (
-    ThesisFigure("7.6", 155, "Three stages before and after form-finding", ("tower-form",), _close_view),
-)

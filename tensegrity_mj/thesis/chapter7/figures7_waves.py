@@ -13,22 +13,18 @@ from tensegrity_mj.pictures.figure import GREY, new_figure
 from tensegrity_mj.runs.deformation import centres, distances_from_line, interconnections
 from tensegrity_mj.studies.waves.cases import GRID
 from tensegrity_mj.studies.waves.task import scene_of
+from tensegrity_mj.thesis import drawing
 from tensegrity_mj.thesis.appendix_c.beams import BeamRun
 from tensegrity_mj.thesis.appendix_c.figures_c import lines
 from tensegrity_mj.thesis.chapter7.measures7 import SHOWN, SOFT, grid
 from tensegrity_mj.thesis.chapter7.waves import STUDY
-from tensegrity_mj.thesis.drawing import AllRuns, ThesisFigure
+from tensegrity_mj.thesis.drawing import AllRuns
 from tensegrity_mj.thesis.experiments import TITLES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MARGIN = 1.5  # m, of the surface beyond the tower's ends
-
-
-def _run(all_runs: AllRuns) -> BeamRun:
-    found: BeamRun = next(runs[STUDY] for runs in all_runs.values() if STUDY in runs)
-    return found
 
 
 def _side(panel: Any, run: BeamRun, label: str, moment: int) -> None:
@@ -43,9 +39,9 @@ def _side(panel: Any, run: BeamRun, label: str, moment: int) -> None:
     panel.set_ylabel("z [m]", fontsize=8.5)
 
 
-def _measure(all_runs: AllRuns) -> Figure:
+def measure(all_runs: AllRuns) -> Figure:
     """Figure 7.7: the line between the ends, the centres, and the largest D of the softest case."""
-    run = _run(all_runs)
+    run = drawing.first_of(all_runs, STUDY)
     points = centres(run.of(SOFT, "nodes")[0], interconnections(scene_of(dict(GRID[SOFT])).structure))
     D = distances_from_line(points)
     way, most = points[-1] - points[0], int(D.argmax())
@@ -63,9 +59,9 @@ def _measure(all_runs: AllRuns) -> Figure:
     return figure
 
 
-def _snapshots(all_runs: AllRuns) -> Figure:
+def snapshots(all_runs: AllRuns) -> Figure:
     """Figure 7.8: three moments of the last period."""
-    run, figure = _run(all_runs), new_figure(8.0, 6.0)
+    run, figure = drawing.first_of(all_runs, STUDY), new_figure(8.0, 6.0)
     panels: Any = figure.subplots(3, 1, sharex=True, sharey=True)
     for number, panel in enumerate(panels, start=1):
         _side(panel, run, SHOWN, number)
@@ -74,9 +70,9 @@ def _snapshots(all_runs: AllRuns) -> Figure:
     return figure
 
 
-def _trend(all_runs: AllRuns) -> Figure:
+def trend(all_runs: AllRuns) -> Figure:
     """Figure 7.9: surfaces of the largest D, of the run and after 30 s."""
-    run = _run(all_runs)
+    run = drawing.first_of(all_runs, STUDY)
     figure = new_figure(9.2, 4.2)
     k, p = np.meshgrid(np.array(STIFFNESSES) / 1e3, PRESTRESS_MEASURES, indexing="ij")
     for number, (name, title) in enumerate((("largest", "of the run"), ("steady", "after 30 s")), start=1):
@@ -95,10 +91,3 @@ def _trend(all_runs: AllRuns) -> Figure:
         panel.set_box_aspect(None, zoom=0.86)  # room for the label of the upright axis
         panel.tick_params(labelsize=7.5)
     return figure
-
-
-FIGURES: tuple[ThesisFigure, ...] = (
-    ThesisFigure("7.7", 155, "The deformation measure", (STUDY,), _measure),
-    ThesisFigure("7.8", 156, "The tower over one wave period", (STUDY,), _snapshots),
-    ThesisFigure("7.9", 157, "Largest deformation over stiffness and prestress", (STUDY,), _trend),
-)
