@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import enum
+import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.engines.table import ENGINES
@@ -32,8 +34,6 @@ TITLES = {one: ENGINES[one.value].title if one.value in ENGINES else one.value f
 # Which engines a motion is computed in, and which an equilibrium: MuJoCo's forces confirm those of statics.
 OF_MOTION = (EngineName.DAE, EngineName.MUJOCO, EngineName.ODE)
 OF_EQUILIBRIUM = (EngineName.STATICS, EngineName.MUJOCO)
-
-SAMPLED = 1e-3  # s; the laws of p = 1 and p = ∞ jump, so they are sampled at 1 kHz, force density held
 
 
 @dataclass(frozen=True)
@@ -124,48 +124,10 @@ def simulate_experiment(
     )
 
 
-def _gains(**values: float) -> dict[str, Any]:
-    given = {"X": 1.0, "Y": 1.0, "Z": 1.5, **values}
-    return {"translation": given, "rotation": given}
-
-
 # ---------------------------------------------------------------------------------------------------- the list
 
-_CHAPTER_5 = (
-    Experiment("pinned", "pinned_rod", "§5.4: pinned rod, p = 2, δ = 0.15"),
-    Experiment("pinned-fast", "pinned_rod", "§6.2: pinned rod, p = 2, δ = 0.20", options={"decay_rate": 0.20}),
-    Experiment("pinned-p1", "pinned_rod", "§5.4: pinned rod, p = 1, sampled", options={"norm": 1}, period=SAMPLED),
-    Experiment(
-        "pinned-pinf", "pinned_rod", "§5.4: pinned rod, p = ∞, sampled", options={"norm": "inf"}, period=SAMPLED
-    ),
-    Experiment("pinned-Z18", "pinned_rod", "§5.6: pinned rod with Z = 1.8 for 3/2", options=_gains(Z=1.8)),
-    Experiment("pinned-Y08", "pinned_rod", "§5.6: pinned rod with Y = 0.8 for 1", options=_gains(Y=0.8)),
-    Experiment("pinned-Y12", "pinned_rod", "§5.6: pinned rod with Y = 1.2 for 1", options=_gains(Y=1.2)),
-    Experiment("prism", "prism", "§5.5: prism, p = 2, δ = 1"),
-    Experiment("prism-Z18", "prism", "§5.6: prism with Z = 1.8 for 3/2", options=_gains(Z=1.8)),
-    Experiment("prism-Y08", "prism", "§5.6: prism with Y = 0.8 for 1", options=_gains(Y=0.8)),
-    Experiment("prism-Y12", "prism", "§5.6: prism with Y = 1.2 for 1", options=_gains(Y=1.2)),
-)
-
-_ONTO_B = {"decay_rate": 0.15, "norm": 2, "onto": "current"}
-_ONTO_TARGET = {"decay_rate": 0.15, "norm": 2, "onto": "target"}
-
-_CHAPTER_6 = (
-    Experiment("projection", "pinned_rod", "§6.2: pinned rod, projection onto b⊥, δ = 0.15", "projection", _ONTO_B),
-    Experiment("mirror-b", "pinned_rod_mirror", "§6.2: second start, onto b⊥", "projection", _ONTO_B),
-    Experiment("mirror-bd", "pinned_rod_mirror", "§6.2: second start, onto b_d⊥", "projection", _ONTO_TARGET),
-    Experiment(
-        "mirror-lyapunov",
-        "pinned_rod_mirror",
-        "§6.2: second start, Lyapunov law, δ = 0.20",
-        "lyapunov",
-        {"decay_rate": 0.20},
-        timestep=1e-3,
-    ),
-    Experiment("prism-projection", "prism", "§6.3: prism, projection onto b⊥", "projection"),
-)
-
-BEAM_STRINGS, BEAM_CELLS = 196, 39
+FILE = Path(__file__).parent / "tables" / "experiments.toml"
+BEAM_CELLS = 39
 
 
 def cell_strings(cell: int) -> range:
@@ -173,30 +135,17 @@ def cell_strings(cell: int) -> range:
     return range(5 * (cell - 1), 5 * cell + 1)
 
 
-def _one_sum(minimum: float) -> dict[str, Any]:
-    return {"sums": [["all", minimum]] if minimum else []}
+def _experiment(name: str, row: dict[str, Any]) -> Experiment:
+    """Of a row; its `cells` is the least sum of u in each cell of the beam [N/m]."""
+    if least := row.pop("cells", None):
+        names = [[f"s{k + 1}" for k in cell_strings(cell)] for cell in range(1, BEAM_CELLS + 1)]
+        row["options"] = {"sums": [[own, least] for own in names]}
+    return Experiment(name, **row)
 
 
-def _cell_sums(minimum: float) -> dict[str, Any]:
-    return {"sums": [[[f"s{k + 1}" for k in cell_strings(cell)], minimum] for cell in range(1, BEAM_CELLS + 1)]}
-
-
-_CROSS: dict[str, Any] = {"timestep": 1e-2}
-_BEAM: dict[str, Any] = {"timestep": 2e-2, "interval": 0.1}
-
-_CHAPTER_4 = (
-    Experiment("cross-1.2", "cross", "§4.6.1: cross, tracking, u_sum = 1.20 N/m", options=_one_sum(1.2), **_CROSS),
-    Experiment("cross-0.4", "cross", "§4.6.1: cross, tracking, u_sum = 0.40 N/m", options=_one_sum(0.4), **_CROSS),
-    Experiment("cross-0", "cross", "§4.6.1: cross, tracking, no sum", options=_one_sum(0.0), **_CROSS),
-    Experiment("cross-set-point", "cross", "§4.6.1: cross, set-point", options=_one_sum(1.2), **_CROSS, set_point=True),
-    Experiment("beam-1960", "planar_beam", "§4.6.2: beam, one sum of 1960 N/m", options=_one_sum(1960.0), **_BEAM),
-    Experiment("beam-980", "planar_beam", "§4.6.2: beam, one sum of 980 N/m", options=_one_sum(980.0), **_BEAM),
-    Experiment("beam-0", "planar_beam", "§4.6.2: beam, no sum", options=_one_sum(0.0), **_BEAM),
-    Experiment("beam-cells-60", "planar_beam", "§4.6.2: beam, 60 N/m in each cell", options=_cell_sums(60.0), **_BEAM),
-    Experiment("beam-cells-30", "planar_beam", "§4.6.2: beam, 30 N/m in each cell", options=_cell_sums(30.0), **_BEAM),
-)
-
-EXPERIMENTS: Mapping[str, Experiment] = {one.name: one for one in (*_CHAPTER_4, *_CHAPTER_5, *_CHAPTER_6)}
+EXPERIMENTS: Mapping[str, Experiment] = {
+    name: _experiment(name, row) for name, row in tomllib.loads(FILE.read_text(encoding="utf-8")).items()
+}
 
 
 def experiment_of(name: str) -> Experiment:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import hashlib
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from dataclasses import field as plain_field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,10 +16,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.files import replacing
 from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
-from tensegrity_mj.errors import OptionError, TensegrityError
+from tensegrity_mj.basics.kinds import choice, each, finite, flag, many, positive, text, whole
+from tensegrity_mj.errors import FormatError, OptionError, TensegrityError
 from tensegrity_mj.library.cable import FASTENING_LENGTH, MARKERS, Excitation, Start, cable, refined
+from tensegrity_mj.model.text.codec import read
+from tensegrity_mj.model.text.table import Table
 from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.thesis.disturbance import Disturbance, Quantity, disturbance_of, disturbed
@@ -30,20 +36,18 @@ if TYPE_CHECKING:
     from tensegrity_mj.studies.workers import Workers
 
 
-# Frequencies of §3.3.2 [Hz]; 0.05 Hz apart, as "some 240 simulations" (§3.5.5), ten of each, would have them.
-IN_LINE = tuple(round(0.05 * k, 2) for k in range(1, 25))
-CIRCULAR = tuple(round(0.05 * k, 2) for k in range(2, 23))
+FILE = Path(__file__).parents[1] / "tables" / "series.toml"
+# Hz between the frequencies of §3.3.2: so far apart "some 240 simulations" (§3.5.5), ten of each, would have them.
+SPACING = 0.05
 ELEMENTS = tuple(refined(divisions) for divisions in range(1, 11))
-# rad, 9 mm at the cable's end. The disturbances of the thesis' simulations are not given; this size fits its figures.
-SEED = 3e-3
 SHOWN = (5, 10)  # the markers of the figures
 PLACES = tuple(FASTENING_LENGTH + MARKERS[number - 1] for number in SHOWN)  # m
 AMPLITUDE = 0.05  # m
-FIXED_STEP, FINE_STEP, ALLOWED_DRIFT, STUDIED = 0.01, 0.005, 0.02, 0.8  # s, s, 1, Hz: §3.5.2
+FINE_STEP, ALLOWED_DRIFT = 0.005, 0.02  # s, 1: §3.5.2
 REFINED_COARSENESS = 0.7  # h ω of refined cables: that of thirteen elements at 0.01 s
-BOTH = (EngineName.DAE, EngineName.MUJOCO)
-DAE_ONLY = (EngineName.DAE,)
 ROPE = slice(1, -1)  # the rods between fastening and load
+COUNTS = many(whole(1), "a list of integers")
+ENDS = each("[first, last]", first=positive("Hz"), last=positive("Hz"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,12 +69,12 @@ class SeriesRun:
     engine: str
     results: CaseResults | None = None
     steps: tuple[FoundStep, ...] = ()
-    frequencies: Mapping[int, Array] = field(default_factory=dict)
+    frequencies: Mapping[int, Array] = plain_field(default_factory=dict)
     seconds: tuple[float, ...] = ()
-    cost: Mapping[str, float] = field(default_factory=dict)
+    cost: Mapping[str, float] = plain_field(default_factory=dict)
     status: Status = Status.COMPLETED
     message: str = ""
-    time: Array = field(default_factory=lambda: np.zeros(1))
+    time: Array = plain_field(default_factory=lambda: np.zeros(1))
 
     @property
     def cases(self) -> CaseResults:
@@ -99,7 +103,7 @@ class SeriesRun:
         return [tuple(peak.frequency for peak in row) for row in picked(found)]
 
 
-@dataclass(frozen=True)
+@value("series {name!r}", FormatError)
 class Series:
     """What is run.
 
@@ -107,19 +111,50 @@ class Series:
         name: unique among series and experiments.
         about: what it is, with the page.
         engines: that compute it.
-        cases: of an engine; none for a series of another kind.
-        frequencies: of which numbers of elements the small oscillations are asked for.
+        elements: numbers of elements of the cables that are excited; none for a series of another kind.
+        inputs: first and last frequency of their excitation [Hz].
+        excitation, starts, seed: see `Case`; each start has all inputs.
+        timestep: of the thesis' runs of §3.5 [s]: fixed, and no treatment of drift; None for steps as in `_engine`.
+        oscillations: numbers of elements whose small oscillations are looked for.
         search: whether it is the search for the step with a given drift.
         timed: whether the wall times of its runs are measured too, one after another, for figures alone.
     """
 
-    name: str
-    about: str
-    engines: tuple[EngineName, ...]
-    cases: Callable[[EngineName], list[Case]] | None = None
-    frequencies: tuple[int, ...] = ()
-    search: bool = False
-    timed: bool = False
+    name: str = field(text())
+    about: str = field(text())
+    engines: tuple[EngineName, ...] = field(many(choice(EngineName), "a list of engines"))
+    elements: tuple[int, ...] = field(COUNTS, default=())
+    inputs: tuple[float, float] = field(
+        each("[first, last]", first=positive("Hz"), last=positive("Hz")), default=(1, 1)
+    )
+    excitation: Excitation = field(choice(Excitation), default=Excitation.IN_LINE)
+    starts: tuple[Start, ...] = field(many(choice(Start), "a list of starts"), default=(Start.MOVING_FRAME,))
+    seed: float = field(finite("rad"), default=0.0)
+    timestep: float | None = field(positive("s"), default=None, none="None")
+    oscillations: tuple[int, ...] = field(COUNTS, default=())
+    search: bool = field(flag(), default=False)
+    timed: bool = field(flag(), default=False)
+
+    @property
+    def frequencies(self) -> tuple[float, ...]:
+        """Of the excitations [Hz]: from the first of `inputs` to the last, 0.05 Hz apart."""
+        first, last = (round(one / SPACING) for one in self.inputs)
+        return tuple(round(SPACING * k, 2) for k in range(first, last + 1))
+
+    def cases(self, engine: EngineName) -> list[Case]:
+        """The excited cables in an engine."""
+        from tensegrity_mj.studies.cable.cases import COARSENESS, Case
+
+        found = []
+        for count in self.elements:
+            scene, coarseness = hanging(count), COARSENESS if count == ELEMENTS[0] else REFINED_COARSENESS
+            chosen = _engine(engine, scene, coarseness) if self.timestep is None else _monitoring(self.timestep)
+            found += [
+                Case(scene, f, self.excitation, AMPLITUDE, start, self.seed, chosen)
+                for start in self.starts
+                for f in self.frequencies
+            ]
+        return found
 
     def compute(
         self,
@@ -144,20 +179,19 @@ class Series:
         started = time.perf_counter()
         identity: dict[str, Any] = {"code": code_digest()}
         label = f"{self.name}, {engine.value}"
-        cases = [] if self.cases is None else self.cases(engine)
-        cases = [replace(case, scene=disturbed(case.scene, disturbance, ROPE)) for case in cases]
+        cases = [replace(case, scene=disturbed(case.scene, disturbance, ROPE)) for case in self.cases(engine)]
         error = {} if disturbance is None else {"disturbance": disturbance.plain}
         identity |= error
         # A change of versions, code or settings is another study, in a folder of its own.
-        content = to_exact_json([identity, versions(), self.frequencies, [_identity(case) for case in cases]])
+        content = to_exact_json([identity, versions(), self.oscillations, [_identity(case) for case in cases]])
         place = folder / f"{self.name}-{engine.value}-{hashlib.sha256(content.encode()).hexdigest()[:8]}"
         how: dict[str, Any] = {"identity": identity, "workers": workers, "progress": progress}
         found = SeriesRun(self.name, engine.value)
-        if self.frequencies:
-            points = [{"elements": K, "engine": engine.value, **error} for K in self.frequencies]
+        if self.oscillations:
+            points = [{"elements": K, "engine": engine.value, **error} for K in self.oscillations]
             study = run_many(oscillations, points, place, label=label, **how)
             own = [np.array(values) for values in study.values("frequencies")]
-            found = replace(found, frequencies=dict(zip(self.frequencies, own, strict=True)))
+            found = replace(found, frequencies=dict(zip(self.oscillations, own, strict=True)))
         elif self.search:
             found = replace(found, steps=tuple(steps_within(cases, ALLOWED_DRIFT, place, **how)))
             pairs = [pair for pair in zip(cases, found.steps, strict=True) if math.isfinite(pair[1].step)]
@@ -244,85 +278,25 @@ def _engine(name: EngineName, scene: Scene, coarseness: float) -> Any:
     return DAE(method=Method.RK4, timestep=step, drift=Drift.NORMALIZE)
 
 
-def _sweep(
-    elements: int,
-    frequencies: Sequence[float],
-    excitation: Excitation = Excitation.IN_LINE,
-    start: Start = Start.LAB_FRAME,
-) -> Callable[[EngineName], list[Case]]:
-    def cases(engine: EngineName) -> list[Case]:
-        from tensegrity_mj.studies.cable.cases import COARSENESS, Case
+def _monitoring(step: float) -> Any:
+    """The DAE with a fixed step [s] and no treatment of drift."""
+    from tensegrity_mj.engines.reference.dae import DAE, Drift
+    from tensegrity_mj.engines.reference.method import Method
 
-        scene = hanging(elements)
-        chosen = _engine(engine, scene, COARSENESS if elements == ELEMENTS[0] else REFINED_COARSENESS)
-        return [Case(scene, one, excitation, AMPLITUDE, start, SEED, chosen) for one in frequencies]
-
-    return cases
+    return DAE(method=Method.RK4, timestep=step, drift=Drift.MONITOR)
 
 
-def _monitored(
-    elements: Sequence[int], frequencies: Sequence[float], step: float
-) -> Callable[[EngineName], list[Case]]:
-    """The thesis' runs of §3.5: a fixed step, and no treatment of drift."""
+def read_series(path: Path) -> dict[str, Series]:
+    """The series of a table, by their names.
 
-    def cases(engine: EngineName) -> list[Case]:
-        from tensegrity_mj.engines.reference.dae import DAE, Drift
-        from tensegrity_mj.engines.reference.method import Method
-        from tensegrity_mj.studies.cable.cases import Case
-
-        dae = DAE(method=Method.RK4, timestep=step, drift=Drift.MONITOR)
-        return [
-            Case(scene, one, amplitude=AMPLITUDE, engine=dae) for scene in map(hanging, elements) for one in frequencies
-        ]
-
-    return cases
+    Raises:
+        FormatError: naming the file, the row and what is wrong with it.
+    """
+    table = Table(tomllib.loads(path.read_text(encoding="utf-8")), path.name, "", ("series",))
+    return {row.data["name"]: read(Series, row) for row in table.tables("series", None, "name")}
 
 
-def _starts(engine: EngineName) -> list[Case]:
-    """0.7 Hz from both starts, in the plane."""
-    from tensegrity_mj.studies.cable.cases import COARSENESS, Case
-
-    scene = hanging(ELEMENTS[0])
-    chosen = _engine(engine, scene, COARSENESS)
-    return [Case(scene, 0.7, amplitude=AMPLITUDE, start=start, engine=chosen) for start in Start]
-
-
-SERIES: Mapping[str, Series] = {
-    one.name: one
-    for one in (
-        Series("cable", "§3.5.1: small oscillations of 13 and 121 elements", BOTH, frequencies=(13, 121)),
-        Series("starts", "13 elements, in-line 0.7 Hz, at rest in the moving and in the lab frame", BOTH, _starts),
-        Series("in-line", "§3.4.1: 13 elements, in-line, at rest in the lab frame", BOTH, _sweep(13, IN_LINE)),
-        Series(
-            "in-line-moving", "§3.4.1: 13 elements, in-line, at rest in the moving frame", DAE_ONLY,
-            _sweep(13, IN_LINE, start=Start.MOVING_FRAME),
-        ),
-        Series(
-            "circular", "§3.4.2: 13 elements, circular, at rest in the lab frame", BOTH,
-            _sweep(13, CIRCULAR, Excitation.CIRCULAR),
-        ),
-        Series(
-            "circular-moving", "§3.4.2: 13 elements, circular, at rest in the moving frame", DAE_ONLY,
-            _sweep(13, CIRCULAR, Excitation.CIRCULAR, Start.MOVING_FRAME),
-        ),
-        *(
-            Series(f"in-line-{K}", f"§3.5.6: {K} elements, in-line", DAE_ONLY, _sweep(K, IN_LINE))
-            for K in ELEMENTS[1:5]
-        ),
-        Series(
-            "fixed-step", "§3.5.3: 13 to 121 elements at 0.8 Hz, h = 0.01 s", DAE_ONLY,
-            _monitored(ELEMENTS, (STUDIED,), FIXED_STEP), timed=True,
-        ),
-        Series(
-            "fixed-drift", "§3.5.4: the step of 13 to 121 elements with a drift of 2 %", DAE_ONLY,
-            _monitored(ELEMENTS, (STUDIED,), FIXED_STEP), search=True, timed=True,
-        ),
-        Series(
-            "drift", "§3.5.5: 13 elements, in-line, h = 0.005 s", DAE_ONLY,
-            _monitored(ELEMENTS[:1], IN_LINE, FINE_STEP), timed=True,
-        ),
-    )
-}  # fmt: skip
+SERIES: Mapping[str, Series] = read_series(FILE)
 
 
 def run_series(
