@@ -78,12 +78,15 @@ def make_trajectory(
     rest, elastic, tensions = (rows[:, at + part * M : at + (part + 1) * M].copy() for part in range(3))
     at += 3 * M
     winch, lost, external = (rows[:, at + column].copy() for column in range(3))
-    told: dict[str, Any] = {report.name.lower(): rows[:, at + 3 + report].copy() for report in Report}
+    at += 3
+    states = rows[:, at : at + plant.elements.states.shape[1]].copy()
+    at += states.shape[1]
+    told: dict[str, Any] = {report.name.lower(): rows[:, at + report].copy() for report in Report}
     lengths = structure.string_lengths(nodes)
     if isinstance(rod, RodMotion):
         forces = rods.string_forces(structure, nodes, tensions)
         if scene.effects:  # added mass acts across rods alone
-            forces = forces + forces_of(scene.effects, scene, time, nodes, velocities)
+            forces = forces + forces_of(scene.effects, scene, time, nodes, velocities, states)
         if rod.contact_forces is not None:
             forces = forces + rod.contact_forces
         gravity = np.array(scene.gravity)
@@ -107,6 +110,7 @@ def make_trajectory(
         external_work=external,
         dissipation=lost,
         **told,
+        element_states=states,
         status=account.status,
         message=account.message,
         engine=str(options),

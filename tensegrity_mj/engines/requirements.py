@@ -12,6 +12,7 @@ from tensegrity_mj.model.capabilities import (
     BREAKS,
     CLASS_K,
     CONTACT,
+    ELEMENT_STATES,
     MOVED_SUPPORTS,
     PUSHING_DAMPERS,
     Descriptor,
@@ -29,14 +30,24 @@ _SHARED_MODEL = (
         OptionError,
     ),
 )
+_STATES_AT_REST = Limit(
+    ELEMENT_STATES,
+    "the states of elements are not solved for",
+    "replace the element by one without a state whose forces are those at rest, or let a damped run come to rest",
+)
 # What functions cannot do, whichever the engine.
 USES: Mapping[str, tuple[Limit, ...]] = {
     "linearize": (Limit(MOVED_SUPPORTS, "the linear model would depend on time", _STILL),),
-    "engine_equilibrium": (Limit(MOVED_SUPPORTS, "an equilibrium is of supports that stand still", _STILL),),
+    "engine_equilibrium": (
+        Limit(MOVED_SUPPORTS, "an equilibrium is of supports that stand still", _STILL),
+        _STATES_AT_REST,
+    ),
+    "statics": (_STATES_AT_REST,),
     "simulate_many": _SHARED_MODEL,
     "law_in": (
         *_SHARED_MODEL,
         Limit(BREAKS, "a break belongs to a run, which begins and ends", "use simulate_many", OptionError),
+        Limit(ELEMENT_STATES, "a state belongs to a run, which integrates it", "use simulate_many", OptionError),
     ),
     "MuJoCo's model": (JOINED_CONTACT_LIMIT,),
     "dm_control models": (
@@ -52,6 +63,7 @@ USES: Mapping[str, tuple[Limit, ...]] = {
             "they hold forces over a step, and that of added mass depends on the accelerations of each stage",
             "use simulate or law_in, or leave it out (scene.with_(water=None))",
         ),
+        Limit(ELEMENT_STATES, "they integrate no states but MuJoCo's own", "use simulate or simulate_many"),
     ),
 }
 

@@ -1,6 +1,6 @@
 """Linear models of a scene about a state, from each engine's own equations, all in the same coordinates.
 
-    ẋ = A x + B v + e,   y = C x,   x = (δ, δ̇)
+    ẋ = A x + B v + e,   y = C x,   x = (δ, δ̇, s)
 
 The chart δ is built from the state alone, so that engines can be compared number by number. It has, in the order of the
 structure: for each rod the translations z - z₀ along its support's `translation_basis`, then the central projection of
@@ -14,7 +14,8 @@ the minimal model grows; for each point mass the translations along its `transla
 such chart.
 
 v are changes of the rest lengths [m], or of the force densities [N/m], from those at the state; y are the node
-positions' changes (3N,) [m], nodes one after another. e is what an equilibrium would have as zero: (δ̇, δ̈) at the state.
+positions' changes (3N,) [m], nodes one after another; s are the changes of the elements' states, where these have any,
+from those of the start. e is what an equilibrium would have as zero: ẋ at the state.
 
 How the derivatives are taken. An engine's accelerations are affine in the strings' tensions T, and tensions have the
 only kinks. So each string that is taut at the state is kept taut, by an offset of its tension that is far above all
@@ -51,11 +52,13 @@ from tensegrity_mj.engines.table import check_engine
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.linearization.differences import LOOP_STEP, NARROW, NARROW_RATE, PAIRS, STEP, WEIGHTS, reach_of
+from tensegrity_mj.linearization.element_states import ElementStates
 from tensegrity_mj.linearization.law import SetRestLengths
 from tensegrity_mj.linearization.model import Linearization
 from tensegrity_mj.linearization.strings import KeptStrings
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.model.elements.contact import overlaps
+from tensegrity_mj.model.elements.element import state_names
 from tensegrity_mj.model.scene import Scene
 
 __all__ = ["Chart", "LinearizableEngine", "Linearization", "linearize"]
@@ -135,25 +138,34 @@ def linearize(
     else:
         rest = np.array(structure.rest_lengths) if loop is None else loop(scene.nodes0, scene.velocities0)
     strings = KeptStrings(structure, scene, rest, broken, inputs, PAIRS * STEP * reach, reach)
+    elements = ElementStates(scene)
     request = Request(
-        scene, native_law(None, structure), Actuation.continuous(), OnInfeasible.STOP, 1.0, None, progress=False
+        elements.scene,
+        native_law(None, structure),
+        Actuation.continuous(),
+        OnInfeasible.STOP,
+        1.0,
+        None,
+        progress=False,
     )
     field = engine.accelerations(request)
 
-    def motion(delta: Array, rate: Array, change: Array) -> tuple[Array, Array]:
-        """Node positions (3N,) and δ̈ (n,) at δ, δ̇ and a change of the inputs."""
+    def motion(delta: Array, rate: Array, change: Array, states: Array = elements.start) -> tuple[Array, Array]:
+        """Node positions (3N,) and (δ̈, ṡ) (n + S,) at δ, δ̇, a change of the inputs, and states of elements."""
+        elements.become(states)
         here, speeds = chart.state(delta, rate)
         lengths = structure.string_lengths(here)
         placed, once = field(time, here, speeds, strings.rest_lengths(lengths, change, 1.0))
         if np.any(strings.taut):
             thrice = field(time, here, speeds, strings.rest_lengths(lengths, change, 3.0))[1]
             once = once - 0.5 * (thrice - once)
-        return placed.ravel(), chart.accelerations(delta, rate, once)
+        changes = elements.rates(time, here, speeds)
+        return placed.ravel(), np.concatenate([chart.accelerations(delta, rate, once), changes])
 
     n, M = chart.size, len(structure.strings)
-    none, zero = np.zeros(n), np.zeros(M)
-    A, B, C = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, M)), np.zeros((3 * len(structure.nodes), 2 * n))
-    A[:n, n:] = np.eye(n)
+    none, zero, total = np.zeros(n), np.zeros(M), 2 * n + len(elements.start)
+    A, B, C = np.zeros((total, total)), np.zeros((total, M)), np.zeros((3 * len(structure.nodes), total))
+    A[:n, n : 2 * n] = np.eye(n)
     smooth = all(element.smooth for element in scene.effects)
     step = STEP * (LOOP_STEP if chart.has_loops else 1.0) * (1.0 if smooth else NARROW)
     turn = 1.0 if smooth else NARROW_RATE
@@ -170,10 +182,12 @@ def linearize(
         h = strings.input_step[m]
         change = h * np.eye(M)[m]
         B[n:, m] = (motion(none, rate0, change)[1] - motion(none, rate0, -change)[1]) / (2 * h)
+    A[n:, 2 * n :] = elements.slopes(lambda states: motion(none, rate0, zero, states)[1])
     residual = np.concatenate([rate0, motion(none, rate0, zero)[1]])
     gain, remarks = None, strings.losses() + (strings.remarks() if loop is None else [])
     if loop is not None:
         gain, kinks = loop.derivative(chart, rate0, reach, inputs)
+        gain = np.pad(gain, ((0, 0), (0, len(elements.start))))  # laws do not know of elements
         remarks += kinks
         A = A + B @ gain
     return Linearization(
@@ -190,5 +204,6 @@ def linearize(
         residual=residual,
         gain=gain,
         coordinates=chart.names,
+        states=state_names(scene),
         warnings=tuple(remarks),
     )

@@ -16,6 +16,7 @@ from tensegrity_mj.basics.files import checked, replacing
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.linearization.chart import Chart
+from tensegrity_mj.model.elements.element import states_at_start
 from tensegrity_mj.model.scene import Scene
 
 FLAT = 1e-10  # of the largest |λ|²: below it, ω² is that of a motion that nothing holds
@@ -24,7 +25,7 @@ STILL = 1e-12  # of the largest |λ|: a damping below it is none
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
-    """A linear model, see the text of `linearization`; n coordinates δ, M strings, N nodes.
+    """A linear model, see the text of `linearization`; n coordinates δ, M strings, N nodes, S states of elements.
 
     Attributes:
         engine: one line.
@@ -32,13 +33,14 @@ class Linearization:
         time: [s].
         nodes, velocities, rest_lengths: the state, (N, 3), (N, 3), (M,).
         inputs: what B's columns change.
-        A: (2n, 2n); with a law, that of the closed loop.
-        B: (2n, M), the plant's.
-        C: (3N, 2n).
-        residual: (2n,) ẋ at the state: zero at an equilibrium.
-        gain: (M, 2n) derivative of the law's rest lengths (force densities), or None without a law.
+        A: (2n + S, 2n + S); with a law, that of the closed loop.
+        B: (2n + S, M), the plant's.
+        C: (3N, 2n + S).
+        residual: (2n + S,) ẋ at the state: zero at an equilibrium.
+        gain: (M, 2n + S) derivative of the law's rest lengths (force densities), or None without a law.
         coordinates: (n,) a name for each δ, such as "rod r1: z1" or "rod r1: b2".
         warnings: what the numbers do not tell, such as strings at the edge of slackness.
+        states: (S,) a name for each number of the elements' states, such as "elements[0] Maxwell: s1".
     """
 
     engine: str
@@ -55,6 +57,7 @@ class Linearization:
     gain: Array | None
     coordinates: tuple[str, ...]
     warnings: tuple[str, ...]
+    states: tuple[str, ...] = ()
 
     @property
     def is_equilibrium(self) -> bool:
@@ -63,12 +66,12 @@ class Linearization:
 
     @property
     def eigenvalues(self) -> Array:
-        """(2n,) complex [1/s], by ascending modulus, conjugates with the positive imaginary part first."""
+        """(2n + S,) complex [1/s], by ascending modulus, conjugates with the positive imaginary part first."""
         return self._modes()[0]
 
     @property
     def modes(self) -> Array:
-        """(3N, 2n) complex: the nodes' motion in each mode, in the order of `eigenvalues`, its largest entry 1."""
+        """(3N, 2n + S) complex: the nodes' motion in each mode, in the order of `eigenvalues`, its largest entry 1."""
         return self._modes()[1]
 
     @property
@@ -89,7 +92,7 @@ class Linearization:
         n = len(self.coordinates)
         stiffness, damping = -self.A[n:, :n], -self.A[n:, n:]
         scale = np.sqrt(np.abs(stiffness).max(initial=0.0))
-        if np.abs(damping).max(initial=0.0) <= STILL * scale:
+        if not self.states and np.abs(damping).max(initial=0.0) <= STILL * scale:
             # From ω² rather than from ±iω, which are not half as accurate where one mode is far softer than another.
             squares, shapes = np.linalg.eig(stiffness)
             roots = np.sqrt(-squares.astype(complex))
@@ -108,14 +111,19 @@ class Linearization:
             moved = moved / np.where(largest == 0, 1, largest)
         return values[order], moved
 
-    def deviation(self, nodes: ArrayLike, velocities: ArrayLike) -> Array:
-        """x (2n,) of node positions and velocities (N, 3): what they differ by from the state of this model."""
+    def deviation(self, nodes: ArrayLike, velocities: ArrayLike, states: ArrayLike | None = None) -> Array:
+        """x (2n + S,) of node positions and velocities (N, 3): what they differ by from the state of this model.
+
+        States (S,) of elements are those of the scene's start by default.
+        """
         structure = self.scene.structure
         shape = (len(structure.nodes), 3)
         chart = Chart(structure, self.nodes)
         here = real_array("nodes", nodes, shape, "m", False), real_array("velocities", velocities, shape, "m/s", False)
         delta, rate = chart.coordinates(*here)
-        return np.concatenate([delta, rate - chart.coordinates(self.nodes, self.velocities)[1]])
+        start = states_at_start(self.scene.elements, self.scene)
+        others = start if states is None else real_array("states", states, start.shape, "", False)
+        return np.concatenate([delta, rate - chart.coordinates(self.nodes, self.velocities)[1], others - start])
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write everything as .json, or its arrays and names as .npz; returns the path.
@@ -145,6 +153,7 @@ class Linearization:
             "time": self.time,
             "inputs": self.inputs.value,
             "coordinates": list(self.coordinates),
+            "states": list(self.states),
             "strings": [string.name for string in self.scene.structure.strings],
             "nodes": list(self.scene.structure.node_names),
             "positions": self.nodes.tolist(),

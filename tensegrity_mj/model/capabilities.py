@@ -143,6 +143,10 @@ ELEMENTS = Trait(
     "elements beside loads",
     lambda scene: _first([f"{one.label} acts on nodes" for one in scene.effects if one.label != "loads"]),
 )
+ELEMENT_STATES = Trait(
+    "elements with a state",
+    lambda scene: _first([f"{one.label} has a state (state0)" for one in scene.elements if one.has_state]),
+)
 PUSHING_DAMPERS = Trait("damped strings that are not clipped", _pushing)
 JOINED_CONTACT = Trait("contact of rods that share nodes", _and(_contact, _joined_rods))
 ADDED_MASS_IN_CONTACT = Trait("contact and added mass", _and(_added, _contact))

@@ -10,7 +10,7 @@ from tensegrity_mj.dynamics.native.slots import NODES, VELOCITIES
 from tensegrity_mj.errors import DivergenceError
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.actuation import Mode
-from tensegrity_mj.runs.trajectory import LAW_REPORTS, VARIABLES, Trajectory
+from tensegrity_mj.runs.trajectory import LAW_REPORTS, Trajectory, variables_of
 
 # A run has diverged when it has gained this many times the energy that it was ever given, or when a rod's length is off
 # by this part. The errors of a step that is merely coarse stay below; an unstable one passes any bound soon.
@@ -36,7 +36,7 @@ def check_energy(run: Trajectory, remedy: str, dampers_as_recorded: bool = True)
             implicit in them applies others, so that the recorded dissipation may exceed what there was to dissipate.
     """
     finite = np.ones(len(run.time), bool)
-    for name in VARIABLES:
+    for name in variables_of(run.scene):
         if name not in LAW_REPORTS:  # NaN where the law has none
             values = np.isfinite(getattr(run, name))
             finite &= values.all(axis=tuple(range(1, values.ndim)))

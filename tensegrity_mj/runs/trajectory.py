@@ -17,7 +17,7 @@ from tensegrity_mj.basics.files import checked, replacing
 from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.dynamics.native.law import Report
 from tensegrity_mj.errors import FormatError, TensegrityError
-from tensegrity_mj.model.elements.element import energy_of
+from tensegrity_mj.model.elements.element import energy_of, state_names
 from tensegrity_mj.model.elements.resistance import bending_energy
 from tensegrity_mj.model.scene import Scene
 
@@ -60,6 +60,10 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
         "largest violation of what a law with an optimal allocation asked of the strings; NaN without such a law",
     ),
 }
+# Besides, of a scene whose elements have states.
+STATES: dict[str, tuple[tuple[str, ...], str, str]] = {
+    "element_states": (("time", "element_state"), "as the elements define", "states of the elements, in their order"),
+}
 LAW_REPORTS = tuple(report.name.lower() for report in Report)  # those that are NaN where the law has none
 DICTIONARIES = ("cost", "reports", "provenance")  # in the file as JSON
 
@@ -77,6 +81,7 @@ class Trajectory:
         cost: `wall_time` [s], `steps`, `evaluations` of the right-hand side, and what else the engine counts.
         reports: numbers about the run: constraint drift, largest holding ratio, times with L0 <= 0, ...
         provenance: versions, options and seeds, as text or numbers.
+        element_states: (T, S) of the elements that have one, as `element_state_names` calls them.
     """
 
     scene: Scene
@@ -105,6 +110,12 @@ class Trajectory:
     cost: dict[str, float] = field(default_factory=dict)
     reports: dict[str, Any] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict)
+    element_states: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def element_state_names(self) -> tuple[str, ...]:
+        """(S,) what `element_states` has, such as "elements[0] Maxwell: s1"."""
+        return state_names(self.scene)
 
     @property
     def bending_energy(self) -> Array:
@@ -114,7 +125,7 @@ class Trajectory:
     @property
     def element_energy(self) -> Array:
         """(T,) [J]: what the scene's elements have stored, bent joints among them."""
-        return energy_of(self.scene.effects, self.scene, self.nodes)
+        return energy_of(self.scene.effects, self.scene, self.nodes, self.element_states)
 
     @property
     def energy_balance(self) -> Array:
@@ -168,8 +179,10 @@ class Trajectory:
         destination = checked(path, (".nc",), "trajectory")
         variables = {
             name: (dimensions, getattr(self, name), {"units": unit, "long_name": meaning})
-            for name, (dimensions, unit, meaning) in VARIABLES.items()
+            for name, (dimensions, unit, meaning) in variables_of(self.scene).items()
         }
+        if "element_states" in variables:
+            variables["element_states"][2]["names"] = ", ".join(self.element_state_names)
         attributes: dict[str, str | int] = {
             "format": FORMAT,
             "title": f"tensegrity_mj trajectory of scene {self.scene.name}",
@@ -208,8 +221,8 @@ class Trajectory:
                 if file.attrs.get("format") != FORMAT or "scene" not in file.attrs:
                     raise FormatError(f"{path}: a NetCDF file, but no trajectory of format {FORMAT} of tensegrity_mj")
                 texts = {key: _text(file.attrs[key]) for key in ("scene", "status", "message", "engine", *DICTIONARIES)}
-                variables = {name: file.variables[name] for name in VARIABLES}
                 scene = scene_from_toml(texts["scene"], where=str(path))
+                variables = {name: file.variables[name] for name in variables_of(scene)}
                 _check_shapes(source, scene, {name: tuple(variable.shape) for name, variable in variables.items()})
                 arrays: dict[str, Any] = {name: np.array(variable[...], float) for name, variable in variables.items()}
             status = Status(texts["status"])
@@ -228,10 +241,15 @@ class Trajectory:
 
     def until(self, count: int) -> Trajectory:
         """The first `count` samples."""
-        return replace(self, **{name: getattr(self, name)[:count] for name in VARIABLES})
+        return replace(self, **{name: getattr(self, name)[:count] for name in (*VARIABLES, *STATES)})
 
 
-assert set(VARIABLES) | set(DICTIONARIES) < {f.name for f in fields(Trajectory)}
+assert {*VARIABLES, *STATES, *DICTIONARIES} < {f.name for f in fields(Trajectory)}
+
+
+def variables_of(scene: Scene) -> dict[str, tuple[tuple[str, ...], str, str]]:
+    """What runs of a scene have recorded, as `VARIABLES`."""
+    return VARIABLES | (STATES if state_names(scene) else {})
 
 
 def _text(value: Any) -> str:
@@ -247,7 +265,7 @@ def _check_shapes(source: Path, scene: Scene, shapes: Mapping[str, tuple[int, ..
     Looked at before they are read: a small file may declare more than any memory holds.
     """
     sizes = _sizes(scene, math.prod(shapes["time"]))
-    for name, (dimensions, _, _) in VARIABLES.items():
+    for name, (dimensions, _, _) in variables_of(scene).items():
         shape = tuple(sizes[dimension] for dimension in dimensions)
         if shapes[name] != shape:
             raise FormatError(
@@ -263,20 +281,23 @@ def _check_shapes(source: Path, scene: Scene, shapes: Mapping[str, tuple[int, ..
 
 
 def _sizes(scene: Scene, samples: int) -> dict[str, int]:
-    """Lengths of the dimensions of `VARIABLES`."""
-    structure = scene.structure
+    """Lengths of the dimensions of `variables_of`."""
+    structure, states = scene.structure, len(state_names(scene))
     return {
         "time": samples,
         "node": len(structure.nodes),
         "axis": 3,
         "string": len(structure.strings),
         "rod": len(structure.rods),
+        **({"element_state": states} if states else {}),
     }
 
 
 def _check_values(path: str, arrays: dict[str, Array]) -> None:
     """Raise FormatError where times do not rise, or where what every run has is not finite."""
-    for name, (dimensions, unit, _) in VARIABLES.items():
+    for name, (dimensions, unit, _) in (VARIABLES | STATES).items():
+        if name not in arrays:
+            continue
         finite = np.isfinite(arrays[name])
         if name in LAW_REPORTS or finite.all():
             continue

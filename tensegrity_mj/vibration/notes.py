@@ -46,6 +46,12 @@ def _of_surroundings(model: Vibration, stepping: Stepping) -> list[str]:
         notes.append(
             f"of elements ({names}) the model has differences of their forces, the symmetric part of their stiffness"
         )
+    stateful = ", ".join(dict.fromkeys(element.label for element in scene.elements if element.has_state))
+    if stateful:
+        notes.append(
+            f"states of elements ({stateful}) stay as they are at the start in the model: explicit steps must also be "
+            "short against their own rates, which are among the eigenvalues of linearize"
+        )
     if scene.contact is not None and stepping.scheme is not None:
         notes.append(
             "contact is not in the model: where something touches, a step must also be below "

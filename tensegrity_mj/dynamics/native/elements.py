@@ -33,6 +33,8 @@ from tensegrity_mj.dynamics.native.pointers import (
 from tensegrity_mj.dynamics.native.slots import (
     ADDED,
     ELEMENT_COUNT,
+    ELEMENT_STATE_COUNT,
+    ELEMENT_STATES,
     ELEMENTS,
     FORCES,
     HELD_MASS,
@@ -48,18 +50,28 @@ from tensegrity_mj.dynamics.native.slots import (
 )
 from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.errors import ElementError, OptionError
-from tensegrity_mj.model.elements.element import Element, Work, acted
+from tensegrity_mj.model.elements.element import Element, Work, acted, rated, split_states, states_at_start
 from tensegrity_mj.model.elements.loads import NodalLoads
 from tensegrity_mj.model.scene import Scene
 
 Motion, pack_motion = view_of("Motion", count="size", nodes=("f8", "count", 3), velocities=("f8", "count", 3))
-# given: of surroundings that move, the power that they give [W]; added: α of the rods [kg], of all elements together,
-# rows (α_11, α_12, α_21, α_22), of which there are none where no element adds mass.
+# given: of surroundings that move, the power that they give [W], or what an element with a state loses of what it has
+# stored; added: α of the rods [kg], of all elements together, rows (α_11, α_12, α_21, α_22), of which there are none
+# where no element adds mass; state: of an element that has one, as it is now; rates: its derivative, for it to write.
 Effect, pack_effect = view_of(
-    "Effect", count="size", forces=("f8", "count", 3), rods="size", added=("f8", "rods", 4), given="real"
+    "Effect",
+    count="size",
+    forces=("f8", "count", 3),
+    rods="size",
+    added=("f8", "rods", 4),
+    given="real",
+    states="size",
+    state=("f8", "states"),
+    rates=("f8", "states"),
 )
-MOTION_SIZE, EFFECT_SIZE = 3, 5
-_FORCES_AT, _ADDED_AT, _GIVEN = 1, 3, 4  # of an `Effect`: the loop reads it by place, as it may lie on a stack
+MOTION_SIZE, EFFECT_SIZE = 3, 8
+# Of an `Effect`: the loop reads it by place, as it may lie on a stack.
+_FORCES_AT, _ADDED_AT, _GIVEN, _STATE_AT, _RATES_AT = 1, 3, 4, 6, 7
 
 ACT_SIGNATURE = "int64(float64, int64, int64, int64)"
 ACT_FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_double, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
@@ -68,6 +80,7 @@ RECORD_SIZE = 4  # numbers of a record
 _read_elements = records_reader(ELEMENT)
 _WORKS = {Work.GIVEN: 0, Work.LOST: 1, Work.STORED: 2}
 GIVEN, LOST = _WORKS[Work.GIVEN], _WORKS[Work.LOST]
+LOSING = 3  # of what stores its work and, by its state, loses some of it
 
 
 @intrinsic
@@ -110,6 +123,8 @@ def let_act(table: Any, t: float) -> Any:
         elif element.work == LOST:
             given += surroundings[0]
             lost += surroundings[0] - power
+        elif element.work == LOSING:
+            lost += surroundings[0]
     return given, lost
 
 
@@ -130,6 +145,8 @@ def held_powers(table: Any) -> Any:
             surroundings = floats(element.effect + 8 * _GIVEN, 1)[0]
             given += surroundings
             lost += surroundings - power
+        elif element.work == LOSING:
+            lost += floats(element.effect + 8 * _GIVEN, 1)[0]
     if table[ADDED]:
         held = floats(table[HELD_MASS], (size,))
         for x in range(size):
@@ -219,25 +236,29 @@ def native_element(element: Element, scene: Scene, failures: Failures) -> Native
 
 
 def called_back(element: Element, scene: Scene, failures: Failures) -> NativeElement:
-    """`act` of an element in Python as a C function."""
-    shape = (len(scene.structure.nodes), 3)
+    """`act` of an element in Python as a C function, with `rates` of one that has a state."""
+    N, S = len(scene.structure.nodes), len(element.state0(scene)) if element.has_state else 0
     known: dict[int, Any] = {}  # views by address
 
-    def view(address: int) -> Any:
+    def view(address: int, size: int = 3 * N) -> Any:
         if address not in known:
             if len(known) > 100:  # threads come and go
                 known.clear()
-            known[address] = np.ctypeslib.as_array((ctypes.c_double * (3 * shape[0])).from_address(address))
-        return known[address].reshape(shape)
+            known[address] = np.ctypeslib.as_array((ctypes.c_double * size).from_address(address))
+        return known[address]
 
     def call(time: float, motion: int, context: int, effect: int) -> int:
         try:
             _, nodes, velocities = (ctypes.c_int64 * MOTION_SIZE).from_address(motion)
-            x, v = view(nodes).copy(), view(velocities).copy()
-            view((ctypes.c_int64 * EFFECT_SIZE).from_address(effect)[_FORCES_AT])[:] = acted(element, scene, time, x, v)
-            if element.work is Work.LOST:
-                power = float(element.given(scene, time, x, v))
-                ctypes.c_double.from_address(effect + 8 * _GIVEN).value = power
+            x, v = view(nodes).reshape(N, 3).copy(), view(velocities).reshape(N, 3).copy()
+            own = (ctypes.c_int64 * EFFECT_SIZE).from_address(effect)
+            state = [view(own[_STATE_AT], S).copy()] if S else []
+            view(own[_FORCES_AT])[:] = acted(element, scene, time, x, v, *state).ravel()
+            if S:
+                view(own[_RATES_AT], S)[:] = rated(element, scene, time, x, v, *state)
+            if element.work is Work.LOST or (S and element.work is Work.STORED):
+                tell = element.given if element.work is Work.LOST else element.lost
+                ctypes.c_double.from_address(effect + 8 * _GIVEN).value = float(tell(scene, time, x, v, *state))
         except BaseException as error:
             if not failures:
                 failures.append((element, error))
@@ -252,6 +273,7 @@ class PackedElements:
     """All that acts in a scene, in the slots of a plant's table; to be kept alive while the table is read.
 
     Attributes:
+        states: (4, S) of elements that have one, see `slots`.
         failures: what an element in Python raised: it, and the first exception.
     """
 
@@ -262,13 +284,28 @@ class PackedElements:
         self.seen = np.array([N, table[NODES], table[VELOCITIES]], np.int64)
         self.added = np.zeros((R if any(one.adds_mass for one in effects) else 0, 4))
         self.held = np.zeros((N, 3))
+        start = states_at_start(effects, scene)
+        self.states = np.array([start, 0.0 * start, start, 0.0 * start])
         self._keep: list[Any] = []
-        for record, element in zip(self.records, effects, strict=True):
+        parts = zip(*(split_states(effects, scene, row) for row in self.states[:2]), strict=True)
+        for record, element, own in zip(self.records, effects, parts, strict=True):
+            state, rates = (part[0] if part else np.zeros(0) for part in own)
             native = native_element(element, scene, self.failures)
-            effect = pack_effect(count=N, forces=np.zeros((N, 3)), rods=len(self.added), added=self.added, given=0.0)
+            effect = pack_effect(
+                count=N,
+                forces=np.zeros((N, 3)),
+                rods=len(self.added),
+                added=self.added,
+                given=0.0,
+                states=len(state),
+                state=state,
+                rates=rates,
+            )
+            losing = element.has_state and element.work is Work.STORED
             record["function"], record["context"] = native.address, native.context
-            record["effect"], record["work"] = effect.address, _WORKS[element.work]
+            record["effect"], record["work"] = effect.address, LOSING if losing else _WORKS[element.work]
             self._keep += [native, effect]
+        table[ELEMENT_STATE_COUNT], table[ELEMENT_STATES] = len(start), address_of(self.states)
         table[ELEMENT_COUNT], table[ELEMENTS] = len(effects), address_of(self.records)
         table[SEEN], table[ROD_TOTAL] = address_of(self.seen), R
         table[ADDED] = address_of(self.added) if len(self.added) else 0

@@ -27,6 +27,8 @@ from tensegrity_mj.dynamics.native.slots import (
     DAMPED,
     DAMPING,
     ELASTIC,
+    ELEMENT_STATE_COUNT,
+    ELEMENT_STATES,
     FORCES,
     HELD,
     HOLD_FORCE_DENSITY,
@@ -82,13 +84,14 @@ _MODES = {
 @borrowing
 def row_width(table: Any) -> int:
     """Length of what `write_row` writes."""
-    return 6 * table[NODE_COUNT] + 3 * table[STRING_COUNT] + 3 + REPORT_SIZE
+    return 6 * table[NODE_COUNT] + 3 * table[STRING_COUNT] + 3 + table[ELEMENT_STATE_COUNT] + REPORT_SIZE
 
 
 @borrowing
 def write_row(table: Any, stored: float, lost: float, external: float, row: Any) -> None:
-    """Nodes, velocities, L0, elastic tensions, tensions, winch work, dissipation, external work, the law's report."""
-    N, M = table[NODE_COUNT], table[STRING_COUNT]
+    """Nodes, velocities, L0, elastic tensions, tensions, winch work, dissipation, external work, the elements' states,
+    the law's report."""
+    N, M, S = table[NODE_COUNT], table[STRING_COUNT], table[ELEMENT_STATE_COUNT]
     copy(floats(table[NODES], (3 * N,)), row)
     copy(floats(table[VELOCITIES], (3 * N,)), row[3 * N :])
     at = 6 * N
@@ -98,7 +101,8 @@ def write_row(table: Any, stored: float, lost: float, external: float, row: Any)
     at += 3 * M
     row[at] = winch_work(table, stored)
     row[at + 1], row[at + 2] = lost + floats(table[WINCH], (3,))[2], external
-    copy(floats(table[REPORT], (REPORT_SIZE,)), row[at + 3 :])
+    copy(floats(table[ELEMENT_STATES], (S,)), row[at + 3 :])
+    copy(floats(table[REPORT], (REPORT_SIZE,)), row[at + 3 + S :])
 
 
 def break_times(scene: Scene) -> Array:

@@ -41,7 +41,12 @@ MOTION_COUNT, MOTIONS, MOVED = 41, 42, 43  # moved supports, their `PackedMotion
 ROD_TOTAL, HELD_MASS = 44, 45  # how many rods there are; forces of the added mass as last found (N, 3)
 
 
-ENGINE_SLOTS = 49  # an engine's own slots start here
+# How many numbers the elements' states have, and (4, S): at a stage, their rates there; for an engine that steps by
+# itself, those of the whole steps so far, and the sum of the stages' rates.
+ELEMENT_STATE_COUNT, ELEMENT_STATES = 49, 50
+
+
+ENGINE_SLOTS = 51  # an engine's own slots start here
 
 
 TABLE_SIZE = 112

@@ -28,6 +28,7 @@ class NodeAccelerations:
         self.run, self.scene = run, run.request.scene
         model = run.model
         model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+        run.plant.table[callback.STAGES] = 4  # a stage is no step: states of elements stay those of the start
         self.sites = [model.site(name).id for name in self.scene.structure.nodes]
         if run.supports is not None:
             run.supports.table[RESETS] = 0  # the state is the one that is asked for

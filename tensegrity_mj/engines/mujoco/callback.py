@@ -13,7 +13,7 @@ from __future__ import annotations
 from typing import Any
 
 from tensegrity_mj.dynamics.native.actuation import break_strings, remember, set_rest_lengths, start_ledger, take_sample
-from tensegrity_mj.dynamics.native.elements import held_powers, let_act, set_motions
+from tensegrity_mj.dynamics.native.elements import held_powers, set_motions
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import row_width, write_row
 from tensegrity_mj.dynamics.native.pointers import borrowing, copy, floats, inlined, integers
@@ -50,6 +50,7 @@ from tensegrity_mj.dynamics.native.strings import tighten_strings
 from tensegrity_mj.dynamics.native.vectors import minus, row_of
 from tensegrity_mj.dynamics.native.watch import watch_strings
 from tensegrity_mj.engines.mujoco.contact import keep_stage, last_stage_work, spin_energy, state_width, write_state
+from tensegrity_mj.engines.mujoco.element_states import act_at_stage
 from tensegrity_mj.engines.mujoco.mjcf import UNLIMITED
 from tensegrity_mj.engines.mujoco.motion import (
     SUPPORTS_SIZE,
@@ -312,14 +313,14 @@ def control_stage(table: Any) -> None:
         move_supports(table, t, stage == 0)
         if table[CONSTRAINED]:
             work[2] += constraint_work(supports, table[MOVED], table[CONSTRAINT_FORCE], before, stages == 1)
-    given, spent = 0.0, 0.0
+    given, spent, moving = 0.0, 0.0, 0.0
     if table[ELEMENT_COUNT]:
         if stages == 1 and step > 0:
             # One-stage integrators hold forces over the step: their work counts the speeds at both ends.
             given, spent = held_powers(table)
             work[1] += 0.5 * h * spent
             work[2] += 0.5 * h * given
-        given, spent = let_act(table, t)
+        given, spent = act_at_stage(table, t, stage, stages, h)
         apply_loads(table)
     status, asked, stored, lost = SOLVED, SOLVED, 0.0, 0.0
     if begins and table[BREAKING] > 0:
@@ -340,7 +341,6 @@ def control_stage(table: Any) -> None:
         given += add_mass(table, table[FLOATING : DRIVES + 1])
         apply_loads(table)
     lost += (1.0 if stages == 4 else 0.5) * spent
-    moving = 0.0
     if table[MOTION_COUNT] > 0:
         moving = power_of_supports(table)
         if stages == 1 and step > 0:

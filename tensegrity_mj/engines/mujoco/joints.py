@@ -60,7 +60,8 @@ class JointForces:
         T, N, M = len(time), len(structure.nodes), len(structure.strings)
         nodes, velocities = rows[:, : 3 * N].reshape(T, N, 3), rows[:, 3 * N : 6 * N].reshape(T, N, 3)
         tensions = rows[:, 6 * N + 2 * M : 6 * N + 3 * M]
-        loads = forces_of(scene.effects, scene, time, nodes, velocities)
+        states = rows[:, 6 * N + 3 * M + 3 :]  # and what comes behind them
+        loads = forces_of(scene.effects, scene, time, nodes, velocities, states)
         kept = rows[:, -self.width :]
         if self.width > self.state:
             loads += kept[:, self.state :].reshape(T, N, 3)

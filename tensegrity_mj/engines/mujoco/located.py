@@ -174,8 +174,9 @@ class LocatedRun(MuJoCoRun):
             self.keep[STEP_SIZE],
             self._powers,
             self.plant[RESOLUTION].reshape(-1),
+            self.plant.elements.states.reshape(-1),
         )
-        sources = (data.qpos, data.qvel, data.qacc, data.qacc_warmstart, *own)
+        sources = [one for one in (data.qpos, data.qvel, data.qacc, data.qacc_warmstart, *own) if len(one)]
         self._copies = [np.zeros((2, len(source)), source.dtype) for source in sources]
         self._kept = np.array(
             [

@@ -31,6 +31,7 @@ from tensegrity_mj.engines.driving import Progress, Stopwatch
 from tensegrity_mj.engines.recording import allocate_rows
 from tensegrity_mj.engines.reference.equations import (
     SINGULAR,
+    STATE_SIZE,
     WORK,
     break_due_strings,
     guard,
@@ -192,7 +193,8 @@ class ErrorControlled:
         """
         here = self._rhs(t, y)
         jacobian = np.zeros((len(y), len(y)))
-        for column in range(len(y) - WORK):
+        size = int(self.table[STATE_SIZE])  # behind the work integrals: states of elements
+        for column in (*range(size - WORK), *range(size, len(y))):
             aside = y.copy()
             aside[column] += JACOBIAN_STEP * max(1.0, abs(y[column]))
             jacobian[:, column] = (self._rhs(t, aside) - here) / (aside[column] - y[column])

@@ -8,6 +8,8 @@
 The integers are addresses: of the state y (STATE_SIZE,), of its derivative, of the plant's table. They return SOLVED,
 what the law returned, or SINGULAR. The last three numbers of y are the work integrals of the energy ledger. So one
 compiled loop serves every model, and is cached for all of them.
+
+Where elements have states, these are integrated behind all that (`element_states`), and no model knows of it.
 """
 
 from __future__ import annotations
@@ -24,7 +26,8 @@ from tensegrity_mj.dynamics.native.slots import BREAKING, ENGINE_SLOTS, STRING_C
 from tensegrity_mj.dynamics.native.strings import add_string_forces, measure_strings, tighten_strings
 
 RATES, PLACE, PROJECT, GUARD, STATE_SIZE, MULTIPLIERS, MULTIPLIER_COUNT = range(ENGINE_SLOTS, ENGINE_SLOTS + 7)
-MODEL_SLOTS = ENGINE_SLOTS + 7  # a model's own slots start here
+MODEL_RATES = ENGINE_SLOTS + 7  # where elements have states: RATES of the model alone
+MODEL_SLOTS = ENGINE_SLOTS + 8  # a model's own slots start here
 
 WORK = 3  # work integrals at the end of y: elastic string work ∫ Σ T dL, dissipation, external work
 SINGULAR = 4  # beside the law's answers: the model's coordinates cannot hold this state
@@ -34,7 +37,7 @@ STATE_SIGNATURE = "int64(int64, int64)"
 
 
 @intrinsic
-def _call_rates(typingctx: Any, function: Any, time: Any, y: Any, dy: Any, table: Any) -> Any:
+def call_rates(typingctx: Any, function: Any, time: Any, y: Any, dy: Any, table: Any) -> Any:
     return call_by_address("diii")
 
 
@@ -46,7 +49,7 @@ def _call_on_state(typingctx: Any, function: Any, y: Any, table: Any) -> Any:
 @njit
 def rates(t: float, y: Any, dy: Any, table: Any) -> int:
     """dy/dt of the model, and its answer."""
-    return _call_rates(table[RATES], t, y.ctypes.data, dy.ctypes.data, table.ctypes.data)
+    return call_rates(table[RATES], t, y.ctypes.data, dy.ctypes.data, table.ctypes.data)
 
 
 @njit
@@ -95,7 +98,7 @@ def let_forces_act(t: float, dwork: Any, table: Any) -> int:
 @njit
 def observe(y: Any, table: Any, row: Any) -> None:
     """Write the state that `rates` saw last as a row, λ behind it."""
-    work, count = len(y) - WORK, table[MULTIPLIER_COUNT]
+    work, count = table[STATE_SIZE] - WORK, table[MULTIPLIER_COUNT]
     write_row(table, y[work], y[work + 1], y[work + 2], row)
     width = row_width(table)
     row[width : width + count] = floats(table[MULTIPLIERS], (count,))

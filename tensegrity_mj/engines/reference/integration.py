@@ -17,6 +17,7 @@ from tensegrity_mj.dynamics.native.slots import HELD, STATUS
 from tensegrity_mj.engines.driving import Grid, Progress, Stopwatch, chunks
 from tensegrity_mj.engines.recording import Account, allocate_rows, make_trajectory
 from tensegrity_mj.engines.reference import equations as kernels
+from tensegrity_mj.engines.reference.element_states import rates_with_states
 from tensegrity_mj.engines.reference.equations import SINGULAR
 from tensegrity_mj.engines.reference.method import Options
 from tensegrity_mj.engines.reference.rk4 import rk4_steps
@@ -68,6 +69,10 @@ class IntegratedRun:
         table[kernels.RATES], table[kernels.PLACE] = equations.rates, equations.place
         table[kernels.PROJECT], table[kernels.GUARD] = equations.project, equations.guard
         table[kernels.STATE_SIZE] = len(y)
+        states = plant.elements.states[0]
+        if len(states):
+            table[kernels.RATES], table[kernels.MODEL_RATES] = rates_with_states.address, equations.rates
+            self.y = np.concatenate([y, states])
         table[kernels.MULTIPLIERS], table[kernels.MULTIPLIER_COUNT] = address_of(multipliers), len(multipliers)
         self.width = row_width(table) + len(multipliers)
         self.evaluations = 0

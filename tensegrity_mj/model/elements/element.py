@@ -18,6 +18,9 @@ Loads, wind, drag, bending of joints and water are elements, and so is whatever 
 
     scene = scene.with_(elements=(GroundSpring("a", 100.0),))
 
+One that remembers, such as a dashpot in series with a spring, has a state: `state0`, and `rates`, which engines
+integrate with the equations of motion. `act`, `given` and `energy` then take the state, too, as their last argument.
+
 Engines, the balance of energy, linear models, stable steps and statics know elements by this interface alone. One that
 is to be as fast as those of the package names a compiled function besides (docs/elements.md).
 """
@@ -25,7 +28,7 @@ is to be as fast as those of the package names a compiled function besides (docs
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -59,6 +62,7 @@ class Element:
         compiled: "module:function", of a function (element, scene) -> `NativeElement`, imported when an engine first
             needs it; "" for none, and `act` is called.
         label: its name in messages; by default that of its class.
+        has_state: whether it has `state0`; found by itself.
     """
 
     work: ClassVar[Work] = Work.GIVEN
@@ -68,10 +72,12 @@ class Element:
     vectorized: ClassVar[bool] = False
     compiled: ClassVar[str] = ""
     label: ClassVar[str] = ""
+    has_state: ClassVar[bool] = False
 
     def __init_subclass__(cls, **options: object) -> None:
         super().__init_subclass__(**options)
         cls.label = vars(cls).get("label") or cls.__name__
+        cls.has_state = cls.state0 is not Element.state0
 
     def check(self, scene: Scene) -> None:
         """Raise SceneError unless it fits a scene; called when the scene is made."""
@@ -88,30 +94,87 @@ class Element:
         """Of a STORED element: what it has stored [J] at positions (N, 3) [m]."""
         return 0.0
 
+    def state0(self, scene: Scene) -> Array:
+        """Of an element with a state: that at the start (S,), in units of its own."""
+        raise NotImplementedError
+
+    def rates(self, scene: Scene, time: float, nodes: Array, velocities: Array, state: Array) -> Array:
+        """Of an element with a state (S,): its derivative in time (S,)."""
+        raise NotImplementedError
+
+    def lost(self, scene: Scene, time: float, nodes: Array, velocities: Array, state: Array) -> float:
+        """Of a STORED element with a state: the power [W] that it loses, -dE/dt - F·v = -∂E/∂state · rates."""
+        return 0.0
+
     def alpha(self, scene: Scene, time: float, nodes: Array) -> Array:
         """α (..., R, 2, 2) [kg]: each rod's nodes feel -Σ_j α_ij P a_j besides, P taking what is across the rod."""
         return np.zeros((*nodes.shape[:-2], len(scene.structure.rods), 2, 2))
 
 
-def forces_of(elements: Sequence[Element], scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
+def states_at_start(elements: Sequence[Element], scene: Scene) -> Array:
+    """The states of elements (S,) at the start, one element's after another's."""
+    return np.concatenate([np.zeros(0), *(element.state0(scene) for element in elements if element.has_state)])
+
+
+def state_names(scene: Scene) -> tuple[str, ...]:
+    """(S,) a name for each number of the states of a scene's elements, such as "elements[0] Maxwell: s1"."""
+    return tuple(
+        f"elements[{number}] {element.label}: s{k + 1}"
+        for number, element in enumerate(scene.elements)
+        if element.has_state
+        for k in range(len(element.state0(scene)))
+    )
+
+
+def split_states(
+    elements: Sequence[Element], scene: Scene, states: Array | None, shape: tuple[int, ...] = ()
+) -> Iterator[tuple[Array, ...]]:
+    """What each element's functions take of all states (*shape, S), the start's by default: its own, or nothing."""
+    if states is None:
+        start = states_at_start(elements, scene)
+        states = np.broadcast_to(start, (*shape, len(start)))
+    at = 0
+    for element in elements:
+        size = len(element.state0(scene)) if element.has_state else 0
+        yield (states[..., at : at + size],) if element.has_state else ()
+        at += size
+
+
+def forces_of(
+    elements: Sequence[Element],
+    scene: Scene,
+    time: Array | float,
+    nodes: Array,
+    velocities: Array,
+    states: Array | None = None,
+) -> Array:
     """Forces (..., N, 3) [N] of elements of a scene at times (...), positions and velocities (..., N, 3).
 
-    What answers accelerations is not among them.
+    What answers accelerations is not among them. States (..., S) are those of the start by default.
     """
     out = np.zeros(nodes.shape)
     times = np.broadcast_to(np.asarray(time, float), nodes.shape[:-2])
-    for element in elements:
+    for element, own in zip(elements, split_states(elements, scene, states, times.shape), strict=True):
         if element.vectorized:
-            out += element.act(scene, times, nodes, velocities)  # type: ignore[arg-type]
+            out += element.act(scene, times, nodes, velocities, *own)  # type: ignore[arg-type]
             continue
         for place in np.ndindex(times.shape):
-            out[place] += acted(element, scene, float(times[place]), nodes[place], velocities[place])
+            here = [part[place] for part in own]
+            out[place] += acted(element, scene, float(times[place]), nodes[place], velocities[place], *here)
     return out
 
 
-def acted(element: Element, scene: Scene, time: float, nodes: Array, velocities: Array) -> Array:
+def acted(element: Element, scene: Scene, time: float, nodes: Array, velocities: Array, *state: Array) -> Array:
     """What `act` returns, (N, 3); ValueError where it is no finite array of that shape."""
-    return as_forces(element.act(scene, time, nodes, velocities), nodes.shape)
+    return as_forces(element.act(scene, time, nodes, velocities, *state), nodes.shape)
+
+
+def rated(element: Element, scene: Scene, time: float, nodes: Array, velocities: Array, state: Array) -> Array:
+    """What `rates` returns, of the shape of the state (S,); ValueError where it is no finite array of that shape."""
+    found = np.asarray(element.rates(scene, time, nodes, velocities, state), float)
+    if found.shape != state.shape or not np.all(np.isfinite(found)):
+        raise ValueError(f"its rates have shape {found.shape}; they must be finite {state.shape}, as its state0")
+    return found
 
 
 def as_forces(returned: ArrayLike, shape: tuple[int, ...]) -> Array:
@@ -122,17 +185,17 @@ def as_forces(returned: ArrayLike, shape: tuple[int, ...]) -> Array:
     return forces
 
 
-def energy_of(elements: Sequence[Element], scene: Scene, nodes: Array) -> Array:
-    """What elements have stored [J], (...), at positions (..., N, 3)."""
+def energy_of(elements: Sequence[Element], scene: Scene, nodes: Array, states: Array | None = None) -> Array:
+    """What elements have stored [J], (...), at positions (..., N, 3) and states (..., S), the start's by default."""
     out = np.zeros(nodes.shape[:-2])
-    for element in elements:
+    for element, own in zip(elements, split_states(elements, scene, states, out.shape), strict=True):
         if element.work is not Work.STORED:
             continue
         if element.vectorized:
-            out += element.energy(scene, nodes)
+            out += element.energy(scene, nodes, *own)
             continue
         for place in np.ndindex(out.shape):
-            out[place] += float(element.energy(scene, nodes[place]))
+            out[place] += float(element.energy(scene, nodes[place], *(part[place] for part in own)))
     return out
 
 
@@ -181,10 +244,26 @@ def check_elements(scene: Scene) -> None:
                 f"{what} ({element.label}) adds mass, which takes a compiled function: name it in `compiled`, or leave "
                 "adds_mass out"
             )
+        if element.has_state == (type(element).rates is Element.rates):
+            raise SceneError(
+                f"{what} ({element.label}): an element with a state has both state0(scene) and rates(scene, time, "
+                "nodes, velocities, state): add the one or leave out the other"
+            )
         element.check(scene)
         try:
-            acted(element, scene, 0.0, scene.nodes0, scene.velocities0)
+            state = [_state_at_start(element, scene)] if element.has_state else []
+            acted(element, scene, 0.0, scene.nodes0, scene.velocities0, *state)
+            if state:
+                rated(element, scene, 0.0, scene.nodes0, scene.velocities0, *state)
         except SceneError:
             raise
         except Exception as error:
             raise SceneError(f"{what} ({element.label}) failed at t = 0: {type(error).__name__}: {error}") from error
+
+
+def _state_at_start(element: Element, scene: Scene) -> Array:
+    """What `state0` returns; ValueError where it is no finite array (S,) of one number or more."""
+    state = np.asarray(element.state0(scene), float)
+    if state.ndim != 1 or not state.size or not np.all(np.isfinite(state)):
+        raise ValueError(f"its state0 is {state.tolist()}; it must be an array (S,) of one finite number or more")
+    return state
