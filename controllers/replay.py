@@ -5,7 +5,6 @@ The plain cross-model experiment, in which no law can hide a plant's error: what
 
 from __future__ import annotations
 
-import os
 from functools import cached_property
 from typing import Any
 
@@ -118,11 +117,6 @@ class Replay:
                 f"{spacing:g} s only; record it with output_interval = {actuation['period']:g}"
             )
         return cls(run.time, values, command, held=True, period=actuation["period"])
-
-    @classmethod
-    def of_file(cls, path: str | os.PathLike[str], command: Command = Command.REST_LENGTH) -> Replay:
-        """What the run in a trajectory file did."""
-        return cls.of_run(Trajectory.load(path), command)
 
     @property
     def discontinuous(self) -> str:

@@ -32,6 +32,7 @@ from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.energy import energy_exchanged
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate, versions
+from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.extremes.pace import pace
 from tensegrity_mj.studies.long_runs_page import QUANTITIES
 from tensegrity_mj.studies.many import run_many
@@ -194,7 +195,9 @@ def run_long(point: dict[str, Any]) -> dict[str, Any]:
     scene, steps, h = scene_from_toml(point["scene"]), point["steps"], point["timestep"]
     reason = ""
     try:
-        run = simulate(scene, None, _engine(point["method"], h), duration=steps * h, output_interval=steps // ROWS * h)
+        run = simulate(
+            scene, None, engine_of(point["method"], h), duration=steps * h, output_interval=steps // ROWS * h
+        )
         if run.status is not Status.COMPLETED:
             reason = run.message
     except DivergenceError as error:
@@ -202,21 +205,6 @@ def run_long(point: dict[str, Any]) -> dict[str, Any]:
             raise
         run, reason = error.trajectory, str(error)
     return {"method": point["method"], "reason": reason, **measured(run, h, steps)}
-
-
-def _engine(method: str, h: float) -> Any:
-    from tensegrity_mj.engines.reference.dae import DAE, Drift
-    from tensegrity_mj.engines.reference.method import Method
-    from tensegrity_mj.engines.reference.ode import ODE
-
-    if method == "ode":
-        return ODE(method=Method.RK4, timestep=h)
-    if method.startswith("dae "):
-        return DAE(method=Method.RK4, timestep=h, drift=Drift(method.removeprefix("dae ")))
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
-    from tensegrity_mj.engines.mujoco.settings import Integrator
-
-    return MuJoCo(h, Integrator(method))
 
 
 def measured(run: Trajectory, h: float, steps: int) -> dict[str, Any]:

@@ -32,21 +32,18 @@ COSTED = 8  # one of so many experiments is swept for its cheapest setting, whic
 def measure(point: Mapping[str, Any]) -> dict[str, Any]:
     """One experiment: request, report, truth and cost. The task of `run_many`."""
     from tensegrity_mj.dynamics.native.law import native_law
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
-    from tensegrity_mj.engines.reference.dae import DAE
-    from tensegrity_mj.engines.reference.ode import ODE
     from tensegrity_mj.engines.request import Request
+    from tensegrity_mj.engines.table import make_engine
     from tensegrity_mj.model.actuation import OnInfeasible
     from tensegrity_mj.simulation import simulate
     from tensegrity_mj.studies.promise_experiments import ENGINES, draw
     from tensegrity_mj.studies.promise_truth import RESOLVED, cheapest_of, truth_of
 
-    engines = {"MuJoCo": MuJoCo, "DAE": DAE, "ODE": ODE}
     number = int(point["number"])
     experiment = draw(int(point["seed"]), number, Kind(point["kind"]))
     scene, requested = experiment.scene, experiment.accuracy
     row: dict[str, Any] = {"experiment": experiment.words, "engine": experiment.engine, "requested": requested}
-    engine = engines[experiment.engine](accuracy=requested)
+    engine = make_engine(experiment.engine.lower(), {"accuracy": requested})
     try:
         run = simulate(scene, experiment.law, engine, actuation=experiment.actuation)
     except TensegrityError as error:

@@ -9,14 +9,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tensegrity_mj.engines.table import ENGINES
+from tensegrity_mj.engines.table import ENGINES, make_engine
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.studies.engine_names import engine_of
 
 if TYPE_CHECKING:
     from tensegrity_mj.model.actuation import Actuation
     from tensegrity_mj.model.scene import Scene
     from tensegrity_mj.runs.trajectory import Trajectory
-    from tensegrity_mj.simulation import Engine
     from tensegrity_mj.thesis.disturbance import Disturbance
 
 
@@ -81,23 +81,14 @@ class Experiment:
 
         return Actuation.continuous() if self.period is None else Actuation.hold_force_density(self.period)
 
-    def engine(self, name: EngineName) -> Engine:
+    def engine(self, name: EngineName) -> Any:
         """The engine with the settings of this experiment."""
         if name is EngineName.MUJOCO:
-            from tensegrity_mj.engines.mujoco.engine import MuJoCo
-
-            return MuJoCo(timestep=self.timestep if self.period is None else self.period)
-        if name is EngineName.DAE:
-            from tensegrity_mj.engines.reference.dae import DAE
-            from tensegrity_mj.engines.reference.method import Method
-
-            if self.period is not None:
-                # Smooth between samples: one step of order four is exact to 1e-12 m, and error control has no use.
-                return DAE(method=Method.RK4, timestep=self.period)
-            return DAE(rtol=self.rtol, atol=self.atol)
-        from tensegrity_mj.engines.reference.ode import ODE
-
-        return ODE(rtol=self.rtol, atol=self.atol)
+            return engine_of("rk4", self.timestep if self.period is None else self.period)
+        if name is EngineName.DAE and self.period is not None:
+            # Smooth between samples: one step of order four is exact to 1e-12 m, and error control has no use.
+            return engine_of("dae", self.period)
+        return make_engine(name.value, {"rtol": self.rtol, "atol": self.atol})
 
 
 def simulate_experiment(

@@ -120,11 +120,6 @@ def height(run: Trajectory, positions: Array) -> float:
     return float(height.mean()) if np.ptp(height) < 0.01 else math.nan
 
 
-def final_error(run: Trajectory) -> float:
-    """Largest of ‖e_b‖ and ‖e_r‖ at the end [m]."""
-    return float(errors(run)[-1].max())
-
-
 # ------------------------------------------------------------------------------------------------------- chapter 4
 
 

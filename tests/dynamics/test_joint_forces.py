@@ -5,6 +5,7 @@ from __future__ import annotations
 import natural_coordinates as natural
 import numpy as np
 import pytest
+from cable_scaling import Evaluation, cable_scaling, exponent
 from natural_coordinates import chain, random_class_k, request
 
 import tensegrity_mj as tmj
@@ -18,7 +19,6 @@ from tensegrity_mj.model import rods
 from tensegrity_mj.model.members import Support
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.studies.speed.cable_scaling import Evaluation, cable_scaling, exponent
 
 GRAVITY = (0.3, -0.5, -9.81)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from momenta import angular_momentum, linear_momentum
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
@@ -60,8 +61,8 @@ def conserved(scene: Scene, run: Trajectory) -> dict[str, Array]:
     kept = null_space_basis(np.array([row for row in broken if np.linalg.norm(row) > 1e-12]).reshape(-1, 3))
     return {
         "energy": run.kinetic_energy,
-        "momentum": rods.linear_momentum(structure, run.velocities) @ E,
-        "angular momentum": rods.angular_momentum(structure, run.nodes - r, run.velocities) @ kept,
+        "momentum": linear_momentum(structure, run.velocities) @ E,
+        "angular momentum": angular_momentum(structure, run.nodes - r, run.velocities) @ kept,
     }
 
 
@@ -94,8 +95,8 @@ def test_strings_change_no_momentum(engine: Engine, seed: int) -> None:
     scene = random_scene(rng, structure, moving=1.0)
     run = tmj.simulate(scene, None, engine, duration=0.5)
     assert np.any(run.tensions == 0)
-    linear = rods.linear_momentum(structure, run.velocities)
-    angular = rods.angular_momentum(structure, run.nodes, run.velocities)
+    linear = linear_momentum(structure, run.velocities)
+    angular = angular_momentum(structure, run.nodes, run.velocities)
     drifts = [float(np.abs(values - values[0]).max()) for values in (linear, angular)]
     print(f"{run.engine}: momentum {drifts[0]:.1e}, angular momentum {drifts[1]:.1e}")
     assert max(drifts) <= TOLERANCE

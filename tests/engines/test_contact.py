@@ -9,6 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from momenta import linear_momentum
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
@@ -177,7 +178,7 @@ def test_rods_that_meet_keep_their_momentum_and_obey_the_law() -> None:
     speeds = np.array([[0, 0, -1.0], [0, 0, -1.0], [0, 0, 0.5], [0, 0, 0.5]])
     scene = tmj.Scene(structure, contact=contact, initial_velocities=speeds, duration=0.1)
     run = tmj.simulate(scene, None, tmj.MuJoCo(1e-5))
-    momentum = rods.linear_momentum(structure, run.velocities)
+    momentum = linear_momentum(structure, run.velocities)
     np.testing.assert_allclose(momentum, np.tile(momentum[0], (len(momentum), 1)), rtol=0, atol=1e-13)
 
     def rates(_: float, y: Array) -> Array:

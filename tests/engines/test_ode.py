@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import truth
 from engine_accelerations import dae_accelerations, ode_accelerations
+from momenta import angular_momentum, linear_momentum
 from numpy.typing import NDArray
 from random_states import random_state
 from stedy import largest_frequency, scene_of
@@ -132,8 +133,8 @@ def test_energy_and_momentum_are_conserved() -> None:
     run = tmj.simulate(scene, None, tmj.ODE(rtol=1e-13, atol=1e-14))
     assert run.status is tmj.Status.COMPLETED, run.message
     assert run.tensions.min() > 0
-    linear = rods.linear_momentum(scene.structure, run.velocities)
-    angular = rods.angular_momentum(scene.structure, run.nodes, run.velocities)
+    linear = linear_momentum(scene.structure, run.velocities)
+    angular = angular_momentum(scene.structure, run.nodes, run.velocities)
     # 1e-13 a step and some thousand steps, of quantities that are of order 1 to 10.
     assert run.energy_residual < 1e-9
     assert np.abs(linear - linear[0]).max() < 1e-9

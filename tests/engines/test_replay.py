@@ -14,7 +14,7 @@ TIGHT = tmj.DAE(rtol=1e-12, atol=1e-13)
 def test_recorded_rest_lengths_of_a_winch_reproduce_the_run_in_the_other_engine(prism, tmp_path):
     actuation = tmj.Actuation.hold_rest_length(1e-2)
     run = tmj.simulate(prism, from_scene(prism), tmj.MuJoCo(1e-3), duration=4.0, actuation=actuation)
-    law = Replay.of_file(run.save(tmp_path / "run.nc"))
+    law = Replay.of_run(tmj.Trajectory.load(run.save(tmp_path / "run.nc")))
     replayed = tmj.simulate(prism, law, TIGHT, duration=4.0, actuation=actuation)
     error = tmj.compare(run, replayed).max_node_error
     print(f"prism, 4 s, L0(t) held 10 ms, MuJoCo RK4 1 ms replayed in the DAE: {error:.1e} m")

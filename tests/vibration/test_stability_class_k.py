@@ -36,8 +36,8 @@ from tensegrity_mj.model.members import Rod, String, Support
 from tensegrity_mj.model.motion import Harmonic
 from tensegrity_mj.model.moved_supports import velocities_with_supports
 from tensegrity_mj.model.rods import lumped_masses, string_forces
+from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.stability.cases import is_at_rest, joined_points, joined_scene, scene_at_rest
-from tensegrity_mj.studies.stability.engines import engine_of
 from tensegrity_mj.studies.stability.study import at_rest
 from tensegrity_mj.vibration.bodies import Bodies
 from tensegrity_mj.vibration.bounds import bounds_at

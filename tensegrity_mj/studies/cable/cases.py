@@ -31,6 +31,7 @@ from tensegrity_mj.studies.cable.chain import Chain
 from tensegrity_mj.studies.cable.modal import HangingChain
 from tensegrity_mj.studies.cable.spectrum import spectrum
 from tensegrity_mj.studies.cable.whirling import whirl
+from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.many import RunOptions, Study, run_many
 from tensegrity_mj.studies.parameters import Draft
 from tensegrity_mj.vibration.stepping import Scheme
@@ -74,11 +75,7 @@ class Case:
         _axes(self.scene, self.direction)
         chain = Chain.of(self.scene.structure)
         if self.engine is None:
-            from tensegrity_mj.engines.reference.dae import DAE, Drift
-            from tensegrity_mj.engines.reference.method import Method
-
-            engine = DAE(method=Method.RK4, timestep=default_step(self.scene), drift=Drift.NORMALIZE)
-            object.__setattr__(self, "engine", engine)
+            object.__setattr__(self, "engine", engine_of("dae normalize", default_step(self.scene)))
         engine_settings(self.engine)
         assert len(chain.rods)
 

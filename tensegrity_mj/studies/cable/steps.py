@@ -10,8 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from tensegrity_mj.basics.checks import positive
-from tensegrity_mj.engines.reference.dae import DAE, Drift
-from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.simulation import versions
@@ -26,6 +24,7 @@ from tensegrity_mj.studies.cable.cases import (
     point_of,
     simulated,
 )
+from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.vibration.stepping import Scheme
@@ -81,7 +80,7 @@ def steps_within(
         OptionError: as `run_many`.
     """
     positive("drift", drift)
-    plain = DAE(method=Method.RK4, timestep=0.01)
+    plain = engine_of("dae", 0.01)
     points = [
         {"scenes": {"scene": scene_to_toml(case.scene)}, **point_of(replace(case, engine=plain), "scene")}
         for case in cases
@@ -112,9 +111,8 @@ def find_step(point: dict[str, Any]) -> dict[str, Any]:
     def drift(count: int) -> float:
         if count not in tried:
             step = duration / count
-            engine = DAE(method=Method.RK4, timestep=step, drift=Drift.MONITOR)
             interval = step * max(1, round(INTERVAL / step))
-            run = simulated(replace(case, engine=engine), duration, interval)
+            run = simulated(replace(case, engine=engine_of("dae monitor", step)), duration, interval)
             tried[count] = drift_of(run) if run.status is Status.COMPLETED else math.inf
         return tried[count]
 

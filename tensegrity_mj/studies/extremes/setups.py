@@ -14,6 +14,7 @@ from tensegrity_mj.engines.reports import NO_LINE, NO_PUSH
 from tensegrity_mj.model.actuation import Actuation, Mode
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.simulation import simulate
+from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.extremes.experiment import Experiment, Kind, log_uniform
 from tensegrity_mj.studies.extremes.kinds import FIXED_STEP, draw
 from tensegrity_mj.studies.extremes.pace import Pace, pace
@@ -72,20 +73,7 @@ class Setup:
 
     def engine_at(self, level: float) -> Any:
         """The engine with a step or a tolerance."""
-        from tensegrity_mj.engines.reference.dae import DAE
-        from tensegrity_mj.engines.reference.method import Method
-        from tensegrity_mj.engines.reference.ode import ODE
-
-        family, _, method = self.engine.partition(" ")
-        if family not in ("dae", "ode"):
-            from tensegrity_mj.engines.mujoco.engine import MuJoCo
-            from tensegrity_mj.engines.mujoco.settings import Integrator
-
-            return MuJoCo(level, Integrator(self.engine))
-        make: Any = DAE if family == "dae" else ODE
-        if method == "rk4":
-            return make(method=Method.RK4, timestep=level)
-        return make(method=Method(method), rtol=level, atol=1e-2 * level, max_steps=50_000)
+        return engine_of(self.engine, level)
 
 
 def draw_setup(rng: np.random.Generator, kind: Kind) -> Setup:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from tensegrity_mj.engines.requirements import engines_for
-from tensegrity_mj.engines.table import ENGINES, make_engine
+from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.model.scene import Scene
 
 TITLES = {
@@ -18,16 +16,6 @@ TITLES = {
     "ode": "ODE RK4",
 }
 NAMES = tuple(TITLES)
-
-
-def engine_of(name: str, step: float) -> Any:
-    """The engine of that name with a step [s]."""
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
-    from tensegrity_mj.engines.mujoco.settings import Integrator
-
-    if name in ENGINES:
-        return make_engine(name, {**ENGINES[name].fixed_step, "timestep": step})
-    return MuJoCo(timestep=step, integrator=Integrator(name))
 
 
 def simulates(name: str, scene: Scene) -> bool:

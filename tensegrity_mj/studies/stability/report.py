@@ -13,9 +13,10 @@ from tensegrity_mj.basics.checks import member
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.studies.stability.cases import AXES, joined_points, map_points, random_points, scene_at_rest
-from tensegrity_mj.studies.stability.engines import NAMES, TITLES, engine_of, simulates
+from tensegrity_mj.studies.stability.engines import NAMES, TITLES, simulates
 from tensegrity_mj.studies.stability.study import at_rest, limits_at, summary
 from tensegrity_mj.studies.workers import Backend, Workers
 from tensegrity_mj.vibration.stable_step import stable_step

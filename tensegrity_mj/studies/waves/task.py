@@ -1,8 +1,8 @@
-"""What one run of a tower in waves gives: tasks of `run_many`, plain values in and out.
+"""What one run of a tower in waves gives: a task of `run_many`, plain values in and out.
 
-A point has "tower", arguments of `tower_in_waves` with topology and weights by their values; "engine", "dae" or
-"mujoco", both with the classical Runge-Kutta method; "timestep" [s]; and "transient" [s], what is not counted for the
-steady measures.
+A point has "tower", arguments of `tower_in_waves` with topology and weights by their values; "engine", "dae" (the
+default) or "mujoco", both with the classical Runge-Kutta method; "timestep" [s]; and "transient" [s], what is not
+counted for the steady measures.
 """
 
 from __future__ import annotations
@@ -21,7 +21,6 @@ from tensegrity_mj.runs.trajectory import Status, Trajectory
 
 INTERVAL = 0.02  # s between recorded samples: the largest D of them is low by 3e-4 of itself at most
 SNAPSHOTS = 3  # over the last wave period, as figure 7.8
-AGREEMENT_DURATION = 5.001  # s, whole numbers of 3 ms and of 0.75 ms
 
 
 def scene_of(tower: dict[str, Any]) -> Scene:
@@ -31,29 +30,6 @@ def scene_of(tower: dict[str, Any]) -> Scene:
         if name in given:
             given[name] = kind(given[name])
     return tower_in_waves(**given)
-
-
-def engine_of(name: str, timestep: float) -> Any:
-    """RK4 in one of the two engines."""
-    if name == "mujoco":
-        from tensegrity_mj.engines.mujoco.engine import MuJoCo
-
-        return MuJoCo(timestep=timestep)
-    if name == "dae":
-        from tensegrity_mj.engines.reference.dae import DAE
-        from tensegrity_mj.engines.reference.method import Method
-
-        return DAE(method=Method.RK4, timestep=timestep)
-    raise OptionError(f"engine = {name!r}; allowed: dae, mujoco")
-
-
-def in_waves(point: dict[str, Any]) -> dict[str, Any]:
-    """Simulate a point, and measure how the tower bends."""
-    from tensegrity_mj.simulation import simulate
-
-    scene, step = scene_of(point["tower"]), point["timestep"]
-    run = simulate(scene, None, engine_of(point["engine"], step), output_interval=INTERVAL)
-    return measured(run, point["transient"])
 
 
 def measured(run: Trajectory, transient: float) -> dict[str, Any]:
@@ -109,18 +85,3 @@ def _snapshots(run: Trajectory) -> list[int]:
     """Recorded times a third of a period apart, the last of them the end."""
     times = run.time[-1] - _period(run) * np.arange(SNAPSHOTS)[::-1] / SNAPSHOTS
     return [int(np.argmin(np.abs(run.time - time))) for time in times]
-
-
-def agreement(point: dict[str, Any]) -> dict[str, Any]:
-    """How far MuJoCo's nodes [m] are from those of the DAE with error control, for each of "timesteps" [s]."""
-    from tensegrity_mj.engines.reference.dae import DAE
-    from tensegrity_mj.simulation import simulate
-
-    scene, longest = scene_of(point["tower"]), max(point["timesteps"])
-    kept: dict[str, Any] = {"duration": AGREEMENT_DURATION, "output_interval": longest}
-    reference = simulate(scene, None, DAE(rtol=point["rtol"], atol=1e-2 * point["rtol"]), **kept)
-    errors = []
-    for step in point["timesteps"]:
-        run = simulate(scene, None, engine_of("mujoco", step), **kept)
-        errors.append(float(np.linalg.norm(run.nodes - reference.nodes, axis=-1).max()))
-    return {"errors": errors, "slack": bool((reference.tensions == 0).any())}

@@ -61,7 +61,7 @@ STUDIES: Mapping[str, BeamStudy] = {
         ),
         BeamStudy(
             DOUBLED, "Fig. C.8: a beam clamped at both ends in waves of 2 to 8 m", _grid(TWICE, **_CLAMPED),
-            {_DAE: beam_wave_tasks.in_waves, _MUJOCO: beam_wave_tasks.in_waves_of_mujoco}, of_mujoco=CONFIRMED,
+            dict.fromkeys((_DAE, _MUJOCO), beam_wave_tasks.in_waves), of_mujoco=CONFIRMED,
             sources=SOURCES,
         ),
         BeamStudy(

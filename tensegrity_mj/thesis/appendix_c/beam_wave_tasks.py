@@ -1,7 +1,7 @@
 """What is computed of the beams of appendix C.2 in waves: tasks of `run_many`, plain values in and out.
 
-A point has "beam", arguments of `beam_in_waves` with enums by their values, and may have "timestep" [s]. Both engines
-take the classical Runge-Kutta steps.
+A point has "beam", arguments of `beam_in_waves` with enums by their values, and may have "timestep" [s] and "engine",
+"dae" (the default) or "mujoco", both with classical Runge-Kutta steps.
 
 A beam starts at rest and is watched over the last whole wave periods of `WATCHED` seconds. Its stages' centres, each
 the mean of six nodes, move along the waves (y) and upwards (z); the amplitude of such a motion is half the distance
@@ -24,6 +24,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.statics import find_equilibrium, linear_systems
 from tensegrity_mj.statics.modes import mass_matrix
+from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.thesis.disturbance import disturbance_of, disturbed
 
 DURATION, WATCHED = 90.0, 30.0  # s
@@ -50,24 +51,12 @@ def frequency_of(scene: Scene) -> float:
 
 
 def in_waves(point: dict[str, Any]) -> dict[str, Any]:
-    """Amplitudes [m] of the stages and of the top, their means, tensions and what slackens, in the DAE engine."""
-    from tensegrity_mj.engines.reference.dae import DAE
-    from tensegrity_mj.engines.reference.method import Method
-
-    return _run(point, DAE(method=Method.RK4, timestep=point.get("timestep", TIMESTEP)))
-
-
-def in_waves_of_mujoco(point: dict[str, Any]) -> dict[str, Any]:
-    """The same in MuJoCo."""
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
-
-    return _run(point, MuJoCo(timestep=point.get("timestep", TIMESTEP)))
-
-
-def _run(point: dict[str, Any], engine: Any) -> dict[str, Any]:
+    """Amplitudes [m] of the stages and of the top, their means, tensions and what slackens, in the point's engine."""
     from tensegrity_mj.simulation import simulate
 
-    return measured(simulate(scene_of(point), None, engine, output_interval=SAMPLES * point.get("timestep", TIMESTEP)))
+    step = point.get("timestep", TIMESTEP)
+    engine = engine_of(point.get("engine", "dae"), step)
+    return measured(simulate(scene_of(point), None, engine, output_interval=SAMPLES * step))
 
 
 def measured(run: Trajectory) -> dict[str, Any]:

@@ -33,8 +33,6 @@ BY_PRESTRESS = ("TB1", "TB2", "TB3", "TB4")
 BY_STIFFNESS = ("TB1", "TB5", "TB6*", "TB7*")  # of equal prestress, the springs ever stiffer
 TOWER = (("full", 10e3, 0.10), ("full", 30e3, 0.20), ("reduced_a", 10e3, 0.10), ("reduced_b", 10e3, 0.10))
 
-CONFIRMED = (EngineName.STATICS, EngineName.MUJOCO)
-
 
 @dataclass(frozen=True, eq=False)
 class BeamRun:
@@ -107,7 +105,7 @@ class BeamStudy:
         started = time.perf_counter()
         chosen = self.of_mujoco if engine is EngineName.MUJOCO and self.of_mujoco else tuple(self.points)
         error = {} if disturbance is None else {"disturbance": disturbance.plain}
-        points = [{**self.points[label], **error} for label in chosen]
+        points = [{**self.points[label], "engine": engine.value, **error} for label in chosen]
         identity = {"code": statics_digest(self.sources), "versions": versions()}
         # A change of versions, code or settings is another study, in a folder of its own.
         digest = hashlib.sha256(to_exact_json([identity, points]).encode()).hexdigest()[:8]

@@ -25,6 +25,7 @@ from tensegrity_mj.library.cable import FASTENING_LENGTH, MARKERS, Excitation, S
 from tensegrity_mj.model.text.codec import read
 from tensegrity_mj.model.text.table import Table
 from tensegrity_mj.runs.trajectory import Status
+from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.thesis.disturbance import Disturbance, Quantity, disturbance_of, disturbed
 from tensegrity_mj.thesis.experiments import EngineName
@@ -124,9 +125,7 @@ class Series:
     about: str = field(text())
     engines: tuple[EngineName, ...] = field(many(choice(EngineName), "a list of engines"))
     elements: tuple[int, ...] = field(COUNTS, default=())
-    inputs: tuple[float, float] = field(
-        each("[first, last]", first=positive("Hz"), last=positive("Hz")), default=(1, 1)
-    )
+    inputs: tuple[float, float] = field(ENDS, default=(1.0, 1.0))
     excitation: Excitation = field(choice(Excitation), default=Excitation.IN_LINE)
     starts: tuple[Start, ...] = field(many(choice(Start), "a list of starts"), default=(Start.MOVING_FRAME,))
     seed: float = field(finite("rad"), default=0.0)
@@ -148,7 +147,9 @@ class Series:
         found = []
         for count in self.elements:
             scene, coarseness = hanging(count), COARSENESS if count == ELEMENTS[0] else REFINED_COARSENESS
-            chosen = _engine(engine, scene, coarseness) if self.timestep is None else _monitoring(self.timestep)
+            chosen = (
+                _engine(engine, scene, coarseness) if self.timestep is None else engine_of("dae monitor", self.timestep)
+            )
             found += [
                 Case(scene, f, self.excitation, AMPLITUDE, start, self.seed, chosen)
                 for start in self.starts
@@ -267,23 +268,7 @@ def _engine(name: EngineName, scene: Scene, coarseness: float) -> Any:
     """The engine of a series: classical Runge-Kutta in both, at the same step."""
     from tensegrity_mj.studies.cable.cases import default_step
 
-    step = default_step(scene, coarseness)
-    if name is EngineName.MUJOCO:
-        from tensegrity_mj.engines.mujoco.engine import MuJoCo
-
-        return MuJoCo(timestep=step)
-    from tensegrity_mj.engines.reference.dae import DAE, Drift
-    from tensegrity_mj.engines.reference.method import Method
-
-    return DAE(method=Method.RK4, timestep=step, drift=Drift.NORMALIZE)
-
-
-def _monitoring(step: float) -> Any:
-    """The DAE with a fixed step [s] and no treatment of drift."""
-    from tensegrity_mj.engines.reference.dae import DAE, Drift
-    from tensegrity_mj.engines.reference.method import Method
-
-    return DAE(method=Method.RK4, timestep=step, drift=Drift.MONITOR)
+    return engine_of("rk4" if name is EngineName.MUJOCO else "dae normalize", default_step(scene, coarseness))
 
 
 def read_series(path: Path) -> dict[str, Series]:

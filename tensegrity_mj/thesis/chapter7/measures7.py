@@ -11,7 +11,7 @@ from tensegrity_mj.thesis.appendix_c.beams import TOWER, BeamRun, tower_label
 
 FIRST, STAGES = 8, 3  # of the close view of figure 7.6: stages 8 to 10 of 15
 FORMED = tower_label(*TOWER[0])
-SOFT, STIFF = (label_of(STIFFNESSES[k], PRESTRESS_MEASURES[k]) for k in (0, 2))
+SOFT = label_of(STIFFNESSES[0], PRESTRESS_MEASURES[0])
 SHOWN = label_of(STIFFNESSES[2], PRESTRESS_MEASURES[0])  # of figure 7.8
 PERIODS = 3  # of the wave, at the end of each run
 LIKE = 0.1  # of D: how far periods may differ that count as alike
