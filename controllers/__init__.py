@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.controllers.degraded import Noisy as Noisy
     from tensegrity_mj.controllers.feedback_linearization import FeedbackLinearization as FeedbackLinearization
     from tensegrity_mj.controllers.gains import Gains as Gains
-    from tensegrity_mj.controllers.known_water import KnownWater as KnownWater
+    from tensegrity_mj.controllers.known import KnownWater as KnownWater
     from tensegrity_mj.controllers.lyapunov import Lyapunov as Lyapunov
     from tensegrity_mj.controllers.projection import Projection as Projection
     from tensegrity_mj.controllers.quadratic_terms import Onto as Onto

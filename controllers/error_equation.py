@@ -11,8 +11,9 @@ import numpy as np
 
 from tensegrity_mj.dynamics.kernels import rod_accelerations
 from tensegrity_mj.dynamics.native.compiling import njit
+from tensegrity_mj.dynamics.native.elements import known_forces
+from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.vectors import vector
-from tensegrity_mj.dynamics.native.water import immerse
 from tensegrity_mj.dynamics.target import point_target, rod_target
 from tensegrity_mj.dynamics.wet_rods import wet_rod_accelerations
 
@@ -59,8 +60,8 @@ def angles(rod: Any, b: Any, rate: Any, beta: Any, beta_rate: Any, P: Any, c: An
 
 
 @njit
-def _accelerations(rod: Any, b: Any, c: float, t_r: Any, t_b: Any, added: Any, water: int) -> Any:
-    return rod_accelerations(rod, b, c, t_r, t_b) if water == 0 else wet_rod_accelerations(rod, b, c, t_r, t_b, added)
+def _accelerations(rod: Any, b: Any, c: float, t_r: Any, t_b: Any, added: Any, effects: int) -> Any:
+    return rod_accelerations(rod, b, c, t_r, t_b) if effects == 0 else wet_rod_accelerations(rod, b, c, t_r, t_b, added)
 
 
 class Known(NamedTuple):
@@ -71,7 +72,7 @@ class Known(NamedTuple):
         string_nodes: (M, 2).
         target: `TargetArrays`.
         gravity: (3,) [m/s²].
-        water: address of a `Sea`, 0 for none.
+        effects: address of what acts besides, see `known_forces`; 0 for nothing.
         gains: (2, n): K_p and K_d.
     """
 
@@ -80,7 +81,7 @@ class Known(NamedTuple):
     string_nodes: Any
     target: Any
     gravity: Any
-    water: int
+    effects: int
     gains: Any
 
 
@@ -89,10 +90,10 @@ def error_equation(t: float, nodes: Any, velocities: Any, known: Known, A: Any, 
     """(4.9) as A u = d, and the errors e (2, n) with their rates; A (n, M), d and e are written.
 
     Returns:
-        -1, or the number of a rod whose b, or whose target's b, is at a pole.
+        -1, or the number of a rod whose b, or whose target's b, is at a pole; -2 where what is known of failed.
     """
     rods, points, target, gains = known.rods, known.points, known.target, known.gains
-    gravity, water, string_nodes = known.gravity, known.water, known.string_nodes
+    gravity, effects, string_nodes = known.gravity, known.effects, known.string_nodes
     A[:] = 0.0
     count = len(rods)
     pull = np.zeros((count, 2, 5, 3))  # q̈ of each rod for a force on its first and on its second node
@@ -104,9 +105,9 @@ def error_equation(t: float, nodes: Any, velocities: Any, known: Known, A: Any, 
     c, aim_c = work[12], work[13]
     beta, beta_rate, aim, aim_rate = work[14], work[15], work[16], work[17]
     P, aim_P = np.empty((2, 3)), np.empty((2, 3))
-    wet, added = np.zeros((len(nodes), 3)), np.zeros((count, 4))
-    if water != 0:
-        immerse(water, t, nodes, velocities, wet, added)
+    pushed, added = np.zeros((len(nodes), 3)), np.zeros((count, 4))
+    if effects != 0 and known_forces(effects, t, nodes, velocities, pushed, added) != SOLVED:
+        return -2
     at = 0
     for a in range(count):
         rod = rods[a]
@@ -122,18 +123,18 @@ def error_equation(t: float, nodes: Any, velocities: Any, known: Known, A: Any, 
             square += b[k] * b[k]
             rate2 += b_rate[k] * b_rate[k]
             ahead, back = (1.0 - rod.sigma) * rod.length, rod.sigma * rod.length
-            t_r[k] = rod.mass * gravity[k] + wet[rod.i, k] + wet[rod.j, k]
-            t_b[k] = rod.f * gravity[k] + ahead * wet[rod.j, k] - back * wet[rod.i, k]
+            t_r[k] = rod.mass * gravity[k] + pushed[rod.i, k] + pushed[rod.j, k]
+            t_b[k] = rod.f * gravity[k] + ahead * pushed[rod.j, k] - back * pushed[rod.i, k]
         rod_target(rod, t, target, r_aim, b_aim)
         if not angles(rod, b, b_rate, beta, beta_rate, P, c):
             return a
         if not angles(rod, b_aim[0], b_aim[1], aim, aim_rate, aim_P, aim_c):
             return a
-        # q̈ without strings, M⁻¹ g, weight and water included.
+        # q̈ without strings, M⁻¹ g, weight and what is known of included.
         own = (0.0, 0.0, 0.0, 0.0)
-        if water != 0:
+        if effects != 0:
             own = (added[a, 0], added[a, 1], added[a, 2], added[a, 3])
-        r_acc, b_acc = _accelerations(rod, vector(b), rate2 / square, vector(t_r), vector(t_b), own, water)
+        r_acc, b_acc = _accelerations(rod, vector(b), rate2 / square, vector(t_r), vector(t_b), own, effects)
         turns = rod.nb - 1
         for p in range(rod.nz + turns):
             i = at + p
@@ -165,7 +166,7 @@ def error_equation(t: float, nodes: Any, velocities: Any, known: Known, A: Any, 
                 for k in range(3):
                     t_r[k] = 1.0 if k == axis else 0.0
                     t_b[k] = lever * t_r[k]
-                r_acc, b_acc = _accelerations(rod, vector(b), 0.0, vector(t_r), vector(t_b), own, water)
+                r_acc, b_acc = _accelerations(rod, vector(b), 0.0, vector(t_r), vector(t_b), own, effects)
                 for p in range(rod.nz + turns):
                     for k in range(3):
                         if p < rod.nz:
@@ -186,7 +187,7 @@ def error_equation(t: float, nodes: Any, velocities: Any, known: Known, A: Any, 
                 size += abs(point.E[k, p]) * (abs(nodes[point.node, k]) + abs(r_aim[0, k]))
                 e[0, i] += point.E[k, p] * (nodes[point.node, k] - r_aim[0, k])
                 e[1, i] += point.E[k, p] * (velocities[point.node, k] - r_aim[1, k])
-                d[i] += point.E[k, p] * (r_aim[2, k] - gravity[k])
+                d[i] += point.E[k, p] * (r_aim[2, k] - gravity[k] - pushed[point.node, k] / point.mass)
             d[i] -= gains[0, i] * e[0, i] + gains[1, i] * e[1, i]
             if abs(d[i]) <= ROUND_OFF * gains[0, i] * size:
                 d[i] = 0.0

@@ -23,7 +23,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import real_array, state_of
 from tensegrity_mj.controllers.allocation_options import Allocation, Sum
 from tensegrity_mj.controllers.error_equation import Known, error_equation
-from tensegrity_mj.controllers.known_water import checked_water, described_water, packed_water, water_address
+from tensegrity_mj.controllers.known import Effect, PackedEffects, described, effects_in, known_scene
 from tensegrity_mj.controllers.optimal_allocation import Allocator, Equation
 from tensegrity_mj.controllers.options import as_it_is, known_water, when_infeasible
 from tensegrity_mj.controllers.table import NamedLaw
@@ -31,7 +31,6 @@ from tensegrity_mj.dynamics.native.law import Command, NativeLaw, Report, check_
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import PackedTarget
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.model.elements.water import Water
 from tensegrity_mj.model.scene_checks import check_target
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
@@ -50,7 +49,7 @@ class FeedbackLinearization:
         damping: ζ >= 0 of the error dynamics, likewise.
         allocation: of the force densities.
         gravity: g [m/s²] that the law knows of.
-        water: what the law knows of it, waves and current included; None for nothing.
+        known: what the law knows of besides: `Load`s, a `Resistance`, `Water`, elements, such as (scene.water,).
         report: after each call, see `Report`.
 
     Raises:
@@ -63,7 +62,7 @@ class FeedbackLinearization:
     damping: ArrayLike = 1.0
     allocation: Allocation = field(default_factory=Allocation)
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    water: Water | None = None
+    known: Sequence[Effect] = ()
 
     command = Command.FORCE_DENSITY
 
@@ -78,7 +77,7 @@ class FeedbackLinearization:
         gravity = real_array("gravity", self.gravity, (3,), "m/s²", scalar=False)
         x, y, z = (float(x) for x in gravity)
         object.__setattr__(self, "gravity", (x, y, z))
-        object.__setattr__(self, "water", checked_water(self.structure, (x, y, z), self.water))
+        object.__setattr__(self, "known", effects_in(known_scene(self.structure, (x, y, z), self.known)))
         frequency = real_array("natural_frequency", self.natural_frequency, (len(self.coordinates),), "rad/s")
         damping = real_array("damping", self.damping, (len(self.coordinates),))
         if not np.all((frequency > 0) & (frequency <= LARGEST)):
@@ -115,7 +114,7 @@ class FeedbackLinearization:
         """The law as engines call it, fresh for each run: no run begins where another ended."""
         check_made_for(self.structure, structure)
         law = native_law(_Evaluation(self), structure)
-        return replace(law, gravity=self.gravity, water=self.water, stateless=False)
+        return replace(law, gravity=self.gravity, known=self.known, stateless=False)
 
     def __call__(self, time: float, nodes: Array, velocities: Array) -> Array:
         """u (M,) [N/m] at one state.
@@ -154,7 +153,7 @@ class FeedbackLinearization:
             "natural_frequency": np.asarray(self.natural_frequency, float).tolist(),
             "damping": np.asarray(self.damping, float).tolist(),
             "allocation": self.allocation.describe(self.structure),
-            **described_water(self.water),
+            **described(self.known),
         }
 
 
@@ -173,14 +172,15 @@ class _Evaluation:
         n = len(law.coordinates)
         frequency = np.broadcast_to(np.asarray(law.natural_frequency, float), (n,))
         gains = np.array([frequency**2, 2 * np.asarray(law.damping, float) * frequency])  # (4.8)
-        records, self.water = StructureRecords.of(structure), packed_water(structure, law.gravity, law.water)
+        records = StructureRecords.of(structure)
+        self.effects = PackedEffects(known_scene(structure, law.gravity, law.known))
         self.known = Known(
             records.rods,
             records.points,
             np.array(structure.string_nodes),
             PackedTarget(target).arrays,
             np.array(law.gravity, float),
-            water_address(self.water),
+            self.effects.address,
             gains,
         )
         self.structure, self.size = structure, (n, len(structure.strings))
@@ -197,6 +197,8 @@ class _Evaluation:
             d,
             e,
         )
+        if rod < -1:
+            raise self.effects.failure.pop()
         if rod >= 0:
             raise InfeasibleError(
                 f"rod '{self.structure.rods[rod].name}', or its target, points along z: its angle θ is singular "
@@ -226,7 +228,7 @@ def from_options(
     target: Target | Array,
     *,
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    water: Water | None = None,
+    known: Sequence[Effect] = (),
     natural_frequency: ArrayLike = 1.0,
     damping: ArrayLike = 1.0,
     sums: Sequence[Sequence[Any]] = (),
@@ -247,7 +249,7 @@ def from_options(
             raise OptionError(f'sums[{number}]: strings = {chosen!r}; it must be a list of names, or "all"')
         rows.append(Sum(minimum, None if chosen == "all" else tuple(chosen)))
     options = Allocation(sums=tuple(rows), **allocation)
-    return FeedbackLinearization(structure, target, natural_frequency, damping, options, gravity, water)
+    return FeedbackLinearization(structure, target, natural_frequency, damping, options, gravity, known)
 
 
 LAW = NamedLaw(

@@ -11,7 +11,7 @@ from typing import Any
 
 from tensegrity_mj.controllers.allocation_options import WhenInfeasible
 from tensegrity_mj.controllers.gains import Gains
-from tensegrity_mj.controllers.known_water import KnownWater
+from tensegrity_mj.controllers.known import KnownWater
 from tensegrity_mj.controllers.quadratic_terms import Onto
 from tensegrity_mj.controllers.table import Reader
 from tensegrity_mj.errors import OptionError

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -18,7 +18,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import positive, real_array, state_of
 from tensegrity_mj.controllers.allocation import feasibility_margin, least_norm, least_squares
 from tensegrity_mj.controllers.gains import Gains, gain_records
-from tensegrity_mj.controllers.known_water import checked_water, described_water, packed_water, water_address
+from tensegrity_mj.controllers.known import Effect, PackedEffects, described, effects_in, known_scene
 from tensegrity_mj.controllers.limits import StringLimits, write_ceilings
 from tensegrity_mj.controllers.quadratic_terms import (
     ONTO_CURRENT,
@@ -32,7 +32,7 @@ from tensegrity_mj.controllers.quadratic_terms import (
     quadratic_terms,
 )
 from tensegrity_mj.dynamics.native.compiling import c_function
-from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED, Command, NativeLaw, Report, check_made_for
+from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, SOLVED, Command, NativeLaw, Report, check_made_for
 from tensegrity_mj.dynamics.native.pointers import (
     LAW_SIGNATURE,
     STACK_LIMIT,
@@ -43,11 +43,9 @@ from tensegrity_mj.dynamics.native.pointers import (
     records_reader,
     stack_doubles,
 )
-from tensegrity_mj.dynamics.native.views import Table
 from tensegrity_mj.dynamics.records import POINT, ROD
 from tensegrity_mj.dynamics.target import read_target
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.model.elements.water import Water
 from tensegrity_mj.model.scene_checks import check_target
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
@@ -56,7 +54,7 @@ UNBOUNDED, FIXED, OF_STATE = 0, 1, 2  # thresholds and ceilings: none at all, co
 # What compiled code is given: counts, kinds, addresses (0 for none), and numbers.
 _WHOLE = (
     *("nodes", "strings", "kind", "bounds", "rods", "rod_count", "points", "point_count", "gains", "string_nodes"),
-    *("target", "standing", "floor", "limits", "scratch", "water"),
+    *("target", "standing", "floor", "limits", "scratch", "effects"),
 )
 CONTEXT = np.dtype(
     [*((name, "i8") for name in _WHOLE), ("decay_rate", "f8"), ("norm", "f8"), ("gravity", "f8", (3,))], align=True
@@ -79,8 +77,8 @@ DISCONTINUOUS = (
 
 
 @inlined
-def _room(nodes: int, strings: int, water: int) -> int:
-    return (9 if water != 0 else 3) * nodes + 2 * strings
+def _room(nodes: int, strings: int, effects: int) -> int:
+    return (9 if effects != 0 else 3) * nodes + 2 * strings
 
 
 @inlined
@@ -97,14 +95,16 @@ def _evaluate(t: float, nodes_at: int, velocities_at: int, own: Any, command_at:
         target,
         floats(own.standing, (len(target.times), members, 2, 3)),
         own.gravity,
-        own.water,
+        own.effects,
     )
     u, report = floats(command_at, (size,)), floats(report_at, (4,))
     nodes, velocities = floats(nodes_at, (count, 3)), floats(velocities_at, (count, 3))
     influence = floats(room, (count, 3))
     f, ceiling = floats(room + 24 * count, (size,)), floats(room + 24 * count + 8 * size, (size,))
-    wet = floats(room + 24 * count + 16 * size if own.water else 0, (2 * count, 3))
-    V_error, V_velocity, beta = quadratic_terms(t, nodes, velocities, known, influence, wet, f)
+    pushed = floats(room + 24 * count + 16 * size if own.effects else 0, (2 * count, 3))
+    status, V_error, V_velocity, beta = quadratic_terms(t, nodes, velocities, known, influence, pushed, f)
+    if status != SOLVED:
+        return FAILED
     V = V_error + V_velocity
     alpha = beta + own.decay_rate * V
     if own.bounds == UNBOUNDED and own.norm == 2.0:
@@ -124,7 +124,7 @@ def _evaluate(t: float, nodes_at: int, velocities_at: int, own: Any, command_at:
 @c_function(LAW_SIGNATURE, "the law of chapters 5 and 6")
 def _law(t, nodes_at, velocities_at, context, command_at, report_at):  # type: ignore[no-untyped-def]
     own = _read_context(context, 1)[0]
-    room = own.scratch if own.scratch else stack_doubles(_room(own.nodes, own.strings, own.water))
+    room = own.scratch if own.scratch else stack_doubles(_room(own.nodes, own.strings, own.effects))
     return _evaluate(t, nodes_at, velocities_at, own, command_at, report_at, room)
 
 
@@ -142,7 +142,7 @@ class QuadraticLaw:
         maximum_force_density: [N/m], scalar or (M,), inf for none.
         respect_limits: keep within the strings' `max_force_density` and `min_rest_length` too.
         gravity: g [m/s²] that the law knows of.
-        water: what the law knows of it, waves and current included; None for nothing.
+        known: what the law knows of besides: `Load`s, a `Resistance`, `Water`, elements, such as (scene.water,).
 
     Raises:
         OptionError, SceneError: for gains that are not positive definite, δ <= 0, another norm, a bad target, a ceiling
@@ -159,7 +159,7 @@ class QuadraticLaw:
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     maximum_force_density: ArrayLike = np.inf
     respect_limits: bool = True
-    water: Water | None = None
+    known: Sequence[Effect] = ()
 
     command = Command.FORCE_DENSITY
 
@@ -187,7 +187,7 @@ class QuadraticLaw:
                 )
         x, y, z = (float(v) for v in real_array("gravity", self.gravity, (3,), "m/s²", scalar=False))
         object.__setattr__(self, "gravity", (x, y, z))
-        object.__setattr__(self, "water", checked_water(structure, self.gravity, self.water))
+        object.__setattr__(self, "known", effects_in(known_scene(structure, self.gravity, self.known)))
         _ = self.gains
 
     @property
@@ -228,8 +228,8 @@ class QuadraticLaw:
         return Packed(self.structure, self.target, self.gains)
 
     @cached_property
-    def _packed_water(self) -> Table | None:
-        return packed_water(self.structure, self.gravity, self.water)
+    def _effects(self) -> PackedEffects:
+        return PackedEffects(known_scene(self.structure, self.gravity, self.known))
 
     @cached_property
     def _compiled(self) -> NativeLaw:
@@ -240,8 +240,7 @@ class QuadraticLaw:
         limited = bool(np.any(self.floor > 0)) or bool(np.any(np.isfinite(self.limits.max_force_density)))
         rods, points = packed.records.rods, packed.records.points
         # Scratch lies on the stack, which each thread has, or is the law's own where it is too large for that.
-        water = packed_water(own, self.gravity, self.water)
-        room = _room.py_func(len(own.nodes), len(own.strings), water_address(water))
+        room = _room.py_func(len(own.nodes), len(own.strings), self._effects.address)
         scratch = np.empty(room if room > STACK_LIMIT else 0)
         values = {
             "nodes": len(own.nodes),
@@ -259,7 +258,7 @@ class QuadraticLaw:
             "floor": address_of(self.floor),
             "limits": address_of(self.limits.packed),
             "scratch": address_of(scratch) if len(scratch) else 0,
-            "water": water_address(water),
+            "effects": self._effects.address,
             "decay_rate": self.decay_rate,
             "norm": float(self.norm),
             "gravity": self.gravity,
@@ -268,10 +267,11 @@ class QuadraticLaw:
         return NativeLaw(
             address=_law.address,
             context=address_of(context),
-            keep=(self, packed, context, scratch, water),
+            keep=(self, packed, context, scratch),
             discontinuous=self.discontinuous,
             gravity=self.gravity,
-            water=self.water,
+            known=self.known,
+            failure=self._effects.failure,
             decay_rate=self.decay_rate,
             stateless=len(scratch) == 0,
         )
@@ -283,6 +283,7 @@ class QuadraticLaw:
             OptionError: for any other.
         """
         check_made_for(self.structure, structure)
+        self._effects.failure.clear()
         return self._compiled if self._compiled.stateless else self._compile()
 
     def reported(self, time: float, nodes: Array, velocities: Array) -> tuple[Array, Array]:
@@ -291,7 +292,8 @@ class QuadraticLaw:
         time, nodes, velocities = state_of(time, nodes, velocities, len(self.structure.nodes))
         u, report = np.zeros(len(self.structure.strings)), np.full(len(Report), np.nan)
         places = (address_of(nodes), address_of(velocities), law.context, address_of(u), address_of(report))
-        _law.ctypes(time, *places)
+        if _law.ctypes(time, *places) == FAILED:
+            raise self._effects.failure.pop()
         return u, report
 
     def __call__(self, time: float, nodes: Array, velocities: Array) -> Array:
@@ -332,11 +334,13 @@ class QuadraticLaw:
             packed.target.arrays,
             packed.standing,
             np.array(self.gravity),
-            water_address(self._packed_water),
+            self._effects.address,
         )
-        influence, wet, f = np.empty((count, 3)), np.empty((2 * count, 3)), np.empty(len(self.structure.strings))
+        influence, pushed, f = np.empty((count, 3)), np.empty((2 * count, 3)), np.empty(len(self.structure.strings))
         state = state_of(time, nodes, velocities, count)
-        error, velocity, beta = quadratic_terms(*state, known, influence, wet, f)
+        status, error, velocity, beta = quadratic_terms(*state, known, influence, pushed, f)
+        if status != SOLVED:
+            raise self._effects.failure.pop()
         return Terms(error, velocity, beta, f)
 
     def target_equilibrium(self) -> dict[str, Any]:
@@ -362,5 +366,5 @@ class QuadraticLaw:
             "maximum_force_density": [u if math.isfinite(u) else None for u in highest.tolist()],
             "keeps_min_rest_length": self.limits.of_state,
             "target_equilibrium": self.target_equilibrium(),
-            **described_water(self.water),
+            **described(self.known),
         }

@@ -9,7 +9,7 @@ on positions and velocities only, V̇ = γ + cᵀ(q̈ - q̈_d) with γ = ṗᵀ(
 likewise for z with p = e_z. That makes V̇ = β - fᵀu. The law asks for fᵀu = β + δ V, (5.15), with the smallest u
 between thresholds and ceilings (Lemma 5.1). Targets may move: their velocities and accelerations are in ė and q̈_d.
 
-Known forces belong to g of (5.10): weight, and where the law knows of water its loads, with the added mass in M.
+Known forces belong to g of (5.10): weight, and what else the law knows of; what water adds to the mass is in M.
 """
 
 from __future__ import annotations
@@ -22,9 +22,10 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.controllers.gains import GAINS
 from tensegrity_mj.dynamics.kernels import rod_accelerations
+from tensegrity_mj.dynamics.native.elements import known_forces
+from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.pointers import floats, inlined, stack_doubles
 from tensegrity_mj.dynamics.native.vectors import ZERO, apply, apply_transposed, dot, minus, plus, row_of, times, vector
-from tensegrity_mj.dynamics.native.water import immerse
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import PackedTarget, point_target, rod_target, standing_at, standing_targets
 from tensegrity_mj.dynamics.wet_rods import wet_rod_accelerations
@@ -72,7 +73,7 @@ class Known(NamedTuple):
         string_nodes: (M, 2).
         target, standing: where it moves, and where it stands (`standing_targets`).
         gravity: (3,) [m/s²].
-        water: address of a `Sea`, 0 for none.
+        effects: address of what acts besides, see `known_forces`; 0 for nothing.
     """
 
     rods: Any
@@ -83,7 +84,7 @@ class Known(NamedTuple):
     target: Any
     standing: Any
     gravity: Any
-    water: int
+    effects: int
 
 
 @inlined
@@ -108,28 +109,25 @@ def _project(a: Any, a_rate: Any, e: Any, rate: Any) -> tuple[Any, Any]:
 
 @inlined
 def quadratic_terms(
-    t: float, nodes: Any, velocities: Any, known: Known, influence: Any, wet: Any, f: Any
-) -> tuple[float, float, float]:
-    """Both parts of V, β of (5.11) or (6.13), and f of (5.12) or (6.14) into (M,); weight and water are known forces.
+    t: float, nodes: Any, velocities: Any, known: Known, influence: Any, pushed: Any, f: Any
+) -> tuple[int, float, float, float]:
+    """A status, both parts of V, β of (5.11) or (6.13), and f of (5.12) or (6.14) into (M,).
 
     Args:
-        wet: (2N, 3), written where there is water: its forces on the nodes, and behind them α (R, 4) of the rods.
+        pushed: (2N, 3), written where there are `effects`: their forces on the nodes, behind them α (R, 4) of the rods.
         influence: (N, 3), written: Φ Aᵀ c, how each node's force enters V̇.
     """
-    rods, points, gains, water = known.rods, known.points, known.gains, known.water
-    V_error, V_velocity, beta = 0.0, 0.0, 0.0
+    rods, points, gains, effects = known.rods, known.points, known.gains, known.effects
+    status, V_error, V_velocity, beta = SOLVED, 0.0, 0.0, 0.0
     g, still = vector(known.gravity), standing_at(t, known.target)
     r_aim, b_aim = floats(stack_doubles(9), (3, 3)), floats(stack_doubles(9), (3, 3))
     for n in range(len(nodes)):
         for k in range(3):
             influence[n, k] = 0.0
     added = floats(0, (len(rods), 4))
-    if water != 0:
-        for n in range(len(wet)):
-            for k in range(3):
-                wet[n, k] = 0.0
-        added = floats(wet.ctypes.data + 24 * len(nodes), (len(rods), 4))
-        immerse(water, t, nodes, velocities, wet, added)
+    if effects != 0:
+        added = floats(pushed.ctypes.data + 24 * len(nodes), (len(rods), 4))
+        status = known_forces(effects, t, nodes, velocities, pushed, added)
     for a in range(len(rods)):
         rod, gain = rods[a], gains[a]
         first, first_rate = row_of(nodes, rod.i), row_of(velocities, rod.i)
@@ -169,7 +167,7 @@ def quadratic_terms(
         # cᵀ of the accelerations without strings, where A = M⁻¹ H is symmetric: aᵀ H = (A c)ᵀ. They are A g, weight
         # included, and what turning adds: -(‖ḃ‖/‖b‖)² b to b̈, and f times that to the forces on r. Added mass, which
         # acts across b, has no part in that; and A is as symmetric as α is, so that Aᵀ has α_12 and α_21 exchanged.
-        if water == 0:
+        if effects == 0:
             r_c, b_c = rod_accelerations(rod, b, 0.0, c_z, c_b)
         else:
             own = (added[a, 0], added[a, 2], added[a, 1], added[a, 3])
@@ -195,14 +193,14 @@ def quadratic_terms(
         at_i = times(1.0 / point.mass, c_z)
         for k in range(3):
             influence[point.node, k] = at_i[k]
-    if water != 0:
+    if effects != 0:
         for n in range(len(nodes)):
-            beta += dot(row_of(influence, n), row_of(wet, n))
+            beta += dot(row_of(influence, n), row_of(pushed, n))
     for m in range(len(known.string_nodes)):
         i, j = known.string_nodes[m, 0], known.string_nodes[m, 1]
         s = minus(row_of(nodes, j), row_of(nodes, i))
         f[m] = dot(minus(row_of(influence, j), row_of(influence, i)), s)
-    return V_error, V_velocity, beta
+    return status, V_error, V_velocity, beta
 
 
 class Packed:

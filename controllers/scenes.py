@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from tensegrity_mj.basics.texts import closest
-from tensegrity_mj.controllers.known_water import KnownWater
+from tensegrity_mj.controllers.known import KnownWater
 from tensegrity_mj.controllers.table import LAWS
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
@@ -50,4 +50,5 @@ def from_scene(scene: Scene, law: str | None = None, **overrides: Any) -> Any:
         )
     options = {key: entry.options[key](value, f"{where}: {key}") for key, value in given.items()}
     water = options.pop("water", KnownWater.ALL).of(scene.water)
-    return entry.law(scene.structure, scene.target, gravity=scene.gravity, water=water, **options)
+    known = () if water is None else (water,)
+    return entry.law(scene.structure, scene.target, gravity=scene.gravity, known=known, **options)

@@ -22,7 +22,7 @@ class NamedLaw:
     """A law with a name.
 
     Attributes:
-        law: makes it, called as law(structure, target, *, gravity, water, **options).
+        law: makes it, called as law(structure, target, *, gravity, known, **options).
         options: the reader of each, by name.
     """
 

@@ -13,6 +13,7 @@ from tensegrity_mj.dynamics.native.resolution import STAGES, unresolved
 from tensegrity_mj.dynamics.native.watch import Impossible, impossible
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.actuation import Mode
+from tensegrity_mj.model.elements.water import Water
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.energy import DRIFT_WARNING, energy_exchanged, energy_unresolved
 from tensegrity_mj.runs.trajectory import Trajectory
@@ -175,10 +176,14 @@ def _law_warnings(request: Request, run: Trajectory, decay_error: float | None, 
     known = law.gravity
     if known is not None and known != scene.gravity:
         warnings.append(f"the law assumes gravity {known}, the scene has {scene.gravity} m/s²")
-    if known is not None and law.water != scene.water:
-        theirs, ours = law.water, scene.water
-        kind = "no water" if theirs is None else "other water than the scene's" if ours else "water"
-        warnings.append(f"the law assumes {kind}" + ("" if ours else ", and the scene has none"))
+    water = next((one for one in law.known if isinstance(one, Water)), None)
+    if known is not None and water != scene.water:
+        kind = "no water" if water is None else "other water than the scene's" if scene.water else "water"
+        warnings.append(f"the law assumes {kind}" + ("" if scene.water else ", and the scene has none"))
+    there = (*(() if callable(scene.loads) else scene.loads), scene.resistance, *scene.elements)
+    for one in law.known:
+        if not isinstance(one, Water) and one not in there:
+            warnings.append(f"the law assumes {one!r}, which the scene has not")
     if known is not None and scene.motions:
         warnings.append(f"the law assumes supports at rest, and '{scene.motions[0].support}' moves")
     if decay_error is not None and decay_error > DECAY_WARNING and not request.sampled:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from engine_accelerations import mujoco_accelerations
+from engine_accelerations import mujoco_accelerations_at
 
 import tensegrity_mj as tmj
 from tensegrity_mj.controllers import (
@@ -61,22 +61,6 @@ def state(of: tmj.Scene, seed: int):
     return nodes, velocities
 
 
-def accelerations(of: tmj.Scene, nodes, velocities, u):
-    """(N, 3) of the engine, with strings that have these force densities: an implementation of water of its own."""
-    lengths = of.structure.string_lengths(nodes)
-    rest = lengths * (1 - u / of.structure.stiffness)
-    strings = tuple(
-        replace(s, force_density=None, rest_length=float(x)) for s, x in zip(of.structure.strings, rest, strict=True)
-    )
-    now = of.with_(
-        structure=replace(of.structure, strings=strings),
-        initial_nodes=nodes,
-        initial_velocities=velocities,
-        control=None,
-    )
-    return mujoco_accelerations(now)
-
-
 @pytest.mark.parametrize("weights", list(tmj.model.Weights))
 @pytest.mark.parametrize("seed", range(3))
 def test_the_engine_accelerates_as_the_laws_foresee(seed: int, weights: tmj.model.Weights) -> None:
@@ -87,12 +71,12 @@ def test_the_engine_accelerates_as_the_laws_foresee(seed: int, weights: tmj.mode
     nodes, velocities = state(of, seed)
     rng = np.random.default_rng(100 + seed)
     u = rng.uniform(0, 200, len(of.structure.strings))
-    acc = accelerations(of, nodes, velocities, u)
+    acc = mujoco_accelerations_at(of, nodes, velocities, u)
     aim = of.nodes0
     for law in (
-        Lyapunov(of.structure, aim, gravity=of.gravity, water=of.water),
-        Projection(of.structure, aim, gravity=of.gravity, water=of.water, stiffness=0.3),
-        Projection(of.structure, aim, gravity=of.gravity, water=of.water, onto=Onto.TARGET),
+        Lyapunov(of.structure, aim, gravity=of.gravity, known=(of.water,)),
+        Projection(of.structure, aim, gravity=of.gravity, known=(of.water,), stiffness=0.3),
+        Projection(of.structure, aim, gravity=of.gravity, known=(of.water,), onto=Onto.TARGET),
     ):
         terms = law.terms(0.0, nodes, velocities)
         step = 1e-5  # V is smooth: the error is step² V⃛/6 of some 1e4 /s³, 2e-7, and round-off 1e-10
@@ -102,9 +86,9 @@ def test_the_engine_accelerates_as_the_laws_foresee(seed: int, weights: tmj.mode
         ]
         foreseen = terms.beta - terms.f @ u
         assert (V[1] - V[0]) / (2 * step) == pytest.approx(foreseen, abs=1e-6 * max(1.0, np.abs(terms.f) @ u))
-        dry = replace(law, water=None).terms(0.0, nodes, velocities)
+        dry = replace(law, known=()).terms(0.0, nodes, velocities)
         assert abs(dry.beta - dry.f @ u - foreseen) > 1e-2  # it matters
-    law = FeedbackLinearization(of.structure, aim, gravity=of.gravity, water=of.water)
+    law = FeedbackLinearization(of.structure, aim, gravity=of.gravity, known=(of.water,))
     A, d, e = law.equation(0.0, nodes, velocities)
     # ë of the engine, by differences of the law's own ė, is -K_p e - K_d ė + A u - d.
     rates = [law.error(0.0, nodes + h * velocities, velocities + h * acc)[1] for h in (-1e-5, 1e-5)]
@@ -241,21 +225,23 @@ def test_winch_power_integrates_to_winch_work() -> None:
 
 def test_what_laws_know_of_water_is_reported_and_checked() -> None:
     of = scene()
-    assert from_scene(of).water == of.water
-    assert from_scene(of, water=KnownWater.NONE).water is None
-    assert from_scene(of, water="still").water == replace(of.water, current=(0.0, 0.0, 0.0))
-    assert from_scene(of.with_(water=None), water="all").water is None
+    assert from_scene(of).known == (of.water,)
+    assert from_scene(of, water=KnownWater.NONE).known == ()
+    assert from_scene(of, water="still").known == (replace(of.water, current=(0.0, 0.0, 0.0)),)
+    assert from_scene(of.with_(water=None), water="all").known == ()
     with pytest.raises(tmj.errors.OptionError, match="water = 'some'; allowed: all, still, none"):
         from_scene(of, water="some")
     for law in (FeedbackLinearization, Lyapunov, Projection):
         with pytest.raises(tmj.errors.SceneError, match="density = 0"):
-            law(of.structure, of.target, water=replace(of.water, density=0.0))
-        with pytest.raises(tmj.errors.SceneError, match="use Water"):
-            law(of.structure, of.target, water="sea")
-        told = law(of.structure, of.target, gravity=of.gravity, water=of.water).describe()
+            law(of.structure, of.target, known=(replace(of.water, density=0.0),))
+        with pytest.raises(tmj.errors.OptionError, match="known = 'sea'; it must hold"):
+            law(of.structure, of.target, known="sea")
+        with pytest.raises(tmj.errors.OptionError, match="2 of Water; a scene has one"):
+            law(of.structure, of.target, known=(of.water, of.water))
+        told = law(of.structure, of.target, gravity=of.gravity, known=(of.water,)).describe()
         assert told["water"]["current"] == [1.0, 0.0, 0.0]
         assert "water" not in law(of.structure, of.target).describe()
-        made = law(of.structure, of.target, gravity=of.gravity, water=of.water)
+        made = law(of.structure, of.target, gravity=of.gravity, known=(of.water,))
         assert made.native(of.structure).stateless is (law is not FeedbackLinearization)  # which starts from its last u
     # For an instant: to make up for drag that is not there is to push ever harder.
     run = tmj.simulate(of.with_(water=None), from_scene(of), tmj.MuJoCo(1e-3), duration=0.01)
@@ -269,7 +255,7 @@ def test_what_laws_know_of_water_is_reported_and_checked() -> None:
 
 def test_a_law_that_knows_of_water_keeps_nothing_between_its_calls() -> None:
     of, engine = waves(scene()), tmj.MuJoCo(1e-3)
-    law = Lyapunov(of.structure, of.target, gravity=of.gravity, water=of.water, minimum_force_density=1.0)
+    law = Lyapunov(of.structure, of.target, gravity=of.gravity, known=(of.water,), minimum_force_density=1.0)
     alone = tmj.simulate(of, law, engine, duration=0.02)
     with tmj.law_in(of, law, engine) as model:
         data = mujoco.MjData(model)

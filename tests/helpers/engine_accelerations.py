@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,3 +34,19 @@ def ode_accelerations(scene: Scene) -> Array:
 
 def mujoco_accelerations(scene: Scene) -> Array:
     return accelerations(MuJoCo(), scene)
+
+
+def mujoco_accelerations_at(scene: Scene, nodes: Array, velocities: Array, u: Array) -> Array:
+    """(N, 3) at a state, with strings that have force densities u (M,)."""
+    rest = scene.structure.string_lengths(nodes) * (1 - u / scene.structure.stiffness)
+    strings = tuple(
+        replace(string, force_density=None, tension=None, damping=0.0, rest_length=float(length))
+        for string, length in zip(scene.structure.strings, rest, strict=True)
+    )
+    now = scene.with_(
+        structure=replace(scene.structure, strings=strings),
+        initial_nodes=nodes,
+        initial_velocities=velocities,
+        control=None,
+    )
+    return mujoco_accelerations(now)

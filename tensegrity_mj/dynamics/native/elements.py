@@ -29,6 +29,7 @@ from tensegrity_mj.dynamics.native.pointers import (
     floats,
     integers,
     records_reader,
+    stack_doubles,
 )
 from tensegrity_mj.dynamics.native.slots import (
     ADDED,
@@ -126,6 +127,39 @@ def let_act(table: Any, t: float) -> Any:
         elif element.work == LOSING:
             lost += surroundings[0]
     return given, lost
+
+
+@borrowing
+def known_forces(known: int, t: float, nodes: Any, velocities: Any, forces: Any, added: Any) -> int:
+    """Set forces (N or more, 3) on nodes and α (R, 4) of rods to those of the elements that a law knows of; a status.
+
+    `known` is the address of a table: how many there are, and function and context of each. Only those that have no
+    state can be known of.
+    """
+    for n in range(len(nodes)):
+        for k in range(3):
+            forces[n, k] = 0.0
+    for r in range(len(added)):
+        for k in range(4):
+            added[r, k] = 0.0
+    frame = stack_doubles(MOTION_SIZE + EFFECT_SIZE)
+    seen, effect = integers(frame, MOTION_SIZE), integers(frame + 8 * MOTION_SIZE, EFFECT_SIZE)
+    seen[0], seen[1], seen[2] = len(nodes), nodes.ctypes.data, velocities.ctypes.data
+    for x in range(EFFECT_SIZE):
+        effect[x] = 0
+    effect[0], effect[_FORCES_AT], effect[2], effect[_ADDED_AT] = (
+        len(nodes),
+        forces.ctypes.data,
+        len(added),
+        added.ctypes.data,
+    )
+    status, count = SOLVED, integers(known, 1)[0]
+    records = integers(known + 8, (count, 2))
+    for e in range(count):
+        at = frame + 8 * MOTION_SIZE
+        if _call_element(records[e, 0], t, frame, records[e, 1], at) != SOLVED:
+            status = FAILED
+    return status
 
 
 @borrowing
@@ -253,7 +287,7 @@ def called_back(element: Element, scene: Scene, failures: Failures) -> NativeEle
             x, v = view(nodes).reshape(N, 3).copy(), view(velocities).reshape(N, 3).copy()
             own = (ctypes.c_int64 * EFFECT_SIZE).from_address(effect)
             state = [view(own[_STATE_AT], S).copy()] if S else []
-            view(own[_FORCES_AT])[:] = acted(element, scene, time, x, v, *state).ravel()
+            view(own[_FORCES_AT])[:] += acted(element, scene, time, x, v, *state).ravel()
             if S:
                 view(own[_RATES_AT], S)[:] = rated(element, scene, time, x, v, *state)
             if element.work is Work.LOST or (S and element.work is Work.STORED):

@@ -21,7 +21,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,9 +31,6 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import member
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.structure import Structure
-
-if TYPE_CHECKING:
-    from tensegrity_mj.model.elements.water import Water
 
 
 class Command(enum.Enum):
@@ -75,8 +72,8 @@ class NativeLaw:
         discontinuous: why it cannot run continuously, or "".
         period: [s] that a sampled recording must be played with, or None.
         until: [s] at which a recording ends, or None.
-        gravity: [m/s²] that it reckons with, or None if it has no such notion.
-        water: that it reckons with besides; None for none.
+        gravity: [m/s²] that it knows of, or None if it has no such notion.
+        known: what acts on nodes besides, that it knows of: loads, resistance, water, elements.
         decay_rate: δ [1/s] of the V̇ = -δ V that it promises, or None if it promises none.
         failure: the exception of a Python law that failed with FAILED, in a list of at most one.
         reason: why a Python law had no solution when it was last asked, in a list of at most one text.
@@ -95,7 +92,7 @@ class NativeLaw:
     period: float | None = None
     until: float | None = None
     gravity: tuple[float, ...] | None = None
-    water: Water | None = None
+    known: tuple[Any, ...] = ()
     decay_rate: float | None = None
     spent: list[float] | None = None
     stateless: bool = False

@@ -21,7 +21,7 @@ import numpy as np
 
 from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.controllers.gains import Gains
-from tensegrity_mj.controllers.known_water import KnownWater
+from tensegrity_mj.controllers.known import KnownWater
 from tensegrity_mj.controllers.scenes import from_scene
 from tensegrity_mj.controllers.table import LAWS
 from tensegrity_mj.dynamics.native.law import native_law
@@ -176,8 +176,8 @@ def _built_in(law: Any, scene: Scene) -> Spec | None:
         if type(law) is not entry.law:
             continue
         fields = {item.name for item in dataclasses.fields(law)}
-        options = {key: _plain_option(getattr(law, key)) for key in entry.options if key in fields - {"water"}}
-        known = [one for one in KnownWater if one.of(scene.water) == law.water]
+        options = {key: _plain_option(getattr(law, key)) for key in entry.options if key in fields}
+        known = [one for one in KnownWater if law.known == ((water,) if (water := one.of(scene.water)) else ())]
         if not known:
             return None
         if known[0] is not KnownWater.ALL:

@@ -1,0 +1,121 @@
+"""What a law knows of beside strings and gravity: loads, wind, water, elements.
+
+They are part of its model, as gravity is: their forces are known forces, f of (7.1), and what they add to the mass of
+rods is mass.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.dynamics.native.elements import native_element
+from tensegrity_mj.dynamics.native.pointers import address_of
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.elements.element import Element
+from tensegrity_mj.model.elements.resistance import Resistance
+from tensegrity_mj.model.elements.water import Water
+from tensegrity_mj.model.events import Load
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
+
+Effect = Load | Resistance | Water | Element
+
+
+class KnownWater(enum.Enum):
+    """How much of a scene's water its law knows of."""
+
+    ALL = "all"  # waves and current as they are
+    STILL = "still"  # buoyancy, added mass and drag, as if the water stood still: waves and current are unknown
+    NONE = "none"  # a law for dry land
+
+    def of(self, water: Water | None) -> Water | None:
+        """That part of a scene's water; None for a dry scene."""
+        if water is None or self is KnownWater.NONE:
+            return None
+        return water if self is KnownWater.ALL else replace(water, waves=(), current=(0.0, 0.0, 0.0))
+
+
+def known_scene(structure: Structure, gravity: tuple[float, float, float], known: Iterable[Effect]) -> Scene:
+    """The scene of a law's own model, in which acts what the law knows of.
+
+    Raises:
+        OptionError: for what cannot act there, for two waters or resistances, and for elements with a state.
+        SceneError: where it does not fit, see `Scene`.
+    """
+    given = list(known) if isinstance(known, Iterable) and not isinstance(known, str) else [known]
+    of_kind: dict[type, list[Any]] = {Load: [], Resistance: [], Water: [], Element: []}
+    for one in given:
+        kind = next((kind for kind in of_kind if isinstance(one, kind)), None)
+        if kind is None:
+            raise OptionError(
+                f"known = {known!r}; it must hold what a law is to know of, Load, Resistance, Water or elements, as in "
+                "known=(scene.water,)"
+            )
+        of_kind[kind].append(one)
+    for kind in (Resistance, Water):
+        if len(of_kind[kind]) > 1:
+            raise OptionError(f"known: {len(of_kind[kind])} of {kind.__name__}; a scene has one: leave the others out")
+    for one in of_kind[Element]:
+        if one.has_state:
+            raise OptionError(f"known: {one.label} has a state, which a law does not see: leave it out")
+    return Scene(
+        structure,
+        gravity=gravity,
+        loads=tuple(of_kind[Load]),
+        resistance=next(iter(of_kind[Resistance]), None),
+        water=next(iter(of_kind[Water]), None),
+        elements=tuple(of_kind[Element]),
+    )
+
+
+def effects_in(scene: Scene) -> tuple[Effect, ...]:
+    """What acts in a scene, in the form of `known`; loads that are a function are left out."""
+    loads = () if callable(scene.loads) else scene.loads
+    return (*loads, *(one for one in (scene.resistance, scene.water) if one is not None), *scene.elements)
+
+
+class _Errors(list[Any]):
+    """What went wrong, without the elements that it was in."""
+
+    def append(self, failed: tuple[Element, BaseException]) -> None:
+        super().append(failed[1])
+
+
+class PackedEffects:
+    """What a law knows of, for compiled code (`dynamics.native.elements.known_forces`); to be kept alive.
+
+    Attributes:
+        address: of the table, 0 where nothing is known of.
+        failure: what an element in Python raised, in a list of at most one.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.failure: list[BaseException] = _Errors()
+        self._elements = [native_element(one, scene, self.failure) for one in scene.effects]  # type: ignore[arg-type]
+        records = [number for one in self._elements for number in (one.address, one.context)]
+        self._table = np.array([len(self._elements), *records], np.int64)
+        self.address = address_of(self._table) if self._elements else 0
+
+
+def described(known: Iterable[Effect]) -> dict[str, Any]:
+    """Plain values for the provenance of a run; nothing where nothing is known of."""
+    found: dict[str, Any] = {}
+    for one in known:
+        if isinstance(one, Water):
+            found["water"] = {
+                "density": one.density,
+                "current": list(one.current),
+                "waves": len(one.waves),
+                "drag": one.drag,
+                "tangential_drag": one.tangential_drag,
+                "added_mass": one.added_mass,
+                "inertia": one.inertia_coefficient,
+            }
+        else:
+            found.setdefault("known", []).append(repr(one))
+    return found
