@@ -114,7 +114,7 @@ class FeedbackLinearization:
         """The law as engines call it, fresh for each run: no run begins where another ended."""
         check_made_for(self.structure, structure)
         law = native_law(_Evaluation(self), structure)
-        return replace(law, gravity=self.gravity, known=self.known, stateless=False)
+        return replace(law, gravity=self.gravity, known=tuple(self.known), stateless=False)
 
     def __call__(self, time: float, nodes: Array, velocities: Array) -> Array:
         """u (M,) [N/m] at one state.

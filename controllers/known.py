@@ -96,7 +96,7 @@ class PackedEffects:
 
     def __init__(self, scene: Scene) -> None:
         self.failure: list[BaseException] = _Errors()
-        self._elements = [native_element(one, scene, self.failure) for one in scene.effects]  # type: ignore[arg-type]
+        self._elements = [native_element(one, scene, self.failure) for one in scene.effects]
         records = [number for one in self._elements for number in (one.address, one.context)]
         self._table = np.array([len(self._elements), *records], np.int64)
         self.address = address_of(self._table) if self._elements else 0

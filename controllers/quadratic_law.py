@@ -270,7 +270,7 @@ class QuadraticLaw:
             keep=(self, packed, context, scratch),
             discontinuous=self.discontinuous,
             gravity=self.gravity,
-            known=self.known,
+            known=tuple(self.known),
             failure=self._effects.failure,
             decay_rate=self.decay_rate,
             stateless=len(scratch) == 0,
