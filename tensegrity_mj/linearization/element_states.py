@@ -58,11 +58,11 @@ class ElementStates:
         return np.concatenate([np.zeros(0), *found])
 
     def slopes(self, function: Callable[[Array], Array]) -> Array:
-        """(..., S) derivatives of a function of the states, there, by central differences."""
+        """(m, S) derivatives of a function (m,) of the states, at the start, by central differences."""
         steps = STEP * np.maximum(1.0, np.abs(self.start))
         ways = np.eye(len(steps))
         columns = [
             central(lambda part, way=way: function(self.start + part * way), h)  # type: ignore[misc]
             for way, h in zip(ways, steps, strict=True)
         ]
-        return np.array(columns).reshape(len(steps), -1).T
+        return np.column_stack(columns)

@@ -86,8 +86,9 @@ def linearize(
     """The linear model of a scene about a state, from an engine's own equations.
 
     Args:
-        scene: structure, gravity, loads, and the strings that have broken by `time`. Nothing must touch at the state:
-            contact has no linear model, and the model is that of the scene without it.
+        scene: structure, gravity, loads, elements with the states that they start with, and the strings that have
+            broken by `time`. Nothing must touch at the state: contact has no linear model, and the model is that of the
+            scene without it.
         engine: `MuJoCo(...)` (default), `DAE(...)` or `ODE(...)`; only its equations count, not its steps.
         nodes, velocities: (N, 3) the state; the scene's start by default. Velocities may be nonzero: then the model is
             that of the motion's next moment.
@@ -182,7 +183,8 @@ def linearize(
         h = strings.input_step[m]
         change = h * np.eye(M)[m]
         B[n:, m] = (motion(none, rate0, change)[1] - motion(none, rate0, -change)[1]) / (2 * h)
-    A[n:, 2 * n :] = elements.slopes(lambda states: motion(none, rate0, zero, states)[1])
+    if len(elements.start):
+        A[n:, 2 * n :] = elements.slopes(lambda states: motion(none, rate0, zero, states)[1])
     residual = np.concatenate([rate0, motion(none, rate0, zero)[1]])
     gain, remarks = None, strings.losses() + (strings.remarks() if loop is None else [])
     if loop is not None:
@@ -190,6 +192,8 @@ def linearize(
         gain = np.pad(gain, ((0, 0), (0, len(elements.start))))  # laws do not know of elements
         remarks += kinks
         A = A + B @ gain
+    if len(elements.start) and nodes is not None:
+        remarks.append("states of elements are those of the scene's start, with the nodes given")
     return Linearization(
         engine=str(engine),
         scene=scene,

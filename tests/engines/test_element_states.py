@@ -181,8 +181,9 @@ def test_steps_that_are_split_where_a_string_goes_slack_keep_their_order(name: s
     assert np.abs(plain.element_states - reference.element_states).max() > 10 * errors[2]
 
 
-def test_forces_of_rods_have_the_states_of_their_time() -> None:
-    chain = hanging_chain([0.3, 0.5, 0.4], [1.0, 1.0, 1.0])
+@pytest.mark.parametrize("rods", [1, 3])
+def test_forces_of_rods_have_the_states_of_their_time(rods: int) -> None:
+    chain = hanging_chain([0.3, 0.5, 0.4][:rods], [1.0, 1.0, 1.0][:rods])
     last = chain.structure.node_names[-1]
     place = tuple(float(x) for x in chain.nodes0[-1] + np.array([0.1, 0.05, 0.0]))
     scene = chain.with_(elements=(Maxwell(last, 300.0, 20.0, place),))

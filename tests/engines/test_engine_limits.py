@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from maxwell import Maxwell
 
 import tensegrity_mj as tmj
 from tensegrity_mj.engines.requirements import USES, engines_for, require
@@ -87,14 +88,16 @@ def test_options_that_do_not_go_with_a_scene(engine: Any, scene: str, words: str
 
 def test_functions_have_limits_of_their_own() -> None:
     broken = tmj.load_scene("prism").with_(breaks=(tmj.model.Break("s1", 0.1),))
-    scenes = {**SCENES, "broken": broken}
+    stateful = SCENES["plain"].with_(elements=(Maxwell(SCENES["plain"].structure.node_names[0], 1.0, 1.0),))
+    scenes = {**SCENES, "broken": broken, "stateful": stateful}
     for use, refused in {
         "linearize": ["moved"],
-        "engine_equilibrium": ["moved"],
+        "engine_equilibrium": ["moved", "stateful"],
+        "statics": ["stateful"],
         "simulate_many": ["contact", "joined contact", "water contact"],
-        "law_in": ["contact", "joined contact", "water contact", "broken"],
+        "law_in": ["contact", "joined contact", "water contact", "broken", "stateful"],
         "MuJoCo's model": ["joined contact"],
-        "dm_control models": sorted(set(SCENES) - {"plain", "contact"}),
+        "dm_control models": [*(set(SCENES) - {"plain", "contact"}), "stateful"],
     }.items():
         found, said = [], []
         for name, scene in scenes.items():
@@ -106,7 +109,7 @@ def test_functions_have_limits_of_their_own() -> None:
         assert all(one.startswith(f"{use}: ") for one in said)
         assert sorted(found) == sorted(refused), use
     assert set(USES) == {
-        "linearize", "engine_equilibrium", "simulate_many", "law_in", "MuJoCo's model", "dm_control models",
+        "linearize", "engine_equilibrium", "statics", "simulate_many", "law_in", "MuJoCo's model", "dm_control models",
     }  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 from linked_scenes import everything_moves, suspended
+from maxwell import Maxwell
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
@@ -58,6 +59,13 @@ def loaded() -> tmj.Scene:
     return hung().with_(loads=(tmj.model.Load("n3", (0.5, 1.0, 2.0), 9.0), tmj.model.Load("n2", (0.0, -1.0, 0.0))))
 
 
+def dashed() -> tmj.Scene:
+    """With a spring and a dashpot in series, from below a node that swings."""
+    scene = hung()
+    x, y, z = scene.nodes0[scene.structure.node_index["n3"]]
+    return scene.with_(elements=(Maxwell("n3", 60.0, 8.0, (float(x), float(y) + 0.1, float(z) - 0.2)),))
+
+
 @dataclass(frozen=True)
 class Feature:
     """One thing that acts.
@@ -84,6 +92,7 @@ FEATURES = {
     "moved supports": Feature(moved, lambda scene: scene.with_(motions=())),
     "breaks": Feature(lambda: hung().with_(breaks=(tmj.model.Break("s1", 0.2),)), lambda scene: scene.with_(breaks=())),
     "resistance": Feature(lambda: hung().with_(resistance=RESISTANCE), lambda _: hung()),
+    "states of elements": Feature(dashed, lambda scene: scene.with_(elements=())),
     "water": Feature(in_water, in_air),
     "water, Hermite": Feature(lambda: in_water(weights=tmj.model.Weights.HERMITE), in_air),
     "surface": Feature(lambda: in_water(depth=0.2), in_air),
