@@ -7,14 +7,20 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
+import mujoco
 import numpy as np
 import pytest
 
 import tensegrity_mj as tmj
 from tensegrity_mj.dynamics.native.law import Law
+from tensegrity_mj.engines.mujoco import prepared as preparing
+from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.prepared import prepared
 from tensegrity_mj.errors import DivergenceError, StabilityWarning
+from tensegrity_mj.model import Contact, Motion
+from tensegrity_mj.model.members import PointMass, Support
 from tensegrity_mj.model.strings import StringLaw
+from tensegrity_mj.model.text.sources import scene_names
 from tensegrity_mj.vibration import step_warnings
 
 
@@ -36,6 +42,91 @@ def test_steps_and_integrators_have_models_of_their_own() -> None:
         for model in (engine.model(scene), engine.model(scene)):
             assert model.opt.timestep == step
             assert model.opt.integrator == fresh.opt.integrator
+
+
+def bits(model: mujoco.MjModel) -> bytes:
+    """All of a model, as MuJoCo saves it."""
+    buffer = np.zeros(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    return buffer.tobytes()
+
+
+def compiled(scene: tmj.Scene, engine: tmj.MuJoCo) -> mujoco.MjModel:
+    """The model of a scene's own text."""
+    return mujoco.MjModel.from_xml_string(scene_to_mjcf(scene, engine.timestep, engine.word))
+
+
+def with_other_strings(scene: tmj.Scene, law: StringLaw) -> tmj.Scene:
+    """The scene with other stiffnesses, dampings (every other string's is zero) and rest lengths."""
+    structure, part = scene.structure, 1.0 + 0.1 * np.arange(len(scene.structure.strings))
+    damping = np.where(np.arange(len(part)) % 2, 0.01 * structure.stiffness, 0.0)
+    changed = structure.with_strings(
+        stiffness=part * structure.stiffness, damping=damping, rest_length=structure.rest_lengths / part
+    )
+    return scene.with_(structure=replace(changed, string_law=law))
+
+
+@pytest.fixture
+def compilations(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Names of the scenes that MuJoCo compiles from now on, with no layout known before."""
+    made: list[str] = []
+
+    def counted(scene: tmj.Scene) -> str:
+        made.append(scene.name)
+        return scene_to_mjcf(scene)
+
+    monkeypatch.setattr(preparing, "_layouts", {})
+    monkeypatch.setattr(preparing, "scene_to_mjcf", counted)
+    return made
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_numbers_of_strings_are_set_as_the_compiler_sets_them(name: str, compilations: list[str]) -> None:
+    scene = tmj.load_scene(name)
+    for law in StringLaw:
+        changed = with_other_strings(scene, law)
+        for one in (scene, changed):
+            for step, integrator in zip((1e-3, 3e-4, 2e-3, 1e-4, 5e-3), tmj.Integrator, strict=True):
+                engine = tmj.MuJoCo(step, integrator)
+                assert bits(engine.model(one)) == bits(compiled(one, engine))
+    assert compilations == [scene.name]
+
+
+def test_what_else_a_model_depends_on_is_compiled_anew(compilations: list[str]) -> None:
+    scene, engine = tmj.load_scene("pinned_rod"), tmj.MuJoCo(1e-3)
+    structure = scene.structure
+    rod, string = structure.rods[0], structure.strings[0]
+    free = replace(structure, rods=(replace(rod, support=Support.free()), *structure.rods[1:]))
+    still = scene.with_(structure=free, target=None, control=None)
+    moved = np.zeros_like(scene.nodes0)
+    moved[structure.rod_nodes[0]] = 0.1
+    longer = tuple(np.array(structure.nodes["n1"]) * (1 + 1e-10))
+    heavy = replace(structure, nodes={**structure.nodes, "p": (2.0, 2.0, 2.0)}, point_masses=(PointMass("p", 1.0),))
+    changes: list[tmj.Scene] = [
+        scene.with_(name="another"),
+        scene.with_(gravity=(0.0, 0.0, -1.0)),
+        scene.with_(contact=Contact(floor=-10.0)),
+        scene.with_(motions=(Motion.data(rod.name, (0.0, 1.0), ((0.0, 0.0, 0.0), (0.1, 0.0, 0.0))),)),  # from rest
+        still,
+        still.with_(initial_nodes=scene.nodes0 + moved),
+        still.with_(initial_velocities=moved),
+        # Of another length, within what may be: the start is where it was.
+        still.with_(structure=replace(free, nodes={**structure.nodes, "n1": longer}), initial_nodes=scene.nodes0),
+        scene.with_(structure=replace(structure, rods=(replace(rod, mass=2 * rod.mass), *structure.rods[1:]))),
+        scene.with_(structure=replace(structure, rods=(replace(rod, radius=2 * rod.radius), *structure.rods[1:]))),
+        still.with_(structure=replace(free, nodes={**structure.nodes, "n2": (1.3, 0.0, 0.0)})),
+        still.with_(structure=heavy),
+        still.with_(structure=replace(heavy, point_masses=(PointMass("p", 2.0),))),
+        scene.with_(structure=replace(structure, strings=(replace(string, name="S"), *structure.strings[1:]))),
+        scene.with_(
+            structure=replace(structure, strings=(replace(string, nodes=string.nodes[::-1]), *structure.strings[1:]))
+        ),
+    ]
+    for number, one in enumerate(changes, start=1):
+        engine.model(scene)
+        engine.model(scene.with_(duration=1.0 + number))  # of the same layout
+        assert bits(engine.model(one)) == bits(compiled(one, engine)), number
+        assert len(compilations) == number + 1
 
 
 @pytest.mark.parametrize("name", ["prism", "truss_arm", "tower_waves"])
@@ -105,3 +196,18 @@ def test_the_check_is_made_once_for_what_stays_and_each_time_for_what_may_change
     for _ in range(3):
         tmj.simulate(loaded, law, tmj.MuJoCo(1e-3), duration=2e-3)
     assert len(made) == 5
+
+
+def test_a_run_gives_its_model_and_data_to_the_next_one_of_the_layout() -> None:
+    scene, engine = tmj.load_scene("prism"), tmj.MuJoCo(1e-3)
+    first = tmj.simulate(scene, None, engine, duration=0.05)
+    lent = preparing._spare["last"]
+    assert engine.model(scene) is not lent.model
+    other = with_other_strings(scene, StringLaw.UNCLIPPED)
+    changed = tmj.simulate(other, None, tmj.MuJoCo(5e-4, tmj.Integrator.EULER), duration=0.02)
+    assert preparing._spare["last"] is lent
+    again = tmj.simulate(scene, None, engine, duration=0.05)
+    assert np.array_equal(first.nodes, again.nodes)
+    assert not np.array_equal(first.nodes[-1], changed.nodes[-1])
+    tmj.simulate(tmj.load_scene("pinned_rod"), None, engine, duration=0.01)
+    assert preparing._spare["last"] is not lent

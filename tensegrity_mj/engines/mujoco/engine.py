@@ -7,7 +7,7 @@ import mujoco
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import choice, flag, positive
 from tensegrity_mj.engines.accuracy.option import ACCURACY, check_accuracy
-from tensegrity_mj.engines.mujoco.prepared import prepared
+from tensegrity_mj.engines.mujoco.prepared import give_back, prepared
 from tensegrity_mj.engines.mujoco.settings import _WORDS, SCHEMES, Integrator
 from tensegrity_mj.engines.request import Accelerations, Request
 from tensegrity_mj.engines.table import ENGINES
@@ -105,8 +105,12 @@ class MuJoCo:
         if self.locate_slack:
             from tensegrity_mj.engines.mujoco.located import LocatedRun
 
-            return LocatedRun(self, request).run()
-        return MuJoCoRun(self, request).run()
+            run: MuJoCoRun = LocatedRun(self, request)
+        else:
+            run = MuJoCoRun(self, request)
+        found = run.run()
+        give_back(run.ready)
+        return found
 
     def accelerations(self, request: Request) -> Accelerations:
         """Node accelerations J q̈ + J̇ q̇ of the model that `run` steps."""

@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.engines.mujoco.mjcf_bodies import DRIVE, FLOOR, Names, add_bodies, add_site, hardness, size
 from tensegrity_mj.engines.mujoco.mjcf_frames import must_turn, numbers
 from tensegrity_mj.engines.mujoco.mjcf_frames import quaternion as quaternion
@@ -34,6 +35,7 @@ from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
+from tensegrity_mj.model.structure import Structure
 
 # Friction resists sliding this many times harder than a contact resists depth: what sticks hardly creeps.
 FRICTION_IMPEDANCE = 100.0
@@ -173,25 +175,29 @@ def _closures(root: ET.Element, scene: Scene, tree: BodyTree, names: Names, time
         )
 
 
+def actuator_numbers(structure: Structure) -> tuple[Array, Array, Array]:
+    """Of the strings' actuators: gains (M,) [N/m], biases (M, 3) [k L0, -k, -c] and largest forces (M,) [N]."""
+    k, c = structure.stiffness, structure.damping
+    # Without a damper the two laws are the same, and the limit alone keeps a slack string from pushing.
+    pushing = (c > 0) & (structure.string_law is not StringLaw.CLIPPED)
+    return k, np.stack([k * structure.rest_lengths, -k, -c], axis=1) + 0.0, np.where(pushing, UNLIMITED, 0.0)
+
+
 def _strings(root: ET.Element, scene: Scene, thickness: float) -> None:
-    structure = scene.structure
     tendons, actuators = ET.SubElement(root, "tendon"), ET.SubElement(root, "actuator")
-    clipped = structure.string_law is StringLaw.CLIPPED
-    for string, rest_length in zip(structure.strings, structure.rest_lengths, strict=True):
+    strings = scene.structure.strings
+    for string, gain, bias, most in zip(strings, *actuator_numbers(scene.structure), strict=True):
         tendon = ET.SubElement(tendons, "spatial", name=string.name, width=numbers([thickness]), rgba="0.8 0.2 0.15 1")
         for name in string.nodes:
             ET.SubElement(tendon, "site", site=name)
-        k, c = string.stiffness, string.damping
-        # Without a damper the two laws are the same, and the limit alone keeps a slack string from pushing.
-        most = 0.0 if clipped or c == 0 else UNLIMITED
         ET.SubElement(
             actuators,
             "general",
             name=string.name,
             tendon=string.name,
-            gainprm=numbers([k]),
+            gainprm=numbers([gain]),
             biastype="affine",
-            biasprm=numbers([k * rest_length, -k, -c]),
+            biasprm=numbers(bias),
             forcelimited="true",
             forcerange=numbers([-UNLIMITED, most]),
         )

@@ -1,4 +1,8 @@
-"""What a run needs of its scene in MuJoCo before it starts: made once a scene and engine, not once a run."""
+"""What a run needs of its scene in MuJoCo before it starts: made once a layout, not once a run.
+
+A layout is all of a scene that its compiled model depends on, but for the numbers of strings. These, the time step and
+the integrator are set in each copy of the model, as the compiler would set them.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +14,18 @@ import mujoco
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.remembered import Remembered
+from tensegrity_mj.basics.remembered import MOST, Remembered
 from tensegrity_mj.engines.mujoco.install import is_installed
-from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
+from tensegrity_mj.engines.mujoco.mjcf import CONNECT_STEPS, actuator_numbers, scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_coordinates
 from tensegrity_mj.engines.mujoco.places import check_places
 from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.model.scene import Scene
 
 _remembered = Remembered()
+_layouts: dict[Any, Prepared] = {}  # those used last
+_spare: dict[str, Prepared] = {}  # "last": what the last run gave back
+SMALL = 2**20  # bytes of data that are kept for another run
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +39,7 @@ class Prepared:
         nodes: site, body and root of the kinematic tree of each node, (N,) int64 each.
         slides: (R, 11) of each rod, the number of its translational coordinates, their first dof, and their axes (3, 3)
             padded, by rows. Zeros where rods share nodes, whose accelerations are found afterwards.
+        data: at the model's start, of what is lent to a run.
     """
 
     model: mujoco.MjModel
@@ -39,16 +47,75 @@ class Prepared:
     velocities: Array
     nodes: tuple[Any, Any, Any]
     slides: Array
+    data: mujoco.MjData | None = None
 
 
 def prepared(scene: Scene, timestep: float, integrator: str) -> Prepared:
-    """A scene for MuJoCo's integrator of that name and a step [s], remembered while it lives; the model is a copy.
+    """A scene for MuJoCo's integrator of that name and a step [s]; the model is a copy.
+
+    What is compiled is remembered while the scene lives, and of the last few layouts for other scenes.
 
     Raises:
         StructureError, SceneError, OptionError: as `MuJoCo.model`.
     """
-    found: Prepared = _remembered.get(scene, (timestep, integrator), lambda: _prepare(scene, timestep, integrator))
-    return replace(found, model=copy.copy(found.model))
+    found = _known(scene)
+    return _set(replace(found, model=copy.copy(found.model)), scene, timestep, integrator)
+
+
+def lent(scene: Scene, timestep: float, integrator: str) -> Prepared:
+    """As `prepared`, with data at the start of the model, for a run that gives it back as it is.
+
+    To make the objects of a small model takes as long as hundreds of its steps.
+    """
+    found = _known(scene)
+    spare = _spare.pop("last", found)
+    if spare.tree is not found.tree or spare.data is None:
+        model = copy.copy(found.model)
+        spare = replace(found, model=model, data=mujoco.MjData(model))
+    mujoco.mj_resetData(spare.model, spare.data)
+    return _set(spare, scene, timestep, integrator)
+
+
+def give_back(ready: Prepared) -> None:
+    """Keep what was `lent` for the next run of the layout, unless it is large; the run must not use it any more."""
+    if ready.data is not None and ready.data.nbuffer < SMALL:
+        _spare["last"] = ready
+
+
+def _set(ready: Prepared, scene: Scene, timestep: float, integrator: str) -> Prepared:
+    """Set what models of a layout do not share."""
+    model = ready.model
+    model.opt.timestep = timestep
+    model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
+    model.eq_solref[:, 0] = CONNECT_STEPS * timestep
+    gains, biases, most = actuator_numbers(scene.structure)
+    model.actuator_gainprm[:, 0], model.actuator_biasprm[:, :3], model.actuator_forcerange[:, 1] = gains, biases, most
+    return ready
+
+
+def _known(scene: Scene) -> Prepared:
+    found: Prepared = _remembered.get(scene, None, lambda: _of_layout(scene))
+    return found
+
+
+def _of_layout(scene: Scene) -> Prepared:
+    layout = _layout(scene)
+    found = _layouts.pop(layout, None) or _compile(scene)
+    while len(_layouts) >= MOST:
+        _layouts.pop(next(iter(_layouts)), None)
+    _layouts[layout] = found
+    return found
+
+
+def _layout(scene: Scene) -> tuple[Any, ...]:
+    """What models that differ in the numbers of strings, the time step and the integrator alone have in common."""
+    structure = scene.structure
+    return (
+        (scene.name, scene.gravity, scene.contact, scene.motions),
+        (structure.node_names, structure.fixed_nodes, structure.rods, structure.point_masses),
+        tuple((string.name, string.nodes) for string in structure.strings),
+        tuple(array.tobytes() for array in (structure.positions, scene.nodes0, scene.velocities0)),
+    )
 
 
 def prepared_with(model: mujoco.MjModel, scene: Scene) -> Prepared:
@@ -58,7 +125,7 @@ def prepared_with(model: mujoco.MjModel, scene: Scene) -> Prepared:
     return Prepared(model, tree, velocities, node_addresses(scene, model), _slides(scene, model, tree))
 
 
-def _prepare(scene: Scene, timestep: float, integrator: str) -> Prepared:
+def _compile(scene: Scene) -> Prepared:
     far = np.abs(scene.nodes0).max(axis=1) > mujoco.mjMAXVAL
     if far.any():
         number = int(np.argmax(far))
@@ -66,7 +133,7 @@ def _prepare(scene: Scene, timestep: float, integrator: str) -> Prepared:
             f"node '{scene.structure.node_names[number]}' is at {scene.nodes0[number].tolist()} m: MuJoCo takes "
             f"coordinates beyond {mujoco.mjMAXVAL:g} m for a divergence; move the structure nearer to the origin"
         )
-    text = scene_to_mjcf(scene, timestep, integrator)
+    text = scene_to_mjcf(scene)
     try:
         model = mujoco.MjModel.from_xml_string(text)
     except ValueError as error:

@@ -21,7 +21,7 @@ from tensegrity_mj.engines.mujoco.contact import ContactTable
 from tensegrity_mj.engines.mujoco.install import finish, installed
 from tensegrity_mj.engines.mujoco.joints import JointForces
 from tensegrity_mj.engines.mujoco.motion import SupportTable
-from tensegrity_mj.engines.mujoco.prepared import Prepared, prepared
+from tensegrity_mj.engines.mujoco.prepared import Prepared, lent
 from tensegrity_mj.engines.mujoco.water import AddedMass
 from tensegrity_mj.engines.recording import Account, RodMotion, allocate_rows, make_trajectory
 from tensegrity_mj.engines.request import Request
@@ -71,11 +71,11 @@ class MuJoCoRun:
         scene, structure = request.scene, request.scene.structure
         require(options, scene)
         self.grid = Grid.of(request, options.timestep)
-        ready = prepared(scene, options.timestep, options.word) if ready is None else ready
+        self.ready = ready = lent(scene, options.timestep, options.word) if ready is None else ready
         self.model, self.tree = ready.model, ready.tree
         self.cause = ""  # of an end that the callback does not know of
         if data is None:
-            data = mujoco.MjData(self.model)
+            data = ready.data or mujoco.MjData(self.model)
             # Positions are the model's own.
             data.qvel[:] = ready.velocities
         self.data = data
