@@ -17,6 +17,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.controllers.landscape import angles
+from tensegrity_mj.library.cable import pendulum_frequency, suggest_elements
 from tensegrity_mj.runs.trajectory import Trajectory
 
 RUNS = "abcdefgh"
@@ -51,15 +52,20 @@ FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     "all": np.all,
     "angles": angles,
     "degrees": math.degrees,
+    "diff": np.diff,
     "each": each,
     "len": len,
+    "log10": math.log10,
     "max": largest_of,
     "mean": np.mean,
     "min": np.min,
     "norm": lambda values: np.linalg.norm(values, axis=-1),
     "of": of,
+    "pendulum_frequency": pendulum_frequency,
     "ptp": np.ptp,
     "round": np.round,
+    "suggest_elements": suggest_elements,
+    "sum": np.sum,
     "target_error": target_error,
 }
 

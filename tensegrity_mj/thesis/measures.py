@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.target import target_nodes
@@ -75,11 +74,6 @@ def decay_error(run: Trajectory, decay_rate: float) -> float:
     return float(np.max(np.abs(run.lyapunov / promised - 1.0)))
 
 
-def active_strings(run: Trajectory) -> NDArray[np.int64]:
-    """How many strings pull at each sample."""
-    return np.sum(run.force_densities > ACTIVE, axis=1)
-
-
 def spread_of_active(run: Trajectory) -> float:
     """Largest difference of two nonzero u at one time, as a fraction of the larger."""
     u = run.force_densities
@@ -106,11 +100,6 @@ def time_below(run: Trajectory, part: float) -> float:
     error = run.target_error()
     above = np.flatnonzero(error > part * error[0])
     return float(run.time[above[-1]]) if above.size else math.nan
-
-
-def top_speed(run: Trajectory) -> float:
-    """Largest speed of a node [m/s]."""
-    return float(np.linalg.norm(run.velocities, axis=-1).max())
 
 
 def height(run: Trajectory, positions: Array) -> float:

@@ -229,7 +229,7 @@ def test_a_bad_table_is_refused_with_its_row(tmp_path: Path, change: tuple[str, 
     ("text", "word"),
     [
         ("max(sums(a)", "is no expression"),
-        ("max(sum(a))", "has the name 'sum'"),
+        ("max(total(a))", "has the name 'total'"),
         ("a.nodes.tofile('x')", "is none of a measure or function"),
         ("a.__class__", "is not allowed"),
         ("[x for x in a]", "is not allowed"),

@@ -24,6 +24,7 @@ from tensegrity_mj.thesis import ledger, measures, page, runs
 from tensegrity_mj.thesis.catalog import FIGURES, STATEMENTS, selected
 from tensegrity_mj.thesis.disturbance import Disturbance, Quantity
 from tensegrity_mj.thesis.experiments import EXPERIMENTS, EngineName, cell_strings, simulate_experiment
+from tensegrity_mj.thesis.expression import evaluate
 from tensegrity_mj.thesis.ledger import Verdict, judge, value_text, verdict_of
 from tensegrity_mj.thesis.lookup import measured
 from tensegrity_mj.thesis.reproduction import WHOLES, Reproduction, reproduce
@@ -153,7 +154,7 @@ def test_spread_and_counts_of_strings_on_made_up_controls(made: Reproduction) ->
     run = made.computed.runs[EngineName.DAE]["pinned"].until(4)
     u = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 1.0, 0.0], [0.0, 1.0, 1.0]])
     run = replace(run, force_densities=u)
-    assert measures.active_strings(run).tolist() == [0, 1, 2, 2]
+    assert evaluate("max(sum(a.force_densities > 1e-9, 1))", {}, [run]) == 2
     assert measures.spread_of_active(run) == 0.5
     assert measures.switches(run, 0.0) == 1 + 1 + 2
     assert measures.largest_jump(run, 0.0) == 1.0

@@ -14,6 +14,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.library.thesis_towers import appendix_beam
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.section import Section
+from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.thesis.appendix_c.beam_tasks import INITIAL_LENGTH
 from tensegrity_mj.thesis.appendix_c.beams import BeamRun
 
@@ -61,6 +62,11 @@ def rises(values: Sequence[float] | Array) -> bool:
 def stiffness(run: BeamRun, label: str) -> Array:
     """[kN/m] along a path."""
     return run.of(label, "K").astype(float) / 1e3
+
+
+def first(run: BeamRun, label: str) -> float:
+    """[kN/m] at zero load."""
+    return float(stiffness(run, label)[0])
 
 
 def last(run: BeamRun, label: str) -> float:
@@ -144,35 +150,25 @@ def _scene() -> Scene:
     return appendix_beam("TB1", form_found=False)
 
 
+def beam_structure() -> Structure:
+    """TB1 as it is laid out."""
+    return _scene().structure
+
+
 def _section() -> Section:
-    section = _scene().structure.rods[0].section
+    section = beam_structure().rods[0].section
     assert section is not None
     return section
 
 
-def beam_rods() -> int:
-    """How many rods a beam has."""
-    return len(_scene().structure.rods)
-
-
-def beam_rod_length() -> float:
-    """[m]"""
-    return float(_scene().structure.rod_lengths[0])
-
-
 def euler_load() -> float:
     """[kN] of a rod."""
-    return _section().euler_load(beam_rod_length()) / 1e3
+    return _section().euler_load(float(beam_structure().rod_lengths[0])) / 1e3
 
 
 def euler_stress() -> float:
     """[MPa] of a rod."""
     return 1e3 * euler_load() / _section().area / 1e6
-
-
-def euler_over_yield() -> float:
-    """The buckling stress of a rod over its yield stress."""
-    return 1e6 * euler_stress() / float(_section().yield_stress or 0.0)
 
 
 # ------------------------------------------------------------------------------------------------- several beams
@@ -183,19 +179,9 @@ def is_tensegrity(run: BeamRun) -> bool:
     return all(min(v["stresses"]) > 0 and v["least_tension"] > 0 for v in run.values.values())
 
 
-def mean_length(run: BeamRun, beams: Sequence[str]) -> float:
-    """[m] after form-finding."""
-    return INITIAL_LENGTH * float(np.mean([length_ratio(run, beam) for beam in beams]))
-
-
 def increases(run: BeamRun, labels: Sequence[str]) -> bool:
     """Whether the stiffness rises all along each path."""
     return all(rises(stiffness(run, label)) for label in labels)
-
-
-def first_spread(run: BeamRun, labels: Sequence[str]) -> float:
-    """Of the stiffness at zero load: the most over the least, less one."""
-    return spread([float(stiffness(run, label)[0]) for label in labels])
 
 
 def higher_everywhere(run: BeamRun, labels: Sequence[str]) -> bool:
@@ -204,11 +190,6 @@ def higher_everywhere(run: BeamRun, labels: Sequence[str]) -> bool:
         bool(np.all(np.interp(run.of(a, "w"), run.of(b, "w"), stiffness(run, b)) > stiffness(run, a)))
         for a, b in itertools.pairwise(labels)
     )
-
-
-def first_apart(run: BeamRun, other: BeamRun, labels: Sequence[str]) -> float:
-    """Largest difference of the stiffness at zero load from that of another study, over this."""
-    return max(abs(float(stiffness(run, label)[0] / stiffness(other, label)[0]) - 1.0) for label in labels)
 
 
 def changed_at(run: BeamRun, label: str, deformation: float) -> float:
@@ -220,11 +201,6 @@ def changed_at(run: BeamRun, label: str, deformation: float) -> float:
 # --------------------------------------------------------------------------------------------------------- buckling
 
 
-def all_become_unstable(run: BeamRun, labels: Sequence[str]) -> bool:
-    """Whether all of them become unstable on their path."""
-    return all(run.values[label]["modes"] > 0 for label in labels)
-
-
 def buckling_deformation(run: BeamRun, label: str) -> float:
     """[m]"""
     return buckling(run, label).deformation
@@ -233,9 +209,3 @@ def buckling_deformation(run: BeamRun, label: str) -> float:
 def buckling_load(run: BeamRun, label: str) -> float:
     """[kN]"""
     return buckling(run, label).load
-
-
-def three_kinds(run: BeamRun, imperfect: BeamRun, falling: str, constant: str, rising: str) -> bool:
-    """Whether up to buckling the stiffness of one falls, of one stays within 2 %, and of one rises."""
-    change = {label: before_buckling(run, imperfect, label) for label in (falling, constant, rising)}
-    return change[falling] < -0.02 and abs(change[constant]) <= 0.02 and change[rising] > 0.02

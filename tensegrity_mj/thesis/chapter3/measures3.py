@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.library.cable import (
     FASTENING_LENGTH,
     LOAD_LENGTH,
@@ -14,10 +15,9 @@ from tensegrity_mj.library.cable import (
     arc_lengths,
     marker_weights,
     pendulum_frequency,
-    suggest_elements,
 )
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.thesis.chapter3.series import ELEMENTS, SeriesRun
+from tensegrity_mj.thesis.chapter3.series import SeriesRun
 
 # Hz: between the first two eigenfrequencies, and where the second one is felt, by amplitude or whirling.
 BETWEEN, SECOND = 0.6, (0.775, 1.075)
@@ -35,44 +35,9 @@ def element_frequencies(elements: int) -> tuple[float, float, float]:
     return fastening, rope, load
 
 
-def highest_element_frequency() -> float:
-    """[Hz] of all elements of all models of §3.5.1."""
-    return max(max(element_frequencies(K)) for K in ELEMENTS)
-
-
-def lowest_element_frequency() -> float:
-    """[Hz] of all elements of all models of §3.5.1."""
-    return min(min(element_frequencies(K)) for K in ELEMENTS)
-
-
-def suggested_elements(frequency: float, length: float) -> int:
-    """How many elements the procedure of §3.6 gives for an excitation [Hz] of a cable [m]."""
-    return suggest_elements(frequency, length).elements
-
-
-def _structure(run: SeriesRun) -> Structure:
+def cable_structure(run: SeriesRun) -> Structure:
+    """Of the first case."""
     return run.cases.cases[0].scene.structure
-
-
-def element_frequency(run: SeriesRun, rod: int) -> float:
-    """(3.28) [Hz] of a rod of the cable that was run, by its number from 0."""
-    return pendulum_frequency(float(_structure(run).rod_lengths[rod]))
-
-
-def cable_length(run: SeriesRun) -> float:
-    """[m] of all rods."""
-    return float(_structure(run).rod_lengths.sum())
-
-
-def end_masses(run: SeriesRun) -> float:
-    """[kg] of the fastening and the load."""
-    masses = _structure(run).rod_masses
-    return float(masses[0] + masses[-1])
-
-
-def rope_mass(run: SeriesRun) -> float:
-    """[kg] of the elements between fastening and load."""
-    return float(_structure(run).rod_masses[1:-1].sum())
 
 
 def markers_off() -> float:
@@ -81,17 +46,12 @@ def markers_off() -> float:
     return float(np.abs(places - 0.25 * np.arange(2, 12)).max())
 
 
-def eigenfrequency(run: SeriesRun, number: int, elements: int = 13) -> float:
-    """[Hz] from the engine's linearized equations, numbered from 1."""
-    return float(run.frequencies[elements][number - 1])
-
-
 # ------------------------------------------------------------------------------------------------------ amplitudes
 
 
-def largest_relative(*runs: SeriesRun, marker: int) -> float:
-    """Largest in-plane amplitude of a marker in several series."""
-    return max(float(run.marker(marker).max()) for run in runs)
+def marker(run: SeriesRun, number: int, axis: int = 0) -> Array:
+    """(C,) relative amplitudes of a marker along an axis."""
+    return run.marker(number, axis)
 
 
 def second_peak(run: SeriesRun, marker: int) -> float:
@@ -123,19 +83,9 @@ def ratio(run: SeriesRun, marker: int, axis: int = 0) -> float:
     return largest(run, marker, axis, False) / largest(run, marker, axis, True)
 
 
-def inverse_ratio(run: SeriesRun, marker: int, axis: int = 0) -> float:
-    """The largest amplitude about the second eigenfrequency over that about the first."""
-    return 1.0 / ratio(run, marker, axis)
-
-
 def out_over_in(run: SeriesRun, marker: int, second: bool) -> float:
     """Largest out-of-plane over largest in-plane amplitude about an eigenfrequency."""
     return largest(run, marker, 1, second) / largest(run, marker, 0, second)
-
-
-def grown(run: SeriesRun, marker: int, second: bool) -> float:
-    """Largest out-of-plane amplitude about an eigenfrequency over the smallest of all: the seed's own swing."""
-    return largest(run, marker, 1, second) / float(run.marker(marker, 1).min())
 
 
 def has(peaks: tuple[float, ...], low: float, high: float) -> bool:
@@ -178,11 +128,6 @@ def out_of_plane_peaks(run: SeriesRun, marker: int) -> float:
     return min(peaks[0] for peaks, yes in zip(run.peaks(marker, 1), whirling, strict=True) if yes)
 
 
-def first_drift(run: SeriesRun) -> float:
-    """log₁₀ of the drift of the first case."""
-    return math.log10(run.cases.drift[0])
-
-
 def largest_step(run: SeriesRun) -> float:
     """Largest step [s] that was found."""
     return max(one.step for one in run.steps)
@@ -199,12 +144,6 @@ def drift_trend(run: SeriesRun) -> float:
     return float(np.corrcoef(order, np.arange(len(order)))[0, 1])
 
 
-def drift_near_second(run: SeriesRun) -> float:
-    """Largest drift about the second eigenfrequency over that beyond it."""
-    f, drift = run.cases.frequencies, run.cases.drift
-    return float(drift[about(run, True)].max() / drift[f > SECOND[1]].max())
-
-
 def refined_apart(*runs: SeriesRun) -> float:
     """Largest difference of relative amplitudes of marker 10 between models, away from the second one."""
     amplitudes = np.array([run.marker(10) for run in runs])
@@ -213,21 +152,10 @@ def refined_apart(*runs: SeriesRun) -> float:
     return float(np.ptp(amplitudes[:, away], axis=0).max())
 
 
-def refined_apart_near(fine: SeriesRun, finer: SeriesRun) -> float:
-    """Largest difference of relative amplitudes of marker 10 between two models about the second one."""
-    near_it = about(fine, True)
-    return float(np.abs(fine.marker(10) - finer.marker(10))[near_it].max())
-
-
 def violence(run: SeriesRun) -> float:
     """Amplitude of marker 10 at 1.20 Hz over the mean of those at 1.10 and 1.15 Hz."""
     values = dict(zip(np.round(run.cases.frequencies, 2), run.marker(10), strict=True))
     return float(values[1.2] / (0.5 * (values[1.1] + values[1.15])))
-
-
-def stable(run: SeriesRun) -> float:
-    """How many of the ten models ran to the end."""
-    return float(len(run.cases.cases) - len(run.cases.failed))
 
 
 def drift_falls(run: SeriesRun) -> bool:

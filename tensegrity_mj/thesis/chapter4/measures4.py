@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.thesis import measures
 
@@ -20,12 +21,6 @@ def error_dynamics(run: Trajectory) -> float:
     return float(np.max(np.abs(error - promised) / np.abs(error[0])))
 
 
-def coordinate_within(run: Trajectory, number: int, low: float, high: float) -> bool:
-    """Whether a coordinate of the cross stays between two values."""
-    values = measures.cross_coordinates(run)[:, number]
-    return bool(np.all((values > low) & (values < high)))
-
-
 # ------------------------------------------------------------------------------------------------------- sums of u
 
 
@@ -33,12 +28,6 @@ def time_off(run: Trajectory, bound: float, number: int, end: int) -> float:
     """When [s] the sum leaves its bound (end 0) or is back on it (1), for the time of that number from 0."""
     found = measures.times_off(run, bound)
     return found[number][end] if number < len(found) else math.nan
-
-
-def sums_are_ordered(low: Trajectory, middle: Trajectory, high: Trajectory) -> bool:
-    """Whether at every time the first run's sum is the least and the second's not above the third's."""
-    a, b, c = (measures.sums(run) for run in (low, middle, high))
-    return bool(np.all(a <= b + 1e-9) and np.all(b <= c + 1e-9))
 
 
 # ---------------------------------------------------------------------------------------------- shape of the beam
@@ -51,28 +40,12 @@ def shape_equation(run: Trajectory) -> float:
     return float(np.abs(found / 2.0 - 1.0).max())
 
 
-def smallest_drawn(run: Trajectory, axis: int) -> float:
-    """Smallest coordinate [m] of a node at the times of figure 4.8."""
-    return float(min(measures.at(run, time, run.nodes[..., axis]).min() for time in SNAPSHOTS))
-
-
-def largest_drawn(run: Trajectory, axis: int) -> float:
-    """Largest coordinate [m] of a node at the times of figure 4.8."""
-    return float(max(measures.at(run, time, run.nodes[..., axis]).max() for time in SNAPSHOTS))
-
-
 # ------------------------------------------------------------------------------------------------- groups and cells
 
 
-def group_mean(run: Trajectory, group: str) -> float:
-    """Mean u [N/m] of a group of the beam's strings."""
-    return float(measures.beam_group(run, group).mean())
-
-
-def rims_lead(run: Trajectory) -> bool:
-    """Whether the rims' mean u is more than twice that of any other group."""
-    rims = group_mean(run, "rims")
-    return all(rims > 2.0 * group_mean(run, group) for group in ("verticals", "even", "odd"))
+def drawn(run: Trajectory, axis: int) -> Array:
+    """(4, N) coordinates [m] of the nodes at the times of figure 4.8."""
+    return np.array([measures.at(run, time, run.nodes[..., axis]) for time in SNAPSHOTS])
 
 
 def spread_of_cells(run: Trajectory) -> float:

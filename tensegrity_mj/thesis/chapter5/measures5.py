@@ -3,28 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.thesis import measures
 
-# Printed in §5.5 in four digits: vector, axis, value; at the start and at the target.
-PRINTED_START = {
-    "b1": (0.4243, 0.4243, 0.8),
-    "b2": (-0.5796, 0.1553, 0.8),
-    "b3": (0.1553, -0.5796, 0.8),
-    "r2": (0.4659, 0.2690),
-    "r3": (None, 0.5379),
-}
-PRINTED_TARGET = {
-    "b1": (0.5657, 0.5657, 0.6),
-    "b2": (-0.7727, 0.2071, 0.6),
-    "b3": (0.2071, -0.7727, 0.6),
-    "r2": (0.6212, 0.3586),
-    "r3": (None, 0.7173),
-}
 SEEN = 0.02  # of a rod: the width of a drawn line
 
 
@@ -56,29 +41,16 @@ def least_norms(run: Trajectory) -> bool:
     return True
 
 
-def strings_that_pull(run: Trajectory) -> int:
-    """How many strings pull at some time."""
-    return int(np.sum(run.force_densities.max(axis=0) > measures.ACTIVE))
+def printed_off(run: Trajectory, at_the_end: bool, printed: Mapping[str, Sequence[float]]) -> float:
+    """Largest difference of the prism's start, or of its target at the end, from printed components.
 
-
-def printed_start_off(run: Trajectory) -> float:
-    """Largest difference of the prism's start from its printed components."""
-    return _off_printed(run, run.nodes[0], PRINTED_START)
-
-
-def printed_target_off(run: Trajectory) -> float:
-    """Largest difference of the prism's target from its printed components."""
-    return _off_printed(run, measures.aims(run)[-1], PRINTED_TARGET)
-
-
-def _off_printed(run: Trajectory, positions: Array, printed: dict[str, tuple[float | None, ...]]) -> float:
+    Args:
+        printed: of vectors such as "b1" and "r2"; NaN for those that are not printed.
+    """
+    positions = measures.aims(run)[-1] if at_the_end else run.nodes[0]
     parts = {"b": measures.directions(run, positions), "r": measures.points(run, positions)}
-    return max(
-        abs(float(parts[key[0]][int(key[1]) - 1, axis]) - value)
-        for key, values in printed.items()
-        for axis, value in enumerate(values)
-        if value is not None
-    )
+    off = [np.abs(parts[key[0]][int(key[1]) - 1, : len(values)] - values) for key, values in printed.items()]
+    return float(np.nanmax(np.concatenate(off)))
 
 
 def unbalanced(run: Trajectory) -> float:

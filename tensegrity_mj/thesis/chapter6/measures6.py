@@ -38,12 +38,6 @@ def candidate_in_angles_off(run: Trajectory, number: int) -> float:
     return float(np.abs(first + mixed + 0.75 * rate**2 + turning - run.lyapunov).max())
 
 
-def converges_as_third(run: Trajectory, second: Trajectory, third: Trajectory) -> bool:
-    """Whether the error falls to a tenth at a time nearer to that of the third run than to that of the second."""
-    own, two, three = (measures.time_below(one, 0.1) for one in (run, second, third))
-    return abs(own - three) < abs(own - two)
-
-
 def controls_apart(run: Trajectory, other: Trajectory) -> float:
     """RMS difference of the u from those of another run, over the RMS of these."""
     difference = np.linalg.norm(run.force_densities - other.force_densities)

@@ -27,17 +27,6 @@ def stage_turn(run: BeamRun) -> float:
     return float(np.max(np.mod(np.diff(angles), 120.0)))
 
 
-def tower_is_tensegrity(run: BeamRun) -> bool:
-    """Whether after form-finding every rod is compressed and every string taut."""
-    return bool(run.of(FORMED, "least_tension") > 0 and run.of(FORMED, "rod_forces").max() < 0)
-
-
-def extent_of_stages(run: BeamRun, after: bool, axis: int) -> float:
-    """[m] of the three stages that figure 7.6 shows here, before or after form-finding."""
-    nodes = run.of(FORMED, "nodes" if after else "before")[6 * (FIRST - 1) : 6 * (FIRST - 1 + STAGES)]
-    return float(np.ptp(nodes[:, axis]))
-
-
 # ---------------------------------------------------------------------------------------------------------- in waves
 
 
@@ -63,8 +52,3 @@ def _afloat(run: BeamRun, label: str) -> bool:
 def floats_and_repeats(run: BeamRun) -> bool:
     """Whether the tower comes to float, and its motion to repeat, in all cases."""
     return all(cyclic(run, label) < LIKE and _afloat(run, label) for label in run.values)
-
-
-def deformation_falls(run: BeamRun, axis: int) -> bool:
-    """Whether the largest D falls with stiffness (axis 0) or with prestress (1) over the grid."""
-    return bool(np.all(np.diff(grid(run), axis=axis) < 0))
