@@ -6,8 +6,10 @@ import contextlib
 import os
 import stat
 import tempfile
+import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from tensegrity_mj.basics import interrupts
 from tensegrity_mj.errors import FormatError, OptionError
@@ -77,6 +79,11 @@ def content_of(path: Path, most_bytes: int) -> bytes:
             f"{path}: the file has more than {most_bytes / 1e6:g} MB, the most that is read; make it smaller"
         )
     return content
+
+
+def table_beside(module: str) -> dict[str, Any]:
+    """What the TOML file of the same name beside a module holds, of its `__file__`: data that belongs to the module."""
+    return tomllib.loads(Path(module).with_suffix(".toml").read_text(encoding="utf-8"))
 
 
 def made_folder(path: str | os.PathLike[str]) -> Path:

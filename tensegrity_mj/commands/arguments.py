@@ -17,24 +17,24 @@ not import the enums; tests compare both.
 from __future__ import annotations
 
 import argparse
-import tomllib
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from tensegrity_mj.basics.files import table_beside
 from tensegrity_mj.commands import common, experiment
 from tensegrity_mj.controllers.table import LAWS
 from tensegrity_mj.engines.table import ENGINES
 
-SHARED = Path(__file__).with_name("shared.toml")
+SHARED = str(Path(__file__).with_name("shared"))
 Row = dict[str, Any]
 
 
 def words_of(module: ModuleType) -> dict[str, Any]:
     """What the file beside a command's module holds."""
-    return _read(Path(str(module.__file__)).with_suffix(".toml"))
+    return _read(str(module.__file__))
 
 
 def add_arguments(parser: argparse.ArgumentParser, module: ModuleType) -> None:
@@ -48,8 +48,8 @@ def add_arguments(parser: argparse.ArgumentParser, module: ModuleType) -> None:
 
 
 @cache
-def _read(path: Path) -> dict[str, Any]:
-    return tomllib.loads(path.read_text(encoding="utf-8"))
+def _read(module: str) -> dict[str, Any]:
+    return table_beside(module)
 
 
 def _expanded(rows: Sequence[Row]) -> Iterator[Row]:

@@ -7,16 +7,15 @@ import os
 import platform
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import metadata
 
+from tensegrity_mj.basics.files import table_beside
 from tensegrity_mj.commands.common import ExitCode, Outcome
 
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run every check."""
-    from dataclasses import asdict
-
     checks = examine()
     healthy = all(check.works for check in checks if check.required)
     width = max(len(check.name) for check in checks)
@@ -31,55 +30,8 @@ def execute(options: argparse.Namespace) -> Outcome:
     return Outcome(data, "\n".join(lines), ExitCode.SUCCESS if healthy else ExitCode.MISSING_LIBRARY)
 
 
-# Mesa's software renderer is in a package of its own, which libegl-mesa0 does not require everywhere.
-OPENGL_PACKAGES = "libegl1 libegl-mesa0 libgl1-mesa-dri libopengl0"
-
-
+CHECKS = table_beside(__file__)["checks"]
 PROBE_TIMEOUT = 60.0  # s; a cold start of MuJoCo on a slow disk takes a few
-
-
-# Opens OpenGL as the renderer does, then reads its name.
-_OPENGL_PROBE = """
-import importlib
-from tensegrity_mj.errors import TensegrityError
-from tensegrity_mj.pictures.opengl import Canvas, choose_backend
-try:
-    choose_backend()  # MuJoCo cannot be imported where MUJOCO_GL means nothing
-    import mujoco
-    with Canvas(mujoco.MjModel.from_xml_string("<mujoco/>"), 64, 64) as canvas:
-        kind = canvas.backend
-except TensegrityError as error:
-    raise SystemExit(str(error).replace("\\n", " "))
-context = importlib.import_module(f"mujoco.{kind}").GLContext(64, 64)
-context.make_current()
-from OpenGL import GL
-print(f"{kind}: {(GL.glGetString(GL.GL_RENDERER) or b'unnamed').decode()}")
-"""
-
-
-# Imports all that the adapter imports of dm_control, and makes a step.
-_DM_CONTROL_PROBE = """
-from importlib import metadata
-from tensegrity_mj.dm_control import TensegrityEntity, TensegrityTask, physics
-from dm_control.mujoco import Physics
-Physics.from_xml_string("<mujoco/>").step()
-print(f"{metadata.version('dm-control')}, steps a model")
-"""
-
-
-# Compiles a function anew and runs it.
-_COMPILER_PROBE = """
-import numba
-assert numba.njit(lambda x: 2 * x)(21) == 42
-print(f"numba {numba.__version__} compiles")
-"""
-
-
-# A process of its own, as a start is: where the cache writes depends on the environment.
-_CACHE_PROBE = """
-from tensegrity_mj.dynamics.native.kept import cache_folder
-print(cache_folder())
-"""
 
 
 @dataclass(frozen=True)
@@ -158,40 +110,31 @@ def check_dm_control() -> Check:
     """Whether `tensegrity_mj.dm_control` works: dm-control, what it needs, and a step beside this MuJoCo."""
     from tensegrity_mj.basics.dependencies import how_to_install, missing_for_dm_control
 
-    name, needed_for = "dm-control", "tensegrity_mj.dm_control, and nothing else"
     missing = missing_for_dm_control()
-    if missing:
-        found = f"not installed: {', '.join(missing)}"
-        return Check(name, False, found, needed_for, required=False, remedy=how_to_install(missing))
-    works, found = _run_probe(_DM_CONTROL_PROBE)
-    remedy = "python -m pip install --force-reinstall --no-deps dm-control; if MUJOCO_GL is set, unset it"
-    return Check(name, works, found, needed_for, required=False, remedy="" if works else remedy)
+    if not missing:
+        return _probed("dm_control")
+    name, needed_for = CHECKS["dm_control"]["name"], CHECKS["dm_control"]["needed_for"]
+    found = f"not installed: {', '.join(missing)}"
+    return Check(name, False, found, needed_for, required=False, remedy=how_to_install(missing))
 
 
 def check_compiler() -> Check:
     """Whether numba compiles and runs a function on this processor."""
-    works, found = _run_probe(_COMPILER_PROBE)
-    remedy = "" if works else "reinstall numba and llvmlite: python -m pip install --force-reinstall numba"
-    return Check("compiled laws", works, found, "everything", remedy=remedy)
+    return _probed("compiler")
 
 
 def check_numba_cache() -> Check:
     """Whether compiled functions can be kept between runs; without it every start compiles again."""
-    works, found = _run_probe(_CACHE_PROBE)
-    remedy = "" if works else "set NUMBA_CACHE_DIR to a folder that you may write in"
-    return Check("numba cache", works, found, "a fast start", required=False, remedy=remedy)
+    return _probed("cache")
 
 
 def check_opengl() -> Check:
     """Which OpenGL the renderer finds and opens (see `opengl.choose_backend`)."""
-    works, found = _run_probe(_OPENGL_PROBE)
-    chosen = os.environ.get("MUJOCO_GL")
-    if chosen:
-        found = f"{found} (MUJOCO_GL={chosen})"
-    remedy = f"on Debian or Ubuntu: apt-get install {OPENGL_PACKAGES}"
-    if chosen:
-        remedy = f"unset MUJOCO_GL, which allows no other kind than {chosen}; then, {remedy}"
-    return Check("off-screen OpenGL", works, found, "video", remedy="" if works else remedy)
+    check, chosen = _probed("opengl"), os.environ.get("MUJOCO_GL")
+    if not chosen:
+        return check
+    remedy = f"unset MUJOCO_GL, which allows no other kind than {chosen}; then, {check.remedy}"
+    return replace(check, found=f"{check.found} (MUJOCO_GL={chosen})", remedy="" if check.works else remedy)
 
 
 def check_ffmpeg() -> Check:
@@ -222,6 +165,14 @@ def check_display() -> Check:
             return Check("display", True, f"{name}={os.environ[name]}", "run --view", required=False)
     found = "neither DISPLAY nor WAYLAND_DISPLAY is set"
     return Check("display", False, found, "run --view", required=False, remedy=remedy)
+
+
+def _probed(key: str) -> Check:
+    """What the probe of a row of `CHECKS` finds."""
+    row = CHECKS[key]
+    works, found = _run_probe(row["probe"])
+    remedy = "" if works else row["remedy"]
+    return Check(row["name"], works, found, row["needed_for"], row.get("required", True), remedy)
 
 
 def _run_probe(code: str) -> tuple[bool, str]:

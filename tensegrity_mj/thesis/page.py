@@ -14,6 +14,7 @@ from tensegrity_mj.thesis.experiments import TITLES, EngineName
 from tensegrity_mj.thesis.ledger import Row, Verdict, value_text
 from tensegrity_mj.thesis.noticed import FORMULA, NOT_STUDIED, NOTHING, noticed
 from tensegrity_mj.thesis.statement import Class
+from tensegrity_mj.thesis.tables import FOLDER
 
 THESIS = "A. S. Wroldsen, Modelling and Control of Tensegrity Structures, NTNU 2007:190"
 # Classes of the page's rows.
@@ -90,41 +91,18 @@ def row_data(row: Row) -> dict[str, Any]:
 
 # ---------------------------------------------------------------------------------------------------------- Markdown
 
-_INTRODUCTION = """\
-# What the thesis states, and what comes out here
-
-Made by `tensegrity-mj reproduce --table docs/reproduction.md`; a test checks that it is what the code gives. The
-rows are those of `tensegrity_mj/thesis/tables/`, one TOML file a chapter.
-
-A row has a value in each engine, with as many digits as its tolerance asks for. Where forms and strength are asked
-for, statics with elastic rods takes the place of an engine, and MuJoCo, whose rods are rigid, confirms it by the
-forces of its own equations. The verdict is computed from a tolerance that is stored with the row; its reason is in
-`tensegrity-mj reproduce --json`. A row that differs has the size of its difference recorded too: a value that is
-neither accepted nor recorded is a mistake of this program until a cause is found, and the command fails.
-
-Only the classes *number* and *statement* are evidence. The pictures of the thesis were not at hand, only its text with
-captions, tables and the tick labels of the axes. The classes are:
-
-- *number*: a value that stands in the text, in a caption or in a table, and that nothing here was given;
-- *statement*: a sentence that can be true or false;
-- *axis*: our curve fits the axes of the thesis' figure. An axis ends below the next tick after its last, so a curve
-  fits where it stays below that, and the panel was made for it where it fills more than half;
-- *input*: an echo of what was put in, or true by construction of the scene, the law or the engine;
-- *calibrated*: a start, a seed or a parameter was chosen so that the figure or the sentence comes out;
-- *independent computation*: the value is from another coding of the same equations, and stands nowhere in the thesis.
-
-The last column says of each number and statement which errors it notices: by what a quantity must be wrong, 1 % or
-10 %, in one direction or the other, to change the verdict or to leave the recorded difference
-(`tensegrity-mj reproduce --sensitivity`, in one engine). Mass (of a cable: its rope's), stiffness (of strings), damping
-and geometry (all lengths but rest lengths, so that prestress changes with it) are those of the plant, of which the law
-knows nothing; gain is the law's decay rate or natural frequency. A quantity that a row does not name is not noticed, or
-its experiment has none; rows that notice nothing say so.
-"""
-
 
 def markdown(rows: Sequence[Row]) -> str:
     """The text of docs/reproduction.md."""
-    lines = [_INTRODUCTION, f"**{summary(rows)}.**", "", *_class_table(rows), "", _notices(rows), ""]
+    lines = [
+        (FOLDER / "introduction.md").read_text(encoding="utf-8"),
+        f"**{summary(rows)}.**",
+        "",
+        *_class_table(rows),
+        "",
+        _notices(rows),
+        "",
+    ]
     for chapter in sorted({row.statement.chapter for row in rows}):
         own = [row for row in rows if row.statement.chapter == chapter]
         title = f"Chapter {chapter}" if chapter.isdigit() else f"Appendix {chapter}"
@@ -224,7 +202,7 @@ def html(
             f"<figcaption>{escape(caption)}</figcaption></figure>"
         )
     parts += ["<h2>Runs</h2>", _runs(runs)]
-    return page_of("The thesis, reproduced", parts, _STYLE)
+    return page_of("The thesis, reproduced", parts, (FOLDER / "page.css").read_text(encoding="utf-8"))
 
 
 def _classes(rows: Sequence[Row]) -> str:
@@ -262,15 +240,3 @@ def write(path: Path, text: str) -> None:
     """Write a text file as a whole or not at all."""
     with replacing(path) as part:
         part.write_text(text, encoding="utf-8")
-
-
-_STYLE = """
-body { max-width: 84rem; }
-th, td { padding: .25rem .6rem; }
-tr.good td:last-child { background: #e3f4e6; color: #14532d; }
-tr.known td:last-child { background: #fdeaea; color: #7f1d1d; }
-tr.open td:last-child { background: #eef0f3; color: #3d4450; }
-tr.bad td:last-child { background: #b91c1c; color: #fff; }
-.cause { font-size: .85em; max-width: 28rem; }
-.note { border-left: 4px solid #b91c1c; padding-left: .6rem; }
-"""

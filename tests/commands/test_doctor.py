@@ -9,7 +9,7 @@ import pytest
 
 from tensegrity_mj.commands import doctor
 from tensegrity_mj.commands.doctor import (
-    OPENGL_PACKAGES,
+    CHECKS,
     check_compiler,
     check_display,
     check_ffmpeg,
@@ -19,6 +19,8 @@ from tensegrity_mj.commands.doctor import (
     examine,
 )
 from tensegrity_mj.dynamics.native import kept
+
+OPENGL_PACKAGES = CHECKS["opengl"]["remedy"].partition("apt-get install ")[2]
 
 
 def test_this_machine_has_what_simulation_needs() -> None:
@@ -76,7 +78,7 @@ def test_opengl_names_what_it_found(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_probe_that_dies_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "_OPENGL_PROBE", "import os; os.abort()")
+    monkeypatch.setitem(CHECKS["opengl"], "probe", "import os; os.abort()")
     check = check_opengl()
     assert not check.works
     assert check.found.startswith("ended with code")
@@ -131,7 +133,7 @@ def test_where_the_doctor_says_the_numba_cache_is_there_it_is(monkeypatch: pytes
         check = check_numba_cache()
         assert check.works, check.found
         assert Path(check.found) == beside
-    monkeypatch.setattr(doctor, "_CACHE_PROBE", READ_ONLY_TREE + doctor._CACHE_PROBE)
+    monkeypatch.setitem(CHECKS["cache"], "probe", READ_ONLY_TREE + CHECKS["cache"]["probe"])
     check = check_numba_cache()
     assert check.works, check.found
     assert Path(check.found).parent == tmp_path / "cache" / "tensegrity-mj"

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.basics.files import table_beside
 from tensegrity_mj.dynamics.target import target_nodes
 from tensegrity_mj.engines.reports import DECAY_WARNING
 from tensegrity_mj.model.actuation import Mode
@@ -25,15 +26,7 @@ STANDING = 0.05  # part of the way to the target that the fastest node would go 
 TREND = 0.01  # part by which a quantity must change to have a trend
 OUTCOMES = ("converged", "off target", "still moving", "mirrored", *STOPPED, "failed", "completed")
 
-# What §5.6 says of gains: (gain, quantity, sign of its change as the gain grows, in words).
-STATEMENTS = (
-    ("Z", "settling_10", 1, "slower with larger Z"),
-    ("Z", "peak_force_density", 1, "larger controls with larger Z (peak)"),
-    ("Z", "rms_force_density", 1, "larger controls with larger Z (root mean square)"),
-    ("Y", "peak_force_density", -1, "larger controls with smaller Y (peak)"),
-    ("Y", "rms_force_density", -1, "larger controls with smaller Y (root mean square)"),
-    ("Y", "settling_10", 1, "may become slower with larger Y"),
-)
+STATEMENTS = table_beside(__file__)["statements"]  # of §5.6
 
 
 def findings(setup: Setup, pairs: Sequence[tuple[Case, Mapping[str, Any]]]) -> Data:
@@ -280,6 +273,3 @@ def _differing(starts: Mapping[str, Any]) -> list[Data]:
         if len(set(outcomes.values())) > 1:
             found.append({"label": parts[0]["label"], "outcomes": outcomes})
     return found
-
-
-# ------------------------------------------------------------------------------------------------------- sentences

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from tensegrity_mj.basics.files import table_beside
 from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.studies.validation import figures
 from tensegrity_mj.studies.validation.sections import SECTIONS
@@ -17,37 +18,8 @@ Data = Mapping[str, Any]
 
 MOST_NODES = 12  # that a cell holds
 MOST_LETTERS = 30  # of a label that stays in one line
-COLUMNS = {
-    "outcome": "outcome",
-    "end_time": "ended at [s]",
-    "final_error": "final error [m]",
-    "settling_10": "settled to 10 % [s]",
-    "settling_2": "to 2 % [s]",
-    "peak_force_density": "peak u [N/m]",
-    "rms_force_density": "RMS u [N/m]",
-    "peak_tension": "peak tension [N]",
-    "peak_compression": "peak compression [N]",
-    "switching_rate": "switches [1/s]",
-    "smallest_margin": "smallest margin",
-    "node_error": "node error [m]",
-}
-USUAL = ("outcome", "end_time", "final_error", "settling_10", "peak_force_density", "smallest_margin")
-SHOWN: dict[str, tuple[str, ...]] = {
-    "sampling": ("outcome", "node_error", "final_error", "peak_force_density", "peak_tension", "switching_rate"),
-    "gains": ("outcome", "settling_10", "settling_2", "peak_force_density", "rms_force_density", "final_error"),
-    "noise": ("outcome", "end_time", "final_error", "peak_force_density", "rms_force_density", "switching_rate"),
-}
-NOTES = {
-    "sampling": "Node error: largest distance of a node from the same run of the same engine with {reference}.",
-    "gains": "All diagonal blocks X, Y or Z times a factor; combinations that are not positive definite fail.",
-    "mass": "Rods are uniform and thin: their inertia is m ℓ²/12 about the middle, and is off with the mass. The law "
-    "keeps the nominal masses.",
-    "stiffness": "The winches set L0 = L (1 - u/k) with the nominal k: a stiffer string pulls harder than asked.",
-    "noise": "Independent normal errors of every moving node, drawn at each control sample; the force density is held.",
-    "delay": "The command of an earlier control sample; the force density is held.",
-    "breaks": "From that time on the string carries nothing, and no law knows.",
-    "starts": "At rest. Map: directions b of the rod on the sphere (Mollweide's projection, centre +x, +z up).",
-}
+TABLE = table_beside(__file__)
+COLUMNS, NOTES = TABLE["columns"], TABLE["notes"]
 
 
 def write_validation_page(path: str | os.PathLike[str], data: Data) -> Path:
@@ -112,7 +84,7 @@ def _engine(section: str, engine: str, part: Data) -> Iterator[Table]:
         ]
         yield Table(title(engine), (head, "starts", "converge", "with V as promised", "outcomes"), rows)
         return
-    columns = SHOWN.get(section, USUAL)
+    columns = TABLE["shown"].get(section, TABLE["usual"])
     rows = [
         [_whole(one["label"]), _whole(one["outcome"]), *(one.get(column) for column in columns[1:]), _reason(one)]
         for one in part["rows"]
@@ -147,7 +119,7 @@ def _nominal(data: Data) -> Section:
     engines = data["nominal"]["engines"]
     runs = [one for one in engines.values() if "peaks" in one]
     heads = ["", *(title(engine) for engine, one in engines.items() if "peaks" in one)]
-    rows = [[label, *(_value(one, *keys) for one in runs)] for label, keys in _NOMINAL]
+    rows = [[label, *(_value(one, *keys) for one in runs)] for label, keys in TABLE["nominal"].items()]
     parts: list[Picture | Table] = list(figures.of_section("nominal", data))
     if runs:
         parts.append(Table("", heads, rows))
@@ -163,38 +135,6 @@ def _nominal(data: Data) -> Section:
     if runs:
         parts += list(_strings(runs[0], next(engine for engine, one in engines.items() if one is runs[0])))
     return Section("As it is meant to be", (), parts)
-
-
-_NOMINAL: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("outcome", ("outcome",)),
-    ("ended at [s]", ("end_time",)),
-    ("target error at the start [m]", ("error", "initial")),
-    ("target error at the end [m]", ("error", "final")),
-    ("its fitted rate [1/s]", ("error", "rate")),
-    ("settled to 10 % [s]", ("error", "settling_10")),
-    ("settled to 2 % [s]", ("error", "settling_2")),
-    ("promised rate of V [1/s]", ("lyapunov", "promised_rate")),
-    ("fitted rate of V [1/s]", ("lyapunov", "fitted_rate")),
-    ("largest relative error of V(0) exp(-δt)", ("lyapunov", "decay_error")),
-    ("smallest feasibility margin", ("margin", "smallest")),
-    ("at [s]", ("margin", "time")),
-    ("with this distance from the target [m]", ("margin", "target_error")),
-    ("with nodes at [m]", ("margin", "nodes")),
-    ("largest violation of an allocation", ("margin", "allocation_residual")),
-    ("peak force density [N/m]", ("peaks", "force_density")),
-    ("peak tension [N]", ("peaks", "tension")),
-    ("peak compression of a rod [N]", ("peaks", "compression")),
-    ("strings that begin or cease to pull [1/s]", ("switching", "rate")),
-    ("rest lengths <= 0", ("rest_lengths", "strings")),
-    ("limits reached", ("limits",)),
-    ("work of the winches [J]", ("winch", "done")),
-    ("work that they get back [J]", ("winch", "recovered")),
-    ("mean of |power| [W]", ("winch", "mean")),
-    ("peak power of one winch [W]", ("winch", "peak")),
-    ("peak power of all together [W]", ("winch", "peak_total")),
-    ("energy residual [J]", ("energy_residual",)),
-    ("warnings", ("warnings",)),
-)
 
 
 def _value(one: Data, *keys: str) -> Any:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.files import table_beside
 from tensegrity_mj.controllers.table import LAWS
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.table import ENGINES, option_names
@@ -18,71 +19,36 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.studies.validation import laws
 
-# Sections in their order; `nominal` is always run, since all others are judged by it.
-SECTIONS: dict[str, str] = {
-    "nominal": "convergence, margin, peaks, switching, winches",
-    "sampling": "what sampling costs",
-    "gains": "trends of the gains (§5.6)",
-    "mass": "masses and inertias that the law does not know",
-    "stiffness": "stiffnesses that the law does not know",
-    "noise": "sensor noise",
-    "delay": "delay",
-    "breaks": "a string that breaks",
-    "gravity": "gravity switched on",
-    "starts": "other initial states",
-}
-
-PERIODS = (1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4)  # s
-FACTORS = {"X": (0.8, 1.0, 1.5, 2.0), "Y": (0.25, 0.5, 1.0, 1.2), "Z": (0.8, 1.0, 2.0, 4.0)}
-RATES = (0.5, 0.75, 1.0, 1.5, 2.0)
+TABLE = table_beside(__file__)
+SECTIONS: dict[str, str] = TABLE["sections"]
+FULL = TABLE["full"]
 OFF = 0.2  # part by which masses and stiffnesses are off
-NOISE = (1e-4, 1e-3, 1e-2)  # m of positions; ten times the number in m/s of velocities
-DELAYS = tuple(range(1, 11))
-GRAVITY = (0.0981, 0.981, 9.81)  # m/s², downwards
-AMPLITUDES = (0.03, 0.1, 0.3, 0.6, 1.0)  # rad, and parts of the mean rod length
 TIGHT = {"rtol": 1e-12, "atol": 1e-13}  # of the error-controlled methods
-MANY_STRINGS = 24  # with more strings than that, so many of them break, evenly chosen
 
 UNDER_TEST = "under test"
-SIDE_BY_SIDE: dict[str, dict[str, Any]] = {
-    "Lyapunov": {"kind": "built-in", "name": "lyapunov", "options": {}},
-    "projection onto b⊥": {"kind": "built-in", "name": "projection", "options": {"onto": "current"}},
-    "projection onto b_d⊥": {"kind": "built-in", "name": "projection", "options": {"onto": "target"}},
-}
+SIDE_BY_SIDE: dict[str, dict[str, Any]] = TABLE["side_by_side"]
 
 
 @dataclass(frozen=True)
 class Extent:
     """How much is run; `quick()` is what a test can afford."""
 
-    periods: Sequence[float] = PERIODS
-    factors: Mapping[str, Sequence[float]] = field(default_factory=lambda: FACTORS)
-    rates: Sequence[float] = RATES
-    random_plants: int = 4
-    noise: Sequence[float] = NOISE
-    delays: Sequence[int] = DELAYS
-    broken: int = MANY_STRINGS
-    gravity: Sequence[float] = GRAVITY
-    map_starts: int = 100
-    amplitudes: Sequence[float] = AMPLITUDES
-    starts: int = 12  # of each amplitude
+    periods: Sequence[float] = tuple(FULL["periods"])
+    factors: Mapping[str, Sequence[float]] = field(default_factory=lambda: FULL["factors"])
+    rates: Sequence[float] = tuple(FULL["rates"])
+    random_plants: int = FULL["random_plants"]
+    noise: Sequence[float] = tuple(FULL["noise"])
+    delays: Sequence[int] = tuple(FULL["delays"])
+    broken: int = FULL["broken"]
+    gravity: Sequence[float] = tuple(FULL["gravity"])
+    map_starts: int = FULL["map_starts"]
+    amplitudes: Sequence[float] = tuple(FULL["amplitudes"])
+    starts: int = FULL["starts"]
 
     @classmethod
     def quick(cls) -> Extent:
         """A few points of each section."""
-        return cls(
-            periods=(1e-2, 1e-3),
-            factors={"Y": (0.5, 1.0), "Z": (1.0, 2.0)},
-            rates=(),
-            random_plants=1,
-            noise=(1e-3,),
-            delays=(1, 10),
-            broken=2,
-            gravity=(0.0981,),
-            map_starts=6,
-            amplitudes=(0.1, 0.6),
-            starts=2,
-        )
+        return cls(**TABLE["quick"])
 
 
 @dataclass(frozen=True)
