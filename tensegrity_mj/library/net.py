@@ -14,7 +14,7 @@ from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cable import GRAVITY, ROPE_ELEMENT_MASS, ROPE_RADIUS
 from tensegrity_mj.library.cross import THESIS
-from tensegrity_mj.library.hanging import hang
+from tensegrity_mj.library.hanging import hung
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.members import Rod, Support
 from tensegrity_mj.model.scene import Scene
@@ -96,8 +96,6 @@ class Net:
                     rods[f"y{i}_{j}"] = (row_of(i, j), row_of(i, j + 1))
         columns = range(along + 1) if edges else (0, along)
         fixed = [row_of(i, j) for i in (0, across) for j in columns]
-        pairs, count = list(rods.values()), len(rods)
-        shape = hang(guess, pairs, np.full(count, self.spacing), np.full(count, self.rod_mass), fixed, self.gravity)
         names = [f"n{i}_{j}" for i in range(across + 1) for j in range(along + 1)]
         supports: dict[str, Support] = {}
         for row in fixed:  # one rod for each node that is held, one that holds no other
@@ -105,7 +103,7 @@ class Net:
             supports[rod] = Support.pinned(float(rods[rod][1] == row))
         structure = Structure(
             name=self.name,
-            nodes={key: (float(x), float(y), float(z)) for key, (x, y, z) in zip(names, shape.nodes, strict=True)},
+            nodes={key: (float(x), float(y), float(z)) for key, (x, y, z) in zip(names, guess, strict=True)},
             rods=tuple(
                 Rod(key, (names[i], names[j]), self.rod_mass, ROPE_RADIUS, supports.get(key, Support.free(0.0)))
                 for key, (i, j) in rods.items()
@@ -113,7 +111,7 @@ class Net:
         )
         middle = names[row_of(across // 2, along // 2)]
         return Scene(
-            structure,
+            hung(structure, self.spacing, self.gravity),
             name=self.name,
             source=f"our own; rods like those of the cable of {THESIS}, section 3.3, pages 66-69",
             gravity=(0.0, 0.0, -self.gravity),

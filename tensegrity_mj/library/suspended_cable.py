@@ -14,7 +14,7 @@ from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cable import GRAVITY, ROPE_LENGTH, ROPE_RADIUS, RopeMass
 from tensegrity_mj.library.cross import THESIS
-from tensegrity_mj.library.hanging import hang
+from tensegrity_mj.library.hanging import hung
 from tensegrity_mj.model.members import Rod, Support
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.scene import Scene
@@ -84,15 +84,6 @@ class SuspendedCable:
                 "come to be apart"
             )
         guess = catenary(self.span, self.rise, self.length, count)
-        pairs = [(k, k + 1) for k in range(count)]
-        shape = hang(
-            guess,
-            pairs,
-            np.full(count, self.length / count),
-            np.full(count, self.mass / count),
-            (0, count),
-            self.gravity,
-        )
         motions: tuple[Motion, ...] = ()
         if size:
             hertz = positive("suspended_cable: frequency", self.frequency, "Hz")
@@ -100,7 +91,7 @@ class SuspendedCable:
         held = {0: Support.pinned(0.0), count - 1: Support.pinned(1.0)}
         structure = Structure(
             name=self.name,
-            nodes={f"n{k}": (float(x), 0.0, float(z)) for k, (x, _, z) in enumerate(shape.nodes)},
+            nodes={f"n{k}": (float(x), 0.0, float(z)) for k, (x, _, z) in enumerate(guess)},
             rods=tuple(
                 Rod(
                     f"rod{k + 1}",
@@ -113,7 +104,7 @@ class SuspendedCable:
             ),
         )
         return Scene(
-            structure,
+            hung(structure, self.length / count, self.gravity),
             name=self.name,
             source=f"our own; the rope of {THESIS}, section 3.3, pages 66-69",
             gravity=(0.0, 0.0, -self.gravity),
