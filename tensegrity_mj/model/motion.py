@@ -217,7 +217,7 @@ class Motion:
         if self.velocities:
             states = np.stack([self.displacements, self.velocities, self.accelerations], axis=1)
         else:
-            states = _spline_states(spans, np.array(self.displacements))
+            states = _spline_states(np.array(self.times), np.array(self.displacements))
         scales = spans[:, None] ** np.arange(6)
         ends = np.concatenate([states[:-1] * scales[:, :3, None], states[1:] * scales[:, :3, None]], axis=1)
         return np.asarray(np.einsum("ij,kjx->kix", HERMITE, ends) / scales[:, :, None])
@@ -243,50 +243,18 @@ def _hermite() -> Array:
 HERMITE = _hermite()
 
 
-def _bending() -> Array:
-    """(6, 6): ∫ (d''')² over [0, 1] as a quadratic form of d, d', d'' at 0 and at 1."""
-    third = np.array([[6.0, 0, 0], [0, 24.0, 0], [0, 0, 60.0]]) @ HERMITE[3:]
-    moments = 1.0 / (1.0 + np.add.outer(np.arange(3), np.arange(3)))
-    return np.asarray(third.T @ moments @ third)
+def _spline_states(times: Array, displacements: Array) -> Array:
+    """d, ḋ, d̈ (T, 3, 3) at the data's times of the quintic spline that is at rest at both ends; or NaN."""
+    from scipy.interpolate import make_interp_spline
 
-
-def _spline_states(spans: Array, displacements: Array) -> Array:
-    """d, ḋ, d̈ (T, 3, 3) at the data's times of the quintic spline that is at rest at both ends.
-
-    It is the motion through the data whose ∫ (d''')² dt is least, which makes its third and fourth derivatives
-    continuous. The minimum is that of a positive definite form in ḋ and d̈, block-tridiagonal with 2 x 2 blocks.
-    """
-    states = np.zeros((len(displacements), 3, 3))
+    states, at_rest = np.zeros((len(displacements), 3, 3)), [(1, np.zeros(3)), (2, np.zeros(3))]
     states[:, 0] = displacements
-    inner = len(displacements) - 2
-    if inner <= 0:
-        return states
-    form = _bending()
-    scale = np.stack([np.ones_like(spans), spans, spans**2], axis=1)
-    scale = np.concatenate([scale, scale], axis=1)
-    blocks = form * scale[:, :, None] * scale[:, None, :] / spans[:, None, None] ** 5
-    # A rate times a typical span, so that blocks compare.
-    unit = np.exp(np.mean(np.log(spans)))
-    units = np.array([1.0, 1 / unit, 1 / unit**2])
-    units = np.concatenate([units, units])
-    blocks = blocks * np.outer(units, units) * unit**5
-    diagonal = blocks[:-1, 4:, 4:] + blocks[1:, 1:3, 1:3]
-    beyond = blocks[1:, 1:3, 4:]
-    d = displacements
-    right = -(
-        blocks[:-1, 4:, 0, None] * d[:-2, None]
-        + (blocks[:-1, 4:, 3, None] + blocks[1:, 1:3, 0, None]) * d[1:-1, None]
-        + blocks[1:, 1:3, 3, None] * d[2:, None]
-    )
-    for k in range(1, inner):
-        factor = np.linalg.solve(diagonal[k - 1], beyond[k - 1]).T
-        diagonal[k] -= factor @ beyond[k - 1]
-        right[k] -= factor @ right[k - 1]
-    for k in reversed(range(inner)):
-        known = right[k] if k == inner - 1 else right[k] - beyond[k] @ states[k + 2, 1:]
-        states[k + 1, 1:] = np.linalg.solve(diagonal[k], known)
-    states[1:-1, 1] /= unit
-    states[1:-1, 2] /= unit**2
+    try:
+        spline = make_interp_spline(times, displacements, k=5, bc_type=(at_rest, at_rest))
+    except (ValueError, np.linalg.LinAlgError):  # of times so near to each other that there is none
+        return states * np.nan
+    for order in (1, 2):
+        states[1:-1, order] = spline(times[1:-1], order)
     return states
 
 

@@ -1,4 +1,4 @@
-"""What follows from the ends of uniform thin rods: direction, energy, momentum, and the multiplier of rigidity.
+"""What follows from the ends of uniform thin rods: direction, energy, and the multiplier of rigidity.
 
 Every function takes node positions and velocities (..., N, 3) in the world frame, SI units.
 """

@@ -282,15 +282,6 @@ class Structure:
                 values.append(length * (1.0 - (s.force_density or 0.0) / s.stiffness))
         return _readonly(np.array(values, float))
 
-    @cached_property
-    def connectivity(self) -> Array:
-        """C (M, N) of (2.57): -1 where a string starts, +1 where it ends."""
-        matrix = np.zeros((len(self.strings), len(self.nodes)))
-        rows = np.arange(len(self.strings))
-        matrix[rows, self.string_nodes[:, 0]] = -1.0
-        matrix[rows, self.string_nodes[:, 1]] = 1.0
-        return _readonly(matrix)
-
     def string_lengths(self, nodes: Array) -> Array:
         """‖s‖ [m] of every string for node positions (..., N, 3); shape (..., M)."""
         pairs = self.string_nodes

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.basics.checks import real_array
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.members import Vector
@@ -153,38 +153,28 @@ def _solve(G: sparse.csr_array, values: Array) -> tuple[sparse.csr_array, Array]
     """An orthonormal basis (n, q) of the x with G x = 0, and the smallest x with G x = values, block by block."""
     n = G.shape[1]
     moved = np.zeros(n)
-    count, labels = connected_components(G.T @ G, directed=False) if G.shape[0] else (n, np.arange(n))
-    members: list[list[int]] = [[] for _ in range(count)]
-    for column, label in enumerate(labels):
-        members[label].append(column)
-    touched = np.zeros(n, bool)
-    touched[G.indices] = True
-    by_row = np.full(G.shape[0], -1)
-    for row in range(G.shape[0]):
-        by_row[row] = labels[G.indices[G.indptr[row]]]
-    rows_of: dict[int, list[int]] = {}
-    for row, label in enumerate(by_row):
-        rows_of.setdefault(int(label), []).append(row)
-    r: list[int] = []
-    c: list[int] = []
-    v: list[float] = []
+    pattern = abs(G)  # of which no products cancel: rows may be orthogonal to each other
+    count, labels = connected_components(pattern.T @ pattern, directed=False) if G.shape[0] else (n, np.arange(n))
+    blocks = zip(_grouped(labels, count), _grouped(labels[G.indices[G.indptr[:-1]]], count), strict=True)
+    entries: list[tuple[Array, Array, Array]] = [(np.zeros(0), np.zeros(0, int), np.zeros(0, int))]
     q = 0
-    for label, columns in enumerate(members):
-        if label not in rows_of:
-            for column in columns:
-                r, c, v, q = [*r, column], [*c, q], [*v, 1.0], q + 1
-            continue
-        dense = G[rows_of[label]][:, columns].toarray()
+    for columns, rows in blocks:
+        dense = G[rows][:, columns].toarray() if len(rows) else np.zeros((0, len(columns)))
         left, singular, right = np.linalg.svd(dense)
-        rank = int(np.sum(singular > RANK * singular[0]))
-        wanted = left[:, :rank].T @ values[rows_of[label]]
-        moved[columns] = right[:rank].T @ (wanted / singular[:rank])
-        for direction in right[rank:]:
-            r, c, v = r + columns, c + [q] * len(columns), v + direction.tolist()
-            q += 1
-    Z = sparse.csr_array((np.array(v, float), (np.array(r, int), np.array(c, int))), shape=(n, q))
+        rank = int(np.sum(singular > RANK * singular.max(initial=0.0)))
+        moved[columns] = right[:rank].T @ (left[:, :rank].T @ values[rows] / singular[:rank])
+        free = right[rank:]
+        entries.append((free.ravel(), np.tile(columns, len(free)), np.repeat(q + np.arange(len(free)), len(columns))))
+        q += len(free)
+    v, r, c = (np.concatenate(part) for part in zip(*entries, strict=True))
+    Z = sparse.csr_array((v, (r, c)), shape=(n, q))
     Z.eliminate_zeros()
     return Z, moved
+
+
+def _grouped(labels: IntArray, count: int) -> list[IntArray]:
+    """Which rows have each of the labels, from 0 on."""
+    return np.split(np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels, minlength=count))[:-1])
 
 
 def _is_numbers(value: Any) -> bool:

@@ -11,14 +11,13 @@ from scipy.sparse.linalg import LinearOperator, MatrixRankWarning, eigsh, splu
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.statics.linearized import Linearized
-from tensegrity_mj.statics.model import StaticModel
+from tensegrity_mj.statics.model import RANK, StaticModel
 
 DENSE = 1800  # free coordinates up to which eigenvalues are found by dense matrices
 # Redundant rods make the equations singular. So little compliance, relative to the stiffest string, makes them regular;
 # it acts on changes of forces only (a proximal point), so that it leaves no error behind.
 PROXIMAL = 1e-8
 RIDGE = 1e-14
-RANK = 1e-9
 PROJECTIONS = 30
 
 
@@ -45,7 +44,7 @@ def proximal(model: StaticModel) -> float:
 
 
 def rod_forces(model: StaticModel, x: Array, gradient: Array) -> Array:
-    """N (R,) [N]: of elastic rods by their lengths, of rigid ones those that leave the least of Zᵀ (∇Π + Cᵀ N)."""
+    """N (R,) [N]: of elastic rods by their lengths, of rigid ones the least that leave the least of Zᵀ (∇Π + Cᵀ N)."""
     forces = model.rod_forces_from_lengths(x, np.zeros(len(model.rod_lengths)))
     rigid = np.flatnonzero(model.compliance == 0)
     if not len(rigid):
@@ -60,7 +59,21 @@ def rod_forces(model: StaticModel, x: Array, gradient: Array) -> Array:
     for _ in range(3):  # refined: normal equations lose digits
         found -= factors.solve(C @ (left + C.T @ found))
     forces[rigid] = found
-    return forces
+    return least_forces(model, x, forces)
+
+
+def least_forces(model: StaticModel, x: Array, forces: Array) -> Array:
+    """N (R,) [N] without the rigid rods' own states of self-stress: of all that push alike, the least sum of squares.
+
+    Regularized equations make any multiple of round-off of these states, which nothing determines.
+    """
+    if not model.has_redundant_rods:
+        return forces
+    rigid, least = np.flatnonzero(model.compliance == 0), np.array(forces)
+    stresses, size, _ = np.linalg.svd((model.rod_slopes(x)[rigid] @ model.boundary.Z).toarray())
+    own = stresses[:, int(np.sum(size > RANK * size.max(initial=0.0))) :]
+    least[rigid] -= own @ (own.T @ least[rigid])
+    return least
 
 
 def projected(model: StaticModel, x: Array, lengths: Array) -> Array | None:

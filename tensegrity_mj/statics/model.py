@@ -27,12 +27,15 @@ from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.model.elements.element import Element, Work, energy_of, forces_of, slopes_of
 from tensegrity_mj.model.elements.resistance import bending_joints
+from tensegrity_mj.model.redundancy import MOST_RODS
 from tensegrity_mj.model.rigidity import Members, members_at, spans_at
 from tensegrity_mj.model.rods import lumped_masses
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import elastic_tension
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics.boundary import Boundary, Hold
+
+RANK = 1e-9  # of the largest singular value
 
 
 class Rods(enum.Enum):
@@ -171,6 +174,15 @@ class StaticModel:
     def boundary(self) -> Boundary:
         """Supports and holds."""
         return Boundary.of(self.structure, self.holds)
+
+    @cached_property
+    def has_redundant_rods(self) -> bool:
+        """Whether rigid rods have states of self-stress at the start; of more than `MOST_RODS` it is not looked at."""
+        rigid = np.flatnonzero(self.compliance == 0)
+        if not 0 < len(rigid) <= MOST_RODS:
+            return False
+        slopes = (self.rod_slopes(self.start.ravel())[rigid] @ self.boundary.Z).toarray()
+        return int(np.linalg.matrix_rank(slopes, rtol=RANK)) < len(rigid)
 
     @cached_property
     def _element_diagonal(self) -> Array:

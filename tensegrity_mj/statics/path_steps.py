@@ -156,7 +156,8 @@ class Walk:
             first = max(first, size)
             spent = used > 2 and size <= 1e3 * rough and off <= 1e-12 and size >= 0.3 * best
             if spent or (size <= rough and off <= 1e-14):
-                return StaticState(model, x.reshape(-1, 3).copy(), forces.copy(), s, used), at, effort
+                least = linear_systems.least_forces(model, x, forces.copy())
+                return StaticState(model, x.reshape(-1, 3).copy(), least, s, used), at, effort
             if not np.isfinite(size) or off > 1.0:
                 return None
             best = min(best, size)

@@ -76,7 +76,9 @@ def relax(
             lengthened = target - (model.rod_lengths + model.compliance * forces)
             settled = float(np.abs(lengthened).max(initial=0.0)) <= 1e-13 * model.scale[0]
             if size <= max(part * _largest(model, x, forces, parameter), 4 * rough) and settled:
-                return StaticState(model, x.reshape(-1, 3).copy(), _forces(model, x, forces), parameter, taken)
+                return StaticState(
+                    model, x.reshape(-1, 3).copy(), linear_systems.rod_forces(model, x, gradient), parameter, taken
+                )
             first = max(first, size)
             if bar is not None and taken % 50 == 0:
                 bar.n = round(max(0.0, float(np.log10(first / size))), 1)
@@ -126,10 +128,6 @@ def _largest(model: StaticModel, x: Array, forces: Array, parameter: float) -> f
     tension = model.tensions(model.strings(x).lengths)
     parts = (tension, np.abs(forces), np.abs(model.external(parameter)))
     return max(float(part.max(initial=0.0)) for part in parts)
-
-
-def _forces(model: StaticModel, x: Array, forces: Array) -> Array:
-    return np.where(model.compliance > 0, model.rod_forces_from_lengths(x, forces), forces)
 
 
 def _bar(progress: bool, name: str):  # type: ignore[no-untyped-def]

@@ -139,33 +139,6 @@ def prestress(
     return u
 
 
-def with_prestress(
-    structure: Structure,
-    level: float = 1.0,
-    gravity: ArrayLike | None = None,
-    loads: ArrayLike | None = None,
-    slack: Sequence[str] = (),
-) -> Structure:
-    """A copy whose strings' force densities hold its reference nodes in equilibrium, see `prestress`.
-
-    The `slack` strings become just taut, without tension.
-
-    Raises:
-        InfeasibleError: if there is no such state.
-        OptionError: as `prestress`, or if the level needs a string to start from no rest length (u >= k).
-    """
-    u = prestress(structure, level, gravity=gravity, loads=loads, slack=slack)
-    use = u / structure.stiffness
-    if np.any(use >= 1.0):
-        worst = int(np.argmax(use))
-        raise OptionError(
-            f"level = {level} N/m gives string '{structure.strings[worst].name}' a force density of "
-            f"{u[worst]:.6g} N/m, but its stiffness is {structure.stiffness[worst]:.6g} N/m: its rest length would "
-            "not be positive; choose a lower level or stiffer strings"
-        )
-    return structure.with_strings(force_density=u)
-
-
 def _least_distance(matrix: Array, lower: Array) -> Array | None:
     """The shortest x with matrix @ x >= lower, or None if there is none.
 

@@ -28,8 +28,8 @@ class StaticState:
     Attributes:
         model: the problem that it solves.
         nodes: (N, 3) [m].
-        rod_forces: (R,) [N] axial forces, negative in compression. Where rigid rods are redundant, they are
-            determined up to the rods' own states of self-stress only; these are small ones.
+        rod_forces: (R,) [N] axial forces, negative in compression. Where rigid rods are redundant, nothing determines
+            their own states of self-stress: these are the forces of least sum of squares, which have none of them.
         parameter: of the path that it is on: what further loads and holds' displacements are multiplied by.
         iterations: how many it took.
     """

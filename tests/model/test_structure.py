@@ -412,13 +412,6 @@ def test_with_strings_replaces_the_prestress_that_was_there() -> None:
         structure.with_strings(tension=[1.0, 2.0])
 
 
-def test_connectivity_gives_the_string_vectors() -> None:
-    structure = build()
-    vectors = structure.connectivity @ structure.positions
-    np.testing.assert_array_equal(vectors[0], [2.0, 0.0, 0.0])
-    np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), structure.string_lengths(structure.positions))
-
-
 @settings(derandomize=True, max_examples=50, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_string_rates_are_the_slopes_of_the_lengths(seed: int) -> None:

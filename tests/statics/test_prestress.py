@@ -32,7 +32,7 @@ from tensegrity_mj.model.rigidity import (
 )
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.statics.self_stress import prestress, self_stress, with_prestress
+from tensegrity_mj.statics.self_stress import prestress, self_stress
 
 Array = NDArray[np.float64]
 GRAVITY = (0.0, 0.0, -9.81)
@@ -543,23 +543,25 @@ def test_names_and_shapes_that_do_not_fit() -> None:
 # Structures with it -------------------------------------------------------------------------------------
 
 
-def test_with_prestress_holds_the_structure() -> None:
-    tight = with_prestress(free_prism(), 2.0)
+def test_prestress_holds_the_structure() -> None:
+    tight = free_prism().with_strings(force_density=prestress(free_prism(), 2.0))
     lengths = tight.string_lengths(tight.positions)
     u = string_law.force_density(tight.stiffness, lengths, tight.rest_lengths)
     # L0 = L (1 - u/k) is rounded: u to eps k = 2e-14 N/m.
     assert u.min() == pytest.approx(2.0, abs=1e-13)
     assert np.abs(equilibrium_residual(tight, None, u)).max() < 1e-12
     scene = load_scene("prism")
-    again = with_prestress(scene.structure, 0.05, slack=("s2", "s7", "s10"))
+    u = prestress(scene.structure, 0.05, slack=("s2", "s7", "s10"))
+    again = scene.structure.with_strings(force_density=u)
     np.testing.assert_allclose(again.rest_lengths, scene.structure.rest_lengths, rtol=1e-14)
 
 
-def test_with_prestress_refuses_a_level_that_strings_cannot_have() -> None:
+def test_a_structure_refuses_a_level_that_strings_cannot_have() -> None:
+    prism = free_prism()
     # Verticals get √3 times the level: 100 N/m of stiffness are used up at 57.7 N/m.
-    assert with_prestress(free_prism(), 57.7).rest_lengths.min() > 0
-    with pytest.raises(OptionError, match=r"'s[789]' a force density of 100\.\d+ N/m, but its stiffness is 100 N/m"):
-        with_prestress(free_prism(), 57.8)
+    assert prism.with_strings(force_density=prestress(prism, 57.7)).rest_lengths.min() > 0
+    with pytest.raises(StructureError, match=r"'s[789]': force_density = 100\.\d+ N/m leaves it a rest length of"):
+        prism.with_strings(force_density=prestress(prism, 57.8))
 
 
 def test_equilibrium_of_a_target_without_gravity() -> None:

@@ -8,17 +8,19 @@ import numpy as np
 import pytest
 from linked_scenes import random_tree
 from numpy.typing import NDArray
+from scipy.linalg import null_space
 
 import tensegrity_mj as tmj
-from tensegrity_mj.library.random_structures import random_scene, random_structure
+from tensegrity_mj.library.random_structures import moved, random_scene, random_structure
 from tensegrity_mj.library.tower import tower
+from tensegrity_mj.library.truss_arm import truss_arm
 from tensegrity_mj.linearization.differences import central, reach_of
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
 from tensegrity_mj.model.rigidity import equilibrium_residual, free_motions
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.statics import Hold, Rods, StaticModel, StaticState, find_equilibrium, linear_systems
+from tensegrity_mj.statics import Hold, Rods, StaticModel, StaticState, find_equilibrium, follow, linear_systems, relax
 
 Array = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
@@ -275,6 +277,41 @@ def test_loads_on_what_is_held_do_no_harm() -> None:
     assert np.abs(plain.nodes - loaded.nodes).max() < 1e-12
     assert np.abs(loaded.reactions[0] - plain.reactions[0] + [5.0, 0, 0]).max() < 1e-11
     assert abs(plain.lowest_stiffness - loaded.lowest_stiffness) < 1e-9
+
+
+def test_forces_of_redundant_rods_are_the_least() -> None:
+    """The brace of the truss has one rod too many: one state of self-stress of its rods, which nothing determines."""
+    scene = truss_arm()
+    structure = scene.structure
+    turned = np.array([[0.8, 0.0, -0.6], [0.0, 1.0, 0.0], [0.6, 0.0, 0.8]])
+    rotated = moved(structure, turned, np.array([3.0, -2.0, 5.0]))
+    loads = np.zeros((len(structure.nodes), 3))
+    loads[-1, 2] = -20.0
+    down = tuple((turned @ np.array(scene.gravity)).tolist())
+    states = [
+        find_equilibrium(scene),
+        relax(scene),
+        find_equilibrium(Scene(rotated, gravity=down)),
+        follow(StaticModel.of(scene, loads=loads), points=10).states[-1],
+        find_equilibrium(StaticModel.of(scene, loads=loads)),
+    ]
+    for state in states:
+        # Columns: what 1 N of each rod does to the joints that the wall does not hold, in the plane of the truss.
+        pairs, nodes = structure.rod_nodes, state.nodes
+        b = (nodes[pairs[:, 1]] - nodes[pairs[:, 0]]) / structure.rod_lengths[:, None]
+        pushes = np.zeros((len(nodes), 3, len(pairs)))
+        for row, (i, j) in enumerate(pairs):
+            pushes[i, :, row], pushes[j, :, row] = b[row], -b[row]
+        free = [structure.node_index[name] for name in structure.nodes if name not in ("b0", "t0")]
+        own = null_space(pushes[free].reshape(-1, len(pairs)), rcond=1e-9)
+        assert own.shape[1] == 1
+        # Two null vectors of one matrix, each off by round-off over the gap of its singular values, some 1e-14.
+        assert abs(float(own[:, 0] @ state.rod_forces)) < 1e-11 * np.linalg.norm(state.rod_forces)
+    # What is determined then is all: the same whatever way it is found. Newton's forces are off by 1e-9 of the largest.
+    largest = np.abs(states[0].rod_forces).max()
+    for other in states[1:3]:
+        np.testing.assert_allclose(other.rod_forces, states[0].rod_forces, atol=1e-8 * largest)
+    np.testing.assert_allclose(states[3].rod_forces, states[4].rod_forces, atol=1e-8 * largest)
 
 
 @pytest.mark.parametrize("name", ["tbar", "dbar", "truss_arm", "net", "prism"])

@@ -22,7 +22,7 @@ from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.statics.equilibrium import find_equilibrium
-from tensegrity_mj.statics.self_stress import with_prestress
+from tensegrity_mj.statics.self_stress import prestress
 from tensegrity_mj.statics.strength import (
     Criterion,
     MemberLoads,
@@ -219,7 +219,8 @@ def test_a_state_of_equilibrium() -> None:
     nodes += [[radius * math.cos(a + math.pi / 6), radius * math.sin(a + math.pi / 6), height] for a in angles]
     cords = [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)]
     prism = Structure.from_arrays(nodes, [(0, 4), (1, 5), (2, 3)], cords, rod_mass=1.0, stiffness=100.0)
-    prism = with_prestress(prism, 2.0).with_sections(Section.solid(0.001, 7e10, 1e8)).with_strings(strength=1.9)
+    prism = prism.with_strings(force_density=prestress(prism, 2.0), strength=1.9)
+    prism = prism.with_sections(Section.solid(0.001, 7e10, 1e8))
     check = check_state(find_equilibrium(Scene(prism)))
     u = prism.stiffness * (1 - prism.rest_lengths / prism.string_lengths(prism.positions))
     # Newton stops at forces of round-off, some 1e-13 N of the 2 N here over the softest stiffness of the prism.
