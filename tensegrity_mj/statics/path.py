@@ -28,9 +28,8 @@ from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import InfeasibleError, OptionError, printable
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.boundary import Hold
-from tensegrity_mj.statics.model import StaticModel
+from tensegrity_mj.statics.model import RANK, StaticModel
 from tensegrity_mj.statics.path_criticals import Critical as Critical
 from tensegrity_mj.statics.path_criticals import Kind as Kind
 from tensegrity_mj.statics.path_criticals import crossings, hides
@@ -290,7 +289,7 @@ def _reaction_change(state: StaticState, dx: Array, ds: float) -> Array:
     rigid = np.flatnonzero(~elastic)
     if len(rigid):
         left = Z.T @ (moved + slopes.T @ change)
-        change[rigid] = np.linalg.lstsq(C[rigid].T.toarray(), -left, rcond=linear_systems.RANK)[0]
+        change[rigid] = np.linalg.lstsq(C[rigid].T.toarray(), -left, rcond=RANK)[0]
     return moved + slopes.T @ change
 
 
