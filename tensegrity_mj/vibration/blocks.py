@@ -49,8 +49,9 @@ class Assembly:
     """Matrices (n, n) of sums over strings of Xᵀ W X, with W (M, 3, 3), and of blocks."""
 
     def __init__(self, structure: Structure, bodies: Bodies, turned: Array, joints: Joints | None) -> None:
-        self.i, self.j = structure.string_nodes.T
-        self.body, self.turned, self.B, self.joints = bodies.body, turned, len(bodies.mass), joints
+        self.B, self.joints = len(bodies.mass), joints
+        ends = [(p, turned[k], bodies.body[k]) for p, k in zip((1.0, -1.0), structure.string_nodes.T, strict=True)]
+        self._pairs = [(p * q * np.swapaxes(X, 1, 2), Y, a, b) for p, X, a in ends for q, Y, b in ends]
 
     def sum(self, blocks: Blocks) -> Any:
         """The matrix of blocks of bodies."""
@@ -58,19 +59,13 @@ class Assembly:
 
     def __call__(self, weights: Array, blocks: Blocks | None = None, between: bool = True) -> Any:
         """The matrix, with blocks added; `between` bodies there is nothing of strings without that."""
-        parts, rows, columns = [], [], []
-        for p, a in ((1.0, self.i), (-1.0, self.j)):
-            for q, b in ((1.0, self.i), (-1.0, self.j)):
-                if a is not b and not between:
-                    continue
-                parts.append(p * q * np.swapaxes(self.turned[a], 1, 2) @ weights @ self.turned[b])
-                rows.append(self.body[a])
-                columns.append(self.body[b])
+        pairs = self._pairs if between else self._pairs[::3]  # of each end with itself
+        found = [(X @ weights @ Y, rows, columns) for X, Y, rows, columns in pairs if weights.any()]
         if blocks is not None:
-            parts.append(blocks.values)
-            rows.append(blocks.rows)
-            columns.append(blocks.columns)
-        return self._matrix(np.concatenate(parts), np.concatenate(rows), np.concatenate(columns))
+            found.append((blocks.values, blocks.rows, blocks.columns))
+        if not found:
+            found.append((np.zeros((0, SLOTS, SLOTS)), np.zeros(0, np.int64), np.zeros(0, np.int64)))
+        return self._matrix(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
     def _matrix(self, values: Array, row: IntArray, column: IntArray) -> Any:
         if is_dense(self.B):

@@ -14,7 +14,9 @@ from tensegrity_mj.vibration.geometric import geometric_of_rods
 from tensegrity_mj.vibration.state import State
 from tensegrity_mj.vibration.stepping import Scheme
 
-HALF_DISC = 2.6  # |z| within which Runge-Kutta's R(z) <= 1 for all Re z <= 0 (its smallest radius there is 2.615)
+# |z| within which Runge-Kutta's |R(z)| <= 1 for all Re z <= 0 (its smallest radius there is 2.615), and <= e^(2 Re z)
+# for all others: R(z) e^(-2z) is largest on the edge of a half disc, and at most 1 on the imaginary axis up to 2.828.
+HALF_DISC = 2.6
 
 
 class Bounds(NamedTuple):
@@ -35,7 +37,8 @@ class Bounds(NamedTuple):
         whole, all_dampers = self.material + self.rest, self.damper + self.other
         match scheme:
             case Scheme.RUNGE_KUTTA:
-                fastest = 0.5 * (all_dampers + math.sqrt(all_dampers**2 + 4 * whole))  # of |λ|² <= d |λ| + k
+                # Of |λ|² <= d |λ| + k.
+                fastest = 0.5 * (all_dampers + math.sqrt(all_dampers * all_dampers + 4 * whole))
                 return HALF_DISC / fastest if fastest > 0 else math.inf
             case Scheme.SEMI_IMPLICIT:
                 return _explicit_bound(whole, all_dampers)

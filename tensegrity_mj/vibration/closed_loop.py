@@ -9,6 +9,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, Command, NativeLaw
+from tensegrity_mj.dynamics.native.pointers import address_of
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.scene import Scene
@@ -17,50 +18,47 @@ from tensegrity_mj.vibration.bodies import SLOTS, Bodies
 from tensegrity_mj.vibration.small_motions import LawDerivative, Vibration, vibration
 
 LAW_STEP = 1e-5  # of the structure's size: a central difference's error is its square
+_WAYS = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])  # ahead and behind, of nodes and of velocities
 
 
 class AskedLaw:
     """A law's commands as a function of the state, and their derivative."""
 
     def __init__(self, scene: Scene, native: NativeLaw) -> None:
-        from tensegrity_mj.dynamics.native.asking import ask_at_nodes  # compiled functions: only where a law is asked
+        from tensegrity_mj.dynamics.native.asking import ask_at_states  # compiled functions: only where a law is asked
         from tensegrity_mj.dynamics.native.plant import Plant
-        from tensegrity_mj.dynamics.native.slots import COMMAND, NODES, STATUS, VELOCITIES
 
-        self.native = native
-        self._plant = plant = Plant(scene, native, Actuation.continuous(), OnInfeasible.STOP)
-        self._nodes, self._velocities, self._command = plant[NODES], plant[VELOCITIES], plant[COMMAND]
-        self._ask, self._status = ask_at_nodes, STATUS
+        self.native, self._ask = native, ask_at_states
+        self._plant = Plant(scene, native, Actuation.continuous(), OnInfeasible.STOP)
 
-    def __call__(self, time: float, nodes: Array, velocities: Array) -> Array:
-        """(M,) force densities [N/m] or rest lengths [m].
+    def __call__(self, time: float, states: Array) -> Array:
+        """(K, M) force densities [N/m] or rest lengths [m] at states (K, 2, N, 3), nodes and velocities.
 
         Raises:
-            InfeasibleError, ControllerError: what the law says there.
+            InfeasibleError, ControllerError: what the law says at the first where it has none.
         """
-        table = self._plant.table
-        self._nodes[:], self._velocities[:] = nodes, velocities
-        status = int(self._ask(self._plant.address, time))
-        self._plant.raise_if_failed(max(status, int(table[self._status])), time)
+        states, plant = np.ascontiguousarray(states), self._plant
+        commands = np.empty((len(states), len(plant.scene.structure.strings)))
+        status = int(self._ask(plant.address, time, len(states), address_of(states), address_of(commands)))
+        plant.raise_if_failed(status, time)
         if status == NO_SOLUTION:
-            raise InfeasibleError(self._plant.infeasible_message(time))
-        return np.array(self._command)
+            raise InfeasibleError(plant.infeasible_message(time))
+        return commands
 
     def derivative(self, model: Vibration, velocities: Array, time: float) -> LawDerivative:
         """Its part of K and D at the state of a model, by central differences."""
         n, nodes = model.size, model.nodes
-        at, values = np.zeros((len(model.taut), n)), np.zeros((len(model.taut), n))
         size = float(np.ptp(nodes, axis=0).max(initial=0.0)) or 1.0
-        units = np.zeros((n, *nodes.shape))
-        for k in range(n):
-            units[k] = model.motion(model.project(np.eye(n)[k]))
+        units = model.motion(np.array([model.project(unit) for unit in np.eye(n)]).reshape(n, n))
         largest = np.abs(units).max(axis=(1, 2), initial=0.0)
-        for k in np.flatnonzero(largest > 0).tolist():
-            h = LAW_STEP * size / largest[k]
-            ahead, behind = (self(time, nodes + x * units[k], velocities) for x in (h, -h))
-            at[:, k] = (ahead - behind) / (2 * h)
-            ahead, behind = (self(time, nodes, velocities + x * units[k]) for x in (h, -h))
-            values[:, k] = (ahead - behind) / (2 * h)
+        moving = np.flatnonzero(largest > 0)
+        h = LAW_STEP * size / largest[moving]
+        moved = h[:, None, None] * units[moving]
+        states = np.array([nodes, velocities]) + _WAYS[:, None, :, None, None] * moved[:, None]
+        answers = self(time, states.reshape(4 * len(moving), 2, *nodes.shape))
+        ahead, behind = answers.reshape(2, 2, len(moving), len(model.taut)).swapaxes(0, 1)
+        slopes = np.zeros((2, len(model.taut), n))
+        slopes[:, :, moving] = ((ahead - behind) / (2 * h[:, None])).swapaxes(1, 2)
         i, j = model.scene.structure.string_nodes.T
         # How lengths change with y: its transpose takes tensions to forces.
         stretch = np.einsum("mx,nmx->mn", model.direction, units[:, j] - units[:, i])
@@ -69,7 +67,7 @@ class AskedLaw:
         else:
             weight = -np.where(model.taut, model.scene.structure.stiffness, 0.0)
         push = (stretch * weight[:, None]).T
-        return LawDerivative(push @ at, push @ values)
+        return LawDerivative(push @ slopes[0], push @ slopes[1])
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +104,7 @@ class Loop:
         densities = None
         rest = structure.rest_lengths if rest_lengths is None else rest_lengths
         if law is not None:
-            command = law(time, nodes, velocities)
+            command = law(time, np.array([[nodes, velocities]]))[0]
             lengths = structure.string_lengths(nodes)
             sets_densities = law.native.command is Command.FORCE_DENSITY
             if rest_lengths is None:

@@ -25,6 +25,7 @@ all of the tangential stiffness of the motion but a part that is not above zero.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -65,7 +66,6 @@ class Vibration:
         string_damper: (n, n) [1/s] the part of D that strings have: what MuJoCo's `discrete` integrator counts with.
         body_damper: (n, n) [1/s] the blocks of that on single bodies: what the implicit ones count with. Where rods
             share nodes half of `string_damper`, as if there were no dampers: `tree` has what they know there.
-        seen: (n, n) [1/s²] the material stiffness that MuJoCo's `discrete` integrator counts with: of k, always.
         acceleration: (n,) [√kg m/s²] ÿ of the state: zero at rest in an equilibrium.
         law: what a law in the loop adds, or None.
         joints: what of y they forbid, or None where no rods share a node. Dense matrices have that taken out already;
@@ -88,7 +88,6 @@ class Vibration:
     damper: Any = field(repr=False)
     string_damper: Any = field(repr=False)
     body_damper: Any = field(repr=False)
-    seen: Any = field(repr=False)
     acceleration: Array = field(repr=False)
     law: LawDerivative | None = None
     joints: Joints | None = None
@@ -97,6 +96,13 @@ class Vibration:
     def size(self) -> int:
         """n."""
         return SLOTS * len(self.bodies.mass)
+
+    @cached_property
+    def seen(self) -> Any:
+        """(n, n) [1/s²] the material stiffness that MuJoCo's `discrete` integrator counts with: of k, always."""
+        k = np.where(self.taut, self.scene.structure.stiffness, 0.0)
+        assemble = Assembly(self.scene.structure, self.bodies, self.turned, self.joints)
+        return assemble(spring_blocks(self.direction, k, np.zeros(len(k))))
 
     @property
     def is_dense(self) -> bool:
@@ -108,9 +114,11 @@ class Vibration:
         return y if self.joints is None else self.joints.project(y)
 
     def motion(self, y: Array) -> Array:
-        """(N, 3) displacements of the nodes of coordinates y (n,), of what joints allow."""
-        parts = np.vstack([y.reshape(-1, SLOTS), np.zeros((1, SLOTS))])
-        return np.asarray(np.einsum("nxs,ns->nx", self.turned, parts[self.bodies.body]))
+        """(..., N, 3) displacements of the nodes of coordinates y (..., n), of what joints allow."""
+        B = len(self.bodies.mass)
+        parts = np.zeros((*y.shape[:-1], B + 1, SLOTS))
+        parts[..., :B, :] = y.reshape(*y.shape[:-1], B, SLOTS)
+        return np.asarray(np.einsum("nxs,...ns->...nx", self.turned, parts[..., self.bodies.body, :]))
 
 
 def vibration(
@@ -152,9 +160,7 @@ def vibration(
     joints, none = state.joints, np.zeros(len(s))
     assemble = Assembly(structure, bodies, state.motion.turned, joints)
     rods, acceleration = geometric_of_rods(state, s * tension[:, None])
-    seen = material = assemble(spring_blocks(s, stiffness, none))
-    if force_densities is not None:
-        seen = assemble(spring_blocks(s, np.where(taut, k, 0.0), none))
+    material = assemble(spring_blocks(s, stiffness, none))
     dampers = spring_blocks(s, damping, none)
     strings = damper = assemble(dampers)
     stiff, lossy = state.resisting()
@@ -179,7 +185,6 @@ def vibration(
         string_damper=strings,
         # In a tree of MuJoCo's bodies, which dampers an implicit integrator knows depends on the tree: `tree`.
         body_damper=0.5 * strings if joints is not None else assemble(dampers, between=False),
-        seen=seen,
         acceleration=acceleration,
         joints=joints,
     )
