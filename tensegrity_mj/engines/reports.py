@@ -14,6 +14,7 @@ from tensegrity_mj.dynamics.native.watch import Impossible, impossible
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.model.elements.water import Water
+from tensegrity_mj.model.members import LIMITS
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.energy import DRIFT_WARNING, energy_exchanged, energy_unresolved
 from tensegrity_mj.runs.trajectory import Trajectory
@@ -108,10 +109,11 @@ def _drifts(run: Trajectory) -> tuple[Array, Array]:
 
 def _balance_warnings(run: Trajectory) -> list[str]:
     exchanged = float(energy_exchanged(run)[-1]) if len(run.time) else 0.0
-    if run.energy_residual <= ENERGY_WARNING * exchanged + energy_unresolved(run):
+    residual, allowed = run.energy_residual, ENERGY_WARNING * exchanged
+    if residual <= allowed or residual <= allowed + energy_unresolved(run):
         return []
     return [
-        f"the energy balance is off by {run.energy_residual:.2g} J of {exchanged:.2g} J exchanged: "
+        f"the energy balance is off by {residual:.2g} J of {exchanged:.2g} J exchanged: "
         "reduce the time step or the tolerances before trusting this run"
     ]
 
@@ -234,6 +236,9 @@ def _named(found: Impossible) -> str:
 def _limits(request: Request, run: Trajectory) -> dict[str, Any]:
     """For each limit that some string has: how long any string was at or beyond it, and the worst beyond it."""
     structure = run.scene.structure
+    given = [name for name in LIMITS if np.isfinite(structure.limits(name)).any()]
+    if not given or not len(run.time):
+        return {}
     mode, period = request.actuation.mode, request.actuation.period or 0.0
     spacing = np.maximum(np.diff(run.time), period if mode is Mode.HOLD_REST_LENGTH else 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -248,10 +253,8 @@ def _limits(request: Request, run: Trajectory) -> dict[str, Any]:
         ),
     }
     found: dict[str, Any] = {}
-    for name, (value, sign) in values.items():
-        limit = structure.limits(name)
-        if not np.any(np.isfinite(limit)) or not len(run.time):
-            continue
+    for name in given:
+        (value, sign), limit = values[name], structure.limits(name)
         beyond = np.where(np.isfinite(limit), sign * (value - limit) / np.abs(limit), -np.inf)
         row, column = np.unravel_index(np.argmax(beyond), beyond.shape)
         over = beyond[row, column] > LIMIT_ROUND_OFF

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -103,10 +104,12 @@ class Support:
             rows.append(self.plane)
         return np.array(rows, float).reshape(-1, 3)
 
-    @property
+    @cached_property
     def translation_basis(self) -> Array:
         """E of (2.41): orthonormal basis (3, nz) of the directions in which the point at σ moves."""
-        return null_space_basis(self.constraint_rows)
+        basis = null_space_basis(self.constraint_rows)
+        basis.flags.writeable = False
+        return basis
 
     @property
     def rotation_basis(self) -> Array:

@@ -254,9 +254,16 @@ class Structure:
 
     def limits(self, name: str) -> Array:
         """One of `LIMITS` (M,) of the strings; where there is none, ∞, or -∞ for the smallest rest length."""
-        none = -np.inf if name == "min_rest_length" else np.inf
-        values = [getattr(string, name) for string in self.strings]
-        return np.array([none if value is None else value for value in values], float)
+        return self._limits[name]
+
+    @cached_property
+    def _limits(self) -> dict[str, Array]:
+        found = {}
+        for name in LIMITS:
+            none = -np.inf if name == "min_rest_length" else np.inf
+            values = [getattr(string, name) for string in self.strings]
+            found[name] = _readonly(np.array([none if value is None else value for value in values], float))
+        return found
 
     @cached_property
     def stiffness(self) -> Array:

@@ -241,6 +241,8 @@ class Trajectory:
 
     def until(self, count: int) -> Trajectory:
         """The first `count` samples."""
+        if count == len(self.time):
+            return self
         return replace(self, **{name: getattr(self, name)[:count] for name in (*VARIABLES, *STATES)})
 
 
