@@ -105,12 +105,14 @@ def statics(scene: Scene) -> dict[str, Any]:
     import numpy as np
 
     from tensegrity_mj.errors import InfeasibleError
+    from tensegrity_mj.linearization.element_states import ElementStates
     from tensegrity_mj.model.elements.resistance import resisting_forces
     from tensegrity_mj.model.elements.water import water_forces
     from tensegrity_mj.statics.balance import balance, unheld_gravity
     from tensegrity_mj.statics.model import StaticModel
     from tensegrity_mj.statics.self_stress import prestress, self_stress
 
+    scene = ElementStates(scene).scene  # elements act as they do at the states of the start
     structure, nodes = scene.structure, scene.nodes0
     still = np.zeros_like(nodes)
     stress, twice = self_stress(structure, nodes), scene.redundancy

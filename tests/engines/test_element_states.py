@@ -9,13 +9,15 @@ from typing import Any
 import h5netcdf
 import numpy as np
 import pytest
+from ground_spring import GroundSpring
 from linked_scenes import hanging_chain
 from maxwell import CompiledMaxwell, Maxwell, SlowBrake, Thruster
 from scipy.linalg import expm
 
 import tensegrity_mj as tmj
 from tensegrity_mj.basics import fields
-from tensegrity_mj.model import Element, Work, register
+from tensegrity_mj.commands.scenes import statics
+from tensegrity_mj.model import register
 
 MASS, SPRING, STIFFNESS, DAMPING = 2.0, 18.0, 40.0, 8.0  # kg, N/m to the ground; N/m and N s/m in series beside it
 START, SPEED, ELONGATION = np.array([0.2, -0.1, 0.3]), np.array([0.1, 0.0, -0.2]), (0.05, 0.0, 0.1)
@@ -29,24 +31,6 @@ SYSTEM = np.array(
 )
 RATE = float(np.abs(np.linalg.eigvals(SYSTEM)).max())  # 5.2 /s, the largest of its modes
 DURATION = 1.6
-
-
-@dataclass(frozen=True)
-class GroundSpring(Element):
-    """A spring of no length from a node to the origin."""
-
-    node: str
-    stiffness: float
-    work = Work.STORED
-    smooth = True
-
-    def act(self, scene: Any, time: float, nodes: Any, velocities: Any) -> Any:
-        forces, row = np.zeros_like(nodes), scene.structure.node_index[self.node]
-        forces[row] = -self.stiffness * nodes[row]
-        return forces
-
-    def energy(self, scene: Any, nodes: Any) -> float:
-        return 0.5 * self.stiffness * float(np.sum(nodes[scene.structure.node_index[self.node]] ** 2))
 
 
 def solid(kind: type[Maxwell] = Maxwell) -> tmj.Scene:
@@ -296,6 +280,20 @@ def test_dm_control_refuses_states() -> None:
     dm_control = pytest.importorskip("tensegrity_mj.dm_control")
     with pytest.raises(tmj.errors.SceneError, match=r"dm_control models: Maxwell has a state .*; use simulate"):
         dm_control.TensegrityEntity(jumper())
+
+
+def test_a_step_that_is_too_long_for_a_state_is_a_divergence() -> None:
+    # k h / c = 10 of the dashpot alone, where RK4 goes to 2.785 and Euler to 2.
+    scene = solid().with_(elements=(GroundSpring("a", SPRING), Maxwell("a", STIFFNESS, 0.02)))
+    for engine in (tmj.MuJoCo(5e-3), tmj.MuJoCo(5e-3, tmj.Integrator.EULER), fixed("dae", 5e-3)):
+        with pytest.raises(tmj.errors.DivergenceError, match=r"energy came from nowhere.*reduce the time step"):
+            tmj.simulate(scene, engine=engine, duration=0.5)
+
+
+def test_a_scene_is_described_with_the_states_that_it_starts_with() -> None:
+    # Both springs pull with k times where the mass, or the mass less the dashpot, is.
+    pull = -SPRING * START - STIFFNESS * (START - np.array(ELONGATION))
+    assert statics(solid())["unbalanced_force"] == pytest.approx(float(np.linalg.norm(pull)), rel=1e-12)
 
 
 @dataclass(frozen=True)
