@@ -6,13 +6,15 @@ The page loads nothing from elsewhere (its content policy forbids it), reads on 
 from __future__ import annotations
 
 import base64
+import importlib.resources
 import io
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from html import escape
 from pathlib import Path
+from string import Template
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -77,11 +79,11 @@ class Table:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a page: its title, paragraphs of plain text, then pictures and tables as they come."""
+    """A part of a page: its title, paragraphs of plain text, then pictures, tables and HTML as they come."""
 
     title: str
     text: Sequence[str] = ()
-    parts: Sequence[Picture | Table] = ()
+    parts: Sequence[Picture | Table | str] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,22 +117,17 @@ class Report:
     tables: Iterable[Table] = ()
 
     def __call__(self) -> Path:
-        destination = checked(self.path, (".html", ".htm"), "report")
         if not self.runs:
             raise OptionError("a report needs at least one run; none was given")
         scene = self.runs[0].scene
         heading = self.title or (f"{scene.name}: {scene.source}" if scene.source else scene.name)
-        parts = [f"<h1>{escape(heading)}</h1>"]
-        if self.introduction:
-            parts.append(f"<p>{escape(self.introduction)}</p>")
-        if self.comparison is not None:
-            parts += ["<h2>Agreement</h2>", _agreement(self.comparison)]
+        sections = [] if self.comparison is None else [Section("Agreement", parts=[_agreement(self.comparison)])]
         if self.video is not None or self.video_note:
-            parts += ["<h2>Video</h2>", _video(self.video, self.video_note)]
-        parts += ["<h2>Runs</h2>", _runs(self.runs)]
-        parts += _pictures_and_tables(self.pictures, self.tables)
-        parts += ["<h2>How it was run</h2>", *(_details(run) for run in self.runs)]
-        return _written(destination, heading, parts)
+            sections.append(Section("Video", parts=[_video(self.video, self.video_note)]))
+        sections.append(Section("Runs", parts=[_runs(self.runs)]))
+        sections += _pictures_and_tables(self.pictures, self.tables)
+        sections.append(Section("How it was run", parts=[_details(run) for run in self.runs]))
+        return write_sections(self.path, heading, self.introduction, sections, "report")
 
 
 write_report = function_of(Report)
@@ -149,55 +146,50 @@ def write_page(
     Raises:
         OptionError: a picture that is missing or of another kind, a path that cannot be written.
     """
-    destination = checked(path, (".html", ".htm"), "page")
-    parts = [f"<h1>{escape(title)}</h1>"]
-    if introduction:
-        parts.append(f"<p>{escape(introduction)}</p>")
-    return _written(destination, title, parts + _pictures_and_tables(pictures, tables))
+    return write_sections(path, title, introduction, _pictures_and_tables(pictures, tables))
 
 
-def write_sections(path: PathLike, title: str, introduction: str, sections: Iterable[Section]) -> Path:
-    """Write a page of sections in the same style; returns its path.
+def write_sections(
+    path: PathLike, title: str, introduction: str, sections: Iterable[Section], what: str = "page"
+) -> Path:
+    """Write a page of sections in the same style; returns its path. `what` it is stands in messages.
 
     Raises:
         OptionError: a picture that is missing or of another kind, a path that cannot be written.
     """
-    destination = checked(path, (".html", ".htm"), "page")
-    parts = [f"<h1>{escape(title)}</h1>", f"<p>{escape(introduction)}</p>"]
+    destination = checked(path, (".html", ".htm"), what)
+    parts = [f"<h1>{escape(title)}</h1>"] + ([f"<p>{escape(introduction)}</p>"] if introduction else [])
     for section in sections:
         parts.append(f"<h2>{escape(section.title)}</h2>")
         parts += [f"<p>{escape(text)}</p>" for text in section.text]
-        for part in section.parts:
-            if isinstance(part, Picture):
-                parts.append(_picture(part))
-                continue
-            body = table_of(part.columns, part.rows) + (f"<p>{escape(part.note)}</p>" if part.note else "")
-            if part.folded:
-                parts.append(f"<details><summary>{escape(part.title)}</summary>{body}</details>")
-            else:
-                parts.append((f"<h3>{escape(part.title)}</h3>" if part.title else "") + body)
-    return _written(destination, title, parts)
-
-
-def _pictures_and_tables(pictures: Iterable[Picture], tables: Iterable[Table]) -> list[str]:
-    shown = [_picture(picture) for picture in pictures]
-    parts = ["<h2>Plots</h2>", *shown] if shown else []
-    for table in tables:
-        parts += [f"<h2>{escape(table.title)}</h2>", table_of(table.columns, table.rows)]
-        if table.note:
-            parts.append(f"<p>{escape(table.note)}</p>")
-    return parts
-
-
-def _written(destination: Path, heading: str, parts: Sequence[str]) -> Path:
+        parts += [_part(part) for part in section.parts]
     with replacing(destination) as part:
-        part.write_text(page_of(heading, parts), encoding="utf-8")
+        part.write_text(page_of(title, parts), encoding="utf-8")
     return destination
 
 
+def _part(part: Picture | Table | str) -> str:
+    if isinstance(part, str):
+        return part
+    if isinstance(part, Picture):
+        return _picture(part)
+    body = table_of(part.columns, part.rows) + (f"<p>{escape(part.note)}</p>" if part.note else "")
+    if part.folded:
+        return f"<details><summary>{escape(part.title)}</summary>{body}</details>"
+    return (f"<h3>{escape(part.title)}</h3>" if part.title else "") + body
+
+
+def _pictures_and_tables(pictures: Iterable[Picture], tables: Iterable[Table]) -> list[Section]:
+    """The pictures in one section, and each table in one of its own."""
+    shown = list(pictures)
+    plots = [Section("Plots", parts=shown)] if shown else []
+    return plots + [Section(table.title, parts=[replace(table, title="")]) for table in tables]
+
+
 def page_of(heading: str, parts: Sequence[str], style: str = "") -> str:
-    """A page's whole text: its parts, in HTML, in the common frame; `style` adds to the common one."""
-    return _PAGE.format(title=escape(heading), style=_STYLE + style, body="\n".join(parts))
+    """A page's whole text: its parts, in HTML, in the common frame `page.html`; `style` adds to the common one."""
+    frame = importlib.resources.files("tensegrity_mj.pictures").joinpath("page.html").read_text(encoding="utf-8")
+    return Template(frame).substitute(title=escape(heading), style=style, body="\n".join(parts))
 
 
 # ------------------------------------------------------------------------------------------------------ sections
@@ -326,40 +318,3 @@ def _cell(value: object) -> str:
     if isinstance(value, (list, tuple)):
         return ", ".join(_cell(item) for item in value) or "–"
     return escape(str(value))
-
-
-_STYLE = """
-:root { --ink: #22262c; --faint: #667080; --line: #dde1e6; --accent: #1f5cc6; }
-body { margin: 0 auto; padding: 1rem; max-width: 68rem; color: var(--ink); background: #fff;
-       font: 1rem/1.5 system-ui, sans-serif; overflow-wrap: break-word; }
-h1 { font-size: 1.5rem; line-height: 1.25; margin: .5rem 0 1rem; }
-h2 { font-size: 1.15rem; margin: 2rem 0 .6rem; border-bottom: 2px solid var(--accent); padding-bottom: .2rem; }
-h3 { font-size: 1rem; margin: 1.4rem 0 .4rem; }
-.table { overflow-x: auto; }
-table { border-collapse: collapse; font-size: .92rem; }
-th, td { text-align: left; vertical-align: top; padding: .3rem .9rem .3rem 0; border-bottom: 1px solid var(--line); }
-tbody th, tr th { font-weight: 500; }
-thead th { font-weight: 600; color: var(--faint); }
-td.n { font-variant-numeric: tabular-nums; white-space: nowrap; }
-figure { margin: 0 0 1.5rem; }
-img, video { display: block; width: 100%; height: auto; border: 1px solid var(--line); border-radius: 4px; }
-figcaption { color: var(--faint); font-size: .9rem; margin-top: .3rem; }
-details { margin: .4rem 0; }
-summary { cursor: pointer; }
-"""
-
-_PAGE = """<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy"
-      content="default-src 'none'; img-src data:; media-src data:; style-src 'unsafe-inline'">
-<title>{title}</title>
-<style>{style}</style>
-</head>
-<body>
-{body}
-</body>
-</html>
-"""
