@@ -184,25 +184,24 @@ def set_ends(address: int, forces: Any, joints_at: int) -> None:
 
 
 @borrowing
-def joint_accelerations(
-    at: Any, added: Any, q: Any, rates: Any, forces: Any, constants: Any, out: Any, multipliers: Any
-) -> float:
+def joint_accelerations(model: Any, added: Any, q: Any, rates: Any, out: Any) -> float:
     """q̈ (nq,) and λ (R,) for nodal forces (N, 3) [N] at a state that `place_linked` has placed.
 
     Args:
-        at: (3,) addresses of the tables of `LinkedRecords`, `JointPlan` and `TreeEquations`.
+        model: a view with `linked`, `joints` and `tree`, addresses of the tables of `LinkedRecords`, `JointPlan` and
+            `TreeEquations`; `forces` on the nodes; `gravity` (3,) [m/s²]; `kp` and `kd`, Baumgarte's gains of (3.25)
+            for lengths and closures, or zero; and `multipliers`, λ, which are written.
         added: None; or α of the rods (R, 4) [kg], and the forces (N, 3) [N] of the added mass, which are written.
         q, rates: the state.
-        forces: on the nodes.
-        constants: (5,) gravity [m/s²], and Baumgarte's gains k_p, k_d of (3.25) for lengths and closures, or zero.
-        out, multipliers: q̈ and λ.
+        out: q̈.
 
     Returns:
         The power of the moved supports [W].
     """
-    linked, joints = read_linked(at[0]), read_joints(at[1])
-    g, kp, kd = vector(constants), constants[3], constants[4]
-    set_ends(at[0], forces, at[1])
+    linked, joints = read_linked(model.linked), read_joints(model.joints)
+    forces, multipliers = model.forces, model.multipliers
+    g, kp, kd = vector(model.gravity), model.kp, model.kd
+    set_ends(model.linked, forces, model.joints)
     for k in range(len(linked.links)):
         link = linked.links[k]
         rod = linked.rods[link.rod]
@@ -257,8 +256,8 @@ def joint_accelerations(
                 t_r = plus(t_r, plus(pair[0], pair[1]))
             reaction = minus(plus(times(rod.mass, r_acc), times(rod.f, b_acc)), t_r)
             power += dot(reaction, row_of(linked.motions[link.motion], 1))
-    accelerate_points(forces, linked.points, constants, out)
-    return power + moved_nodes_power(at[0], forces)
+    accelerate_points(forces, linked.points, model.gravity, out)
+    return power + moved_nodes_power(model.linked, forces)
 
 
 @borrowing

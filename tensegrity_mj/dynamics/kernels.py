@@ -6,13 +6,29 @@ say which directions they may have. Forces reach a rod only through t_r (conjuga
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tensegrity_mj.dynamics.native.compiling import njit
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
 from tensegrity_mj.dynamics.native.vectors import ZERO, apply, dot, minus, plus, row_of, times, vector
+
+
+class Members(NamedTuple):
+    """Rods and point masses as records, and what they are subject to.
+
+    Attributes:
+        rods, points: of `ROD` and `POINT`.
+        gravity: (3,) [m/s²].
+        kp, kd: Baumgarte's gains of (3.25), zero for none.
+    """
+
+    rods: Any
+    points: Any
+    gravity: Any
+    kp: float = 0.0
+    kd: float = 0.0
 
 
 @njit
@@ -123,19 +139,9 @@ def rod_forces(rod: Any, forces: Any, gravity: Any) -> tuple[Any, Any]:
 
 
 @borrowing
-def accelerations(
-    q: Any,
-    rates: Any,
-    forces: Any,
-    rods: Any,
-    points: Any,
-    gravity: Any,
-    kp: float,
-    kd: float,
-    out: Any,
-    multipliers: Any,
-) -> None:
-    """q̈ (nq,) and λ (R,) for nodal forces (N, 3) [N]; kp, kd are Baumgarte's gains of (3.25), zero for none."""
+def accelerations(members: Any, q: Any, rates: Any, forces: Any, out: Any, multipliers: Any) -> None:
+    """q̈ (nq,) and λ (R,) of `Members`, or what has such fields, for nodal forces (N, 3) [N]."""
+    rods, gravity, kp, kd = members.rods, members.gravity, members.kp, members.kd
     for a in range(len(rods)):
         rod = rods[a]
         iz, ib = rod.q, rod.q + rod.nz
@@ -150,7 +156,7 @@ def accelerations(
             out[iz + p] = rod.E[0, p] * r_acc[0] + rod.E[1, p] * r_acc[1] + rod.E[2, p] * r_acc[2]
         for p in range(rod.nb):
             out[ib + p] = rod.B[0, p] * b_acc[0] + rod.B[1, p] * b_acc[1] + rod.B[2, p] * b_acc[2]
-    accelerate_points(forces, points, gravity, out)
+    accelerate_points(forces, members.points, gravity, out)
 
 
 @inlined

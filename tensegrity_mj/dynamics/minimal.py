@@ -184,16 +184,17 @@ def place_minimal(q: Any, rates: Any, rods: Any, points: Any, nodes: Any, veloci
 
 
 @njit
-def minimal_accelerations(
-    q: Any, rates: Any, forces: Any, rods: Any, points: Any, gravity: Any, out: Any, multipliers: Any
-) -> None:
+def minimal_accelerations(members: Any, q: Any, rates: Any, forces: Any, out: Any, multipliers: Any) -> None:
     """q̈ (nq,) of M q̈ = H (g + Φᵀ f), and λ (R,) of (2.36), for nodal forces (N, 3) [N]: z̈ first, then β̈.
+
+    `members`: `kernels.Members`, or what has such fields.
 
     At a pole of a rod, sin φ = 0, its θ̈ is not finite; all else is.
     """
     work = np.zeros((11, 3))
     b, b_rate, bend, r_acc, push, x = work[0], work[1], work[2], work[3], work[4], work[5]
     U, A = work[6:8], work[8:11]
+    rods, gravity = members.rods, members.gravity
     for a in range(len(rods)):
         rod = rods[a]
         m, f, J, nz, turns = rod.mass, rod.f, rod.J, rod.nz, rod.nb - 1
@@ -238,7 +239,7 @@ def minimal_accelerations(
             out[at + c] = total
         if rod.nb == 3:
             out[at] /= sine
-    accelerate_points(forces, points, gravity, out)
+    accelerate_points(forces, members.points, gravity, out)
 
 
 @njit

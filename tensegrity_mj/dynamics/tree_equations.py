@@ -100,14 +100,15 @@ def _solve_semidefinite(S: Any, scales: Any, x: Any) -> None:
 
 
 @owning
-def dense_accelerations(at: Any, q: Any, rates: Any, forces: Any, constants: Any, out: Any, multipliers: Any) -> float:
+def dense_accelerations(model: Any, q: Any, rates: Any, out: Any) -> float:
     """As `joint_accelerations`, by (3.19)-(3.22) with a K x K matrix; closures by a Schur complement on top of it."""
-    linked, joints, tree, kp, kd = read_linked(at[0]), read_joints(at[1]), read_tree(at[2]), constants[3], constants[4]
+    linked, joints, tree = read_linked(model.linked), read_joints(model.joints), read_tree(model.tree)
+    forces, kp, kd, multipliers = model.forces, model.kp, model.kd, model.multipliers
     inverse, loops = tree.mass, tree.loops
     R, n, size = len(linked.rods), inverse.shape[0], len(loops)
     u, right = np.zeros(n), np.zeros(size)
-    _load_ends(at[0], at[1], forces, constants)
-    _pull_through_hinges(at[0], at[1], u)
+    _load_ends(model.linked, model.joints, forces, model.gravity)
+    _pull_through_hinges(model.linked, model.joints, u)
     _gap_rates(linked, joints, kp, kd, right)
     Y = np.zeros((R, 3))
     y = np.zeros(R)
@@ -161,24 +162,23 @@ def dense_accelerations(at: Any, q: Any, rates: Any, forces: Any, constants: Any
         for a in range(size):
             joints.closure_forces[a // 3, a % 3] = force[a]
     out[:n] = acceleration
-    accelerate_points(forces, linked.points, constants, out)
-    return _supports_power(at[0], at[1], q, forces, constants, out, None)
+    accelerate_points(forces, linked.points, model.gravity, out)
+    return _supports_power(model, q, out, None)
 
 
 @owning
-def full_accelerations(
-    at: Any, added: Any, q: Any, rates: Any, forces: Any, constants: Any, out: Any, multipliers: Any
-) -> float:
+def full_accelerations(model: Any, added: Any, q: Any, rates: Any, out: Any) -> float:
     """As `joint_accelerations`, by one matrix (3.17) of M̄, Y, and rows of supports, planes and closures.
 
     The matrix is scaled to unit diagonals and rows. With closures, which may be redundant, the solution of least norm
     is taken.
     """
-    linked, joints, tree, kp, kd = read_linked(at[0]), read_joints(at[1]), read_tree(at[2]), constants[3], constants[4]
+    linked, joints, tree = read_linked(model.linked), read_joints(model.joints), read_tree(model.tree)
+    forces, kp, kd, multipliers = model.forces, model.kp, model.kd, model.multipliers
     R, n, size, held = len(linked.rods), tree.mass.shape[0], len(tree.loops), len(tree.held)
     total = n + R + held + size
     matrix, x = np.zeros((total, total)), np.zeros(total)
-    _load_ends(at[0], at[1], forces, constants)
+    _load_ends(model.linked, model.joints, forces, model.gravity)
     x[:n] = np.dot(joints.ends.copy().reshape(-1), tree.maps)
     matrix[:n, :n] = tree.mass
     if added is not None:
@@ -219,8 +219,8 @@ def full_accelerations(
         multipliers[link.rod] = solved[n + link.rod]
     for a in range(size):
         joints.closure_forces[a // 3, a % 3] = -solved[n + R + held + a]
-    accelerate_points(forces, linked.points, constants, out)
-    return _supports_power(at[0], at[1], q, forces, constants, out, added)
+    accelerate_points(forces, linked.points, model.gravity, out)
+    return _supports_power(model, q, out, added)
 
 
 @owning
@@ -245,20 +245,18 @@ def _add_mass(linked: Any, tree: Any, added: Any, q: Any, matrix: Any, x: Any) -
 
 
 @owning
-def _supports_power(
-    address: int, joints_at: int, q: Any, forces: Any, gravity: Any, accelerations: Any, added: Any
-) -> float:
+def _supports_power(model: Any, q: Any, accelerations: Any, added: Any) -> float:
     """Power of the moved supports [W]: what each tree's momentum takes that loads and closures do not give it.
 
     Writes the forces of the added mass, where there is any.
     """
-    linked, joints = read_linked(address), read_joints(joints_at)
-    power = moved_nodes_power(address, forces)
+    linked, joints, forces, gravity = read_linked(model.linked), read_joints(model.joints), model.forces, model.gravity
+    power = moved_nodes_power(model.linked, forces)
     if added is not None:
         added[1][:] = 0.0
     elif len(linked.motions) == 0:
         return power
-    set_ends(address, forces, joints_at)
+    set_ends(model.linked, forces, model.joints)
     for a in range(len(joints.closures)):
         push_joint(joints, joints.closures[a], joints.closure_forces[a])
     R = len(linked.links)

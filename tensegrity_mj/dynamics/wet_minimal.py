@@ -19,20 +19,21 @@ from tensegrity_mj.dynamics.native.compiling import njit
 
 @njit
 def wet_minimal_accelerations(
-    q: Any, rates: Any, forces: Any, rods: Any, points: Any, gravity: Any, added: Any, held: Any, out: Any
+    members: Any, q: Any, rates: Any, forces: Any, added: Any, drives: Any, out: Any, multipliers: Any
 ) -> None:
-    """q̈ (nq,) as `minimal.minimal_accelerations`, with α (R, 4) of the rods.
+    """q̈ (nq,) and λ (R,) as `minimal.minimal_accelerations`, with α (R, 4) of the rods.
 
     Args:
-        q, rates, forces, rods, points, gravity: as there.
-        added: α; and (R, 3) accelerations of the frames that the rods are seen from.
-        held: (N, 3) the forces of the added mass [N], and (R,) λ: written.
-        out: q̈.
+        members, q, rates, forces, out, multipliers: as there; `members` has `held_mass` besides, (N, 3) the forces of
+            the added mass [N], which are written.
+        added: α.
+        drives: (R, 3) accelerations of the frames that the rods are seen from.
     """
+    rods, gravity, held = members.rods, members.gravity, members.held_mass
     work = np.zeros((5, 3))
     b, b_rate, bend, U = work[0], work[1], work[2], work[3:]
     A, jac, lead, push = np.empty((5, 6)), np.zeros((2, 5, 3)), np.zeros((2, 3)), np.zeros((2, 3))
-    held[0][:] = 0.0
+    held[:] = 0.0
     for a in range(len(rods)):
         rod = rods[a]
         nz, turns = rod.nz, rod.nb - 1
@@ -42,7 +43,7 @@ def wet_minimal_accelerations(
         for end in range(2):
             lever = rod.length * (end - rod.sigma)
             for k in range(3):
-                lead[end, k] = lever * bend[k] + added[1][a, k]
+                lead[end, k] = lever * bend[k] + drives[a, k]
                 for p in range(nz):
                     jac[end, p, k] = rod.E[k, p]
                 for c in range(turns):
@@ -67,7 +68,7 @@ def wet_minimal_accelerations(
         for i in range(n):
             for end in range(2):
                 for other in range(2):
-                    alpha = added[0][a, 2 * end + other]
+                    alpha = added[a, 2 * end + other]
                     A[i, 5] -= alpha * _across(b, jac[end, i], lead[other])
                     for j in range(n):
                         A[i, j] += alpha * _across(b, jac[end, i], jac[other, j])
@@ -84,19 +85,19 @@ def wet_minimal_accelerations(
         along, rate2 = 0.0, 0.0
         for k in range(3):
             one, two = push[0, k] - first * b[k], push[1, k] - second * b[k]
-            held[0][rod.i, k] -= added[0][a, 0] * one + added[0][a, 1] * two
-            held[0][rod.j, k] -= added[0][a, 2] * one + added[0][a, 3] * two
+            held[rod.i, k] -= added[a, 0] * one + added[a, 1] * two
+            held[rod.j, k] -= added[a, 2] * one + added[a, 3] * two
             r_acc = 0.0
             for i in range(nz):
                 r_acc += rod.E[k, i] * A[i, 5]
             along += b[k] * (t_b[k] - rod.f * r_acc)
             rate2 += b_rate[k] * b_rate[k]
-        held[1][a] = rate2 + along / rod.J  # added mass acts across the rod
+        multipliers[a] = rate2 + along / rod.J  # added mass acts across the rod
         for i in range(n):
             out[rod.q + i] = A[i, 5]
         if rod.nb == 3:
             out[at] /= sine
-    accelerate_points(forces, points, gravity, out)
+    accelerate_points(forces, members.points, gravity, out)
 
 
 @njit

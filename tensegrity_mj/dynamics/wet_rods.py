@@ -70,21 +70,9 @@ def _times_K(rod: Any, b: Any, per_square: float, mass: float, added: float, tur
 
 
 @borrowing
-def wet_accelerations(
-    q: Any,
-    rates: Any,
-    forces: Any,
-    rods: Any,
-    points: Any,
-    added: Any,
-    gravity: Any,
-    kp: float,
-    kd: float,
-    out: Any,
-    multipliers: Any,
-) -> float:
+def wet_accelerations(members: Any, q: Any, rates: Any, forces: Any, added: Any, out: Any, multipliers: Any) -> float:
     """As `kernels.accelerations`, with α (R, 4) of the rods; returns the power [W] of the added mass."""
-    power = 0.0
+    rods, gravity, kp, kd, power = members.rods, members.gravity, members.kp, members.kd, 0.0
     for a in range(len(rods)):
         rod = rods[a]
         iz, ib = rod.q, rod.q + rod.nz
@@ -104,7 +92,7 @@ def wet_accelerations(
         for p in range(rod.nb):
             out[ib + p] = rod.B[0, p] * b_acc[0] + rod.B[1, p] * b_acc[1] + rod.B[2, p] * b_acc[2]
         power += _power(rod, b, own, r_acc, b_acc, r_rate, b_rate)
-    accelerate_points(forces, points, gravity, out)
+    accelerate_points(forces, members.points, gravity, out)
     return power
 
 

@@ -12,11 +12,23 @@ import numpy as np
 
 from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.plant_view import PLANT
+from tensegrity_mj.dynamics.native.views import Fields, Table
 from tensegrity_mj.engines.recording import check_rows
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.model.actuation import whole_ratio
 
 DEFAULT_INTERVAL = 0.01  # s: a hundred samples a second
+STEPPED: Fields = (  # the table of a plant that is driven in fixed steps: the grid, and the rows that are recorded
+    *PLANT,
+    ("step", "real"),  # [s]
+    ("stride", "size"),
+    ("ratio", "size"),
+    ("total", "size"),
+    ("row_count", "size"),
+    ("row_size", "size"),
+    ("rows", ("f8", "row_count", "row_size")),
+)
 
 
 @dataclass(frozen=True)
@@ -49,6 +61,12 @@ class Grid:
             if 0 < event.time < request.duration:
                 whole_ratio(event.time, step, f"break of string '{event.string}' over the time step")
         return cls(step, count, min(stride, count), ratio)
+
+    def describe(self, plant: Table, rows: Array) -> None:
+        """Set it in the table of a plant (`STEPPED`), with the rows to be recorded."""
+        count, size = rows.shape
+        plant.set(step=self.step, stride=self.stride, ratio=self.ratio, total=self.count)
+        plant.set(row_count=count, row_size=size, rows=rows)
 
     @property
     def times(self) -> Array:

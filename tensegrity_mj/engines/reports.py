@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array, dot
-from tensegrity_mj.dynamics.native.plant import RESOLUTION_KIND, Plant
+from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.resolution import STAGES, unresolved
 from tensegrity_mj.dynamics.native.watch import Impossible, impossible
 from tensegrity_mj.model import rods
@@ -137,7 +137,7 @@ def _resolution(run: Trajectory, plant: Plant, step: float) -> dict[str, Any]:
     names = run.scene.structure.node_names
     return {
         "step": step,
-        "order": 4 if plant.table[RESOLUTION_KIND] == STAGES else 1,
+        "order": 4 if plant["resolution_kind"] == STAGES else 1,
         "error_estimate": estimate,
         "motion": motion,
         "node": names[node] if names else "",

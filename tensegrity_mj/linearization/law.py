@@ -11,7 +11,6 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.actuation import set_rest_lengths
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, Command, native_law
 from tensegrity_mj.dynamics.native.plant import Plant
-from tensegrity_mj.dynamics.native.slots import NODES, REST, STATUS, VELOCITIES
 from tensegrity_mj.dynamics.native.strings import measure_strings
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.linearization.chart import Chart
@@ -41,13 +40,13 @@ class SetRestLengths:
             InfeasibleError, ControllerError: what the law says there.
         """
         plant = self.plant
-        plant[NODES][:], plant[VELOCITIES][:] = nodes, velocities
-        measure_strings(plant.table)
-        status = int(set_rest_lengths(plant.table, self.time))
-        plant.raise_if_failed(max(status, int(plant.table[STATUS])), self.time)
+        plant["nodes"][:], plant["velocities"][:] = nodes, velocities
+        measure_strings(plant.address)
+        status = int(set_rest_lengths(plant.address, self.time))
+        plant.raise_if_failed(max(status, plant["status"]), self.time)
         if status == NO_SOLUTION:
             raise InfeasibleError(plant.infeasible_message(self.time))
-        return np.array(plant[REST])
+        return np.array(plant["rest"])
 
     def derivative(self, chart: Chart, rate0: Array, reach: float, inputs: Command) -> tuple[Array, list[str]]:
         """∂v/∂x (M, 2n) by central differences, and remarks about kinks.

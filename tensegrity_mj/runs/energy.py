@@ -6,7 +6,6 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, norm
 from tensegrity_mj.dynamics.native.plant import Plant
-from tensegrity_mj.dynamics.native.slots import NODES, VELOCITIES
 from tensegrity_mj.errors import DivergenceError
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.actuation import Mode
@@ -64,7 +63,7 @@ def blame_divergence(
         remedy, dampers_as_recorded: as for `check_energy`.
     """
     check_energy(partial, remedy, dampers_as_recorded)
-    if not all(np.all(np.abs(plant[slot]) < BEYOND) for slot in (NODES, VELOCITIES)):
+    if not all(np.all(np.abs(plant[name]) < BEYOND) for name in ("nodes", "velocities")):
         raise DivergenceError(
             f"diverged by t = {time:.6g} s: positions or velocities are beyond {BEYOND:g} m or m/s; {remedy}",
             time,

@@ -258,6 +258,7 @@ def law_in(
     from tensegrity_mj.engines.mujoco.engine import MuJoCo
     from tensegrity_mj.engines.mujoco.ensemble import law_in as installed
     from tensegrity_mj.engines.mujoco.many import OTHER_STRINGS
+    from tensegrity_mj.engines.mujoco.run_view import RUN
 
     engine = MuJoCo() if engine is None else engine
     _require_shared(engine, "law_in")
@@ -271,7 +272,7 @@ def law_in(
         )
     require(engine, scene, "law_in")
     model = engine.model(scene)
-    plant = Plant(scene, request.law, request.actuation, on_infeasible)
+    plant = Plant(scene, request.law, request.actuation, on_infeasible, RUN)
     with installed(model, plant) as answers:
         yield model
     if answers[OTHER_STRINGS]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
 from tensegrity_mj.controllers import Allocation, FeedbackLinearization, Sum, WhenInfeasible
-from tensegrity_mj.dynamics.kernels import accelerations, place_nodes
+from tensegrity_mj.dynamics.kernels import Members, accelerations, place_nodes
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.library.cross import cross, cross_nodes
@@ -66,7 +66,7 @@ def test_the_equation_is_that_of_the_error_dynamics(seed: int) -> None:
         forces[j] -= pull
     q, rates = records.coordinates(nodes), records.coordinates(velocities)
     acc, multipliers = np.empty(records.nq), np.empty(len(structure.rods))
-    accelerations(q, rates, forces, records.rods, records.points, np.array(gravity), 0.0, 0.0, acc, multipliers)
+    accelerations(Members(records.rods, records.points, np.array(gravity)), q, rates, forces, acc, multipliers)
 
     def error_rate(dt: float) -> Array:
         there, moving = structure.positions.copy(), np.zeros_like(nodes)

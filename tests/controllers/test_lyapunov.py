@@ -11,7 +11,7 @@ from random_laws import random_law
 
 import tensegrity_mj as tmj
 from tensegrity_mj.controllers import Gains, Lyapunov, from_scene
-from tensegrity_mj.dynamics.kernels import accelerations, place_nodes
+from tensegrity_mj.dynamics.kernels import Members, accelerations, place_nodes
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import target_nodes
 from tensegrity_mj.library.random_structures import random_configuration, random_scene, random_structure
@@ -35,7 +35,7 @@ def test_v_decays_at_the_promised_rate(seed, path):
     forces = rods.string_forces(structure, scene.nodes0, u * structure.string_lengths(scene.nodes0))
     acceleration, multipliers = np.zeros(records.nq), np.zeros(len(records.rods))
     g = np.array(scene.gravity)
-    accelerations(q, rates, forces, records.rods, records.points, g, 0.0, 0.0, acceleration, multipliers)
+    accelerations(Members(records.rods, records.points, g), q, rates, forces, acceleration, multipliers)
 
     def value(s):
         nodes, velocities = np.array(structure.positions), np.zeros_like(structure.positions)

@@ -16,7 +16,7 @@ from tensegrity_mj.controllers import LAWS, Gains, Onto, Projection, from_scene
 from tensegrity_mj.controllers.allocation import least_norm
 from tensegrity_mj.controllers.landscape import Landscape, angles
 from tensegrity_mj.controllers.limits import StringLimits
-from tensegrity_mj.dynamics.kernels import accelerations, place_nodes
+from tensegrity_mj.dynamics.kernels import Members, accelerations, place_nodes
 from tensegrity_mj.dynamics.native.law import Report
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import target_nodes
@@ -90,7 +90,7 @@ def test_the_rate_of_v_is_beta_minus_f_u(seed, mode, path):
     forces = rods.string_forces(structure, start, u * structure.string_lengths(start))
     acceleration, multipliers = np.zeros(records.nq), np.zeros(len(records.rods))
     g = np.array(scene.gravity)
-    accelerations(q, rates, forces, records.rods, records.points, g, 0.0, 0.0, acceleration, multipliers)
+    accelerations(Members(records.rods, records.points, g), q, rates, forces, acceleration, multipliers)
 
     def value(s):
         # To second order the motion itself, which is all that a first derivative of V(q, q̇) sees.

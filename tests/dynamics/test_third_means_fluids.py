@@ -20,7 +20,6 @@ import tensegrity_mj as tmj
 from tensegrity_mj.dynamics.native.elements import let_act
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.dynamics.native.plant import Plant
-from tensegrity_mj.dynamics.native.slots import FORCES
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.simulation import request_for
 
@@ -46,14 +45,14 @@ def one(b=(1.0, 0.0, 0.0), center=(0.0, 0.0, 0.0), mass=3.0, velocities=None, gr
 def forces_on(scene, time=0.0):
     """(2, 3) [N] that the engines' compiled code puts on the nodes, but for what answers accelerations."""
     plant = Plant(scene, native_law(None, scene.structure), Actuation.continuous(), OnInfeasible.STOP)
-    let_act(plant.table, time)
-    return plant[FORCES].copy()
+    let_act(plant.address, time)
+    return plant["forces"].copy()
 
 
 def added_mass_of(scene):
     """α (2, 2) [kg] of the rod."""
     plant = Plant(scene, native_law(None, scene.structure), Actuation.continuous(), OnInfeasible.STOP)
-    let_act(plant.table, 0.0)
+    let_act(plant.address, 0.0)
     return plant.elements.added.reshape(2, 2).copy()
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import tensegrity_mj as tmj
-from tensegrity_mj.dynamics.kernels import accelerations, place_nodes
+from tensegrity_mj.dynamics.kernels import Members, accelerations, place_nodes
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.engines.reference.integrate import integrate
 from tensegrity_mj.library.random_structures import random_scene, random_structure
@@ -49,7 +49,7 @@ def test_accelerations_and_multipliers_equal_the_dense_saddle_point_system(seed,
     q, rates = records.coordinates(scene.nodes0), records.coordinates(scene.velocities0)
     forces, gravity = rng.normal(size=(len(structure.nodes), 3)), rng.normal(size=3)
     out, multipliers = np.zeros(records.nq), np.zeros(len(records.rods))
-    accelerations(q, rates, forces, records.rods, records.points, gravity, 0.0, 0.0, out, multipliers)
+    accelerations(Members(records.rods, records.points, gravity), q, rates, forces, out, multipliers)
     expected, expected_multipliers = saddle_point(records, q, rates, forces, gravity)
     # Round-off: the dense system's condition number is below 1e4 for rods of about 1 kg and 1 m, times 1e-16, times
     # a margin of 100 for the sums.

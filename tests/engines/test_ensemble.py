@@ -17,9 +17,9 @@ from tensegrity_mj.controllers import Delayed, Lyapunov
 from tensegrity_mj.dynamics.native import pointers
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.dynamics.native.plant import Plant
-from tensegrity_mj.engines.mujoco import callback as mujoco_callback
 from tensegrity_mj.engines.mujoco import layout as mujoco_layout
 from tensegrity_mj.engines.mujoco import many as mujoco_many
+from tensegrity_mj.engines.mujoco import run_view
 from tensegrity_mj.engines.mujoco.install import installed
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.errors import StabilityWarning
@@ -346,22 +346,22 @@ def test_a_law_that_steps_what_it_controls_is_stopped(prism) -> None:
 
 def test_userdata_that_is_not_ours_is_no_address(prism, law) -> None:
     """With the callback of many runs in, data of the same model without our token are left alone."""
-    from tensegrity_mj.engines.mujoco.ensemble import MuJoCoEnsemble
+    from tensegrity_mj.engines.mujoco.ensemble import TOKEN, MuJoCoEnsemble
     from tensegrity_mj.simulation import request_for
 
     request = request_for(prism, law, 0.1, None, tmj.OnInfeasible.STOP, None, False)
     ensemble = MuJoCoEnsemble(RK4, [request], 1)
-    with installed(ensemble.guide.table, mujoco_many.many_runs):
+    with installed(ensemble.guide, mujoco_many.many_runs):
         data = mujoco.MjData(ensemble.model)
-        for userdata in ((0.0, 0.0), (ensemble._token[0], 1.0), (ensemble._token[0], -1.0), (np.nan, np.nan)):
+        for userdata in ((0.0, 0.0), (TOKEN, 1.0), (TOKEN, -1.0), (np.nan, np.nan)):
             data.userdata[:] = userdata
             mujoco.mj_step(ensemble.model, data, 3)
         assert not data.ctrl.any()
-        assert not ensemble.counters[0, mujoco_callback.STEP]
-        data.userdata[:] = ensemble._token[0], 0.0
+        assert not ensemble.counters[0, run_view.STEP]
+        data.userdata[:] = TOKEN, 0.0
         mujoco.mj_step(ensemble.model, data, 3)
         assert data.ctrl.any()
-        assert ensemble.counters[0, mujoco_callback.STEP] == 3
+        assert ensemble.counters[0, run_view.STEP] == 3
 
 
 def test_laws_that_cannot_stand_alone_are_refused(prism, law) -> None:
@@ -422,8 +422,9 @@ def test_scratch_beyond_the_stack_is_on_the_heap() -> None:
     copies = 800
     part = tmj.load_scene("pinned_rod")
     N, M = len(part.structure.nodes), len(part.structure.strings)
-    dry = Plant(part, native_law(None, part.structure), Actuation.continuous(), OnInfeasible.STOP)
-    assert copies * (3 * N + 2 * M) > pointers.STACK_LIMIT > mujoco_many.law_room(dry.table)
+    dry = Plant(part, native_law(None, part.structure), Actuation.continuous(), OnInfeasible.STOP, run_view.RUN)
+    dry["force_range"] = np.zeros((M, 2))
+    assert copies * (3 * N + 2 * M) > pointers.STACK_LIMIT > mujoco_many.law_room(dry)
     nodes: dict[str, Any] = {}
     rods, strings, fixed = [], [], []
     for k in range(copies):

@@ -14,9 +14,9 @@ from linked_scenes import everything_moves
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.dynamics.native.law import native_law
-from tensegrity_mj.engines.mujoco.callback import PART, STAGE, STEP, WORK_INTEGRALS
 from tensegrity_mj.engines.mujoco.located import LocatedRun
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun
+from tensegrity_mj.engines.mujoco.run_view import STAGE, STEP
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.library.random_structures import random_scene, random_structure
 from tensegrity_mj.model.strings import StringLaw
@@ -250,14 +250,13 @@ def test_the_part_of_a_step_is_a_step_of_its_length() -> None:
     request = Request(scene, law, tmj.Actuation.continuous(), tmj.OnInfeasible.STOP, 0.01, None, False)
     run = LocatedRun(located(0.01), request)
     kept: list[tuple[float, np.ndarray, np.ndarray, np.ndarray]] = []
-    search = run._instant
+    search = run._try_parts
 
-    def noted(t: float, h: float) -> float:
-        found = search(t, h)
-        kept.append((found * h, run.data.qpos.copy(), run.data.qvel.copy(), run.keep[WORK_INTEGRALS].copy()))
-        return found
+    def noted(t: float, h: float) -> None:
+        search(t, h)
+        kept.append((run._search["high"] * h, run.data.qpos.copy(), run.data.qvel.copy(), run.plant["work"].copy()))
 
-    run._instant = noted  # type: ignore[method-assign]
+    run._try_parts = noted  # type: ignore[method-assign]
     run.run()
     ((step, qpos, qvel, work),) = kept
     assert 0.001 < step < 0.009
@@ -265,7 +264,7 @@ def test_the_part_of_a_step_is_a_step_of_its_length() -> None:
     plain.run()
     assert np.max(np.abs(qpos - plain.data.qpos)) < 1e-14
     assert np.max(np.abs(work)) > 1e-3
-    assert np.max(np.abs(work - plain.keep[WORK_INTEGRALS])) < 1e-14
+    assert np.max(np.abs(work - plain.plant["work"])) < 1e-14
     assert run.model.opt.timestep == 0.01
     assert run.data.time == 0.01
     # And so is the rest of it, from there: a load that is later by the part.
@@ -276,8 +275,8 @@ def test_the_part_of_a_step_is_a_step_of_its_length() -> None:
     rest_of_it.run()
     assert np.max(np.abs(run.data.qpos - rest_of_it.data.qpos)) < 1e-14
     assert np.max(np.abs(run.data.qvel - rest_of_it.data.qvel)) < 1e-12
-    both = work + rest_of_it.keep[WORK_INTEGRALS]
-    assert np.max(np.abs(run.keep[WORK_INTEGRALS] - both)) < 1e-14
+    both = work + rest_of_it.plant["work"]
+    assert np.max(np.abs(run.plant["work"] - both)) < 1e-14
 
 
 def test_a_search_that_finds_nothing_leaves_the_step_as_it_was() -> None:
@@ -285,13 +284,14 @@ def test_a_search_that_finds_nothing_leaves_the_step_as_it_was() -> None:
     law = native_law(None, scene.structure)
     request = Request(scene, law, tmj.Actuation.continuous(), tmj.OnInfeasible.STOP, 0.1, None, False)
     run = LocatedRun(located(0.01), request)
-    search, searched = run._instant, []
+    search, searched = run._try_parts, []
 
-    def in_vain(t: float, h: float) -> float:
-        searched.append(search(t, h))
-        return 0.0
+    def in_vain(t: float, h: float) -> None:
+        search(t, h)
+        searched.append(run._search["tried"])
+        run._search["tried"] = 0
 
-    run._instant = in_vain  # type: ignore[method-assign]
+    run._try_parts = in_vain  # type: ignore[method-assign]
     found, plain = run.run(), MuJoCoRun(tmj.MuJoCo(0.01), request).run()
     assert any(searched)
     for name in ("nodes", "velocities", "tensions", "multipliers", "external_work", "dissipation"):
@@ -348,8 +348,8 @@ def test_a_law_that_fails_where_a_part_begins_has_no_row_there() -> None:
     runs: list[LocatedRun] = []
 
     def law(time: float, nodes: Any, velocities: Any) -> Any:
-        table, counters = runs[0].plant.table, runs[0].counters
-        if table[PART] and counters[STAGE] == 0 and counters[STEP] == round(time / 0.005 - 0.5):
+        plant, counters = runs[0].plant, runs[0].counters
+        if plant["part"] and counters[STAGE] == 0 and counters[STEP] == round(time / 0.005 - 0.5):
             raise RuntimeError("no more")
         return own(time, nodes, velocities)
 

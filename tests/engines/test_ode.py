@@ -16,6 +16,7 @@ from stedy import largest_frequency, scene_of
 
 import tensegrity_mj as tmj
 from tensegrity_mj.controllers import from_scene
+from tensegrity_mj.dynamics.kernels import Members
 from tensegrity_mj.dynamics.minimal import (
     MinimalModel,
     MinimalRecords,
@@ -71,7 +72,7 @@ def test_the_matrices_of_the_thesis_give_the_same_accelerations(seed: int, plana
     q, rates = records.state(scene.nodes0, scene.velocities0)
     forces, gravity = rng.normal(size=scene.nodes0.shape), rng.normal(size=3)
     expected, multipliers = np.zeros(records.nq), np.zeros(len(records.rods))
-    minimal_accelerations(q, rates, forces, records.rods, records.points, gravity, expected, multipliers)
+    minimal_accelerations(Members(records.rods, records.points, gravity), q, rates, forces, expected, multipliers)
     model = MinimalModel.at(records, q, rates, gravity)
     found = np.linalg.solve(model.M, model.H @ (model.g + model.phi.T @ forces.ravel()))
     # Condition numbers below 1e4, with sin φ > 1e-2 on top: 1e8 times 2e-16, of some digits' margin.

@@ -13,7 +13,6 @@ from tensegrity_mj.commands.scenes import describe
 from tensegrity_mj.dynamics.native.elements import let_act
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.dynamics.native.plant import Plant
-from tensegrity_mj.dynamics.native.slots import ELEMENT_COUNT, FORCES, NODES, VELOCITIES
 from tensegrity_mj.library.cable import cable
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.model.elements.resistance import bending_energy, resisting_forces
@@ -37,9 +36,9 @@ def compiled(scene, nodes=None, velocities=None):
     """Nodal forces and the powers of wind and dissipation, from what every engine calls."""
     plant = Plant(scene, native_law(None, scene.structure), Actuation.continuous(), OnInfeasible.STOP)
     if nodes is not None:
-        plant[NODES][:], plant[VELOCITIES][:] = nodes, velocities
-    given, lost = let_act(plant.table, 0.0)
-    return plant[FORCES].copy(), given, lost
+        plant["nodes"][:], plant["velocities"][:] = nodes, velocities
+    given, lost = let_act(plant.address, 0.0)
+    return plant["forces"].copy(), given, lost
 
 
 def test_compiled_forces_are_those_of_numpy_and_their_power_is_wind_less_dissipation_less_bending():
@@ -320,7 +319,7 @@ def test_a_law_in_mujocos_own_loop_meets_it_too():
 def test_a_scene_without_resistance_has_no_trace_of_it():
     scene = single_rod()
     plant = Plant(scene, native_law(None, scene.structure), Actuation.continuous(), OnInfeasible.STOP)
-    assert plant.table[ELEMENT_COUNT] == 0
+    assert plant["element_count"] == 0
     assert not tmj.simulate(scene, engine=FINE, duration=0.1).bending_energy.any()
 
 

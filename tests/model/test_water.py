@@ -15,7 +15,6 @@ from tensegrity_mj.commands.scenes import describe
 from tensegrity_mj.dynamics.native.elements import let_act
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.dynamics.native.plant import Plant
-from tensegrity_mj.dynamics.native.slots import FORCES
 from tensegrity_mj.engines.mujoco import accelerations as mujoco_accelerations
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import place as mujoco_accelerations_place
@@ -96,8 +95,8 @@ def accelerations(scene, engine, time=0.0, nodes=None, velocities=None):
 def compiled(scene, time=0.0):
     """F⁰ (N, 3), its power, and α (R, 2, 2), from what every engine calls."""
     plant = Plant(scene, native_law(None, scene.structure), Actuation.continuous(), OnInfeasible.STOP)
-    power = let_act(plant.table, time)[0]
-    return plant[FORCES].copy(), power, plant.elements.added.reshape(-1, 2, 2).copy()
+    power = let_act(plant.address, time)[0]
+    return plant["forces"].copy(), power, plant.elements.added.reshape(-1, 2, 2).copy()
 
 
 # What is under water

@@ -22,7 +22,7 @@ import scipy.linalg
 import truth
 from numpy.typing import NDArray
 
-from tensegrity_mj.dynamics.kernels import accelerations
+from tensegrity_mj.dynamics.kernels import Members, accelerations
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.engines.mujoco.engine import MuJoCo
 from tensegrity_mj.model import rods
@@ -100,9 +100,8 @@ def test_frequencies_of_the_thesis_model(prism: tuple[Structure, Array]) -> None
         forces = rods.string_forces(structure, nodes, linear_tensions(structure, nodes))
         out = np.zeros(records.nq)
         multipliers = np.zeros(len(structure.rods))
-        accelerations(
-            q, np.zeros(records.nq), forces, records.rods, records.points, np.zeros(3), 0.0, 0.0, out, multipliers
-        )
+        members = Members(records.rods, records.points, np.zeros(3))
+        accelerations(members, q, np.zeros(records.nq), forces, out, multipliers)
         return out
 
     # At an equilibrium the tangent's own change does not count: q̈ is zero there.

@@ -21,35 +21,20 @@ import numpy as np
 from tensegrity_mj.dynamics.native.compiling import intrinsic
 from tensegrity_mj.dynamics.native.law import FAILED, SOLVED
 from tensegrity_mj.dynamics.native.motion import motion_at
+from tensegrity_mj.dynamics.native.plant_view import PlantView
 from tensegrity_mj.dynamics.native.pointers import (
+    address,
     address_of,
     borrowing,
     call_by_address,
     copy,
     floats,
+    inlined,
     integers,
     records_reader,
     stack_doubles,
 )
-from tensegrity_mj.dynamics.native.slots import (
-    ADDED,
-    ELEMENT_COUNT,
-    ELEMENT_STATE_COUNT,
-    ELEMENT_STATES,
-    ELEMENTS,
-    FORCES,
-    HELD_MASS,
-    MOTION_COUNT,
-    MOTIONS,
-    MOVED,
-    NODE_COUNT,
-    NODES,
-    ROD_TOTAL,
-    SEEN,
-    STATUS,
-    VELOCITIES,
-)
-from tensegrity_mj.dynamics.native.views import view_of
+from tensegrity_mj.dynamics.native.views import Field, Table, changing_view, view_of
 from tensegrity_mj.errors import ElementError, OptionError
 from tensegrity_mj.model.elements.element import Element, Work, acted, rated, split_states, states_at_start
 from tensegrity_mj.model.elements.loads import NodalLoads
@@ -59,20 +44,21 @@ Motion, pack_motion = view_of("Motion", count="size", nodes=("f8", "count", 3), 
 # given: of surroundings that move, the power that they give [W], or what an element with a state loses of what it has
 # stored; added: α of the rods [kg], of all elements together, rows (α_11, α_12, α_21, α_22), of which there are none
 # where no element adds mass; state: of an element that has one, as it is now; rates: its derivative, for it to write.
-Effect, pack_effect = view_of(
-    "Effect",
-    count="size",
-    forces=("f8", "count", 3),
-    rods="size",
-    added=("f8", "rods", 4),
-    given="real",
-    states="size",
-    state=("f8", "states"),
-    rates=("f8", "states"),
-)
-MOTION_SIZE, EFFECT_SIZE = 3, 8
-# Of an `Effect`: the loop reads it by place, as it may lie on a stack.
-_FORCES_AT, _ADDED_AT, _GIVEN, _STATE_AT, _RATES_AT = 1, 3, 4, 6, 7
+_EFFECT: dict[str, Field] = {
+    "count": "size",
+    "forces": ("f8", "count", 3),
+    "rods": "size",
+    "added": ("f8", "rods", 4),
+    "given": "real",
+    "states": "size",
+    "state": ("f8", "states"),
+    "rates": ("f8", "states"),
+}
+Effect, pack_effect = view_of("Effect", **_EFFECT)
+_Own = changing_view("Own", tuple(_EFFECT.items()))  # an `Effect` as the loop over all sees it: it may lie on a stack
+MOTION_SIZE, EFFECT_SIZE = 3, len(_EFFECT)
+_PLACES = {name: place for place, name in enumerate(_EFFECT)}
+_COUNT, _RODS = _PLACES["count"], _PLACES["rods"]
 
 ACT_SIGNATURE = "int64(float64, int64, int64, int64)"
 ACT_FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_double, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
@@ -91,41 +77,41 @@ def _call_element(typingctx: Any, function: Any, time: Any, motion: Any, context
 
 
 @borrowing
-def let_act(table: Any, t: float) -> Any:
+def let_act(table: int, t: float) -> Any:
     """Set the nodal forces to those of all elements at time t; powers [W] that are given and that are lost.
 
     What answers the rods' accelerations is not among the forces: the engine adds it, from α.
     """
-    size = 3 * table[NODE_COUNT]
-    forces, velocities = floats(table[FORCES], (size,)), floats(table[VELOCITIES], (size,))
-    for x in range(size):
-        forces[x] = 0.0
-    if table[ADDED]:
-        added = floats(table[ADDED], (4 * table[ROD_TOTAL],))
-        for x in range(len(added)):
-            added[x] = 0.0
+    plant = PlantView(table)
+    forces, velocities, added = plant.forces, plant.velocities, plant.added
+    for n in range(len(forces)):
+        for x in range(3):
+            forces[n, x] = 0.0
+    for r in range(len(added)):
+        for x in range(4):
+            added[r, x] = 0.0
     given, lost = 0.0, 0.0
-    elements = _read_elements(table[ELEMENTS], table[ELEMENT_COUNT])
+    elements = _read_elements(plant.elements, plant.element_count)
     for e in range(len(elements)):
-        element = elements[e]
-        own = floats(integers(element.effect, EFFECT_SIZE)[_FORCES_AT], (size,))
-        surroundings = floats(element.effect + 8 * _GIVEN, 1)
-        for x in range(size):
-            own[x] = 0.0
-        surroundings[0] = 0.0
-        if _call_element(element.function, t, table[SEEN], element.context, element.effect) != SOLVED:
-            table[STATUS] = FAILED
-        power = 0.0
-        for x in range(size):
-            forces[x] += own[x]
-            power += own[x] * velocities[x]
+        element, own = elements[e], _Own(elements[e].effect)
+        pushes = own.forces
+        for n in range(len(pushes)):
+            for x in range(3):
+                pushes[n, x] = 0.0
+        own.given = 0.0
+        if _call_element(element.function, t, plant.seen, element.context, element.effect) != SOLVED:
+            plant.status = FAILED
+        for n in range(len(pushes)):
+            for x in range(3):
+                forces[n, x] += pushes[n, x]
+        power = power_of(pushes, velocities)
         if element.work == GIVEN:
             given += power
         elif element.work == LOST:
-            given += surroundings[0]
-            lost += surroundings[0] - power
+            given += own.given
+            lost += own.given - power
         elif element.work == LOSING:
-            lost += surroundings[0]
+            lost += own.given
     return given, lost
 
 
@@ -143,93 +129,99 @@ def known_forces(known: int, t: float, nodes: Any, velocities: Any, forces: Any,
         for k in range(4):
             added[r, k] = 0.0
     frame = stack_doubles(MOTION_SIZE + EFFECT_SIZE)
-    seen, effect = integers(frame, MOTION_SIZE), integers(frame + 8 * MOTION_SIZE, EFFECT_SIZE)
-    seen[0], seen[1], seen[2] = len(nodes), nodes.ctypes.data, velocities.ctypes.data
+    at = frame + 8 * MOTION_SIZE
+    seen, effect, own = integers(frame, MOTION_SIZE), integers(at, EFFECT_SIZE), _Own(at)
+    seen[0], seen[1], seen[2] = len(nodes), address(nodes), address(velocities)
     for x in range(EFFECT_SIZE):
         effect[x] = 0
-    effect[0], effect[_FORCES_AT], effect[2], effect[_ADDED_AT] = (
-        len(nodes),
-        forces.ctypes.data,
-        len(added),
-        added.ctypes.data,
-    )
+    effect[_COUNT], effect[_RODS] = len(nodes), len(added)
+    own.forces, own.added = forces, added
     status, count = SOLVED, integers(known, 1)[0]
     records = integers(known + 8, (count, 2))
     for e in range(count):
-        at = frame + 8 * MOTION_SIZE
         if _call_element(records[e, 0], t, frame, records[e, 1], at) != SOLVED:
             status = FAILED
     return status
 
 
 @borrowing
-def held_powers(table: Any) -> Any:
+def held_powers(table: int) -> Any:
     """As `let_act`, of the forces as last found, held, at the speeds of now; with what answers accelerations."""
-    size = 3 * table[NODE_COUNT]
-    velocities, given, lost = floats(table[VELOCITIES], (size,)), 0.0, 0.0
-    elements = _read_elements(table[ELEMENTS], table[ELEMENT_COUNT])
+    plant = PlantView(table)
+    velocities, given, lost = plant.velocities, 0.0, 0.0
+    elements = _read_elements(plant.elements, plant.element_count)
     for e in range(len(elements)):
-        element = elements[e]
-        own, power = floats(integers(element.effect, EFFECT_SIZE)[_FORCES_AT], (size,)), 0.0
-        for x in range(size):
-            power += own[x] * velocities[x]
+        element, own = elements[e], _Own(elements[e].effect)
+        power = power_of(own.forces, velocities)
         if element.work == GIVEN:
             given += power
         elif element.work == LOST:
-            surroundings = floats(element.effect + 8 * _GIVEN, 1)[0]
-            given += surroundings
-            lost += surroundings - power
+            given += own.given
+            lost += own.given - power
         elif element.work == LOSING:
-            lost += floats(element.effect + 8 * _GIVEN, 1)[0]
-    if table[ADDED]:
-        held = floats(table[HELD_MASS], (size,))
-        for x in range(size):
-            given += held[x] * velocities[x]
+            lost += own.given
+    if plant.wet_rods > 0:
+        held = plant.held_mass
+        for n in range(len(held)):
+            for x in range(3):
+                given += held[n, x] * velocities[n, x]
     return given, lost
 
 
+@inlined
+def power_of(forces: Any, velocities: Any) -> float:
+    """Σ F·v [W]."""
+    power = 0.0
+    for n in range(len(forces)):
+        for x in range(3):
+            power += forces[n, x] * velocities[n, x]
+    return power
+
+
 @borrowing
-def lend_room(table: Any, room: int) -> None:
+def lend_room(table: int, room: int) -> None:
     """Give a copy of a table's elements, and all that they write, room of its own: `room_of_elements` numbers there."""
-    N, R, count = table[NODE_COUNT], table[ROD_TOTAL], table[ELEMENT_COUNT]
+    plant = PlantView(table)
+    N, R, count = plant.node_count, plant.wet_rods, plant.element_count
     seen = integers(room, MOTION_SIZE)
-    seen[0], seen[1], seen[2] = N, table[NODES], table[VELOCITIES]
-    table[SEEN] = room
+    seen[0], seen[1], seen[2] = N, address(plant.nodes), address(plant.velocities)
+    plant.seen = room
     room += 8 * MOTION_SIZE
-    if table[ADDED]:
-        table[ADDED] = room
+    if R > 0:
+        plant.added = floats(room, (R, 4))
         room += 32 * R
-        table[HELD_MASS] = room
+        plant.held_mass = floats(room, (N, 3))
         room += 24 * N
-    copy(integers(table[ELEMENTS], RECORD_SIZE * count), integers(room, RECORD_SIZE * count))
-    table[ELEMENTS] = room
+    copy(integers(plant.elements, RECORD_SIZE * count), integers(room, RECORD_SIZE * count))
+    plant.elements = room
     elements = _read_elements(room, count)
     room += 8 * RECORD_SIZE * count
     for e in range(count):
-        effect = integers(room, EFFECT_SIZE)
-        copy(integers(elements[e].effect, EFFECT_SIZE), effect)
+        copy(integers(elements[e].effect, EFFECT_SIZE), integers(room, EFFECT_SIZE))
         elements[e].effect = room
+        own = _Own(room)
         room += 8 * EFFECT_SIZE
-        effect[_FORCES_AT] = room
+        own.forces = floats(room, (N, 3))
         room += 24 * N
-        if table[ADDED]:
-            effect[_ADDED_AT] = table[ADDED]
+        if R > 0:
+            own.added = plant.added
 
 
-@borrowing
-def room_of_elements(table: Any) -> int:
+def room_of_elements(plant: Table) -> int:
     """Numbers that `lend_room` takes."""
-    N, count = table[NODE_COUNT], table[ELEMENT_COUNT]
-    added = 4 * table[ROD_TOTAL] + 3 * N if table[ADDED] else 0
-    return MOTION_SIZE + added + count * (RECORD_SIZE + EFFECT_SIZE + 3 * N)
+    N, count, R = plant["node_count"], plant["element_count"], plant["wet_rods"]
+    added = 4 * R + 3 * N if R > 0 else 0
+    return int(MOTION_SIZE + added + count * (RECORD_SIZE + EFFECT_SIZE + 3 * N))
 
 
 @borrowing
-def set_motions(table: Any, t: float) -> None:
+def set_motions(table: int, t: float) -> None:
     """Where the moved supports are at time t, with their velocities and accelerations."""
-    for number in range(table[MOTION_COUNT]):
-        if motion_at(table[MOTIONS], number, t, table[MOVED] + 72 * number) != 0:
-            table[STATUS] = FAILED
+    plant = PlantView(table)
+    moved = plant.moved
+    for number in range(len(moved)):
+        if motion_at(plant.motions, number, t, address(moved[number])) != 0:
+            plant.status = FAILED
 
 
 @dataclass(frozen=True)
@@ -286,13 +278,15 @@ def called_back(element: Element, scene: Scene, failures: Failures) -> NativeEle
             _, nodes, velocities = (ctypes.c_int64 * MOTION_SIZE).from_address(motion)
             x, v = view(nodes).reshape(N, 3).copy(), view(velocities).reshape(N, 3).copy()
             own = (ctypes.c_int64 * EFFECT_SIZE).from_address(effect)
-            state = [view(own[_STATE_AT], S).copy()] if S else []
-            view(own[_FORCES_AT])[:] += acted(element, scene, time, x, v, *state).ravel()
+            state = [view(own[_PLACES["state"]], S).copy()] if S else []
+            view(own[_PLACES["forces"]])[:] += acted(element, scene, time, x, v, *state).ravel()
             if S:
-                view(own[_RATES_AT], S)[:] = rated(element, scene, time, x, v, *state)
+                view(own[_PLACES["rates"]], S)[:] = rated(element, scene, time, x, v, *state)
             if element.work is Work.LOST or (S and element.work is Work.STORED):
                 tell = element.given if element.work is Work.LOST else element.lost
-                ctypes.c_double.from_address(effect + 8 * _GIVEN).value = float(tell(scene, time, x, v, *state))
+                ctypes.c_double.from_address(effect + 8 * _PLACES["given"]).value = float(
+                    tell(scene, time, x, v, *state)
+                )
         except BaseException as error:
             if not failures:
                 failures.append((element, error))
@@ -304,20 +298,19 @@ def called_back(element: Element, scene: Scene, failures: Failures) -> NativeEle
 
 
 class PackedElements:
-    """All that acts in a scene, in the slots of a plant's table; to be kept alive while the table is read.
+    """All that acts in a scene, in a plant's table; to be kept alive while the table is read.
 
     Attributes:
-        states: (4, S) of elements that have one, see `slots`.
+        states: (4, S) of elements that have one, see `plant_view`.
         failures: what an element in Python raised: it, and the first exception.
     """
 
-    def __init__(self, scene: Scene, table: Any) -> None:
+    def __init__(self, scene: Scene, plant: Table) -> None:
         self.failures: Failures = []
         effects, N, R = scene.effects, len(scene.structure.nodes), len(scene.structure.rods)
         self.records = np.zeros(len(effects), ELEMENT)
-        self.seen = np.array([N, table[NODES], table[VELOCITIES]], np.int64)
+        self.seen = pack_motion(count=N, nodes=plant["nodes"], velocities=plant["velocities"])
         self.added = np.zeros((R if any(one.adds_mass for one in effects) else 0, 4))
-        self.held = np.zeros((N, 3))
         start = states_at_start(effects, scene)
         self.states = np.array([start, 0.0 * start, start, 0.0 * start])
         self._keep: list[Any] = []
@@ -339,11 +332,9 @@ class PackedElements:
             record["function"], record["context"] = native.address, native.context
             record["effect"], record["work"] = effect.address, LOSING if losing else _WORKS[element.work]
             self._keep += [native, effect]
-        table[ELEMENT_STATE_COUNT], table[ELEMENT_STATES] = len(start), address_of(self.states)
-        table[ELEMENT_COUNT], table[ELEMENTS] = len(effects), address_of(self.records)
-        table[SEEN], table[ROD_TOTAL] = address_of(self.seen), R
-        table[ADDED] = address_of(self.added) if len(self.added) else 0
-        table[HELD_MASS] = address_of(self.held)
+        plant.set(element_count=len(effects), elements=address_of(self.records), seen=self.seen.address)
+        plant.set(wet_rods=len(self.added), added=self.added, held_mass=np.zeros((N, 3)))
+        plant.set(element_state_count=len(start), element_states=self.states)
 
     def raise_if_failed(self, time: float) -> None:
         """Raise what an element in Python did wrong.

@@ -9,15 +9,8 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dynamics.native.pointers import (
-    LOAD_FUNCTION,
-    address_of,
-    borrowing,
-    call_load,
-    floats,
-    integers,
-    records_reader,
-)
+from tensegrity_mj.dynamics.native.pointers import LOAD_FUNCTION, address_of, borrowing, call_load, floats
+from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.model.motion import Motion
 
 HARMONIC = np.dtype([("amplitude", "f8", (3,)), ("frequency", "f8"), ("phase", "f8")], align=True)
@@ -32,17 +25,25 @@ MOTION = np.dtype(
     ],
     align=True,
 )
-_read_harmonics, _read_motions = records_reader(HARMONIC), records_reader(MOTION)
-
-_COUNT, _HARMONIC_COUNT, _TIME_COUNT, _PIECE_COUNT, _MOTIONS, _HARMONICS, _TIMES, _PIECES = range(8)
+Motions, pack_motions = view_of(
+    "Motions",
+    count="size",
+    motions=(MOTION, "count"),
+    harmonic_count="size",
+    harmonics=(HARMONIC, "harmonic_count"),
+    time_count="size",
+    times=("f8", "time_count"),
+    piece_count="size",
+    pieces=("f8", "piece_count", 6, 3),
+)
 
 
 class PackedMotions:
-    """The arrays of some motions and a table of their addresses, to be kept alive while compiled code reads them.
+    """Some motions as compiled code reads them, to be kept alive meanwhile.
 
     Attributes:
         motions: what was packed.
-        table: (8,) int64.
+        address: of their `Motions`.
         failure: the first exception that a motion's function raised.
     """
 
@@ -67,15 +68,17 @@ class PackedMotions:
             pieces += list(motion.pieces)
             if motion.function is not None:
                 record["function"] = self._function(motion)
-        self._arrays = (records, harmonics, np.array(times, float), np.array(pieces, float).reshape(-1, 6, 3))
-        self.table = np.array(
-            [*(len(array) for array in self._arrays), *(address_of(array) for array in self._arrays)], np.int64
+        self._packed = pack_motions(
+            count=len(records),
+            motions=records,
+            harmonic_count=len(harmonics),
+            harmonics=harmonics,
+            time_count=len(times),
+            times=np.array(times, float),
+            piece_count=len(pieces),
+            pieces=np.array(pieces, float).reshape(-1, 6, 3),
         )
-
-    @property
-    def address(self) -> int:
-        """Of the table."""
-        return address_of(self.table)
+        self.address = self._packed.address
 
     def breakpoints(self) -> list[float]:
         """Times [s] at which a derivative of some motion may jump: those of its data."""
@@ -111,14 +114,14 @@ class PackedMotions:
 @borrowing
 def motion_at(packed: int, number: int, t: float, out_at: int) -> int:
     """Write displacement, velocity and acceleration (3, 3) of a motion at t [s]; not 0 where its function failed."""
-    table, out = integers(packed, (8,)), floats(out_at, (3, 3))
-    motion = _read_motions(table[_MOTIONS], table[_COUNT])[number]
+    all_, out = Motions(packed), floats(out_at, (3, 3))
+    motion = all_.motions[number]
     for row in range(3):
         for k in range(3):
             out[row, k] = 0.0
     if motion.function != 0:
         return call_load(motion.function, t, out_at)
-    harmonics = _read_harmonics(table[_HARMONICS], table[_HARMONIC_COUNT])
+    harmonics = all_.harmonics
     for h in range(motion.harmonics, motion.harmonics + motion.harmonic_count):
         item = harmonics[h]
         omega, angle = item.frequency, item.frequency * t + item.phase
@@ -129,9 +132,8 @@ def motion_at(packed: int, number: int, t: float, out_at: int) -> int:
             out[1, k] += a * omega * cosine
             out[2, k] -= a * omega * omega * sine
     if motion.time_count > 0:
-        times = floats(table[_TIMES], (table[_TIME_COUNT],))
-        pieces = floats(table[_PIECES], (table[_PIECE_COUNT], 6, 3))
-        _add_piece(times, motion.times, motion.times + motion.time_count - 1, pieces, motion.pieces, t, out)
+        first, last = motion.times, motion.times + motion.time_count - 1
+        _add_piece(all_.times, first, last, all_.pieces, motion.pieces, t, out)
     return 0
 
 

@@ -15,64 +15,24 @@ from tensegrity_mj.dynamics.native.actuation import winch_work
 from tensegrity_mj.dynamics.native.elements import PackedElements
 from tensegrity_mj.dynamics.native.law import FAILED, NOT_FINITE, Command, NativeLaw, Report
 from tensegrity_mj.dynamics.native.motion import PackedMotions
-from tensegrity_mj.dynamics.native.pointers import address_of, borrowing, copy, floats
-from tensegrity_mj.dynamics.native.slots import (
-    BREAK_TIMES,
-    BREAKING,
-    BROKEN,
-    CLIPPED,
-    COMMAND,
-    COMPLIANCE,
+from tensegrity_mj.dynamics.native.plant_view import (
     CONTINUOUS,
-    DAMPED,
-    DAMPING,
-    ELASTIC,
-    ELEMENT_STATE_COUNT,
-    ELEMENT_STATES,
-    FORCES,
-    HELD,
     HOLD_FORCE_DENSITY,
     HOLD_REST_LENGTH,
-    LAW,
-    LAW_CONTEXT,
-    LENGTH,
-    LIMITED,
-    MAX_FORCE_DENSITY,
-    MEMORY,
-    MIN_REST_LENGTH,
-    MODE,
-    MOTION_COUNT,
-    MOTIONS,
-    MOVED,
     NO_LAW,
-    NODE_COUNT,
-    NODES,
-    PASSIVE,
-    RATE,
-    REPORT,
+    PLANT,
     REPORT_SIZE,
-    REST,
-    RETURNS_LENGTHS,
-    SAMPLED_LENGTH,
-    STIFFNESS,
-    STRING_COUNT,
-    STRING_NODES,
-    TABLE_SIZE,
-    TENSION,
-    VELOCITIES,
-    WINCH,
-    WINCH_REACH,
+    RESOLUTION_SIZE,
+    WATCHED_SIZE,
+    PlantView,
 )
+from tensegrity_mj.dynamics.native.pointers import address, borrowing, copy, floats
+from tensegrity_mj.dynamics.native.views import Fields, Table
 from tensegrity_mj.errors import ControllerError
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure
-
-WATCHED = 46  # what `watch` counts
-RESOLUTION, RESOLUTION_KIND = 47, 48  # what `resolution` adds up, and by which rule
-
-WATCHED_SIZE, RESOLUTION_SIZE = 6, 22  # numbers a string, a node
 
 _MODES = {
     Mode.CONTINUOUS: CONTINUOUS,
@@ -82,27 +42,22 @@ _MODES = {
 
 
 @borrowing
-def row_width(table: Any) -> int:
-    """Length of what `write_row` writes."""
-    return 6 * table[NODE_COUNT] + 3 * table[STRING_COUNT] + 3 + table[ELEMENT_STATE_COUNT] + REPORT_SIZE
-
-
-@borrowing
-def write_row(table: Any, stored: float, lost: float, external: float, row: Any) -> None:
+def write_row(table: int, stored: float, lost: float, external: float, row: Any) -> None:
     """Nodes, velocities, L0, elastic tensions, tensions, winch work, dissipation, external work, the elements' states,
     the law's report."""
-    N, M, S = table[NODE_COUNT], table[STRING_COUNT], table[ELEMENT_STATE_COUNT]
-    copy(floats(table[NODES], (3 * N,)), row)
-    copy(floats(table[VELOCITIES], (3 * N,)), row[3 * N :])
+    plant = PlantView(table)
+    N, M, states = plant.node_count, plant.string_count, plant.element_states[0]
+    copy(floats(address(plant.nodes), 3 * N), row)
+    copy(floats(address(plant.velocities), 3 * N), row[3 * N :])
     at = 6 * N
-    copy(floats(table[REST], (M,)), row[at:])
-    copy(floats(table[ELASTIC], (M,)), row[at + M :])
-    copy(floats(table[TENSION], (M,)), row[at + 2 * M :])
+    copy(plant.rest, row[at:])
+    copy(plant.elastic, row[at + M :])
+    copy(plant.tensions, row[at + 2 * M :])
     at += 3 * M
     row[at] = winch_work(table, stored)
-    row[at + 1], row[at + 2] = lost + floats(table[WINCH], (3,))[2], external
-    copy(floats(table[ELEMENT_STATES], (S,)), row[at + 3 :])
-    copy(floats(table[REPORT], (REPORT_SIZE,)), row[at + 3 + S :])
+    row[at + 1], row[at + 2] = lost + plant.winch[2], external
+    copy(states, row[at + 3 :])
+    copy(plant.report, row[at + 3 + len(states) :])
 
 
 def break_times(scene: Scene) -> Array:
@@ -111,71 +66,68 @@ def break_times(scene: Scene) -> Array:
     return np.array([times.get(string.name, np.inf) for string in scene.structure.strings], float)
 
 
-class Plant:
-    """The arrays behind the table: strings, law, actuation and elements of one run.
+class Plant(Table):
+    """The table, and the arrays behind it: strings, law, actuation and elements of one run; its fields by their names.
 
     Attributes:
-        table: (TABLE_SIZE,) int64, see the slots above.
-        arrays: slot -> array, kept alive here.
         elements: what acts on the nodes besides.
+        motions: of the supports.
     """
 
-    def __init__(self, scene: Scene, law: NativeLaw, actuation: Actuation, on_infeasible: OnInfeasible) -> None:
+    def __init__(
+        self,
+        scene: Scene,
+        law: NativeLaw,
+        actuation: Actuation,
+        on_infeasible: OnInfeasible,
+        fields: Fields = PLANT,
+    ) -> None:
+        """`fields`: `PLANT`, and those of an engine behind them, which it sets."""
+        super().__init__("plant", fields)
         structure = scene.structure
-        N, M = len(structure.nodes), len(structure.strings)
-        self.scene, self.law = scene, law
-        self.arrays: dict[int, Any] = {
-            STRING_NODES: np.array(structure.string_nodes),
-            STIFFNESS: np.array(structure.stiffness),
-            COMPLIANCE: 1.0 / np.array(structure.stiffness),
-            DAMPING: np.array(structure.damping),
-            HELD: np.array(structure.rest_lengths),
-            MEMORY: np.array(structure.rest_lengths),
-            REST: np.array(structure.rest_lengths),
-            NODES: np.array(scene.nodes0),
-            VELOCITIES: np.array(scene.velocities0),
-            FORCES: np.zeros((N, 3)),
-            REPORT: np.full(REPORT_SIZE, np.nan),
-            WINCH: np.zeros(3),  # work of the jumps so far, energy at the start, energy set free by breaking strings
-            BREAK_TIMES: break_times(scene),
-            BROKEN: np.zeros(M, np.int64),
-            MOVED: np.zeros((len(scene.motions), 3, 3)),
-            WATCHED: np.zeros((M, WATCHED_SIZE)),
-            RESOLUTION: np.zeros((N, RESOLUTION_SIZE)),
-            **{slot: np.zeros(M) for slot in (COMMAND, LENGTH, RATE, TENSION, ELASTIC, SAMPLED_LENGTH)},
-        }
-        self.table = np.zeros(TABLE_SIZE, np.int64)
-        for slot, array in self.arrays.items():
-            self.table[slot] = address_of(array)
-        self.table[NODE_COUNT], self.table[STRING_COUNT] = N, M
-        self.table[CLIPPED] = structure.string_law is StringLaw.CLIPPED
-        self.table[DAMPED] = bool(np.any(structure.damping > 0))
-        self.table[RETURNS_LENGTHS] = law.command is Command.REST_LENGTH
-        self.table[PASSIVE] = on_infeasible is OnInfeasible.PASSIVE
-        self.table[LAW], self.table[LAW_CONTEXT] = law.address, law.context
-        self.table[MODE] = _MODES[actuation.mode] if law.address else NO_LAW
-        self.table[BREAKING] = len(scene.breaks)
-        self.motions = PackedMotions(scene.motions)
-        self.table[MOTION_COUNT], self.table[MOTIONS] = len(scene.motions), self.motions.address
+        N, M, m = len(structure.nodes), len(structure.strings), len(scene.motions)
+        self.scene, self.law, self.motions = scene, law, PackedMotions(scene.motions)
+        self.set(
+            node_count=N,
+            string_count=M,
+            rod_count=len(structure.rods),
+            nodes=np.array(scene.nodes0),
+            velocities=np.array(scene.velocities0),
+            forces=np.zeros((N, 3)),
+            string_nodes=np.array(structure.string_nodes),
+            stiffness=np.array(structure.stiffness),
+            compliance=1.0 / np.array(structure.stiffness),
+            damping=np.array(structure.damping),
+            damped=bool(np.any(structure.damping > 0)),
+            clipped=structure.string_law is StringLaw.CLIPPED,
+            breaking=len(scene.breaks),
+            break_times=break_times(scene),
+            broken=np.zeros(M, np.int64),
+            mode=_MODES[actuation.mode] if law.address else NO_LAW,
+            law=law.address,
+            law_context=law.context,
+            returns_lengths=law.command is Command.REST_LENGTH,
+            passive=on_infeasible is OnInfeasible.PASSIVE,
+            report=np.full(REPORT_SIZE, np.nan),
+            winch=np.zeros(3),
+            motion_count=m,
+            motions=self.motions.address,
+            moved=np.zeros((m, 3, 3)),
+            watched=np.zeros((M, WATCHED_SIZE)),
+            resolution=np.zeros((N, RESOLUTION_SIZE)),
+            **{name: np.array(structure.rest_lengths) for name in ("rest", "held", "memory")},
+            **{name: np.zeros(M) for name in ("command", "lengths", "rates", "tensions", "elastic", "sampled_lengths")},
+        )
         self._set_limits(structure, actuation)
-        self.elements = PackedElements(scene, self.table)
+        self.elements = PackedElements(scene, self)
+        self["row_width"] = 6 * N + 3 * M + 3 + self.elements.states.shape[1] + REPORT_SIZE
 
     def _set_limits(self, structure: Structure, actuation: Actuation) -> None:
         # A winch that holds rest lengths from sample to sample moves them once a period.
         reach = structure.limits("winch_speed") * (actuation.period or np.inf)
-        limits = (structure.limits("max_force_density"), structure.limits("min_rest_length"), reach)
-        for slot, values in zip((MAX_FORCE_DENSITY, MIN_REST_LENGTH, WINCH_REACH), limits, strict=True):
-            self.arrays[slot] = values
-            self.table[slot] = address_of(values)
-            self.table[LIMITED] |= bool(np.any(np.isfinite(values)))
-
-    @property
-    def address(self) -> int:
-        """Of the table."""
-        return address_of(self.table)
-
-    def __getitem__(self, slot: int) -> Any:
-        return self.arrays[slot]
+        limits = {name: structure.limits(name) for name in ("max_force_density", "min_rest_length")}
+        self.set(**limits, winch_reach=reach)
+        self["limited"] = any(np.any(np.isfinite(values)) for values in (*limits.values(), reach))
 
     def raise_if_failed(self, status: int, time: float) -> None:
         """Raise what a law or an element did wrong.
@@ -188,17 +140,17 @@ class Plant:
         if self.motions.failure:
             raise self.motions.failure[0]
         self.elements.raise_if_failed(time)
+        command = self["command"]
         if status == FAILED:
             cause = self.law.failure[0] if self.law.failure else None
             if cause is not None and not isinstance(cause, Exception):
                 raise cause  # KeyboardInterrupt within a Python law
             detail = f"{type(cause).__name__}: {cause}" if cause is not None else "no reason given"
             raise ControllerError(
-                f"the law failed near t = {time:.6g} s: {detail}; it must return {len(self.arrays[COMMAND])} finite "
+                f"the law failed near t = {time:.6g} s: {detail}; it must return {len(command)} finite "
                 "numbers at every state, or raise InfeasibleError"
             ) from cause
         if status == NOT_FINITE:
-            command = self.arrays[COMMAND]
             number = int(np.argmin(np.isfinite(command)))
             name = self.scene.structure.strings[number].name
             raise ControllerError(
@@ -209,7 +161,7 @@ class Plant:
     def infeasible_message(self, time: float) -> str:
         """What a run stopped by an infeasible law says."""
         text = f"the law has no admissible solution at t = {time:.6g} s"
-        margin = float(self.arrays[REPORT][Report.FEASIBILITY_MARGIN])
+        margin = float(self["report"][Report.FEASIBILITY_MARGIN])
         if self.law.reason:
             text += f": {self.law.reason[0]}"
         elif not np.isnan(margin):

@@ -96,6 +96,18 @@ def call_load(typingctx: Any, function: Any, time: Any, out: Any) -> Any:
 
 
 @intrinsic
+def address(typingctx: Any, array: Any) -> Any:
+    """Address of the first element, in compiled code."""
+    from llvmlite import ir
+    from numba import types
+
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.ptrtoint(context.make_array(sig.args[0])(context, builder, args[0]).data, ir.IntType(64))
+
+    return types.int64(array), codegen
+
+
+@intrinsic
 def stack_doubles(typingctx: Any, count: Any) -> Any:
     """Address of `count` float64 on the stack of the calling function, gone when that returns."""
     from llvmlite import ir

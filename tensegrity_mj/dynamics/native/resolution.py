@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.dynamics.native.plant import RESOLUTION, RESOLUTION_KIND, RESOLUTION_SIZE, Plant
-from tensegrity_mj.dynamics.native.pointers import borrowing, floats, inlined
-from tensegrity_mj.dynamics.native.slots import NODE_COUNT, NODES, VELOCITIES
+from tensegrity_mj.dynamics.native.plant import Plant
+from tensegrity_mj.dynamics.native.plant_view import PlantView
+from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
 from tensegrity_mj.dynamics.native.vectors import minus, row_of
 
 # Kinds: of no fixed step (or steps that are tried and not taken), and those above.
@@ -31,14 +31,13 @@ X0, V0, FIRST, SECOND, THIRD, SUM, MOVED_BY, VARIED_BY, CHANGE, COUNT = 0, 3, 6,
 
 
 @borrowing
-def resolve_start(table: Any, h: float) -> None:
+def resolve_start(table: int, h: float) -> None:
     """At the start of a step, or at its end where it is the last one; velocities are those of the state."""
-    N, kind = table[NODE_COUNT], table[RESOLUTION_KIND]
+    plant = PlantView(table)
+    nodes, velocities, rows, kind = plant.nodes, plant.velocities, plant.resolution, plant.resolution_kind
     if kind == NONE:
         return
-    nodes, velocities = floats(table[NODES], (N, 3)), floats(table[VELOCITIES], (N, 3))
-    rows = floats(table[RESOLUTION], (N, RESOLUTION_SIZE))
-    for n in range(N):
+    for n in range(len(rows)):
         row, x, v = rows[n], row_of(nodes, n), row_of(velocities, n)
         if row[COUNT] == 0.0:
             _put(row, X0, x)
@@ -58,14 +57,13 @@ def resolve_start(table: Any, h: float) -> None:
 
 
 @borrowing
-def resolve_stage(table: Any, stage: int, h: float) -> None:
+def resolve_stage(table: int, stage: int, h: float) -> None:
     """At stage 1, 2 or 3 of a step of RK4 that `resolve_start` has begun; the last one adds the step's local error."""
-    if table[RESOLUTION_KIND] != STAGES:
+    plant = PlantView(table)
+    if plant.resolution_kind != STAGES:
         return
-    N = table[NODE_COUNT]
-    velocities = floats(table[VELOCITIES], (N, 3))
-    rows = floats(table[RESOLUTION], (N, RESOLUTION_SIZE))
-    for n in range(N):
+    velocities, rows = plant.velocities, plant.resolution
+    for n in range(len(rows)):
         row, v = rows[n], row_of(velocities, n)
         if stage < 3:
             _put(row, SECOND if stage == 1 else THIRD, v)
@@ -97,7 +95,7 @@ def unresolved(plant: Plant, h: float) -> tuple[float, float, int]:
 
     The motion is the largest distance of any node from its start.
     """
-    rows, kind = plant[RESOLUTION], int(plant.table[RESOLUTION_KIND])
+    rows, kind = plant["resolution"], plant["resolution_kind"]
     if kind == NONE or not len(rows):
         return 0.0, 0.0, 0
     errors = rows[:, SUM] + (0.5 * h * rows[:, VARIED_BY] if kind == SEMI_IMPLICIT else 0.0)

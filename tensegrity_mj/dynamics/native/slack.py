@@ -7,15 +7,17 @@ instant of a change is searched, so that no stage of a trial sees the force that
 must be asked once more for it in each trial. Strings that it lets go have a margin of 0, which says nothing of when
 it will have them pull again: there, the time is halved.
 
-A search goes, with steps from the same start,
+A step, or what is left of one, goes with a `Search`
 
-    begin_search(strings, part, search)
-    while (part := next_part(table, h, strings, pulled, slack, search)) > 0:
-        ... take `part` of the step, and look(table, strings[NOW]) ...
-        if not learn(strings, pulled, part, search):
+    look_at_start(table, search)
+    ... take the step; set lengths, rates and rest lengths at its end ...
+    part = look_at_end(table, search, h)    # 0: nothing to search for
+    begin_search(table, search, part)
+    while (part := next_part(table, search, h)) > 0:
+        ... take `part` of the step from the same start; set lengths, rates and rest lengths there ...
+        if not look_at_trial(table, search, part, answer):
             break
-
-and has found an instant where `next_part` is 0: the end of the last step that was taken with search[TRIED].
+    part = end_search(table, search)        # after which some string changes, as the last trial has it; 0: none does
 """
 
 from __future__ import annotations
@@ -24,21 +26,10 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.dynamics.native.pointers import borrowing, floats, integers
-from tensegrity_mj.dynamics.native.slots import (
-    BROKEN,
-    CLIPPED,
-    CONTINUOUS,
-    DAMPING,
-    HOLDS_FORCE_DENSITY,
-    LENGTH,
-    MODE,
-    RATE,
-    REST,
-    STIFFNESS,
-    STRING_COUNT,
-    SUSPENDED,
-)
+from tensegrity_mj.dynamics.native.law import NO_SOLUTION
+from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS, PlantView
+from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
+from tensegrity_mj.dynamics.native.views import Table, view_of
 
 MOST_SPLITS = 4  # of a step; one with more changes is too coarse for any order
 MOST_TRIALS = 40  # for one instant
@@ -52,75 +43,80 @@ HALVINGS = 40  # for the root of a cubic
 WHOLE, KEPT_SLACK = 0, 2  # of BROKEN, beside 1: slack as long as an instant is searched
 MARGIN, STRETCH, SPEED = 0, 1, 2  # of each string: [N], [m], [m/s]
 
-# What a search keeps of the strings, (SEARCHED, 3, M): at the start of the step; after a part in which none has changed
-# and after one in which some have; after the last trial, and after the one before. CHORDS is scratch.
+# What a search keeps of the strings: at the start of the step; after a part in which none has changed and after one in
+# which some have; after the last trial, and after the one before. CHORDS is scratch.
 START, ABOVE, BELOW, NOW, BEFORE, CHORDS = range(6)
-SEARCHED = 6
-# And of itself: the parts of the step of those; trials so far; whether strings are known to have changed at HIGH in a
-# step in which none was kept slack; whether they have in one where they were.
-LOW, HIGH, AT_NOW, AT_BEFORE, TRIALS, KNOWN, TRIED = range(7)
-SEARCH_SIZE = 7
+Search, _pack_search = view_of(
+    "Search",
+    count="size",
+    strings=("f8", 6, 3, "count"),
+    pulled=("b1", "count"),  # whether each string pulls at the start, and is slack there
+    slack=("b1", "count"),
+    low="real",  # the parts of the step of BELOW, ABOVE, NOW and BEFORE
+    high="real",
+    at_now="real",
+    at_before="real",
+    trials="state",  # so far
+    known="state",  # whether strings are known to have changed at `high` in a step in which none was kept slack
+    tried="state",  # whether they have in one where they were
+)
+
+
+def search_of(count: int) -> Table:
+    """A `Search` for so many strings."""
+    numbers = dict.fromkeys(("low", "high", "at_now", "at_before", "trials", "known", "tried"), 0)
+    marks = np.zeros((2, count), np.bool_)
+    strings = np.zeros((CHORDS + 1, 3, count))
+    return _pack_search(count=count, strings=strings, pulled=marks[0], slack=marks[1], **numbers)
 
 
 @borrowing
-def look(table: Any, out: Any) -> None:
+def _look(plant: Any, out: Any) -> None:
     """Margin, stretch and rate of each string now (3, M)."""
-    M = table[STRING_COUNT]
-    stiffness, damping = floats(table[STIFFNESS], (M,)), floats(table[DAMPING], (M,))
-    lengths, speeds = floats(table[LENGTH], (M,)), floats(table[RATE], (M,))
-    rest, broken = floats(table[REST], (M,)), integers(table[BROKEN], (M,))
-    for m in range(M):
+    stiffness, damping, clipped, broken = plant.stiffness, plant.damping, plant.clipped, plant.broken
+    lengths, speeds, rest = plant.lengths, plant.rates, plant.rest
+    for m in range(len(rest)):
         stretch = lengths[m] - rest[m]
         margin = stiffness[m] * stretch
-        if table[CLIPPED]:
+        if clipped:
             margin = min(margin, margin + damping[m] * speeds[m])
         out[MARGIN, m] = -1.0 if broken[m] == 1 else margin
         out[STRETCH, m], out[SPEED, m] = stretch, speeds[m]
 
 
+@inlined
+def _asks(plant: Any) -> bool:
+    return plant.mode == CONTINUOUS and not plant.suspended
+
+
 @borrowing
-def asks(table: Any) -> bool:
+def asks(table: int) -> bool:
     """Whether rest lengths follow a law that must be asked."""
-    return table[MODE] == CONTINUOUS and not table[SUSPENDED]
+    return _asks(PlantView(table))
 
 
 @borrowing
-def note(start: Any, pulled: Any, slack: Any) -> None:
-    """Which strings pull, and which are slack, by what is known of them (3, M)."""
+def look_at_start(table: int, searched: int) -> None:
+    """Note which strings pull at the start of a step, and which are slack."""
+    search = Search(searched)
+    start, pulled, slack = search.strings[START], search.pulled, search.slack
+    _look(PlantView(table), start)
     for m in range(len(pulled)):
         pulled[m], slack[m] = start[MARGIN, m] > 0.0, start[STRETCH, m] <= 0.0
 
 
 @borrowing
-def keep_slack(table: Any, slack: Any) -> None:
-    """Have these strings stay slack, as if they were broken."""
-    broken = integers(table[BROKEN], (len(slack),))
-    for m in range(len(slack)):
-        if slack[m] and broken[m] == WHOLE:
-            broken[m] = KEPT_SLACK
-
-
-@borrowing
-def let_go(table: Any) -> None:
-    """End what `keep_slack` began."""
-    broken = integers(table[BROKEN], (table[STRING_COUNT],))
-    for m in range(len(broken)):
-        if broken[m] == KEPT_SLACK:
-            broken[m] = WHOLE
-
-
-@borrowing
-def any_changes(pulled: Any, now: Any) -> bool:
-    """Whether any string pulls now that did not, or the reverse."""
-    changes = False
+def _any_changes(search: Any, state: int) -> bool:
+    """Whether any string pulls that did not, or the reverse."""
+    pulled, now, changes = search.pulled, search.strings[state], False
     for m in range(len(pulled)):
         changes |= pulled[m] != (now[MARGIN, m] > 0.0)
     return changes
 
 
 @borrowing
-def first_change(table: Any, strings: Any, pulled: Any, slack: Any, h: float) -> float:
-    """What to search for in a step of h [s] that was taken whole, its ends looked at as START and ABOVE.
+def look_at_end(table: int, searched: int, h: float) -> float:
+    """What to search for in a step of h [s] that was taken whole.
 
     Returns:
         0 for nothing; 1 where some strings have changed at its end; otherwise the part of the step after which a
@@ -128,10 +124,11 @@ def first_change(table: Any, strings: Any, pulled: Any, slack: Any, h: float) ->
 
     A kink at the very start is none within the step: such a string counts as changed, in `pulled` and `slack`.
     """
-    start, end = strings[START], strings[ABOVE]
-    if any_changes(pulled, end):
-        return 1.0 if _matters(table, pulled, slack, start, end, h) else 0.0
-    part = _turn(table, start, end, h)
+    plant, search = PlantView(table), Search(searched)
+    _look(plant, search.strings[ABOVE])
+    if _any_changes(search, ABOVE):
+        return 1.0 if _matters(plant, search, h) else 0.0
+    part = _turn(plant, search, h)
     return 0.0 if part == 1.0 else part
 
 
@@ -156,11 +153,10 @@ def _cubic_root(s0: float, s1: float, d0: float, d1: float) -> float:
 
 
 @borrowing
-def _turn(table: Any, start: Any, end: Any, h: float) -> float:
+def _turn(plant: Any, search: Any, h: float) -> float:
     """The part of a step after which a string turns back that was taut, or slack, for a moment within; 1 for none."""
-    broken = integers(table[BROKEN], (table[STRING_COUNT],))
-    first = 1.0
-    if asks(table) or table[HOLDS_FORCE_DENSITY]:
+    broken, start, end, first = plant.broken, search.strings[START], search.strings[ABOVE], 1.0
+    if _asks(plant) or plant.holds_force_density:
         return first
     for m in range(len(broken)):
         s0, s1, d0, d1 = start[STRETCH, m], end[STRETCH, m], h * start[SPEED, m], h * end[SPEED, m]
@@ -177,45 +173,46 @@ def _turn(table: Any, start: Any, end: Any, h: float) -> float:
 
 
 @borrowing
-def _matters(table: Any, pulled: Any, slack: Any, start: Any, end: Any, h: float) -> bool:
+def _matters(plant: Any, search: Any, h: float) -> bool:
     """Whether any change lies far enough from the ends of the step for it to be split there."""
+    start, end, pulled, slack = search.strings[START], search.strings[ABOVE], search.pulled, search.slack
     any_matters = False
     for m in range(len(pulled)):
         if pulled[m] == (end[MARGIN, m] > 0.0):
             continue
-        if not _by_stretch(table, m, slack[m]):
+        if not _by_stretch(plant, m, slack[m]):
             any_matters = True
             continue
         at = _cubic_root(start[STRETCH, m], end[STRETCH, m], h * start[SPEED, m], h * end[SPEED, m])
-        if _jumps(table, m, slack[m]) or KINK_LEAST < at < 1.0 - KINK_LEAST:
+        if _jumps(plant, m, slack[m]) or KINK_LEAST < at < 1.0 - KINK_LEAST:
             any_matters = True
         elif at <= KINK_LEAST:
             pulled[m], slack[m] = not pulled[m], False
     return any_matters
 
 
-@borrowing
-def _jumps(table: Any, m: int, slack: bool) -> bool:
+@inlined
+def _jumps(plant: Any, m: int, slack: bool) -> bool:
     """Whether the force of a string jumps where it changes: it has a damper, and comes taut."""
-    return slack and floats(table[DAMPING], (m + 1,))[m] > 0.0
+    return slack and plant.damping[m] > 0.0
 
 
 @borrowing
-def _within(table: Any, m: int, slack: bool, off_chord: float) -> float:
+def _within(plant: Any, m: int, slack: bool, off_chord: float) -> float:
     """To what part of a step the instant of a string must be known."""
-    if _jumps(table, m, slack):
+    if _jumps(plant, m, slack):
         return JUMP_WITHIN
-    if asks(table):
+    if _asks(plant):
         return LAW_WITHIN
     return min(max(KINK_PART * off_chord * off_chord, KINK_LEAST), KINK_MOST)
 
 
-@borrowing
-def _by_stretch(table: Any, m: int, slack: bool) -> bool:
+@inlined
+def _by_stretch(plant: Any, m: int, slack: bool) -> bool:
     """Whether a string changes where its stretch does, the rate of which is known."""
-    if asks(table) or table[HOLDS_FORCE_DENSITY]:
+    if _asks(plant) or plant.holds_force_density:
         return False
-    return slack or floats(table[DAMPING], (m + 1,))[m] == 0.0
+    return slack or plant.damping[m] == 0.0
 
 
 @borrowing
@@ -227,44 +224,44 @@ def _copy(strings: Any, source: int, target: int) -> None:
 
 
 @borrowing
-def begin_search(strings: Any, part: float, search: Any) -> None:
-    """Begin to search the first instant at which a string changes, with START and ABOVE of `strings` looked up.
+def begin_search(table: int, searched: int, part: float) -> None:
+    """Begin to search the first instant at which a string changes: slack strings stay slack, as if they were broken.
 
-    Args:
-        strings: (SEARCHED, 3, M).
-        part: 1 where some have changed at the end of the step; otherwise a part of it after which some may have.
-        search: (SEARCH_SIZE,) float64.
+    `part`: 1 where some have changed at the end of the step; otherwise a part of it after which some may have.
     """
+    search, broken = Search(searched), PlantView(table).broken
+    strings, slack = search.strings, search.slack
     _copy(strings, START, BELOW)
     _copy(strings, START, BEFORE)
     _copy(strings, ABOVE, NOW)
-    for m in range(strings.shape[2]):
+    for m in range(len(broken)):
         fall = strings[START, MARGIN, m] - strings[ABOVE, MARGIN, m]
         strings[CHORDS, 0, m] = strings[START, MARGIN, m] / fall if fall != 0.0 else 0.0
-    search[LOW], search[HIGH], search[AT_BEFORE], search[AT_NOW] = 0.0, part, 0.0, 1.0
-    search[TRIALS], search[KNOWN], search[TRIED] = 0.0, 1.0 if part == 1.0 else 0.0, 0.0
+        if slack[m] and broken[m] == WHOLE:
+            broken[m] = KEPT_SLACK
+    search.low, search.high, search.at_before, search.at_now = 0.0, part, 0.0, 1.0
+    search.trials, search.known, search.tried = 0, part == 1.0, 0
 
 
 @borrowing
-def next_part(table: Any, h: float, strings: Any, pulled: Any, slack: Any, search: Any) -> float:
+def next_part(table: int, searched: int, h: float) -> float:
     """What part of the step of h [s] to take next; 0 where the last that was taken is the one sought, or none is.
 
     By cubics of the stretches, or secants of the margins, between a part where none has changed and one where some
     have.
-
-    Args:
-        pulled, slack: (M,) whether each string pulls at the start, and is slack there.
     """
-    low, high = search[LOW], search[HIGH]
-    at_now, at_before, trial, part = search[AT_NOW], search[AT_BEFORE], int(search[TRIALS]), search[HIGH]
+    plant, search = PlantView(table), Search(searched)
+    pulled, slack, strings = search.pulled, search.slack, search.strings
     above, below, now, before = strings[ABOVE], strings[BELOW], strings[NOW], strings[BEFORE]
-    if trial > 0 or search[KNOWN] != 0.0:
+    low, high, at_now, at_before = search.low, search.high, search.at_now, search.at_before
+    trial, part = search.trials, high
+    if trial > 0 or search.known:
         first, within = high, KINK_MOST
         for m in range(len(pulled)):
             if pulled[m] == (above[MARGIN, m] > 0.0):
                 continue
             at = 0.5 * (low + high)
-            if _by_stretch(table, m, slack[m]):
+            if _by_stretch(plant, m, slack[m]):
                 d = (high - low) * h
                 s0, s1, d0, d1 = below[STRETCH, m], above[STRETCH, m], below[SPEED, m], above[SPEED, m]
                 at = low + (high - low) * _cubic_root(s0, s1, d * d0, d * d1)
@@ -272,8 +269,8 @@ def next_part(table: Any, h: float, strings: Any, pulled: Any, slack: Any, searc
                 secant = at_now - now[MARGIN, m] * (at_now - at_before) / (now[MARGIN, m] - before[MARGIN, m])
                 at = secant if low < secant < high else at
             if at < first:
-                first, within = at, _within(table, m, slack[m], at - strings[CHORDS, 0, m])
-        if search[TRIED] != 0.0 and at_now == high and high - first <= within:
+                first, within = at, _within(plant, m, slack[m], at - strings[CHORDS, 0, m])
+        if search.tried and at_now == high and high - first <= within:
             return 0.0
         if high - low <= within:
             part = high
@@ -282,25 +279,44 @@ def next_part(table: Any, h: float, strings: Any, pulled: Any, slack: Any, searc
         else:
             part = 0.5 * (low + high)
     if trial == MOST_TRIALS:
-        search[TRIED] = 0.0
+        search.tried = 0
         return 0.0
-    search[TRIALS] += 1.0
+    search.trials += 1
     _copy(strings, NOW, BEFORE)
-    search[AT_BEFORE] = at_now
+    search.at_before = at_now
     return part
 
 
 @borrowing
-def learn(strings: Any, pulled: Any, part: float, search: Any) -> bool:
-    """Take in what was seen after a part of the step; false where no string changes after all."""
-    search[AT_NOW] = part
-    if any_changes(pulled, strings[NOW]):
-        search[TRIED], search[HIGH] = 1.0, part
+def look_at_trial(table: int, searched: int, part: float, answer: int) -> bool:
+    """Take in what a part of the step came to; false where the search ends without an instant.
+
+    `answer`: of the trial; one that failed ends the search.
+    """
+    search = Search(searched)
+    strings = search.strings
+    if answer > NO_SOLUTION:
+        search.tried = 0
+        return False
+    _look(PlantView(table), strings[NOW])
+    search.at_now = part
+    if _any_changes(search, NOW):
+        search.tried, search.high = 1, part
         _copy(strings, NOW, ABOVE)
-    elif part == search[HIGH]:
-        search[TRIED] = 0.0
+    elif part == search.high:
+        search.tried = 0  # no string changes after all
         return False
     else:
-        search[LOW] = part
+        search.low = part
         _copy(strings, NOW, BELOW)
     return True
+
+
+@borrowing
+def end_search(table: int, searched: int) -> float:
+    """Strings that were kept slack may pull again; the part of the step that the last trial took, 0 for no instant."""
+    search, broken = Search(searched), PlantView(table).broken
+    for m in range(len(broken)):
+        if broken[m] == KEPT_SLACK:
+            broken[m] = WHOLE
+    return search.high if search.tried else 0.0

@@ -6,38 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.dynamics.native.pointers import (
-    borrowing,
-    floats,
-    integers,
-)
-from tensegrity_mj.dynamics.native.slots import (
-    BROKEN,
-    CLIPPED,
-    DAMPING,
-    ELASTIC,
-    FORCES,
-    LENGTH,
-    NODE_COUNT,
-    NODES,
-    RATE,
-    REST,
-    STIFFNESS,
-    STRING_COUNT,
-    STRING_NODES,
-    TENSION,
-    VELOCITIES,
-)
+from tensegrity_mj.dynamics.native.plant_view import PlantView
+from tensegrity_mj.dynamics.native.pointers import borrowing
 
 
 @borrowing
-def measure_strings(table: Any) -> None:
+def measure_strings(table: int) -> None:
     """Lengths and rates of the strings from the node positions and velocities."""
-    N, M = table[NODE_COUNT], table[STRING_COUNT]
-    nodes, velocities = floats(table[NODES], (N, 3)), floats(table[VELOCITIES], (N, 3))
-    pairs = integers(table[STRING_NODES], (M, 2))
-    lengths, rates = floats(table[LENGTH], (M,)), floats(table[RATE], (M,))
-    for m in range(M):
+    plant = PlantView(table)
+    nodes, velocities, pairs = plant.nodes, plant.velocities, plant.string_nodes
+    lengths, rates = plant.lengths, plant.rates
+    for m in range(len(pairs)):
         i, j = pairs[m, 0], pairs[m, 1]
         square, dot = 0.0, 0.0
         for x in range(3):
@@ -49,18 +28,17 @@ def measure_strings(table: Any) -> None:
 
 
 @borrowing
-def tighten_strings(table: Any) -> tuple[float, float]:
+def tighten_strings(table: int) -> tuple[float, float]:
     """Tension and its elastic part from lengths, rates and rest lengths: the law of `strings`.
 
     Returns the powers Σ T_elastic dL/dt and Σ (T - T_elastic) dL/dt [W] of the elastic parts and of the dampers.
     """
-    M, clipped = table[STRING_COUNT], table[CLIPPED]
-    stiffness, damping = floats(table[STIFFNESS], (M,)), floats(table[DAMPING], (M,))
-    lengths, rates = floats(table[LENGTH], (M,)), floats(table[RATE], (M,))
-    rest, broken = floats(table[REST], (M,)), integers(table[BROKEN], (M,))
-    tension, elastic = floats(table[TENSION], (M,)), floats(table[ELASTIC], (M,))
+    plant = PlantView(table)
+    stiffness, damping, clipped, broken = plant.stiffness, plant.damping, plant.clipped, plant.broken
+    lengths, rates, rest = plant.lengths, plant.rates, plant.rest
+    tension, elastic = plant.tensions, plant.elastic
     stored, lost = 0.0, 0.0
-    for m in range(M):
+    for m in range(len(rest)):
         stretch, pull, total = lengths[m] - rest[m], 0.0, 0.0
         if stretch > 0.0 and not broken[m]:
             pull = stiffness[m] * stretch
@@ -74,14 +52,12 @@ def tighten_strings(table: Any) -> tuple[float, float]:
 
 
 @borrowing
-def string_energy(table: Any) -> float:
+def string_energy(table: int) -> float:
     """Elastic energy of all strings at the current lengths and rest lengths."""
-    M = table[STRING_COUNT]
-    stiffness = floats(table[STIFFNESS], (M,))
-    lengths, rest = floats(table[LENGTH], (M,)), floats(table[REST], (M,))
-    broken = integers(table[BROKEN], (M,))
+    plant = PlantView(table)
+    stiffness, lengths, rest, broken = plant.stiffness, plant.lengths, plant.rest, plant.broken
     total = 0.0
-    for m in range(M):
+    for m in range(len(rest)):
         stretch = lengths[m] - rest[m]
         if stretch > 0.0 and not broken[m]:
             total += 0.5 * stiffness[m] * stretch * stretch
@@ -89,13 +65,11 @@ def string_energy(table: Any) -> float:
 
 
 @borrowing
-def add_string_forces(table: Any) -> None:
-    """Add the strings' pull to the nodal forces."""
-    N, M = table[NODE_COUNT], table[STRING_COUNT]
-    nodes, forces = floats(table[NODES], (N, 3)), floats(table[FORCES], (N, 3))
-    pairs = integers(table[STRING_NODES], (M, 2))
-    lengths, tension = floats(table[LENGTH], (M,)), floats(table[TENSION], (M,))
-    for m in range(M):
+def add_string_forces(table: int, forces: Any) -> None:
+    """Add the strings' pull to forces on the nodes (N, 3)."""
+    plant = PlantView(table)
+    nodes, pairs, lengths, tension = plant.nodes, plant.string_nodes, plant.lengths, plant.tensions
+    for m in range(len(pairs)):
         if tension[m] != 0.0 and lengths[m] > 0.0:
             i, j = pairs[m, 0], pairs[m, 1]
             density = tension[m] / lengths[m]

@@ -12,7 +12,6 @@ from numba.core.typing.templates import AttributeTemplate
 from numba.extending import infer_getattr, lower_getattr_generic, lower_setattr_generic, models, register_model
 from numba.np import arrayobj
 
-# A field: "size" (a whole number), "real", or an array as (dtype, extents...), each a size by name or a number.
 Field = str | tuple[Any, ...]
 
 WORD = ir.IntType(64)
@@ -23,11 +22,13 @@ class View(types.Type):  # type: ignore[misc]
 
     Attributes:
         fields: (name, field) of each, in the order of the table.
+        fixed: whether sizes and addresses never change.
     """
 
-    def __init__(self, name: str, fields: tuple[tuple[str, Field], ...]) -> None:
-        self.fields = fields
-        super().__init__(name=f"{name}({', '.join(f'{key}: {_text(field)}' for key, field in fields)})")
+    def __init__(self, name: str, fields: tuple[tuple[str, Field], ...], fixed: bool) -> None:
+        self.fields, self.fixed = fields, fixed
+        of = ", ".join(f"{key}: {_text(field)}" for key, field in fields)
+        super().__init__(name=f"{name}{'' if fixed else ' changing'}({of})")
 
     def place(self, name: str) -> int:
         """Where a field stands in the table; -1 for none."""
@@ -39,7 +40,7 @@ class View(types.Type):  # type: ignore[misc]
         if field is None:
             return None
         if isinstance(field, str):
-            return types.int64 if field == "size" else types.float64
+            return types.float64 if field == "real" else types.int64
         return types.Array(numba.from_dtype(np.dtype(field[0])), len(field) - 1, "C")
 
 
@@ -71,9 +72,10 @@ def _address(builder: Any, view: View, value: Any, name: str, kind: Any) -> Any:
 
 
 def _word(builder: Any, view: View, value: Any, name: str) -> Any:
-    """A size or an address, which is the same whenever it is read."""
+    """A whole number or an address; where the view is fixed, the same whenever it is read."""
     word = builder.load(_address(builder, view, value, name, WORD))
-    word.set_metadata("invariant.load", builder.module.add_metadata([]))
+    if view.fixed and dict(view.fields)[name] != "state":
+        word.set_metadata("invariant.load", builder.module.add_metadata([]))
     return word
 
 
@@ -99,6 +101,11 @@ def _get(context: Any, builder: Any, view: View, value: Any, name: str) -> Any:
 
 @lower_setattr_generic(View)
 def _set(context: Any, builder: Any, signature: Any, args: Any, name: str) -> None:
-    view, value = signature.args[0], context.cast(builder, args[1], signature.args[1], types.float64)
-    assert dict(view.fields)[name] == "real", f"{view}: {name} is not for compiled code to change"
-    builder.store(value, _address(builder, view, args[0], name, ir.DoubleType()))
+    view = signature.args[0]
+    field, kind = dict(view.fields)[name], view.type_of(name)
+    elsewhere = not view.fixed and not isinstance(field, str)
+    assert elsewhere or field in ("real", "state"), f"{name} is not for compiled code to change"
+    value = context.cast(builder, args[1], signature.args[1], kind)
+    if elsewhere:  # an array, of which the table has the address
+        kind, value = types.int64, builder.ptrtoint(context.make_array(kind)(context, builder, value).data, WORD)
+    builder.store(value, _address(builder, view, args[0], name, context.get_value_type(kind)))

@@ -11,11 +11,13 @@ and in compiled code, which gets `packed.address`,
 
 A table is int64 numbers: sizes, the bits of reals, and addresses of arrays. A view is its address and nothing else; its
 fields are resolved while it is compiled, and are read from where the table is. Compiled code may take the sizes and
-addresses of a table for constants: a table that changes them must not be read by a view. Reals may be written.
+addresses of a table for constants: one that changes them is read by a `changing_view` alone, whose sizes and arrays are
+to be taken once, before a loop. Reals and states may be written; an array set in a changing view is another place.
 """
 
 from __future__ import annotations
 
+import functools
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -26,46 +28,90 @@ import numpy as np
 from tensegrity_mj.dynamics.native.compiling import intrinsic
 from tensegrity_mj.dynamics.native.pointers import address_of
 
-# A field: "size" (a whole number), "real", or an array as (dtype, extents...), each a size by name or a number.
+# A field: "size" (a whole number: of an array, a choice, an address), "state" (one that compiled code changes), "real",
+# or an array as (dtype, extents...), each a size by name or a number.
 Field = str | tuple[Any, ...]
 # Of the code that a view compiles to: what is kept from an older one is not taken.
 STAMP = zlib.crc32(Path(__file__).with_name("view_types.py").read_bytes())
 Fields = tuple[tuple[str, Field], ...]
 
 
+@functools.cache
+def _layout(fields: Fields) -> dict[str, tuple[int, str, Any, tuple[Any, ...]]]:
+    """Of each field by its name: place, kind ("" for an array), dtype, extents."""
+    return {
+        name: (place, field, None, ()) if isinstance(field, str) else (place, "", np.dtype(field[0]), field[1:])
+        for place, (name, field) in enumerate(fields)
+    }
+
+
 class Table:
-    """A table and the arrays that it leads to, to be kept alive while it is read.
+    """A table and the arrays that it leads to, to be kept alive while it is read; its fields by their names.
 
     Attributes:
         table: (fields,) int64.
         arrays: by field.
+        address: of the table.
     """
 
-    def __init__(self, view: str, fields: Fields, values: dict[str, Any]) -> None:
-        assert values.keys() == dict(fields).keys(), f"{view}: given {sorted(values)}"
-        self.arrays: dict[str, Any] = {}
+    def __init__(self, view: str, fields: Fields) -> None:
+        self.view, self._layout = view, _layout(fields)
         self.table = np.zeros(len(fields), np.int64)
-        for place, (name, field) in enumerate(fields):
-            if isinstance(field, str):
-                kind = np.int64 if field == "size" else np.float64
-                self.table[place] = np.array([values[name]], kind).view(np.int64)[0]
-                continue
-            shape = tuple(values[extent] if isinstance(extent, str) else extent for extent in field[1:])
-            array = np.ascontiguousarray(values[name], dtype=field[0])
-            assert array.shape == shape, f"{view}: {name} has shape {array.shape}, not {shape}"
-            self.arrays[name] = array
-            self.table[place] = address_of(array)
+        self._reals = self.table.view(np.float64)
+        self.arrays: dict[str, Any] = {}
+        self.address = address_of(self.table)
 
-    @property
-    def address(self) -> int:
-        """Of the table."""
-        return address_of(self.table)
+    def place(self, name: str) -> int:
+        """Where a field stands in the table."""
+        return self._layout[name][0]
+
+    def __getitem__(self, name: str) -> Any:
+        """An array, or a number."""
+        place, kind, _, _ = self._layout[name]
+        if not kind:
+            return self.arrays[name]
+        return float(self._reals[place]) if kind == "real" else int(self.table[place])
+
+    def __setitem__(self, name: str, value: Any) -> None:
+        """Set a number, or where an array is: a C-ordered one of the field's dtype and shape, whose sizes are set."""
+        place, kind, dtype, extents = self._layout[name]
+        if kind:
+            (self._reals if kind == "real" else self.table)[place] = value
+            return
+        shape = tuple([self[extent] if isinstance(extent, str) else extent for extent in extents])
+        if value.shape != shape or value.dtype != dtype:
+            raise AssertionError(f"{self.view}: {name} is {value.dtype} {value.shape}, not {dtype} {shape}")
+        self.arrays[name] = value
+        self.table[place] = address_of(value)
+
+    def set(self, **values: Any) -> None:
+        """Set several fields, sizes before arrays."""
+        for name in sorted(values, key=lambda name: not self._layout[name][1]):
+            self[name] = values[name]
 
 
 def view_of(name: str, **fields: Field) -> tuple[Any, Callable[..., Table]]:
     """A view by its fields: a compiled function (address) -> view, and a function of the fields' values -> `Table`."""
     given: Fields = tuple(fields.items())
 
+    def pack(**values: Any) -> Table:
+        assert values.keys() == fields.keys(), f"{name}: given {sorted(values)}"
+        for key, field in fields.items():
+            if not isinstance(field, str):
+                values[key] = np.ascontiguousarray(values[key], dtype=field[0])
+        table = Table(name, given)
+        table.set(**values)
+        return table
+
+    return _viewer(name, given, True), pack
+
+
+def changing_view(name: str, fields: Fields) -> Any:
+    """A compiled function (address) -> view of a table whose sizes and addresses may change."""
+    return _viewer(name, fields, False)
+
+
+def _viewer(name: str, given: Fields, fixed: bool) -> Any:
     @intrinsic
     def at(typingctx: Any, address: Any) -> Any:
         from numba import types
@@ -77,9 +123,6 @@ def view_of(name: str, **fields: Field) -> tuple[Any, Callable[..., Table]]:
         def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
             return args[0]
 
-        return View(name, given)(types.int64), codegen
+        return View(name, given, fixed)(types.int64), codegen
 
-    def pack(**values: Any) -> Table:
-        return Table(name, given, values)
-
-    return at, pack
+    return at

@@ -13,21 +13,11 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dynamics.native.plant import WATCHED, WATCHED_SIZE, Plant
-from tensegrity_mj.dynamics.native.pointers import borrowing, floats, integers
-from tensegrity_mj.dynamics.native.slots import (
-    BROKEN,
-    COMMAND,
-    LENGTH,
-    LIMITED,
-    MIN_REST_LENGTH,
-    REST,
-    RETURNS_LENGTHS,
-    STIFFNESS,
-    STRING_COUNT,
-)
+from tensegrity_mj.dynamics.native.plant import Plant
+from tensegrity_mj.dynamics.native.plant_view import PlantView
+from tensegrity_mj.dynamics.native.pointers import borrowing
 
-# Columns of WATCHED, a row a string: of rest lengths and of commands, at how many steps, when first [s], the least.
+# Columns of `watched`, a row a string: of rest lengths and of commands, at how many steps, when first [s], the least.
 STEPS, FIRST, LEAST = range(3)
 PUSH = 3  # first column of commands
 # Round-off of a law's solution, which may be 0 - 1e-17: parts of the largest u, and of the stiffness.
@@ -35,24 +25,23 @@ PUSH_ROUND_OFF, STRAIN_ROUND_OFF = 1e-9, 1e-15
 
 
 @borrowing
-def watch_strings(table: Any, t: float, answered: bool) -> None:
+def watch_strings(table: int, t: float, answered: bool) -> None:
     """Count what is impossible at a state whose rest lengths are set; `answered`: the command is the law's for it."""
-    M = table[STRING_COUNT]
-    rest, broken = floats(table[REST], (M,)), integers(table[BROKEN], (M,))
-    seen = floats(table[WATCHED], (M, WATCHED_SIZE))
+    plant = PlantView(table)
+    rest, broken, seen = plant.rest, plant.broken, plant.watched
+    M = len(rest)
     for m in range(M):
         if rest[m] <= 0.0 and not broken[m]:
             _count(seen[m], rest[m], t, 0)
-    if not answered or table[RETURNS_LENGTHS]:
+    if not answered or plant.returns_lengths:
         return
-    command, stiffness = floats(table[COMMAND], (M,)), floats(table[STIFFNESS], (M,))
-    lengths, least = floats(table[LENGTH], (M,)), floats(table[MIN_REST_LENGTH], (M,))
+    command, stiffness, lengths, least = plant.command, plant.stiffness, plant.lengths, plant.min_rest_length
     largest = 0.0
     for m in range(M):
         largest = max(largest, abs(command[m]))
     for m in range(M):
         push = -command[m] > PUSH_ROUND_OFF * largest + STRAIN_ROUND_OFF * stiffness[m]
-        if push and table[LIMITED]:
+        if push and plant.limited:
             # Where `min_rest_length` leaves less than zero, the limit is what made it negative.
             push = command[m] < stiffness[m] * (1.0 - least[m] / lengths[m])
         if push and not broken[m]:
@@ -97,7 +86,7 @@ class Impossible:
 def impossible(plant: Plant) -> tuple[Impossible, Impossible]:
     """Of a plant's run so far: rest lengths that are not above zero, and commanded force densities below it."""
     names = [string.name for string in plant.scene.structure.strings]
-    seen = plant[WATCHED]
+    seen = plant["watched"]
     rest, pushed = (_found(names, seen[:, at : at + PUSH]) for at in (0, PUSH))
     return rest, pushed
 

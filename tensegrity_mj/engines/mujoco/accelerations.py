@@ -9,12 +9,10 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION
-from tensegrity_mj.dynamics.native.slots import HELD, STATUS
-from tensegrity_mj.engines.mujoco import callback
 from tensegrity_mj.engines.mujoco.install import installed
 from tensegrity_mj.engines.mujoco.joints import close_rigidly
 from tensegrity_mj.engines.mujoco.mjcf_tree import place
-from tensegrity_mj.engines.mujoco.motion import RESETS
+from tensegrity_mj.engines.mujoco.run_view import ENDED, RUNNING
 from tensegrity_mj.errors import InfeasibleError
 
 
@@ -28,10 +26,9 @@ class NodeAccelerations:
         self.run, self.scene = run, run.request.scene
         model = run.model
         model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
-        run.plant.table[callback.STAGES] = 4  # a stage is no step: states of elements stay those of the start
+        run.plant["stages"] = 4  # a stage is no step: states of elements stay those of the start
         self.sites = [model.site(name).id for name in self.scene.structure.nodes]
-        if run.supports is not None:
-            run.supports.table[RESETS] = 0  # the state is the one that is asked for
+        run.plant["resets"] = 0  # the state is the one that is asked for
 
     def __call__(
         self, time: float, nodes: Array, velocities: Array, rest_lengths: Array | None = None
@@ -40,13 +37,13 @@ class NodeAccelerations:
         mujoco.mj_resetData(model, data)
         place(data, self.scene, nodes, velocities, run.tree)
         if rest_lengths is not None:
-            run.plant[HELD][:] = rest_lengths
+            run.plant["held"][:] = rest_lengths
         # The callback counts time in steps: one step of this length.
-        run.keep[callback.STEP_SIZE][0] = time
-        run.counters[:] = [0, 1 if time else 0, 0, -1, callback.RUNNING, 0]
-        with installed(run.plant.table):
+        run.plant["step"] = time
+        run.counters[:] = [0, 1 if time else 0, 0, -1, RUNNING, 0]
+        with installed(run.plant):
             mujoco.mj_forward(model, data)
-        ended, failed = int(run.counters[callback.ENDED]), int(run.plant.table[STATUS])
+        ended, failed = int(run.counters[ENDED]), run.plant["status"]
         run.plant.raise_if_failed(max(ended, failed, 0), time)
         if ended == NO_SOLUTION:
             raise InfeasibleError(run.plant.infeasible_message(time))

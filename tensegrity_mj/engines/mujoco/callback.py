@@ -10,133 +10,143 @@ the callbacks for many simulations at once and for a law without a run.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from tensegrity_mj.dynamics.native.actuation import break_strings, remember, set_rest_lengths, start_ledger, take_sample
 from tensegrity_mj.dynamics.native.elements import held_powers, set_motions
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
-from tensegrity_mj.dynamics.native.plant import row_width, write_row
-from tensegrity_mj.dynamics.native.pointers import borrowing, copy, floats, inlined, integers
+from tensegrity_mj.dynamics.native.plant import write_row
+from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS
+from tensegrity_mj.dynamics.native.pointers import address, borrowing, copy, floats, inlined
 from tensegrity_mj.dynamics.native.resolution import resolve_stage, resolve_start
-from tensegrity_mj.dynamics.native.slots import (
-    ADDED,
-    BREAKING,
-    BROKEN,
-    CLIPPED,
-    CONTINUOUS,
-    DAMPED,
-    DAMPING,
-    ELEMENT_COUNT,
-    ENGINE_SLOTS,
-    FORCES,
-    HELD_MASS,
-    LENGTH,
-    MODE,
-    MOTION_COUNT,
-    MOVED,
-    NODE_COUNT,
-    NODES,
-    PASSIVE,
-    RATE,
-    REST,
-    STATUS,
-    STIFFNESS,
-    STRING_COUNT,
-    STRING_NODES,
-    TENSION,
-    VELOCITIES,
-)
 from tensegrity_mj.dynamics.native.strings import tighten_strings
 from tensegrity_mj.dynamics.native.vectors import minus, row_of
 from tensegrity_mj.dynamics.native.watch import watch_strings
-from tensegrity_mj.engines.mujoco.contact import keep_stage, last_stage_work, spin_energy, state_width, write_state
+from tensegrity_mj.engines.mujoco.contact import keep_stage, last_stage_work, spin_energy, write_state
 from tensegrity_mj.engines.mujoco.element_states import act_at_stage
 from tensegrity_mj.engines.mujoco.mjcf import UNLIMITED
-from tensegrity_mj.engines.mujoco.motion import (
-    SUPPORTS_SIZE,
-    carried,
-    constraint_work,
-    drive,
-    keep_rates,
-    support_power,
-)
+from tensegrity_mj.engines.mujoco.motion import carried, constraint_work, drive, keep_rates, support_power
+from tensegrity_mj.engines.mujoco.run_view import FINISHED, LOST, LOST_CONTROL, RUNNING, Counters, RunView
 from tensegrity_mj.engines.mujoco.water import add_mass
 from tensegrity_mj.runs.energy import BEYOND
 
-# Addresses of MjData's arrays, and of ours.
-(
-    SITE_XPOS,
-    CVEL,
-    SUBTREE_COM,
-    XIPOS,
-    XFRC,
-    QACC,
-    ACTUATOR_FORCE,
-    CTRL,
-    DESIGNED,
-    NODE_SITE,
-    NODE_BODY,
-    NODE_ROOT,
-    BODY_COUNT,
-    SLIDES,
-    COUNTERS,
-    WORK_INTEGRALS,
-    ROWS,
-    ROW_SIZE,
-    ROW_COUNT,
-    DATA,
-    STEP_SIZE,
-    STRIDE,
-    RATIO,
-    TOTAL,
-    STAGES,
-    ROD_COUNT,
-    FORCE_RANGE,
-    CONTACT,
-    CONTACT_SIZE,
-    QPOS,
-    QVEL,
-    APPLIED,
-    CONSTRAINT_FORCE,
-    STATE_SIZES,
-    SUPPORTS,
-    CONSTRAINED,
-    PART,  # of a step that is split: address of the time [s] at which the part begins that STEP_SIZE is of
-    ANSWERED,  # where rest lengths of this very state are known already: 1 + what the law answered
-    POWERS,  # address where the powers of the last stage go whose work was counted
-    FLOATING,  # what `add_mass` takes, eleven in a row: of an `AddedMass`, its room, and arrays of MjData
-    MASS_ROOM,
-    MASS_MATRIX,
-    AXES,
-    AXIS_RATES,
-    TWISTS,
-    CENTERS,
-    RATES,
-    BIAS,
-    PASSIVE_FORCES,
-    DRIVES,
-) = range(ENGINE_SLOTS, ENGINE_SLOTS + 50)
 
-# Counters: calls within the step, steps begun, next row, row waiting for its accelerations, final status.
-STAGE, STEP, NEXT_ROW, WAITING, ENDED, END_STEP = range(6)
-RUNNING, FINISHED, LOST, LOST_CONTROL = -1, -2, -3, -4
+class Moment(NamedTuple):
+    """A stage of a step.
+
+    Attributes:
+        time: [s].
+        step, stage: their numbers.
+        begins: whether it is the start of a whole step: the law is sampled, and rows are written.
+        one_stage: whether the integrator has no other.
+        h: the step [s].
+        weight, before: in the step's integral, of this stage and of the one whose forces are known now [s].
+    """
+
+    time: float
+    step: int
+    stage: int
+    begins: bool
+    one_stage: bool
+    h: float
+    weight: float
+    before: float
+
+
+@inlined
+def _moment(run: Any, counters: Any) -> Moment:
+    h, one_stage, stage, step = run.step, run.stages == 1, counters.stage, counters.step
+    before = h if one_stage else h / 6.0 if stage < 2 else h / 3.0
+    weight = h if one_stage else h / 6.0 if stage == 0 or stage == 3 else h / 3.0
+    along = 0.0 if stage == 0 else 1.0 if stage == 3 else 0.5  # of the step
+    t, begins = (step + along) * h, stage == 0
+    if run.part:
+        t, begins = run.begins + along * h, False
+    return Moment(t, step, stage, begins, one_stage, h, weight, before)
 
 
 @borrowing
-def read_nodes(table: Any) -> bool:
+def control_stage(table: int) -> None:
+    """Everything that happens at one stage of MuJoCo's integrator."""
+    run = RunView(table)
+    counters = Counters(address(run.counters))
+    finish_row(table)
+    if counters.ended != RUNNING:
+        return
+    now = _moment(run, counters)
+    ended = _stage(table, now)
+    if ended != RUNNING:
+        counters.ended, counters.end_step = ended, now.step
+        return
+    counters.stage += 1
+    if counters.stage == run.stages:
+        counters.stage = 0
+        counters.step += 1
+
+
+@borrowing
+def _stage(table: int, now: Moment) -> int:
+    """All that a stage has to do, in order; how the run has ended, or RUNNING."""
+    run = RunView(table)
+    if run.touches:
+        run.work[2] += last_stage_work(run, now.before, now.one_stage)
+    if not read_nodes(table):
+        return LOST
+    _resolve(table, now)
+    _move_supports(table, now)
+    given, spent = _let_elements_act(table, now)
+    sampled = _begin_strings(table, now)
+    asked, stored, lost = _set_strings(table, now)
+    if asked <= NO_SOLUTION and sampled <= NO_SOLUTION and not set_controls(table):
+        return LOST_CONTROL
+    if run.wet_rods > 0:
+        given += add_mass(table)
+        apply_loads(table)
+    given += _support_power(table, now)
+    lost += (0.5 if now.one_stage else 1.0) * spent
+    if now.begins:
+        ended = _account_step(table, now, sampled, asked)
+        if ended != RUNNING:
+            return ended
+    elif asked > NO_SOLUTION:
+        return asked
+    if run.status != 0:
+        return run.status
+    _count(table, now, stored, lost, given)
+    return RUNNING
+
+
+@borrowing
+def finish_row(table: int) -> None:
+    """Complete the waiting row: MuJoCo's tensions, and the accelerations of the rods' points r along their slides."""
+    run = RunView(table)
+    counters = Counters(address(run.counters))
+    if counters.waiting < 0:
+        return
+    row, force, slides, acceleration = run.rows[counters.waiting], run.actuator_force, run.slides, run.qacc
+    counters.waiting = -1
+    at, width = 6 * run.node_count + 2 * run.string_count, run.row_width
+    for m in range(len(force)):
+        row[at + m] = 0.0 - force[m]  # not -0
+    for r in range(len(slides)):
+        for k in range(3):
+            total = 0.0
+            for p in range(int(slides[r, 0])):
+                total += slides[r, 2 + 3 * k + p] * acceleration[int(slides[r, 1]) + p]
+            row[width + 3 * r + k] = total
+
+
+@borrowing
+def read_nodes(table: int) -> bool:
     """Node positions from the sites, node velocities from the bodies' spatial velocities.
 
     False where a position or a velocity is beyond all reason, or no number.
     """
-    N = table[NODE_COUNT]
-    nodes, velocities = floats(table[NODES], (N, 3)), floats(table[VELOCITIES], (N, 3))
-    sites = integers(table[NODE_SITE], (N,))
-    bodies, roots = integers(table[NODE_BODY], (N,)), integers(table[NODE_ROOT], (N,))
-    bodies_total = table[BODY_COUNT]
-    xpos = floats(table[SITE_XPOS], (N, 3))
-    cvel, com = floats(table[CVEL], (bodies_total, 6)), floats(table[SUBTREE_COM], (bodies_total, 3))
+    run = RunView(table)
+    nodes, velocities, xpos, cvel, com = run.nodes, run.velocities, run.site_xpos, run.cvel, run.subtree_com
+    sites, bodies, roots = run.node_sites, run.node_bodies, run.node_roots
     sane = True
-    for n in range(N):
+    for n in range(len(nodes)):
         body = bodies[n]
         place = row_of(xpos, sites[n])
         nodes[n, 0], nodes[n, 1], nodes[n, 2] = place
@@ -157,17 +167,82 @@ def _is_sane(v: Any) -> bool:
     return (abs(v[0]) < BEYOND) & (abs(v[1]) < BEYOND) & (abs(v[2]) < BEYOND)
 
 
+@inlined
+def _resolve(table: int, now: Moment) -> None:
+    if now.stage == 0:
+        resolve_start(table, now.h)
+    elif not now.one_stage:
+        resolve_stage(table, now.stage, now.h)
+
+
 @borrowing
-def apply_loads(table: Any) -> None:
+def move_supports(table: int, t: float, first_stage: bool) -> None:
+    """Drive the moved supports as they move at time t."""
+    set_motions(table, t)
+    run = RunView(table)
+    if run.status == 0:
+        drive(run, first_stage)
+
+
+@inlined
+def _move_supports(table: int, now: Moment) -> None:
+    """And count what constraints did to them over the stage before."""
+    run = RunView(table)
+    if run.motion_count > 0:
+        move_supports(table, now.time, now.stage == 0)
+        if run.constrained:
+            run.work[2] += constraint_work(run, now.before, now.one_stage)
+
+
+@borrowing
+def settle_constraints(table: int) -> None:
+    """Count what constraints did to moved supports over the last stage of a step, before their forces are lost."""
+    run = RunView(table)
+    counters = Counters(address(run.counters))
+    if counters.ended != RUNNING or counters.stage != 0:
+        return
+    set_motions(table, counters.step * run.step)
+    one_stage = run.stages == 1
+    run.work[2] += constraint_work(run, run.step if one_stage else run.step / 6.0, one_stage)
+
+
+@borrowing
+def _support_power(table: int, now: Moment) -> float:
+    """[W] of what moves the supports; with one stage, work counts the speeds at both ends of a step."""
+    run = RunView(table)
+    if run.motion_count == 0:
+        return 0.0
+    power = support_power(run)
+    if now.one_stage and now.step > 0:
+        run.work[2] += 0.5 * now.h * power
+    return power
+
+
+@borrowing
+def _let_elements_act(table: int, now: Moment) -> tuple[float, float]:
+    """Forces of elements on the bodies; the powers that are given and lost [W]."""
+    run = RunView(table)
+    if run.element_count == 0:
+        return 0.0, 0.0
+    if now.one_stage and now.step > 0:
+        # One-stage integrators hold forces over the step: their work counts the speeds at both ends.
+        given, spent = held_powers(table)
+        run.work[1] += 0.5 * now.h * spent
+        run.work[2] += 0.5 * now.h * given
+    given, spent = act_at_stage(table, now.time, now.stage, run.stages, now.h)
+    apply_loads(table)
+    return given, spent
+
+
+@borrowing
+def apply_loads(table: int) -> None:
     """Nodal forces of elements as forces and torques at the bodies' centres of mass."""
-    N, bodies_total = table[NODE_COUNT], table[BODY_COUNT]
-    nodes, forces = floats(table[NODES], (N, 3)), floats(table[FORCES], (N, 3))
-    bodies = integers(table[NODE_BODY], (N,))
-    centers, xfrc = floats(table[XIPOS], (bodies_total, 3)), floats(table[XFRC], (bodies_total, 6))
-    for body in range(bodies_total):
+    run = RunView(table)
+    nodes, forces, bodies, centers, xfrc = run.nodes, run.forces, run.node_bodies, run.xipos, run.xfrc_applied
+    for body in range(len(xfrc)):
         for k in range(6):
             xfrc[body, k] = 0.0
-    for n in range(N):
+    for n in range(len(nodes)):
         body = bodies[n]
         if body == 0:
             continue
@@ -181,69 +256,45 @@ def apply_loads(table: Any) -> None:
         xfrc[body, 5] += x * fy - y * fx
 
 
-@borrowing
-def move_supports(table: Any, t: float, first_stage: bool) -> None:
-    """Drive the moved supports as they move at time t."""
-    set_motions(table, t)
-    if table[STATUS] == 0:
-        supports = integers(table[SUPPORTS], (SUPPORTS_SIZE,))
-        drive(supports, table[MOVED], table[QPOS], table[QVEL], table[APPLIED], first_stage)
+@inlined
+def _begin_strings(table: int, now: Moment) -> int:
+    """At the start of a step: strings break, and the law is sampled; its answer."""
+    run = RunView(table)
+    if now.begins and run.breaking > 0:
+        break_strings(table, now.time)
+    if now.begins and run.ratio > 0 and now.step % run.ratio == 0:
+        return take_sample(table, now.time)
+    return SOLVED
+
+
+@inlined
+def _set_strings(table: int, now: Moment) -> tuple[int, float, float]:
+    """Rest lengths and tensions; the law's answer, and the powers of elastic tensions and of dampers [W]."""
+    run = RunView(table)
+    if run.string_count == 0:
+        return SOLVED, 0.0, 0.0
+    if run.answered:
+        asked = run.answered - 1
+        run.answered = 0
+    else:
+        asked = set_rest_lengths(table, now.time)
+    stored, lost = tighten_strings(table)
+    return asked, stored, lost
 
 
 @borrowing
-def settle_constraints(table: Any) -> None:
-    """Count what constraints did to moved supports over the last stage of a step, before their forces are lost."""
-    counters = integers(table[COUNTERS], (6,))
-    if counters[ENDED] != RUNNING or counters[STAGE] != 0:
-        return
-    h = floats(table[STEP_SIZE], (1,))[0]
-    set_motions(table, counters[STEP] * h)
-    supports, one_stage = integers(table[SUPPORTS], (SUPPORTS_SIZE,)), table[STAGES] == 1
-    weight = h if one_stage else h / 6.0
-    work = constraint_work(supports, table[MOVED], table[CONSTRAINT_FORCE], weight, one_stage)
-    floats(table[WORK_INTEGRALS], (3,))[2] += work
-
-
-@borrowing
-def power_of_supports(table: Any) -> float:
-    """See `motion.support_power`."""
-    return support_power(
-        integers(table[SUPPORTS], (SUPPORTS_SIZE,)),
-        table[MOVED],
-        table[NODES],
-        table[VELOCITIES],
-        table[FORCES] if table[ELEMENT_COUNT] else 0,
-        table[STRING_NODES],
-        table[TENSION],
-        table[LENGTH],
-    )
-
-
-@borrowing
-def write_coordinates(table: Any, row: Any) -> None:
-    """Write qpos and qvel into a row, and the forces of added mass where there are any."""
-    sizes = integers(table[STATE_SIZES], (2,))
-    copy(floats(table[QPOS], (sizes[0],)), row)
-    copy(floats(table[QVEL], (sizes[1],)), row[sizes[0] :])
-    if table[ADDED]:
-        copy(floats(table[HELD_MASS], (3 * table[NODE_COUNT],)), row[sizes[0] + sizes[1] :])
-
-
-@borrowing
-def set_controls(table: Any) -> bool:
+def set_controls(table: int) -> bool:
     """Controls from rest lengths, such that neither spring nor damper of a slack string acts; False for one beyond.
 
     A slack string's control takes its actuator well beyond the limit of zero tension, where MuJoCo gives exactly zero
     and implicit integrators know that no damper is there. Without clipping, only slack strings have that limit.
     """
-    M = table[STRING_COUNT]
-    rest, designed = floats(table[REST], (M,)), floats(table[DESIGNED], (M,))
-    lengths, rates = floats(table[LENGTH], (M,)), floats(table[RATE], (M,))
-    stiffness, damping = floats(table[STIFFNESS], (M,)), floats(table[DAMPING], (M,))
-    ctrl, force_range = floats(table[CTRL], (M,)), floats(table[FORCE_RANGE], (M, 2))
-    broken, damped, clipped = integers(table[BROKEN], (M,)), table[DAMPED], table[CLIPPED]
+    run = RunView(table)
+    rest, designed, lengths, rates = run.rest, run.designed, run.lengths, run.rates
+    stiffness, damping, ctrl, force_range = run.stiffness, run.damping, run.ctrl, run.force_range
+    broken, damped, clipped = run.broken, run.damped, run.clipped
     sane = True
-    for m in range(M):
+    for m in range(len(ctrl)):
         L0 = max(rest[m], lengths[m]) if broken[m] else rest[m]
         slack = lengths[m] <= L0
         if slack and (damped or broken[m]):
@@ -256,145 +307,61 @@ def set_controls(table: Any) -> bool:
 
 
 @borrowing
-def finish_row(table: Any) -> None:
-    """Complete the waiting row: MuJoCo's tensions, and the accelerations of the rods' points r along their slides."""
-    counters = integers(table[COUNTERS], (6,))
-    row_number = counters[WAITING]
-    if row_number < 0:
-        return
-    counters[WAITING] = -1
-    N, M, R = table[NODE_COUNT], table[STRING_COUNT], table[ROD_COUNT]
-    row = floats(table[ROWS], (table[ROW_COUNT], table[ROW_SIZE]))[row_number]
-    force = floats(table[ACTUATOR_FORCE], (M,))
-    at = 6 * N + 2 * M
-    for m in range(M):
-        row[at + m] = 0.0 - force[m]  # not -0
-    # For each rod: number of translational coordinates, their first dof, and their axes.
-    slides = floats(table[SLIDES], (R, 11))
-    width = row_width(table)
-    for r in range(R):
-        for k in range(3):
-            total = 0.0
-            for p in range(int(slides[r, 0])):
-                total += slides[r, 2 + 3 * k + p] * floats(table[QACC], (int(slides[r, 1]) + 3,))[int(slides[r, 1]) + p]
-            row[width + 3 * r + k] = total
+def _account_step(table: int, now: Moment, sampled: int, asked: int) -> int:
+    """At the start of a step, by what the law answered: the ledger's start, what is impossible, and a row.
+
+    Returns how the run has ended, or RUNNING.
+    """
+    run = RunView(table)
+    if now.step == 0:
+        start_ledger(table)
+        if run.motion_count > 0:
+            run.work[2] -= carried(run)
+    status = sampled if run.ratio > 0 else asked
+    if run.string_count > 0:
+        fresh = now.step % run.ratio == 0 if run.ratio > 0 else run.mode == CONTINUOUS
+        watch_strings(table, now.time, fresh and status == SOLVED)
+    if run.ratio == 0 and status == SOLVED and run.mode == CONTINUOUS:
+        remember(table)
+    stopped = status > NO_SOLUTION or (status == NO_SOLUTION and not run.passive)
+    last = now.step == run.total
+    if now.step % run.stride == 0 or last or stopped:
+        _record(table)
+    return status if stopped else FINISHED if last else RUNNING
 
 
 @borrowing
-def control_stage(table: Any) -> None:
-    """Everything that happens at one stage of MuJoCo's integrator."""
-    counters = integers(table[COUNTERS], (6,))
-    if counters[WAITING] >= 0:
-        finish_row(table)
-    if counters[ENDED] != RUNNING:
-        return
-    M = table[STRING_COUNT]
-    work = floats(table[WORK_INTEGRALS], (3,))
-    h = floats(table[STEP_SIZE], (1,))[0]
-    stages, stage, step = table[STAGES], counters[STAGE], counters[STEP]
-    contact = integers(table[CONTACT], (table[CONTACT_SIZE],))
-    supports = integers(table[SUPPORTS], (SUPPORTS_SIZE,))
-    before = h if stages == 1 else h / 6.0 if stage < 2 else h / 3.0  # of the stage whose forces are known now
-    if table[CONTACT]:
-        work[2] += last_stage_work(contact, before, stages == 1)
-    weight = h if stages == 1 else h / 6.0 if stage == 0 or stage == 3 else h / 3.0
-    along = 0.0 if stage == 0 else 1.0 if stage == 3 else 0.5  # of the step
-    t, begins = (step + along) * h, stage == 0
-    if table[PART]:
-        t, begins = floats(table[PART], (1,))[0] + along * h, False
-    if not read_nodes(table):
-        counters[ENDED], counters[END_STEP] = LOST, step
-        return
-    if stage == 0:
-        resolve_start(table, h)
-    elif stages == 4:
-        resolve_stage(table, stage, h)
-    if table[MOTION_COUNT] > 0:
-        move_supports(table, t, stage == 0)
-        if table[CONSTRAINED]:
-            work[2] += constraint_work(supports, table[MOVED], table[CONSTRAINT_FORCE], before, stages == 1)
-    given, spent, moving = 0.0, 0.0, 0.0
-    if table[ELEMENT_COUNT]:
-        if stages == 1 and step > 0:
-            # One-stage integrators hold forces over the step: their work counts the speeds at both ends.
-            given, spent = held_powers(table)
-            work[1] += 0.5 * h * spent
-            work[2] += 0.5 * h * given
-        given, spent = act_at_stage(table, t, stage, stages, h)
-        apply_loads(table)
-    status, asked, stored, lost = SOLVED, SOLVED, 0.0, 0.0
-    if begins and table[BREAKING] > 0:
-        break_strings(table, t)
-    if begins and table[RATIO] > 0 and step % table[RATIO] == 0:
-        status = take_sample(table, t)
-    if M > 0:
-        if table[ANSWERED]:
-            asked = table[ANSWERED] - 1
-            table[ANSWERED] = 0
-        else:
-            asked = set_rest_lengths(table, t)
-        stored, lost = tighten_strings(table)
-        if asked <= NO_SOLUTION and status <= NO_SOLUTION and not set_controls(table):
-            counters[ENDED], counters[END_STEP] = LOST_CONTROL, step
-            return
-    if table[ADDED]:
-        given += add_mass(table, table[FLOATING : DRIVES + 1])
-        apply_loads(table)
-    lost += (1.0 if stages == 4 else 0.5) * spent
-    if table[MOTION_COUNT] > 0:
-        moving = power_of_supports(table)
-        if stages == 1 and step > 0:
-            work[2] += 0.5 * h * moving
-    if begins:
-        if step == 0:
-            start_ledger(table)
-            if table[MOTION_COUNT] > 0:
-                work[2] -= carried(supports, table[MOVED], table[VELOCITIES])
-        if M > 0:
-            sampled = table[RATIO] > 0
-            answer = status if sampled else asked
-            fresh = step % table[RATIO] == 0 if sampled else table[MODE] == CONTINUOUS
-            watch_strings(table, t, fresh and answer == SOLVED)
-        if table[RATIO] == 0:
-            status = asked
-            if status == SOLVED and table[MODE] == CONTINUOUS:
-                remember(table)
-        stopped = status > NO_SOLUTION or (status == NO_SOLUTION and not table[PASSIVE])
-        last = step == table[TOTAL]
-        if step % table[STRIDE] == 0 or last or stopped:
-            rows = floats(table[ROWS], (table[ROW_COUNT], table[ROW_SIZE]))
-            row, external_work = rows[counters[NEXT_ROW]], work[2]
-            if table[CONTACT]:
-                external_work -= spin_energy(contact)
-                end = table[ROWS] + 8 * table[ROW_SIZE] * (counters[NEXT_ROW] + 1)
-                write_state(contact, end - 8 * state_width(contact))
-            if table[MOTION_COUNT] > 0:
-                external_work += carried(supports, table[MOVED], table[VELOCITIES])
-            if table[STATE_SIZES]:
-                write_coordinates(table, row[row_width(table) + 3 * table[ROD_COUNT] :])
-            write_row(table, work[0], work[1], external_work, row)
-            counters[WAITING] = counters[NEXT_ROW]
-            counters[NEXT_ROW] += 1
-        if stopped or last:
-            counters[ENDED], counters[END_STEP] = (status if stopped else FINISHED), step
-            return
-    elif asked > NO_SOLUTION:
-        counters[ENDED], counters[END_STEP] = asked, step
-        return
-    if table[STATUS] != 0:
-        counters[ENDED], counters[END_STEP] = table[STATUS], step
-        return
-    work[0] += weight * stored
-    work[1] += weight * lost
-    work[2] += (weight if stages == 4 else 0.5 * weight) * (given + moving)
-    if table[POWERS]:
-        powers = floats(table[POWERS], (3,))
-        powers[0], powers[1], powers[2] = stored, lost, given + moving
-    if table[CONTACT]:
-        keep_stage(contact)
-    if table[MOTION_COUNT] > 0 and table[CONSTRAINED]:
-        keep_rates(supports, table[MOVED])
-    counters[STAGE] += 1
-    if counters[STAGE] == stages:
-        counters[STAGE] = 0
-        counters[STEP] += 1
+def _record(table: int) -> None:
+    """Write a row, which waits for its accelerations."""
+    run = RunView(table)
+    counters, work = Counters(address(run.counters)), run.work
+    row, external_work = run.rows[counters.next_row], work[2]
+    if run.touches:
+        external_work -= spin_energy(run)
+        write_state(run, row)
+    if run.motion_count > 0:
+        external_work += carried(run)
+    if run.writes_state:
+        at = run.row_width + 3 * run.rod_count
+        copy(run.qpos, row[at:])
+        copy(run.qvel, row[at + run.nq :])
+        if run.wet_rods > 0:
+            copy(floats(address(run.held_mass), 3 * run.node_count), row[at + run.nq + run.nv :])
+    write_row(table, work[0], work[1], external_work, row)
+    counters.waiting = counters.next_row
+    counters.next_row += 1
+
+
+@borrowing
+def _count(table: int, now: Moment, stored: float, lost: float, given: float) -> None:
+    """Count the work of a stage's powers [W], and keep what is needed once its other forces are known."""
+    run = RunView(table)
+    work, powers = run.work, run.powers
+    work[0] += now.weight * stored
+    work[1] += now.weight * lost
+    work[2] += (0.5 * now.weight if now.one_stage else now.weight) * given
+    powers[0], powers[1], powers[2] = stored, lost, given
+    if run.touches:
+        keep_stage(run)
+    if run.motion_count > 0 and run.constrained:
+        keep_rates(run)

@@ -1,6 +1,6 @@
 """Contact in a MuJoCo run: its work, counted beside the state, and its forces at the recorded times.
 
-A run without contact has none of it: the slot CONTACT of its table is zero.
+A run without contact has none of it: `touches` is zero in its table.
 
 MuJoCo knows the contact's forces only after the control callback has returned. So the callback keeps the velocities of
 each stage, and counts the power when it is next called. The forces at the recorded times are found again afterwards,
@@ -20,122 +20,76 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dynamics.native.pointers import address_of, borrowing, floats, integers
+from tensegrity_mj.dynamics.native.pointers import address, borrowing, copy, floats
+from tensegrity_mj.dynamics.native.views import Table
 from tensegrity_mj.model.structure import Structure
 
-# Of the contact's own table: sizes, addresses of MjData's arrays and of ours, and whether a stage awaits its forces.
-(
-    NQ,
-    NV,
-    NU,
-    NBODY,
-    QPOS,
-    QVEL,
-    CTRL,
-    LIMITS,
-    XFRC,
-    CONSTRAINT,
-    KEPT,
-    SPIN_COUNT,
-    SPIN_DOFS,
-    SPIN_INERTIA,
-    WAITS,
-) = range(15)
-
 
 @borrowing
-def state_width(contact: Any) -> int:
-    """Length of what `write_state` adds to a row: qpos, qvel, ctrl, the actuators' limits, and the loads on bodies."""
-    return contact[NQ] + contact[NV] + 3 * contact[NU] + 6 * contact[NBODY]
-
-
-@borrowing
-def copy(source: Any, out: Any, count: Any) -> None:
-    """Copy so many numbers from one address to another. Slices would need memory of numba's own."""
-    values, places = floats(source, (count,)), floats(out, (count,))
-    for i in range(count):
-        places[i] = values[i]
-
-
-@borrowing
-def keep_stage(contact: Any) -> None:
+def keep_stage(run: Any) -> None:
     """Keep the velocities of this stage until its forces are known."""
-    copy(contact[QVEL], contact[KEPT], contact[NV])
-    contact[WAITS] = 1
+    copy(run.qvel, run.kept_rates)
+    run.awaits_contact = 1
 
 
 @borrowing
-def last_stage_work(contact: Any, weight: float, one_stage: bool) -> float:
+def last_stage_work(run: Any, weight: float, one_stage: bool) -> float:
     """Work [J] of the contacts over the stage before, of this weight [s].
 
     An integrator of one stage holds its forces over the step: their work counts the speeds at both ends.
     """
-    if not contact[WAITS]:
+    if not run.awaits_contact:
         return 0.0
-    contact[WAITS] = 0
-    nv = contact[NV]
-    force, kept = floats(contact[CONSTRAINT], (nv,)), floats(contact[KEPT], (nv,))
-    now = floats(contact[QVEL], (nv,))
+    run.awaits_contact = 0
+    force, kept, now = run.qfrc_constraint, run.kept_rates, run.qvel
     power = 0.0
-    for i in range(nv):
+    for i in range(len(force)):
         power += force[i] * (0.5 * (kept[i] + now[i]) if one_stage else kept[i])
     return weight * power
 
 
 @borrowing
-def spin_energy(contact: Any) -> float:
+def spin_energy(run: Any) -> float:
     """Kinetic energy [J] of the rods' spin about their own axes."""
-    count, velocity = contact[SPIN_COUNT], floats(contact[QVEL], (contact[NV],))
-    dofs, inertia = integers(contact[SPIN_DOFS], (count,)), floats(contact[SPIN_INERTIA], (count,))
+    velocity, dofs, inertia = run.qvel, run.spin_dofs, run.spin_inertia
     total = 0.0
-    for i in range(count):
+    for i in range(len(dofs)):
         total += 0.5 * inertia[i] * velocity[dofs[i]] ** 2
     return total
 
 
 @borrowing
-def write_state(contact: Any, address: Any) -> None:
-    """Write all that the forces of this state follow from to an address in a row."""
-    copy(contact[QPOS], address, contact[NQ])
-    address += 8 * contact[NQ]
-    copy(contact[QVEL], address, contact[NV])
-    address += 8 * contact[NV]
-    copy(contact[CTRL], address, contact[NU])
-    address += 8 * contact[NU]
-    copy(contact[LIMITS], address, 2 * contact[NU])
-    copy(contact[XFRC], address + 16 * contact[NU], 6 * contact[NBODY])
+def write_state(run: Any, row: Any) -> None:
+    """Write all that the forces of this state follow from at the end of a row.
+
+    That is qpos, qvel, ctrl, the actuators' limits, and the loads on bodies.
+    """
+    limits = floats(address(run.force_range), 2 * run.string_count)
+    loads = floats(address(run.xfrc_applied), 6 * run.body_count)
+    at = len(row) - run.nq - run.nv - run.string_count - len(limits) - len(loads)
+    copy(run.qpos, row[at:])
+    at += run.nq
+    copy(run.qvel, row[at:])
+    at += run.nv
+    copy(run.ctrl, row[at:])
+    at += run.string_count
+    copy(limits, row[at:])
+    copy(loads, row[at + len(limits) :])
 
 
-class ContactTable:
-    """The table of a run with contact, and the arrays behind it.
+class Contacts:
+    """Contact of a run.
 
     Attributes:
-        table: int64, see the slots above.
         width: columns that a row has more.
     """
 
-    def __init__(self, structure: Structure, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    def __init__(self, structure: Structure, model: mujoco.MjModel, run: Table) -> None:
+        """`run`: the table of the run, in which it is set."""
         self.structure, self.model = structure, model
         dofs, inertia = _spins(structure, model)
-        kept = np.zeros(model.nv)
-        self._keep = (dofs, inertia, kept)
-        self.table = np.zeros(WAITS + 1, np.int64)
-        self.table[NQ], self.table[NV], self.table[NU], self.table[NBODY] = model.nq, model.nv, model.nu, model.nbody
-        self.table[SPIN_COUNT] = len(dofs)
-        views = {
-            QPOS: data.qpos,
-            QVEL: data.qvel,
-            CTRL: data.ctrl,
-            LIMITS: model.actuator_forcerange,
-            XFRC: data.xfrc_applied,
-            CONSTRAINT: data.qfrc_constraint,
-            KEPT: kept,
-            SPIN_DOFS: dofs,
-            SPIN_INERTIA: inertia,
-        }
-        for slot, array in views.items():
-            self.table[slot] = address_of(array)
-        self.width = int(state_width.py_func(self.table))
+        run.set(touches=1, kept_rates=np.zeros(model.nv), spin_count=len(dofs), spin_dofs=dofs, spin_inertia=inertia)
+        self.width = int(model.nq + model.nv + 3 * model.nu + 6 * model.nbody)
 
     def forces(self, states: Array) -> tuple[Array, dict[str, Any]]:
         """Contact forces of recorded states (T, width) as forces on the nodes (T, N, 3) [N], and what they were.

@@ -8,19 +8,19 @@ from __future__ import annotations
 from typing import Any
 
 from tensegrity_mj.dynamics.native.elements import let_act
-from tensegrity_mj.dynamics.native.pointers import borrowing, floats
-from tensegrity_mj.dynamics.native.slots import ELEMENT_STATE_COUNT, ELEMENT_STATES
+from tensegrity_mj.dynamics.native.plant_view import PlantView
+from tensegrity_mj.dynamics.native.pointers import borrowing
 
-SEEN, RATES, WHOLE, SUM = range(4)  # rows of the states: see `slots`
+SEEN, RATES, WHOLE, SUM = range(4)  # rows of the states: see `plant_view`
 
 
 @borrowing
-def act_at_stage(table: Any, t: float, stage: int, stages: int, h: float) -> Any:
+def act_at_stage(table: int, t: float, stage: int, stages: int, h: float) -> Any:
     """`let_act` at a stage of a step of h [s], the elements' states being those of the stage."""
-    S = table[ELEMENT_STATE_COUNT]
+    plant = PlantView(table)
+    S, states = plant.element_state_count, plant.element_states
     if S == 0:
         return let_act(table, t)
-    states = floats(table[ELEMENT_STATES], (4, S))
     ahead = 0.0 if stage == 0 else h if stage == 3 else 0.5 * h
     for k in range(S):
         states[SEEN, k] = states[WHOLE, k] + ahead * states[RATES, k]

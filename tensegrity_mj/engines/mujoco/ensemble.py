@@ -16,16 +16,16 @@ from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
 from tensegrity_mj.dynamics.native.plant import Plant
-from tensegrity_mj.dynamics.native.pointers import address_of
-from tensegrity_mj.dynamics.native.slots import ADDED
 from tensegrity_mj.engines.driving import Progress, Stopwatch, chunks
-from tensegrity_mj.engines.mujoco import callback, many
+from tensegrity_mj.engines.mujoco import many
+from tensegrity_mj.engines.mujoco.callback import settle_constraints
 from tensegrity_mj.engines.mujoco.install import finish, installed
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_coordinates, place
-from tensegrity_mj.engines.mujoco.motion import SupportTable
+from tensegrity_mj.engines.mujoco.motion import Supports
 from tensegrity_mj.engines.mujoco.prepared import node_addresses, prepared_with
-from tensegrity_mj.engines.mujoco.run import MuJoCoRun, warned
+from tensegrity_mj.engines.mujoco.run import MuJoCoRun, set_data, set_nodes, warned
+from tensegrity_mj.engines.mujoco.run_view import ENDED, RUNNING, STEP, WAITING
 from tensegrity_mj.engines.mujoco.water import AddedMass
 from tensegrity_mj.engines.recording import check_rows
 from tensegrity_mj.engines.request import Request
@@ -53,7 +53,7 @@ class MuJoCoEnsemble:
         first = requests[0].scene
         self.options, self.seconds = options, 0.0
         self.model = _with_userdata(first, options)
-        guide = self.guide = many.Guide(first, self.model)
+        guide = self.guide = many.Guide(self.model)
         ready = prepared_with(self.model, first)
         tree = ready.tree
         data = mujoco.MjData(self.model)
@@ -69,9 +69,7 @@ class MuJoCoEnsemble:
                 check_rows(float(len(requests)) * member.rows.shape[0], member.rows.shape[1])
             self.counters[number] = member.counters
             member.counters = self.counters[number]
-            table = member.plant.table
-            table[callback.COUNTERS] = address_of(member.counters)
-            table[callback.FORCE_RANGE] = address_of(unused)
+            member.plant.set(counters=member.counters, force_range=unused)
             self.members.append(member)
             scene = request.scene
             mujoco.mj_resetData(self.model, data)
@@ -81,11 +79,8 @@ class MuJoCoEnsemble:
                 place(data, first, scene.nodes0, scene.velocities0, tree)
             qpos[number], qvel[number] = data.qpos, data.qvel
             userdata[number] = TOKEN, number
-        self._tables = np.array([member.plant.address for member in self.members], np.int64)
-        self._token = np.array([TOKEN])
-        self._keep = unused
-        guide.table[many.TOKEN] = address_of(self._token)
-        guide.table[many.RUNS], guide.table[many.RUN_COUNT] = address_of(self._tables), len(self._tables)
+        tables = np.array([member.plant.address for member in self.members], np.int64)
+        guide.set(token=TOKEN, run_count=len(tables), runs=tables)
         # What a row waits for lies in MjData that the next simulation overwrites: copies of it, refreshed each call.
         self._accelerations, self._forces = self.batch.bind("qacc"), self.batch.bind("actuator_force")
         constrained = bool(first.motions and tree.forest.closures)
@@ -96,7 +91,7 @@ class MuJoCoEnsemble:
         request, grid = self.members[0].request, self.members[0].grid
         label = f"MuJoCo {self.options.integrator.value}, {len(self.members)} runs"
         running = np.ones(len(self.members), bool)
-        with Progress(request, label) as progress, installed(self.guide.table, many.many_runs):
+        with Progress(request, label) as progress, installed(self.guide, many.many_runs):
             clock = Stopwatch(*(member.request for member in self.members))
             for first, count in chunks(grid.count):
                 self._advance(running, lambda ids, count=count: self.batch.step(ids, nstep=count))
@@ -115,23 +110,22 @@ class MuJoCoEnsemble:
         except SimulationError as error:
             for number in error.ids:
                 self.members[number].cause = f"MuJoCo gave up: {self.batch.error(int(number))}"
-        for number in np.flatnonzero(running & (self.counters[:, callback.WAITING] >= 0)):
-            table = self.members[number].plant.table
-            table[callback.QACC] = address_of(self._accelerations[number])
-            table[callback.ACTUATOR_FORCE] = address_of(self._forces[number])
-            finish(address_of(table))
+        for number in np.flatnonzero(running & (self.counters[:, WAITING] >= 0)):
+            plant = self.members[number].plant
+            plant.set(qacc=self._accelerations[number], actuator_force=self._forces[number])
+            finish(plant.address)
         if self._pulls is None:
             return
         for number in np.flatnonzero(running):
-            table = self.members[number].plant.table
-            table[callback.CONSTRAINT_FORCE] = address_of(self._pulls[number])
-            callback.settle_constraints(table)
+            plant = self.members[number].plant
+            plant["qfrc_constraint"] = self._pulls[number]
+            settle_constraints(plant.address)
 
     def _judge(self, running: NDArray[np.bool_], steps: int) -> None:
         """Stop those that have ended, and those that MuJoCo warned of, that are not finite, or that lost steps."""
-        running &= self.counters[:, callback.ENDED] == callback.RUNNING
+        running &= self.counters[:, ENDED] == RUNNING
         finite = np.isfinite(self.batch.bind("qpos")).all(axis=1) & np.isfinite(self.batch.bind("qvel")).all(axis=1)
-        made = self.counters[:, callback.STEP]
+        made = self.counters[:, STEP]
         counts = self.batch.warning[:, :, 1]
         for number in np.flatnonzero(running & (counts.any(axis=1) | ~finite | (made != steps))):
             causes = warned(counts[number])
@@ -178,30 +172,21 @@ def law_in(model: mujoco.MjModel, plant: Plant) -> Iterator[NDArray[np.int64]]:
     """Install the law of a plant for every MjData of a model; gives the array whose place [status] is set to 1
     (`OTHER_STRINGS`: a model with other strings was stepped).
 
-    The plant's mode is continuous: nothing is kept from stage to stage.
+    The plant's table is that of a `RUN`, and its mode is continuous: nothing is kept from stage to stage.
     """
-    scene: Scene = plant.scene
-    guide = many.Guide(scene, model)
-    designed = np.array(scene.structure.rest_lengths)
-    sites, bodies, roots = node_addresses(scene, model)
-    answers = np.zeros(many.ANSWER_COUNT, np.int64)
-    table = plant.table.copy()
-    tree = body_tree(scene)
-    supports = SupportTable(scene, tree, model, resets=False) if scene.motions else None
-    if supports is not None:
-        table[callback.SUPPORTS] = address_of(supports.table)
-    added_mass = AddedMass(scene, tree, model) if table[ADDED] else None
+    scene, tree = plant.scene, body_tree(plant.scene)
+    guide, answers = many.Guide(model), np.zeros(many.ANSWER_COUNT, np.int64)
+    set_data(plant, model, mujoco.MjData(model))
+    set_nodes(plant, scene, node_addresses(scene, model))
+    plant["force_range"] = np.zeros((plant["string_count"], 2))
+    if scene.motions:
+        Supports(scene, tree, model, plant)
+        plant["resets"] = 0
+    mass_size, added_mass = 0, AddedMass(scene, tree, model) if plant["wet_rods"] else None
     if added_mass is not None:
-        table[callback.FLOATING] = added_mass.address
-    places = {
-        callback.DESIGNED: designed,
-        callback.NODE_SITE: sites,
-        callback.NODE_BODY: bodies,
-        callback.NODE_ROOT: roots,
-    }
-    for slot, array in places.items():
-        table[slot] = address_of(array)
-    table[callback.BODY_COUNT] = model.nbody
-    guide.table[many.LAW_TABLE], guide.table[many.ANSWERS] = address_of(table), address_of(answers)
-    with installed(guide.table, many.law_alone):
+        plant["floating"], mass_size = added_mass.address, len(added_mass.room)
+    lent = np.array([(plant.place(name), plant[name].size) for name in many.LENT], np.int64)
+    guide.set(law_table=plant.address, lent_count=len(lent), lent=lent, answers=answers)
+    guide.set(mass_size=mass_size, room=many.law_room(plant, mass_size))
+    with installed(guide, many.law_alone):
         yield answers

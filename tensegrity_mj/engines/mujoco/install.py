@@ -10,10 +10,11 @@ from functools import cache
 from typing import Any
 
 from tensegrity_mj.dynamics.native.compiling import CFunction, c_function
-from tensegrity_mj.dynamics.native.pointers import address_of, integers, own_integer
-from tensegrity_mj.dynamics.native.slots import TABLE_SIZE
-from tensegrity_mj.engines.mujoco.callback import DATA, control_stage, finish_row
+from tensegrity_mj.dynamics.native.pointers import own_integer
+from tensegrity_mj.dynamics.native.views import Table
+from tensegrity_mj.engines.mujoco.callback import control_stage, finish_row
 from tensegrity_mj.engines.mujoco.clock import profiler_off
+from tensegrity_mj.engines.mujoco.run_view import RunView
 from tensegrity_mj.errors import OptionError
 
 ACTIVE = "tensegrity_mj_active"  # variable of each callback: address of the running plant's table, 0 for none
@@ -27,17 +28,15 @@ _lock = threading.Lock()
 @c_function(CALLBACK, "the callback of MuJoCo's steps: strings, law, loads, energy")
 def single_run(model, data):  # type: ignore[no-untyped-def]
     """The callback of one run."""
-    address = active_table()
-    if address != 0:
-        table = integers(address, (TABLE_SIZE,))
-        if table[DATA] == data:
-            control_stage(table)
+    table = active_table()
+    if table != 0 and RunView(table).data == data:
+        control_stage(table)
 
 
 @c_function("int64(int64)", "the end of a row of MuJoCo's")
-def finish(table_at):  # type: ignore[no-untyped-def]
+def finish(table):  # type: ignore[no-untyped-def]
     """`finish_row` of the table at an address, for Python."""
-    finish_row(integers(table_at, (TABLE_SIZE,)))
+    finish_row(table)
     return 0
 
 
@@ -58,7 +57,7 @@ def is_installed() -> bool:
 
 
 @contextmanager
-def installed(table: Any, callback: CFunction = single_run) -> Iterator[list[str]]:
+def installed(table: Table, callback: CFunction = single_run) -> Iterator[list[str]]:
     """Install a callback with its table; the previous one is put back. Gives the texts that MuJoCo warns with.
 
     Meanwhile MuJoCo's profiler is off.
@@ -81,7 +80,7 @@ def installed(table: Any, callback: CFunction = single_run) -> Iterator[list[str
         if previous is not None and any(previous is own for own in _OWN):
             previous = None  # an interrupt came before a former run had taken it out
         try:
-            active.value = address_of(table)
+            active.value = table.address
             mujoco.set_mjcb_control(function)
             # Nothing that can raise: an exception in there ends the process.
             mujoco.set_mju_user_warning(texts.append)

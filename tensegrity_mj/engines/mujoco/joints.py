@@ -20,7 +20,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.engines.mujoco.mjcf import UNLIMITED
 from tensegrity_mj.engines.mujoco.mjcf_bodies import Names
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree
-from tensegrity_mj.engines.mujoco.motion import SupportTable
+from tensegrity_mj.engines.mujoco.motion import Supports
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.elements.element import forces_of
 from tensegrity_mj.model.scene import Scene
@@ -31,7 +31,7 @@ REDUNDANT = 1e-12  # of the largest singular value: below it, a constraint says 
 class JointForces:
     """What recorded states (T, nq + nv) of a run tell about its rods and joints."""
 
-    def __init__(self, scene: Scene, tree: BodyTree, model: mujoco.MjModel, supports: SupportTable | None) -> None:
+    def __init__(self, scene: Scene, tree: BodyTree, model: mujoco.MjModel, supports: Supports | None) -> None:
         self.scene, self.tree, self.model, self.supports = scene, tree, model, supports
         structure = scene.structure
         self.state = int(model.nq + model.nv)

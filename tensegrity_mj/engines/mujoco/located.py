@@ -15,50 +15,26 @@ import mujoco
 import numpy as np
 
 from tensegrity_mj.dynamics.native.actuation import set_rest_lengths
-from tensegrity_mj.dynamics.native.law import NO_SOLUTION
-from tensegrity_mj.dynamics.native.plant import RESOLUTION
-from tensegrity_mj.dynamics.native.pointers import address_of, borrowing, floats, integers
+from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION
+from tensegrity_mj.dynamics.native.pointers import address_of, borrowing, integers
 from tensegrity_mj.dynamics.native.slack import (
-    ABOVE,
-    HIGH,
     JUMP_WITHIN,
     MOST_SPLITS,
-    NOW,
-    SEARCH_SIZE,
-    SEARCHED,
-    START,
-    TRIED,
     asks,
     begin_search,
-    first_change,
-    keep_slack,
-    learn,
-    let_go,
-    look,
+    end_search,
+    look_at_end,
+    look_at_start,
+    look_at_trial,
     next_part,
-    note,
+    search_of,
 )
-from tensegrity_mj.dynamics.native.slots import MODE, MOTION_COUNT, MOVED, NO_LAW, STRING_COUNT
 from tensegrity_mj.dynamics.native.strings import measure_strings
-from tensegrity_mj.engines.mujoco.callback import (
-    ANSWERED,
-    CONSTRAINED,
-    CONSTRAINT_FORCE,
-    COUNTERS,
-    ENDED,
-    PART,
-    POWERS,
-    RUNNING,
-    STAGE,
-    STEP,
-    STEP_SIZE,
-    SUPPORTS,
-    WORK_INTEGRALS,
-    finish_row,
-    read_nodes,
-)
-from tensegrity_mj.engines.mujoco.motion import SUPPORTS_SIZE, constraint_work
+from tensegrity_mj.dynamics.native.views import Table
+from tensegrity_mj.engines.mujoco.callback import finish_row, read_nodes
+from tensegrity_mj.engines.mujoco.motion import constraint_work
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun
+from tensegrity_mj.engines.mujoco.run_view import ENDED, RUN, RUNNING, STAGE, STEP, RunView
 from tensegrity_mj.engines.request import Request
 
 if TYPE_CHECKING:
@@ -84,72 +60,65 @@ def copy_state(kept: Any, origin: int, goal: int) -> None:
 
 
 @borrowing
-def after_first_stage(table: Any, kept: Any, powers: Any, strings: Any, pulled: Any, slack: Any) -> None:
+def after_first_stage(table: int, kept: Any, search: int) -> None:
     """Keep the state at the start of a step or part, whose forces are known now, and what is known of the strings.
 
-    Its powers (3,) [W] are kept with it, since their work counts with the length of the step.
+    Its powers [W] are kept with it, since their work counts with the length of the step.
     """
     finish_row(table)  # a trial begins after it, and knows its own tensions alone
-    if table[MOTION_COUNT] > 0:
-        powers[2] += _count_constraints(table)
+    RunView(table).powers[2] += _count_constraints(table)
     copy_state(kept, SOURCE, AT_START)
-    look(table, strings[START])
-    note(strings[START], pulled, slack)
+    look_at_start(table, search)
 
 
 @borrowing
-def _count_constraints(table: Any) -> float:
+def _count_constraints(table: int) -> float:
     """Count what constraints did to moved supports over the stage before, whose forces are known now: their power."""
-    if not table[CONSTRAINED]:
+    run = RunView(table)
+    if run.motion_count == 0 or not run.constrained:
         return 0.0
-    supports = integers(table[SUPPORTS], (SUPPORTS_SIZE,))
-    power = constraint_work(supports, table[MOVED], table[CONSTRAINT_FORCE], 1.0, False)
-    floats(table[WORK_INTEGRALS], (3,))[2] += floats(table[STEP_SIZE], (1,))[0] / 6.0 * power
+    power = constraint_work(run, 1.0, False)
+    run.work[2] += run.step / 6.0 * power
     return power
 
 
 @borrowing
-def begin_trial(table: Any, kept: Any, powers: Any, h: float) -> None:
+def begin_trial(table: int, kept: Any, h: float) -> None:
     """Put the start of the step back, for one of h [s] with the same forces there."""
     copy_state(kept, AT_START, SOURCE)  # powers, works and length of that step among it
-    size, work = floats(table[STEP_SIZE], (1,)), floats(table[WORK_INTEGRALS], (3,))
+    run = RunView(table)
+    work, powers = run.work, run.powers
     for k in range(3):
-        work[k] += (h - size[0]) / 6.0 * powers[k]
-    size[0] = h
+        work[k] += (h - run.step) / 6.0 * powers[k]
+    run.step = h
 
 
 @borrowing
-def after_last_stage(table: Any, t: float, h: float, strings: Any, pulled: Any, slack: Any) -> float:
-    """What to search for in a step or part of h [s] that ends at t, see `first_change`; or `UNKNOWN`.
+def after_last_stage(table: int, t: float, h: float, search: int) -> float:
+    """What to search for in a step or part of h [s] that ends at t, see `look_at_end`; or `UNKNOWN`.
 
     The last stage's work is counted.
     """
-    if table[MOTION_COUNT] > 0:
-        _count_constraints(table)
+    _count_constraints(table)
     if asks(table) and not read_nodes(table):
         return UNKNOWN
     answer = set_rest_lengths(table, t)
     if answer > NO_SOLUTION:
         return UNKNOWN
-    look(table, strings[ABOVE])
-    part = first_change(table, strings, pulled, slack, h)
+    part = look_at_end(table, search, h)
     if part == 0.0 and asks(table):
-        table[ANSWERED] = 1 + answer
+        RunView(table).answered = 1 + answer
     return part
 
 
 @borrowing
-def after_trial(table: Any, t: float, part: float, strings: Any, pulled: Any, search: Any) -> bool:
+def after_trial(table: int, t: float, part: float, search: int) -> bool:
     """Whether to go on with a search, after a part of the step that ends at t. The last stage's work is counted."""
-    if table[MOTION_COUNT] > 0:
-        _count_constraints(table)
+    _count_constraints(table)
     if not read_nodes(table):
-        return False
+        return look_at_trial(table, search, part, FAILED)
     measure_strings(table)
-    if set_rest_lengths(table, t) > NO_SOLUTION:
-        return False
-    look(table, strings[NOW])
-    return learn(strings, pulled, part, search)
+    return look_at_trial(table, search, part, set_rest_lengths(table, t))
 
 
 class LocatedRun(MuJoCoRun):
@@ -161,20 +130,17 @@ class LocatedRun(MuJoCoRun):
 
     def __init__(self, options: MuJoCo, request: Request) -> None:
         super().__init__(options, request)
-        data, table = self.data, self.plant.table
-        M = int(table[STRING_COUNT])
+        data, plant = self.data, self.plant
         self._evaluations = 0
-        self._strings, self._search = np.zeros((SEARCHED, 3, M)), np.zeros(SEARCH_SIZE)
-        self._pulled, self._slack = np.zeros((2, M), np.bool_)
-        self._powers, self._begins = np.zeros(3), np.zeros(1)  # [W], and [s] where a part of a step begins
-        table[POWERS] = address_of(self._powers)
+        self._search = search_of(plant["string_count"])
+        step = plant.place("step")
         own = (
             self.counters,
-            self.keep[WORK_INTEGRALS],
-            self.keep[STEP_SIZE],
-            self._powers,
-            self.plant[RESOLUTION].reshape(-1),
-            self.plant.elements.states.reshape(-1),
+            plant["work"],
+            plant.table[step : step + 1],
+            plant["powers"],
+            plant["resolution"].reshape(-1),
+            plant.elements.states.reshape(-1),
         )
         sources = [one for one in (data.qpos, data.qvel, data.qacc, data.qacc_warmstart, *own) if len(one)]
         self._copies = [np.zeros((2, len(source)), source.dtype) for source in sources]
@@ -193,28 +159,20 @@ class LocatedRun(MuJoCoRun):
 
     def _warm_up(self) -> None:
         super()._warm_up()
-        table, h = self.plant.table.copy(), float(self.options.timestep)
-        table[MODE], kept = NO_LAW, self._kept[:0]
-        strings = np.zeros((SEARCHED, 3, 0))
-        none, search = np.zeros(0, np.bool_), np.zeros(SEARCH_SIZE)
-        for slot in (STRING_COUNT, MOTION_COUNT):
-            table[slot] = 0
-        scratch, counters = np.zeros(3), np.full(len(self.counters), -1)
-        table[WORK_INTEGRALS] = table[STEP_SIZE] = address_of(scratch)
-        table[COUNTERS] = address_of(counters)
-        after_first_stage(table, kept, np.zeros(3), strings, none, none)
-        after_last_stage(table, 0.0, h, strings, none, none)
+        blank, search, kept = Table("blank", RUN), search_of(0), self._kept[:0]
+        blank.set(counters=np.full(len(self.counters), -1), work=np.zeros(3), powers=np.zeros(3))
+        table, at = blank.address, search.address
+        after_first_stage(table, kept, at)
+        after_last_stage(table, 0.0, 1.0, at)
         copy_state(kept, SOURCE, AT_END)
-        copy_state(kept, AT_END, SOURCE)
-        keep_slack(table, none)
-        let_go(table)
-        begin_search(strings, 1.0, search)
-        next_part(table, h, strings, none, none, search)
-        begin_trial(table, kept, np.zeros(3), h)
-        after_trial(table, 0.0, 1.0, strings, none, search)
+        begin_search(table, at, 1.0)
+        next_part(table, at, 1.0)
+        begin_trial(table, kept, 1.0)
+        after_trial(table, 0.0, 1.0, at)
+        end_search(table, at)
 
     def _advance(self, first: int, count: int) -> None:
-        if not len(self._pulled):
+        if not self.plant["string_count"]:
             super()._advance(first, count)
             self._evaluations = super().evaluations
             return
@@ -246,8 +204,7 @@ class LocatedRun(MuJoCoRun):
 
     def _step(self, number: int) -> bool:
         """One whole step; false where the run has ended."""
-        table, strings, pulled, slack = self.plant.table, self._strings, self._pulled, self._slack
-        step = self.options.timestep
+        table, search, step = self.plant.address, self._search.address, self.options.timestep
         t, left, end = number * step, step, (number + 1) * step
         time = 0.0
         for split in range(MOST_SPLITS + 1):
@@ -255,20 +212,19 @@ class LocatedRun(MuJoCoRun):
                 # A law that fails at the start of a part leaves no row, as one that does within a step.
                 self.counters[STAGE] = max(self.counters[STAGE], split > 0)
                 return False
-            after_first_stage(table, self._kept, self._powers, strings, pulled, slack)
+            after_first_stage(table, self._kept, search)
             if not self._other_stages():
                 return False
             self._see()
-            change = after_last_stage(table, end, left, strings, pulled, slack)
+            change = after_last_stage(table, end, left, search)
             if split == 0:
                 time = self.data.time
             if change <= 0.0 or split == MOST_SPLITS:
                 break
             copy_state(self._kept, SOURCE, AT_END)
-            keep_slack(table, slack)
-            begin_search(strings, change, self._search)
-            part = self._instant(t, left)
-            let_go(table)
+            begin_search(table, search, change)
+            self._try_parts(t, left)
+            part = end_search(table, search)
             if self.counters[ENDED] != RUNNING:
                 return False
             if part == 0.0:
@@ -282,40 +238,32 @@ class LocatedRun(MuJoCoRun):
                 break
             self.counters[STEP] = number
             self._set_part(t, left)
-        if table[PART]:
+        if self.plant["part"]:
             self._whole_steps()
             self.data.time = time
         return True
 
-    def _instant(self, t: float, h: float) -> float:
-        """Bring the state just after the first instant at which a string changes, in a step of h [s] from t.
-
-        Returns:
-            its part of the step; 0 where none changes after all, or the run has ended.
-        """
-        table, strings, pulled, search = self.plant.table, self._strings, self._pulled, self._search
-        while True:
-            part = next_part(table, h, strings, pulled, self._slack, search)
-            if part == 0.0:
-                return float(search[HIGH]) if search[TRIED] else 0.0
-            begin_trial(table, self._kept, self._powers, part * h)
+    def _try_parts(self, t: float, h: float) -> None:
+        """Take parts of a step of h [s] from t until the state is that just after the instant of a change."""
+        table, search = self.plant.address, self._search.address
+        while (part := next_part(table, search, h)) > 0.0:
+            begin_trial(table, self._kept, part * h)
             self._set_part(t, part * h)
             if not self._other_stages():
-                return 0.0
+                return
             # Where the nodes are and how they move, some third of what `_see` takes.
             mujoco.mj_kinematics(self.model, self.data)
             mujoco.mj_comPos(self.model, self.data)
             mujoco.mj_comVel(self.model, self.data)
             self._evaluations += asks(table)
-            if not after_trial(table, t + part * h, part, strings, pulled, search):
-                return 0.0
+            if not after_trial(table, t + part * h, part, search):
+                return
 
     def _set_part(self, t: float, h: float) -> None:
         """What is taken next is a part of a step: of h [s], from t."""
-        self._begins[0] = t
-        self.plant.table[PART] = address_of(self._begins)
-        self.keep[STEP_SIZE][0] = self.model.opt.timestep = h
+        self.plant.set(part=1, begins=t, step=h)
+        self.model.opt.timestep = h
 
     def _whole_steps(self) -> None:
-        self.plant.table[PART] = 0
-        self.keep[STEP_SIZE][0] = self.model.opt.timestep = self.options.timestep
+        self.plant.set(part=0, step=self.options.timestep)
+        self.model.opt.timestep = self.options.timestep

@@ -25,42 +25,25 @@ import mujoco
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dynamics.native.pointers import address_of, borrowing, floats, integers, records_reader
+from tensegrity_mj.dynamics.native.pointers import borrowing
+from tensegrity_mj.dynamics.native.views import Table
 from tensegrity_mj.engines.mujoco.mjcf_bodies import Names
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree
+from tensegrity_mj.engines.mujoco.run_view import SLIDE
 from tensegrity_mj.model.scene import Scene
-
-SLIDE = np.dtype(
-    [
-        ("motion", "i8"),
-        ("place", "i8"),  # in qpos
-        ("dof", "i8"),
-        ("drive", "f8"),  # its armature [kg]
-        ("axis", "f8", (3,)),
-        ("offset", "f8"),  # along the axis, of d where qpos is 0
-        ("weight", "f8"),  # M g·e of the tree
-        ("kept", "f8"),  # ḋ of the stage whose constraint forces are not yet known
-    ],
-    align=True,
-)
-_read_slides = records_reader(SLIDE)
-
-# Of the supports' own table: sizes, addresses, and whether a stage awaits its constraint forces.
-COUNT, NODES, STRINGS, SLIDES, MASSES, MEMBERS, REACH, WAITS, RESETS = range(9)
-SUPPORTS_SIZE = 9
 
 
 @borrowing
-def drive(supports: Any, moved_at: int, places_at: int, rates_at: int, forces_at: int, first_stage: bool) -> None:
+def drive(run: Any, first_stage: bool) -> None:
     """Push the slides with d̈; at the first stage of a step also put them on d and ḋ."""
-    slides = _read_slides(supports[SLIDES], supports[COUNT])
+    slides, places, rates, forces, resets = run.driven, run.qpos, run.qvel, run.qfrc_applied, run.resets
+    moved = run.moved
     for s in range(len(slides)):
         slide = slides[s]
-        moved = floats(moved_at + 72 * slide.motion, (3, 3))
-        floats(forces_at + 8 * slide.dof, 1)[0] = slide.drive * _along(slide.axis, moved[2])
-        if first_stage and supports[RESETS]:
-            floats(places_at + 8 * slide.place, 1)[0] = _along(slide.axis, moved[0]) - slide.offset
-            floats(rates_at + 8 * slide.dof, 1)[0] = _along(slide.axis, moved[1])
+        forces[slide.dof] = slide.drive * _along(slide.axis, moved[slide.motion, 2])
+        if first_stage and resets:
+            places[slide.place] = _along(slide.axis, moved[slide.motion, 0]) - slide.offset
+            rates[slide.dof] = _along(slide.axis, moved[slide.motion, 1])
 
 
 @borrowing
@@ -69,103 +52,89 @@ def _along(axis: Any, v: Any) -> float:
 
 
 @borrowing
-def _momentum(supports: Any, s: int, axis: Any, velocities: Any) -> float:
+def _momentum(masses: Any, axis: Any, velocities: Any) -> float:
     """p of a slide's tree."""
-    N = supports[NODES]
-    masses, total = floats(supports[MASSES] + 8 * s * N, (N,)), 0.0
-    for n in range(N):
+    total = 0.0
+    for n in range(len(masses)):
         if masses[n] != 0.0:
             total += masses[n] * _along(axis, velocities[n])
     return total
 
 
 @borrowing
-def carried(supports: Any, moved_at: int, velocities_at: int) -> float:
+def carried(run: Any) -> float:
     """Σ p ḋ [J]."""
-    slides = _read_slides(supports[SLIDES], supports[COUNT])
-    velocities, total = floats(velocities_at, (supports[NODES], 3)), 0.0
+    slides, masses, moved, velocities = run.driven, run.driven_masses, run.moved, run.velocities
+    total = 0.0
     for s in range(len(slides)):
-        rate = _along(slides[s].axis, floats(moved_at + 72 * slides[s].motion, (3, 3))[1])
-        total += rate * _momentum(supports, s, slides[s].axis, velocities)
+        axis = slides[s].axis
+        total += _along(axis, moved[slides[s].motion, 1]) * _momentum(masses[s], axis, velocities)
     return total
 
 
 @borrowing
-def support_power(
-    supports: Any,
-    moved_at: int,
-    nodes_at: int,
-    velocities_at: int,
-    loads_at: int,
-    pairs_at: int,
-    tensions_at: int,
-    lengths_at: int,
-) -> float:
-    """-Σ [p d̈ + (M g·e + F) ḋ] [W], F of strings and loads (`loads_at` = 0 for none)."""
-    N, M = supports[NODES], supports[STRINGS]
-    slides = _read_slides(supports[SLIDES], supports[COUNT])
-    nodes, velocities = floats(nodes_at, (N, 3)), floats(velocities_at, (N, 3))
-    pairs, tensions, lengths = integers(pairs_at, (M, 2)), floats(tensions_at, (M,)), floats(lengths_at, (M,))
+def support_power(run: Any) -> float:
+    """-Σ [p d̈ + (M g·e + F) ḋ] [W], F of strings and elements."""
+    slides, masses, members, reach = run.driven, run.driven_masses, run.driven_nodes, run.driven_strings
+    nodes, velocities, forces, moved = run.nodes, run.velocities, run.forces, run.moved
+    pairs, tensions, lengths = run.string_nodes, run.tensions, run.lengths
     total = 0.0
     for s in range(len(slides)):
         slide = slides[s]
-        moved = floats(moved_at + 72 * slide.motion, (3, 3))
-        force, reach = slide.weight, floats(supports[REACH] + 8 * s * M, (M,))
-        for m in range(M):
-            if reach[m] != 0.0 and tensions[m] != 0.0:
+        force = slide.weight
+        for m in range(len(pairs)):
+            if reach[s, m] != 0.0 and tensions[m] != 0.0:
                 i, j = pairs[m, 0], pairs[m, 1]
                 pull = _along(slide.axis, nodes[j]) - _along(slide.axis, nodes[i])
-                force += reach[m] * tensions[m] / lengths[m] * pull
-        if loads_at != 0:
-            loads, members = floats(loads_at, (N, 3)), floats(supports[MEMBERS] + 8 * s * N, (N,))
-            for n in range(N):
-                if members[n] != 0.0:
-                    force += _along(slide.axis, loads[n])
-        rate, change = _along(slide.axis, moved[1]), _along(slide.axis, moved[2])
-        total -= _momentum(supports, s, slide.axis, velocities) * change + force * rate
+                force += reach[s, m] * tensions[m] / lengths[m] * pull
+        if run.element_count > 0:
+            for n in range(len(forces)):
+                if members[s, n] != 0.0:
+                    force += _along(slide.axis, forces[n])
+        rate, change = _along(slide.axis, moved[slide.motion, 1]), _along(slide.axis, moved[slide.motion, 2])
+        total -= _momentum(masses[s], slide.axis, velocities) * change + force * rate
     return total
 
 
 @borrowing
-def keep_rates(supports: Any, moved_at: int) -> None:
+def keep_rates(run: Any) -> None:
     """Keep ḋ of this stage until its constraint forces are known."""
-    slides = _read_slides(supports[SLIDES], supports[COUNT])
+    slides, moved = run.driven, run.moved
     for s in range(len(slides)):
-        slides[s].kept = _along(slides[s].axis, floats(moved_at + 72 * slides[s].motion, (3, 3))[1])
-    supports[WAITS] = 1
+        slides[s].kept = _along(slides[s].axis, moved[slides[s].motion, 1])
+    run.awaits_constraints = 1
 
 
 @borrowing
-def constraint_work(supports: Any, moved_at: int, constraint_at: int, weight: float, one_stage: bool) -> float:
+def constraint_work(run: Any, weight: float, one_stage: bool) -> float:
     """-∫ F ḋ dt [J] over the stage before, of this weight [s], F of contacts and of joints that close loops.
 
     An integrator of one stage holds its forces over the step: their work counts the speeds at both ends.
     """
-    if not supports[WAITS]:
+    if not run.awaits_constraints:
         return 0.0
-    supports[WAITS] = 0
-    slides, total = _read_slides(supports[SLIDES], supports[COUNT]), 0.0
+    run.awaits_constraints = 0
+    slides, moved, pulls, total = run.driven, run.moved, run.qfrc_constraint, 0.0
     for s in range(len(slides)):
         slide = slides[s]
         rate = slide.kept
         if one_stage:
-            rate = 0.5 * (rate + _along(slide.axis, floats(moved_at + 72 * slide.motion, (3, 3))[1]))
-        total -= floats(constraint_at + 8 * slide.dof, 1)[0] * rate
+            rate = 0.5 * (rate + _along(slide.axis, moved[slide.motion, 1]))
+        total -= pulls[slide.dof] * rate
     return weight * total
 
 
-class SupportTable:
-    """The table of a run whose supports move, and the arrays behind it.
+class Supports:
+    """The moved supports of a run.
 
     Attributes:
-        table: int64, see the slots above.
         slides: records of `SLIDE`.
     """
 
     def __init__(
-        self, scene: Scene, tree: BodyTree, model: mujoco.MjModel, start: Scene | None = None, resets: bool = True
+        self, scene: Scene, tree: BodyTree, model: mujoco.MjModel, run: Table, start: Scene | None = None
     ) -> None:
-        """Of a scene in a model; `start` is the scene that the model was made from, where that is another."""
+        """Of a scene in a model, set in the table of the run; `start`: what the model was made from, if another."""
         structure = scene.structure
         names = Names(scene, tree)
         rods = [model.body(name).id for name in names.rods]
@@ -199,13 +168,14 @@ class SupportTable:
                         masses[at, pair] += 0.5 * structure.rod_masses[rod]
                 slide["weight"] = masses[at].sum() * (np.array(scene.gravity) @ axis)
                 at += 1
-        self._keep = (masses, members, reach)
-        self.table = np.zeros(SUPPORTS_SIZE, np.int64)
-        self.table[COUNT], self.table[NODES], self.table[STRINGS] = count, N, M
-        arrays = (self.slides, masses, members, reach)
-        for slot, array in zip((SLIDES, MASSES, MEMBERS, REACH), arrays, strict=True):
-            self.table[slot] = address_of(array)
-        self.table[RESETS] = resets
+        run.set(
+            driven_count=count,
+            driven=self.slides,
+            driven_masses=masses,
+            driven_nodes=members,
+            driven_strings=reach,
+            resets=1,
+        )
 
     def forces(self, scene: Scene, time: float, nv: int) -> Array:
         """What drives the supports at a time: generalized forces (nv,)."""

@@ -11,17 +11,30 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
-from tensegrity_mj.dynamics.native.plant import RESOLUTION_KIND, Plant, row_width
+from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.pointers import address_of
 from tensegrity_mj.dynamics.native.resolution import DISCRETE, SEMI_IMPLICIT, STAGES
-from tensegrity_mj.dynamics.native.slots import ADDED, LENGTH, RATE, STATUS
 from tensegrity_mj.engines.driving import Grid, Progress, Stopwatch, chunks
-from tensegrity_mj.engines.mujoco import callback
-from tensegrity_mj.engines.mujoco.contact import ContactTable
+from tensegrity_mj.engines.mujoco.contact import Contacts
 from tensegrity_mj.engines.mujoco.install import finish, installed
 from tensegrity_mj.engines.mujoco.joints import JointForces
-from tensegrity_mj.engines.mujoco.motion import SupportTable
+from tensegrity_mj.engines.mujoco.motion import Supports
 from tensegrity_mj.engines.mujoco.prepared import Prepared, lent
+from tensegrity_mj.engines.mujoco.run_view import (
+    ALIASES,
+    END_STEP,
+    ENDED,
+    FINISHED,
+    LOST,
+    LOST_CONTROL,
+    NEXT_ROW,
+    OF_DATA,
+    RUN,
+    RUNNING,
+    STAGE,
+    STEP,
+    WAITING,
+)
 from tensegrity_mj.engines.mujoco.water import AddedMass
 from tensegrity_mj.engines.recording import Account, RodMotion, allocate_rows, make_trajectory
 from tensegrity_mj.engines.request import Request
@@ -46,6 +59,19 @@ _WARNINGS = {
 
 # Rules of `native.resolution`.
 KINDS = {"rk4": STAGES, "discrete": DISCRETE}
+
+
+def set_data(plant: Plant, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    """Tell the table of a run where an MjData has its arrays, and their sizes."""
+    arrays = {name: getattr(data, ALIASES.get(name, name)) for name in (*OF_DATA, *ALIASES)}
+    plant.set(site_count=model.nsite, body_count=model.nbody, nq=model.nq, nv=model.nv, entries=len(data.M), **arrays)
+
+
+def set_nodes(plant: Plant, scene: Scene, nodes: tuple[Any, Any, Any]) -> None:
+    """And site, body and root of each node, (N,) each, and the rest lengths that controls count from."""
+    sites, bodies, roots = nodes
+    designed = np.array(scene.structure.rest_lengths)
+    plant.set(node_sites=sites, node_bodies=bodies, node_roots=roots, designed=designed)
 
 
 def warned(counts: Any) -> list[str]:
@@ -79,96 +105,54 @@ class MuJoCoRun:
             # Positions are the model's own.
             data.qvel[:] = ready.velocities
         self.data = data
-        self.plant = Plant(scene, request.law, request.actuation, request.on_infeasible)
-        table = self.plant.table
+        self.plant = plant = Plant(scene, request.law, request.actuation, request.on_infeasible, RUN)
         self.times = self.grid.times
-        self.width = int(row_width.py_func(table))
-        self.contact = None if scene.contact is None else ContactTable(structure, self.model, self.data)
-        self.supports = SupportTable(scene, self.tree, self.model, start) if scene.motions else None
+        self.width = plant["row_width"]
+        set_data(plant, self.model, data)
+        self.contacts = None if scene.contact is None else Contacts(structure, self.model, plant)
+        self.supports = Supports(scene, self.tree, self.model, plant, start) if scene.motions else None
         self.joints = None
         if structure.class_number > 1:
             self.joints = JointForces(scene, self.tree, self.model, self.supports)
-        more = 3 * len(structure.rods) + sum(part.width for part in (self.joints, self.contact) if part)
+        more = 3 * len(structure.rods) + sum(part.width for part in (self.joints, self.contacts) if part)
         # One row more than the grid has, for where a law stops the run.
         self.rows = allocate_rows(len(self.times) + 1, self.width + more)
-        self.counters = np.array([0, 0, 0, -1, callback.RUNNING, 0], np.int64)
-        self.keep = {
-            callback.DESIGNED: np.array(structure.rest_lengths),
-            callback.SLIDES: ready.slides,
-            callback.COUNTERS: self.counters,
-            callback.WORK_INTEGRALS: np.zeros(3),
-            callback.ROWS: self.rows,
-            callback.STEP_SIZE: np.array([options.timestep]),
-        }
-        sites, bodies, roots = ready.nodes
-        self.keep |= {callback.NODE_SITE: sites, callback.NODE_BODY: bodies, callback.NODE_ROOT: roots}
-        views = {
-            callback.SITE_XPOS: data.site_xpos,
-            callback.CVEL: data.cvel,
-            callback.SUBTREE_COM: data.subtree_com,
-            callback.XIPOS: data.xipos,
-            callback.XFRC: data.xfrc_applied,
-            callback.QACC: data.qacc,
-            callback.ACTUATOR_FORCE: data.actuator_force,
-            callback.CTRL: data.ctrl,
-            callback.FORCE_RANGE: self.model.actuator_forcerange,
-            callback.QPOS: data.qpos,
-            callback.QVEL: data.qvel,
-            callback.APPLIED: data.qfrc_applied,
-            callback.CONSTRAINT_FORCE: data.qfrc_constraint,
-            callback.MASS_MATRIX: data.M,
-            callback.AXES: data.cdof,
-            callback.AXIS_RATES: data.cdof_dot,
-            callback.TWISTS: data.cvel,
-            callback.CENTERS: data.subtree_com,
-            callback.RATES: data.qvel,
-            callback.BIAS: data.qfrc_bias,
-            callback.PASSIVE_FORCES: data.qfrc_passive,
-            callback.DRIVES: data.qfrc_applied,
-            LENGTH: data.ten_length,
-            RATE: data.ten_velocity,
-        }
-        for slot, array in (self.keep | views).items():
-            table[slot] = address_of(array)
-        table[callback.BODY_COUNT] = self.model.nbody
-        table[callback.ROW_COUNT], table[callback.ROW_SIZE] = self.rows.shape
-        table[callback.DATA] = data._address
-        table[callback.STRIDE], table[callback.RATIO] = self.grid.stride, self.grid.ratio
-        table[callback.TOTAL] = self.grid.count
-        table[callback.STAGES] = options.stages
-        table[RESOLUTION_KIND] = KINDS.get(options.integrator.value, SEMI_IMPLICIT)
-        table[callback.ROD_COUNT] = len(structure.rods)
-        table[callback.CONSTRAINED] = scene.contact is not None or bool(self.tree.forest.closures)
-        if self.supports is not None:
-            table[callback.SUPPORTS] = address_of(self.supports.table)
-        if self.joints is not None:
-            self.keep[callback.STATE_SIZES] = sizes = np.array([self.model.nq, self.model.nv], np.int64)
-            table[callback.STATE_SIZES] = address_of(sizes)
-        self.added_mass = AddedMass(scene, self.tree, self.model) if table[ADDED] else None
+        self.grid.describe(plant, self.rows)
+        self.counters = np.array([0, 0, 0, -1, RUNNING, 0], np.int64)
+        set_nodes(plant, scene, ready.nodes)
+        plant.set(
+            data=data._address,
+            force_range=self.model.actuator_forcerange,
+            stages=options.stages,
+            counters=self.counters,
+            work=np.zeros(3),
+            powers=np.zeros(3),
+            slides=ready.slides,
+            writes_state=self.joints is not None,
+            constrained=scene.contact is not None or bool(self.tree.forest.closures),
+            resolution_kind=KINDS.get(options.integrator.value, SEMI_IMPLICIT),
+        )
+        self.added_mass = AddedMass(scene, self.tree, self.model) if plant["wet_rods"] else None
         if self.added_mass is not None:
-            table[callback.FLOATING] = self.added_mass.address
-            table[callback.MASS_ROOM] = address_of(self.added_mass.room)
-        if self.contact is not None:
-            table[callback.CONTACT] = address_of(self.contact.table)
-            table[callback.CONTACT_SIZE] = len(self.contact.table)
+            plant.set(floating=self.added_mass.address, mass_room=address_of(self.added_mass.room))
 
     def run(self) -> Trajectory:
         grid, options = self.grid, self.options
         counters = self.counters
         label = f"MuJoCo {options.integrator.value}"
-        with Progress(self.request, label) as progress, installed(self.plant.table) as texts:
+        with Progress(self.request, label) as progress, installed(self.plant) as texts:
             self._warm_up()
             clock = Stopwatch(self.request)
             for first, count in chunks(grid.count):
                 self._advance(first, count)
-                progress.reached(min(first + count, int(counters[callback.STEP])) * options.timestep)
-                if counters[callback.ENDED] != callback.RUNNING:
+                progress.reached(min(first + count, int(counters[STEP])) * options.timestep)
+                if counters[ENDED] != RUNNING:
                     break
                 self._check(first + count, clock.seconds)
             else:
                 mujoco.mj_forward(self.model, self.data)  # the last row
             seconds = clock.seconds
-            if counters[callback.ENDED] != callback.RUNNING:
+            if counters[ENDED] != RUNNING:
                 finish(self.plant.address)
         return self.conclude(seconds, texts)
 
@@ -179,36 +163,36 @@ class MuJoCoRun:
     @property
     def evaluations(self) -> int:
         """Of the forces, up to now."""
-        return int(self.counters[callback.STEP]) * int(self.plant.table[callback.STAGES])
+        return int(self.counters[STEP]) * self.plant["stages"]
 
     @property
     def ended_early(self) -> float | None:
         """The time [s] at which it ended before its time, or None."""
-        ended = int(self.counters[callback.ENDED])
-        if ended == callback.FINISHED:
+        ended = int(self.counters[ENDED])
+        if ended == FINISHED:
             return None
-        step = self.counters[callback.STEP if ended == callback.RUNNING else callback.END_STEP]
+        step = self.counters[STEP if ended == RUNNING else END_STEP]
         return float(step * self.options.timestep)
 
     def conclude(self, seconds: float, texts: Sequence[str] = ()) -> Trajectory:
         """What became of the run: its trajectory, or the error that it ended with."""
         options, counters = self.options, self.counters
-        ended, step = int(counters[callback.ENDED]), int(counters[callback.END_STEP])
-        if ended == callback.RUNNING:
-            self._diverged(self.cause, seconds, int(counters[callback.STEP]) * options.timestep)
-        if ended == callback.FINISHED:
+        ended, step = int(counters[ENDED]), int(counters[END_STEP])
+        if ended == RUNNING:
+            self._diverged(self.cause, seconds, int(counters[STEP]) * options.timestep)
+        if ended == FINISHED:
             self.plant.raise_if_failed(SOLVED, self.times[-1])  # a load, at the very end
             run = self._finish(len(self.times), Status.COMPLETED, "", seconds)
             check_energy(run, self._remedy(), self.options.is_explicit)
             for text in texts:
                 warnings.warn(f"MuJoCo: {text}", RuntimeWarning, stacklevel=4)  # at the call of simulate
             return run
-        time, kept = step * options.timestep, int(counters[callback.NEXT_ROW])
-        if counters[callback.STAGE] == 0 and not self.plant.table[STATUS]:
+        time, kept = step * options.timestep, int(counters[NEXT_ROW])
+        if counters[STAGE] == 0 and not self.plant["status"]:
             self.times = np.append(self.times[: kept - 1], time)  # the law stopped it at a step's start: a row more
-        if ended == callback.LOST:
+        if ended == LOST:
             self._diverged(f"positions or velocities are beyond {BEYOND:g} m or m/s", seconds, time)
-        if ended == callback.LOST_CONTROL:
+        if ended == LOST_CONTROL:
             self._diverged(f"rest lengths are beyond {BEYOND:g} m, where MuJoCo ignores them", seconds, time)
         blame = (self.plant, time, self._remedy(), self.options.is_explicit)
         try:
@@ -230,8 +214,8 @@ class MuJoCoRun:
         causes = warned(data.warning.number)
         if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
             causes.append("the state is no longer finite")
-        if int(self.counters[callback.STEP]) != steps:
-            causes.append(f"{self.counters[callback.STEP]} steps were made, not {steps}")
+        if int(self.counters[STEP]) != steps:
+            causes.append(f"{self.counters[STEP]} steps were made, not {steps}")
         if causes:
             self._diverged(", ".join(causes), seconds, steps * self.options.timestep)
 
@@ -242,8 +226,8 @@ class MuJoCoRun:
 
     def _partial(self, seconds: float) -> Trajectory:
         """What there is so far: the rows that have their accelerations."""
-        rows = int(self.counters[callback.NEXT_ROW]) - int(self.counters[callback.WAITING] >= 0)
-        if self.plant.table[STATUS]:  # a load that failed has no value at the last row
+        rows = int(self.counters[NEXT_ROW]) - int(self.counters[WAITING] >= 0)
+        if self.plant["status"]:  # a load that failed has no value at the last row
             rows -= 1
         return self._finish(max(1, min(rows, len(self.times))), Status.DIVERGED, "diverged", seconds)
 
@@ -259,13 +243,13 @@ class MuJoCoRun:
         states = self.width + 3 * R
         reports: dict[str, Any] = {}
         forces: Array | None = None
-        if self.contact is not None:
-            forces, reports["contact"] = self.contact.forces(rows[:, states:])
+        if self.contacts is not None:
+            forces, reports["contact"] = self.contacts.forces(rows[:, states:])
         rod: Array | RodMotion = RodMotion(rows[:, self.width : states].reshape(count, R, 3), forces)
         if self.joints is not None:
             rod, found = self.joints.multipliers(self.times[:count], rows[:, : states + self.joints.width])
             reports |= found
-        cost = {"wall_time": seconds, "steps": int(self.counters[callback.STEP]), "evaluations": self.evaluations}
+        cost = {"wall_time": seconds, "steps": int(self.counters[STEP]), "evaluations": self.evaluations}
         engine = {
             "name": "MuJoCo",
             "timestep": self.options.timestep,

@@ -24,28 +24,18 @@ import numpy as np
 
 from tensegrity_mj.dynamics.kernels import solve_with_pivots
 from tensegrity_mj.dynamics.native.pointers import borrowing, floats, inlined
-from tensegrity_mj.dynamics.native.slots import (
-    ADDED,
-    FORCES,
-    HELD_MASS,
-    NODE_COUNT,
-    NODES,
-    ROD_TOTAL,
-    STRING_COUNT,
-    VELOCITIES,
-)
 from tensegrity_mj.dynamics.native.strings import add_string_forces
 from tensegrity_mj.dynamics.native.vectors import dot, minus, plus, row_of, times
 from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.engines.mujoco.mjcf_bodies import Names
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree
+from tensegrity_mj.engines.mujoco.run_view import RunView
 from tensegrity_mj.model.scene import Scene
 
 # trees: first degree of freedom, how many, and the first and how many of `rods` and of `loaded`. rods: row, its nodes,
 # its body, the root of its tree, the last degree of freedom that moves it. loaded: node, root, and that of the nodes.
 # rows: where the row of each degree of freedom is in M, and its length; columns: of the entries of M. chains: where the
-# degrees of freedom that move what one of them moves are in `chain`, and how many. size: of the largest tree; room:
-# numbers of scratch.
+# degrees of freedom that move what one of them moves are in `chain`, and how many. size: of the largest tree.
 Floating, pack_floating = view_of(
     "Floating",
     tree_count="size",
@@ -61,9 +51,7 @@ Floating, pack_floating = view_of(
     chains=("i8", "dofs", 2),
     links="size",
     chain=("i8", "links"),
-    bodies="size",
     size="size",
-    room="size",
 )
 
 
@@ -115,9 +103,7 @@ class AddedMass:
             chains=np.stack([np.cumsum(counts) - counts, counts], axis=1),
             links=int(counts.sum()),
             chain=np.concatenate([*chains, np.zeros(0, np.int64)]),
-            bodies=model.nbody,
             size=size,
-            room=len(self.room),
         )
         self.address = self._packed.address
 
@@ -132,39 +118,21 @@ def _chain(model: mujoco.MjModel, dof: int) -> list[int]:
 
 
 @borrowing
-def room_of_mass(floating: int) -> int:
-    """Numbers of scratch that `add_mass` takes; 0 where there is no water."""
-    return Floating(floating).room if floating != 0 else 0
-
-
-@borrowing
-def add_mass(table: Any, data: Any) -> float:
-    """Add the forces of the added mass to the nodal forces; returns their power [W].
-
-    Args:
-        table: of the plant, whose nodal forces are all but those of strings, whose tensions are known.
-        data: addresses of the `Floating`, of the scratch, and of MuJoCo's M, cdof, cdof_dot, cvel, subtree_com, qvel,
-            qfrc_bias, qfrc_passive and qfrc_applied.
-    """
-    water, N, power = Floating(data[0]), table[NODE_COUNT], 0.0
-    nv, size = water.dofs, water.size
-    forces, pulls = floats(table[FORCES], (N, 3)), floats(data[1], (N, 3))
-    nodes, velocities = floats(table[NODES], (N, 3)), floats(table[VELOCITIES], (N, 3))
-    held = floats(table[HELD_MASS], (N, 3))
+def add_mass(table: int) -> float:
+    """Add the forces of the added mass to the nodal forces, which are all but those of strings; their power [W]."""
+    run, power = RunView(table), 0.0
+    water, N, room = Floating(run.floating), run.node_count, run.mass_room
+    size = water.size
+    forces, nodes, velocities, held, pulls = run.forces, run.nodes, run.velocities, run.held_mass, floats(room, (N, 3))
     for n in range(N):
         for x in range(3):
             pulls[n, x] = forces[n, x]
             held[n, x] = 0.0
-    if table[STRING_COUNT] > 0:
-        own = table[FORCES]
-        table[FORCES] = data[1]
-        add_string_forces(table)
-        table[FORCES] = own
-    added = floats(table[ADDED], (table[ROD_TOTAL], 4))
-    A, J = floats(data[1] + 24 * N, (size, size + 1)), floats(data[1] + 24 * N + 8 * size * (size + 1), (2, size, 3))
-    M, axes, axis_rates = floats(data[2], (water.entries,)), floats(data[3], (nv, 6)), floats(data[4], (nv, 6))
-    twists, centers, rates = floats(data[5], (water.bodies, 6)), floats(data[6], (water.bodies, 3)), floats(data[7], nv)
-    bias, passive, applied = floats(data[8], nv), floats(data[9], nv), floats(data[10], nv)
+    add_string_forces(table, pulls)
+    A, J = floats(room + 24 * N, (size, size + 1)), floats(room + 24 * N + 8 * size * (size + 1), (2, size, 3))
+    added, M, axes, axis_rates = run.added, run.M, run.cdof, run.cdof_dot
+    twists, centers, rates = run.cvel, run.subtree_com, run.qvel
+    bias, passive, applied = run.qfrc_bias, run.qfrc_passive, run.qfrc_applied
     for k in range(water.tree_count):
         tree = water.trees[k]
         start, n = tree[0], tree[1]

@@ -14,24 +14,12 @@ from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.actuation import ask_law, remember, start_ledger
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED, Report
-from tensegrity_mj.dynamics.native.plant import row_width
-from tensegrity_mj.dynamics.native.slots import (
-    CONTINUOUS,
-    HOLDS_FORCE_DENSITY,
-    MODE,
-    PASSIVE,
-    REPORT,
-    REPORT_SIZE,
-    STATUS,
-    STRING_COUNT,
-    SUSPENDED,
-)
+from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS, REPORT_SIZE
 from tensegrity_mj.dynamics.native.watch import watch_strings
 from tensegrity_mj.engines.driving import Progress, Stopwatch
 from tensegrity_mj.engines.recording import allocate_rows
 from tensegrity_mj.engines.reference.equations import (
     SINGULAR,
-    STATE_SIZE,
     WORK,
     break_due_strings,
     guard,
@@ -86,7 +74,7 @@ class ErrorControlled:
 
     def __init__(self, run: IntegratedRun) -> None:
         self.run, self.options, self.request = run, run.options, run.request
-        self.table = run.table
+        self.table, self.plant = run.table, run.plant
         self.kind = DOP853 if run.options.method is Method.DOP853 else Radau
         self.t, self.y = 0.0, run.y
         self.mark_of_progress = -math.inf  # the first stretch has all the time it wants
@@ -94,7 +82,7 @@ class ErrorControlled:
         self.dense: Any = None  # of the last step, once it was asked for
         self.first_step: float | None = None
         self.longest_step, self.careful_until = math.inf, 0.0  # while a string is about to pull for a moment
-        self.continuous = bool(self.table[MODE] == CONTINUOUS)
+        self.continuous = self.plant["mode"] == CONTINUOUS
         self.switches = 0
         self.times = output_times(run.request)
         self.rows = allocate_rows(len(self.times) + 1, run.width)  # one more, for where a run stops
@@ -102,7 +90,7 @@ class ErrorControlled:
 
     @property
     def _margin_column(self) -> int:
-        return int(row_width(self.table)) - REPORT_SIZE + Report.FEASIBILITY_MARGIN
+        return self.plant["row_width"] - REPORT_SIZE + Report.FEASIBILITY_MARGIN
 
     def integrate(self) -> Trajectory:
         """The whole run.
@@ -157,16 +145,16 @@ class ErrorControlled:
 
     def _sample(self) -> None:
         status = int(sample_law(self.t, self.y, self.table))
-        self.run.plant.raise_if_failed(status, self.t)
+        self.plant.raise_if_failed(status, self.t)
         watch_strings(self.table, self.t, status == SOLVED)
-        if status == NO_SOLUTION and not self.table[PASSIVE]:
+        if status == NO_SOLUTION and not self.plant["passive"]:
             raise _Stopped
         self.solver = None  # what is held has jumped
 
     def _suspend(self) -> None:
-        if not self.table[PASSIVE]:
+        if not self.plant["passive"]:
             raise _Stopped
-        self.table[SUSPENDED] = 1
+        self.plant["suspended"] = 1
 
     def _evaluate(self, t: float, y: Array) -> int:
         """The law's status at a state; leaves everything about the state in the table."""
@@ -178,8 +166,8 @@ class ErrorControlled:
         self.run.evaluations += 1
         if status == SINGULAR:
             raise _Outside
-        if status > NO_SOLUTION or self.table[STATUS]:
-            self.run.plant.raise_if_failed(max(status, int(self.table[STATUS])), t)
+        if status > NO_SOLUTION or self.plant["status"]:
+            self.plant.raise_if_failed(max(status, self.plant["status"]), t)
         return out, status
 
     def _rhs(self, t: float, y: Array) -> Array:
@@ -193,7 +181,7 @@ class ErrorControlled:
         """
         here = self._rhs(t, y)
         jacobian = np.zeros((len(y), len(y)))
-        size = int(self.table[STATE_SIZE])  # behind the work integrals: states of elements
+        size = self.plant["state_size"]  # behind the work integrals: states of elements
         for column in (*range(size - WORK), *range(size, len(y))):
             aside = y.copy()
             aside[column] += JACOBIAN_STEP * max(1.0, abs(y[column]))
@@ -221,11 +209,11 @@ class ErrorControlled:
 
         Where rest lengths follow a law at every stage there is no such moment to look for.
         """
-        if not self.table[STRING_COUNT] or self.continuous or self.table[HOLDS_FORCE_DENSITY]:
+        if not self.plant["string_count"] or self.continuous or self.plant["holds_force_density"]:
             return False
         if solver.t - self.t < LEAST_SEARCHED * self.request.duration:
             return False
-        return pulls_within(self.table, self.t, float(solver.t), self.y, solver.y, self._interpolant)
+        return pulls_within(self.plant, self.t, float(solver.t), self.y, solver.y, self._interpolant)
 
     def _interpolant(self) -> Any:
         """The last step's states at any times within; made once, as it takes evaluations."""
@@ -285,7 +273,7 @@ class ErrorControlled:
             dense = self._interpolant()
             end, _ = _bisect(lambda t: guard(dense(t), self.table) != SINGULAR, solver.t_old, solver.t)
         at_end = self._interpolant()(end) if stuck else solver.y
-        if self.continuous and self._feasible(end, at_end) == bool(self.table[SUSPENDED]):
+        if self.continuous and self._feasible(end, at_end) == bool(self.plant["suspended"]):
             switched, stuck = True, False
             end = self._locate(self._interpolant(), solver.t_old, end)
         limit = math.nextafter(end, -math.inf) if keep_last and end == mark else end
@@ -302,10 +290,10 @@ class ErrorControlled:
             self._switch()
         else:
             self.t, self.y = solver.t, solver.y
-            if self.run.projects:
+            if self.run.equations.project:
                 project(self.y, self.table)
                 solver.f = self._rhs(self.t, self.y)
-            if self.continuous and not self.table[SUSPENDED]:
+            if self.continuous and not self.plant["suspended"]:
                 self._evaluate(self.t, self.y)
                 watch_strings(self.table, self.t, True)
                 remember(self.table)
@@ -316,7 +304,7 @@ class ErrorControlled:
 
     def _locate(self, dense: Any, start: float, end: float) -> float:
         """The time within a step at which the law loses or regains its solution, by bisection."""
-        was = not self.table[SUSPENDED]
+        was = not self.plant["suspended"]
         before, after = _bisect(lambda t: self._feasible(t, dense(t)) == was, start, end)
         # On the far side when regained (the law must have a solution there), on the near side when lost.
         return before if was else after
@@ -329,8 +317,8 @@ class ErrorControlled:
                 f"the law lost and regained its solution {self.switches} times by t = {self.t:.6g} s: it slides along "
                 "the boundary of the admissible set, which the continuous mode cannot resolve; run it sampled"
             )
-        if self.table[SUSPENDED]:
-            self.table[SUSPENDED] = 0
+        if self.plant["suspended"]:
+            self.plant["suspended"] = 0
         else:
             status = self._evaluate(self.t, self.y)
             if status == SOLVED:
@@ -341,8 +329,8 @@ class ErrorControlled:
         """Write rows for the output times before a limit, all with this state."""
         while self.next < len(self.times) and self.times[self.next] < while_before:
             status = self._evaluate(t, y)
-            watch_strings(self.table, t, self.continuous and not self.table[SUSPENDED] and status == SOLVED)
-            if self.table[SUSPENDED]:
+            watch_strings(self.table, t, self.continuous and not self.plant["suspended"] and status == SOLVED)
+            if self.plant["suspended"]:
                 ask_law(self.table, t)  # for its margin and V; what it holds stays held
             observe(y, self.table, self.rows[self.next])
             self.next += 1
@@ -360,7 +348,7 @@ class ErrorControlled:
             ask_law(self.table, self.t + SWITCH_TOLERANCE)
         observe(self.y, self.table, self.rows[self.next])
         if status is Status.INFEASIBLE:
-            message = self.run.plant.infeasible_message(self.t)
+            message = self.plant.infeasible_message(self.t)
         else:
             guard(self.y, self.table)  # names what is singular
             message = self.run.singular_message(self.t)
@@ -370,7 +358,7 @@ class ErrorControlled:
 
     def _give_up(self, cause: str, remedy: str = REMEDY) -> None:
         t = self.t if self.solver is None else float(self.solver.t)
-        margin = float(self.run.plant[REPORT][Report.FEASIBILITY_MARGIN])
+        margin = float(self.plant["report"][Report.FEASIBILITY_MARGIN])
         recorded = self.rows[: self.next, self._margin_column]
         # At a target margins are as large as V is small, and tell nothing of later ones.
         away = ~(self.rows[: self.next, self._margin_column + Report.LYAPUNOV] <= V_ROUND_OFF) & np.isfinite(recorded)

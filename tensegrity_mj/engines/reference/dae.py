@@ -18,7 +18,7 @@ from tensegrity_mj.basics.kinds import choice, flag, positive, whole
 from tensegrity_mj.dynamics.linked import LinkedRecords
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.pointers import address_of
-from tensegrity_mj.dynamics.native.slots import ADDED, MOVED, NODES
+from tensegrity_mj.dynamics.native.views import Fields
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.engines.accuracy.option import ACCURACY
 from tensegrity_mj.engines.reference import dae_kernels as dae
@@ -119,23 +119,21 @@ class DAE(ReferenceEngine):
         def at(time: float, nodes: Array, velocities: Array, rest_lengths: Array | None = None) -> tuple[Array, Array]:
             run.y[:nq], run.y[nq : 2 * nq] = records.coordinates(nodes), records.coordinates(velocities)
             rates = run.rates_at(time, run.y, rest_lengths)
-            return run.plant[NODES].copy(), records.node_accelerations(rates[nq : 2 * nq])
+            return run.plant["nodes"].copy(), records.node_accelerations(rates[nq : 2 * nq])
 
         return at
 
     def _prepared(self, request: Request) -> tuple[IntegratedRun, StructureRecords | LinkedRecords]:
         scene = request.scene
         require(self, scene)
-        plant = Plant(scene, request.law, request.actuation, request.on_infeasible)
+        solver = self.solver if scene.structure.rods else Solver.JOINTS  # point masses alone have no matrix
+        alone = scene.structure.class_number <= 1 and not scene.motions and solver is Solver.JOINTS
+        model = _rods_alone(request) if alone else _rods_linked(request, solver)
+        plant, records, nq = model.plant, model.records, model.records.nq
         baumgarte = self.drift is Drift.BAUMGARTE
         kp = self.baumgarte_frequency**2 if baumgarte else 0.0
         kd = 2 * self.baumgarte_damping * self.baumgarte_frequency if baumgarte else 0.0
-        constants = np.array([*scene.gravity, kp, kd])
-        solver = self.solver if scene.structure.rods else Solver.JOINTS  # point masses alone have no matrix
-        alone = scene.structure.class_number <= 1 and not scene.motions and solver is Solver.JOINTS
-        model = _rods_alone(scene, plant) if alone else _rods_linked(scene, plant, solver)
-        records, nq = model.records, model.records.nq
-        plant.table[model.slots["size"]], plant.table[model.slots["constants"]] = nq, address_of(constants)
+        plant.set(coordinates=nq, gravity=np.array(scene.gravity, float), kp=kp, kd=kd)
         y = np.zeros(2 * nq + (1 if scene.motions else 0) + WORK)
         y[:nq] = records.coordinates(scene.nodes0)
         y[nq : 2 * nq] = records.coordinates(scene.velocities0)
@@ -150,7 +148,7 @@ class DAE(ReferenceEngine):
                 place=model.place,
                 project=model.project if self.drift is Drift.NORMALIZE else 0,
                 multipliers=model.multipliers,
-                keep=(*model.keep, constants),
+                keep=model.keep,
             ),
         )
         return run, records
@@ -158,30 +156,33 @@ class DAE(ReferenceEngine):
 
 @dataclass(frozen=True)
 class _Model:
-    """The compiled functions of a model, what they read, and the slots of its size and its constants."""
+    """A plant with what the compiled functions of a model read, and these."""
 
+    plant: Plant
     records: StructureRecords | LinkedRecords
     rates: int
     place: int
     project: int
     multipliers: Array
     keep: tuple[Any, ...]
-    slots: dict[str, int]
 
 
-def _rods_alone(scene: Scene, plant: Plant) -> _Model:
+def _plant(request: Request, fields: Fields) -> Plant:
+    return Plant(request.scene, request.law, request.actuation, request.on_infeasible, fields)
+
+
+def _rods_alone(request: Request) -> _Model:
     """Class 1, supports at rest: each rod's equations by themselves."""
-    records, table = StructureRecords.of(scene.structure), plant.table
-    table[dae.RODS], table[dae.ROD_COUNT] = address_of(records.rods), len(records.rods)
-    table[dae.POINTS], table[dae.POINT_COUNT] = address_of(records.points), len(records.points)
+    plant, records = _plant(request, dae.RODS), StructureRecords.of(request.scene.structure)
+    plant.set(rods=records.rods, point_count=len(records.points), points=records.points)
     return _Model(
+        plant,
         records,
-        dae.dae_wet_rates.address if table[ADDED] else dae.dae_rates.address,
+        (dae.dae_wet_rates if plant["wet_rods"] else dae.dae_rates).address,
         dae.dae_place.address,
         dae.dae_normalize.address,
         np.zeros(len(records.rods)),
         (records,),
-        {"size": dae.Q_SIZE, "constants": dae.CONSTANTS},
     )
 
 
@@ -197,33 +198,32 @@ def _check_masses(structure: Structure) -> None:
             )
 
 
-def _rods_linked(scene: Scene, plant: Plant, solver: Solver) -> _Model:
+def _rods_linked(request: Request, solver: Solver) -> _Model:
     """Rods that share nodes, moved supports."""
     from tensegrity_mj.dynamics.joint_plan import JointPlan
     from tensegrity_mj.dynamics.tree_matrices import TreeEquations
     from tensegrity_mj.engines.reference import dae_linked_kernels as linked
 
-    records, table = LinkedRecords.of(scene.structure, scene.motions, plant[MOVED]), plant.table
-    plan = JointPlan.of(records)
+    scene, plant = request.scene, _plant(request, linked.LINKED)
+    records = LinkedRecords.of(scene.structure, scene.motions, plant["moved"])
+    plan, closures = JointPlan.of(records), len(records.forest.closures)
+    plant.set(linked=address_of(records.table), joints=address_of(plan.table), closure_count=closures)
     keep: list[Any] = [records, plan]
-    rates = linked.linked_wet_rates if table[ADDED] else linked.linked_rates
+    rates = linked.linked_wet_rates if plant["wet_rods"] else linked.linked_rates
     if solver is Solver.JOINTS:
         _check_masses(scene.structure)
     else:
         tree = TreeEquations.full(records) if solver is Solver.FULL else TreeEquations.dense(records)
         keep.append(tree)
-        table[linked.TREE] = address_of(tree.table)
-        full = linked.full_wet_rates if table[ADDED] else linked.full_rates
+        plant["tree"] = address_of(tree.table)
+        full = linked.full_wet_rates if plant["wet_rods"] else linked.full_rates
         rates = full if solver is Solver.FULL else linked.dense_rates
-    closures = len(records.forest.closures)
-    table[linked.LINKED], table[linked.JOINTS] = address_of(records.table), address_of(plan.table)
-    table[linked.ROD_COUNT], table[linked.CLOSURE_COUNT] = len(records.rods), closures
     return _Model(
+        plant,
         records,
         rates.address,
         linked.linked_place.address,
         linked.linked_project.address,
         np.zeros(len(records.rods) + (linked.EXTRA if closures else 0)),
         tuple(keep),
-        {"size": linked.Q_SIZE, "constants": linked.CONSTANTS},
     )

@@ -10,98 +10,67 @@ from typing import Any
 from tensegrity_mj.dynamics.kernels import accelerations, normalize, place_nodes
 from tensegrity_mj.dynamics.native.compiling import c_function, njit
 from tensegrity_mj.dynamics.native.law import SOLVED
-from tensegrity_mj.dynamics.native.pointers import floats, integers, records_reader
-from tensegrity_mj.dynamics.native.slots import ADDED, FORCES, NODE_COUNT, NODES, TABLE_SIZE, VELOCITIES
+from tensegrity_mj.dynamics.native.pointers import floats
+from tensegrity_mj.dynamics.native.views import Fields, changing_view
 from tensegrity_mj.dynamics.records import POINT, ROD
 from tensegrity_mj.dynamics.wet_rods import wet_accelerations
-from tensegrity_mj.engines.reference.equations import (
-    MODEL_SLOTS,
-    MULTIPLIERS,
-    RATES_SIGNATURE,
-    STATE_SIGNATURE,
-    STATE_SIZE,
-    let_forces_act,
-)
+from tensegrity_mj.engines.reference.equations import MODEL, RATES_SIGNATURE, STATE_SIGNATURE, let_forces_act
 
-RODS, ROD_COUNT, POINTS, POINT_COUNT, Q_SIZE, CONSTANTS = range(MODEL_SLOTS, MODEL_SLOTS + 6)
-_read_rods, _read_points = records_reader(ROD), records_reader(POINT)
+RODS: Fields = (
+    *MODEL,
+    ("coordinates", "size"),
+    ("rods", (ROD, "rod_count")),
+    ("point_count", "size"),
+    ("points", (POINT, "point_count")),
+    ("gravity", ("f8", 3)),
+    ("kp", "real"),  # Baumgarte's gains of (3.25), or zero
+    ("kd", "real"),
+)
+_RodsView = changing_view("Rods", RODS)
 
 
 @njit
-def _before(t: float, y: Any, dy: Any, table: Any) -> int:
+def _before(t: float, y: Any, dy: Any, table: int) -> int:
     """Everything but the accelerations; the law's answer."""
-    N, nq = table[NODE_COUNT], table[Q_SIZE]
-    rods, points = _read_rods(table[RODS], table[ROD_COUNT]), _read_points(table[POINTS], table[POINT_COUNT])
-    nodes, velocities = floats(table[NODES], (N, 3)), floats(table[VELOCITIES], (N, 3))
-    place_nodes(y[:nq], y[nq : 2 * nq], rods, points, nodes, velocities)
+    own = _RodsView(table)
+    nq = own.coordinates
+    place_nodes(y[:nq], y[nq : 2 * nq], own.rods, own.points, own.nodes, own.velocities)
     dy[:nq] = y[nq : 2 * nq]
     return let_forces_act(t, dy[2 * nq : 2 * nq + 3], table)
 
 
 @c_function(RATES_SIGNATURE, "the equations of the DAE")
-def dae_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
-    table = integers(table_at, (TABLE_SIZE,))
-    N, nq = table[NODE_COUNT], table[Q_SIZE]
-    y, dy = floats(y_at, (table[STATE_SIZE],)), floats(dy_at, (table[STATE_SIZE],))
+def dae_rates(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
+    own = _RodsView(table)
+    nq, y, dy = own.coordinates, floats(y_at, own.state_size), floats(dy_at, own.state_size)
     status = _before(t, y, dy, table)
-    rods, points = _read_rods(table[RODS], table[ROD_COUNT]), _read_points(table[POINTS], table[POINT_COUNT])
-    constants = floats(table[CONSTANTS], (5,))
-    accelerations(
-        y[:nq],
-        y[nq : 2 * nq],
-        floats(table[FORCES], (N, 3)),
-        rods,
-        points,
-        constants,
-        constants[3],
-        constants[4],
-        dy[nq : 2 * nq],
-        floats(table[MULTIPLIERS], (len(rods),)),
-    )
+    accelerations(own, y[:nq], y[nq : 2 * nq], own.forces, dy[nq : 2 * nq], own.multipliers)
     return status
 
 
 @c_function(RATES_SIGNATURE, "the equations of the DAE in water")
-def dae_wet_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
+def dae_wet_rates(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     """With added mass."""
-    table = integers(table_at, (TABLE_SIZE,))
-    N, nq = table[NODE_COUNT], table[Q_SIZE]
-    y, dy = floats(y_at, (table[STATE_SIZE],)), floats(dy_at, (table[STATE_SIZE],))
+    own = _RodsView(table)
+    nq, y, dy = own.coordinates, floats(y_at, own.state_size), floats(dy_at, own.state_size)
     status = _before(t, y, dy, table)
-    rods, points = _read_rods(table[RODS], table[ROD_COUNT]), _read_points(table[POINTS], table[POINT_COUNT])
-    constants = floats(table[CONSTANTS], (5,))
-    dy[2 * nq + 2] += wet_accelerations(
-        y[:nq],
-        y[nq : 2 * nq],
-        floats(table[FORCES], (N, 3)),
-        rods,
-        points,
-        floats(table[ADDED], (len(rods), 4)),
-        constants,
-        constants[3],
-        constants[4],
-        dy[nq : 2 * nq],
-        floats(table[MULTIPLIERS], (len(rods),)),
-    )
+    q, rates, out = y[:nq], y[nq : 2 * nq], dy[nq : 2 * nq]
+    dy[2 * nq + 2] += wet_accelerations(own, q, rates, own.forces, own.added, out, own.multipliers)
     return status
 
 
 @c_function(STATE_SIGNATURE, "places of nodes in the DAE")
-def dae_place(y_at, table_at):  # type: ignore[no-untyped-def]
-    table = integers(table_at, (TABLE_SIZE,))
-    N, nq = table[NODE_COUNT], table[Q_SIZE]
-    y = floats(y_at, (2 * nq,))
-    rods, points = _read_rods(table[RODS], table[ROD_COUNT]), _read_points(table[POINTS], table[POINT_COUNT])
-    nodes, velocities = floats(table[NODES], (N, 3)), floats(table[VELOCITIES], (N, 3))
-    place_nodes(y[:nq], y[nq:], rods, points, nodes, velocities)
+def dae_place(y_at, table):  # type: ignore[no-untyped-def]
+    own = _RodsView(table)
+    nq, y = own.coordinates, floats(y_at, own.state_size)
+    place_nodes(y[:nq], y[nq : 2 * nq], own.rods, own.points, own.nodes, own.velocities)
     return SOLVED
 
 
 @c_function(STATE_SIGNATURE, "lengths kept by the DAE")
-def dae_normalize(y_at, table_at):  # type: ignore[no-untyped-def]
+def dae_normalize(y_at, table):  # type: ignore[no-untyped-def]
     """(3.23)-(3.24) on the state."""
-    table = integers(table_at, (TABLE_SIZE,))
-    nq = table[Q_SIZE]
-    y = floats(y_at, (2 * nq,))
-    normalize(y[:nq], y[nq:], _read_rods(table[RODS], table[ROD_COUNT]))
+    own = _RodsView(table)
+    nq, y = own.coordinates, floats(y_at, own.state_size)
+    normalize(y[:nq], y[nq : 2 * nq], own.rods)
     return SOLVED

@@ -10,10 +10,9 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
-from tensegrity_mj.dynamics.native.plant import RESOLUTION, RESOLUTION_KIND, WATCHED, Plant, row_width
-from tensegrity_mj.dynamics.native.pointers import address_of
+from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.resolution import STAGES
-from tensegrity_mj.dynamics.native.slots import HELD, STATUS
+from tensegrity_mj.dynamics.native.slack import search_of
 from tensegrity_mj.engines.driving import Grid, Progress, Stopwatch, chunks
 from tensegrity_mj.engines.recording import Account, allocate_rows, make_trajectory
 from tensegrity_mj.engines.reference import equations as kernels
@@ -63,18 +62,16 @@ class IntegratedRun:
         self, name: str, options: Options, request: Request, plant: Plant, y: Array, equations: Equations
     ) -> None:
         self.name, self.options, self.request, self.plant, self.y = name, options, request, plant, y
-        self.table = table = plant.table
-        self.equations, multipliers = equations, equations.multipliers
-        self.projects = bool(equations.project)
-        table[kernels.RATES], table[kernels.PLACE] = equations.rates, equations.place
-        table[kernels.PROJECT], table[kernels.GUARD] = equations.project, equations.guard
-        table[kernels.STATE_SIZE] = len(y)
+        self.table = plant.address
+        self.equations = equations
+        plant.set(rates_function=equations.rates, place_function=equations.place)
+        plant.set(project_function=equations.project, guard_function=equations.guard, state_size=len(y))
         states = plant.elements.states[0]
         if len(states):
-            table[kernels.RATES], table[kernels.MODEL_RATES] = rates_with_states.address, equations.rates
+            plant.set(rates_function=rates_with_states.address, model_rates=equations.rates)
             self.y = np.concatenate([y, states])
-        table[kernels.MULTIPLIERS], table[kernels.MULTIPLIER_COUNT] = address_of(multipliers), len(multipliers)
-        self.width = row_width(table) + len(multipliers)
+        plant.set(multiplier_count=len(equations.multipliers), multipliers=equations.multipliers)
+        self.width = plant["row_width"] + len(equations.multipliers)
         self.evaluations = 0
         self.steps = 0
 
@@ -86,11 +83,11 @@ class IntegratedRun:
             InfeasibleError, ControllerError: what the law says there.
         """
         if rest_lengths is not None:
-            self.plant[HELD][:] = rest_lengths
+            self.plant["held"][:] = rest_lengths
         out = np.empty(len(y))
         if SINGULAR in (kernels.guard(y, self.table), status := kernels.rates(time, y, out, self.table)):
             raise OptionError(self.singular_message(time))
-        self.plant.raise_if_failed(max(status, int(self.table[STATUS])), time)
+        self.plant.raise_if_failed(max(status, self.plant["status"]), time)
         if status == NO_SOLUTION:
             raise InfeasibleError(self.plant.infeasible_message(time))
         return out
@@ -104,7 +101,7 @@ class IntegratedRun:
         self, time: Array, rows: Array, status: Status, message: str, seconds: float, **reports: Any
     ) -> Trajectory:
         """The trajectory of the rows recorded so far."""
-        width = row_width(self.table)
+        width = self.plant["row_width"]
         told = width + len(self.request.scene.structure.rods)  # behind λ: gaps of closed loops, where there are any
         if told < self.width:
             reports |= {
@@ -130,16 +127,16 @@ class IntegratedRun:
         grid = Grid.of(self.request, step)
         times = grid.times
         rows = allocate_rows(len(times), self.width)
+        grid.describe(self.plant, rows)
+        search = search_of(self.plant["string_count"]) if self.options.locate_slack else None
+        self.plant["search"] = search.address if search is not None else 0
         remedy = f"reduce the time step (h = {step:g} s), or use Method.RADAU where strings are stiff"
-        arguments = (grid.count, grid.stride, grid.ratio, rows, self.options.locate_slack)
-        rk4_steps(self.table, self.y.copy(), step, 1, 0, *arguments)  # compiles
-        self.plant[WATCHED][:] = 0.0
-        self.plant[RESOLUTION][:] = 0.0
-        self.table[RESOLUTION_KIND] = STAGES
+        rk4_steps(self.table, self.y, 0, 0)  # compiles
+        self.plant["resolution_kind"] = STAGES
         clock = Stopwatch(self.request)
         with Progress(self.request, f"{self.name} RK4") as progress:
             for first, count in chunks(grid.count):
-                reached, status, evaluations = rk4_steps(self.table, self.y, step, first, count, *arguments)
+                reached, status, evaluations = rk4_steps(self.table, self.y, first, count)
                 self.steps, self.evaluations = reached, self.evaluations + evaluations
                 progress.reached(reached * step)
                 if status != SOLVED:

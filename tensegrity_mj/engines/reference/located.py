@@ -1,4 +1,4 @@
-"""One step of RK4 that is split at the instants where strings begin or cease to pull.
+"""One step of RK4, and one that is split at the instants where strings begin or cease to pull.
 
 Within a step, a kink of the forces leaves an error of h², and a jump, as of a damped string that comes taut, one of h.
 Between them motion is smooth. So the step is taken as it is; where a string pulls at one end of it and not at the
@@ -9,38 +9,51 @@ step is bit for bit the plain one.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from tensegrity_mj.dynamics.native.actuation import set_rest_lengths
 from tensegrity_mj.dynamics.native.compiling import njit
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
-from tensegrity_mj.dynamics.native.plant import RESOLUTION_KIND
-from tensegrity_mj.dynamics.native.resolution import resolve_stage, resolve_start
+from tensegrity_mj.dynamics.native.resolution import NONE, resolve_stage, resolve_start
 from tensegrity_mj.dynamics.native.slack import (
-    ABOVE,
-    HIGH,
     JUMP_WITHIN,
     MOST_SPLITS,
-    NOW,
-    START,
-    TRIED,
     asks,
     begin_search,
-    first_change,
-    keep_slack,
-    learn,
-    let_go,
-    look,
+    end_search,
+    look_at_end,
+    look_at_start,
+    look_at_trial,
     next_part,
-    note,
 )
-from tensegrity_mj.dynamics.native.slots import STRING_COUNT
-from tensegrity_mj.engines.reference.equations import place, project, rates
+from tensegrity_mj.engines.reference.equations import ModelView, place, project, rates
+
+
+class Room(NamedTuple):
+    """What a step works with, each (size,).
+
+    Attributes:
+        k1, k2, k3, k4: dy/dt at its stages.
+        x: the state at its end.
+        k_end: dy/dt there, where it is known.
+        z: the state where a part of the step begins.
+        found: that at the end of a part which is tried.
+    """
+
+    k1: Any
+    k2: Any
+    k3: Any
+    k4: Any
+    x: Any
+    k_end: Any
+    z: Any
+    found: Any
 
 
 @njit
-def rk4_stages(table: Any, t: float, h: float, y: Any, k1: Any, k2: Any, k3: Any, k4: Any, x: Any) -> int:
+def rk4_stages(table: int, t: float, h: float, y: Any, room: Room, x: Any) -> int:
     """x = y(t + h) by classical Runge-Kutta from y and k1 = dy/dt there; returns the worst that a stage answered."""
+    k1, k2, k3, k4 = room.k1, room.k2, room.k3, room.k4
     size = len(y)
     for i in range(size):
         x[i] = y[i] + 0.5 * h * k1[i]
@@ -57,102 +70,77 @@ def rk4_stages(table: Any, t: float, h: float, y: Any, k1: Any, k2: Any, k3: Any
         worst = rates(t + h, x, k4, table)
     if worst <= NO_SOLUTION:
         resolve_stage(table, 3, h)
-    if worst <= NO_SOLUTION:
         for i in range(size):
             x[i] = y[i] + h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i])
     return worst
 
 
 @njit
-def _look_at(table: Any, t: float, y: Any, k: Any, out: Any) -> tuple[int, int]:
-    """`look` at a state; the worst answer, and how many evaluations that took. k is scratch, or dy/dt."""
-    worst, took = SOLVED, 0
+def _set_strings(table: int, t: float, x: Any, k: Any) -> tuple[int, int]:
+    """Lengths, rates and rest lengths of strings at x; the answer, and how many evaluations that took. k is scratch."""
     if asks(table):
-        worst, took = rates(t, y, k, table), 1
-    else:
-        place(y, table)
-        set_rest_lengths(table, t)
-    look(table, out)
-    return worst, took
+        return rates(t, x, k, table), 1
+    place(x, table)
+    set_rest_lengths(table, t)
+    return SOLVED, 0
 
 
 @njit
-def located_step(
-    table: Any,
-    t: float,
-    h: float,
-    end: float,
-    y: Any,
-    k1: Any,
-    k2: Any,
-    k3: Any,
-    k4: Any,
-    x: Any,
-    k_end: Any,
-    reuse: bool,
-    states: Any,
-    strings: Any,
-    flags: Any,
-    search: Any,
-) -> tuple[int, int, bool, int]:
-    """As `rk4_stages`, split where strings begin or cease to pull, and x put where the model can hold it.
+def located_step(table: int, number: int, h: float, y: Any, room: Room) -> tuple[int, int, bool, int]:
+    """A step as `rk4_stages`, split where strings begin or cease to pull, and x put where the model can hold it.
 
-    The table's strings are those of y at t.
+    The table's strings are those of y at its start.
 
     Args:
-        end: [s], t + h.
-        k_end: where dy/dt at x goes.
-        reuse: whether that is of use, so that it costs nothing to have it.
-        states, strings, flags, search: (2, size), (SEARCHED, 3, M), (2, M) of booleans, (SEARCH_SIZE,), scratch.
+        number: of the step, which ends at (number + 1) h.
 
     Returns:
         the worst that a stage answered; how many evaluations it took, beside that of k1; whether k_end is known and
         the table's strings are those of x; what was answered there.
     """
-    if table[STRING_COUNT] == 0:
-        worst = rk4_stages(table, t, h, y, k1, k2, k3, k4, x)
+    model = ModelView(table)
+    t, end = number * h, (number + 1) * h
+    if model.string_count == 0:
+        worst = rk4_stages(table, t, h, y, room, room.x)
         if worst <= NO_SOLUTION:
-            project(x, table)
+            project(room.x, table)
         return worst, 3, False, SOLVED
-    pulled, slack, z, found = flags[0], flags[1], states[0], states[1]
+    search, continuous = model.search, model.ratio == 0
+    x, z = room.x, room.z
     z[:] = y
     left, evaluations = h, 0
     for split in range(MOST_SPLITS + 1):
-        look(table, strings[START])
-        note(strings[START], pulled, slack)
-        worst = rk4_stages(table, t, left, z, k1, k2, k3, k4, x)
+        look_at_start(table, search)
+        worst = rk4_stages(table, t, left, z, room, x)
         evaluations += 3
         if worst > NO_SOLUTION:
             return worst, evaluations, False, SOLVED
         project(x, table)
-        if reuse:
-            answer, took = rates(end, x, k_end, table), 1
-            look(table, strings[ABOVE])
+        if continuous:  # the next step needs it
+            answer, took = rates(end, x, room.k_end, table), 1
         else:
-            answer, took = _look_at(table, end, x, k_end, strings[ABOVE])
+            answer, took = _set_strings(table, end, x, room.k_end)
         evaluations += took
         if answer > NO_SOLUTION:
             return worst, evaluations, False, SOLVED
-        part = first_change(table, strings, pulled, slack, left)
+        part = look_at_end(table, search, left)
         if part == 0.0 or split == MOST_SPLITS:
-            return worst, evaluations, reuse, answer
-        keep_slack(table, slack)
-        begin_search(strings, part, search)
-        kind, table[RESOLUTION_KIND] = table[RESOLUTION_KIND], 0  # the whole step's estimate counts, not the search's
-        part, took = _instant(table, t, left, z, k1, k2, k3, k4, found, k_end, strings, pulled, slack, search)
-        table[RESOLUTION_KIND] = kind
-        let_go(table)
-        evaluations += took
+            return worst, evaluations, continuous, answer
+        begin_search(table, search, part)
+        kind, model.resolution_kind = model.resolution_kind, NONE  # the whole step's estimate counts, not the search's
+        evaluations += _search(table, t, left, room)
+        model.resolution_kind = kind
+        part = end_search(table, search)
         if part == 0.0:
             return worst, evaluations, False, SOLVED
         t += part * left
         left = end - t
-        z[:] = found
+        z[:] = room.found
         project(z, table)
         if left <= JUMP_WITHIN * h:
             x[:] = z
             return worst, evaluations, False, SOLVED
-        worst = rates(t, z, k1, table)
+        worst = rates(t, z, room.k1, table)
         resolve_start(table, left)
         evaluations += 1
         if worst > NO_SOLUTION:
@@ -161,42 +149,17 @@ def located_step(
 
 
 @njit
-def _instant(
-    table: Any,
-    t: float,
-    h: float,
-    y: Any,
-    k1: Any,
-    k2: Any,
-    k3: Any,
-    k4: Any,
-    x: Any,
-    k: Any,
-    strings: Any,
-    pulled: Any,
-    slack: Any,
-    search: Any,
-) -> tuple[float, int]:
-    """Just after the first instant within a step at which a string changes: its part of the step, with x there.
-
-    Args:
-        table to x: as of `rk4_stages`.
-        k: scratch.
-        strings, pulled, slack, search: of a search that was begun.
-
-    Returns:
-        the part, 0 where none changes after all; the evaluations it took.
-    """
-    took = 0
+def _search(table: int, t: float, h: float, room: Room) -> int:
+    """Take parts of a step from z until `found` is just after the instant at which a string changes; evaluations."""
+    search, took = ModelView(table).search, 0
     while True:
-        part = next_part(table, h, strings, pulled, slack, search)
+        part = next_part(table, search, h)
         if part == 0.0:
-            return search[HIGH] if search[TRIED] != 0.0 else 0.0, took
-        worst = rk4_stages(table, t, part * h, y, k1, k2, k3, k4, x)
+            return took
+        worst = rk4_stages(table, t, part * h, room.z, room, room.found)
         took += 3
-        if worst > NO_SOLUTION:
-            return 0.0, took
-        worst, asked = _look_at(table, t + part * h, x, k, strings[NOW])
-        took += asked
-        if worst > NO_SOLUTION or not learn(strings, pulled, part, search):
-            return 0.0, took
+        if worst <= NO_SOLUTION:
+            worst, asked = _set_strings(table, t + part * h, room.found, room.k_end)
+            took += asked
+        if not look_at_trial(table, search, part, worst):
+            return took

@@ -15,8 +15,6 @@ from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import choice, flag, positive, whole, within
 from tensegrity_mj.dynamics.minimal import MinimalRecords, node_accelerations
 from tensegrity_mj.dynamics.native.plant import Plant
-from tensegrity_mj.dynamics.native.pointers import address_of
-from tensegrity_mj.dynamics.native.slots import ADDED, MOVED, NODES
 from tensegrity_mj.engines.accuracy.option import ACCURACY
 from tensegrity_mj.engines.reference import ode_kernels as ode
 from tensegrity_mj.engines.reference.engine import ReferenceEngine
@@ -85,33 +83,39 @@ class ODE(ReferenceEngine):
             q, q_rates = records.state(nodes, velocities)
             run.y[:nq], run.y[nq : 2 * nq] = q, q_rates
             rates = run.rates_at(time, run.y, rest_lengths)
-            out = np.zeros_like(run.plant[NODES])
+            out = np.zeros_like(run.plant["nodes"])
             node_accelerations(q, q_rates, rates[nq : 2 * nq], records.rods, records.points, out)
-            for (row, node), moved in zip(carried, run.plant[MOVED], strict=True):
+            for (row, node), moved in zip(carried, run.plant["moved"], strict=True):
                 out[[node] if row < 0 else request.scene.structure.rod_nodes[row]] += moved[2]
-            return run.plant[NODES].copy(), out
+            return run.plant["nodes"].copy(), out
 
         return at
 
     def _prepared(self, request: Request) -> tuple[IntegratedRun, MinimalRecords]:
         scene = request.scene
         require(self, scene)
-        plant = Plant(scene, request.law, request.actuation, request.on_infeasible)
-        records = MinimalRecords.of(scene.structure)
-        constants = np.array([*scene.gravity, self.least_sine, self.timestep or 0.0])
-        table, nq = plant.table, records.nq
-        table[ode.RODS], table[ode.ROD_COUNT] = address_of(records.rods), len(records.rods)
-        table[ode.POINTS], table[ode.POINT_COUNT] = address_of(records.points), len(records.points)
-        table[ode.Q_SIZE], table[ode.CONSTANTS] = nq, address_of(constants)
-        carried = _carried(scene)
-        bases = np.array([scene.structure.positions[b] if a < 0 else records.rods[a]["anchor"] for a, b in carried])
-        table[ode.CARRIED], table[ode.BASES] = address_of(carried), address_of(bases)
+        records, carried = MinimalRecords.of(scene.structure), _carried(scene)
+        nq = records.nq
+        plant = Plant(scene, request.law, request.actuation, request.on_infeasible, ode.MINIMAL)
+        plant.set(
+            coordinates=nq,
+            rods=records.rods,
+            point_count=len(records.points),
+            points=records.points,
+            gravity=np.array(scene.gravity, float),
+            least_sine=self.least_sine,
+            step=self.timestep or 0.0,
+            carried=carried,
+            bases=np.array(
+                [scene.structure.positions[b] if a < 0 else records.rods[a]["anchor"] for a, b in carried]
+            ).reshape(-1, 3),
+        )
         y = np.zeros(2 * nq + (1 if scene.motions else 0) + WORK)
         y[:nq], y[nq : 2 * nq] = records.state(scene.nodes0, scene.velocities0)
 
         def explain(time: float) -> str:
-            rod = scene.structure.rods[int(table[ode.LAST_SINGULAR])].name
-            reason = int(table[ode.REASON])
+            rod = scene.structure.rods[plant["last_singular"]].name
+            reason = plant["reason"]
             limits = {
                 ode.NEAR_POLE: f"points along the z axis (sin φ <= least_sine = {self.least_sine:g})",
                 ode.ACROSS_POLE: "swings across the z axis within a step",
@@ -132,11 +136,10 @@ class ODE(ReferenceEngine):
             plant,
             y,
             Equations(
-                rates=(ode.ode_wet_rates if table[ADDED] else ode.ode_rates).address,
+                rates=(ode.ode_wet_rates if plant["wet_rods"] else ode.ode_rates).address,
                 place=ode.ode_place.address,
                 guard=ode.ode_guard.address,
                 multipliers=np.zeros(len(records.rods)),
-                keep=(records, constants, carried, bases),
                 explain_singular=explain,
             ),
         )

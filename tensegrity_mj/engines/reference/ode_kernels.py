@@ -17,37 +17,34 @@ from tensegrity_mj.dynamics.minimal import minimal_accelerations, node_accelerat
 from tensegrity_mj.dynamics.native.compiling import c_function, njit
 from tensegrity_mj.dynamics.native.elements import set_motions
 from tensegrity_mj.dynamics.native.law import SOLVED
-from tensegrity_mj.dynamics.native.pointers import floats, integers, records_reader
-from tensegrity_mj.dynamics.native.slots import (
-    ADDED,
-    FORCES,
-    HELD_MASS,
-    MOTION_COUNT,
-    MOVED,
-    NODE_COUNT,
-    NODES,
-    TABLE_SIZE,
-    VELOCITIES,
-)
+from tensegrity_mj.dynamics.native.pointers import floats
+from tensegrity_mj.dynamics.native.views import Fields, changing_view
 from tensegrity_mj.dynamics.records import POINT, ROD
 from tensegrity_mj.dynamics.wet_minimal import wet_minimal_accelerations
 from tensegrity_mj.engines.reference.equations import (
-    MODEL_SLOTS,
-    MULTIPLIERS,
+    MODEL,
     RATES_SIGNATURE,
     SINGULAR,
     STATE_SIGNATURE,
-    STATE_SIZE,
     WORK,
     let_forces_act,
 )
 
-RODS, ROD_COUNT, POINTS, POINT_COUNT, Q_SIZE, CONSTANTS, LAST_SINGULAR, REASON = range(MODEL_SLOTS, MODEL_SLOTS + 8)
-CARRIED, BASES = MODEL_SLOTS + 8, MODEL_SLOTS + 9  # (m, 2) of each motion: rod row or -1, node row or -1; (m, 3) places
-_read_rods, _read_points = records_reader(ROD), records_reader(POINT)
+MINIMAL: Fields = (
+    *MODEL,
+    ("coordinates", "size"),
+    ("rods", (ROD, "rod_count")),
+    ("point_count", "size"),
+    ("points", (POINT, "point_count")),
+    ("gravity", ("f8", 3)),
+    ("least_sine", "real"),
+    ("last_singular", "state"),  # the rod, and one of the reasons below
+    ("reason", "state"),
+    ("carried", ("i8", "motion_count", 2)),  # of each motion: row of its rod or -1, row of its node or -1
+    ("bases", ("f8", "motion_count", 3)),  # where they are without it
+)
+_MinimalView = changing_view("Minimal", MINIMAL)
 
-# Constants: gravity (3,), the least sin φ, the fixed step [s] or 0.
-GRAVITY, LEAST_SINE, STEP = 0, 3, 4
 NEAR_POLE, ACROSS_POLE, TURNS_TOO_FAR = 1, 2, 3  # reasons
 ACROSS = -1  # of `_before`, which has found no forces then
 
@@ -81,38 +78,35 @@ def singular_rod(q: Any, rates: Any, rods: Any, least_sine: float, step: float) 
 
 
 @njit
-def _check(y: Any, table: Any, least_sine: float) -> int:
-    nq = table[Q_SIZE]
-    constants = floats(table[CONSTANTS], (5,))
-    rods = _read_rods(table[RODS], table[ROD_COUNT])
-    rod, reason = singular_rod(y[:nq], y[nq : 2 * nq], rods, least_sine, constants[STEP])
+def _check(y: Any, table: int, least_sine: float) -> int:
+    own = _MinimalView(table)
+    nq = own.coordinates
+    rod, reason = singular_rod(y[:nq], y[nq : 2 * nq], own.rods, least_sine, own.step)
     if rod < 0:
         return SOLVED
-    table[LAST_SINGULAR], table[REASON] = rod, reason
+    own.last_singular, own.reason = rod, reason
     return SINGULAR
 
 
 @njit
-def carry_nodes(t: float, table: Any) -> None:
+def carry_nodes(t: float, table: int) -> None:
     """Displace the anchors of the rods whose supports move, to where they are at time t."""
     set_motions(table, t)
-    m = table[MOTION_COUNT]
-    rods, carried = _read_rods(table[RODS], table[ROD_COUNT]), integers(table[CARRIED], (m, 2))
-    bases, moved = floats(table[BASES], (m, 3)), floats(table[MOVED], (m, 3, 3))
-    for a in range(m):
+    own = _MinimalView(table)
+    rods, carried, bases, moved = own.rods, own.carried, own.bases, own.moved
+    for a in range(len(carried)):
         if carried[a, 0] >= 0:
             for k in range(3):
                 rods[carried[a, 0]].anchor[k] = bases[a, k] + moved[a, 0, k]
 
 
 @njit
-def carry_velocities(table: Any) -> None:
+def carry_velocities(table: int) -> None:
     """Add the supports' velocities to those of the nodes that they carry; place the fixed nodes that move."""
-    N, m = table[NODE_COUNT], table[MOTION_COUNT]
-    rods, carried = _read_rods(table[RODS], table[ROD_COUNT]), integers(table[CARRIED], (m, 2))
-    bases, moved = floats(table[BASES], (m, 3)), floats(table[MOVED], (m, 3, 3))
-    nodes, velocities = floats(table[NODES], (N, 3)), floats(table[VELOCITIES], (N, 3))
-    for a in range(m):
+    own = _MinimalView(table)
+    rods, carried, bases, moved = own.rods, own.carried, own.bases, own.moved
+    nodes, velocities = own.nodes, own.velocities
+    for a in range(len(carried)):
         for k in range(3):
             if carried[a, 0] >= 0:
                 velocities[rods[carried[a, 0]].i, k] += moved[a, 1, k]
@@ -123,12 +117,11 @@ def carry_velocities(table: Any) -> None:
 
 
 @njit
-def add_inertia_of_supports(table: Any) -> None:
+def add_inertia_of_supports(table: int) -> None:
     """What the accelerations of the supports do to the rods that they carry, as forces on the nodes."""
-    N, m = table[NODE_COUNT], table[MOTION_COUNT]
-    rods, carried = _read_rods(table[RODS], table[ROD_COUNT]), integers(table[CARRIED], (m, 2))
-    moved, forces = floats(table[MOVED], (m, 3, 3)), floats(table[FORCES], (N, 3))
-    for a in range(m):
+    own = _MinimalView(table)
+    rods, carried, moved, forces = own.rods, own.carried, own.moved, own.forces
+    for a in range(len(carried)):
         if carried[a, 0] >= 0:
             rod = rods[carried[a, 0]]
             for k in range(3):
@@ -137,16 +130,14 @@ def add_inertia_of_supports(table: Any) -> None:
 
 
 @njit
-def power_of_supports(q: Any, rates: Any, accelerations: Any, table: Any) -> float:
+def power_of_supports(q: Any, rates: Any, accelerations: Any, table: int) -> float:
     """Power [W] of what moves the supports, with the forces and accelerations of the moving frames."""
-    N, m = table[NODE_COUNT], table[MOTION_COUNT]
-    rods, points = _read_rods(table[RODS], table[ROD_COUNT]), _read_points(table[POINTS], table[POINT_COUNT])
-    carried, moved = integers(table[CARRIED], (m, 2)), floats(table[MOVED], (m, 3, 3))
-    forces, gravity = floats(table[FORCES], (N, 3)), floats(table[CONSTANTS], (3,))
-    nodes = np.zeros((N, 3))
-    node_accelerations(q, rates, accelerations, rods, points, nodes)
+    own = _MinimalView(table)
+    rods, carried, moved, forces, gravity = own.rods, own.carried, own.moved, own.forces, own.gravity
+    nodes = np.zeros((own.node_count, 3))
+    node_accelerations(q, rates, accelerations, rods, own.points, nodes)
     power = 0.0
-    for a in range(m):
+    for a in range(len(carried)):
         for k in range(3):
             if carried[a, 0] >= 0:
                 rod = rods[carried[a, 0]]
@@ -158,117 +149,90 @@ def power_of_supports(q: Any, rates: Any, accelerations: Any, table: Any) -> flo
 
 
 @njit
-def _before(t: float, y: Any, dy: Any, table: Any) -> int:
+def _place(t: float, y: Any, table: int) -> None:
+    """Nodes and velocities of a state at a time."""
+    own = _MinimalView(table)
+    nq, moves = own.coordinates, own.motion_count > 0
+    if moves:
+        carry_nodes(t, table)
+    place_minimal(y[:nq], y[nq : 2 * nq], own.rods, own.points, own.nodes, own.velocities)
+    if moves:
+        carry_velocities(table)
+
+
+@njit
+def _before(t: float, y: Any, dy: Any, table: int) -> int:
     """Everything but the accelerations; the answer.
 
     A fixed step cannot shorten itself: there every stage is held to what `ode_guard` asks of whole steps.
     """
-    N, nq, work = table[NODE_COUNT], table[Q_SIZE], len(y) - WORK
-    constants = floats(table[CONSTANTS], (5,))
-    singular = _check(y, table, constants[LEAST_SINE] if constants[STEP] > 0.0 else 1e-300)
-    if singular == SINGULAR and table[REASON] == ACROSS_POLE:
+    own = _MinimalView(table)
+    nq, work = own.coordinates, len(y) - WORK
+    singular = _check(y, table, own.least_sine if own.step > 0.0 else 1e-300)
+    if singular == SINGULAR and own.reason == ACROSS_POLE:
         return ACROSS
-    rods, points = _read_rods(table[RODS], table[ROD_COUNT]), _read_points(table[POINTS], table[POINT_COUNT])
-    nodes, velocities = floats(table[NODES], (N, 3)), floats(table[VELOCITIES], (N, 3))
-    moves = table[MOTION_COUNT] > 0
-    if moves:
-        carry_nodes(t, table)
-    place_minimal(y[:nq], y[nq : 2 * nq], rods, points, nodes, velocities)
-    if moves:
-        carry_velocities(table)
+    _place(t, y, table)
     status = let_forces_act(t, dy[work : work + 3], table)
-    if moves:
+    if own.motion_count > 0:
         add_inertia_of_supports(table)
     dy[:nq] = y[nq : 2 * nq]
     return max(status, singular)
 
 
 @njit
-def _after(y: Any, dy: Any, table: Any) -> None:
+def _after(y: Any, dy: Any, table: int) -> None:
     """Time, and what moves the supports."""
-    nq = table[Q_SIZE]
-    if table[MOTION_COUNT] > 0:
+    own = _MinimalView(table)
+    nq = own.coordinates
+    if own.motion_count > 0:
         dy[2 * nq] = 1.0
         dy[len(y) - 1] += power_of_supports(y[:nq], y[nq : 2 * nq], dy[nq : 2 * nq], table)
 
 
 @c_function(RATES_SIGNATURE, "the equations of the ODE")
-def ode_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
-    table = integers(table_at, (TABLE_SIZE,))
-    N, nq, size = table[NODE_COUNT], table[Q_SIZE], table[STATE_SIZE]
-    y, dy = floats(y_at, (size,)), floats(dy_at, (size,))
+def ode_rates(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
+    own = _MinimalView(table)
+    nq, y, dy = own.coordinates, floats(y_at, own.state_size), floats(dy_at, own.state_size)
     status = _before(t, y, dy, table)
     if status == ACROSS:
         return SINGULAR
-    rods, points = _read_rods(table[RODS], table[ROD_COUNT]), _read_points(table[POINTS], table[POINT_COUNT])
-    minimal_accelerations(
-        y[:nq],
-        y[nq : 2 * nq],
-        floats(table[FORCES], (N, 3)),
-        rods,
-        points,
-        floats(table[CONSTANTS], (5,)),
-        dy[nq : 2 * nq],
-        floats(table[MULTIPLIERS], (len(rods),)),
-    )
+    minimal_accelerations(own, y[:nq], y[nq : 2 * nq], own.forces, dy[nq : 2 * nq], own.multipliers)
     _after(y, dy, table)
     return status
 
 
 @c_function(RATES_SIGNATURE, "the equations of the ODE in water")
-def ode_wet_rates(t, y_at, dy_at, table_at):  # type: ignore[no-untyped-def]
+def ode_wet_rates(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     """With added mass, whose forces join those on the nodes once they are known."""
-    table = integers(table_at, (TABLE_SIZE,))
-    N, nq, size = table[NODE_COUNT], table[Q_SIZE], table[STATE_SIZE]
-    y, dy = floats(y_at, (size,)), floats(dy_at, (size,))
+    own = _MinimalView(table)
+    nq, y, dy = own.coordinates, floats(y_at, own.state_size), floats(dy_at, own.state_size)
     status = _before(t, y, dy, table)
     if status == ACROSS:
         return SINGULAR
-    rods, points = _read_rods(table[RODS], table[ROD_COUNT]), _read_points(table[POINTS], table[POINT_COUNT])
-    R, m = len(rods), table[MOTION_COUNT]
-    drives, carried = np.zeros((R, 3)), integers(table[CARRIED], (m, 2))
-    moved = floats(table[MOVED], (m, 3, 3))
-    for a in range(m):
+    drives, carried, moved = np.zeros((own.rod_count, 3)), own.carried, own.moved
+    for a in range(len(carried)):
         if carried[a, 0] >= 0:
             drives[carried[a, 0]] = moved[a, 2]
-    forces, velocities = floats(table[FORCES], (N, 3)), floats(table[VELOCITIES], (N, 3))
-    held = floats(table[HELD_MASS], (N, 3))
-    wet_minimal_accelerations(
-        y[:nq],
-        y[nq : 2 * nq],
-        forces,
-        rods,
-        points,
-        floats(table[CONSTANTS], (5,)),
-        (floats(table[ADDED], (R, 4)), drives),
-        (held, floats(table[MULTIPLIERS], (R,))),
-        dy[nq : 2 * nq],
-    )
-    for n in range(N):
+    forces, velocities, held = own.forces, own.velocities, own.held_mass
+    q, rates, out = y[:nq], y[nq : 2 * nq], dy[nq : 2 * nq]
+    wet_minimal_accelerations(own, q, rates, forces, own.added, drives, out, own.multipliers)
+    for n in range(len(forces)):
         for k in range(3):
             forces[n, k] += held[n, k]
-            dy[size - 1] += held[n, k] * velocities[n, k]
+            dy[len(dy) - 1] += held[n, k] * velocities[n, k]
     _after(y, dy, table)
     return status
 
 
 @c_function(STATE_SIGNATURE, "places of nodes in the ODE")
-def ode_place(y_at, table_at):  # type: ignore[no-untyped-def]
-    table = integers(table_at, (TABLE_SIZE,))
-    N, nq = table[NODE_COUNT], table[Q_SIZE]
-    y = floats(y_at, (table[STATE_SIZE],))
-    rods, points = _read_rods(table[RODS], table[ROD_COUNT]), _read_points(table[POINTS], table[POINT_COUNT])
-    nodes, velocities = floats(table[NODES], (N, 3)), floats(table[VELOCITIES], (N, 3))
-    if table[MOTION_COUNT] > 0:
-        carry_nodes(y[2 * nq], table)
-    place_minimal(y[:nq], y[nq : 2 * nq], rods, points, nodes, velocities)
-    if table[MOTION_COUNT] > 0:
-        carry_velocities(table)
+def ode_place(y_at, table):  # type: ignore[no-untyped-def]
+    own = _MinimalView(table)
+    y = floats(y_at, own.state_size)
+    _place(y[2 * own.coordinates], y, table)
     return SOLVED
 
 
 @c_function(STATE_SIGNATURE, "poles of the ODE's angles")
-def ode_guard(y_at, table_at):  # type: ignore[no-untyped-def]
-    table = integers(table_at, (TABLE_SIZE,))
-    y = floats(y_at, (2 * table[Q_SIZE],))
-    return _check(y, table, floats(table[CONSTANTS], (5,))[LEAST_SINE])
+def ode_guard(y_at, table):  # type: ignore[no-untyped-def]
+    own = _MinimalView(table)
+    return _check(floats(y_at, own.state_size), table, own.least_sine)

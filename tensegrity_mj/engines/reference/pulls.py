@@ -12,26 +12,26 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.compiling import njit
-from tensegrity_mj.dynamics.native.pointers import floats, integers
-from tensegrity_mj.dynamics.native.slots import BROKEN, LENGTH, NODE_COUNT, REST, STRING_COUNT, VELOCITIES
+from tensegrity_mj.dynamics.native.plant import Plant
+from tensegrity_mj.dynamics.native.plant_view import PlantView
 from tensegrity_mj.engines.reference.equations import place
 
 LOOKS = 16  # times within a step at which such a string is looked at, and again about its longest
 
 
 def pulls_within(
-    table: Any, start: float, end: float, before: Array, after: Array, interpolant: Callable[[], Any]
+    plant: Plant, start: float, end: float, before: Array, after: Array, interpolant: Callable[[], Any]
 ) -> bool:
     """Whether any does between two times [s], by looking at states in between.
 
     Args:
-        table: of the plant.
+        plant: of the run.
         start, end: of the step.
         before, after: the states there (size,).
         interpolant: makes the function of times (T,) whose values are the states (size, T); only called where a string
             may have pulled.
     """
-    near = np.empty(int(table[STRING_COUNT]), dtype=np.bool_)
+    table, near = plant.address, np.empty(plant["string_count"], dtype=np.bool_)
     if not _may_pull(table, end - start, before, after, near):
         return False
     states, longest = interpolant(), np.zeros(len(near), dtype=np.int64)
@@ -47,14 +47,15 @@ def pulls_within(
 
 
 @njit
-def _may_pull(table: Any, step: float, before: Any, after: Any, near: Any) -> bool:
+def _may_pull(table: int, step: float, before: Any, after: Any, near: Any) -> bool:
     """Mark in `near` (M,) the strings that are slack at both ends, and not too slack to have pulled within a step [s].
 
     Both ends of a string may run at twice the speed of the step's ends, and have to come back again.
     """
-    N, M = table[NODE_COUNT], table[STRING_COUNT]
-    rest, lengths, broken = floats(table[REST], (M,)), floats(table[LENGTH], (M,)), integers(table[BROKEN], (M,))
-    velocities, gaps, fastest = floats(table[VELOCITIES], (N, 3)), np.full(M, np.inf), 0.0
+    plant = PlantView(table)
+    rest, lengths, broken, velocities = plant.rest, plant.lengths, plant.broken, plant.velocities
+    M, fastest = len(rest), 0.0
+    gaps = np.full(M, np.inf)
     for m in range(M):
         near[m] = broken[m] == 0
     for y in (before, after):
@@ -63,7 +64,7 @@ def _may_pull(table: Any, step: float, before: Any, after: Any, near: Any) -> bo
             gap = rest[m] - lengths[m]
             gaps[m] = min(gaps[m], gap)
             near[m] &= gap > 0.0
-        for n in range(N):
+        for n in range(len(velocities)):
             v = velocities[n]
             fastest = max(fastest, v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     any_near = False
@@ -74,10 +75,10 @@ def _may_pull(table: Any, step: float, before: Any, after: Any, near: Any) -> bo
 
 
 @njit
-def _look(table: Any, states: Any, near: Any, longest: Any) -> bool:
+def _look(table: int, states: Any, near: Any, longest: Any) -> bool:
     """Whether any of the strings `near` (M,) pulls in any of the states (size, T); if not, when each is longest."""
-    M = len(near)
-    rest, lengths = floats(table[REST], (M,)), floats(table[LENGTH], (M,))
+    plant, M = PlantView(table), len(near)
+    rest, lengths = plant.rest, plant.lengths
     y, least = np.empty(states.shape[0]), np.full(M, np.inf)
     for k in range(states.shape[1]):
         y[:] = states[:, k]

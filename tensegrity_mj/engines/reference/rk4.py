@@ -9,52 +9,52 @@ import numpy as np
 from tensegrity_mj.dynamics.native.actuation import remember, start_ledger
 from tensegrity_mj.dynamics.native.compiling import njit
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
+from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS
 from tensegrity_mj.dynamics.native.resolution import resolve_start
-from tensegrity_mj.dynamics.native.slack import SEARCH_SIZE, SEARCHED
-from tensegrity_mj.dynamics.native.slots import CONTINUOUS, MODE, PASSIVE, STATUS, STRING_COUNT
 from tensegrity_mj.dynamics.native.watch import watch_strings
-from tensegrity_mj.engines.reference.equations import break_due_strings, guard, observe, project, rates, sample_law
-from tensegrity_mj.engines.reference.located import located_step, rk4_stages
+from tensegrity_mj.engines.reference.equations import (
+    ModelView,
+    break_due_strings,
+    guard,
+    observe,
+    project,
+    rates,
+    sample_law,
+)
+from tensegrity_mj.engines.reference.located import Room, located_step, rk4_stages
 
 
 @njit
-def rk4_steps(
-    table: Any, y: Any, h: float, first: int, count: int, total: int, stride: int, ratio: int, rows: Any, locate: bool
-) -> tuple[int, int, int]:
+def rk4_steps(table: int, y: Any, first: int, count: int) -> tuple[int, int, int]:
     """`count` classical Runge-Kutta steps from number `first`; returns (step reached, status, evaluations).
 
     Args:
-        table: of the plant.
+        table: of the plant, with the grid of steps and the rows.
         y: the state, which is advanced.
-        h: step [s].
-        first, count, total: number of the first step, how many to take, how many the run has.
-        stride, ratio: steps between rows, and between samples of the law (0: it is not sampled).
-        rows: what is recorded.
-        locate: whether steps are split where strings begin or cease to pull.
+        first, count: number of the first step, and how many to take.
 
     y is always a state that the model can hold: that of the step returned.
     """
-    size, evaluations = len(y), 0
-    k1, k2, k3, k4, k_end = np.empty(size), np.empty(size), np.empty(size), np.empty(size), np.empty(size)
-    x = np.empty(size)
-    states, strings = np.empty((2, size)), np.empty((SEARCHED, 3, table[STRING_COUNT]))
-    flags, search = np.empty((2, table[STRING_COUNT]), np.bool_), np.empty(SEARCH_SIZE)
-    reuse = ratio == 0
+    model, size, evaluations = ModelView(table), len(y), 0
+    h, total, stride, ratio, rows = model.step, model.total, model.stride, model.ratio, model.rows
+    k = np.empty((8, size))
+    room = Room(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7])
     known, asked = False, SOLVED  # whether k_end is dy/dt here, and what was answered
     row = (first + stride - 1) // stride
-    for n in range(first, first + count):
-        t = n * h
+    stop = first + count
+    for n in range(first, stop + 1 if stop == total else stop):
+        t, last = n * h, n == total
         status = SOLVED
         broke = break_due_strings(t, y, table)
         if ratio > 0 and n % ratio == 0:
             status = sample_law(t, y, table)
             if n == 0:
                 start_ledger(table)
-        if known and not broke:
-            k1[:] = k_end
+        if known and not broke and not last:
+            room.k1[:] = room.k_end
         else:
-            asked = rates(t, y, k1, table)
-            evaluations += 1
+            asked = rates(t, y, room.k1, table)
+            evaluations += not last
         if asked > NO_SOLUTION:
             status = asked
         watch_strings(table, t, n % ratio == 0 and status == SOLVED if ratio else asked == SOLVED)
@@ -63,43 +63,27 @@ def rk4_steps(
             start_ledger(table)
         if ratio == 0:
             status = asked
-            if status == SOLVED and table[MODE] == CONTINUOUS:
+            if status == SOLVED and model.mode == CONTINUOUS:
                 remember(table)
-        if status > NO_SOLUTION or table[STATUS] != 0 or (status == NO_SOLUTION and not table[PASSIVE]):
+        if status > NO_SOLUTION or (status == NO_SOLUTION and not model.passive) or (model.status != 0 and not last):
             observe(y, table, rows[row])
-            return n, max(status, table[STATUS]), evaluations
-        if n % stride == 0:
+            return n, max(status, model.status), evaluations
+        if n % stride == 0 or last:
             observe(y, table, rows[row])
             row += 1
-        if locate:
-            end = (n + 1) * h
-            worst, took, known, asked = located_step(
-                table, t, h, end, y, k1, k2, k3, k4, x, k_end, reuse, states, strings, flags, search
-            )
+        if last:
+            return n, SOLVED, evaluations
+        if model.search:
+            worst, took, known, asked = located_step(table, n, h, y, room)
             evaluations += took
         else:
-            worst = rk4_stages(table, t, h, y, k1, k2, k3, k4, x)
+            worst = rk4_stages(table, t, h, y, room, room.x)
             evaluations += 3
             if worst <= NO_SOLUTION:
-                project(x, table)
+                project(room.x, table)
         if worst <= NO_SOLUTION:
-            worst = guard(x, table)
+            worst = guard(room.x, table)
         if worst > NO_SOLUTION:
             return n, worst, evaluations
-        y[:] = x
-    n = first + count
-    if n == total:
-        t = n * h
-        status = SOLVED
-        break_due_strings(t, y, table)
-        if ratio > 0 and n % ratio == 0:
-            status = sample_law(t, y, table)
-        asked = rates(t, y, k1, table)
-        watch_strings(table, t, n % ratio == 0 and status == SOLVED if ratio else asked == SOLVED)
-        resolve_start(table, h)
-        if ratio == 0:
-            status = asked
-        observe(y, table, rows[len(rows) - 1])
-        if status > NO_SOLUTION or (status == NO_SOLUTION and not table[PASSIVE]):
-            return n, status, evaluations
-    return n, SOLVED, evaluations
+        y[:] = room.x
+    return stop, SOLVED, evaluations

@@ -30,10 +30,10 @@ import numpy as np
 
 from tensegrity_mj.controllers.scenes import from_scene
 from tensegrity_mj.dynamics.native.law import native_law
-from tensegrity_mj.engines.mujoco import callback
 from tensegrity_mj.engines.mujoco.engine import MuJoCo
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun
+from tensegrity_mj.engines.mujoco.run_view import STEP
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import StructureError, TensegrityError
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
@@ -187,7 +187,7 @@ class _PieceRun(MuJoCoRun):
             super()._advance(first + done, steps)
             spent = time.perf_counter() - start
             # The first piece has what is done but once; a chunk's last one may be short, and the law may stop the run.
-            if first + done > 0 and steps == self.size and self.counters[callback.STEP] == first + done + steps:
+            if first + done > 0 and steps == self.size and self.counters[STEP] == first + done + steps:
                 self.pieces.append(spent / steps)
 
 
@@ -207,7 +207,7 @@ def _further_step(scene: Scene, law: Any, engine: MuJoCo, size: int) -> tuple[fl
         run.run()
     if run is None or not run.pieces:
         return None, 0.0
-    return statistics.median(run.pieces), int(run.counters[callback.STEP]) * engine.timestep
+    return statistics.median(run.pieces), int(run.counters[STEP]) * engine.timestep
 
 
 @cache

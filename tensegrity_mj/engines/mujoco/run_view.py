@@ -1,0 +1,95 @@
+"""The table of a run in MuJoCo: what the control callback reads and writes, by names, behind what every plant has."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tensegrity_mj.dynamics.native.views import Fields, changing_view, view_of
+from tensegrity_mj.engines.driving import STEPPED
+
+SLIDE = np.dtype(
+    [
+        ("motion", "i8"),
+        ("place", "i8"),  # in qpos
+        ("dof", "i8"),
+        ("drive", "f8"),  # its armature [kg]
+        ("axis", "f8", (3,)),
+        ("offset", "f8"),  # along the axis, of d where qpos is 0
+        ("weight", "f8"),  # M g·e of the tree
+        ("kept", "f8"),  # ḋ of the stage whose constraint forces are not yet known
+    ],
+    align=True,
+)
+
+RUN: Fields = (
+    *STEPPED,
+    ("data", "size"),  # address of the MjData
+    # Its sizes, and its arrays as MuJoCo names them.
+    ("site_count", "size"),
+    ("body_count", "size"),
+    ("nq", "size"),
+    ("nv", "size"),
+    ("entries", "size"),
+    ("site_xpos", ("f8", "site_count", 3)),
+    ("cvel", ("f8", "body_count", 6)),
+    ("subtree_com", ("f8", "body_count", 3)),
+    ("xipos", ("f8", "body_count", 3)),
+    ("xfrc_applied", ("f8", "body_count", 6)),
+    ("qpos", ("f8", "nq")),
+    ("qvel", ("f8", "nv")),
+    ("qacc", ("f8", "nv")),
+    ("qfrc_applied", ("f8", "nv")),
+    ("qfrc_constraint", ("f8", "nv")),
+    ("qfrc_bias", ("f8", "nv")),
+    ("qfrc_passive", ("f8", "nv")),
+    ("cdof", ("f8", "nv", 6)),
+    ("cdof_dot", ("f8", "nv", 6)),
+    ("M", ("f8", "entries")),
+    ("ctrl", ("f8", "string_count")),
+    ("actuator_force", ("f8", "string_count")),
+    ("force_range", ("f8", "string_count", 2)),  # of the model
+    # Where nodes are, and what strings' controls count from.
+    ("node_sites", ("i8", "node_count")),
+    ("node_bodies", ("i8", "node_count")),
+    ("node_roots", ("i8", "node_count")),
+    ("designed", ("f8", "string_count")),
+    # The course of the run.
+    ("stages", "size"),
+    ("counters", ("i8", 6)),  # `Counters`
+    ("work", ("f8", 3)),  # integrals: elastic string work, dissipation, external work
+    ("part", "state"),  # of a step that is split, of which `step` is one part: 1, and when the part begins
+    ("begins", "real"),  # [s]
+    ("answered", "state"),  # where rest lengths of this very state are known already: 1 + what the law answered
+    ("powers", ("f8", 3)),  # [W] of the last stage whose work was counted
+    ("slides", ("f8", "rod_count", 11)),  # of a rod: translational coordinates, how many, first dof, and axes
+    ("writes_state", "size"),  # whether rows have qpos and qvel
+    # Contact (`contact`).
+    ("touches", "size"),  # whether there is any
+    ("awaits_contact", "state"),
+    ("kept_rates", ("f8", "nv")),
+    ("spin_count", "size"),
+    ("spin_dofs", ("i8", "spin_count")),
+    ("spin_inertia", ("f8", "spin_count")),
+    # Moved supports (`motion`).
+    ("driven_count", "size"),
+    ("driven", (SLIDE, "driven_count")),
+    ("driven_masses", ("f8", "driven_count", "node_count")),
+    ("driven_nodes", ("f8", "driven_count", "node_count")),
+    ("driven_strings", ("f8", "driven_count", "string_count")),
+    ("resets", "size"),  # whether slides are put where they belong at the start of each step
+    ("constrained", "size"),  # whether constraints may pull at them
+    ("awaits_constraints", "state"),
+    # Added mass (`water`).
+    ("floating", "size"),  # address of a `Floating`
+    ("mass_room", "state"),  # address of scratch
+)
+RunView = changing_view("Run", RUN)
+_NAMES = [name for name, _ in RUN]
+OF_DATA = tuple(_NAMES[_NAMES.index("site_xpos") : _NAMES.index("force_range")])  # fields that are arrays of MjData
+ALIASES = {"lengths": "ten_length", "rates": "ten_velocity"}  # those that have another name there
+
+Counters, _ = view_of(
+    "Counters", **dict.fromkeys(("stage", "step", "next_row", "waiting", "ended", "end_step"), "state")
+)
+STAGE, STEP, NEXT_ROW, WAITING, ENDED, END_STEP = range(6)  # the same in Python, and when `ended` is none of the law's:
+RUNNING, FINISHED, LOST, LOST_CONTROL = -1, -2, -3, -4
