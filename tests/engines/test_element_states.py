@@ -104,6 +104,14 @@ def test_integrators_of_one_stage_keep_their_order_with_states(integrator: tmj.I
     assert residuals[1] < residuals[0] / 2**0.5
 
 
+def test_a_second_run_starts_with_the_states_of_the_start() -> None:
+    scene = jumper()
+    for engine in (*(fixed(name, 0.01, locate_slack=True) for name in NAMES), tmj.MuJoCo(0.01, tmj.Integrator.EULER)):
+        first, second = (tmj.simulate(scene, engine=engine, duration=0.2) for _ in range(2))
+        assert np.array_equal(first.element_states, second.element_states)
+        assert np.array_equal(first.nodes, second.nodes)
+
+
 def test_a_compiled_element_is_the_one_in_python() -> None:
     for name in NAMES:
         runs = [
