@@ -192,7 +192,9 @@ class Code:
             llvm.initialize_native_asmprinter()
             # An engine each: names of different functions never meet. It also opens what this process has of symbols.
             machine = llvm.Target.from_triple(llvm.get_process_triple()).create_target_machine(jit=True)
-            engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+            empty = llvm.parse_assembly("")
+            engine = llvm.create_mcjit_compiler(empty, machine)
+            engine.remove_module(empty)  # to compile it, empty as it is, takes 5 MB and some ms
             missing = [name for name in self.externals if not llvm.address_of_symbol(name)]
             if any(not name.startswith(_HELPERS) or "alloc" in name or "_new" in name for name in missing):
                 return 0
