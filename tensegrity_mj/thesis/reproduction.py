@@ -16,10 +16,9 @@ from tensegrity_mj.pictures.figure import save_figure
 from tensegrity_mj.runs.comparison import compare
 from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.thesis import page
-from tensegrity_mj.thesis.appendix_c import beam_wave_studies, beams
+from tensegrity_mj.thesis.appendix_c.beams import STUDIES
 from tensegrity_mj.thesis.catalog import selected
 from tensegrity_mj.thesis.chapter3.series import SERIES, run_series
-from tensegrity_mj.thesis.chapter7 import waves
 from tensegrity_mj.thesis.disturbance import Disturbance
 from tensegrity_mj.thesis.drawing import ThesisFigure
 from tensegrity_mj.thesis.experiments import OF_MOTION, EngineName, experiment_of
@@ -30,9 +29,7 @@ RUNS, FIGURES = "runs", "figures"
 # What is computed as a whole: the cables of chapter 3, the beams of chapter 7, also in waves, and of appendix C.
 WHOLES: Mapping[str, Any] = {
     **SERIES,
-    **beams.STUDIES,
-    **waves.STUDIES,
-    **beam_wave_studies.STUDIES,
+    **STUDIES,
 }
 PAGE, DATA = "reproduction.html", "reproduction.json"
 

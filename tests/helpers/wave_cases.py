@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 import tensegrity_mj as tmj
 from tensegrity_mj.studies.engine_names import engine_of
-from tensegrity_mj.studies.waves.cases import Tower
 from tensegrity_mj.studies.waves.task import scene_of
+from tensegrity_mj.thesis.appendix_c.beams import STUDIES
+
+Tower = Mapping[str, Any]  # arguments of `tower_in_waves`, as in `task`
+CASES = STUDIES["waves"].points
+GRID: Mapping[str, Tower] = {
+    label: {key: value for key, value in case["tower"].items() if key != "duration"} for label, case in CASES.items()
+}
 
 DURATION = 5.001  # s, whole numbers of 3 ms and of 0.75 ms
 
@@ -34,6 +41,12 @@ SENSITIVITY: Mapping[str, Tower] = {
     "Ca = 0": {"added_mass": 0.0},
     "Hermite weights": {"weights": "hermite"},
 }
+
+
+def point(tower: Tower) -> dict[str, Any]:
+    """Another tower in place of the study's."""
+    usual = CASES["10 kN/m 0.1 m"]
+    return {**usual, "tower": {"duration": usual["tower"]["duration"], **tower}}
 
 
 def agreement(tower: Tower, steps: Sequence[float], rtol: float) -> list[float]:

@@ -27,13 +27,15 @@ from tensegrity_mj.simulation import request_for
 from tensegrity_mj.statics import find_equilibrium, linear_systems
 from tensegrity_mj.statics.modes import mass_matrix
 from tensegrity_mj.thesis import page
-from tensegrity_mj.thesis.appendix_c import beam_wave_studies, beam_wave_tasks, measures_c2
-from tensegrity_mj.thesis.appendix_c.beam_wave_studies import DOUBLED, HEIGHTS, PRINTED, TWICE, label_of
-from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, BeamRun
+from tensegrity_mj.thesis.appendix_c import beam_wave_tasks, measures_c2
+from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, HEIGHTS, STUDIES, BeamRun, wave_label
 from tensegrity_mj.thesis.catalog import FIGURES
 from tensegrity_mj.thesis.experiments import EngineName
 from tensegrity_mj.thesis.ledger import Verdict
 from tensegrity_mj.thesis.reproduction import reproduce
+
+PRINTED, DOUBLED = "beam-waves", "beam-waves-doubled"
+TWICE = tuple(2 * height for height in HEIGHTS)
 
 G, RHO, ADDED, INERTIA, SEGMENTS = 9.81, 1025.0, 0.7, 1.6, 2
 DEPTH, WAVELENGTH, CHI, PHASE = 2.0, 6.0, 1.2, 0.4
@@ -321,7 +323,7 @@ def test_figure_c8_is_what_the_doc_says(tmp_path: Path) -> None:
 
 def run_of(heights: tuple[float, ...], swing: Any) -> BeamRun:
     values = {
-        label_of(beam, height): {"along": [0.1 * swing(number, height), swing(number, height)]}
+        wave_label(beam, height): {"along": [0.1 * swing(number, height), swing(number, height)]}
         for number, beam in enumerate(BY_PRESTRESS)
         for height in heights
     }
@@ -340,7 +342,7 @@ def test_rows_judge_what_the_sentences_say() -> None:
 
 def test_figure_c8_is_drawn_from_both_readings() -> None:
     printed, doubled = (run_of(heights, lambda n, h: h) for heights in (HEIGHTS, TWICE))
-    confirmed = BeamRun("", "", {label: doubled.values[label] for label in beam_wave_studies.CONFIRMED})
+    confirmed = BeamRun("", "", {label: doubled.values[label] for label in STUDIES[DOUBLED].of_mujoco})
     all_runs = {EngineName.DAE: {PRINTED: printed, DOUBLED: doubled}, EngineName.MUJOCO: {DOUBLED: confirmed}}
     (figure,) = (one for one in FIGURES if one.number == "C.8")
     left, right = figure.draw(all_runs).axes

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from wave_cases import OPEN, SENSITIVITY, agreement
+from wave_cases import GRID, OPEN, SENSITIVITY, agreement
+from wave_cases import point as point_of
 
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
@@ -29,13 +30,13 @@ from tensegrity_mj.runs.deformation import (
 )
 from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.sweep import Sweep
-from tensegrity_mj.studies.waves import cases
 from tensegrity_mj.studies.waves.task import scene_of
 from tensegrity_mj.studies.workers import Backend, Workers
 from tensegrity_mj.thesis import page
 from tensegrity_mj.thesis.appendix_c.beams import BeamRun
+from tensegrity_mj.thesis.appendix_c.tower_wave_tasks import in_waves
 from tensegrity_mj.thesis.catalog import STATEMENTS
-from tensegrity_mj.thesis.chapter7.waves import in_waves
+from tensegrity_mj.thesis.chapter7.measures7 import label_of
 from tensegrity_mj.thesis.experiments import EngineName
 from tensegrity_mj.thesis.ledger import Verdict, judge
 from tensegrity_mj.thesis.reproduction import reproduce
@@ -199,12 +200,12 @@ EXTREME = ("10 kN/m 0.1 m", "30 kN/m 0.2 m")
     "label",
     [
         pytest.param(label, marks=[pytest.mark.slow, *([] if label in EXTREME else [pytest.mark.study])])
-        for label in cases.GRID
+        for label in GRID
     ],
 )
 def test_engines_agree_in_every_case_of_the_study(label: str) -> None:
     """The numbers that docs/waves.md has: the limits are those that the project set, and were met with room."""
-    errors = agreement(cases.GRID[label], (3e-3, 7.5e-4), 1e-10)
+    errors = agreement(GRID[label], (3e-3, 7.5e-4), 1e-10)
     assert errors[0] <= 1e-4
     assert errors[1] <= 2e-6
 
@@ -214,7 +215,7 @@ def test_engines_agree_in_every_case_of_the_study(label: str) -> None:
 
 def test_a_point_of_the_study_reports_what_the_run_reports() -> None:
     tower_ = {"stages": 4, "radius": 0.5, "duration": 4.0}
-    point = {**cases.point(tower_), "transient": 2.0}
+    point = {**point_of(tower_), "transient": 2.0}
     found = in_waves(point)
     run = tmj.simulate(scene_of(tower_), None, engine_of("dae", point["timestep"]), output_interval=0.02)
     D = deformation(run)
@@ -234,18 +235,18 @@ def test_a_point_of_the_study_reports_what_the_run_reports() -> None:
 
 
 def test_the_cases_are_those_of_the_thesis() -> None:
-    assert len(cases.GRID) == 9
-    assert cases.GRID["10 kN/m 0.1 m"] == {"stiffness": 1e4, "prestress_measure": 0.10}
-    assert cases.GRID["30 kN/m 0.2 m"] == {"stiffness": 3e4, "prestress_measure": 0.20}
-    for tower_ in (*cases.GRID.values(), *OPEN.values(), *SENSITIVITY.values()):
-        assert scene_of(cases.point(tower_)["tower"]).water is not None
+    assert len(GRID) == 9
+    assert GRID["10 kN/m 0.1 m"] == {"stiffness": 1e4, "prestress_measure": 0.10}
+    assert GRID["30 kN/m 0.2 m"] == {"stiffness": 3e4, "prestress_measure": 0.20}
+    for tower_ in (*GRID.values(), *OPEN.values(), *SENSITIVITY.values()):
+        assert scene_of(point_of(tower_)["tower"]).water is not None
 
 
 def test_a_stiffer_and_a_tighter_tower_bends_less() -> None:
     """Short towers in short waves, so that the trend is no matter of the shipped case alone."""
     sea = {"stages": 7, "wavelength": 8.0, "wave_height": 0.6, "duration": 6.0}
     D = {
-        (k, p): in_waves({**cases.point({**sea, "stiffness": k, "prestress_measure": p}), "transient": 1.0})["largest"]
+        (k, p): in_waves({**point_of({**sea, "stiffness": k, "prestress_measure": p}), "transient": 1.0})["largest"]
         for k, p in ((1e4, 0.1), (3e4, 0.1), (1e4, 0.2))
     }
     assert D[3e4, 0.1] < 0.95 * D[1e4, 0.1]
@@ -270,7 +271,7 @@ def made_up(scale: float = 1.0) -> dict[str, BeamRun]:
     D = {(k, p): scale * THESIS[i, j] for i, k in enumerate(STIFFNESSES) for j, p in enumerate(PRESTRESS_MEASURES)}
     time = np.linspace(0.0, 40.0, 2001)
     values = {
-        cases.label_of(k, p): {
+        label_of(k, p): {
             "largest": d,
             "steady": d,
             "mean_force": 1.45 if k == 1e4 else 8.68,
@@ -295,7 +296,7 @@ def test_rows_of_the_ledger_distinguish_the_thesis_from_what_is_not() -> None:
     twice = verdicts(made_up(2.0))  # percentages are the same
     assert twice["7.9-soft"] is twice["7.9-stiff"] is Verdict.UNEXPLAINED
     assert twice["7.9-stiffness-0.1"] is Verdict.REPRODUCED
-    soft, stiffer, tighter = (cases.label_of(*one) for one in ((1e4, 0.1), (2e4, 0.1), (1e4, 0.15)))
+    soft, stiffer, tighter = (label_of(*one) for one in ((1e4, 0.1), (2e4, 0.1), (1e4, 0.15)))
     for label, change, name, other in (
         (stiffer, {"largest": 1.2}, "7.9-falls-stiffness", "7.9-falls-prestress"),
         (tighter, {"largest": 1.2}, "7.9-falls-prestress", "7.9-falls-stiffness"),

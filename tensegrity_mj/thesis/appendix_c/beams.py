@@ -1,11 +1,12 @@
-"""The studies of appendix C and of §7.2.3's form-finding: which beams are asked what, and in which engine."""
+"""The studies of appendix C and of §7.2.3, as `tables/studies.toml` has them: what is computed of which beams."""
 
 from __future__ import annotations
 
 import functools
 import hashlib
 import time
-from collections.abc import Callable, Mapping, Sequence
+import tomllib
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,10 +15,9 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.jsontext import to_exact_json
-from tensegrity_mj.library.thesis_towers import TABLE_C2
 from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.studies.many import run_many
-from tensegrity_mj.thesis.appendix_c import beam_tasks
+from tensegrity_mj.thesis.appendix_c import beam_tasks, beam_wave_tasks, tower_wave_tasks
 from tensegrity_mj.thesis.disturbance import Disturbance
 from tensegrity_mj.thesis.experiments import EngineName
 
@@ -26,12 +26,11 @@ if TYPE_CHECKING:
 
 Values = Mapping[str, Any]
 
-# A star: with the springs that the rest of Table C.2 asks for, see `CORRECTED_STIFFNESS`.
-PRINTED = tuple(TABLE_C2)
-BEAMS = (*PRINTED, "TB6*", "TB7*")
 BY_PRESTRESS = ("TB1", "TB2", "TB3", "TB4")
 BY_STIFFNESS = ("TB1", "TB5", "TB6*", "TB7*")  # of equal prestress, the springs ever stiffer
-TOWER = (("full", 10e3, 0.10), ("full", 30e3, 0.20), ("reduced_a", 10e3, 0.10), ("reduced_b", 10e3, 0.10))
+HEIGHTS = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)  # m, of the waves of C.2's text
+FILE = Path(__file__).parents[1] / "tables" / "studies.toml"
+MODULES = {"beam_tasks": beam_tasks, "beam_wave_tasks": beam_wave_tasks, "tower_wave_tasks": tower_wave_tasks}
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,47 +145,24 @@ def statics_digest(others: tuple[str, ...] = ()) -> str:
     return digest.hexdigest()
 
 
-def _each(beams: Sequence[str]) -> dict[str, Values]:
-    return {beam: {"beam": beam} for beam in beams}
-
-
 def tower_label(topology: str, stiffness: float, measure: float) -> str:
     """The name of a tower's values."""
     return f"{topology} {stiffness / 1e3:g} kN/m {measure:g} m"
 
 
-_STATICS, _MUJOCO = EngineName.STATICS, EngineName.MUJOCO
+def wave_label(beam: str, height: float) -> str:
+    """The name of a beam's values in waves."""
+    return f"{beam} {height:g} m"
+
+
+def _study(name: str, row: Mapping[str, Any]) -> BeamStudy:
+    """Of a row of the table, whose tasks are functions of `MODULES` by their names."""
+    places = {EngineName(engine): place.partition(".") for engine, place in row["tasks"].items()}
+    tasks = {engine: getattr(MODULES[module], task) for engine, (module, _, task) in places.items()}
+    more = {key: tuple(row.get(key, ())) for key in ("of_mujoco", "sources")}
+    return BeamStudy(name, row["about"], row["points"], tasks, **more)
+
 
 STUDIES: Mapping[str, BeamStudy] = {
-    one.name: one
-    for one in (
-        BeamStudy(
-            "beams", "Table C.2: the beams' form, prestress, and stiffness at zero load", _each(BEAMS),
-            {_STATICS: beam_tasks.found, _MUJOCO: beam_tasks.confirmed}, of_mujoco=BY_PRESTRESS,
-        ),
-        BeamStudy("tension", "Fig. C.3: pulled along the beam", _each(BEAMS), {_STATICS: beam_tasks.tension}),
-        BeamStudy(
-            "compression", "Fig. C.4: pushed along the beam, which is perfect and stays straight", _each(BEAMS),
-            {_STATICS: beam_tasks.compression},
-        ),
-        BeamStudy(
-            "imperfect", "Fig. C.4: pushed along the beam, with a small load across it", _each(BEAMS),
-            {_STATICS: beam_tasks.imperfect},
-        ),
-        BeamStudy(
-            "lateral", "Figs C.6, C.7: moved across the beam, one end clamped, the other guided",
-            {
-                f"{beam} {name}": {"beam": beam, "axis": axis}
-                for beam in BEAMS for axis, name in ((1, "y"), (2, "z"))
-            },
-            {_STATICS: beam_tasks.lateral},
-        ),
-        BeamStudy(
-            "tower-form", "Fig. 7.6: the tower before and after form-finding",
-            {
-                tower_label(*one): dict(zip(("topology", "stiffness", "measure"), one, strict=True)) for one in TOWER
-            },
-            {_STATICS: beam_tasks.tower},
-        ),
-    )
-}  # fmt: skip
+    name: _study(name, row) for name, row in tomllib.loads(FILE.read_text(encoding="utf-8")).items()
+}

@@ -8,8 +8,7 @@ from tensegrity_mj.library.thesis_towers import TABLE_C2
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import GREY
 from tensegrity_mj.thesis import drawing
-from tensegrity_mj.thesis.appendix_c.beam_wave_studies import DOUBLED, HEIGHTS, PRINTED, TWICE, label_of
-from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS
+from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, HEIGHTS, wave_label
 from tensegrity_mj.thesis.appendix_c.measures_c2 import amplitude
 from tensegrity_mj.thesis.drawing import AllRuns
 
@@ -18,8 +17,8 @@ if TYPE_CHECKING:
 
 AXES = ((0.0, 9.0), (0.0, 3.0))  # m, of the thesis
 READINGS = (
-    (PRINTED, HEIGHTS, "(a) half of a beam, waves as in the text"),
-    (DOUBLED, TWICE, "(b) clamped beam, waves twice as high"),
+    ("beam-waves", HEIGHTS, "(a) half of a beam, waves as in the text"),
+    ("beam-waves-doubled", tuple(2 * height for height in HEIGHTS), "(b) clamped beam, waves twice as high"),
 )
 
 
@@ -35,7 +34,7 @@ def oscillation(all_runs: AllRuns) -> Figure:
             swings = [amplitude(runs[0], beam, height) for height in heights]
             panel.plot(heights, swings, color=color, lw=1.3, marker=".", label=name)
             for run in runs[1:]:
-                there = [height for height in heights if label_of(beam, height) in run.values]
+                there = [height for height in heights if wave_label(beam, height) in run.values]
                 confirmed = confirmed or bool(there)
                 panel.plot(
                     there, [amplitude(run, beam, height) for height in there], ls="none", marker="o", ms=6.5,

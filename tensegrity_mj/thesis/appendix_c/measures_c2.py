@@ -11,14 +11,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from tensegrity_mj.library.beam_in_waves import GRAVITY, STEEPNESS
-from tensegrity_mj.thesis.appendix_c.beam_wave_studies import label_of
-from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, BeamRun
+from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, BeamRun, wave_label
 from tensegrity_mj.thesis.appendix_c.measures_c import rises
 
 
 def amplitude(run: BeamRun, beam: str, height: float) -> float:
     """[m] of the stage that swings most along the waves."""
-    return float(run.of(label_of(beam, height), "along").max())
+    return float(run.of(wave_label(beam, height), "along").max())
 
 
 def swings_grow(run: BeamRun, heights: Sequence[float]) -> bool:

@@ -11,19 +11,18 @@ from tensegrity_mj.model.elements.water import sea_of
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import GREY, new_figure
 from tensegrity_mj.runs.deformation import centres, distances_from_line, interconnections
-from tensegrity_mj.studies.waves.cases import GRID
 from tensegrity_mj.studies.waves.task import scene_of
 from tensegrity_mj.thesis import drawing
-from tensegrity_mj.thesis.appendix_c.beams import BeamRun
+from tensegrity_mj.thesis.appendix_c.beams import STUDIES, BeamRun
 from tensegrity_mj.thesis.appendix_c.figures_c import lines
 from tensegrity_mj.thesis.chapter7.measures7 import SHOWN, SOFT, grid
-from tensegrity_mj.thesis.chapter7.waves import STUDY
 from tensegrity_mj.thesis.drawing import AllRuns
 from tensegrity_mj.thesis.experiments import TITLES
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+STUDY = "waves"
 MARGIN = 1.5  # m, of the surface beyond the tower's ends
 
 
@@ -32,7 +31,7 @@ def _side(panel: Any, run: BeamRun, label: str, moment: int) -> None:
     nodes, time = run.of(label, "nodes")[moment], float(run.of(label, "times")[moment])
     lines(panel, nodes[:, [0, 2]], run.of(label, "rods"), run.of(label, "strings"))
     x = np.linspace(nodes[:, 0].min() - MARGIN, nodes[:, 0].max() + MARGIN, 200)
-    sea = sea_of(scene_of(dict(GRID[label])))
+    sea = sea_of(scene_of(STUDIES[STUDY].points[label]["tower"]))
     panel.plot(x, sea.elevation(time, x, 0.0 * x), color=palette.CYCLE[0], lw=1.2)
     panel.set_title(f"{time:.2f} s", fontsize=8.5)
     panel.set_aspect("equal")
@@ -42,7 +41,9 @@ def _side(panel: Any, run: BeamRun, label: str, moment: int) -> None:
 def measure(all_runs: AllRuns) -> Figure:
     """Figure 7.7: the line between the ends, the centres, and the largest D of the softest case."""
     run = drawing.first_of(all_runs, STUDY)
-    points = centres(run.of(SOFT, "nodes")[0], interconnections(scene_of(dict(GRID[SOFT])).structure))
+    points = centres(
+        run.of(SOFT, "nodes")[0], interconnections(scene_of(STUDIES[STUDY].points[SOFT]["tower"]).structure)
+    )
     D = distances_from_line(points)
     way, most = points[-1] - points[0], int(D.argmax())
     foot = points[0] + way * ((points[most] - points[0]) @ way) / (way @ way)
