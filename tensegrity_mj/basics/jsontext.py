@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 import json
 import math
@@ -9,6 +10,16 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 NOT_FINITE = "$float"
+
+
+def plain(value: Any) -> Any:
+    """Lists of arrays, tuples and sets, the values of enums, dictionaries of results; all numbers as they are."""
+    return _plain(value, lambda number: number)
+
+
+def plain_values(result: Any, *names: str) -> dict[str, Any]:
+    """Attributes of a result by their names, as plain values."""
+    return {name: plain(getattr(result, name)) for name in names}
 
 
 def to_json(data: Any, indent: int | None = None) -> str:
@@ -38,11 +49,16 @@ def _plain(value: Any, not_finite: Callable[[float], Any]) -> Any:
     if isinstance(value, enum.Enum):
         return _plain(value.value, not_finite)
     if isinstance(value, Mapping):
-        return {str(key): _plain(item, not_finite) for key, item in value.items()}
+        return {str(_plain(key, not_finite)): _plain(item, not_finite) for key, item in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):
         return [_plain(item, not_finite) for item in value]
     if value is None or isinstance(value, (str, bool, int)):
         return value
+    if hasattr(value, "to_dict"):
+        return _plain(value.to_dict(), not_finite)
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        names = [field.name for field in dataclasses.fields(value)]
+        return {name: _plain(getattr(value, name), not_finite) for name in names}
     if hasattr(value, "tolist"):  # numpy scalars and arrays
         return _plain(value.tolist(), not_finite)
     if isinstance(value, float):

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import real_array
 from tensegrity_mj.basics.files import checked, replacing
-from tensegrity_mj.basics.jsontext import to_json
+from tensegrity_mj.basics.jsontext import plain_values, to_json
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.model.elements.element import states_at_start
@@ -150,23 +150,12 @@ class Linearization:
         return {
             "engine": self.engine,
             "scene": self.scene.name,
-            "time": self.time,
-            "inputs": self.inputs.value,
-            "coordinates": list(self.coordinates),
-            "states": list(self.states),
+            **plain_values(self, "time", "inputs", "coordinates", "states"),
             "strings": [string.name for string in self.scene.structure.strings],
             "nodes": list(self.scene.structure.node_names),
             "positions": self.nodes.tolist(),
-            "velocities": self.velocities.tolist(),
-            "rest_lengths": self.rest_lengths.tolist(),
-            "A": self.A.tolist(),
-            "B": self.B.tolist(),
-            "C": self.C.tolist(),
-            "gain": None if self.gain is None else self.gain.tolist(),
-            "residual": self.residual.tolist(),
+            **plain_values(self, "velocities", "rest_lengths", "A", "B", "C", "gain", "residual"),
             "equilibrium": self.is_equilibrium,
             "eigenvalues": [[float(value.real), float(value.imag)] for value in self.eigenvalues],
-            "frequencies": self.frequencies.tolist(),
-            "damping_ratios": self.damping_ratios.tolist(),
-            "warnings": list(self.warnings),
+            **plain_values(self, "frequencies", "damping_ratios", "warnings"),
         }

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.jsontext import plain_values
 
 
 class Pairs(enum.Enum):
@@ -101,16 +102,8 @@ class Clearance:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, without `over_time`."""
-        return {
-            "name": self.name,
-            "start": self.start,
-            "end": self.end,
-            "samples": self.samples,
-            "tolerance": self.tolerance,
-            "interpolation_error": self.interpolation_error,
-            "planar": self.planar,
-            "smallest": {kind.value: None if a is None else asdict(a) for kind, a in self.smallest.items()},
-            "below": self.below,
-            "events": [asdict(event) for event in self.events],
-            "pairs": None if self.pairs is None else [asdict(a) for a in self.pairs],
-        }
+        return plain_values(
+            self,
+            *("name", "start", "end", "samples", "tolerance", "interpolation_error", "planar", "smallest", "below"),
+            *("events", "pairs"),
+        )

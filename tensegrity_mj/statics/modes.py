@@ -23,6 +23,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import checked, positive, whole
+from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model import rods as thin
 from tensegrity_mj.model.structure import Structure
@@ -120,11 +121,7 @@ class Modes:
         return {
             "scene": self.state.model.scene.name,
             "nodes": list(self.state.model.structure.node_names),
-            "squares": self.squares.tolist(),
-            "frequencies": self.frequencies.tolist(),
-            "unstable": self.unstable.tolist(),
-            "loose": self.loose.tolist(),
-            "growth": self.growth.tolist(),
+            **plain_values(self, "squares", "frequencies", "unstable", "loose", "growth"),
             "neutral": self.neutral.shape[1],
             "complete": self.complete,
             "shapes": self.shapes.T.tolist(),

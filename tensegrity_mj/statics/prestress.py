@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import real_array
+from tensegrity_mj.basics.jsontext import plain, plain_values
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.rigidity import members_at
 from tensegrity_mj.model.scene import Scene
@@ -187,25 +188,16 @@ class Prestressability:
             "structure": self.structure.name,
             "strings": [string.name for string in self.structure.strings],
             "rods": [rod.name for rod in self.structure.rods],
-            "nodes": self.nodes.tolist(),
-            "free_coordinates": self.free_coordinates,
-            "rank": self.rank,
-            "rank_is_clear": self.rank_is_clear,
-            "singular_values": self.singular_values.tolist(),
-            "self_stress": self.self_stress.tolist(),
+            **plain_values(
+                self, "nodes", "free_coordinates", "rank", "rank_is_clear", "singular_values", "self_stress"
+            ),
             "rigid_motions": self.rigid_motions.T.tolist(),
             "mechanisms": self.mechanisms.T.tolist(),
-            "can_pull": self.can_pull.tolist(),
-            "can_push": self.can_push.tolist(),
-            "all_can_push": self.all_can_push,
-            "obstacle": None if self.obstacle is None else self.obstacle.tolist(),
+            **plain_values(self, "can_pull", "can_push", "all_can_push", "obstacle"),
             "rigid_to_first_order": self.is_rigid_to_first_order,
-            "prestress": None if self.prestress is None else self.prestress.tolist(),
+            "prestress": plain(self.prestress),
             "own_prestress": self.own,
-            "prestress_stiffness": self.prestress_stiffness.tolist(),
-            "stiffness_bound": self.stiffness_bound,
-            "prestress_stable": self.prestress_stable.value,
-            "super_stable": self.super_stable.value,
+            **plain_values(self, "prestress_stiffness", "stiffness_bound", "prestress_stable", "super_stable"),
             "described": self.describe(),
         }
 

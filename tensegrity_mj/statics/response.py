@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.jsontext import plain, plain_values
 from tensegrity_mj.statics.member_loads import MemberLoads, Use
 from tensegrity_mj.statics.path import Path
 
@@ -95,29 +96,20 @@ class Response:
             "lowest_stiffness": path.lowest.tolist(),
             "unstable": path.unstable.tolist(),
             "largest_parameter": self.largest_parameter,
-            "nodes": path.nodes.tolist(),
-            "rod_forces": path.rod_forces.tolist(),
-            "tensions": path.tensions.tolist(),
+            **plain_values(path, "nodes", "rod_forces", "tensions"),
             "curves": [
                 {
                     "name": curve.name,
                     "kind": "load" if curve.is_load else "displacement",
-                    "displacement": curve.displacement.tolist(),
-                    "force": curve.force.tolist(),
+                    **plain_values(curve, "displacement", "force"),
                 }
                 for curve in self.curves
             ],
             "criticals": [
-                {
-                    "kind": critical.kind.value,
-                    "parameter": critical.parameter,
-                    "mode": critical.mode.tolist(),
-                    "unstable_before": critical.unstable_before,
-                    "unstable_after": critical.unstable_after,
-                }
+                plain_values(critical, "kind", "parameter", "mode", "unstable_before", "unstable_after")
                 for critical in path.criticals
             ],
-            "slack_events": [vars(event) for event in self.slack_events],
+            "slack_events": plain(self.slack_events),
             "first_violation": None if first is None else {"parameter": first.time, **(violation or {})},
         }
 

@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import finite, real_array
+from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.members import Rod, String
 from tensegrity_mj.model.structure import Structure
@@ -88,11 +89,7 @@ class Check:
         return [*lines, f"{len(unchecked)} unchecked: {_listed(unchecked)}"] if unchecked else lines
 
     def _summary(self) -> dict[str, Any]:
-        return {
-            "ok": self.ok,
-            "worst": None if self.worst is None else self.worst.to_dict(),
-            "violations": [use.to_dict() for use in self.violations],
-        }
+        return plain_values(self, "ok", "worst", "violations")
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,14 +162,7 @@ class TrajectoryCheck(Check):
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values."""
-        first = self.first_violation
-        return {
-            **self._summary(),
-            "first_violation": None if first is None else first.to_dict(),
-            "slack": [vars(one) for one in self.slack],
-            "unchecked": list(self.unchecked),
-            "uses": [use.to_dict() for use in self.uses],
-        }
+        return {**self._summary(), **plain_values(self, "first_violation", "slack", "unchecked", "uses")}
 
 
 def check_members(

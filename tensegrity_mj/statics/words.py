@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.jsontext import plain, plain_values
 from tensegrity_mj.statics.model import Rods
 
 if TYPE_CHECKING:
@@ -149,14 +150,10 @@ def to_dict(study: StaticStudy) -> dict[str, Any]:
         "relaxation": None
         if study.other is None
         else {"steps": study.other.iterations, "residual": study.other.residual, "difference": study.difference},
-        "prestress": None if study.prestressability is None else study.prestressability.to_dict(),
-        "modes": None if study.modes is None else study.modes.to_dict(),
-        "members": None if study.members is None else study.members.to_dict(),
-        "path": None if study.response is None else study.response.to_dict(),
-        "engine": None if study.engine is None else study.engine.to_dict(),
-        "sizing": None if study.sizing is None else study.sizing.to_dict(),
-        "run": None if study.run is None else study.run.to_dict(),
-        "notes": list(study.notes),
+        "prestress": plain(study.prestressability),
+        **plain_values(study, "modes", "members"),
+        "path": plain(study.response),
+        **plain_values(study, "engine", "sizing", "run", "notes"),
         "versions": versions(),
     }
     return data

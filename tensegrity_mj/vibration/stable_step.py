@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import finite, real_array
 from tensegrity_mj.basics.functions import function_of
+from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.dynamics.native.law import Law, NativeLaw, native_law
 from tensegrity_mj.errors import OptionError, SceneError
 from tensegrity_mj.model.actuation import Actuation
@@ -80,15 +81,8 @@ class StableStep:
         return {
             "limit": self.limit if math.isfinite(self.limit) else None,
             "relative": self.relative if math.isfinite(self.limit) and not self.closed_loop else None,
-            "scheme": None if self.scheme is None else self.scheme.value,
-            "omega": self.omega,
-            "time": self.time,
-            "rod": self.rod,
-            "rod_share": self.rod_share,
-            "string": self.string,
-            "string_share": self.string_share,
-            "closed_loop": self.closed_loop,
-            "notes": list(self.notes),
+            **plain_values(self, "scheme", "omega", "time", "rod", "rod_share", "string", "string_share"),
+            **plain_values(self, "closed_loop", "notes"),
         }
 
 

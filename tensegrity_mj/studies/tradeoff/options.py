@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from tensegrity_mj.basics.checks import positive, whole
+from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import Mode
@@ -84,15 +85,8 @@ class TradeoffOptions:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
-        return {
-            "loops": [one.value for one in self.loops],
-            "engines": list(self.engines),
-            "actuations": [one.value for one in self.actuations],
-            "periods": list(self.periods),
-            "families": list(self.families),
-            "steps": None if self.steps is None else list(self.steps),
-            "tolerances": None if self.tolerances is None else list(self.tolerances),
-            "duration": self.duration,
-            "repeats": self.repeats,
-            "budget": self.budget,
-        }
+        return plain_values(
+            self,
+            *("loops", "engines", "actuations", "periods", "families", "steps", "tolerances", "duration", "repeats"),
+            "budget",
+        )
