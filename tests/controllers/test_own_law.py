@@ -34,7 +34,7 @@ class Brake:
     target: object
     gain: float = 1.0  # [N s/m]
     gravity: tuple = (0.0, 0.0, 0.0)
-    water: object = None
+    known: tuple = ()
 
     def __post_init__(self):
         object.__setattr__(self, "gain", positive("gain", self.gain, "N s/m"))

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
 from tensegrity_mj.engines.mujoco import places as mujoco_places
+from tensegrity_mj.engines.mujoco import prepared
 from tensegrity_mj.engines.mujoco.mjcf import save_mjcf, scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_bodies import Names
 from tensegrity_mj.engines.mujoco.mjcf_tree import body_tree
@@ -218,6 +219,7 @@ def test_dm_control_sees_the_nodes(size: float) -> None:
 def test_what_a_compiler_moves_is_refused_by_name(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The check itself: without the turns, MuJoCo puts node o onto the origin, and a center of mass onto its body."""
     scene = near_frames()
+    monkeypatch.setattr(prepared, "_layouts", {})  # others have compiled it
     for module in ("mjcf_bodies", "mjcf"):
         monkeypatch.setattr(f"tensegrity_mj.engines.mujoco.{module}.must_turn", lambda *_: False)
     if kind == "body":  # of centers of mass alone

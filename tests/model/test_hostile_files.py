@@ -202,7 +202,6 @@ def test_commands_write_inside_their_folder(command: str, tmp_path: Path, capsys
 @pytest.mark.parametrize("name", NAMES, ids=range(len(NAMES)))
 def test_folders_of_scenes_with_such_names_are_inside(name: str, tmp_path: Path) -> None:
     """The path that `tradeoff` makes of a name, without its runs."""
-    from tensegrity_mj.commands import tradeoff as command
     from tensegrity_mj.studies.tradeoff import study
 
     asked: list[Path] = []
@@ -214,7 +213,6 @@ def test_folders_of_scenes_with_such_names_are_inside(name: str, tmp_path: Path)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study, "tradeoff", stop)
         assert main(["tradeoff", str(evil(tmp_path, name)), "--out", str(tmp_path / "out")]) == 2
-    assert command.HELP
     assert [path.parent for path in asked] == [tmp_path / "out"]
     assert asked[0].name not in ("", ".", "..")
 
