@@ -92,11 +92,13 @@ class PackedEffects:
     Attributes:
         address: of the table, 0 where nothing is known of.
         failure: what an element in Python raised, in a list of at most one.
+        in_python: whether there may be such elements.
     """
 
     def __init__(self, scene: Scene) -> None:
         self.failure: list[BaseException] = _Errors()
         self._elements = [native_element(one, scene, self.failure) for one in scene.effects]
+        self.in_python = any(not one.context for one in self._elements)
         records = [number for one in self._elements for number in (one.address, one.context)]
         self._table = np.array([len(self._elements), *records], np.int64)
         self.address = address_of(self._table) if self._elements else 0

@@ -271,7 +271,7 @@ class QuadraticLaw:
             discontinuous=self.discontinuous,
             gravity=self.gravity,
             known=tuple(self.known),
-            failure=self._effects.failure,
+            failure=self._effects.failure if self._effects.in_python else None,
             decay_rate=self.decay_rate,
             stateless=len(scratch) == 0,
         )

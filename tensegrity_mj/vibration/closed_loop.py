@@ -49,7 +49,7 @@ class AskedLaw:
         """Its part of K and D at the state of a model, by central differences."""
         n, nodes = model.size, model.nodes
         size = float(np.ptp(nodes, axis=0).max(initial=0.0)) or 1.0
-        units = model.motion(np.array([model.project(unit) for unit in np.eye(n)]).reshape(n, n))
+        units = model.motion(model.project(np.eye(n)).T)
         largest = np.abs(units).max(axis=(1, 2), initial=0.0)
         moving = np.flatnonzero(largest > 0)
         h = LAW_STEP * size / largest[moving]

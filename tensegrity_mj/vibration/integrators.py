@@ -110,9 +110,12 @@ def amplification_matrix(model: Vibration, scheme: Scheme, step: float) -> Array
     elif scheme is Scheme.LINEARLY_IMPLICIT:
         seen = _dense(model.seen)
         W, D = one + h * _dense(model.string_damper) + h * h * seen, D + h * seen
-    push = h * np.linalg.solve(W, np.hstack([K, D]))
-    from_q, from_v = -push[:, :n], one - push[:, n:]
-    return np.block([[one + h * from_q, h * from_v], [from_q, from_v]])
+    forces = np.hstack([K, D])
+    P = -h * (forces if W is one else np.linalg.solve(W, forces))
+    P[:, n:] += one
+    P = np.vstack([h * P, P])
+    P[:n, :n] += one
+    return P
 
 
 def system_matrix(model: Vibration) -> Array:

@@ -110,7 +110,7 @@ class Vibration:
         return is_dense(len(self.bodies.mass))
 
     def project(self, y: Array) -> Array:
-        """What joints allow of y (n,)."""
+        """What joints allow of y (n, ...)."""
         return y if self.joints is None else self.joints.project(y)
 
     def motion(self, y: Array) -> Array:

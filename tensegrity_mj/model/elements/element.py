@@ -153,6 +153,8 @@ def forces_of(
     What answers accelerations is not among them. States (..., S) are those of the start by default.
     """
     out = np.zeros(nodes.shape)
+    if not elements:
+        return out
     times = np.broadcast_to(np.asarray(time, float), nodes.shape[:-2])
     for element, own in zip(elements, split_states(elements, scene, states, times.shape), strict=True):
         if element.vectorized:
