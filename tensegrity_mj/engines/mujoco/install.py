@@ -56,6 +56,18 @@ def is_installed() -> bool:
     return _lock.locked()
 
 
+def refuse_other_callbacks() -> None:
+    """Raise OptionError where a control callback that is not of this package is installed."""
+    import mujoco
+
+    other = mujoco.get_mjcb_control()
+    if other is not None and not is_installed() and not any(other is own for own in _OWN):
+        raise OptionError(
+            "a control callback of your own is installed, and MuJoCo has one for the whole process: take it out with "
+            "mujoco.set_mjcb_control(None)"
+        )
+
+
 @contextmanager
 def installed(table: Table, callback: CFunction = single_run) -> Iterator[list[str]]:
     """Install a callback with its table; the previous one is put back. Gives the texts that MuJoCo warns with.

@@ -15,11 +15,11 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.remembered import MOST, Remembered
-from tensegrity_mj.engines.mujoco.install import is_installed
+from tensegrity_mj.engines.mujoco.install import refuse_other_callbacks
 from tensegrity_mj.engines.mujoco.mjcf import CONNECT_STEPS, actuator_numbers, scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_coordinates
 from tensegrity_mj.engines.mujoco.places import check_places
-from tensegrity_mj.errors import OptionError, StructureError
+from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.scene import Scene
 
 _remembered = Remembered()
@@ -94,6 +94,7 @@ def _set(ready: Prepared, scene: Scene, timestep: float, integrator: str) -> Pre
 
 
 def _known(scene: Scene) -> Prepared:
+    refuse_other_callbacks()
     found: Prepared = _remembered.get(scene, None, lambda: _of_layout(scene))
     return found
 
@@ -137,11 +138,6 @@ def _compile(scene: Scene) -> Prepared:
     try:
         model = mujoco.MjModel.from_xml_string(text)
     except ValueError as error:
-        if mujoco.get_mjcb_control() is not None and not is_installed():
-            raise OptionError(
-                "a control callback of your own is installed, and MuJoCo has one for the whole process: "
-                "take it out with mujoco.set_mjcb_control(None)"
-            ) from error
         reason = " ".join(str(error).split())
         raise StructureError(
             f"structure '{scene.structure.name}': MuJoCo cannot hold it ({reason}); masses [kg] and moments of "
