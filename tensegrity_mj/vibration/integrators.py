@@ -111,11 +111,11 @@ def amplification_matrix(model: Vibration, scheme: Scheme, step: float) -> Array
         seen = _dense(model.seen)
         W, D = one + h * _dense(model.string_damper) + h * h * seen, D + h * seen
     forces = np.hstack([K, D])
-    P = -h * (forces if W is one else np.linalg.solve(W, forces))
-    P[:, n:] += one
-    P = np.vstack([h * P, P])
-    P[:n, :n] += one
-    return P
+    moving = -h * (forces if W is one else np.linalg.solve(W, forces))
+    moving[:, n:] += one
+    found = np.vstack([h * moving, moving])
+    found[:n, :n] += one
+    return found
 
 
 def system_matrix(model: Vibration) -> Array:

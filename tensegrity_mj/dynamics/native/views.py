@@ -59,6 +59,7 @@ class Table:
         self.table = np.zeros(len(fields), np.int64)
         self._reals = self.table.view(np.float64)
         self.arrays: dict[str, Any] = {}
+        self._sizes: dict[str, Any] = {}  # what was set, among numbers
         self.address = address_of(self.table)
 
     def place(self, name: str) -> int:
@@ -77,8 +78,9 @@ class Table:
         place, kind, dtype, extents = self._layout[name]
         if kind:
             (self._reals if kind == "real" else self.table)[place] = value
+            self._sizes[name] = value
             return
-        shape = tuple([self[extent] if isinstance(extent, str) else extent for extent in extents])
+        shape = tuple([self._sizes.get(one, 0) if isinstance(one, str) else one for one in extents])
         if value.shape != shape or value.dtype != dtype:
             raise AssertionError(f"{self.view}: {name} is {value.dtype} {value.shape}, not {dtype} {shape}")
         self.arrays[name] = value
