@@ -88,7 +88,7 @@ def output_file(path: str, option: str, suffixes: Sequence[str]) -> Path: ...
 @overload
 def output_file(path: None, option: str, suffixes: Sequence[str]) -> None: ...
 def output_file(path: str | None, option: str, suffixes: Sequence[str]) -> Path | None:
-    """The path, once it is certain that a file can be written there; None where none is asked for.
+    """The path, once it is certain that a file can be written there; None where none is given.
 
     Raises:
         OptionError: wrong suffix, missing or unwritable folder, or something there that is no writable file.

@@ -61,7 +61,7 @@ def check_control(options: argparse.Namespace) -> None:
 
 
 def law_of(options: argparse.Namespace, scene: Scene) -> Any:
-    """The scene's law or the one asked for, with the options given; None for an open loop.
+    """The scene's law or the one chosen, with the options given; None for an open loop.
 
     Raises:
         OptionError: law options for a scene without a law, or a law without a target.

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def execute(options: argparse.Namespace) -> Outcome:
-    """Simulate, then write what was asked for; whatever can be refused is refused before."""
+    """Simulate, then write what the options name; whatever can be refused is refused before."""
     out = output_file(options.out, "--out", (".nc",))
     video = output_file(options.video, "--video", (".mp4",))
     plot = output_file(options.plot, "--plot", PLOT_SUFFIXES)
@@ -137,7 +137,7 @@ def _error(data: dict[str, Any]) -> str:
     """The estimate of an accuracy, with whether it can be relied on."""
     found = data["reports"]["accuracy"]
     doubt = "" if found["settled"] else ", not settled"
-    return f"{number(found['error_estimate'], 'm')}{doubt} ({found['requested']:g} m asked for)"
+    return f"{number(found['error_estimate'], 'm')}{doubt} ({found['requested']:g} m requested)"
 
 
 def _flow(found: dict[str, Any]) -> str:

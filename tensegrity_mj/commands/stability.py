@@ -17,7 +17,7 @@ SMALL_DPI = 65
 
 
 def execute(options: argparse.Namespace) -> Outcome:
-    """Predict, measure, and write what was asked for."""
+    """Predict, measure, and write what the options name."""
     from pathlib import Path
 
     folder = None if options.out is None else Path(options.out)

@@ -31,7 +31,7 @@ SECONDS = 2.0  # of a mode's video a period
 
 
 def execute(options: argparse.Namespace) -> Outcome:
-    """Find it, and write what was asked for."""
+    """Find it, and write what the options name."""
     if not options.path:
         refuse(options, ("points",), "needs --path")
     if options.load is None:
@@ -78,7 +78,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     )
     modes = 0 if study.modes is None else len(study.modes.squares)
     if video is not None and study.modes is not None and not mode <= modes:
-        raise OptionError(f"--mode-video {mode}: there are {modes} modes here; --modes asks for more")
+        raise OptionError(f"--mode-video {mode}: there are {modes} modes here; a larger --modes finds more")
     if folder is not None:
         study.save(folder)
     if saved is not None and study.state is not None:

@@ -49,14 +49,14 @@ DEPTH = (1.5, 7.0)  # decades from what the nodes move to the request
 
 @dataclass(frozen=True)
 class Experiment:
-    """One drawn experiment, and what of it is asked of which engine.
+    """One drawn experiment, and which engine computes it to which accuracy.
 
     Attributes:
         scene: with its start.
         law: or None.
         actuation: of the law.
         engine: name of the engine's class.
-        accuracy: [m] asked for.
+        accuracy: [m] requested.
         words: what was drawn, for the report.
     """
 
@@ -91,7 +91,7 @@ def draw(seed: int, number: int, kind: Kind = Kind.RANDOM) -> Experiment:
 
 
 def _request(accuracy: float) -> float:
-    """[m] of two digits, in the range that may be asked for."""
+    """[m] of two digits, in the range that may be requested."""
     return min(max(float(f"{accuracy:.1e}"), REQUESTS[1]), REQUESTS[0])
 
 

@@ -75,9 +75,9 @@ def _errors(found: Promise) -> Figure:
     axes = figure.add_subplot()
     for settled, colour, label in ((True, "tab:blue", "settled"), (False, "tab:red", "not settled")):
         rows = [row for row in found.rows if row["outcome"] == "measured" and row["settled"] is settled]
-        asked = [row["requested"] for row in rows]
-        axes.loglog(asked, [row["error"] or 1e-17 for row in rows], "o", color=colour, ms=4, label=f"true, {label}")
-        axes.loglog(asked, [row["estimate"] for row in rows], "_", color=colour, ms=7, label=f"estimate, {label}")
+        requested = [row["requested"] for row in rows]
+        axes.loglog(requested, [row["error"] or 1e-17 for row in rows], "o", color=colour, ms=4, label=f"true, {label}")
+        axes.loglog(requested, [row["estimate"] for row in rows], "_", color=colour, ms=7, label=f"estimate, {label}")
     ends = [1e-10, 1e-2]
     axes.loglog(ends, ends, "k-", lw=0.8, label="requested")
     axes.loglog(ends, [3 * end for end in ends], "k:", lw=0.8, label="three times that")

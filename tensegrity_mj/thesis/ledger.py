@@ -121,7 +121,7 @@ def _is_complete(run: Any) -> bool:
 
 
 def value_text(statement: Statement, value: float) -> str:
-    """A value with as many digits as its tolerance asks for, which do not depend on the machine."""
+    """A value with as many digits as its tolerance needs, which do not depend on the machine."""
     if math.isnan(value):
         return "–"
     if statement.accepted is HOLDS:

@@ -70,7 +70,7 @@ def reproduce(
     Args:
         figures: numbers of figures or chapters; all where none is given.
         out: folder, made if absent: reproduction.html, reproduction.json, figures/ and runs/.
-        engines: the columns of the ledger, each beside the rows that it can be asked about; figures of motions show the
+        engines: the columns of the ledger, each beside the rows that it computes; figures of motions show the
             first as lines and the second as circles.
         disturbance: one quantity of the plant, or the gain of the law, is in error: a check that rows can turn red.
         picture_format: of the figures' files: png, svg or pdf (the page always holds PNG).
@@ -100,8 +100,8 @@ def reproduce(
     if draw:
         place = made_folder(folder / FIGURES)
         for figure in chosen:
-            # The first engine that is drawn has all that is needed: chapter 3 asks some series of the DAE alone. Where
-            # statics was asked, MuJoCo has only what confirms it.
+            # The first engine that is drawn has all that is needed: the DAE alone computes some series of chapter 3.
+            # Where statics is chosen, MuJoCo has only what confirms it.
             ranked = sorted(engines, key=lambda one: one is not EngineName.STATICS)
             able = [one for one in ranked if all(name in computed.runs[one] for name in figure.needs)]
             if not able or (able[0] is not engines[0] and not set(figure.needs) <= set(WHOLES)):

@@ -28,7 +28,7 @@ OF_STATICS = (Quantity.STIFFNESS, Quantity.GEOMETRY)  # what an equilibrium has
 
 
 def evidence(statements: Sequence[Statement]) -> list[Statement]:
-    """The rows that are asked: numbers and statements that are judged, of runs."""
+    """The rows that are tried: numbers and statements that are judged, of runs."""
     return [one for one in statements if one.kind.is_evidence and not one.unjudged and one.needs]
 
 
@@ -61,7 +61,7 @@ def sensitivity(
 
     Args:
         out: folder of the runs; those that are there are not computed again.
-        file: the table, JSON; rows of it that are not asked stay.
+        file: the table, JSON; rows of it that are not tried stay.
 
     Returns:
         The table.

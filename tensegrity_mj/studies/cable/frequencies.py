@@ -19,7 +19,7 @@ LEAN = 1e-3  # of a rod, for central differences of order four: their error is 1
 def engine_frequencies(scene: Scene, engine: Any, direction: tuple[float, float, float] = DIRECTION) -> Array:
     """Frequencies (K,) [Hz], ascending, of a chain's motion in a vertical plane.
 
-    Each rod in turn is inclined by little, and the engine's accelerations tell how all directions are accelerated.
+    Each rod in turn is inclined by little, and the engine's accelerations show how all directions are accelerated.
 
     Args:
         scene: a chain that hangs at rest, its top at rest too.

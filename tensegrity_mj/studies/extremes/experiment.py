@@ -54,7 +54,7 @@ class Experiment:
         mode: of the actuation.
         on_infeasible: see `simulate`.
         rate: a rate that the law adds to those of the scene [1/s].
-        force_density: largest u that the law asks for [N/m].
+        force_density: largest u that the law commands [N/m].
         excess: the step as a multiple of the stability limit, or None where it is drawn well below it.
         cycles: range of durations, in fastest vibrations.
         steps: exactly so many steps, or None.

@@ -265,7 +265,7 @@ def _infeasible(rng: Rng) -> Experiment:
     away = log_uniform(rng, 0.01, 2.0)
     target = Target.set_point(random_configuration(rng, scene.structure, away))
     decay = log_uniform(rng, 0.1, 10.0)
-    # A law without a solution, or near that, asks for the u that it needs to keep its promise, however large.
+    # A law without a solution, or near that, commands the u that it needs to keep its promise, however large.
     scene = scene.with_(target=target)
     law = Lyapunov(scene.structure, target, decay_rate=decay, maximum_force_density=100.0)
     passive = bool(rng.integers(2))

@@ -1,4 +1,4 @@
-"""Laws as hand-written ones go wrong, and laws that are right and ask for the extreme."""
+"""Laws as hand-written ones go wrong, and laws that are right and command the extreme."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ def claim(run: Trajectory) -> Estimate:
 
 
 def attempt(setup: Setup, engine: MuJoCo) -> Attempt:
-    """Run a setup with a loop of `mj_step`, the law asked once a step."""
+    """Run a setup with a loop of `mj_step`, the law evaluated once a step."""
     return caught(lambda: _run(setup, engine))
 
 

@@ -42,7 +42,7 @@ class Pace:
 
 
 def pace(scene: Scene, force_density: float = 0.0) -> Pace:
-    """The rates of a scene; `force_density` [N/m] is the largest that a law will ask of every string."""
+    """The rates of a scene; `force_density` [N/m] is the largest that a law will command of any string."""
     structure = scene.structure
     W = mobility(structure, scene.nodes0)
     pairs = structure.string_nodes

@@ -116,7 +116,7 @@ def is_hidden(attempt: Attempt, error: float, doubt: float) -> bool:
 def has_kinks(run: Trajectory) -> bool:
     """Whether some string pulled at one recorded time and not at another, or something touched at one.
 
-    Tensions tell, not force densities: where a damper would push, a string lets go of what a law asks of it.
+    By tensions, not force densities: where a damper would push, a string lets go of what a law commands.
     """
     taut = run.tensions > 0
     touched = any(run.reports.get("contact", {}).get("touching", ()))

@@ -134,7 +134,7 @@ def requirements(scene: Scene, timing: bool = False) -> Requirements:
 def degrees_of_freedom(structure: Structure) -> int:
     """Number of independent velocities; the spin of a thin rod about its axis, which has no inertia, is none.
 
-    What joints that close loops take away of it is not reckoned with.
+    What joints that close loops take away of it is not subtracted.
     """
     hanging = spanning_forest(structure).parent >= 0
     slides = sum(

@@ -133,7 +133,7 @@ def measure(scene: Scene, rounds: int = ROUNDS) -> StepTiming:
 def _race(models: dict[str, mujoco.MjModel], rounds: int) -> tuple[dict[str, float], int]:
     """Least time of a step of each model [s], in turns; and how many steps were timed at a time.
 
-    Models in which something touches, which is more than was asked of them, are left out.
+    Models in which something touches, which is more than is to be measured, are left out.
     """
     data = {name: mujoco.MjData(model) for name, model in models.items()}
 

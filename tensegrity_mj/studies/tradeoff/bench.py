@@ -61,7 +61,7 @@ class Bench:
 
     @contextlib.contextmanager
     def bar(self, label: str, total: int) -> Iterator[Any]:
-        """A progress bar on stderr; silent unless asked for."""
+        """A progress bar on stderr; shown only where `progress` is set."""
         from tqdm import tqdm
 
         form = "{desc} {percentage:3.0f}% |{bar}| {n_fmt}/{total_fmt} [{elapsed} < {remaining}]"

@@ -80,7 +80,7 @@ class Experiment:
 
 
 def closed_loops(scene: Scene, law: Any, native: NativeLaw, options: TradeoffOptions) -> list[Experiment]:
-    """The closed-loop experiments that are asked for, the continuous one first."""
+    """The closed-loop experiments that are requested, the continuous one first."""
     total = scene.duration if options.duration is None else options.duration
     actuations = []
     for mode in options.actuations:

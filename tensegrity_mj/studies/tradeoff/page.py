@@ -141,7 +141,7 @@ def rows(experiment: Data, timing: Data) -> list[Sequence[object]]:
 
 
 def remark(point: Data) -> str:
-    """What a point's numbers alone do not tell."""
+    """What a point's numbers alone do not show."""
     if point["error"] is None:
         return f"{point['status']}: {_short(point['reason'])}"
     notes = ["at the reference's floor"] if point["at_reference_floor"] else []

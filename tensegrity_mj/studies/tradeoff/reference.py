@@ -74,7 +74,7 @@ def find_reference(experiment: Experiment, budget: float, run: Run | None = None
     period = experiment.actuation.period
     if period is not None and experiment.duration / period > most:
         reason = f"{experiment.duration / period:.0f} samples of the law are beyond the budget of {most:.0f}"
-        return Reference(None, _told(None, None, None, reason, tried))
+        return Reference(None, _facts(None, None, None, reason, tried))
     stages = most * (HELD if period is not None else 1)
     for pair, second in _candidates(experiment, stages):
         found = _two(pair, noted)
@@ -89,9 +89,9 @@ def find_reference(experiment: Experiment, budget: float, run: Run | None = None
                     difference = _largest(made.motion, also.motion)
                     differences["second_formulation"] = {"engine": str(engine), "difference": difference}
                     break
-            return Reference(made.motion, _told(str(tight), made, differences, "", tried))
+            return Reference(made.motion, _facts(str(tight), made, differences, "", tried))
     reasons = dict.fromkeys(one["reason"] for one in tried)
-    return Reference(None, _told(None, None, None, "; ".join(reasons) or "no engine can be a reference", tried))
+    return Reference(None, _facts(None, None, None, "; ".join(reasons) or "no engine can be a reference", tried))
 
 
 def _candidates(experiment: Experiment, most: float) -> Iterator[tuple[list[AnyEngine], Any]]:
@@ -153,7 +153,7 @@ def _touches(run: Trajectory) -> int:
     return sum(count > 0 for count in run.reports["contact"]["touching"])
 
 
-def _told(
+def _facts(
     engine: str | None,
     made: Attempt | None,
     differences: dict[str, Any] | None,

@@ -95,7 +95,7 @@ def _modelling_floor(experiment: Experiment, reference: Reference, continuous: R
         return None
     unknown = {"distance": None, "final_distance": None, "resolved": None}
     if continuous is None and reference.motion is not None:
-        return {**unknown, "reason": "the continuous law was not asked for"}
+        return {**unknown, "reason": "the continuous law was not requested"}
     if continuous is None or reference.motion is None or continuous.motion is None:
         missing = continuous if reference.motion is not None and continuous is not None else reference
         return {**unknown, "reason": str(missing.facts["reason"])}

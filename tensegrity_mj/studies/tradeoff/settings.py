@@ -141,7 +141,7 @@ class SettingsSweep:
         period: between control samples [s]; None where the law is not sampled.
         steps: fixed steps [s] in place of the grid's.
         tolerances: rtol in place of `TOLERANCES`; atol is a hundredth of it.
-        law: whose cost is reckoned with; None: none.
+        law: whose cost is counted; None: none.
         budget: of right-hand sides of a run, weighed by strings; see `most_evaluations`.
         extent: see `Extent`; by default LEAN where the law is sampled.
 

@@ -99,7 +99,7 @@ def tradeoff(
     has_law = law is not None or scene.control is not None
     if not has_law and Loop.OPEN not in chosen.loops:
         raise OptionError(
-            f"scene '{scene.name}' names no control law, and only the closed loop is asked for: give a law"
+            f"scene '{scene.name}' names no control law, and only the closed loop is requested: give a law"
         )
     spec = laws.spec_of(law, scene) if has_law else None
     made = laws.make(spec, scene) if spec is not None else None
@@ -148,9 +148,9 @@ def _measure(scene: Scene, law: Any, options: TradeoffOptions, kept: bench.Bench
     native = None if law is None else native_law(law, scene.structure)
     closed = [] if law is None or native is None else closed_loops(scene, law, native, options)
     wanted = closed if Loop.CLOSED in options.loops else []
-    asked = [*wanted, *([open_loop(scene, options, None)] if Loop.OPEN in options.loops else [])]
-    _check_families(asked, options)
-    _check_steps(asked, options)
+    requested = [*wanted, *([open_loop(scene, options, None)] if Loop.OPEN in options.loops else [])]
+    _check_families(requested, options)
+    _check_steps(requested, options)
     todo: list[tuple[Experiment, Reference]] = []
     with kept.bar(f"{scene.name}: references", len(closed) + (Loop.OPEN in options.loops)) as bar:
         references: dict[str, Reference] = {}

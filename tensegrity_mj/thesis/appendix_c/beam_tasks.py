@@ -1,6 +1,6 @@
 """What is computed of the beams of appendix C and the tower of §7.2.3: tasks of `run_many`, plain values in and out.
 
-A beam is named by its row of Table C.2, with a star where its springs are what the rest of the table asks for: "TB6*".
+A beam is named by its row of Table C.2, with a star where its springs are what the rest of the table needs: "TB6*".
 A point may have a "disturbance", plain as `disturbance_of` takes it.
 Its rods are elastic, as in the thesis' finite elements, but for MuJoCo, whose rods are rigid. Its form is found free;
 then the three nodes of its base are held, and those of its top are moved together: along the beam (x) or across it

@@ -68,7 +68,7 @@ class BeamStudy:
         about: what it is, with the page.
         points: what the task is given, by the name of its values.
         tasks: a function of `beam_tasks` for each engine that computes it.
-        of_mujoco: the points that MuJoCo is asked for; all of them where none are given.
+        of_mujoco: the points that MuJoCo computes; all of them where none are given.
         sources: of the package, by patterns: what else decides what is found, besides engines and statics.
     """
 
