@@ -184,7 +184,7 @@ class Noisy:
         """Plain values for the provenance of a run."""
         return {
             "law": "noisy",
-            "of": _told(self.law),
+            "of": _description(self.law),
             "position_std": self.position_std,
             "velocity_std": self.velocity_std,
             "seed": self.seed,
@@ -260,7 +260,7 @@ class Delayed:
 
     def describe(self) -> dict[str, Any]:
         """Plain values for the provenance of a run."""
-        return {"law": "delayed", "of": _told(self.law), "samples": self.samples, "period": self.period}
+        return {"law": "delayed", "of": _description(self.law), "samples": self.samples, "period": self.period}
 
 
 def _inner(law: Any, structure: Structure, period: float) -> NativeLaw:
@@ -272,6 +272,6 @@ def _inner(law: Any, structure: Structure, period: float) -> NativeLaw:
     return inner
 
 
-def _told(law: Any) -> Any:
+def _description(law: Any) -> Any:
     describe = getattr(law, "describe", None)
     return describe() if callable(describe) else getattr(law, "__name__", type(law).__name__)

@@ -1,4 +1,4 @@
-"""The errors of minimal coordinates and the linear equation that feedback linearization asks of the strings, compiled.
+"""The errors of minimal coordinates and the linear equation of feedback linearization for the strings, compiled.
 
 `feedback_linearization` has the equations and their coordinates q = (z, β) of every rod.
 """
@@ -17,10 +17,10 @@ from tensegrity_mj.dynamics.native.vectors import vector
 from tensegrity_mj.dynamics.target import point_target, rod_target
 from tensegrity_mj.dynamics.wet_rods import wet_rod_accelerations
 
-# Of K_p times a coordinate: what its error cannot be told from zero by. Strings can only pull, so that at a target that
+# Of K_p times a coordinate: a smaller error is no other than zero. Strings can only pull, so that at a target that
 # needs none of them, noise of the wrong sign would have no solution.
 ROUND_OFF = 8 * float(np.finfo(float).eps)
-POLE = 1e-6  # sin φ below which (θ, φ) do not tell where a rod points
+POLE = 1e-6  # sin φ below which (θ, φ) do not define where a rod points
 
 
 @njit

@@ -1,7 +1,7 @@
 """Feedback linearization with optimal allocation: chapter 4 of the thesis, for any class 1 structure.
 
 The coordinates are minimal, q = (z, β) of every rod (§2.3): the point at σ along the directions E that its support
-leaves it, and one angle in a plane or (θ, φ) in space. The law asks for
+leaves it, and one angle in a plane or (θ, φ) in space. The law demands
 
     ë = -K_p e - K_d ė,   e = q - q_d,   K_p = ω_o²,  K_d = 2 ζ ω_o,      (4.6)-(4.8)
 
@@ -21,17 +21,16 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import real_array, state_of
-from tensegrity_mj.controllers.allocation_options import Allocation, Sum
+from tensegrity_mj.controllers.allocation_options import Allocation, Sum, WhenInfeasible
 from tensegrity_mj.controllers.error_equation import Known, error_equation
-from tensegrity_mj.controllers.known import Effect, PackedEffects, described, effects_in, known_scene
+from tensegrity_mj.controllers.known import Effect, KnownWater, PackedEffects, described, known_scene, set_model
 from tensegrity_mj.controllers.optimal_allocation import Allocator, Equation
-from tensegrity_mj.controllers.options import as_it_is, known_water, when_infeasible
+from tensegrity_mj.controllers.options import as_it_is, one_of
 from tensegrity_mj.controllers.table import NamedLaw
 from tensegrity_mj.dynamics.native.law import Command, NativeLaw, Report, check_made_for, native_law
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import PackedTarget
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.model.scene_checks import check_target
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 
@@ -67,17 +66,7 @@ class FeedbackLinearization:
     command = Command.FORCE_DENSITY
 
     def __post_init__(self) -> None:
-        if not isinstance(self.structure, Structure):
-            raise OptionError(f"structure = {self.structure!r}; use a Structure (scene.structure)")
-        if self.target is None:
-            raise OptionError("target = None: feedback linearization needs one; give node positions (N, 3) or a Target")
-        target = self.target if isinstance(self.target, Target) else Target.set_point(self.target)
-        object.__setattr__(self, "target", target)
-        check_target(self.structure, target)
-        gravity = real_array("gravity", self.gravity, (3,), "m/s²", scalar=False)
-        x, y, z = (float(x) for x in gravity)
-        object.__setattr__(self, "gravity", (x, y, z))
-        object.__setattr__(self, "known", effects_in(known_scene(self.structure, (x, y, z), self.known)))
+        set_model(self)
         frequency = real_array("natural_frequency", self.natural_frequency, (len(self.coordinates),), "rad/s")
         damping = real_array("damping", self.damping, (len(self.coordinates),))
         if not np.all((frequency > 0) & (frequency <= LARGEST)):
@@ -262,8 +251,8 @@ LAW = NamedLaw(
         "minimum_force_density": as_it_is,
         "maximum_force_density": as_it_is,
         "linear": as_it_is,
-        "on_infeasible": when_infeasible,
+        "on_infeasible": one_of(WhenInfeasible),
         "respect_limits": as_it_is,
-        "water": known_water,
+        "water": one_of(KnownWater),
     },
 )

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.basics.checks import real_array
 from tensegrity_mj.dynamics.native.elements import native_element
 from tensegrity_mj.dynamics.native.pointers import address_of
 from tensegrity_mj.errors import OptionError
@@ -21,7 +22,9 @@ from tensegrity_mj.model.elements.resistance import Resistance
 from tensegrity_mj.model.elements.water import Water
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.scene_checks import check_target
 from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.target import Target
 
 Effect = Load | Resistance | Water | Element
 
@@ -77,6 +80,24 @@ def effects_in(scene: Scene) -> tuple[Effect, ...]:
     """What acts in a scene, in the form of `known`; loads that are a function are left out."""
     loads = () if callable(scene.loads) else scene.loads
     return (*loads, *(one for one in (scene.resistance, scene.water) if one is not None), *scene.elements)
+
+
+def set_model(law: Any) -> None:
+    """Check what a law believes it controls and where to, and keep its `target`, `gravity` and `known` in one form.
+
+    Raises:
+        OptionError, SceneError: for what cannot be its model.
+    """
+    if not isinstance(law.structure, Structure):
+        raise OptionError(f"structure = {law.structure!r}; use a Structure (scene.structure)")
+    if law.target is None:
+        raise OptionError("target = None: the law needs a target; give node positions (N, 3) or a Target")
+    target = law.target if isinstance(law.target, Target) else Target.set_point(law.target)
+    check_target(law.structure, target)
+    x, y, z = real_array("gravity", law.gravity, (3,), "m/s²", scalar=False).tolist()
+    known = effects_in(known_scene(law.structure, (x, y, z), law.known))
+    for name, value in (("target", target), ("gravity", (x, y, z)), ("known", known)):
+        object.__setattr__(law, name, value)
 
 
 class _Errors(list[Any]):

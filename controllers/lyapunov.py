@@ -1,7 +1,7 @@
 """Lyapunov control of non-minimal realizations: chapter 5 of the thesis, for any number of rods.
 
 V is quadratic in the errors of z and b and their rates, (5.3)-(5.5), summed over the rods (5.19). With
-V̇ = β - fᵀu, the law asks for V̇ = -δ V, that is fᵀu = β + δ V, (5.15), with the u >= ū of smallest norm (Lemma 5.1).
+V̇ = β - fᵀu, the law demands V̇ = -δ V, that is fᵀu = β + δ V, (5.15), with the u >= ū of smallest norm (Lemma 5.1).
 A moving target (path following, §5.2) adds its velocity and acceleration to the errors. `quadratic_terms` has the
 equations, which chapter 6 shares.
 """

@@ -2,7 +2,7 @@
 
     minimise ½ uᵀHu (or fᵀu)   subject to   A u = d,  A_sum u >= u_sum,  u_min <= u <= u_max,      (4.10)-(4.14)
 
-for any law that asks for A u = d. `allocation_options.Allocation` says what is wanted; `Allocator` finds it for one
+for any law that demands A u = d. `allocation_options.Allocation` says what is wanted; `Allocator` finds it for one
 structure.
 """
 
@@ -112,12 +112,12 @@ class Allocator:
     def solve(self, A: Array, d: Array, nodes: Array | None = None) -> Allotment:
         """The force densities for A (n, M) u = d (n,).
 
-        `nodes` (N, 3) [m] tell the strings' lengths, on which the limits of their rest lengths depend.
+        `nodes` (N, 3) [m] give the strings' lengths, on which the limits of their rest lengths depend.
 
         Raises:
             InfeasibleError: with `WhenInfeasible.STOP` where there are none (or none was ever, with HOLD): it names the
                 constraint at fault.
-            OptionError: where A or d have other shapes than `equations` and strings ask for.
+            OptionError: where A or d have other shapes than `equations` and strings need.
             ControllerError: where they are not finite.
         """
         A, d = self._checked(A, d)

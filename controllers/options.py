@@ -5,14 +5,14 @@ A reader is called with the value and with what it is, for messages.
 
 from __future__ import annotations
 
+import enum
 import math
 from collections.abc import Mapping
 from typing import Any
 
-from tensegrity_mj.controllers.allocation_options import WhenInfeasible
+from tensegrity_mj.basics.checks import choice_from
 from tensegrity_mj.controllers.gains import Gains
 from tensegrity_mj.controllers.known import KnownWater
-from tensegrity_mj.controllers.quadratic_terms import Onto
 from tensegrity_mj.controllers.table import Reader
 from tensegrity_mj.errors import OptionError
 
@@ -46,28 +46,13 @@ def gains(value: Any, what: str) -> Gains | dict[str, Gains]:
     return by_rod
 
 
-def onto(value: Any, what: str) -> Any:
-    """What errors are projected onto, by its name."""
-    names = [one.value for one in Onto]
-    if isinstance(value, str) and value not in names:
-        raise OptionError(f"{what} = {value!r}; allowed: {', '.join(names)}")
-    return Onto(value) if isinstance(value, str) else value
+def one_of(kind: type[enum.Enum]) -> Reader:
+    """A reader of a member of an enum, by its value."""
 
+    def read(value: Any, what: str) -> Any:
+        return value if isinstance(value, kind) else choice_from(what, kind, value)
 
-def known_water(value: Any, what: str) -> Any:
-    """What a law knows of the water, by its name."""
-    names = [one.value for one in KnownWater]
-    if not isinstance(value, KnownWater) and value not in names:
-        raise OptionError(f"{what} = {value!r}; allowed: {', '.join(names)}")
-    return KnownWater(value)
-
-
-def when_infeasible(value: Any, what: str) -> Any:
-    """What an allocation does where there is no solution, by its name."""
-    names = [one.value for one in WhenInfeasible]
-    if isinstance(value, str) and value not in names:
-        raise OptionError(f"{what} = {value!r}; allowed: {', '.join(names)}")
-    return WhenInfeasible(value) if isinstance(value, str) else value
+    return read
 
 
 # Of the laws of chapters 5 and 6.
@@ -79,5 +64,5 @@ OF_QUADRATIC_LAWS: Mapping[str, Reader] = {
     "minimum_force_density": as_it_is,
     "maximum_force_density": as_it_is,
     "respect_limits": as_it_is,
-    "water": known_water,
+    "water": one_of(KnownWater),
 }

@@ -18,7 +18,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import positive, real_array, state_of
 from tensegrity_mj.controllers.allocation import feasibility_margin, least_norm, least_squares
 from tensegrity_mj.controllers.gains import Gains, gain_records
-from tensegrity_mj.controllers.known import Effect, PackedEffects, described, effects_in, known_scene
+from tensegrity_mj.controllers.known import Effect, PackedEffects, described, known_scene, set_model
 from tensegrity_mj.controllers.limits import StringLimits, write_ceilings
 from tensegrity_mj.controllers.quadratic_terms import (
     ONTO_CURRENT,
@@ -46,7 +46,6 @@ from tensegrity_mj.dynamics.native.pointers import (
 from tensegrity_mj.dynamics.records import POINT, ROD
 from tensegrity_mj.dynamics.target import read_target
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.model.scene_checks import check_target
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 
@@ -164,14 +163,7 @@ class QuadraticLaw:
     command = Command.FORCE_DENSITY
 
     def __post_init__(self) -> None:
-        structure = self.structure
-        if self.target is None:
-            raise OptionError("target = None: the law needs a target; give node positions (N, 3) or a Target")
-        if not isinstance(structure, Structure):
-            raise OptionError(f"structure = {structure!r}; use a Structure (scene.structure)")
-        target = self.target if isinstance(self.target, Target) else Target.set_point(self.target)
-        check_target(structure, target)
-        object.__setattr__(self, "target", target)
+        set_model(self)
         object.__setattr__(self, "decay_rate", positive("decay_rate", self.decay_rate, "1/s"))
         if isinstance(self.norm, bool) or not np.isscalar(self.norm) or self.norm not in (1, 2, math.inf):
             raise OptionError(f"norm = {self.norm!r}; allowed: 1, 2, math.inf")
@@ -179,15 +171,12 @@ class QuadraticLaw:
             raise OptionError(f"minimum_force_density = {self.minimum_force_density!r}; every value must be >= 0 N/m")
         if not isinstance(self.respect_limits, (bool, np.bool_)):
             raise OptionError(f"respect_limits = {self.respect_limits!r}; allowed: True, False")
-        for string, low, high in zip(structure.strings, self.floor, self.limits.max_force_density, strict=True):
+        for string, low, high in zip(self.structure.strings, self.floor, self.limits.max_force_density, strict=True):
             if high < low:
                 raise OptionError(
                     f"string '{string.name}': the law's minimum_force_density {low:g} N/m is above the largest force "
                     f"density {high:g} N/m that it may have; lower the one or raise the other"
                 )
-        x, y, z = (float(v) for v in real_array("gravity", self.gravity, (3,), "m/s²", scalar=False))
-        object.__setattr__(self, "gravity", (x, y, z))
-        object.__setattr__(self, "known", effects_in(known_scene(structure, self.gravity, self.known)))
         _ = self.gains
 
     @property

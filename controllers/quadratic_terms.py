@@ -6,7 +6,7 @@ With e_z = z - z_d, e_b = b - b_d and their rates, V sums over the rods (5.19)
 
 where p = e_b in chapter 5, (5.4)-(5.5), and p = P(b) e_b or P(b_d) e_b in chapter 6, (6.3) and (6.20). Since ṗ depends
 on positions and velocities only, V̇ = γ + cᵀ(q̈ - q̈_d) with γ = ṗᵀ(X p + Y ė_b) + e_bᵀ K ė_b and c = Yᵀ p + Z ė_b, and
-likewise for z with p = e_z. That makes V̇ = β - fᵀu. The law asks for fᵀu = β + δ V, (5.15), with the smallest u
+likewise for z with p = e_z. That makes V̇ = β - fᵀu. The law demands fᵀu = β + δ V, (5.15), with the smallest u
 between thresholds and ceilings (Lemma 5.1). Targets may move: their velocities and accelerations are in ė and q̈_d.
 
 Known forces belong to g of (5.10): weight, and what else the law knows of; what water adds to the mass is in M.

@@ -36,10 +36,10 @@ def checked(path: str | os.PathLike[str], suffixes: Sequence[str], what: str) ->
             raise OptionError(f"{what} {path}: there is no folder {folder}; create it first")
         if target.exists() and not target.is_file():
             raise OptionError(f"{what} {path}: something that is no regular file is there; choose another name")
-        # Files are replaced as a whole, which asks for no right to write the old one; what was made read-only stays.
+        # Files are replaced as a whole, which needs no right to write the old one; what was made read-only stays.
         if target.exists() and not os.access(target, os.W_OK):
             raise OptionError(f"{what} {path}: the file there is read-only; choose another name or make it writable")
-        # Only trying tells: rights say nothing of file systems that take no new files.
+        # Only trying shows it: rights say nothing of file systems that take no new files.
         with tempfile.TemporaryFile(dir=folder):
             pass
     except OptionError:

@@ -10,7 +10,7 @@ MOST = 4  # values an owner: those made last
 
 
 class Remembered:
-    """Values by owner and key. Owners are told apart by identity: they need no hash, but must not change."""
+    """Values by owner and key. Owners are distinguished by identity: they need no hash, but must not change."""
 
     def __init__(self) -> None:
         self._entries: dict[int, tuple[weakref.ref[Any], dict[Hashable, Any]]] = {}

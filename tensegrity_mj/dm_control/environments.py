@@ -47,7 +47,7 @@ class SceneEnvironment:
             where a string's `max_force_density` or `min_rest_length` leaves less.
         reward: of a control step, from its end. By default minus the mean distance [m] of the moving nodes from their
             targets.
-        termination: discount in [0, 1] where the episode is to end, else None; asked after each control step.
+        termination: discount in [0, 1] where the episode is to end, else None; called after each control step.
         start: random starts; every episode begins at the scene's start by default.
 
     Raises:

@@ -31,7 +31,7 @@ def point_velocities(model: Any, data: Any, bodies: Any, points: Array) -> Array
 class StringActuators:
     """The strings' actuators of one command: what their controls mean, and what keeps them true to the string law.
 
-    Arguments named ctrl, lengths and rates are (M,), of one state; `time` [s] tells which strings have broken by then.
+    Arguments named ctrl, lengths and rates are (M,), of one state; strings that break until `time` [s] are broken.
     """
 
     def __init__(self, scene: Scene, command: Command, timestep: float) -> None:

@@ -116,7 +116,7 @@ class TensegrityTask(control.Task):  # type: ignore[misc]
         if self.reward is None:
             gaps = np.linalg.norm(physics.nodes() - self.target(physics), axis=1)
             return -float(np.mean(gaps[self._moving]))
-        value = self._ask(self.reward, physics)
+        value = self._value_of(self.reward, physics)
         try:
             number = float(value)
         except (TypeError, ValueError):
@@ -133,7 +133,7 @@ class TensegrityTask(control.Task):  # type: ignore[misc]
         Raises:
             OptionError: where it is neither None nor a number in [0, 1].
         """
-        value = None if self.termination is None else self._ask(self.termination, physics)
+        value = None if self.termination is None else self._value_of(self.termination, physics)
         if value is None:
             return None
         try:
@@ -147,5 +147,5 @@ class TensegrityTask(control.Task):  # type: ignore[misc]
             )
         return discount
 
-    def _ask(self, function: Any, physics: ScenePhysics) -> Any:
+    def _value_of(self, function: Any, physics: ScenePhysics) -> Any:
         return function(self.scene, physics.nodes(), physics.velocities(), physics.force_densities())

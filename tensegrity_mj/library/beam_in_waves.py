@@ -7,7 +7,7 @@
 The beam is form-found without gravity and water and lies along x, its base at x = 0; waves travel along +y. The thesis
 does not say how it is held. Appendix C.1 holds a beam for its lateral stiffness so that it is one half of a beam that
 is clamped at both ends: the base does not move, the top keeps its place along the beam and does not turn. That is the
-default here. Neither does it tell of weight: a steel tube of Table C.1 weighs three times the water that it displaces,
+default here. Neither does it give the weight: a steel tube of Table C.1 weighs three times the water that it displaces,
 and the beam is so soft that it would hang 8 m down, below the waves that it is to be tried in. So the default carries
 the weight in water by constant forces on the nodes, and the beam is straight at rest.
 """

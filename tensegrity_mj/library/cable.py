@@ -103,7 +103,7 @@ def suggest_elements(frequency: float, length: float, ratio: float = 2.0, gravit
         gravity: [m/s²].
 
     Raises:
-        OptionError: for numbers that are not > 0, or ask for more than a million elements.
+        OptionError: for numbers that are not > 0, or that need more than a million elements.
     """
     least = positive("ratio", ratio) * positive("frequency", frequency, "Hz")
     positive("length", length, "m")

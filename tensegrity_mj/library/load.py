@@ -20,7 +20,7 @@ def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
     Raises:
         FormatError: if there is no such scene, file or family, or it is not of this format.
         StructureError, SceneError: if what it describes is not valid.
-        OptionError, InfeasibleError: if a family cannot build what it is asked for.
+        OptionError, InfeasibleError: if a family cannot build what is wanted of it.
     """
     called = _called(name_or_path)
     if called is not None:

@@ -1,4 +1,4 @@
-"""Families by name: the scene that a text such as "tower(stages=10, stiffness=2e4)" asks for.
+"""Families by name: the scene of a text such as "tower(stages=10, stiffness=2e4)".
 
 The text is one call of a family with literals for arguments: numbers, texts in quotes, True, False, None, and tuples or
 lists of them; options that are enums in Python are given by the text of their value. Nothing of it is executed.

@@ -50,7 +50,7 @@ TABLE_C2 = {
 # About what the printed 1200 kN/m must have been. With rigid rods the energy is k times a function of the shape and of
 # t₀/k, so the shape depends on t₀/k alone, and at equal t₀/k all forces go with k. TB6 as printed has the t₀/k of TB1
 # and 1.5 times its stiffness: the same shape, and 1.5 times its forces, 13.6 MPa. So forces are t₀ times a function of
-# t₀/k, which increases here: at equal stress more tension asks for stiffer strings. The very stress of TB1 (9.04 MPa)
+# t₀/k, which increases here: at equal stress more tension needs stiffer strings. The very stress of TB1 (9.04 MPa)
 # takes 1160 kN/m in TB5, 1522 in TB6 and 1957 in TB7; with these rounded values it is 7.96 and 8.46 MPa.
 CORRECTED_STIFFNESS = {"TB6": 1600e3, "TB7": 2000e3}
 

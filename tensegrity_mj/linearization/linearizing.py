@@ -65,7 +65,7 @@ __all__ = ["Chart", "LinearizableEngine", "Linearization", "linearize"]
 
 
 class LinearizableEngine(Protocol):
-    """An engine that tells the accelerations of the nodes."""
+    """An engine that gives the accelerations of the nodes."""
 
     def accelerations(self, request: Request) -> Accelerations:
         """See `engines.run.Accelerations`."""

@@ -39,7 +39,7 @@ class Linearization:
         residual: (2n + S,) ẋ at the state: zero at an equilibrium.
         gain: (M, 2n + S) derivative of the law's rest lengths (force densities), or None without a law.
         coordinates: (n,) a name for each δ, such as "rod r1: z1" or "rod r1: b2".
-        warnings: what the numbers do not tell, such as strings at the edge of slackness.
+        warnings: what the numbers do not show, such as strings at the edge of slackness.
         states: (S,) a name for each number of the elements' states, such as "elements[0] Maxwell: s1".
     """
 

@@ -121,7 +121,7 @@ class Support:
 class Rod:
     """A rigid thin rod of uniform mass between two nodes (thesis, Assumption 2.3).
 
-    Engines simulate every rod as rigid. Its section is for what is asked of it in statics: how far it gives under
+    Engines simulate every rod as rigid. Its section is for statics: how far it gives under
     its force, and whether it yields or buckles.
 
     Attributes:

@@ -262,15 +262,15 @@ def _check_derivatives(scene: Scene, what: str, motion: Motion) -> None:
     slopes = np.array([motion.at(float(t) + DIFFERENCE) - motion.at(float(t) - DIFFERENCE) for t in times])
     slopes /= 2 * DIFFERENCE
     for order, name in ((1, "velocity"), (2, "acceleration")):
-        told, found = here[:, order], slopes[:, order - 1]
+        given, found = here[:, order], slopes[:, order - 1]
         # Round-off of a displacement of d over DIFFERENCE, and of the times themselves.
         floor = 1e-9 * float(np.abs(here[:, order - 1]).max()) + 1e-300
-        scale = max(float(np.abs(told).max()), float(np.abs(found).max()))
-        wrong = np.abs(told - found).max(axis=1) > AGREEMENT * scale + floor
+        scale = max(float(np.abs(given).max()), float(np.abs(found).max()))
+        wrong = np.abs(given - found).max(axis=1) > AGREEMENT * scale + floor
         if np.sum(wrong) > len(times) // 2:  # a kink or two are the function's right
             k = int(np.argmax(wrong))
             raise SceneError(
-                f"{what}: at t = {times[k]:.6g} s its function gives the {name} {told[k].tolist()}, where its values "
+                f"{what}: at t = {times[k]:.6g} s its function gives the {name} {given[k].tolist()}, where its values "
                 f"beside it give {found[k].tolist()}: it must return displacement, velocity and acceleration"
             )
 

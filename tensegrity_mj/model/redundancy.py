@@ -2,11 +2,11 @@
 
 In node coordinates the constraints on velocities are rows: e·(v_j - v_i) = 0 of each rod of direction e, and those of
 supports and planes. A state of self-stress s is a combination of rows that is zero. The forces of the rods in it are
-not unique: any multiple of it may be added, and no acceleration tells.
+not unique: any multiple of it may be added, and accelerations do not depend on it.
 
 Differentiated, the rows give Σ s ‖v_j - v_i‖²/ℓ = 0 over the rods, for every s, of any motion that can go on. Where a
 velocity satisfies all rows but not this, it is one that the lengths stop at once: rods in a line between two supports,
-or a loop at its change point. Which way such a start moves, and with which forces, accelerations cannot tell.
+or a loop at its change point. Which way such a start moves, and with which forces, accelerations do not show.
 """
 
 from __future__ import annotations

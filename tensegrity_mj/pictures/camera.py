@@ -84,7 +84,7 @@ def fit(camera: Camera, points: Array, margin: Array | float, aspect: float, *, 
 
 
 def direction(points: Array, corners: Array, azimuth: float | None, elevation: float | None) -> Camera:
-    """The direction to look in: as asked for; else square on planar motion, and on all other obliquely from above.
+    """The direction to look in: as given; else square on planar motion, and on all other obliquely from above.
 
     Args:
         points: (P, 3) everything that will be seen [m].

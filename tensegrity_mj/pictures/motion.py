@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,11 +89,8 @@ class Motion:
             note = f"{source.status.value} at t = {source.time[count - 1]:.4g} s"
         elif count < len(source.time):
             note = f"not finite after t = {source.time[count - 1]:.4g} s"
-        return cls(
-            structure=source.scene.structure,
-            target=source.scene.target,
-            down=_down(source.scene),
-            title=source.scene.name,
+        return cls._in(
+            source.scene,
             label=source.engine,
             note=note,
             diverged=source.status is Status.DIVERGED or count < len(source.time),
@@ -101,9 +100,6 @@ class Motion:
             tensions=np.nan_to_num(source.tensions[:count], posinf=0.0, neginf=0.0),
             # A rest length that is not known is drawn as taut.
             rest_lengths=np.nan_to_num(source.rest_lengths[:count], posinf=0.0, neginf=0.0),
-            break_times=_break_times(source.scene),
-            floor=_floor(source.scene),
-            sea=_sea(source.scene),
         )
 
     @classmethod
@@ -114,22 +110,25 @@ class Motion:
         lengths = structure.string_lengths(nodes)
         rates = structure.string_rates(nodes, scene.velocities0)
         pull = strings.tension(structure.stiffness, structure.damping, lengths, rates, rest, structure.string_law)
+        samples = {"nodes": nodes, "velocities": scene.velocities0, "tensions": pull, "rest_lengths": rest}
+        at_once = {name: values[None] for name, values in samples.items()}
+        return cls._in(scene, label="", note="", diverged=False, time=np.zeros(1), **at_once)
+
+    @classmethod
+    def _in(cls, scene: Scene, **samples: Any) -> Motion:
+        """With what a scene adds to the samples."""
+        from tensegrity_mj.dynamics.native.plant import break_times  # compiled, and slow to load
+
+        contact = scene.contact
         return cls(
-            structure=structure,
+            structure=scene.structure,
             target=scene.target,
             down=_down(scene),
             title=scene.name,
-            label="",
-            note="",
-            diverged=False,
-            time=np.zeros(1),
-            nodes=nodes[None],
-            velocities=scene.velocities0[None],
-            tensions=pull[None],
-            rest_lengths=rest[None],
-            break_times=_break_times(scene),
-            floor=_floor(scene),
-            sea=_sea(scene),
+            break_times=break_times(scene),
+            floor=None if contact is None or contact.floor is None else (contact.floor * contact.up, contact.up),
+            sea=None if scene.water is None else sea_of(scene),
+            **samples,
         )
 
     @property
@@ -150,40 +149,28 @@ class Motion:
         moments = np.clip(np.asarray(times, float), self.start, self.end)
         if len(self.time) == 1:
             return np.broadcast_to(self.nodes[0], (*moments.shape, *self.nodes.shape[1:])).copy()
-        i, step, s = self._intervals(moments)
-        s, step = s[..., None, None], step[..., None, None]
-        before = (1.0 + 2.0 * s) * (1.0 - s) ** 2 * self.nodes[i] + s * (1.0 - s) ** 2 * step * self.velocities[i]
-        after = s**2 * (3.0 - 2.0 * s) * self.nodes[i + 1] + s**2 * (s - 1.0) * step * self.velocities[i + 1]
-        return before + after
+        return np.asarray(self._cubics(moments))
 
     def pose(self, time: float) -> Pose:
         """The instant at `time` [s]; tensions and rest lengths are interpolated linearly."""
         nodes = self.positions(np.array(time))
         if len(self.time) == 1:
             return Pose(nodes, self.tensions[0], self.rest_lengths[0], self.break_times <= self.start)
-        i, _, s = self._intervals(np.clip(np.array(time, float), self.start, self.end))
-        return Pose(
-            nodes,
-            (1.0 - s) * self.tensions[i] + s * self.tensions[i + 1],
-            (1.0 - s) * self.rest_lengths[i] + s * self.rest_lengths[i + 1],
-            self.break_times <= time,
-        )
+        moment = min(max(time, self.start), self.end)
+        i = min(int(np.searchsorted(self.time, moment, side="right")), len(self.time) - 1) - 1
+        s = (moment - self.time[i]) / (self.time[i + 1] - self.time[i])
+        tensions, rest_lengths = ((1.0 - s) * one[i] + s * one[i + 1] for one in (self.tensions, self.rest_lengths))
+        return Pose(nodes, tensions, rest_lengths, self.break_times <= time)
 
     def target_positions(self, times: Array) -> Array | None:
         """Node positions (T, N, 3) [m] of the target at times (T,); None without a target."""
         return target_positions(self.structure, self.target, times)
 
-    def _intervals(self, moments: Array) -> tuple[NDArray[np.int64], Array, Array]:
-        """Index of the sample before each moment, the interval's length, and where in it (0 to 1) the moment lies."""
-        i = np.clip(np.searchsorted(self.time, moments, side="right") - 1, 0, len(self.time) - 2)
-        step = self.time[i + 1] - self.time[i]
-        return i, step, (moments - self.time[i]) / step
+    @cached_property
+    def _cubics(self) -> Any:
+        from scipy.interpolate import CubicHermiteSpline  # slow to load
 
-
-def _break_times(scene: Scene) -> Array:
-    from tensegrity_mj.dynamics.native.plant import break_times  # compiled, and slow to load
-
-    return break_times(scene)
+        return CubicHermiteSpline(self.time, self.nodes, self.velocities)
 
 
 def _finite_samples(run: Trajectory) -> int:
@@ -191,15 +178,6 @@ def _finite_samples(run: Trajectory) -> int:
     good = np.isfinite(run.time) & np.all(np.isfinite(run.nodes), axis=(1, 2))
     good[1:] &= ~(np.diff(run.time) <= 0.0)
     return len(good) if good.all() else int(np.argmin(good))
-
-
-def _floor(scene: Scene) -> tuple[Array, Array] | None:
-    contact = scene.contact
-    return None if contact is None or contact.floor is None else (contact.floor * contact.up, contact.up)
-
-
-def _sea(scene: Scene) -> Sea | None:
-    return None if scene.water is None else sea_of(scene)
 
 
 def _down(scene: Scene) -> Array:

@@ -174,7 +174,7 @@ def _loadable(name: str, *files: str) -> ctypes.CDLL | None:
     for candidate in files:
         with contextlib.suppress(OSError):
             return ctypes.CDLL(candidate)
-    found = ctypes.util.find_library(name)  # slow: it asks the compiler and the linker
+    found = ctypes.util.find_library(name)  # slow: it runs the compiler and the linker
     if found:
         with contextlib.suppress(OSError):
             return ctypes.CDLL(found)

@@ -171,7 +171,7 @@ class Stage:
         )
 
     def _clock_text(self, time: float) -> str:
-        # As many decimals as tell two frames of a film apart at 30 a second.
+        # As many decimals as distinguish two frames of a film apart at 30 a second.
         span = self.end - self.start
         digits = 2 if span <= 0.0 else min(6, max(2, math.ceil(-math.log10(span / 30.0)) + 1))
         return f"t = {time:.{digits}f} s"

@@ -27,7 +27,7 @@ BOTTOM = 0.3  # of the extent: a bottom that lies at most so much deeper than th
 PIECES = 20  # of the shortest wave: chords are then within 1.3 % of its amplitude
 MOST_POINTS = 6000  # of the surface; waves too short for that many are coarse
 FLATTEST = 0.3  # lines lie on the water, and are widened no more where it is seen from lower
-MINOR = 0.05  # of the largest amplitude: components below do not ask for finer pieces
+MINOR = 0.05  # of the largest amplitude: components below do not need finer pieces
 
 
 @dataclass(frozen=True, eq=False)

@@ -242,7 +242,7 @@ def _by_distance(approach: Approach) -> float:
 
 
 def _pieces(count: int, progress: bool) -> Iterator[tuple[int, int]]:
-    """(first, last) of pieces of the pairs, under a bar if asked for."""
+    """(first, last) of pieces of the pairs, under a bar if there is one."""
     from tqdm import tqdm
 
     with tqdm(total=count, desc="clearance", unit="pair", disable=None if progress else True) as bar:

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Any, Self, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.runs.convergence import common_times
 from tensegrity_mj.runs.trajectory import Trajectory
 
 
@@ -123,7 +123,7 @@ def compare(first: Trajectory, second: Trajectory, tolerance: float = 1e-6) -> C
                 f"the runs of '{first.scene.name}' and '{second.scene.name}' have different {member}: "
                 "only runs of the same structure can be compared"
             )
-    rows, columns = _common(first.time, second.time)
+    rows, columns = common_times(first.time, second.time)
     if len(rows) < 2:
         raise OptionError(
             f"the runs share {len(rows)} output times: give both the same output_interval "
@@ -154,16 +154,6 @@ def compare(first: Trajectory, second: Trajectory, tolerance: float = 1e-6) -> C
         first=first.engine,
         second=second.engine,
     )
-
-
-def _common(first: Array, second: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Indices of the times that both have, to within round-off of the longer run."""
-    if not (len(first) and len(second)):
-        return np.empty(0, np.intp), np.empty(0, np.intp)
-    close = 1e-9 * max(1.0, float(first[-1]), float(second[-1]))
-    nearest = np.clip(np.searchsorted(second, first - close), 0, len(second) - 1)
-    rows = np.flatnonzero(np.abs(second[nearest] - first) <= close)
-    return rows, nearest[rows]
 
 
 def _spacing(run: Trajectory) -> str:

@@ -68,6 +68,8 @@ def node_difference(a: Trajectory, b: Trajectory) -> float:
 
 def common_times(a: Array, b: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Indices into two rising series of times (T,) [s] where they agree within `SAME_TIME`."""
+    if not (len(a) and len(b)):
+        return np.empty(0, np.intp), np.empty(0, np.intp)
     tolerance = SAME_TIME * max(a[-1], b[-1])
     nearest = np.clip(np.searchsorted(b, a - tolerance), 0, len(b) - 1)
     first = np.flatnonzero(np.abs(b[nearest] - a) <= tolerance)

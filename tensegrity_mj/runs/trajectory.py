@@ -151,7 +151,7 @@ class Trajectory:
 
     @property
     def error_estimate(self) -> float:
-        """Largest node error over the run [m] of an engine with `accuracy`; NaN where none was asked for.
+        """Largest node error over the run [m] of an engine with `accuracy`; NaN where none was wanted.
 
         `reports["accuracy"]["settled"]` states whether it can be relied on.
         """

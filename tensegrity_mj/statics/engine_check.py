@@ -30,7 +30,7 @@ class EngineCheck:
         frequencies: [Hz] the engine's, of the modes that statics has; NaN where one grows.
         frequency_error: the largest relative difference of ω² from statics', or NaN where there is none to compare.
         evaluations: calls of the engine.
-        warnings: what the engine's linear model does not tell, such as strings at the edge of slackness.
+        warnings: what the engine's linear model does not show, such as strings at the edge of slackness.
     """
 
     engine: str

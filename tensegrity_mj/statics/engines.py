@@ -57,7 +57,7 @@ class EngineEquilibrium:
     """Where an engine is at rest; N nodes.
 
     Attributes:
-        scene: what was asked for, starting there at rest.
+        scene: the one in question, starting there at rest.
         engine: one line.
         nodes: (N, 3) [m].
         accelerations: (N, 3) [m/s²] what is left of them.

@@ -285,7 +285,7 @@ class Search:
             ],
             axis=1,
         )
-        for presolve in (True, False):  # which at times cannot tell what kind of failure it sees
+        for presolve in (True, False):  # which at times does not recognize the kind of failure
             result = linprog(
                 cost,
                 A_ub=upper,

@@ -95,7 +95,7 @@ minimal_mass = function_of(MinimalMass)
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """What is asked, in SI units, and how it becomes a `Problem` of numbers of the order of one."""
+    """The task, in SI units, and how it becomes a `Problem` of numbers of the order of one."""
 
     structure: Structure
     materials: tuple[tuple[Material, ...], tuple[Material, ...]]

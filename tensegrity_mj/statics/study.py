@@ -71,10 +71,10 @@ class StaticStudy:
         start: what neither rods nor supports can balance at the scene's start, without further loads.
         state: the equilibrium under further loads and holds, on a path its last point; None where there is none.
         failure: why there is none.
-        other: by dynamic relaxation, where both searches were asked for.
+        other: by dynamic relaxation, where both searches were wanted.
         modes, prestressability, members: about the state.
-        response: along the path, where one was asked for.
-        engine: the same by an engine, where one was asked for.
+        response: along the path, where one was wanted.
+        engine: the same by an engine, where one was given.
         sizing: the lightest members at the scene's start, where materials were given.
         run: members over a run, where one was given.
         notes: what of the scene statics leaves out, and other things to know.
@@ -104,7 +104,7 @@ class StaticStudy:
 
     @property
     def difference(self) -> float:
-        """[m]: the largest difference of a member's length between the two searches; NaN unless both were asked for."""
+        """[m]: the largest difference of a member's length between the two searches; NaN unless both were made."""
         if self.state is None or self.other is None:
             return float("nan")
         pairs = ((self.state.lengths, self.other.lengths), (self.state.rod_lengths, self.other.rod_lengths))
@@ -257,7 +257,7 @@ class Analysis:
         )
 
     def _equilibria(self, model: StaticModel) -> tuple[list[StaticState], Response | None]:
-        """The equilibria that were found, by Newton's method first; and the way to them, if one is asked for."""
+        """The equilibria that were found, by Newton's method first; and the way to them, if one is wanted."""
         if self.path:
             response = Response.of(follow(model, points=self.points, progress=self.progress))
             return [response.path.states[-1]], response

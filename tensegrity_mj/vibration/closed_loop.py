@@ -21,14 +21,14 @@ LAW_STEP = 1e-5  # of the structure's size: a central difference's error is its 
 _WAYS = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])  # ahead and behind, of nodes and of velocities
 
 
-class AskedLaw:
+class LawAtStates:
     """A law's commands as a function of the state, and their derivative."""
 
     def __init__(self, scene: Scene, native: NativeLaw) -> None:
-        from tensegrity_mj.dynamics.native.asking import ask_at_states  # compiled functions: only where a law is asked
+        from tensegrity_mj.dynamics.native.asking import ask_at_states  # compiled functions: only where there is a law
         from tensegrity_mj.dynamics.native.plant import Plant
 
-        self.native, self._ask = native, ask_at_states
+        self.native, self._commands = native, ask_at_states
         self._plant = Plant(scene, native, Actuation.continuous(), OnInfeasible.STOP)
 
     def __call__(self, time: float, states: Array) -> Array:
@@ -39,7 +39,7 @@ class AskedLaw:
         """
         states, plant = np.ascontiguousarray(states), self._plant
         commands = np.empty((len(states), len(plant.scene.structure.strings)))
-        status = int(self._ask(plant.address, time, len(states), address_of(states), address_of(commands)))
+        status = int(self._commands(plant.address, time, len(states), address_of(states), address_of(commands)))
         plant.raise_if_failed(status, time)
         if status == NO_SOLUTION:
             raise InfeasibleError(plant.infeasible_message(time))
@@ -83,7 +83,7 @@ class Loop:
 
     scene: Scene
     bodies: Bodies
-    law: AskedLaw | None
+    law: LawAtStates | None
     mode: Mode
 
     @property

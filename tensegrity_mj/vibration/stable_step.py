@@ -4,7 +4,7 @@
     found.limit, found.string, found.rod        # [s], and who is to blame
 
 `small_motions` holds the model, `integrators` what each integrator makes of it. A linear model is of the state that
-it is about: give a run, and the smallest limit of its configurations is found. What it cannot tell is in `notes`.
+it is about: give a run, and the smallest limit of its configurations is found. What it does not cover is in `notes`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.scene_checks import check_configuration
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.vibration.bodies import SLOTS, Bodies
-from tensegrity_mj.vibration.closed_loop import AskedLaw, Loop
+from tensegrity_mj.vibration.closed_loop import LawAtStates, Loop
 from tensegrity_mj.vibration.integrators import largest_frequency, limit_of
 from tensegrity_mj.vibration.notes import notes_on
 from tensegrity_mj.vibration.small_motions import Vibration
@@ -55,7 +55,7 @@ class StableStep:
         string: the string with most of the energy that holds or damps it, "" for none.
         string_share: its part.
         closed_loop: whether the law's derivative is in it.
-        notes: what the number does not tell.
+        notes: what the number does not cover.
     """
 
     limit: float
@@ -129,8 +129,8 @@ class StepSearch:
         mode = (self.actuation or Actuation.continuous()).mode
         law = self.law
         native = law if isinstance(law, NativeLaw) or law is None else native_law(law, scene.structure)
-        asked = None if native is None or not native.address else AskedLaw(scene, native)
-        loop = Loop(scene, Bodies.of(scene.structure), asked, mode)
+        at_states = None if native is None or not native.address else LawAtStates(scene, native)
+        loop = Loop(scene, Bodies.of(scene.structure), at_states, mode)
         if run is not None:
             with solvable(scene):
                 return _along(run, loop, stepping)

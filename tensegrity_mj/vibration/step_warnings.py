@@ -18,7 +18,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.vibration.bodies import SLOTS, Bodies
 from tensegrity_mj.vibration.bounds import bounds_at
-from tensegrity_mj.vibration.closed_loop import AskedLaw, Loop
+from tensegrity_mj.vibration.closed_loop import LawAtStates, Loop
 from tensegrity_mj.vibration.contact_steps import check_contact
 from tensegrity_mj.vibration.integrators import is_stable
 from tensegrity_mj.vibration.stable_step import StableStep, solvable, stable_step, step_of
@@ -33,7 +33,7 @@ def before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuation) 
 
     A bound that costs next to nothing comes first, and the model only where the step is beyond it. It never calls a
     law of Python's, or one that is not a function of the state alone. None where there is nothing to check. What
-    contact asks of a step is looked at apart: `contact_steps`.
+    contact needs of a step is looked at apart: `contact_steps`.
 
     It is looked at once for a scene, an engine and a law, as long as the scene lives, where all are known to stay what
     they are.
@@ -144,14 +144,14 @@ def _checked(
     small = SLOTS * len(bodies.mass) <= LAW_COORDINATES
     if by_density and not small:
         return {"step": step, "checked": False, "reason": "the loop through the law is too large to look at"}, ""
-    # Which dampers an implicit integrator knows between rods that share nodes, only the model tells.
+    # Which dampers an implicit integrator knows between rods that share nodes, is known of the model alone.
     known = scheme is not Scheme.VELOCITY_IMPLICIT or structure.class_number <= 1 or not structure.damping.any()
     if not by_density and known:
         bounds = bounds_at(scene, bodies, scene.nodes0, scene.velocities0, structure.rest_lengths)
         bound = bounds.stable_step(scheme)
         if step <= bound:
             return {"step": step, "checked": True, "exceeded": False, "at_least": bound}, ""
-    loop = Loop(scene, bodies, AskedLaw(scene, law) if pure else None, actuation.mode)
+    loop = Loop(scene, bodies, LawAtStates(scene, law) if pure else None, actuation.mode)
     model = loop.at(scene.nodes0, scene.velocities0, None, 0.0)
     if not is_stable(model, scheme, step, stepping.constraints):
         found = step_of(model, stepping, 0.0)
