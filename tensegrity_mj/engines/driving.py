@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -114,6 +114,20 @@ class Progress:
     def __exit__(self, *_: object) -> None:
         if self._bar is not None:
             self._bar.close()
+
+
+def drive(grid: Grid, request: Request, label: str, advance: Callable[[int, int], int]) -> bool:
+    """Take the steps of a grid in pieces, with progress, and Ctrl-C heard between them; whether all were taken.
+
+    `advance(first, count)` takes `count` steps from number `first`, and returns the step that it has come to.
+    """
+    with Progress(request, label) as progress:
+        for first, count in chunks(grid.count):
+            reached = advance(first, count)
+            progress.reached(reached * grid.step)
+            if reached < first + count:
+                return False
+    return True
 
 
 def chunks(count: int) -> Iterator[tuple[int, int]]:

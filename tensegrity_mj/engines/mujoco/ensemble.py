@@ -16,7 +16,7 @@ from mujoco.batch import Batch, SimulationError
 from numpy.typing import NDArray
 
 from tensegrity_mj.dynamics.native.plant import Plant
-from tensegrity_mj.engines.driving import Progress, Stopwatch, chunks
+from tensegrity_mj.engines.driving import Stopwatch, drive
 from tensegrity_mj.engines.mujoco import many
 from tensegrity_mj.engines.mujoco.callback import settle_constraints
 from tensegrity_mj.engines.mujoco.install import finish, installed
@@ -91,15 +91,15 @@ class MuJoCoEnsemble:
         request, grid = self.members[0].request, self.members[0].grid
         label = f"MuJoCo {self.options.integrator.value}, {len(self.members)} runs"
         running = np.ones(len(self.members), bool)
-        with Progress(request, label) as progress, installed(self.guide, many.many_runs):
+
+        def advance(first: int, count: int) -> int:
+            self._advance(running, lambda ids: self.batch.step(ids, nstep=count))
+            self._judge(running, first + count)
+            return first + count if running.any() else first
+
+        with installed(self.guide, many.many_runs):
             clock = Stopwatch(*(member.request for member in self.members))
-            for first, count in chunks(grid.count):
-                self._advance(running, lambda ids, count=count: self.batch.step(ids, nstep=count))
-                self._judge(running, first + count)
-                if not running.any():
-                    break
-                progress.reached((first + count) * self.options.timestep)
-            else:
+            if drive(grid, request, label, advance):
                 self._advance(running, self.batch.forward)  # the last row
             self.seconds = clock.seconds
 

@@ -14,7 +14,7 @@ from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.pointers import address_of
 from tensegrity_mj.dynamics.native.resolution import DISCRETE, SEMI_IMPLICIT, STAGES
-from tensegrity_mj.engines.driving import Grid, Progress, Stopwatch, chunks
+from tensegrity_mj.engines.driving import Grid, Stopwatch, drive
 from tensegrity_mj.engines.mujoco.contact import Contacts
 from tensegrity_mj.engines.mujoco.install import finish, installed
 from tensegrity_mj.engines.mujoco.joints import JointForces
@@ -137,19 +137,18 @@ class MuJoCoRun:
             plant.set(floating=self.added_mass.address, mass_room=address_of(self.added_mass.room))
 
     def run(self) -> Trajectory:
-        grid, options = self.grid, self.options
         counters = self.counters
-        label = f"MuJoCo {options.integrator.value}"
-        with Progress(self.request, label) as progress, installed(self.plant) as texts:
+        with installed(self.plant) as texts:
             self._warm_up()
             clock = Stopwatch(self.request)
-            for first, count in chunks(grid.count):
+
+            def advance(first: int, count: int) -> int:
                 self._advance(first, count)
-                progress.reached(min(first + count, int(counters[STEP])) * options.timestep)
-                if counters[ENDED] != RUNNING:
-                    break
-                self._check(first + count, clock.seconds)
-            else:
+                if counters[ENDED] == RUNNING:
+                    self._check(first + count, clock.seconds)
+                return int(counters[STEP])
+
+            if drive(self.grid, self.request, f"MuJoCo {self.options.integrator.value}", advance):
                 mujoco.mj_forward(self.model, self.data)  # the last row
             seconds = clock.seconds
             if counters[ENDED] != RUNNING:

@@ -13,7 +13,7 @@ from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.resolution import STAGES
 from tensegrity_mj.dynamics.native.slack import search_of
-from tensegrity_mj.engines.driving import Grid, Progress, Stopwatch, chunks
+from tensegrity_mj.engines.driving import Grid, Stopwatch, drive
 from tensegrity_mj.engines.recording import Account, allocate_rows, make_trajectory
 from tensegrity_mj.engines.reference import equations as kernels
 from tensegrity_mj.engines.reference.element_states import rates_with_states
@@ -133,42 +133,46 @@ class IntegratedRun:
         remedy = f"reduce the time step (h = {step:g} s), or use Method.RADAU where strings are stiff"
         rk4_steps(self.table, self.y, 0, 0)  # compiles
         self.plant["resolution_kind"] = STAGES
-        clock = Stopwatch(self.request)
-        with Progress(self.request, f"{self.name} RK4") as progress:
-            for first, count in chunks(grid.count):
-                reached, status, evaluations = rk4_steps(self.table, self.y, first, count)
-                self.steps, self.evaluations = reached, self.evaluations + evaluations
-                progress.reached(reached * step)
-                if status != SOLVED:
-                    time = reached * step
-                    kept = np.concatenate([times[times < time - 0.5 * step], [time]])
-                    if status == SINGULAR:
-                        message = self.singular_message(time)
-                        kernels.rates(time, self.y, np.empty(len(self.y)), self.table)
-                        kernels.observe(self.y, self.table, rows[len(kept) - 1])
-                        run = self.finish(kept, rows[: len(kept)], Status.SINGULAR, message, clock.seconds)
-                        check_energy(run, remedy)
-                        return run
-                    before = max(1, int(np.searchsorted(times, time - 0.5 * step)))
-                    partial = self.finish(times[:before], rows[:before], Status.DIVERGED, "diverged", clock.seconds)
-                    try:
-                        self.plant.raise_if_failed(status, time)
-                    except TensegrityError:
-                        blame_divergence(partial, self.plant, time, remedy)
-                        raise
-                    blame_divergence(partial, self.plant, time, remedy)
-                    message = self.plant.infeasible_message(time)
-                    return self.finish(kept, rows[: len(kept)], Status.INFEASIBLE, message, clock.seconds)
-                done = int(np.searchsorted(times, (first + count - 0.5) * step))
-                if not np.all(np.isfinite(self.y)):
-                    done = max(1, done)
-                    check_energy(self.finish(times[:done], rows[:done], Status.DIVERGED, "", clock.seconds), remedy)
-                    raise DivergenceError(
-                        f"diverged by t = {reached * step:.6g} s: the state is no longer finite; {remedy}",
-                        reached * step,
-                        self.finish(times[:done], rows[:done], Status.DIVERGED, "", clock.seconds),
-                    )
-        self.plant.raise_if_failed(SOLVED, times[-1])  # a load, at the very end
-        run = self.finish(times, rows, Status.COMPLETED, "", clock.seconds)
-        check_energy(run, remedy)
-        return run
+        clock, status = Stopwatch(self.request), SOLVED
+
+        def recorded(time: Array, how: Status, message: str) -> Trajectory:
+            return self.finish(time, rows[: len(time)], how, message, clock.seconds)
+
+        def before(time: float) -> Array:
+            return times[: max(1, int(np.searchsorted(times, time - 0.5 * step)))]
+
+        def advance(first: int, count: int) -> int:
+            nonlocal status
+            self.steps, status, evaluations = rk4_steps(self.table, self.y, first, count)
+            self.evaluations += evaluations
+            if status == SOLVED and not np.all(np.isfinite(self.y)):
+                time = self.steps * step
+                partial = recorded(before(time), Status.DIVERGED, "")
+                check_energy(partial, remedy)
+                text = f"diverged by t = {time:.6g} s: the state is no longer finite; {remedy}"
+                raise DivergenceError(text, time, partial)
+            return self.steps
+
+        drive(grid, self.request, f"{self.name} RK4", advance)
+        if status == SOLVED:
+            self.plant.raise_if_failed(SOLVED, times[-1])  # a load, at the very end
+            run = recorded(times, Status.COMPLETED, "")
+            check_energy(run, remedy)
+            return run
+        time = self.steps * step
+        kept = np.concatenate([times[times < time - 0.5 * step], [time]])
+        if status == SINGULAR:
+            message = self.singular_message(time)
+            kernels.rates(time, self.y, np.empty(len(self.y)), self.table)
+            kernels.observe(self.y, self.table, rows[len(kept) - 1])
+            run = recorded(kept, Status.SINGULAR, message)
+            check_energy(run, remedy)
+            return run
+        partial = recorded(before(time), Status.DIVERGED, "diverged")
+        try:
+            self.plant.raise_if_failed(status, time)
+        except TensegrityError:
+            blame_divergence(partial, self.plant, time, remedy)
+            raise
+        blame_divergence(partial, self.plant, time, remedy)
+        return recorded(kept, Status.INFEASIBLE, self.plant.infeasible_message(time))
