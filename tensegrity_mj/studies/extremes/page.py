@@ -12,8 +12,8 @@ from tensegrity_mj.studies.extremes.experiment import Kind
 from tensegrity_mj.studies.extremes.verdicts import Verdict
 
 MEANINGS = {
-    Verdict.UNDETECTED: "Completed without a word and wrong, a traceback, NaN, or a message that does not help.",
-    Verdict.UNJUDGED: "Completed without a word; no reference is accurate enough to judge by.",
+    Verdict.UNDETECTED: "Completed without a warning and wrong, a traceback, NaN, or a message that does not help.",
+    Verdict.UNJUDGED: "Completed without a warning; no reference is accurate enough to judge by.",
     Verdict.WARNED: "Completed, and the run says that it is not to be trusted: by a warning, or because its error "
     "estimate does not settle or is larger than 5 % of the way that the nodes went.",
     Verdict.STOPPED: "Stopped on the way, with time, cause and remedy.",

@@ -144,10 +144,10 @@ def conclusions(results: Sequence[dict[str, Any]], kinds: Sequence[Kind]) -> dic
     passed = total["undetected"] == 0 and right >= LEAST_RIGHT * runs and false <= MOST_FALSE_REFUSALS * runs
     summary = [
         f"{runs} runs: {right} right ({right / runs:.1%}; at least {LEAST_RIGHT:.0%} wanted), "
-        f"{total['undetected']} wrong without a word (0 wanted), {total['unjudged']} without a reference.",
+        f"{total['undetected']} wrong without a warning (0 wanted), {total['unjudged']} without a reference.",
         f"{total['warned']} warned of, {total['stopped']} stopped, {total['refused']} refused; {false} "
         f"({false / runs:.1%}; at most {MOST_FALSE_REFUSALS:.0%} wanted) of these although a tight DAE completes them.",
-        f"Without an estimate of the error {total['hidden']} runs would have been plainly wrong without a word.",
+        f"Without an estimate of the error {total['hidden']} runs would have been plainly wrong without a warning.",
     ]
     return {"table": [*table, total], "by_engine": by_engine, "summary": summary, "passed": passed}
 

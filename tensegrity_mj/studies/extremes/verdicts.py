@@ -107,7 +107,7 @@ def judge_error(attempt: Attempt, estimate: Estimate, error: float, doubt: float
 
 
 def is_hidden(attempt: Attempt, error: float, doubt: float) -> bool:
-    """Whether a run alone, without an estimate of its error, completed without a word and is plainly wrong."""
+    """Whether a run alone, without an estimate of its error, completed without a warning and is plainly wrong."""
     if attempt.run is None or attempt.run.status is not Status.COMPLETED or attempt.warned or math.isnan(error):
         return False
     return error - doubt > USEFUL * way_of(attempt.run) + ROUND_OFF * extent_of(attempt.run)
