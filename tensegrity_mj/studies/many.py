@@ -138,7 +138,7 @@ def run_many(
         outcomes: dict[str, Values] = dict(kept.outcomes) if kept is not None else {}
         missing = {key: call for key, call in calls.items() if key not in outcomes}
         if missing:
-            bar = stack.enter_context(_bar(label, len(calls), len(calls) - len(missing), progress))
+            bar = stack.enter_context(bar_of(label, len(calls), len(calls) - len(missing), progress))
             compute = stack.enter_context(workers.ready(task))
             try:
                 with _stoppable(workers.backend), contextlib.closing(compute(task, missing)) as answers:
@@ -200,7 +200,8 @@ def _stopped(finished: int, total: int, folder: Path | None) -> str:
 
 
 @contextlib.contextmanager
-def _bar(label: str, total: int, done: int, shown: bool) -> Iterator[Any]:
+def bar_of(label: str, total: int, done: int, shown: bool) -> Iterator[Any]:
+    """A progress bar on stderr, where that is a terminal and it is to be shown."""
     from tqdm import tqdm
 
     form = "{desc} {percentage:3.0f}% |{bar}| {n_fmt}/{total_fmt} [{elapsed} < {remaining}]"

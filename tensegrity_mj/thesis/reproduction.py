@@ -14,6 +14,7 @@ from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.pictures.figure import save_figure
 from tensegrity_mj.runs.comparison import compare
+from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.thesis import page
 from tensegrity_mj.thesis.appendix_c.beams import STUDIES
@@ -114,7 +115,7 @@ def reproduce(
             pictures.append((figure, _png(canvas, path)))
     moving = [one for one in engines if one in OF_MOTION]
     runs = _run_lines([name for name in names if name not in WHOLES], moving, computed)
-    runs += _series_lines([name for name in names if name in WHOLES], engines, computed)
+    runs += _run_lines([name for name in names if name in WHOLES], engines, computed)
     note = "" if disturbance is None else f"In error: {disturbance}."
     page.write(folder / PAGE, page.html(rows, engines, pictures, runs, note))
     data = {
@@ -153,51 +154,39 @@ def compute_runs(
 
 
 def _run_lines(names: Sequence[str], engines: Sequence[EngineName], computed: Computed) -> list[dict[str, Any]]:
-    """A line for each run, with how far its nodes are from those of the first engine."""
+    """A line for each run, series or study, with how far nodes or amplitudes are from those of the first engine."""
     lines = []
     for name in names:
+        whole = WHOLES.get(name)
         first = computed.runs[engines[0]].get(name)
-        for engine in engines:
+        for engine in (one for one in engines if whole is None or one in whole.engines):
             run = computed.runs[engine].get(name)
-            apart: float | None = None
-            if run is not None and first is not None and run is not first:
-                try:
-                    apart = compare(run, first).max_node_error
-                except TensegrityError:  # one of them stopped before there was anything to compare
-                    apart = None
+            missing = computed.failures.get((engine, name), "not run")
+            ended = "completed" if whole is not None or run is None else run.status.value
             lines.append(
                 {
                     "experiment": name,
-                    "about": experiment_of(name).about,
-                    "engine": run.engine if run is not None else engine.value,
-                    "status": run.status.value if run is not None else computed.failures.get((engine, name), "not run"),
-                    "wall time [s]": run.cost.get("wall_time") if run is not None else None,
-                    "from the first engine [m]": None if apart is None or np.isnan(apart) else apart,
+                    "about": (experiment_of(name) if whole is None else whole).about,
+                    "engine": engine.value if whole is not None or run is None else run.engine,
+                    "status": missing if run is None else ended,
+                    "wall time [s]": None if run is None else run.cost.get("wall_time"),
+                    "from the first engine [m]": _apart(run, first),
                 }
             )
     return lines
 
 
-def _series_lines(names: Sequence[str], engines: Sequence[EngineName], computed: Computed) -> list[dict[str, Any]]:
-    """A line for each series or study, with how far amplitudes of cables are from those of the first engine."""
-    lines = []
-    for name in names:
-        for engine in (one for one in engines if one in WHOLES[name].engines):
-            run, first = computed.runs[engine].get(name), computed.runs[engines[0]].get(name)
-            apart: float | None = None
-            if run is not None and first is not None and run is not first and run.results is not None:
-                apart = float(np.nanmax(np.abs(run.cases.amplitudes - first.cases.amplitudes)))
-            lines.append(
-                {
-                    "experiment": name,
-                    "about": WHOLES[name].about,
-                    "engine": engine.value,
-                    "status": "completed" if run is not None else computed.failures.get((engine, name), "not run"),
-                    "wall time [s]": run.cost.get("wall_time") if run is not None else None,
-                    "from the first engine [m]": apart,
-                }
-            )
-    return lines
+def _apart(run: Any, first: Any) -> float | None:
+    """How far a run is from that of the first engine [m]; None where there is nothing to compare."""
+    if run is None or first is None or run is first:
+        return None
+    if not isinstance(run, Trajectory):
+        return None if run.results is None else float(np.nanmax(np.abs(run.cases.amplitudes - first.cases.amplitudes)))
+    try:
+        found = compare(run, first).max_node_error
+    except TensegrityError:  # one of them stopped before there was anything to compare
+        return None
+    return None if np.isnan(found) else found
 
 
 def _png(canvas: Any, path: Path) -> bytes:

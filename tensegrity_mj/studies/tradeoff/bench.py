@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import contextlib
 import io
-import sys
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,9 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
-from tensegrity_mj.errors import FormatError, printable
+from tensegrity_mj.errors import FormatError
 from tensegrity_mj.studies import store
+from tensegrity_mj.studies.many import bar_of
 from tensegrity_mj.studies.plain import digest
 
 
@@ -59,15 +60,9 @@ class Bench:
                 f"{path}: it cannot be read ({error}); delete the folder and run the study again"
             ) from error
 
-    @contextlib.contextmanager
-    def bar(self, label: str, total: int) -> Iterator[Any]:
+    def bar(self, label: str, total: int) -> AbstractContextManager[Any]:
         """A progress bar on stderr; shown only where `progress` is set."""
-        from tqdm import tqdm
-
-        form = "{desc} {percentage:3.0f}% |{bar}| {n_fmt}/{total_fmt} [{elapsed} < {remaining}]"
-        disable = None if self.progress else True  # None: only where stderr is a terminal
-        with tqdm(total=total, desc=printable(label), bar_format=form, file=sys.stderr, disable=disable) as bar:
-            yield bar
+        return bar_of(label, total, 0, self.progress)
 
     def _path(self, name: str) -> Path:
         return self.kept.folder / store.FILES / f"{name}.npy"
