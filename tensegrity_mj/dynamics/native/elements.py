@@ -309,7 +309,7 @@ class PackedElements:
         self.failures: Failures = []
         effects, N, R = scene.effects, len(scene.structure.nodes), len(scene.structure.rods)
         self.records = np.zeros(len(effects), ELEMENT)
-        self.seen = pack_motion(count=N, nodes=plant["nodes"], velocities=plant["velocities"])
+        self.seen = np.array([N, address_of(plant["nodes"]), address_of(plant["velocities"])], np.int64)  # a `Motion`
         self.added = np.zeros((R if any(one.adds_mass for one in effects) else 0, 4))
         start = states_at_start(effects, scene)
         self.states = np.array([start, 0.0 * start, start, 0.0 * start])
@@ -332,7 +332,7 @@ class PackedElements:
             record["function"], record["context"] = native.address, native.context
             record["effect"], record["work"] = effect.address, LOSING if losing else _WORKS[element.work]
             self._keep += [native, effect]
-        plant.set(element_count=len(effects), elements=address_of(self.records), seen=self.seen.address)
+        plant.set(element_count=len(effects), elements=address_of(self.records), seen=address_of(self.seen))
         plant.set(wet_rods=len(self.added), added=self.added, held_mass=np.zeros((N, 3)))
         plant.set(element_state_count=len(start), element_states=self.states)
 

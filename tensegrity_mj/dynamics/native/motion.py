@@ -43,13 +43,16 @@ class PackedMotions:
 
     Attributes:
         motions: what was packed.
-        address: of their `Motions`.
+        address: of their `Motions`; 0 where there are none.
         failure: the first exception that a motion's function raised.
     """
 
     def __init__(self, motions: Sequence[Motion]) -> None:
         self.motions = tuple(motions)
         self.failure: list[BaseException] = []
+        self.address = 0
+        if not self.motions:
+            return
         records = np.zeros(len(self.motions), MOTION)
         harmonics = np.zeros(sum(len(motion.harmonics) for motion in self.motions), HARMONIC)
         times: list[float] = []

@@ -18,6 +18,7 @@ to be taken once, before a loop. Reals and states may be written; an array set i
 from __future__ import annotations
 
 import functools
+import operator
 import zlib
 from collections.abc import Callable
 from pathlib import Path
@@ -34,15 +35,21 @@ Field = str | tuple[Any, ...]
 # Of the code that a view compiles to: what is kept from an older one is not taken.
 STAMP = zlib.crc32(Path(__file__).with_name("view_types.py").read_bytes())
 Fields = tuple[tuple[str, Field], ...]
+_NUMBERS = {number: number for number in range(64)}  # that extents may be
 
 
 @functools.cache
-def _layout(fields: Fields) -> dict[str, tuple[int, str, Any, tuple[Any, ...]]]:
-    """Of each field by its name: place, kind ("" for an array), dtype, extents."""
+def _layout(fields: Fields) -> dict[str, tuple[int, str, Any, Any]]:
+    """Of each field by its name: place, kind ("" for an array), dtype, and what makes its shape of the sizes."""
     return {
-        name: (place, field, None, ()) if isinstance(field, str) else (place, "", np.dtype(field[0]), field[1:])
+        name: (place, field, None, None) if isinstance(field, str) else (place, "", np.dtype(field[0]), _shape(field))
         for place, (name, field) in enumerate(fields)
     }
+
+
+def _shape(field: tuple[Any, ...]) -> Callable[[dict[Any, Any]], tuple[Any, ...]]:
+    extents = field[1:]
+    return operator.itemgetter(*extents) if len(extents) > 1 else lambda sizes: (sizes[extents[0]],)
 
 
 class Table:
@@ -59,7 +66,8 @@ class Table:
         self.table = np.zeros(len(fields), np.int64)
         self._reals = self.table.view(np.float64)
         self.arrays: dict[str, Any] = {}
-        self._sizes: dict[str, Any] = {}  # what was set, among numbers
+        # The whole numbers as they were set, and those among extents.
+        self._sizes: dict[Any, Any] = dict(_NUMBERS)
         self.address = address_of(self.table)
 
     def place(self, name: str) -> int:
@@ -75,21 +83,33 @@ class Table:
 
     def __setitem__(self, name: str, value: Any) -> None:
         """Set a number, or where an array is: a C-ordered one of the field's dtype and shape, whose sizes are set."""
-        place, kind, dtype, extents = self._layout[name]
-        if kind:
-            (self._reals if kind == "real" else self.table)[place] = value
-            self._sizes[name] = value
-            return
-        shape = tuple([self._sizes.get(one, 0) if isinstance(one, str) else one for one in extents])
-        if value.shape != shape or value.dtype != dtype:
-            raise AssertionError(f"{self.view}: {name} is {value.dtype} {value.shape}, not {dtype} {shape}")
-        self.arrays[name] = value
-        self.table[place] = address_of(value)
+        self.set(**{name: value})
 
     def set(self, **values: Any) -> None:
         """Set several fields, sizes before arrays."""
-        for name in sorted(values, key=lambda name: not self._layout[name][1]):
-            self[name] = values[name]
+        layout, sizes, table = self._layout, self._sizes, self.table
+        for name, value in values.items():
+            place, kind, _, _ = layout[name]
+            if kind == "real":
+                self._reals[place] = value
+            elif kind:
+                table[place] = sizes[name] = value
+        for name, value in values.items():
+            place, kind, dtype, shape_of = layout[name]
+            if kind:
+                continue
+            if value.shape != shape_of(sizes) or (value.dtype is not dtype and value.dtype != dtype):
+                wanted = f"{dtype} {shape_of(sizes)}"
+                raise AssertionError(f"{self.view}: {name} is {value.dtype} {value.shape}, not {wanted}")
+            self.arrays[name] = value
+            table[place] = address_of(value)
+
+    def take(self, other: Table) -> None:
+        """Take over what another table of these fields has set, and share its arrays."""
+        given = other.table != 0
+        self.table[given] = other.table[given]
+        self.arrays |= other.arrays
+        self._sizes |= other._sizes
 
 
 def view_of(name: str, **fields: Field) -> tuple[Any, Callable[..., Table]]:

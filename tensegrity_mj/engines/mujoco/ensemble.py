@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -23,9 +24,9 @@ from tensegrity_mj.engines.mujoco.install import finish, installed
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_coordinates, place
 from tensegrity_mj.engines.mujoco.motion import Supports
-from tensegrity_mj.engines.mujoco.prepared import node_addresses, prepared_with
-from tensegrity_mj.engines.mujoco.run import MuJoCoRun, set_data, set_nodes, warned
-from tensegrity_mj.engines.mujoco.run_view import ENDED, RUNNING, STEP, WAITING
+from tensegrity_mj.engines.mujoco.prepared import prepared_with
+from tensegrity_mj.engines.mujoco.run import MuJoCoRun, warned
+from tensegrity_mj.engines.mujoco.run_view import ENDED, RUNNING, STEP, WAITING, bound
 from tensegrity_mj.engines.mujoco.water import AddedMass
 from tensegrity_mj.engines.recording import check_rows
 from tensegrity_mj.engines.request import Request
@@ -54,9 +55,10 @@ class MuJoCoEnsemble:
         self.options, self.seconds = options, 0.0
         self.model = _with_userdata(first, options)
         guide = self.guide = many.Guide(self.model)
-        ready = prepared_with(self.model, first)
-        tree = ready.tree
         data = mujoco.MjData(self.model)
+        ready = prepared_with(self.model, first)
+        ready = replace(ready, data=data, table=bound(self.model, data, ready.nodes, ready.slides))
+        tree = ready.tree
         self.batch = Batch(self.model, len(requests), threads)
         self.members: list[MuJoCoRun] = []
         self.counters = np.zeros((len(requests), 6), np.int64)
@@ -174,15 +176,15 @@ def law_in(model: mujoco.MjModel, plant: Plant) -> Iterator[NDArray[np.int64]]:
 
     The plant's table is that of a `RUN`, and its mode is continuous: nothing is kept from stage to stage.
     """
-    scene, tree = plant.scene, body_tree(plant.scene)
+    scene = plant.scene
     guide, answers = many.Guide(model), np.zeros(many.ANSWER_COUNT, np.int64)
-    set_data(plant, model, mujoco.MjData(model))
-    set_nodes(plant, scene, node_addresses(scene, model))
-    plant["force_range"] = np.zeros((plant["string_count"], 2))
+    ready = prepared_with(model, scene)
+    plant.take(bound(model, mujoco.MjData(model), ready.nodes, ready.slides))
+    plant.set(designed=np.array(scene.structure.rest_lengths), force_range=np.zeros((plant["string_count"], 2)))
     if scene.motions:
-        Supports(scene, tree, model, plant)
+        Supports(scene, ready.tree, model, plant)
         plant["resets"] = 0
-    mass_size, added_mass = 0, AddedMass(scene, tree, model) if plant["wet_rods"] else None
+    mass_size, added_mass = 0, AddedMass(scene, ready.tree, model) if plant["wet_rods"] else None
     if added_mass is not None:
         plant["floating"], mass_size = added_mass.address, len(added_mass.room)
     lent = np.array([(plant.place(name), plant[name].size) for name in many.LENT], np.int64)

@@ -15,10 +15,12 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.remembered import MOST, Remembered
+from tensegrity_mj.dynamics.native.views import Table
 from tensegrity_mj.engines.mujoco.install import refuse_other_callbacks
 from tensegrity_mj.engines.mujoco.mjcf import CONNECT_STEPS, actuator_numbers, scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_coordinates
 from tensegrity_mj.engines.mujoco.places import check_places
+from tensegrity_mj.engines.mujoco.run_view import bound
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.scene import Scene
 
@@ -40,6 +42,7 @@ class Prepared:
         slides: (R, 11) of each rod, the number of its translational coordinates, their first dof, and their axes (3, 3)
             padded, by rows. Zeros where rods share nodes, whose accelerations are found afterwards.
         data: at the model's start, of what is lent to a run.
+        table: of runs in it, with what is the same for all of them.
     """
 
     model: mujoco.MjModel
@@ -48,6 +51,7 @@ class Prepared:
     nodes: tuple[Any, Any, Any]
     slides: Array
     data: mujoco.MjData | None = None
+    table: Table | None = None
 
 
 def prepared(scene: Scene, timestep: float, integrator: str) -> Prepared:
@@ -71,7 +75,8 @@ def lent(scene: Scene, timestep: float, integrator: str) -> Prepared:
     spare = _spare.pop("last", found)
     if spare.tree is not found.tree or spare.data is None:
         model = copy.copy(found.model)
-        spare = replace(found, model=model, data=mujoco.MjData(model))
+        data = mujoco.MjData(model)
+        spare = replace(found, model=model, data=data, table=bound(model, data, found.nodes, found.slides))
     mujoco.mj_resetData(spare.model, spare.data)
     return _set(spare, scene, timestep, integrator)
 

@@ -21,19 +21,18 @@ from tensegrity_mj.engines.mujoco.joints import JointForces
 from tensegrity_mj.engines.mujoco.motion import Supports
 from tensegrity_mj.engines.mujoco.prepared import Prepared, lent
 from tensegrity_mj.engines.mujoco.run_view import (
-    ALIASES,
     END_STEP,
     ENDED,
     FINISHED,
     LOST,
     LOST_CONTROL,
     NEXT_ROW,
-    OF_DATA,
     RUN,
     RUNNING,
     STAGE,
     STEP,
     WAITING,
+    bound,
 )
 from tensegrity_mj.engines.mujoco.water import AddedMass
 from tensegrity_mj.engines.recording import Account, RodMotion, allocate_rows, make_trajectory
@@ -59,19 +58,6 @@ _WARNINGS = {
 
 # Rules of `native.resolution`.
 KINDS = {"rk4": STAGES, "discrete": DISCRETE}
-
-
-def set_data(plant: Plant, model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Tell the table of a run where an MjData has its arrays, and their sizes."""
-    arrays = {name: getattr(data, ALIASES.get(name, name)) for name in (*OF_DATA, *ALIASES)}
-    plant.set(site_count=model.nsite, body_count=model.nbody, nq=model.nq, nv=model.nv, entries=len(data.M), **arrays)
-
-
-def set_nodes(plant: Plant, scene: Scene, nodes: tuple[Any, Any, Any]) -> None:
-    """And site, body and root of each node, (N,) each, and the rest lengths that controls count from."""
-    sites, bodies, roots = nodes
-    designed = np.array(scene.structure.rest_lengths)
-    plant.set(node_sites=sites, node_bodies=bodies, node_roots=roots, designed=designed)
 
 
 def warned(counts: Any) -> list[str]:
@@ -100,15 +86,18 @@ class MuJoCoRun:
         self.ready = ready = lent(scene, options.timestep, options.word) if ready is None else ready
         self.model, self.tree = ready.model, ready.tree
         self.cause = ""  # of an end that the callback does not know of
+        table = ready.table
         if data is None:
             data = ready.data or mujoco.MjData(self.model)
             # Positions are the model's own.
             data.qvel[:] = ready.velocities
+        if table is None or ready.data is not data:
+            table = bound(self.model, data, ready.nodes, ready.slides)
         self.data = data
         self.plant = plant = Plant(scene, request.law, request.actuation, request.on_infeasible, RUN)
         self.times = self.grid.times
         self.width = plant["row_width"]
-        set_data(plant, self.model, data)
+        plant.take(table)
         self.contacts = None if scene.contact is None else Contacts(structure, self.model, plant)
         self.supports = Supports(scene, self.tree, self.model, plant, start) if scene.motions else None
         self.joints = None
@@ -119,15 +108,12 @@ class MuJoCoRun:
         self.rows = allocate_rows(len(self.times) + 1, self.width + more)
         self.grid.describe(plant, self.rows)
         self.counters = np.array([0, 0, 0, -1, RUNNING, 0], np.int64)
-        set_nodes(plant, scene, ready.nodes)
         plant.set(
-            data=data._address,
-            force_range=self.model.actuator_forcerange,
+            designed=np.array(structure.rest_lengths),
             stages=options.stages,
             counters=self.counters,
             work=np.zeros(3),
             powers=np.zeros(3),
-            slides=ready.slides,
             writes_state=self.joints is not None,
             constrained=scene.contact is not None or bool(self.tree.forest.closures),
             resolution_kind=KINDS.get(options.integrator.value, SEMI_IMPLICIT),

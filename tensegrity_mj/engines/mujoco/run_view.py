@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from tensegrity_mj.dynamics.native.views import Fields, changing_view, view_of
+from tensegrity_mj.dynamics.native.views import Fields, Table, changing_view, view_of
 from tensegrity_mj.engines.driving import STEPPED
 
 SLIDE = np.dtype(
@@ -87,6 +89,21 @@ RunView = changing_view("Run", RUN)
 _NAMES = [name for name, _ in RUN]
 OF_DATA = tuple(_NAMES[_NAMES.index("site_xpos") : _NAMES.index("force_range")])  # fields that are arrays of MjData
 ALIASES = {"lengths": "ten_length", "rates": "ten_velocity"}  # those that have another name there
+
+
+def bound(model: Any, data: Any, nodes: tuple[Any, Any, Any], slides: Any) -> Table:
+    """What runs of an MjModel in an MjData have in common in their tables: its arrays, and where nodes and rods are.
+
+    Site, body and root of each node (N,), and (R, 11) of each rod.
+    """
+    table, (sites, bodies, roots) = Table("run", RUN), nodes
+    sizes = {"site_count": model.nsite, "body_count": model.nbody, "nq": model.nq, "nv": model.nv}
+    table.set(node_count=len(sites), string_count=model.nu, rod_count=len(slides), entries=len(data.M), **sizes)
+    table.set(**{name: getattr(data, ALIASES.get(name, name)) for name in (*OF_DATA, *ALIASES)})
+    table.set(data=data._address, force_range=model.actuator_forcerange, slides=slides)
+    table.set(node_sites=sites, node_bodies=bodies, node_roots=roots)
+    return table
+
 
 Counters, _ = view_of(
     "Counters", **dict.fromkeys(("stage", "step", "next_row", "waiting", "ended", "end_step"), "state")
