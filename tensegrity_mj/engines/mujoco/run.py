@@ -93,7 +93,7 @@ class MuJoCoRun:
             data.qvel[:] = ready.velocities
         if table is None or ready.data is not data:
             table = bound(self.model, data, ready.nodes, ready.slides)
-        self.data = data
+        self.data: Any = data
         self.plant = plant = Plant(scene, request.law, request.actuation, request.on_infeasible, RUN)
         self.times = self.grid.times
         self.width = plant["row_width"]
