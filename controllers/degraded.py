@@ -79,15 +79,15 @@ def add_noise(values: Any, std: float, moving: Any, sample: int, stream: int, se
 @c_function(LAW_SIGNATURE, "sensor noise")
 def _noisy(t, nodes_at, velocities_at, context, command, report):  # type: ignore[no-untyped-def]
     table = integers(context, (8,))
-    settings = floats(table[3], (3,))
-    nodes, velocities = floats(table[4], (table[2], 3)), floats(table[5], (table[2], 3))
-    moving = integers(table[6], (table[2],))
+    settings = floats(table[4], (3,))
+    nodes, velocities = floats(table[5], (table[2], 3)), floats(table[6], (table[2], 3))
+    moving = integers(table[7], (table[2],))
     nodes[:] = floats(nodes_at, (table[2], 3))
     velocities[:] = floats(velocities_at, (table[2], 3))
     sample = round(t / settings[0])
-    add_noise(nodes, settings[1], moving, sample, 0, table[7])
-    add_noise(velocities, settings[2], moving, sample, 1, table[7])
-    return call_law(table[0], t, table[4], table[5], table[1], command, report)
+    add_noise(nodes, settings[1], moving, sample, 0, table[3])
+    add_noise(velocities, settings[2], moving, sample, 1, table[3])
+    return call_law(table[0], t, table[5], table[6], table[1], command, report)
 
 
 @c_function(LAW_SIGNATURE, "a law's delay")
@@ -114,7 +114,34 @@ def _delayed(t, nodes, velocities, context, command_at, report_at):  # type: ign
     return statuses[then]
 
 
-class Noisy:
+class _Sampled:
+    """What laws made worse share: the law within, and its control period."""
+
+    law: Any
+    period: float
+    discontinuous: str
+
+    @property
+    def command(self) -> Command:
+        """What the law returns."""
+        return getattr(self.law, "command", Command.FORCE_DENSITY)
+
+    def _around(self, inner: NativeLaw, function: Any, numbers: list[int], arrays: tuple[Any, ...]) -> NativeLaw:
+        """A compiled function around the law within, whose context is that law's, numbers, and arrays' addresses."""
+        table = np.array([inner.address, inner.context, *numbers, *map(address_of, arrays)], np.int64)
+        return replace(
+            inner,
+            address=function.address,
+            context=address_of(table),
+            keep=(inner, *arrays, table),
+            discontinuous=self.discontinuous,
+            period=self.period,
+            decay_rate=None,
+            stateless=False,
+        )
+
+
+class Noisy(_Sampled):
     """A law that measures node positions and velocities with independent, normally distributed errors.
 
     Nodes that are fixed in space have none. The errors are drawn at each control sample, from a generator whose
@@ -140,11 +167,6 @@ class Noisy:
         self.seed: int = checked("Noisy: seed", seed, whole(0, 2**63 - 1))
         self.period = positive("Noisy: period", period, "s")
 
-    @property
-    def command(self) -> Command:
-        """What the law returns."""
-        return getattr(self.law, "command", Command.FORCE_DENSITY)
-
     def measured(self, time: float, nodes: ArrayLike, velocities: ArrayLike, fixed: Any = ()) -> tuple[Array, Array]:
         """Positions and velocities (N, 3) as measured; rows in `fixed` without errors."""
         positions, rates = np.array(nodes, float), np.array(velocities, float)
@@ -167,18 +189,8 @@ class Noisy:
         moving = np.array([name not in structure.fixed_nodes for name in structure.node_names], np.int64)
         settings = np.array([self.period, self.position_std, self.velocity_std])
         nodes, velocities = np.zeros((count, 3)), np.zeros((count, 3))
-        at = [address_of(array) for array in (settings, nodes, velocities, moving)]
-        table = np.array([inner.address, inner.context, count, *at, self.seed], np.int64)
-        return replace(
-            inner,
-            address=_noisy.address,
-            context=address_of(table),
-            keep=(inner, settings, nodes, velocities, moving, table),
-            discontinuous=NOISY,
-            period=self.period,
-            decay_rate=None,
-            stateless=False,
-        )
+        arrays = (settings, nodes, velocities, moving)
+        return self._around(inner, _noisy, [count, self.seed], arrays)
 
     def describe(self) -> dict[str, Any]:
         """Plain values for the provenance of a run."""
@@ -192,7 +204,7 @@ class Noisy:
         }
 
 
-class Delayed:
+class Delayed(_Sampled):
     """A law whose answers come some control samples late, with all that it reports of them.
 
     At sample n the answer is that of sample n - `samples`. Until the first has come through it is that of sample 0: the
@@ -214,11 +226,6 @@ class Delayed:
         self.samples: int = checked("Delayed: samples", samples, whole(0))
         self.period = positive("Delayed: period", period, "s")
         self._answers: dict[int, ArrayLike] = {}
-
-    @property
-    def command(self) -> Command:
-        """What the law returns."""
-        return getattr(self.law, "command", Command.FORCE_DENSITY)
 
     def __call__(self, time: float, nodes: Array, velocities: Array) -> ArrayLike:
         """The command of an earlier sample; to be called at every sample, from 0 on.
@@ -245,18 +252,7 @@ class Delayed:
         numbers, statuses = np.full(slots, -1, np.int64), np.zeros(slots, np.int64)
         commands, reports = np.zeros((slots, size)), np.full((slots, REPORT_SIZE), np.nan)
         arrays = (period, numbers, statuses, commands, reports)
-        at = [address_of(array) for array in arrays]
-        table = np.array([inner.address, inner.context, size, self.samples, *at], np.int64)
-        return replace(
-            inner,
-            address=_delayed.address,
-            context=address_of(table),
-            keep=(inner, *arrays, table),
-            discontinuous=DELAYED,
-            period=self.period,
-            decay_rate=None,
-            stateless=False,
-        )
+        return self._around(inner, _delayed, [size, self.samples], arrays)
 
     def describe(self) -> dict[str, Any]:
         """Plain values for the provenance of a run."""

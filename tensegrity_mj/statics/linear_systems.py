@@ -10,6 +10,7 @@ from scipy.linalg import eigh, qr
 from scipy.sparse.linalg import LinearOperator, MatrixRankWarning, eigsh, splu
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.statics.boundary import Matrix
 from tensegrity_mj.statics.linearized import Linearized
 from tensegrity_mj.statics.model import RANK, StaticModel
 
@@ -143,17 +144,24 @@ def lowest_stiffness(at: Linearized, count: int = 1, without: Array | None = Non
     rows = [at.held_lengths]
     if without is not None and without.shape[1]:
         rows.append(sparse.csr_array((Z.T @ without).T))
-    C = sparse.csr_array(sparse.vstack(rows))
-    q, shift = K.shape[0], -1e-9 * model.scale[1]
-    ridge = np.full(C.shape[0], RIDGE / model.scale[1])
-    factors = splu(saddle_matrix(sparse.csr_array(K - shift * sparse.eye_array(q)), C, ridge))
+    C, stiffest = sparse.csr_array(sparse.vstack(rows)), model.scale[1]
+    values, vectors = nearest_pairs(K, sparse.eye_array(K.shape[0], format="csr"), C, -1e-9 * stiffest, stiffest, count)
+    return values, np.asarray(Z @ vectors)
+
+
+def nearest_pairs(K: Matrix, M: Matrix, C: Matrix, shift: float, scale: float, count: int) -> tuple[Array, Array]:
+    """Eigenvalues (m,), m <= count, of K v = λ M v with C v = 0: those nearest to the shift, ascending; and v (q, m).
+
+    By inverse iteration; `scale` is a typical size of K.
+    """
+    q, kept = K.shape[0], C.shape[0]
+    factors = splu(saddle_matrix(sparse.csr_array(K - shift * M), C, np.full(kept, RIDGE / scale)))
 
     def inverse(v: Array) -> Array:
-        return np.asarray(factors.solve(np.concatenate([v, np.zeros(C.shape[0])]))[:q])
+        return np.asarray(factors.solve(np.concatenate([v, np.zeros(kept)]))[:q])
 
     operator = LinearOperator((q, q), matvec=inverse, dtype=float)
     start = np.random.default_rng(0).normal(size=q)
-    inverted, vectors = eigsh(operator, k=min(count + 2, q - 1), which="LM", v0=start)
-    values = shift + 1.0 / inverted
+    values, vectors = eigsh(K, k=min(count + 2, q - 1), M=M, sigma=shift, OPinv=operator, v0=start)
     order = np.argsort(values)[:count]
-    return values[order], np.asarray(Z @ vectors[:, order])
+    return values[order], vectors[:, order]

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.linalg import eigh, qr
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
+from scipy.sparse.linalg import ArpackNoConvergence
 
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
@@ -204,37 +204,21 @@ def _sparse(state: StaticState, M: sparse.csr_array, wanted: int) -> tuple[Array
         pushed = sparse.csr_array((Z.T @ (M @ neutral)).T)
         rows.append(pushed / float(np.abs(pushed.data).max()))
     C = sparse.csr_array(sparse.vstack(rows))
-    q, kept = K.shape[0], C.shape[0]
     heavy = mass.diagonal()
     largest = float(np.abs(K.diagonal()).max()) / float(heavy[heavy > 0].min())
     shift = -SHIFT * largest
     scale = float(np.abs(K.diagonal()).max()) or 1.0
-    factors = splu(
-        linear_systems.saddle_matrix(sparse.csr_array(K - shift * mass), C, np.full(kept, linear_systems.RIDGE / scale))
-    )
-
-    def inverse(v: Array) -> Array:
-        return np.asarray(factors.solve(np.concatenate([v, np.zeros(kept)]))[:q])
-
-    free = q - kept
+    free = K.shape[0] - C.shape[0]
     last = min(wanted, free - 1)
     if last < 1:
         return np.zeros(0), np.zeros((len(state.x), 0)), 0.0, max(free, 0)
     try:
-        squares, vectors = eigsh(
-            K,
-            k=min(last + 2, q - 1),
-            M=mass,
-            sigma=shift,
-            OPinv=LinearOperator((q, q), matvec=inverse, dtype=float),
-            v0=np.random.default_rng(0).normal(size=q),
-        )
+        squares, vectors = linear_systems.nearest_pairs(K, mass, C, shift, scale, last)
     except ArpackNoConvergence as error:
         raise InfeasibleError(
             f"natural modes of '{model.scene.name}' were not found: {error}; ask for fewer (count=...)"
         ) from error
-    order = np.argsort(squares)[:last]
-    return squares[order], _signed(np.asarray(Z @ vectors[:, order])), largest, free
+    return squares, _signed(np.asarray(Z @ vectors)), largest, free
 
 
 def _signed(shapes: Array) -> Array:
