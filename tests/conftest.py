@@ -10,8 +10,13 @@ if "PYTEST_XDIST_WORKER" in os.environ:  # as many processes as cores: threads o
         os.environ.setdefault(name, "1")
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 import tensegrity_mj as tmj
+
+# No test depends on how fast the machine is, which this check of hypothesis does.
+settings.register_profile("any speed", suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any speed")
 
 # A shell that starts this in the background makes it deaf to SIGINT; tests of interrupts need to hear it.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
