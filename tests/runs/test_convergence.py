@@ -55,6 +55,25 @@ def test_times_agree_within_round_off_only() -> None:
     assert first.tolist() == [0, 2]
 
 
+def passing(offset: float, speed: float, rest_length: float = 0.1) -> Trajectory:
+    """A mass that flies past the anchor of its string at a distance [m], recorded each 0.1 s, at 0.25 m before it."""
+    nodes = {"o": (0.0, 0.0, 0.0), "m": (-0.25, offset, 0.0)}
+    string = tmj.String("s", ("o", "m"), 1e-6, 0.0, rest_length)
+    mass = tmj.model.PointMass("m", 1.0)
+    structure = tmj.Structure("passing", nodes, (), (string,), point_masses=(mass,), fixed_nodes=("o",))
+    scene = tmj.Scene(structure, initial_velocities=[[0.0, 0.0, 0.0], [speed, 0.0, 0.0]])
+    return tmj.simulate(scene, None, tmj.DAE(), duration=0.1, output_interval=0.1)
+
+
+def test_a_string_that_is_slack_between_two_samples_has_a_kink() -> None:
+    """It pulls at both; on the way from -0.25 to 0.25 m it is as short as the distance at which it passes."""
+    assert np.all(passing(0.01, 5.0).tensions > 0)
+    assert has_kinks(passing(0.01, 5.0))
+    assert has_kinks(passing(0.0, 5.0))
+    assert not has_kinks(passing(0.11, 5.0))  # it passes at more than its rest length
+    assert not has_kinks(passing(0.01, 0.5))  # it has not come there yet
+
+
 def test_runs_that_end_otherwise_are_infinitely_apart() -> None:
     run = off_by(0.0)
     assert node_difference(run, run.until(15)) == math.inf

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tensegrity_mj.errors import ControllerError, DivergenceError, TensegrityError
+from tensegrity_mj.runs import convergence
 from tensegrity_mj.runs.convergence import Estimate
 from tensegrity_mj.runs.trajectory import LAW_REPORTS, VARIABLES, Status, Trajectory
 from tensegrity_mj.studies.extremes.setups import Attempt
@@ -114,13 +115,8 @@ def is_hidden(attempt: Attempt, error: float, doubt: float) -> bool:
 
 
 def has_kinks(run: Trajectory) -> bool:
-    """Whether some string pulled at one recorded time and not at another, or something touched at one.
-
-    By tensions, not force densities: where a damper would push, a string lets go of what a law commands.
-    """
-    taut = run.tensions > 0
-    touched = any(run.reports.get("contact", {}).get("touching", ()))
-    return touched or bool(np.any(taut.any(axis=0) & ~taut.all(axis=0)))
+    """Whether strings went slack or taut, or something touched at a recorded time."""
+    return convergence.has_kinks(run) or any(run.reports.get("contact", {}).get("touching", ()))
 
 
 def not_finite(run: Trajectory) -> str:
