@@ -23,7 +23,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import real_array, state_of
 from tensegrity_mj.controllers.allocation_options import Allocation, Sum, WhenInfeasible
 from tensegrity_mj.controllers.error_equation import Known, error_equation
-from tensegrity_mj.controllers.known import Effect, KnownWater, PackedEffects, described, known_scene, set_model
+from tensegrity_mj.controllers.known import Effect, KnownWater, PackedEffects, described, set_model
 from tensegrity_mj.controllers.optimal_allocation import Allocator, Equation
 from tensegrity_mj.controllers.options import as_it_is, one_of
 from tensegrity_mj.controllers.table import NamedLaw
@@ -31,6 +31,7 @@ from tensegrity_mj.dynamics.native.law import Command, NativeLaw, Report, check_
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import PackedTarget
 from tensegrity_mj.errors import InfeasibleError, OptionError
+from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 
@@ -49,6 +50,7 @@ class FeedbackLinearization:
         allocation: of the force densities.
         gravity: g [m/s²] that the law knows of.
         known: what the law knows of besides: `Load`s, a `Resistance`, `Water`, elements, such as (scene.water,).
+        model: the scene in which these act.
         report: after each call, see `Report`.
 
     Raises:
@@ -62,6 +64,7 @@ class FeedbackLinearization:
     allocation: Allocation = field(default_factory=Allocation)
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     known: Sequence[Effect] = ()
+    model: Scene = field(init=False, repr=False)
 
     command = Command.FORCE_DENSITY
 
@@ -162,7 +165,7 @@ class _Evaluation:
         frequency = np.broadcast_to(np.asarray(law.natural_frequency, float), (n,))
         gains = np.array([frequency**2, 2 * np.asarray(law.damping, float) * frequency])  # (4.8)
         records = StructureRecords.of(structure)
-        self.effects = PackedEffects(known_scene(structure, law.gravity, law.known))
+        self.effects = PackedEffects(law.model)
         self.known = Known(
             records.rods,
             records.points,

@@ -85,6 +85,8 @@ def effects_in(scene: Scene) -> tuple[Effect, ...]:
 def set_model(law: Any) -> None:
     """Check what a law believes it controls and where to, and keep its `target`, `gravity` and `known` in one form.
 
+    Its `model` is the scene in which acts what it knows of.
+
     Raises:
         OptionError, SceneError: for what cannot be its model.
     """
@@ -95,8 +97,9 @@ def set_model(law: Any) -> None:
     target = law.target if isinstance(law.target, Target) else Target.set_point(law.target)
     check_target(law.structure, target)
     x, y, z = real_array("gravity", law.gravity, (3,), "m/s²", scalar=False).tolist()
-    known = effects_in(known_scene(law.structure, (x, y, z), law.known))
-    for name, value in (("target", target), ("gravity", (x, y, z)), ("known", known)):
+    model = known_scene(law.structure, (x, y, z), law.known)
+    kept = {"target": target, "gravity": (x, y, z), "known": effects_in(model), "model": model}
+    for name, value in kept.items():
         object.__setattr__(law, name, value)
 
 

@@ -18,7 +18,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import positive, real_array, state_of
 from tensegrity_mj.controllers.allocation import feasibility_margin, least_norm, least_squares
 from tensegrity_mj.controllers.gains import Gains, gain_records
-from tensegrity_mj.controllers.known import Effect, PackedEffects, described, known_scene, set_model
+from tensegrity_mj.controllers.known import Effect, PackedEffects, described, set_model
 from tensegrity_mj.controllers.limits import StringLimits, write_ceilings
 from tensegrity_mj.controllers.quadratic_terms import (
     ONTO_CURRENT,
@@ -46,6 +46,7 @@ from tensegrity_mj.dynamics.native.pointers import (
 from tensegrity_mj.dynamics.records import POINT, ROD
 from tensegrity_mj.dynamics.target import read_target
 from tensegrity_mj.errors import InfeasibleError, OptionError
+from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 
@@ -142,6 +143,7 @@ class QuadraticLaw:
         respect_limits: keep within the strings' `max_force_density` and `min_rest_length` too.
         gravity: g [m/s²] that the law knows of.
         known: what the law knows of besides: `Load`s, a `Resistance`, `Water`, elements, such as (scene.water,).
+        model: the scene in which these act.
 
     Raises:
         OptionError, SceneError: for gains that are not positive definite, δ <= 0, another norm, a bad target, a ceiling
@@ -159,6 +161,7 @@ class QuadraticLaw:
     maximum_force_density: ArrayLike = np.inf
     respect_limits: bool = True
     known: Sequence[Effect] = ()
+    model: Scene = field(init=False, repr=False)
 
     command = Command.FORCE_DENSITY
 
@@ -218,7 +221,7 @@ class QuadraticLaw:
 
     @cached_property
     def _effects(self) -> PackedEffects:
-        return PackedEffects(known_scene(self.structure, self.gravity, self.known))
+        return PackedEffects(self.model)
 
     @cached_property
     def _compiled(self) -> NativeLaw:

@@ -84,20 +84,14 @@ def let_act(table: int, t: float) -> Any:
     """
     plant = PlantView(table)
     forces, velocities, added = plant.forces, plant.velocities, plant.added
-    for n in range(len(forces)):
-        for x in range(3):
-            forces[n, x] = 0.0
-    for r in range(len(added)):
-        for x in range(4):
-            added[r, x] = 0.0
+    clear(forces)
+    clear(added)
     given, lost = 0.0, 0.0
     elements = _read_elements(plant.elements, plant.element_count)
     for e in range(len(elements)):
         element, own = elements[e], _Own(elements[e].effect)
         pushes = own.forces
-        for n in range(len(pushes)):
-            for x in range(3):
-                pushes[n, x] = 0.0
+        clear(pushes)
         own.given = 0.0
         if _call_element(element.function, t, plant.seen, element.context, element.effect) != SOLVED:
             plant.status = FAILED
@@ -117,17 +111,13 @@ def let_act(table: int, t: float) -> Any:
 
 @borrowing
 def known_forces(known: int, t: float, nodes: Any, velocities: Any, forces: Any, added: Any) -> int:
-    """Set forces (N or more, 3) on nodes and α (R, 4) of rods to those of the elements that a law knows of; a status.
+    """Set forces on nodes (N, 3; more rows are zero) and α (R, 4) of rods to those of what a law knows of; a status.
 
     `known` is the address of a table: how many there are, and function and context of each. Only those that have no
     state can be known of.
     """
-    for n in range(len(nodes)):
-        for k in range(3):
-            forces[n, k] = 0.0
-    for r in range(len(added)):
-        for k in range(4):
-            added[r, k] = 0.0
+    clear(forces)
+    clear(added)
     frame = stack_doubles(MOTION_SIZE + EFFECT_SIZE)
     at = frame + 8 * MOTION_SIZE
     seen, effect, own = integers(frame, MOTION_SIZE), integers(at, EFFECT_SIZE), _Own(at)
@@ -161,11 +151,16 @@ def held_powers(table: int) -> Any:
         elif element.work == LOSING:
             lost += own.given
     if plant.wet_rods > 0:
-        held = plant.held_mass
-        for n in range(len(held)):
-            for x in range(3):
-                given += held[n, x] * velocities[n, x]
+        given += power_of(plant.held_mass, velocities)
     return given, lost
+
+
+@inlined
+def clear(rows: Any) -> None:
+    """Set all numbers of (n, m) to zero."""
+    for n in range(rows.shape[0]):
+        for x in range(rows.shape[1]):
+            rows[n, x] = 0.0
 
 
 @inlined
