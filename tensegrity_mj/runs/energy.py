@@ -9,7 +9,8 @@ from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.errors import DivergenceError
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.actuation import Mode
-from tensegrity_mj.runs.trajectory import LAW_REPORTS, Trajectory, variables_of
+from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.runs.variables import LAW_REPORTS, variables_of
 
 # A run has diverged when it has gained this many times the energy that it was ever given, or when a rod's length is off
 # by this part. The errors of a step that is merely coarse stay below; an unstable one passes any bound soon.

@@ -1,4 +1,4 @@
-"""Writes NetCDF-4 files of float64 arrays with named dimensions, straight through HDF5.
+"""Writes NetCDF-4 files of float64 arrays and of names, with named dimensions, straight through HDF5.
 
 What makes an HDF5 file a NetCDF-4 file: its objects are kept in the order of their creation; a dimension is a scale,
 which has its number; a variable is attached to the scales of its dimensions, and has their numbers
@@ -16,21 +16,17 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 
-NO_VARIABLE = "This is a netCDF dimension but not a netCDF variable."
+# Dimensions, values (names, where it is a tuple) and attributes.
+Variables = Mapping[str, tuple[tuple[str, ...], Array | tuple[str, ...], Mapping[str, str]]]
 
 
-def write_netcdf(
-    path: Path,
-    sizes: Mapping[str, int],
-    variables: Mapping[str, tuple[tuple[str, ...], Array, Mapping[str, str]]],
-    attributes: Mapping[str, str | int],
-) -> None:
+def write_netcdf(path: Path, variables: Variables, attributes: Mapping[str, str | int]) -> None:
     """Write a file.
 
     Args:
         path: where to.
-        sizes: of the dimensions; one of length zero is written as unlimited, as NetCDF has it.
-        variables: dimensions, values and attributes of each. One that is named as its dimension is its coordinates.
+        variables: dimensions, values and attributes of each. Those that are named as their dimension are its
+            coordinates, and come first; a dimension of length zero is written as unlimited, as NetCDF has it.
         attributes: of the file.
 
     Raises:
@@ -38,31 +34,25 @@ def write_netcdf(
     """
     import h5py
 
-    numbers = {name: np.array(number, np.int32) for number, name in enumerate(sizes)}
+    coordinates = [name for name, (dimensions, _, _) in variables.items() if dimensions == (name,)]
+    numbers = {name: np.array(number, np.int32) for number, name in enumerate(coordinates)}
     with h5py.File(path, "w", track_order=True) as file:
         text = f"version=2,hdf5={h5py.version.hdf5_version},h5py={h5py.__version__}"
         file.attrs["_NCProperties"] = np.bytes_(text)
-        scales = {}
-        for name, size in sizes.items():
-            if name not in variables:
-                scale = file.create_dataset(name, (size,), ">f4", track_order=True, **_room((size,)))
-                scale.make_scale(f"{NO_VARIABLE}{size:10}")
-                scale.attrs["_Netcdf4Dimid"] = numbers[name]
-                scales[name] = scale
         made = {}
-        for name, (dimensions, values, _) in variables.items():
-            data = np.asarray(values, float)
-            made[name] = file.create_dataset(name, data=data, track_order=True, **_room(data.shape))
-            if dimensions == (name,):
+        for name, (_, values, _) in variables.items():
+            data = np.asarray(values)
+            kind = h5py.string_dtype() if isinstance(values, tuple) else np.dtype(float)
+            made[name] = file.create_dataset(name, data=data.astype(kind), track_order=True, **_room(data.shape))
+            if name in numbers:
                 made[name].make_scale(name)
-                scales[name] = made[name]
         for name, (dimensions, _, described) in variables.items():
             variable = made[name]
-            if dimensions != (name,):
+            if name not in numbers:
                 for axis, dimension in enumerate(dimensions):
-                    variable.dims[axis].attach_scale(scales[dimension])
+                    variable.dims[axis].attach_scale(made[dimension])
             variable.attrs["_Netcdf4Coordinates"] = np.array([numbers[dimension] for dimension in dimensions], np.int32)
-            if dimensions == (name,) or sizes[dimensions[0]]:  # NetCDF notes it when it writes the first values
+            if name in numbers or len(made[dimensions[0]]):  # NetCDF notes it when it writes the first values
                 variable.attrs["_Netcdf4Dimid"] = numbers[dimensions[0]]
             for key, text in described.items():
                 variable.attrs[key] = text

@@ -27,7 +27,8 @@ from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model import rods as thin
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.runs.trajectory import VARIABLES, Trajectory
+from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.runs.variables import VARIABLES
 from tensegrity_mj.statics import linear_systems
 from tensegrity_mj.statics.state import StaticState
 from tensegrity_mj.statics.words import counted

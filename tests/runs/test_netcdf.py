@@ -13,7 +13,7 @@ import xarray
 
 from tensegrity_mj.runs.netcdf import write_netcdf
 
-SIZES = {"time": 4, "node": 2, "axis": 3, "string": 5}
+LABELS = {"node": ("n1", "λ 2"), "axis": ("x", "y", "z"), "string": tuple(f"s{k}" for k in range(5))}
 VARIABLES = {"time": ("time",), "nodes": ("time", "node", "axis"), "energy": ("time",), "tension": ("time", "string")}
 
 
@@ -34,29 +34,35 @@ def described(path: Path) -> dict[str, Any]:
 
 @pytest.mark.parametrize("empty", [None, "string", "time"])
 def test_the_file_is_the_one_that_h5netcdf_writes(tmp_path: Path, empty: str | None) -> None:
-    sizes = SIZES | ({empty: 0} if empty else {})
+    labels = LABELS | ({empty: ()} if empty in LABELS else {})
+    sizes = {"time": 0 if empty == "time" else 4, **{name: len(words) for name, words in labels.items()}}
     rng = np.random.default_rng(5)
     values = {name: rng.normal(size=[sizes[one] for one in dims]) for name, dims in VARIABLES.items()}
-    told = {name: {"units": "m", "long_name": f"λ of {name}"} for name in VARIABLES}
+    told = {name: {"units": "m", "long_name": f"λ of {name}"} for name in (*VARIABLES, *LABELS)}
     attributes: dict[str, str | int] = {"format": 2, "scene": "[structure]\nname = 'ß'\n", "message": ""}
+    all_of_it: dict[str, Any] = {
+        "time": (("time",), values["time"], told["time"]),
+        **{name: ((name,), words, told[name]) for name, words in labels.items()},
+        **{name: (VARIABLES[name], values[name], told[name]) for name in VARIABLES if name != "time"},
+    }
     ours, theirs = tmp_path / "ours.nc", tmp_path / "theirs.nc"
-    write_netcdf(ours, sizes, {name: (VARIABLES[name], values[name], told[name]) for name in VARIABLES}, attributes)
+    write_netcdf(ours, all_of_it, attributes)
     with h5netcdf.File(theirs, "w") as file:
         file.dimensions = sizes
-        for name, dimensions in VARIABLES.items():
-            variable = file.create_variable(name, dimensions, float)
-            if values[name].size:
-                variable[...] = values[name]
+        for name, (dimensions, content, _) in all_of_it.items():
+            variable = file.create_variable(name, dimensions, h5py.string_dtype() if name in LABELS else float)
+            if len(content) and np.size(content):
+                variable[...] = np.array(content, object) if name in LABELS else content
             variable.attrs.update(told[name])
         file.attrs.update(attributes)
     found, expected = described(ours), described(theirs)
     for name in expected:
-        if empty and name in VARIABLES:  # h5netcdf has chunks of its own choice for what has no length yet
+        if empty and name in all_of_it:  # h5netcdf has chunks of its own choice for what has no length yet
             found[name] = (found[name][0][:3], *found[name][1:])
             expected[name] = (expected[name][0][:3], *expected[name][1:])
         assert found[name] == expected[name], name
     assert list(found) == list(expected)  # in this order
     with xarray.open_dataset(ours, engine="h5netcdf") as data:
-        for name, value in values.items():
-            assert np.array_equal(data[name].values, value)
-            assert data[name].dims == VARIABLES[name]
+        for name, (dimensions, content, _) in all_of_it.items():
+            assert list(data[name].values.ravel()) == list(np.ravel(np.array(content, object)))
+            assert data[name].dims == dimensions

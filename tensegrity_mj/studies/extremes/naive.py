@@ -16,7 +16,8 @@ from tensegrity_mj.engines.mujoco.engine import MuJoCo
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities
 from tensegrity_mj.runs.convergence import Estimate
-from tensegrity_mj.runs.trajectory import VARIABLES, Trajectory
+from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.runs.variables import VARIABLES
 from tensegrity_mj.studies.extremes.setups import OUTPUTS, Attempt, Setup, caught
 from tensegrity_mj.studies.extremes.verdicts import USEFUL, way_of
 

@@ -12,7 +12,8 @@ import numpy as np
 from tensegrity_mj.errors import ControllerError, DivergenceError, TensegrityError
 from tensegrity_mj.runs import convergence
 from tensegrity_mj.runs.convergence import Estimate
-from tensegrity_mj.runs.trajectory import LAW_REPORTS, VARIABLES, Status, Trajectory
+from tensegrity_mj.runs.trajectory import Status, Trajectory
+from tensegrity_mj.runs.variables import LAW_REPORTS, VARIABLES
 from tensegrity_mj.studies.extremes.setups import Attempt
 
 USEFUL = 0.05  # of the way that the nodes went: a run that bounds its error by more does not claim to be right

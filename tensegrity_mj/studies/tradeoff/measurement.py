@@ -12,7 +12,8 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import ControllerError, DivergenceError, InfeasibleError, TensegrityError
-from tensegrity_mj.runs.trajectory import VARIABLES, Status, Trajectory
+from tensegrity_mj.runs.trajectory import Status, Trajectory
+from tensegrity_mj.runs.variables import VARIABLES
 from tensegrity_mj.simulation import simulate
 from tensegrity_mj.studies.tradeoff.experiments import Experiment
 

@@ -1,0 +1,250 @@
+"""The NetCDF files of runs: what they hold of a run, and reading it back, exactly or with a message that says why not.
+
+They follow the CF conventions (https://cfconventions.org) where these fit: `units` are udunits', where a law or an
+element defines the unit there is a `unit_note` in their place, and each dimension has coordinates, which are names but
+for time. Nothing in a file depends on when it was written.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
+from tensegrity_mj.errors import FormatError, TensegrityError
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.runs.variables import (
+    DICTIONARIES,
+    LAW_REPORTS,
+    STATES,
+    VARIABLES,
+    Status,
+    labels_of,
+    sizes_of,
+    variables_of,
+)
+
+if TYPE_CHECKING:
+    from tensegrity_mj.runs.netcdf import Variables
+    from tensegrity_mj.runs.trajectory import Trajectory
+
+FORMAT = 2
+CONVENTIONS = "CF-1.11"
+MOST_PACKED = 1032  # bytes that one byte of a file may stand for: the most that its compression, deflate, achieves
+LABELS = {
+    "node": "names of the nodes",
+    "axis": "axes of the world frame, right-handed, z up",
+    "string": "names of the strings",
+    "rod": "names of the rods",
+    "element_state": "states of the elements, in their order",
+}
+
+
+def variables_in_file(run: Trajectory) -> Variables:
+    """Dimensions, values and attributes of all that a file holds of a run: its coordinates first, then the rest."""
+    labels = {name: ((name,), names, {"long_name": LABELS[name]}) for name, names in labels_of(run.scene).items()}
+    data = {
+        name: (dimensions, getattr(run, name), _units(unit) | {"long_name": meaning})
+        for name, (dimensions, unit, meaning) in variables_of(run.scene).items()
+    }
+    if "element_states" in data:
+        data["element_states"][2]["names"] = ", ".join(run.element_state_names)
+    return {"time": data.pop("time"), **labels, **data}
+
+
+def _units(unit: str) -> dict[str, str]:
+    """As CF has it: a unit of udunits; none where a law or an element defines it, but a note."""
+    return {"unit_note": unit} if " " in unit else {"units": unit}
+
+
+def attributes_in_file(run: Trajectory) -> dict[str, str | int]:
+    """The attributes of a run's file: those of CF, then what `read_run` makes the run of."""
+    from tensegrity_mj.model.text.writing import scene_to_toml
+
+    versions = run.provenance.get("versions", {})
+    program = " ".join(["tensegrity-mj", *[str(versions[name]) for name in ("tensegrity-mj",) if name in versions]])
+    law = (run.provenance.get("controller") or {}).get("law", "none")
+    return {
+        "Conventions": CONVENTIONS,
+        "title": f"tensegrity_mj trajectory of scene {run.scene.name}",
+        "source": f"{program}: {run.engine}",
+        "history": f"{program}: simulate scene {run.scene.name}, law {law}",
+        **({"references": run.scene.source} if run.scene.source else {}),
+        "format": FORMAT,
+        "scene": scene_to_toml(_without_functions(run.scene, run.time)),
+        "status": run.status.value,
+        "message": run.message,
+        "engine": run.engine,
+        **{name: to_exact_json(getattr(run, name)) for name in DICTIONARIES},
+    }
+
+
+def read_run(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The fields of the `Trajectory` that a file holds, exactly as they were.
+
+    Raises:
+        FormatError: as `Trajectory.load`.
+    """
+    import h5netcdf
+
+    from tensegrity_mj.model.text.reading import scene_from_toml
+
+    try:
+        source = Path(path)
+    except TypeError:
+        raise FormatError(f"{path!r}: that is no path; give the name of a trajectory's .nc file") from None
+    try:
+        if source.is_dir():
+            raise FormatError(f"{path}: that is a folder; name a .nc file in it")
+        if not source.is_file():
+            raise FormatError(f"{path}: no such file")
+        with h5netcdf.File(source, "r", decode_vlen_strings=True) as file:
+            if file.attrs.get("format") != FORMAT or "scene" not in file.attrs:
+                raise FormatError(f"{path}: a NetCDF file, but no trajectory of format {FORMAT} of tensegrity_mj")
+            texts = {key: _text(file.attrs[key]) for key in ("scene", "status", "message", "engine", *DICTIONARIES)}
+            scene = scene_from_toml(texts["scene"], where=str(path))
+            variables = {name: file.variables[name] for name in variables_of(scene)}
+            _check_shapes(source, scene, {name: tuple(variable.shape) for name, variable in variables.items()})
+            _check_labels(source, scene, file.variables)
+            arrays: dict[str, Any] = {name: np.array(variable[...], float) for name, variable in variables.items()}
+        status = Status(texts["status"])
+        extra = {key: from_exact_json(texts[key]) for key in DICTIONARIES}
+    except TensegrityError:
+        raise
+    except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError) as error:
+        # What the libraries of the format raise for damaged files is documented nowhere.
+        raise FormatError(f"{path}: not a readable trajectory ({error})") from error
+    for key, value in extra.items():
+        if not isinstance(value, dict):
+            raise FormatError(f"{path}: {key} is a {type(value).__name__}; it must be a JSON object")
+    _check_words(str(path), extra)
+    _check_values(str(path), arrays)
+    return {"scene": scene, **arrays, "status": status, "message": texts["message"], "engine": texts["engine"], **extra}
+
+
+def _text(value: Any) -> str:
+    """An attribute as text, which UTF-8 can hold; ValueError where it is none."""
+    text = str(value)
+    text.encode()
+    return text
+
+
+def _check_shapes(source: Path, scene: Scene, shapes: Mapping[str, tuple[int, ...]]) -> None:
+    """Raise FormatError unless the variables have the shapes of a scene, and as many numbers as the file can hold.
+
+    Looked at before they are read: a small file may declare more than any memory holds.
+    """
+    sizes = sizes_of(scene, math.prod(shapes["time"]))
+    for name, (dimensions, _, _) in variables_of(scene).items():
+        shape = tuple(sizes[dimension] for dimension in dimensions)
+        if shapes[name] != shape:
+            raise FormatError(
+                f"{source}: {name} has shape {shapes[name]}; for its scene '{scene.name}' and its times it must be "
+                f"{shape}, ({', '.join(dimensions)})"
+            )
+    declared, stored = 8 * sum(math.prod(shape) for shape in shapes.values()), source.stat().st_size
+    if declared > MOST_PACKED * stored:
+        raise FormatError(
+            f"{source}: its variables have {declared:.3g} bytes of numbers, which a file of {stored} bytes cannot "
+            "hold: it is damaged; save the run again"
+        )
+
+
+def _check_labels(source: Path, scene: Scene, variables: Mapping[str, Any]) -> None:
+    """Raise FormatError where names along a dimension are others than the scene's: somebody has put them in order.
+
+    Files from before these names were written have none.
+    """
+    for dimension, names in labels_of(scene).items():
+        if dimension not in variables:
+            continue
+        if tuple(variables[dimension].shape) != (len(names),):
+            raise FormatError(
+                f"{source}: {dimension} has shape {variables[dimension].shape}; it must be ({len(names)},)"
+            )
+        for number, (found, name) in enumerate(zip(map(_text, variables[dimension][...]), names, strict=True)):
+            if found != name:
+                raise FormatError(
+                    f"{source}: {dimension} {number} (counted from 0) is '{found}', in its scene it is '{name}': "
+                    "the file was put in another order; save the run in the order that it had"
+                )
+
+
+def _check_values(path: str, arrays: dict[str, Array]) -> None:
+    """Raise FormatError where times do not rise, or where what every run has is not finite."""
+    for name, (dimensions, unit, _) in (VARIABLES | STATES).items():
+        if name not in arrays:
+            continue
+        finite = np.isfinite(arrays[name])
+        if name in LAW_REPORTS or finite.all():
+            continue
+        place = np.argwhere(~finite)[0].tolist()
+        at = ", ".join(f"{dimension} {number}" for dimension, number in zip(dimensions, place, strict=True))
+        raise FormatError(
+            f"{path}: {name} is {arrays[name][tuple(place)]} {unit} at {at} (counted from 0); it must be finite: the "
+            "file is damaged or was changed, write it anew"
+        )
+    time = arrays["time"]
+    back = np.flatnonzero(np.diff(time) <= 0)
+    if len(back):
+        row = int(back[0])
+        raise FormatError(
+            f"{path}: time {row + 1} (counted from 0) is {time[row + 1]:.9g} s after {time[row]:.9g} s; times must "
+            "rise: the file is damaged or was changed, write it anew"
+        )
+
+
+# What is read again of the words of a run, by other commands: where it stands, its type, and the words of that.
+READ_AGAIN: dict[tuple[str, ...], tuple[tuple[type, ...], str]] = {
+    ("reports", "warnings"): ((list,), "a list of texts"),
+    ("reports", "accuracy"): ((dict,), "an object"),
+    ("reports", "accuracy", "met"): ((bool,), "true or false"),
+    ("reports", "accuracy", "reason"): ((str,), "a text"),
+    ("reports", "accuracy", "error_estimate"): ((int, float, type(None)), "a number"),
+    ("reports", "stability"): ((dict,), "an object"),
+    ("provenance", "controller"): ((dict, type(None)), "an object"),
+    ("provenance", "actuation"): ((dict, type(None)), "an object"),
+    ("provenance", "actuation", "mode"): ((str,), "a text"),
+    ("provenance", "actuation", "period"): ((int, float, type(None)), "a number"),
+    ("cost", "wall_time"): ((int, float, type(None)), "a number"),
+}
+
+
+def _check_words(path: str, words: dict[str, Any]) -> None:
+    """Raise FormatError where something that is read again has another type; what is absent may be, but for `met`."""
+    for place, (kinds, meaning) in READ_AGAIN.items():
+        inside: Any = words
+        for key in place[:-1]:
+            inside = inside.get(key) or {}
+        value = inside.get(place[-1], ...)
+        held = place[-1] == "period" and inside.get("mode", "continuous") != "continuous"
+        if held and value in (..., None):
+            kinds = (int, float)
+        absent = value is ... and not held and not (place[-1] in ("met", "mode") and inside)
+        texts = not isinstance(value, list) or all(isinstance(item, str) for item in value)
+        if not absent and not (isinstance(value, kinds) and texts):
+            found = "missing" if value is ... else f"a {type(value).__name__}"
+            raise FormatError(
+                f"{path}: {'.'.join(place)} is {found}; it must be {meaning}: the file is damaged or was changed, "
+                "write it anew"
+            )
+
+
+def _without_functions(scene: Scene, time: Array) -> Scene:
+    """The scene as a file can hold it: without loads, and with data of motions, where these are functions."""
+    if callable(scene.loads):
+        scene = scene.with_(loads=())
+    if any(motion.function is not None for motion in scene.motions):
+        # At the recorded times, and on to the end of the scene: data must not stop on their way.
+        end = float(time[-1]) if len(time) else 0.0
+        more = np.linspace(end, max(scene.duration, end + 1e-3), 101)[1:]
+        times = np.concatenate([time if len(time) else [0.0], more if scene.duration > end or len(time) < 2 else []])
+        motions = [motion if motion.function is None else motion.sampled(times) for motion in scene.motions]
+        scene = scene.with_(motions=motions)
+    return scene
