@@ -1,15 +1,16 @@
-"""What `tensegrity_mj.dm_control` needs beside the rest of the package, and what of it is not installed.
+"""What parts of the package need beside the rest, and what of it is not installed.
 
-Below Python 3.13 pip installs dm-control with this package. From 3.13 on it cannot: dm-control requires labmaze, which
-has no wheel there, and which nothing but `dm_control.locomotion` imports. There dm-control is installed without its
-dependencies, and the others of them, the extra `dm-control-needs` of pyproject.toml, beside it.
+Most of it is of `tensegrity_mj.dm_control`. Below Python 3.13 pip installs dm-control with this package. From 3.13 on
+it cannot: dm-control requires labmaze, which has no wheel there, and which nothing but `dm_control.locomotion` imports.
+There dm-control is installed without its dependencies, and the others of them, the extra `dm-control-needs` of
+pyproject.toml, beside it.
 """
 
 from __future__ import annotations
 
 import sys
-from importlib import metadata
-from typing import TYPE_CHECKING
+from importlib import import_module, metadata
+from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.errors import MissingPackageError
 
@@ -17,6 +18,20 @@ if TYPE_CHECKING:
     from packaging.requirements import Requirement
 
 EXTRA = "dm-control-needs"
+
+
+def optional(package: str, what: str) -> Any:
+    """A package that is needed by one call alone, imported.
+
+    Raises:
+        MissingPackageError: naming that call and the command that installs the package.
+    """
+    try:
+        return import_module(package)
+    except ImportError as error:
+        raise MissingPackageError(
+            f"{what} needs {package}, which cannot be imported ({error}); install it: python -m pip install {package}"
+        ) from None
 
 
 def requirements_of_dm_control() -> list[Requirement]:

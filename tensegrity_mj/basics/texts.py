@@ -66,7 +66,7 @@ def nearest(word: str, known: Iterable[str]) -> str:
 
     words = list(known)
     # Letters in another order are the likeliest mistake, which difflib does not know: 'dea' is as near to 'ode'.
-    swapped = [one for one in words if sorted(one) == sorted(word)]
+    swapped = [one for one in words if sorted(one.casefold()) == sorted(word.casefold())]
     match = swapped or difflib.get_close_matches(word, words, 1)
     if not match and len(word) > 2:  # an abbreviation
         match = [one for one in words if one.startswith(word)]

@@ -18,7 +18,7 @@ MOST_LINES = 20
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Linearize, and write what the options name."""
-    out = output_file(options.out, "--out", (".npz", ".json"))
+    out = output_file(options.out, "--out", (".npz", ".json", ".mat"))
     if options.state is None:
         refuse(options, ("time",), "needs --state FILE.nc, the run whose sample it chooses")
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Simulate, then write what the options name; whatever can be refused is refused before."""
-    out = output_file(options.out, "--out", (".nc",))
+    out = output_file(options.out, "--out", (".nc", ".csv", ".mat"))
     video = output_file(options.video, "--video", (".mp4",))
     plot = output_file(options.plot, "--plot", PLOT_SUFFIXES)
     distinct({"--replay": Path(options.replay) if options.replay else None, "--out": out})

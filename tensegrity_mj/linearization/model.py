@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import os
+import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import real_array
+from tensegrity_mj.basics.dependencies import optional
 from tensegrity_mj.basics.files import checked, replacing
 from tensegrity_mj.basics.jsontext import plain_values, to_json
+from tensegrity_mj.basics.matfile import save_mat
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.model.elements.element import states_at_start
 from tensegrity_mj.model.scene import Scene
+
+if TYPE_CHECKING:
+    from control import StateSpace
 
 FLAT = 1e-10  # of the largest |λ|²: below it, ω² is that of a motion that nothing holds
 STILL = 1e-12  # of the largest |λ|: a damping below it is none
@@ -125,24 +132,52 @@ class Linearization:
         others = start if states is None else real_array("states", states, start.shape, "", False)
         return np.concatenate([delta, rate - chart.coordinates(self.nodes, self.velocities)[1], others - start])
 
+    def to_control(self) -> StateSpace:
+        """The model as a system of python-control; inputs are strings, outputs "n1_x", with "_" for each "." in names.
+
+        They are differences from the state of this model. A StateSpace has no constant term: about a state that is no
+        equilibrium it lacks `residual`, and a warning says so.
+
+        Raises:
+            MissingPackageError: where python-control is not installed.
+        """
+        control = optional("control", "linearize(...).to_control()")
+        if not self.is_equilibrium:
+            warnings.warn(
+                "the state is no equilibrium, and a StateSpace has no constant term: model.residual is not in it",
+                stacklevel=2,
+            )
+        return control.ss(
+            *(self.A, self.B, self.C, 0),
+            inputs=_signals(string.name for string in self.scene.structure.strings),
+            outputs=_signals(f"{node}.{axis}" for node in self.scene.structure.node_names for axis in "xyz"),
+            states=_signals([*self.coordinates, *(f"{name} rate" for name in self.coordinates), *self.states]),
+            name=self.scene.name.replace(".", "_"),
+        )
+
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write everything as .json, or its arrays and names as .npz; returns the path.
+        """Write everything as .json, or its arrays and names as .npz or, for MATLAB, .mat; returns the path.
 
         Raises:
             OptionError: for another suffix, or a place where no file can be written.
         """
-        destination = checked(path, (".npz", ".json"), "linear model")
+        destination = checked(path, (".npz", ".json", ".mat"), "linear model")
         data = self.to_dict()
         with replacing(destination) as part:
             if destination.suffix.lower() == ".json":
                 part.write_text(to_json(data) + "\n", encoding="utf-8")
-            else:
-                del data["warnings"], data["gain"]
-                data["eigenvalues"] = self.eigenvalues
-                if self.gain is not None:
-                    data["gain"] = self.gain
+                return destination
+            del data["warnings"], data["gain"]
+            data["eigenvalues"] = self.eigenvalues
+            if self.gain is not None:
+                data["gain"] = self.gain
+            if destination.suffix.lower() == ".npz":
                 arrays: dict[str, Any] = {key: np.asarray(value) for key, value in data.items()}
                 np.savez_compressed(part, **arrays)
+            else:
+                names = {key: tuple(data.pop(key)) for key in ("coordinates", "states", "strings", "nodes")}
+                texts = {key: data.pop(key) for key in ("engine", "scene", "inputs")}
+                save_mat(part, {key: np.asarray(value) for key, value in data.items()} | names | texts)
         return destination
 
     def to_dict(self) -> dict[str, Any]:
@@ -159,3 +194,9 @@ class Linearization:
             "eigenvalues": [[float(value.real), float(value.imag)] for value in self.eigenvalues],
             **plain_values(self, "frequencies", "damping_ratios", "warnings"),
         }
+
+
+def _signals(names: Iterable[str]) -> list[str]:
+    """Names as python-control takes them: no dot, and each once."""
+    words = [name.replace(".", "_") for name in names]
+    return words if len(set(words)) == len(words) else [f"{word} {number + 1}" for number, word in enumerate(words)]

@@ -85,6 +85,13 @@ def attributes_in_file(run: Trajectory) -> dict[str, str | int]:
     }
 
 
+def write_run(run: Trajectory, path: Path) -> None:
+    """Write the NetCDF-4 file of a run."""
+    from tensegrity_mj.runs.netcdf import write_netcdf
+
+    write_netcdf(path, variables_in_file(run), attributes_in_file(run))
+
+
 def read_run(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The fields of the `Trajectory` that a file holds, exactly as they were.
 

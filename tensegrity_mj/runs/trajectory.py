@@ -5,17 +5,25 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.files import checked, replacing
+from tensegrity_mj.basics.texts import unknown
+from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.elements.element import energy_of, state_names
 from tensegrity_mj.model.elements.resistance import bending_energy
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.runs.variables import DICTIONARIES, STATES, VARIABLES
+from tensegrity_mj.runs.variables import DICTIONARIES, STATES, VARIABLES, labels_of
 from tensegrity_mj.runs.variables import Status as Status
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+SUFFIXES = (".nc", ".csv", ".mat")  # of the files that a run is saved as
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,20 +124,72 @@ class Trajectory:
         aims = target_nodes(self.scene.structure, self.scene.target, self.time)
         return np.max(np.linalg.norm(self.nodes - aims, axis=-1), axis=1)
 
+    def position(self, node: str) -> Array:
+        """(T, 3) [m] of a node by its name; OptionError where there is none."""
+        return np.asarray(self.nodes[:, self._number("node", node)])
+
+    def velocity(self, node: str) -> Array:
+        """(T, 3) [m/s] of a node by its name; OptionError where there is none."""
+        return np.asarray(self.velocities[:, self._number("node", node)])
+
+    def tension(self, string: str) -> Array:
+        """(T,) [N] of a string by its name; OptionError where there is none."""
+        return np.asarray(self.tensions[:, self._number("string", string)])
+
+    def rest_length(self, string: str) -> Array:
+        """(T,) [m] of a string by its name; OptionError where there is none."""
+        return np.asarray(self.rest_lengths[:, self._number("string", string)])
+
+    def rod_force(self, rod: str) -> Array:
+        """(T,) [N] along a rod by its name, negative in compression; OptionError where there is none."""
+        number = self._number("rod", rod)
+        return np.asarray(self.rod_force_densities[:, number] * self.scene.structure.rod_lengths[number])
+
+    def _number(self, dimension: str, name: str) -> int:
+        names = labels_of(self.scene)[dimension]
+        if name not in names:
+            raise OptionError(f"the run of '{self.scene.name}': {unknown(str(name), names, dimension)}")
+        return names.index(name)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The run as `xarray.open_dataset` reads its file: `run.to_xarray().tensions.sel(string="s1")`.
+
+        Raises:
+            MissingPackageError: where xarray is not installed.
+        """
+        from tensegrity_mj.runs.tables import to_xarray
+
+        return to_xarray(self)
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """A row for each time [s], the index, and a column for each number: "n1.x", "s1.tension", "kinetic_energy".
+
+        Raises:
+            MissingPackageError: where pandas is not installed.
+        """
+        from tensegrity_mj.runs.tables import to_dataframe
+
+        return to_dataframe(self)
+
     def save(self, path: str | os.PathLike[str]) -> Path:
-        """Write NetCDF-4 (.nc), atomically (a crash leaves the old file or none); returns the path.
+        """Write NetCDF-4 (.nc), which `load` reads, or a table: .csv, or .mat for MATLAB; returns the path.
+
+        The file appears whole: a crash leaves the old one or none.
 
         Raises:
             OptionError: for another suffix, or a place where no file can be written.
             FormatError: if writing fails.
         """
-        from tensegrity_mj.runs.netcdf import write_netcdf
-        from tensegrity_mj.runs.stored import attributes_in_file, variables_in_file
-
-        destination = checked(path, (".nc",), "trajectory")
-        attributes = attributes_in_file(self)
+        destination = checked(path, SUFFIXES, "trajectory")
+        match destination.suffix.lower():
+            case ".csv":
+                from tensegrity_mj.runs.tables import write_csv as write
+            case ".mat":
+                from tensegrity_mj.runs.tables import write_mat as write
+            case _:
+                from tensegrity_mj.runs.stored import write_run as write
         with replacing(destination) as part:
-            write_netcdf(part, variables_in_file(self), attributes)
+            write(self, part)
         return destination
 
     @classmethod

@@ -17,6 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
         "docs/beams_in_waves.md",
         "docs/cable.md",
         "docs/contact.md",
+        "docs/data.md",
         "docs/elements.md",
         "docs/engines.md",
         "docs/laws.md",

@@ -1,0 +1,89 @@
+"""Runs as tables of other programs: xarray, pandas, CSV, MATLAB."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.dependencies import optional
+from tensegrity_mj.basics.matfile import legal_names, save_mat
+from tensegrity_mj.runs.stored import attributes_in_file, variables_in_file
+from tensegrity_mj.runs.variables import AXES, labels_of, variables_of
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+    from tensegrity_mj.runs.trajectory import Trajectory
+
+# What a column is called after its member: "n1.x", "s1.tension".
+OF_NODES = {"nodes": AXES, "velocities": ("vx", "vy", "vz")}
+OF_MEMBERS = {
+    "force_densities": "force_density",
+    "rest_lengths": "rest_length",
+    "tensions": "tension",
+    "multipliers": "multiplier",
+    "rod_force_densities": "rod_force_density",
+}
+
+
+def columns_of(run: Trajectory) -> tuple[list[str], Array]:
+    """The names (K,) and the values (T, K) of all that was recorded, time first; units as in `VARIABLES`."""
+    labels, names, values = labels_of(run.scene), [], []
+    for name, (dimensions, _, _) in variables_of(run.scene).items():
+        members: tuple[str, ...] = labels[dimensions[1]] if len(dimensions) > 1 else ()
+        if name in OF_NODES:
+            names += [f"{member}.{axis}" for member in members for axis in OF_NODES[name]]
+        elif name in OF_MEMBERS:
+            names += [f"{member}.{OF_MEMBERS[name]}" for member in members]
+        else:
+            names += members or [name]
+        array = getattr(run, name)
+        values.append(array.reshape(len(array), int(np.prod(array.shape[1:]))))
+    return names, np.hstack(values)
+
+
+def to_xarray(run: Trajectory) -> xarray.Dataset:
+    """What `xarray.open_dataset` reads from the file of a run."""
+    xr = optional("xarray", "run.to_xarray()")
+    held = {
+        name: (dimensions, np.array(values), told)
+        for name, (dimensions, values, told) in variables_in_file(run).items()
+    }
+    coordinates = {name: held.pop(name) for name in ("time", *labels_of(run.scene))}
+    return xr.Dataset(held, coordinates, attributes_in_file(run))
+
+
+def to_dataframe(run: Trajectory) -> pandas.DataFrame:
+    """A row for each time, which is the index; columns as `columns_of` names them."""
+    pd = optional("pandas", "run.to_dataframe()")
+    names, values = columns_of(run)
+    return pd.DataFrame(values[:, 1:], index=pd.Index(values[:, 0], name=names[0]), columns=names[1:])
+
+
+def write_csv(run: Trajectory, path: Path) -> None:
+    """The columns of `columns_of` below their names; every number as exactly as it is."""
+    names, values = columns_of(run)
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(names)
+        writer.writerows(values.tolist())
+
+
+def write_mat(run: Trajectory, path: Path) -> None:
+    """The arrays of a run, what stands along their dimensions, and the numbers of members there, counted from 1.
+
+    In MATLAB: `plot(time, tensions(:, string_number.s1))`.
+    """
+    data: dict[str, Any] = {name: getattr(run, name) for name in variables_of(run.scene)}
+    for dimension, names in labels_of(run.scene).items():
+        data[f"{dimension}_names"] = names
+        if names:
+            data[f"{dimension}_number"] = {name: float(k + 1) for k, name in enumerate(legal_names(names))}
+    data["units"] = {name: unit for name, (_, unit, _) in variables_of(run.scene).items()}
+    data["about"] = attributes_in_file(run)
+    save_mat(path, data)
