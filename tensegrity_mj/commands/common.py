@@ -7,6 +7,7 @@ import enum
 import math
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
@@ -96,6 +97,15 @@ def output_file(path: str | None, option: str, suffixes: Sequence[str]) -> Path 
     if path is None:
         return None
     return checked(path, suffixes, option)
+
+
+def for_paper(width: str | None) -> AbstractContextManager[None]:
+    """What plots are made in that are as wide as a paper's "column" or "page"; for the screen with None."""
+    if width is None:
+        return nullcontext()
+    from tensegrity_mj.pictures.paper import paper
+
+    return paper(1 if width == "column" else 2)
 
 
 def distinct(outputs: Mapping[str, Path | None]) -> None:

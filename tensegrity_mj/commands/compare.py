@@ -14,6 +14,7 @@ from tensegrity_mj.commands.common import (
     ExitCode,
     Outcome,
     code_of_status,
+    for_paper,
     number,
     output_file,
     refuse,
@@ -43,6 +44,8 @@ UNITS = {
 def execute(options: argparse.Namespace) -> Outcome:
     """Simulate twice, or read two files, and compare."""
     plot = output_file(options.plot, "--plot", PLOT_SUFFIXES)
+    if plot is None:
+        refuse(options, ("paper",), "needs --plot FILE.pdf")
     if all(name.lower().endswith(".nc") for name in options.inputs):
         first, second = _read(options)
         files: dict[str, Path] = {}
@@ -76,7 +79,8 @@ def execute(options: argparse.Namespace) -> Outcome:
         if plot:
             from tensegrity_mj.pictures.plots import plot_comparison
 
-            plot_comparison(comparison, plot, runs=[first, second])
+            with for_paper(options.paper):
+                plot_comparison(comparison, plot, runs=[first, second])
     # Two files are compared with success whatever became of their runs, which first_status and second_status give.
     worst = max((first, second), key=lambda run: code_of_status(run.status))
     data = {

@@ -13,6 +13,7 @@ from tensegrity_mj.commands.common import (
     Outcome,
     code_of_status,
     distinct,
+    for_paper,
     number,
     output_file,
     refuse,
@@ -32,6 +33,8 @@ def execute(options: argparse.Namespace) -> Outcome:
     out = output_file(options.out, "--out", (".nc", ".csv", ".mat"))
     video = output_file(options.video, "--video", (".mp4",))
     plot = output_file(options.plot, "--plot", PLOT_SUFFIXES)
+    if plot is None:
+        refuse(options, ("paper",), "needs --plot FILE.pdf")
     distinct({"--replay": Path(options.replay) if options.replay else None, "--out": out})
     experiment.refuse_options_of_other_engines(options, (options.engine,))
     _check_replay(options)
@@ -75,7 +78,8 @@ def execute(options: argparse.Namespace) -> Outcome:
     if plot:
         from tensegrity_mj.pictures.plots import plot_run
 
-        plot_run(run, plot)
+        with for_paper(options.paper):
+            plot_run(run, plot)
     if video:
         from tensegrity_mj.pictures.video import render
 

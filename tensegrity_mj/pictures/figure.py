@@ -14,7 +14,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.files import checked, replacing
-from tensegrity_mj.pictures import palette
+from tensegrity_mj.pictures import palette, paper
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -26,23 +26,27 @@ SUFFIXES = (".png", ".pdf", ".svg")
 DPI = 130
 ROW, COLUMN = 2.5, 3.9  # inches, a panel
 MAX_LEGEND = 8  # entries
+BELOW = 33.0  # points, from a panel to the legend below its ticks and label
 RUN_STYLES = ("-", "--", ":", "-.")
+ZOOM = 1.15  # of a box in space, which matplotlib draws small
 GREY = (0.45, 0.47, 0.5)
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure, in inches."""
+    """An empty figure, in inches; of the width of a paper's columns within `paper`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as MatplotlibFigure
 
-    figure = MatplotlibFigure(figsize=(width, height), layout="constrained")
+    wanted = paper.chosen()
+    size = (width, height) if wanted is None else wanted.fit(width, height)
+    figure = MatplotlibFigure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def grid_of_panels(count: int, columns: int, width: float, height: float, room: float = 0.0) -> tuple[Figure, Any]:
     """A figure with `count` panels of that size [inches] in rows of at most `columns`, and `room` below; the panels."""
-    columns = min(columns, count)
+    columns = min(beside(columns), count)
     rows = -(-count // columns)
     figure = new_figure(columns * width, rows * height + room)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
@@ -51,14 +55,38 @@ def grid_of_panels(count: int, columns: int, width: float, height: float, room: 
     return figure, panels[:count]
 
 
-def frame(panel: Axes, title: str = "", x: str = "", y: str = "", *, legend: bool = True, small: float = 0.0) -> None:
-    """Title, axes, grid and legend (where there are handles) in one style; `small`: points less for all texts."""
+def beside(columns: int) -> int:
+    """How many panels stand beside one another: one in a paper's column."""
+    wanted = paper.chosen()
+    return columns if wanted is None or wanted.columns == 2 else 1
+
+
+def frame(
+    panel: Axes,
+    title: str = "",
+    x: str = "",
+    y: str = "",
+    *,
+    legend: bool = True,
+    below: bool = False,
+    small: float = 0.0,
+) -> None:
+    """Title, axes, grid and legend (where there are handles) in one style.
+
+    Args:
+        x, y: the axes' labels; the unit at the end, in brackets, gets the prefix that the numbers want.
+        below: whether the legend stands below the panel, where it hides no curve.
+        small: points less for all texts.
+    """
+    from tensegrity_mj.pictures.ticks import prefix_ticks
+
     if title:
         panel.set_title(title, fontsize=10 - small)
     if x:
         panel.set_xlabel(x, fontsize=9 - small)
     if y:
         panel.set_ylabel(y, fontsize=9 - small)
+    prefix_ticks(panel)
     panel.grid(True, color=palette.GRID, lw=0.7)
     panel.set_axisbelow(True)
     panel.tick_params(labelsize=8 - small, color=GREY)
@@ -67,8 +95,29 @@ def frame(panel: Axes, title: str = "", x: str = "", y: str = "", *, legend: boo
         side.set_linewidth(0.7)
     handles, labels = panel.get_legend_handles_labels()
     if handles and legend:
-        columns = 2 if len(handles) > 4 else 1
-        panel.legend(handles, labels, fontsize=7.5 - small, framealpha=0.75, edgecolor="none", ncols=columns)
+        size = 7.5 - small
+        if below:
+            _legend_below(panel, handles, labels, size)
+        else:
+            columns = 2 if len(handles) > 4 else 1
+            panel.legend(handles, labels, fontsize=size, framealpha=0.75, edgecolor="none", ncols=columns)
+
+
+def _legend_below(panel: Axes, handles: list[Any], labels: list[str], size: float) -> None:
+    """A legend under the panel's axis and its label, in as many columns as have room."""
+    from matplotlib.transforms import ScaledTranslation
+
+    figure: Any = panel.figure
+    place = panel.get_subplotspec()
+    width = figure.bbox.width / figure.dpi / (place.get_geometry()[1] if place else 1)
+    longest = max(5 if label.startswith("$") else len(label) for label in labels)  # a formula is short
+    smaller = 1.0 if paper.chosen() is None else paper.SHRINK
+    letters = 72.0 * width / (0.56 * max(smaller * size, paper.SMALLEST))
+    columns = max(1, min(4, len(handles), int(letters / (6 + longest))))
+    below = panel.transAxes + ScaledTranslation(0.0, -smaller * BELOW / 72.0, figure.dpi_scale_trans)
+    look: dict[str, Any] = {"frameon": False, "ncols": columns, "columnspacing": 1.2, "borderaxespad": 0.0}
+    look |= {"loc": "upper center", "bbox_to_anchor": (0.5, 0.0), "bbox_transform": below}
+    panel.legend(handles, labels, fontsize=size, **look)
 
 
 def common_legend(figure: Figure, panels: Iterable[Axes]) -> None:
@@ -91,10 +140,16 @@ def equal_scales(axes: Any, points: Array) -> None:
     size = float(np.max(high - low)) or 1.0
     half = np.maximum(0.5 * (high - low), 0.15 * size) * 1.05
     middle = 0.5 * (low + high)
+    from matplotlib.ticker import MaxNLocator
+
     for name, m, h in zip("xyz", middle, half, strict=True):
         getattr(axes, f"set_{name}lim")(m - h, m + h)
         getattr(axes, f"set_{name}label")(f"{name} [m]", fontsize=9)
-    axes.set_box_aspect(half)
+        # A short axis has room for few numbers.
+        getattr(axes, f"{name}axis").set_major_locator(
+            MaxNLocator(max(1, round(6 * h / float(half.max()))), steps=[1, 2, 5, 10])
+        )
+    axes.set_box_aspect(half, zoom=ZOOM)
     axes.tick_params(labelsize=7)
     axes.view_init(elev=22.0, azim=-55.0)
 
@@ -110,11 +165,17 @@ def save_figure(figure: Figure, path: PathLike) -> Path:
     Raises:
         OptionError: a path that cannot be written.
     """
+    from matplotlib import rc_context
+
     destination = checked(path, SUFFIXES, "plot")
     with replacing(destination) as part:
         # Without dates the same figure gives the same file.
         metadata = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(destination.suffix.lower(), {})
-        figure.savefig(part, dpi=DPI, metadata=metadata)
+        wanted = paper.chosen()
+        if wanted is not None:
+            wanted.dress(figure)
+        with rc_context({"pdf.fonttype": 42}):  # TrueType, the kind that journals want
+            figure.savefig(part, dpi=DPI if wanted is None else paper.DPI, metadata=metadata)
     return destination
 
 

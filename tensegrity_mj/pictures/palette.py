@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,22 +28,36 @@ TARGET: Color = (0.20, 0.66, 0.33)
 GHOST: Color = (0.16, 0.44, 0.90)
 AXES: tuple[Color, Color, Color] = ((0.82, 0.20, 0.18), (0.20, 0.60, 0.22), (0.16, 0.36, 0.80))
 
-# The thesis' order for rods and strings: blue, green, red, and four more that differ from them and from one another,
-# also for most readers who do not see all colours.
+# The thesis' order for rods and strings: blue, green, red, and four more: those of Okabe and Ito, which readers who do
+# not see all colours tell apart. Curves differ by `STYLES` too, which stay in grey print.
 CYCLE: tuple[Color, ...] = (
-    (0.12, 0.36, 0.78),
-    (0.13, 0.58, 0.24),
-    (0.83, 0.18, 0.16),
-    (0.10, 0.66, 0.72),
-    (0.62, 0.25, 0.68),
-    (0.85, 0.60, 0.05),
-    (0.25, 0.25, 0.28),
+    (0.000, 0.447, 0.698),
+    (0.000, 0.620, 0.451),
+    (0.835, 0.369, 0.000),
+    (0.337, 0.706, 0.914),
+    (0.680, 0.380, 0.560),
+    (0.902, 0.624, 0.000),
+    (0.000, 0.000, 0.000),
 )
+BAND: Color = (0.84, 0.85, 0.865)  # of curves without names
+
+STYLES: tuple[Any, ...] = ("-", (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (5, 1.4, 1.2, 1.4)), (0, (9, 2)))
+MARKERS = "osv^DPX"
 
 
 def color_of(number: int) -> Color:
     """The colour of the curve of that number."""
     return CYCLE[number % len(CYCLE)]
+
+
+def look_of(number: int) -> tuple[Color, Any]:
+    """Colour and line style of the curve of that number; 35 in a row differ in one of the two, neighbours in both."""
+    return color_of(number), STYLES[number % len(STYLES)]
+
+
+def marker_of(number: int) -> str:
+    """The mark on the curve of that number, where line styles mean something else."""
+    return MARKERS[number % len(MARKERS)]
 
 
 # Tension from none to the largest: dark blue, violet, red, orange. It gets lighter all the way, so that it also reads

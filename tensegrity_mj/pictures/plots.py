@@ -21,21 +21,26 @@ from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.rods import directions, support_points
 from tensegrity_mj.pictures import palette
+from tensegrity_mj.pictures.curves import WIDTH, largest
 from tensegrity_mj.pictures.figure import (
     COLUMN,
     GREY,
     MAX_LEGEND,
     ROW,
     PathLike,
-    equal_scales,
+    beside,
     line_style,
     new_figure,
     note,
     saved,
 )
 from tensegrity_mj.pictures.figure import save_figure as save_figure
+from tensegrity_mj.pictures.paper import paper as paper
+from tensegrity_mj.pictures.paths import plot_paths as plot_paths
 from tensegrity_mj.pictures.run_panels import (
     controls,
+    forces,
+    heights,
     law_name,
     listed,
     multipliers,
@@ -43,6 +48,7 @@ from tensegrity_mj.pictures.run_panels import (
     rod_index,
     rows_of_panels,
     target_nodes,
+    tensions,
 )
 from tensegrity_mj.runs.trajectory import Trajectory
 
@@ -57,11 +63,13 @@ if TYPE_CHECKING:
 
 __all__ = [
     "landscape",
+    "paper",
     "plot_clearance",
     "plot_comparison",
     "plot_coordinates",
     "plot_errors",
     "plot_lyapunov",
+    "plot_motion",
     "plot_paths",
     "plot_run",
     "save_figure",
@@ -73,9 +81,12 @@ DIFFERENCES = {
     "velocity_error": ("Node velocities", "m/s"),
     "tension_error": ("String tensions", "N"),
     "rod_force_error": ("Rod forces", "N"),
-    "force_density_error": ("Control force densities u", "N/m"),
+    "force_density_error": ("Controls u", "N/m"),
     "energy_error": ("Total energy", "J"),
 }
+
+# From where on and how far apart marks stand on curves whose line styles mean something, in diagonals of the panel.
+MARKS = [(0.02 + 0.0171 * k, 0.12) for k in range(len(palette.MARKERS))]
 
 # times (T,), values (T,), colour, line style, label
 _Curve = tuple[Array, Array, Any, str, str | None]
@@ -89,14 +100,33 @@ class ComparisonLike(Protocol):
 
 
 def plot_run(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = None) -> Figure:
-    """Figure 5.4 for a structure of one rod, figure 5.7 for every other; a row for each run.
+    """A row for each run: under a law figure 5.4 for a structure of one rod, figure 5.7 for others; else its motion.
 
     Raises:
         OptionError: no run, an empty one, or a path that cannot be written.
     """
     all_runs = listed(runs)
+    if not any(run.scene.target is not None or run.provenance.get("controller") for run in all_runs):
+        return plot_motion(all_runs, path)
     one_rod = all(len(run.scene.structure.rods) == 1 and not run.scene.structure.point_masses for run in all_runs)
     return plot_coordinates(all_runs, path) if one_rod else plot_errors(all_runs, path)
+
+
+def plot_motion(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = None) -> Figure:
+    """Height, tension of the strings [N], and the floor's force or the rods' [N]: of structures that no law controls.
+
+    Members that are alike are drawn together, see `curves`. The floor's force is drawn where nothing but gravity acts
+    from outside besides.
+
+    Raises:
+        OptionError: no run, an empty one, or a path that cannot be written.
+    """
+    all_runs = listed(runs)
+    figure, panels = rows_of_panels(all_runs)
+    for run, row in zip(all_runs, panels, strict=True):
+        for draw, panel in zip((heights, tensions, forces), row, strict=True):
+            draw(panel, run)
+    return saved(figure, path)
 
 
 def plot_coordinates(
@@ -117,7 +147,8 @@ def plot_coordinates(
         b = directions(run.scene.structure, run.nodes)[:, which]
         aim = target_nodes(run)
         for axis, name in enumerate("xyz"):
-            row[0].plot(run.time, b[:, axis], color=palette.CYCLE[axis], lw=1.3, label=f"$b_{name}$")
+            look = {"color": palette.CYCLE[axis], "marker": palette.marker_of(axis), "ms": 3.5}
+            row[0].plot(run.time, b[:, axis], lw=1.3, label=f"$b_{name}$", markevery=MARKS[axis], **look)
         if aim is not None:
             goal = directions(run.scene.structure, aim)[:, which]
             for axis in range(3):
@@ -135,7 +166,8 @@ def plot_coordinates(
 def plot_errors(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = None) -> Figure:
     """Figure 5.7: for each rod (blue, green, red, ...) ‖e_b‖ full and ‖e_r‖ dashed; u; λ.
 
-    Without a target, the first column shows how far b and r are from where they started. Point masses are dotted.
+    Of more than four rods, the four with the largest errors and a band of the others. Without a target, the first
+    column shows how far b and r are from where they started. Point masses are dotted.
 
     Raises:
         OptionError: no run, an empty one, or a path that cannot be written.
@@ -148,64 +180,28 @@ def plot_errors(runs: Trajectory | Sequence[Trajectory], path: PathLike | None =
         sign = "\\Delta " if aim is None else "e_"
         b_error = np.linalg.norm(directions(structure, run.nodes) - directions(structure, reference), axis=-1)
         r_error = np.linalg.norm(support_points(structure, run.nodes) - support_points(structure, reference), axis=-1)
-        labelled = len(structure.rods) <= MAX_LEGEND // 2
-        for a in range(len(structure.rods)):
-            for values, style, letter in ((b_error, "-", "b"), (r_error, "--", "r")):
-                if letter == "r" and not np.any(r_error[:, a] > 1e-12):
-                    continue  # a pinned rod's r cannot move
-                label = rf"$\|{sign}{{{letter}_{{{a + 1}}}}}\|$" if labelled else None
-                row[0].plot(run.time, values[:, a], color=palette.color_of(a), lw=1.2, ls=style, label=label)
+        for values, style, letter in ((b_error, "-", "b"), (r_error, "--", "r")):
+            moving = np.flatnonzero(values.max(axis=0) > 1e-12)  # a pinned rod's r cannot move
+            shown = moving[largest(values[:, moving], MAX_LEGEND // 2)]
+            rest = np.delete(values[:, moving], np.searchsorted(moving, shown), axis=1)
+            if rest.shape[1]:
+                label = rf"$\|{sign}{letter}\|$, {rest.shape[1]} others"
+                band = {"color": palette.BAND, "lw": 0.0, "hatch": "" if letter == "b" else "////", "ec": "white"}
+                row[0].fill_between(run.time, rest.min(axis=1), rest.max(axis=1), zorder=1.0, label=label, **band)
+            for a in shown:
+                label = rf"$\|{sign}{{{letter}_{{{a + 1}}}}}\|$"
+                look = {"color": palette.color_of(a), "marker": palette.marker_of(a), "ms": 3.5}
+                every = MARKS[a % len(MARKS)]
+                row[0].plot(run.time, values[:, a], lw=WIDTH, ls=style, label=label, markevery=every, **look)
         for k, mass in enumerate(structure.point_masses):
             i = structure.node_index[mass.node]
             distance = np.linalg.norm(run.nodes[:, i] - reference[:, i], axis=-1)
-            label = figure_text(mass.node) if len(structure.point_masses) <= MAX_LEGEND // 2 else None
-            row[0].plot(run.time, distance, color=palette.color_of(k), lw=1.2, ls=":", label=label)
+            name = figure_text(mass.node) if k < MAX_LEGEND // 2 else None
+            row[0].plot(run.time, distance, color=palette.color_of(k), lw=1.2, ls=":", label=name)
         title = "Change since the start" if aim is None else r"Errors $\|e_b\|$ (full), $\|e_r\|$ (dashed)"
         over_time(row[0], title, r"$b$ [1], $r$ [m]")
         controls(row[1], run)
         multipliers(row[2], run, range(len(structure.rods)))
-    return saved(figure, path)
-
-
-def plot_paths(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = None) -> Figure:
-    """Figures 5.3 and 5.6: the paths of the nodes, a colour for each run, and the rods at the end in black.
-
-    Strings at the end are grey, the target's rods dotted, fixed points squares. All runs share one picture; a later
-    run is dashed, so that one that it covers shows.
-
-    Raises:
-        OptionError: no run, an empty one, or a path that cannot be written.
-    """
-    from tensegrity_mj.pictures.painter import supported_points
-
-    all_runs = listed(runs)
-    figure = new_figure(6.4, 5.6)
-    axes: Any = figure.add_subplot(projection="3d")
-    everything = []
-    for number, run in enumerate(all_runs):
-        structure, end = run.scene.structure, run.nodes[-1]
-        moving = np.flatnonzero(np.ptp(run.nodes, axis=0).max(axis=1) > 1e-9)
-        style = line_style(number)
-        for count, node in enumerate(moving):
-            label = figure_text(run.engine or run.scene.name) if count == 0 else None
-            axes.plot(*run.nodes[:, node].T, color=palette.color_of(number), lw=1.2, ls=style, label=label)
-        for i, j in structure.string_nodes:
-            axes.plot(*end[[i, j]].T, color=(0.7, 0.72, 0.75), lw=0.7)
-        for i, j in structure.rod_nodes:
-            axes.plot(*end[[i, j]].T, color="black", lw=2.2, solid_capstyle="round")
-        for point, held in supported_points(structure, end):
-            axes.plot(*point[:, None], marker="s", color="black" if held == 3 else GREY, ms=5)
-        everything.append(run.nodes.reshape(-1, 3))
-        aim = target_nodes(run)
-        if aim is not None:
-            for i, j in structure.rod_nodes:
-                axes.plot(*aim[-1, [i, j]].T, color=palette.TARGET, lw=1.6, ls=":")
-            everything.append(aim[-1])
-    equal_scales(axes, np.concatenate(everything))
-    ends = ", ".join(dict.fromkeys(f"{run.time[-1]:g} s" for run in all_runs))
-    axes.set_title(f"{figure_text(all_runs[0].scene.name)}: paths of the nodes, rods at {ends}", fontsize=10)
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(fontsize=8, frameon=False, loc="upper left")
     return saved(figure, path)
 
 
@@ -222,8 +218,9 @@ def plot_comparison(
         OptionError: a path that cannot be written.
     """
     time = np.asarray(comparison.time, float)
-    figure = new_figure(3 * COLUMN, 2 * ROW + 0.6)
-    panels = figure.subplots(2, 3, sharex=True)
+    columns = beside(3)
+    figure = new_figure(columns * COLUMN, 6 // columns * ROW + 0.6)
+    panels = figure.subplots(6 // columns, columns, sharex=True)
     for panel, (name, (title, unit)) in zip(panels.ravel(), DIFFERENCES.items(), strict=True):
         curves: list[_Curve] = []
         if getattr(comparison, name, None) is not None:
@@ -238,7 +235,7 @@ def plot_comparison(
                 curves.append((run.time, run.energy_balance, palette.color_of(number), style, label))
         _logarithmic(panel, curves)
         over_time(panel, title, f"largest difference [{unit}]" if len(curves) == 1 else f"magnitude [{unit}]")
-    for panel in panels[-1]:
+    for panel in panels.ravel()[-columns:]:
         panel.set_xlabel("time [s]", fontsize=9)
     names = [getattr(comparison, name, "") for name in ("first", "second")]
     if all(names):

@@ -1,4 +1,4 @@
-"""What plots of runs are made of: panels of controls and multipliers, rows of panels, and the runs that are drawn."""
+"""What plots of runs are made of: panels of one quantity each, rows of panels, and the runs that are drawn."""
 
 from __future__ import annotations
 
@@ -10,8 +10,10 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.rods import lumped_masses
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.figure import COLUMN, MAX_LEGEND, ROW, frame, new_figure, note
+from tensegrity_mj.pictures.curves import WIDTH, draw_curves, rod_groups, string_groups
+from tensegrity_mj.pictures.figure import COLUMN, GREY, ROW, beside, frame, new_figure, note
 from tensegrity_mj.runs.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -21,37 +23,111 @@ if TYPE_CHECKING:
 
 def over_time(panel: Axes, title: str, unit: str) -> None:
     """The frame of curves over time."""
-    frame(panel, title, y=unit)
+    frame(panel, title, y=unit, below=True)
     panel.margins(x=0.0)
+    if not (panel.lines or panel.patches or panel.collections):
+        note(panel, "nothing to show")
+        panel.set_xticks([])
+        panel.set_yticks([])
 
 
 def controls(panel: Axes, run: Trajectory) -> None:
-    count = run.force_densities.shape[1]
-    for a in range(count):
-        label = f"$u_{{{a + 1}}}$" if count <= MAX_LEGEND else None
-        panel.plot(run.time, run.force_densities[:, a], color=palette.color_of(a), lw=1.1, label=label)
-    names = "" if count == 0 else "$u_1$" if count == 1 else f"$u_1 \\ldots u_{{{count}}}$"
-    over_time(panel, f"Controls {names}", "force density [N/m]")
-    if count == 0:
-        note(panel, "no strings")
+    """u of the strings."""
+    strings = run.scene.structure.strings
+    names = [string.name for string in strings]
+    draw_curves(panel, run.time, run.force_densities, names)
+    title = "Controls $u$" if len(names) != 1 else f"Control $u$ of string {figure_text(names[0])}"
+    over_time(panel, title, "force density [N/m]")
 
 
 def multipliers(panel: Axes, run: Trajectory, rods: Sequence[int]) -> None:
-    for a in rods:
-        label = rf"$\lambda_{{{a + 1}}}$" if 1 < len(rods) <= MAX_LEGEND else None
-        panel.plot(run.time, run.multipliers[:, a], color=palette.color_of(a), lw=1.1, label=label)
-    count = len(rods)
-    names = r"$\lambda$" if count == 1 else rf"$\lambda_1 \ldots \lambda_{{{count}}}$" if count else ""
-    over_time(panel, f"Lagrange multiplier{'s' if count > 1 else ''} {names}", r"$\lambda$ [1/s²]")
-    if count == 0:
-        note(panel, "no rods")
+    """λ of some rods."""
+    names = [run.scene.structure.rods[a].name for a in rods]
+    draw_curves(panel, run.time, run.multipliers[:, list(rods)], names)
+    over_time(panel, rf"Lagrange multiplier{'s' if len(names) > 1 else ''} $\lambda$", r"$\lambda$ [1/s²]")
+
+
+def heights(panel: Axes, run: Trajectory) -> None:
+    """Of the mass centre, the highest and the lowest node, upwards: above the floor, or where there is none, from 0."""
+    up, floor = upwards(run), None if run.scene.contact is None else run.scene.contact.floor
+    structure = run.scene.structure
+    height = run.nodes @ up - (floor or 0.0)
+    masses = lumped_masses(structure)
+    moving = height[:, masses > 0.0]
+    centre = height @ masses / masses.sum()
+    low, high = moving.min(axis=1), moving.max(axis=1)
+    panel.fill_between(run.time, low, high, color=palette.BAND, lw=0.0)
+    for number, (values, label) in enumerate(((centre, "mass centre"), (high, "highest node"), (low, "lowest node"))):
+        color, style = palette.look_of(number)
+        panel.plot(run.time, values, color=color, ls=style, lw=WIDTH, label=label)
+    if floor is not None:
+        panel.axhline(0.0, color=GREY, lw=1.0)
+    over_time(panel, "Height" if floor is None else "Height above the floor", "height [m]")
+
+
+def tensions(panel: Axes, run: Trajectory) -> None:
+    """Of the strings, alike ones together; where there are none, speeds."""
+    structure = run.scene.structure
+    if not structure.strings:
+        speeds = np.linalg.norm(run.velocities, axis=-1)
+        draw_curves(panel, run.time, speeds, structure.node_names)
+        over_time(panel, "Speed of the nodes", "speed [m/s]")
+        return
+    draw_curves(panel, run.time, run.tensions, [s.name for s in structure.strings], string_groups(structure))
+    over_time(panel, "Tension of the strings", "tension [N]")
+
+
+def forces(panel: Axes, run: Trajectory) -> None:
+    """Of the floor on the structure where momentum gives it, else along the rods, alike ones together."""
+    floor = floor_force(run)
+    if floor is not None:
+        time, across, along = floor
+        for number, (values, label) in enumerate(((across, "across the floor"), (along, "along it, friction"))):
+            color, style = palette.look_of(number)
+            panel.stairs(values, time, baseline=None, color=color, ls=style, lw=WIDTH, label=label)
+        over_time(panel, "Contact force, mean between samples", "force [N]")
+        return
+    structure = run.scene.structure
+    pulls = run.rod_force_densities * structure.rod_lengths
+    draw_curves(panel, run.time, pulls, [rod.name for rod in structure.rods], rod_groups(structure))
+    over_time(panel, "Force of the rods, negative in compression", "force [N]")
+
+
+def upwards(run: Trajectory) -> Array:
+    """Unit vector (3,): the floor's normal, else against gravity, else z."""
+    if run.scene.contact is not None and run.scene.contact.floor is not None:
+        return run.scene.contact.up
+    gravity = np.array(run.scene.gravity, float)
+    size = float(np.linalg.norm(gravity))
+    return -gravity / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
+
+
+def floor_force(run: Trajectory) -> tuple[Array, Array, Array] | None:
+    """Times (T,) [s]; between them the floor's force (T - 1,) [N] across it, and along it: what changes the momentum.
+
+    p(t₂) - p(t₁) = ∫ (M g + F) dt, as gravity and floor are all that act from outside: the mean of F between two
+    samples is exact. None where more acts, a support or water for instance, or where there is no floor.
+    """
+    scene, structure = run.scene, run.scene.structure
+    held = structure.fixed_nodes or scene.effects or any(len(rod.support.directions) for rod in structure.rods)
+    if scene.contact is None or scene.contact.floor is None or held or len(run.time) < 2:
+        return None
+    masses = lumped_masses(structure)
+    momentum = np.einsum("n,tnk->tk", masses, run.velocities)
+    force = np.diff(momentum, axis=0) / np.diff(run.time)[:, None] - masses.sum() * np.array(scene.gravity)
+    across = force @ scene.contact.up
+    along = np.linalg.norm(force - across[:, None] * scene.contact.up, axis=1)
+    return run.time, across, along
 
 
 def rows_of_panels(runs: Sequence[Trajectory]) -> tuple[Figure, Any]:
-    """A row of three panels for each run; panels of a column share their scales."""
-    figure = new_figure(3 * COLUMN, ROW * len(runs) + 0.45 * (1 + len(runs)))
+    """A row of three panels for each run, a column of them in a paper's; panels of a kind share their scales."""
+    columns = beside(3)
+    # A legend below a panel takes about a quarter of its height; three above one another are flatter.
+    tall = 1.25 * ROW if columns > 1 else 3.0 * 0.85 * ROW
+    figure = new_figure(columns * COLUMN, (tall + 0.45) * len(runs) + 0.45)
     rows = np.atleast_1d(np.asarray(figure.subfigures(len(runs), 1), dtype=object))
-    panels = [row.subplots(1, 3) for row in rows]
+    panels = [row.subplots(3 // columns, columns).ravel() for row in rows]
     for column in range(3):
         for other in panels[1:]:
             other[column].sharex(panels[0][column])

@@ -21,6 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
         "docs/elements.md",
         "docs/engines.md",
         "docs/laws.md",
+        "docs/pictures.md",
         "docs/shape_control.md",
         "docs/speed.md",
         "docs/statics.md",

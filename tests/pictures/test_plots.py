@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import subprocess
 import sys
 from dataclasses import replace
@@ -10,13 +11,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 from analytic_runs import TILT, cone_run, planar_scene, run_of, two_masses
+from matplotlib.text import Text
 
+import tensegrity_mj as tmj
+from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.events import Load
 from tensegrity_mj.pictures import palette
+from tensegrity_mj.pictures.curves import draw_curves, string_groups
+from tensegrity_mj.pictures.figure import MAX_LEGEND, frame, new_figure
 from tensegrity_mj.pictures.plots import (
+    paper,
     plot_comparison,
     plot_coordinates,
     plot_errors,
+    plot_motion,
     plot_paths,
     plot_run,
     save_figure,
@@ -55,7 +64,8 @@ def test_figure_5_4_shows_coordinates_controls_and_multiplier():
         line = curve(coordinates, f"$b_{name}$")
         assert np.allclose(line.get_ydata(), run.nodes[:, 1, axis])  # the rod has length 1 and starts at the origin
         assert line.get_color() == palette.CYCLE[axis]
-    assert curve(coordinates, "$b_x$").get_color()[2] > 0.7  # blue, as in the captions
+    red, green, blue = curve(coordinates, "$b_x$").get_color()
+    assert blue > max(red, green)  # blue, as in the captions
     assert np.allclose(curve(coordinates, r"$\|b\|^2$").get_ydata(), 1.0)
     assert curve(coordinates, r"$\|b\|^2$").get_linestyle() == "--"
     dotted = [line for line in coordinates.lines if line.get_linestyle() == ":"]
@@ -76,7 +86,7 @@ def test_figure_5_7_shows_error_norms():
 
 def test_several_rods_have_the_thesis_colours_and_r_is_dashed():
     run = two_rods()
-    errors, controls, multipliers = panels_of(plot_run(run))[0]
+    errors, controls, multipliers = panels_of(plot_errors(run))[0]
     # No target: change since the start. b turns by t: a chord of 2 sin(t/2); r, the middle, goes round at its radius.
     solid = [line for line in errors.lines if line.get_linestyle() == "-"]
     dashed = [line for line in errors.lines if line.get_linestyle() == "--"]
@@ -91,19 +101,147 @@ def test_several_rods_have_the_thesis_colours_and_r_is_dashed():
     assert len(controls.lines) == 4
 
 
-def test_the_colours_of_strings_repeat_after_seven():
+def test_of_many_strings_the_largest_have_names_and_the_others_are_a_band():
     run = cone_run()
-    run = replace(run, force_densities=np.zeros((21, 12)))
-    colors = [line.get_color() for line in panels_of(plot_run(run))[0][1].lines]
-    assert len(set(colors[:7])) == 7
-    assert colors[7:] == colors[:5]
+    u = np.linspace(0.1, 1.2, 12) * (1.0 + np.cos(run.time))[:, None]
+    names = [f"s{k}" for k in range(12)]
+    panel = new_figure(4.0, 3.0).subplots()
+    draw_curves(panel, run.time, u, names)
+    assert [line.get_label() for line in panel.lines] == names[4:]
+    assert np.array_equal(panel.lines[0].get_ydata(), u[:, 4])
+    (band,) = panel.collections
+    assert band.get_label() == "4 others"
+    edge = band.get_paths()[0].vertices[:, 1]
+    assert np.isclose(edge.max(), u[:, 3].max())
+    assert np.isclose(edge.min(), u[:, 0].min())
+
+
+def test_named_curves_differ_in_colour_or_style_and_neighbours_in_both():
+    looks = [palette.look_of(k) for k in range(MAX_LEGEND)]
+    assert len(set(looks)) == MAX_LEGEND
+    for (color, style), (next_color, next_style) in itertools.pairwise(looks):
+        assert color != next_color
+        assert style != next_style
+
+
+def prism_run():
+    """The dropped prism, falling freely for the first half of a second, then lying on its floor."""
+    scene = tmj.load_scene("prism_drop")
+    times = np.linspace(0.0, 1.0, 11)
+    fall = np.where(times <= 0.5, times, 0.0)
+    g = np.array(scene.gravity)
+    nodes = scene.nodes0 + 0.5 * g * fall[:, None, None] ** 2
+    velocities = np.broadcast_to(g * fall[:, None, None], nodes.shape)
+    return run_of(scene, times, nodes, velocities, np.full((11, 12), 0.2))
+
+
+def test_alike_strings_are_drawn_together_by_their_names_or_by_their_numbers():
+    scene = tmj.load_scene("prism_drop")
+    assert [label for label, _ in string_groups(scene.structure)] == ["bottom (3)", "top (3)", "side (3)", "cross (3)"]
+    plain = replace(
+        scene.structure, strings=tuple(replace(s, name=f"s{k}") for k, s in enumerate(scene.structure.strings))
+    )
+    groups = string_groups(plain)
+    assert [len(rows) for _, rows in groups] == [6, 3, 3]  # bottom and top are alike in stiffness and rest length
+    for label, rows in groups:
+        assert f"L₀ = {quantity(float(plain.rest_lengths[rows[0]]), 'm')} " in label
+        assert np.allclose(plain.rest_lengths[rows], plain.rest_lengths[rows[0]], rtol=1e-6)
+    run = prism_run()
+    pulls = panels_of(plot_run(run))[0][1]
+    assert len(pulls.lines) == 4
+    assert np.allclose(pulls.lines[0].get_ydata(), run.tensions[:, :3].mean(axis=1))
+
+
+def test_without_a_law_a_run_shows_height_tension_and_the_force_of_the_floor():
+    run = prism_run()
+    height, tension, force = panels_of(plot_run(run))[0]
+    assert height.get_title() == "Height above the floor"
+    scene = run.scene
+    low = curve(height, "lowest node").get_ydata()
+    assert np.allclose(low, run.nodes[:, :, 2].min(axis=1) - scene.contact.floor)
+    assert tension.get_ylabel() == "tension [N]"
+    across, along = force.patches
+    weight = float(scene.structure.rod_masses.sum()) * 9.81
+    stop = np.argmax(run.time > 0.5 + 1e-9) - 1  # the interval in which it stops
+    values = across.get_data().values
+    # Free fall, then the stop: g t of momentum in 0.1 s, and the weight; then the weight alone.
+    assert np.allclose(values[:stop], 0.0, atol=1e-9 * weight)
+    assert np.isclose(values[stop], weight * (1.0 + 0.5 / 0.1))
+    assert np.allclose(values[stop + 1 :], weight)
+    assert np.allclose(along.get_data().values, 0.0, atol=1e-9 * weight)
+
+
+def test_where_more_than_a_floor_acts_rods_show_their_forces():
+    run = prism_run()
+    loaded = replace(run, scene=run.scene.with_(loads=(Load(run.scene.structure.node_names[0], (1.0, 0.0, 0.0)),)))
+    force = panels_of(plot_motion(loaded))[0][2]
+    assert force.get_title() == "Force of the rods, negative in compression"
+    pulls = run.rod_force_densities * run.scene.structure.rod_lengths
+    assert np.allclose([line.get_ydata() for line in force.lines], pulls.T)
+
+
+@pytest.mark.parametrize(
+    ("top", "label", "ticks"),
+    [
+        (2400.0, "force [kN]", {"0.0", "0.5", "2.0"}),
+        (0.0024, "force [mN]", {"0.0", "2.0"}),
+        (24.0, "force [N]", {"20"}),
+    ],
+)
+def test_ticks_are_written_with_prefixes(top, label, ticks):
+    figure = new_figure(4.0, 3.0)
+    panel = figure.subplots()
+    panel.plot([0.0, 1.0], [0.0, top])
+    frame(panel, y="force [N]")
+    figure.draw_without_rendering()
+    assert panel.get_ylabel() == label
+    assert ticks <= {text.get_text() for text in panel.get_yticklabels()}
+
+
+def test_the_legend_below_hides_neither_curves_nor_the_axis():
+    figure = plot_run(cone_run())
+    figure.draw_without_rendering()
+    for panel in panels_of(figure)[0][:2]:
+        legend = panel.get_legend().get_window_extent()
+        assert legend.y1 < panel.xaxis.label.get_window_extent().y0
+        assert legend.y0 >= 0.0
+
+
+@pytest.mark.parametrize(("columns", "width"), [(1, 88.0), (2, 181.0)])
+def test_figures_for_papers_have_their_width_and_letters(tmp_path: Path, columns, width):
+    with paper(columns):
+        figure = plot_run(prism_run(), tmp_path / "plot.pdf")
+    assert np.isclose(figure.get_figwidth() * 25.4, width)
+    sizes = {text.get_fontsize() for text in figure.findobj(Text) if text.get_text()}
+    assert sizes <= {7.0, 7.2, 8.0, 8.8}
+    rows = [panel.get_subplotspec().get_gridspec().nrows for panel in panels_of(figure)[0]]
+    assert rows == ([3] * 3 if columns == 1 else [1] * 3)
+    assert plot_run(cone_run()).get_figwidth() > 10.0  # as on the screen again
+
+
+def test_a_paper_has_one_or_two_columns():
+    with pytest.raises(OptionError, match="columns=3"), paper(3):
+        pass
+
+
+def test_paths_in_a_plane_are_drawn_in_it():
+    scene = planar_scene((0, 1, 0))
+    times = np.linspace(0.0, 1.0, 5)
+    nodes = scene.structure.positions + times[:, None, None] * np.array([0.3, 0.0, 0.1])
+    run = run_of(scene, times, nodes, np.zeros_like(nodes), np.full((5, 4), 0.2))
+    panel = plot_paths(run).axes[0]
+    assert panel.name == "rectilinear"
+    assert (panel.get_xlabel(), panel.get_ylabel()) == ("x [m]", "z [m]")
+    x, z = panel.lines[0].get_data()
+    assert np.allclose(x[:5], nodes[:, 0, 0])
+    assert np.allclose(z[:5], nodes[:, 0, 2])
 
 
 def test_point_masses_have_curves_too():
     scene, times = two_masses(), np.linspace(0.0, 1.0, 5)
     nodes = scene.structure.positions[None] + times[:, None, None] * np.array([0.0, 2.0, 0.0])
     run = run_of(scene, times, nodes, np.zeros_like(nodes), np.zeros((5, 1)))
-    errors = panels_of(plot_run(run))[0][0]
+    errors = panels_of(plot_errors(run))[0][0]
     assert len(errors.lines) == 2
     assert np.allclose(errors.lines[0].get_ydata(), 2.0 * times)
 
@@ -114,6 +252,7 @@ def test_paths_follow_the_nodes_and_end_with_the_rods():
     paths = [line for line in axes.lines if len(line.get_data_3d()[0]) == len(run.time)]
     assert len(paths) == 2  # of the tip, in each run: the other nodes stand still
     assert np.allclose(np.transpose(paths[0].get_data_3d()), run.nodes[:, 1])
+    assert paths[0].get_linewidth() > paths[1].get_linewidth()  # so that it shows under the second
     assert paths[0].get_color() == palette.CYCLE[0]
     assert paths[1].get_linestyle() == "--"
     black = [line for line in axes.lines if line.get_color() == "black" and len(line.get_data_3d()[0]) == 2]

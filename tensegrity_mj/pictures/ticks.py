@@ -1,0 +1,50 @@
+"""Numbers on axes as people write them: 0.5, 1.0, 1.5 with "[kN]", where all of them would be 500, 1000, 1500 N."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from matplotlib.ticker import Formatter, ScalarFormatter
+
+from tensegrity_mj.basics.units import power_of, unit_with
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_UNIT = re.compile(r"\[([^\[\]]+)\]$")
+
+
+class Prefixed(Formatter):
+    """Ticks of a linear axis whose label ends in a unit; the unit gets the prefix that the axis' numbers want.
+
+    Which one is known only when the figure is laid out: axes that share their scale may still grow.
+    """
+
+    def __init__(self, label: Any, unit: str) -> None:
+        self._label, self._unit, self._text = label, unit, label.get_text()
+
+    def __call__(self, value: float, pos: int | None = None) -> str:
+        del pos
+        return f"{value:g}"
+
+    def format_ticks(self, values: Sequence[float]) -> list[str]:
+        """All ticks with the same number of decimals, and the unit in the axis' label."""
+        low, high = sorted(self.axis.get_view_interval())  # type: ignore[union-attr]
+        seen = [v for v in values if low <= v <= high] or list(values)
+        power = power_of(max(map(abs, seen), default=0.0), self._unit)
+        self._label.set_text(_UNIT.sub(f"[{unit_with(power, self._unit)}]", self._text))
+        scaled = [float(v) / 10.0**power for v in values]
+        step = min((b - a for a, b in itertools.pairwise(scaled) if b > a), default=1.0)
+        digits = next((d for d in range(8) if all(abs(round(v, d) - v) <= 1e-6 * step for v in scaled)), 8)
+        return [f"{v:.{digits}f}".replace("-", "−") for v in scaled]
+
+
+def prefix_ticks(panel: Axes) -> None:
+    """Have the linear axes of a panel whose labels end in a unit in brackets written with its prefix."""
+    for axis in (panel.xaxis, panel.yaxis):
+        found = _UNIT.search(axis.label.get_text())
+        if found and isinstance(axis.get_major_formatter(), ScalarFormatter) and axis.get_scale() == "linear":
+            axis.set_major_formatter(Prefixed(axis.label, found.group(1)))
