@@ -129,10 +129,11 @@ def _notices(rows: Sequence[Row]) -> str:
     """How many numbers and statements notice an error."""
     found = [noticed(row.statement) for row in rows if row.statement.kind.is_evidence and not row.statement.unjudged]
     studied = [text for text in found if text not in (NOT_STUDIED, FORMULA)]
+    left = found.count(NOT_STUDIED)
     return (
         f"Of the {len(found)} numbers and statements that are judged, {len(studied)} were studied for errors: "
-        f"{studied.count(NOTHING)} notice none of up to 10 %. {found.count(NOT_STUDIED)} were not studied, and "
-        f"{found.count(FORMULA)} are formulas, of no run."
+        f"{studied.count(NOTHING)} notice none of up to 10 %. {found.count(FORMULA)} are formulas, of no run"
+        + (f"; {left} were not studied." if left else ".")
     )
 
 
