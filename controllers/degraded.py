@@ -18,8 +18,18 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import checked, positive
 from tensegrity_mj.basics.kinds import not_negative, whole
 from tensegrity_mj.dynamics.native.compiling import c_function, njit
-from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, Command, NativeLaw, Report, native_law
-from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, address_of, call_law, floats, integers
+from tensegrity_mj.dynamics.native.law import (
+    FAILED,
+    NO_SOLUTION,
+    WITHIN,
+    Command,
+    NativeLaw,
+    Report,
+    around,
+    native_law,
+)
+from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, address, call_law, floats
+from tensegrity_mj.dynamics.native.views import Table, view_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.structure import Structure
 
@@ -76,36 +86,56 @@ def add_noise(values: Any, std: float, moving: Any, sample: int, stream: int, se
                 values[row, 1] += radius * math.sin(turn)
 
 
+_NoisyView, _pack_noisy = view_of(
+    "NoisyLaw",
+    **WITHIN,
+    node_count="size",
+    seed="size",
+    period="real",
+    position_std="real",
+    velocity_std="real",
+    nodes=("f8", "node_count", 3),  # as measured
+    velocities=("f8", "node_count", 3),
+    moving=("i8", "node_count"),  # 0 for fixed nodes
+)
+_DelayedView, _pack_delayed = view_of(
+    "DelayedLaw",
+    **WITHIN,
+    string_count="size",
+    slots="size",  # samples of delay, and one
+    period="real",
+    # By the number of a sample modulo slots: that number, and what the law answered.
+    numbers=("i8", "slots"),
+    statuses=("i8", "slots"),
+    commands=("f8", "slots", "string_count"),
+    reports=("f8", "slots", REPORT_SIZE),
+)
+
+
 @c_function(LAW_SIGNATURE, "sensor noise")
 def _noisy(t, nodes_at, velocities_at, context, command, report):  # type: ignore[no-untyped-def]
-    table = integers(context, (8,))
-    settings = floats(table[4], (3,))
-    nodes, velocities = floats(table[5], (table[2], 3)), floats(table[6], (table[2], 3))
-    moving = integers(table[7], (table[2],))
-    nodes[:] = floats(nodes_at, (table[2], 3))
-    velocities[:] = floats(velocities_at, (table[2], 3))
-    sample = round(t / settings[0])
-    add_noise(nodes, settings[1], moving, sample, 0, table[3])
-    add_noise(velocities, settings[2], moving, sample, 1, table[3])
-    return call_law(table[0], t, table[5], table[6], table[1], command, report)
+    own = _NoisyView(context)
+    nodes, velocities = own.nodes, own.velocities
+    nodes[:] = floats(nodes_at, (own.node_count, 3))
+    velocities[:] = floats(velocities_at, (own.node_count, 3))
+    sample = round(t / own.period)
+    add_noise(nodes, own.position_std, own.moving, sample, 0, own.seed)
+    add_noise(velocities, own.velocity_std, own.moving, sample, 1, own.seed)
+    return call_law(own.law, t, address(nodes), address(velocities), own.context, command, report)
 
 
 @c_function(LAW_SIGNATURE, "a law's delay")
 def _delayed(t, nodes, velocities, context, command_at, report_at):  # type: ignore[no-untyped-def]
-    table = integers(context, (9,))
-    size, samples = table[2], table[3]
-    period = floats(table[4], (1,))[0]
-    slots = samples + 1
-    numbers, statuses = integers(table[5], (slots,)), integers(table[6], (slots,))
-    commands, reports = floats(table[7], (slots, size)), floats(table[8], (slots, REPORT_SIZE))
-    command, report = floats(command_at, (size,)), floats(report_at, (REPORT_SIZE,))
-    sample = round(t / period)
+    own = _DelayedView(context)
+    slots, numbers, statuses, commands, reports = own.slots, own.numbers, own.statuses, own.commands, own.reports
+    command, report = floats(command_at, (own.string_count,)), floats(report_at, (REPORT_SIZE,))
+    sample = round(t / own.period)
     now = sample % slots
-    status = call_law(table[0], t, nodes, velocities, table[1], command_at, report_at)
+    status = call_law(own.law, t, nodes, velocities, own.context, command_at, report_at)
     if status > NO_SOLUTION:
         return status
     numbers[now], statuses[now], commands[now], reports[now] = sample, status, command, report
-    wanted = max(sample - samples, 0)
+    wanted = max(sample - slots + 1, 0)
     then = wanted % slots
     if numbers[then] != wanted:
         return FAILED
@@ -126,14 +156,10 @@ class _Sampled:
         """What the law returns."""
         return getattr(self.law, "command", Command.FORCE_DENSITY)
 
-    def _around(self, inner: NativeLaw, function: Any, numbers: list[int], arrays: tuple[Any, ...]) -> NativeLaw:
-        """A compiled function around the law within, whose context is that law's, numbers, and arrays' addresses."""
-        table = np.array([inner.address, inner.context, *numbers, *map(address_of, arrays)], np.int64)
+    def _around(self, inner: NativeLaw, function: Any, packed: Table) -> NativeLaw:
+        """A compiled function around the law within, whose context is `packed`."""
         return replace(
-            inner,
-            address=function.address,
-            context=address_of(table),
-            keep=(inner, *arrays, table),
+            around(inner, function, packed),
             discontinuous=self.discontinuous,
             period=self.period,
             decay_rate=None,
@@ -187,10 +213,18 @@ class Noisy(_Sampled):
         inner = _inner(self.law, structure, self.period)
         count = len(structure.nodes)
         moving = np.array([name not in structure.fixed_nodes for name in structure.node_names], np.int64)
-        settings = np.array([self.period, self.position_std, self.velocity_std])
-        nodes, velocities = np.zeros((count, 3)), np.zeros((count, 3))
-        arrays = (settings, nodes, velocities, moving)
-        return self._around(inner, _noisy, [count, self.seed], arrays)
+        packed = _pack_noisy(
+            law=inner.address,
+            context=inner.context,
+            seed=self.seed,
+            period=self.period,
+            position_std=self.position_std,
+            velocity_std=self.velocity_std,
+            nodes=np.zeros((count, 3)),
+            velocities=np.zeros((count, 3)),
+            moving=moving,
+        )
+        return self._around(inner, _noisy, packed)
 
     def describe(self) -> dict[str, Any]:
         """Plain values for the provenance of a run."""
@@ -248,11 +282,16 @@ class Delayed(_Sampled):
         """The law for one run, compiled."""
         inner = _inner(self.law, structure, self.period)
         size, slots = len(structure.strings), self.samples + 1
-        period = np.array([self.period])
-        numbers, statuses = np.full(slots, -1, np.int64), np.zeros(slots, np.int64)
-        commands, reports = np.zeros((slots, size)), np.full((slots, REPORT_SIZE), np.nan)
-        arrays = (period, numbers, statuses, commands, reports)
-        return self._around(inner, _delayed, [size, self.samples], arrays)
+        packed = _pack_delayed(
+            law=inner.address,
+            context=inner.context,
+            period=self.period,
+            numbers=np.full(slots, -1, np.int64),
+            statuses=np.zeros(slots, np.int64),
+            commands=np.zeros((slots, size)),
+            reports=np.full((slots, REPORT_SIZE), np.nan),
+        )
+        return self._around(inner, _delayed, packed)
 
     def describe(self) -> dict[str, Any]:
         """Plain values for the provenance of a run."""

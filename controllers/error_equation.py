@@ -14,7 +14,7 @@ from tensegrity_mj.dynamics.native.compiling import njit
 from tensegrity_mj.dynamics.native.elements import known_forces
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.vectors import vector
-from tensegrity_mj.dynamics.target import point_target, rod_target
+from tensegrity_mj.dynamics.target import Aim, point_target, rod_target
 from tensegrity_mj.dynamics.wet_rods import wet_rod_accelerations
 
 # Of K_p times a coordinate: a smaller error is no other than zero. Strings can only pull, so that at a target that
@@ -70,7 +70,7 @@ class Known(NamedTuple):
     Attributes:
         rods, points: `StructureRecords`.
         string_nodes: (M, 2).
-        target: `TargetArrays`.
+        target: address of an `Aim`.
         gravity: (3,) [m/s²].
         effects: address of what acts besides, see `known_forces`; 0 for nothing.
         gains: (2, n): K_p and K_d.
@@ -79,7 +79,7 @@ class Known(NamedTuple):
     rods: Any
     points: Any
     string_nodes: Any
-    target: Any
+    target: int
     gravity: Any
     effects: int
     gains: Any
@@ -92,7 +92,7 @@ def error_equation(t: float, nodes: Any, velocities: Any, known: Known, A: Any, 
     Returns:
         -1, or the number of a rod whose b, or whose target's b, is at a pole; -2 where what is known of failed.
     """
-    rods, points, target, gains = known.rods, known.points, known.target, known.gains
+    rods, points, target, gains = known.rods, known.points, Aim(known.target), known.gains
     gravity, effects, string_nodes = known.gravity, known.effects, known.string_nodes
     A[:] = 0.0
     count = len(rods)

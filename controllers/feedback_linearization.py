@@ -29,7 +29,7 @@ from tensegrity_mj.controllers.options import as_it_is, one_of
 from tensegrity_mj.controllers.table import NamedLaw
 from tensegrity_mj.dynamics.native.law import Command, NativeLaw, Report, check_made_for, native_law
 from tensegrity_mj.dynamics.records import StructureRecords
-from tensegrity_mj.dynamics.target import PackedTarget
+from tensegrity_mj.dynamics.target import pack_target
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -165,12 +165,12 @@ class _Evaluation:
         frequency = np.broadcast_to(np.asarray(law.natural_frequency, float), (n,))
         gains = np.array([frequency**2, 2 * np.asarray(law.damping, float) * frequency])  # (4.8)
         records = StructureRecords.of(structure)
-        self.effects = PackedEffects(law.model)
+        self.effects, self.target = PackedEffects(law.model), pack_target(target)
         self.known = Known(
             records.rods,
             records.points,
             np.array(structure.string_nodes),
-            PackedTarget(target).arrays,
+            self.target.address,
             np.array(law.gravity, float),
             self.effects.address,
             gains,

@@ -24,12 +24,12 @@ from tensegrity_mj.controllers.quadratic_terms import (
     ONTO_CURRENT,
     ONTO_TARGET,
     PLAIN,
-    WORLD_GAINS,
     Known,
     Onto,
-    Packed,
     Terms,
+    pack_known,
     quadratic_terms,
+    world_gains,
 )
 from tensegrity_mj.dynamics.native.compiling import c_function
 from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, SOLVED, Command, NativeLaw, Report, check_made_for
@@ -39,28 +39,17 @@ from tensegrity_mj.dynamics.native.pointers import (
     address_of,
     floats,
     inlined,
-    integers,
-    records_reader,
     stack_doubles,
 )
-from tensegrity_mj.dynamics.records import POINT, ROD
-from tensegrity_mj.dynamics.target import read_target
+from tensegrity_mj.dynamics.native.views import Table
+from tensegrity_mj.dynamics.records import StructureRecords
+from tensegrity_mj.dynamics.target import pack_target, standing_targets
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 
 UNBOUNDED, FIXED, OF_STATE = 0, 1, 2  # thresholds and ceilings: none at all, constant, or ceilings of the state
-# What compiled code is given: counts, kinds, addresses (0 for none), and numbers.
-_WHOLE = (
-    *("nodes", "strings", "kind", "bounds", "rods", "rod_count", "points", "point_count", "gains", "string_nodes"),
-    *("target", "standing", "floor", "limits", "scratch", "effects"),
-)
-CONTEXT = np.dtype(
-    [*((name, "i8") for name in _WHOLE), ("decay_rate", "f8"), ("norm", "f8"), ("gravity", "f8", (3,))], align=True
-)
-_read_rods, _read_points, _read_gains = records_reader(ROD), records_reader(POINT), records_reader(WORLD_GAINS)
-_read_context = records_reader(CONTEXT)
 
 # The report's places, as plain numbers for compiled code.
 MARGIN, V_ALL, V_ERROR, V_VELOCITY = (
@@ -83,26 +72,14 @@ def _room(nodes: int, strings: int, effects: int) -> int:
 
 @inlined
 def _evaluate(t: float, nodes_at: int, velocities_at: int, own: Any, command_at: int, report_at: int, room: int) -> int:
-    """The law; `own` is its CONTEXT, `room` the address of scratch, `_room` numbers."""
-    count, size, members = own.nodes, own.strings, own.rod_count + own.point_count
-    target = read_target(own.target)
-    known = Known(
-        _read_rods(own.rods, own.rod_count),
-        _read_points(own.points, own.point_count),
-        _read_gains(own.gains, members),
-        own.kind,
-        integers(own.string_nodes, (size, 2)),
-        target,
-        floats(own.standing, (len(target.times), members, 2, 3)),
-        own.gravity,
-        own.effects,
-    )
+    """The law; `own` is its `Known`, `room` the address of scratch, `_room` numbers."""
+    count, size = own.node_count, own.string_count
     u, report = floats(command_at, (size,)), floats(report_at, (4,))
     nodes, velocities = floats(nodes_at, (count, 3)), floats(velocities_at, (count, 3))
     influence = floats(room, (count, 3))
     f, ceiling = floats(room + 24 * count, (size,)), floats(room + 24 * count + 8 * size, (size,))
     pushed = floats(room + 24 * count + 16 * size if own.effects else 0, (2 * count, 3))
-    status, V_error, V_velocity, beta = quadratic_terms(t, nodes, velocities, known, influence, pushed, f)
+    status, V_error, V_velocity, beta = quadratic_terms(t, nodes, velocities, own, influence, pushed, f)
     if status != SOLVED:
         return FAILED
     V = V_error + V_velocity
@@ -110,22 +87,27 @@ def _evaluate(t: float, nodes_at: int, velocities_at: int, own: Any, command_at:
     if own.bounds == UNBOUNDED and own.norm == 2.0:
         margin = least_squares(f, alpha, u)
     else:
-        limits = floats(own.limits, (3, size))
+        limits = own.limits
         if own.bounds == OF_STATE:
-            write_ceilings(nodes, known.string_nodes, limits, ceiling)
+            write_ceilings(nodes, own.string_nodes, limits, ceiling)
         else:
             for m in range(size):
                 ceiling[m] = limits[0, m]
-        margin = least_norm(f, alpha, floats(own.floor, (size,)), ceiling, own.norm, u)
+        margin = least_norm(f, alpha, own.floor, ceiling, own.norm, u)
     report[MARGIN], report[V_ALL], report[V_ERROR], report[V_VELOCITY] = margin, V, V_error, V_velocity
     return SOLVED if margin > 0.0 else NO_SOLUTION
 
 
 @c_function(LAW_SIGNATURE, "the law of chapters 5 and 6")
 def _law(t, nodes_at, velocities_at, context, command_at, report_at):  # type: ignore[no-untyped-def]
-    own = _read_context(context, 1)[0]
-    room = own.scratch if own.scratch else stack_doubles(_room(own.nodes, own.strings, own.effects))
+    own = Known(context)
+    room = own.scratch if own.scratch else stack_doubles(_room(own.node_count, own.string_count, own.effects))
     return _evaluate(t, nodes_at, velocities_at, own, command_at, report_at, room)
+
+
+@inlined
+def _terms_at(t: float, nodes: Any, velocities: Any, context: int, influence: Any, pushed: Any, f: Any) -> Any:
+    return quadratic_terms(t, nodes, velocities, Known(context), influence, pushed, f)
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,9 +197,33 @@ class QuadraticLaw:
         return {None: PLAIN, Onto.CURRENT: ONTO_CURRENT, Onto.TARGET: ONTO_TARGET}[self.projected_onto]
 
     @cached_property
-    def _packed(self) -> Packed:
+    def _packed_target(self) -> Table:
         assert isinstance(self.target, Target)
-        return Packed(self.structure, self.target, self.gains)
+        return pack_target(self.target)
+
+    @cached_property
+    def _known(self) -> dict[str, Any]:
+        """Of a `Known`, but for its scratch."""
+        own, records = self.structure, StructureRecords.of(self.structure)
+        rods, points = records.rods, records.points
+        limited = bool(np.any(self.floor > 0)) or bool(np.any(np.isfinite(self.limits.max_force_density)))
+        return {
+            "node_count": len(own.nodes),
+            "rods": rods,
+            "points": points,
+            "gains": world_gains(self.gains, [*rods, *points]),
+            "kind": self._kind,
+            "string_nodes": own.string_nodes,
+            "target": self._packed_target.address,
+            "standing": standing_targets(rods, points, self._packed_target),
+            "gravity": self.gravity,
+            "effects": self._effects.address,
+            "bounds": OF_STATE if self.limits.of_state else FIXED if limited else UNBOUNDED,
+            "floor": self.floor,
+            "limits": self.limits.packed,
+            "decay_rate": self.decay_rate,
+            "norm": self.norm,
+        }
 
     @cached_property
     def _effects(self) -> PackedEffects:
@@ -228,38 +234,15 @@ class QuadraticLaw:
         return self._compile()
 
     def _compile(self) -> NativeLaw:
-        own, packed = self.structure, self._packed
-        limited = bool(np.any(self.floor > 0)) or bool(np.any(np.isfinite(self.limits.max_force_density)))
-        rods, points = packed.records.rods, packed.records.points
+        own = self.structure
         # Scratch lies on the stack, which each thread has, or is the law's own where it is too large for that.
         room = _room.py_func(len(own.nodes), len(own.strings), self._effects.address)
         scratch = np.empty(room if room > STACK_LIMIT else 0)
-        values = {
-            "nodes": len(own.nodes),
-            "strings": len(own.strings),
-            "kind": self._kind,
-            "bounds": OF_STATE if self.limits.of_state else FIXED if limited else UNBOUNDED,
-            "rods": address_of(rods),
-            "rod_count": len(rods),
-            "points": address_of(points),
-            "point_count": len(points),
-            "gains": address_of(packed.gains),
-            "string_nodes": address_of(packed.string_nodes),
-            "target": packed.target.address,
-            "standing": address_of(packed.standing),
-            "floor": address_of(self.floor),
-            "limits": address_of(self.limits.packed),
-            "scratch": address_of(scratch) if len(scratch) else 0,
-            "effects": self._effects.address,
-            "decay_rate": self.decay_rate,
-            "norm": float(self.norm),
-            "gravity": self.gravity,
-        }
-        context = np.array([tuple(values[name] for name in CONTEXT.names or ())], CONTEXT)
+        known = pack_known(**self._known, scratch=address_of(scratch) if len(scratch) else 0)
         return NativeLaw(
             address=_law.address,
-            context=address_of(context),
-            keep=(self, packed, context, scratch),
+            context=known.address,
+            keep=(self, known, scratch),
             discontinuous=self.discontinuous,
             gravity=self.gravity,
             known=tuple(self.known),
@@ -316,21 +299,10 @@ class QuadraticLaw:
 
     def terms(self, time: float, nodes: Array, velocities: Array) -> Terms:
         """The parts of V, and β and f of V̇ = β - fᵀu, at one state."""
-        packed, count = self._packed, len(self.structure.nodes)
-        known = Known(
-            packed.records.rods,
-            packed.records.points,
-            packed.gains,
-            self._kind,
-            packed.string_nodes,
-            packed.target.arrays,
-            packed.standing,
-            np.array(self.gravity),
-            self._effects.address,
-        )
+        count = len(self.structure.nodes)
         influence, pushed, f = np.empty((count, 3)), np.empty((2 * count, 3)), np.empty(len(self.structure.strings))
         state = state_of(time, nodes, velocities, count)
-        status, error, velocity, beta = quadratic_terms(*state, known, influence, pushed, f)
+        status, error, velocity, beta = _terms_at(*state, self._compiled.context, influence, pushed, f)
         if status != SOLVED:
             raise self._effects.failure.pop()
         return Terms(error, velocity, beta, f)

@@ -26,11 +26,10 @@ from tensegrity_mj.dynamics.native.elements import known_forces
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.pointers import floats, inlined, stack_doubles
 from tensegrity_mj.dynamics.native.vectors import ZERO, apply, apply_transposed, dot, minus, plus, row_of, times, vector
-from tensegrity_mj.dynamics.records import StructureRecords
-from tensegrity_mj.dynamics.target import PackedTarget, point_target, rod_target, standing_at, standing_targets
+from tensegrity_mj.dynamics.native.views import view_of
+from tensegrity_mj.dynamics.records import POINT, ROD
+from tensegrity_mj.dynamics.target import Aim, point_target, rod_target, standing_at
 from tensegrity_mj.dynamics.wet_rods import wet_rod_accelerations
-from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.model.target import Target
 
 SCALARS = [("scalars_z", "f8", (3,)), ("scalars_b", "f8", (3,))]
 # Gains in world components, and where a block's three matrices are multiples of one, the scalars x, y, z > 0 (else 0).
@@ -63,28 +62,31 @@ class Terms(NamedTuple):
     f: Array
 
 
-class Known(NamedTuple):
-    """What the law knows of structure, target and surroundings, as compiled code reads it.
-
-    Attributes:
-        rods, points: `StructureRecords`.
-        gains: in world components, see `Packed`.
-        kind: PLAIN, ONTO_CURRENT or ONTO_TARGET.
-        string_nodes: (M, 2).
-        target, standing: where it moves, and where it stands (`standing_targets`).
-        gravity: (3,) [m/s²].
-        effects: address of what acts besides, see `known_forces`; 0 for nothing.
-    """
-
-    rods: Any
-    points: Any
-    gains: Any
-    kind: int
-    string_nodes: Any
-    target: Any
-    standing: Any
-    gravity: Any
-    effects: int
+# What the law knows of structure, target and surroundings, and its options, as compiled code reads them.
+Known, pack_known = view_of(
+    "QuadraticLaw",
+    node_count="size",
+    string_count="size",
+    rod_count="size",
+    point_count="size",
+    member_count="size",
+    time_count="size",
+    rods=(ROD, "rod_count"),
+    points=(POINT, "point_count"),
+    gains=(WORLD_GAINS, "member_count"),
+    kind="size",  # PLAIN, ONTO_CURRENT or ONTO_TARGET
+    string_nodes=("i8", "string_count", 2),
+    target="size",  # address of an `Aim`: where it moves
+    standing=("f8", "time_count", "member_count", 2, 3),  # and where it stands (`standing_targets`)
+    gravity=("f8", 3),  # [m/s²]
+    effects="size",  # address of what acts besides, see `known_forces`; 0 for nothing
+    bounds="size",  # what limits u, see `quadratic_law`
+    floor=("f8", "string_count"),
+    limits=("f8", 3, "string_count"),
+    scratch="size",  # address of room, 0 where the stack has enough
+    decay_rate="real",
+    norm="real",
+)
 
 
 @inlined
@@ -109,17 +111,19 @@ def _project(a: Any, a_rate: Any, e: Any, rate: Any) -> tuple[Any, Any]:
 
 @inlined
 def quadratic_terms(
-    t: float, nodes: Any, velocities: Any, known: Known, influence: Any, pushed: Any, f: Any
+    t: float, nodes: Any, velocities: Any, known: Any, influence: Any, pushed: Any, f: Any
 ) -> tuple[int, float, float, float]:
     """A status, both parts of V, β of (5.11) or (6.13), and f of (5.12) or (6.14) into (M,).
 
     Args:
+        known: a `Known`.
         pushed: (2N, 3), written where there are `effects`: their forces on the nodes, behind them α (R, 4) of the rods.
         influence: (N, 3), written: Φ Aᵀ c, how each node's force enters V̇.
     """
     rods, points, gains, effects = known.rods, known.points, known.gains, known.effects
     status, V_error, V_velocity, beta = SOLVED, 0.0, 0.0, 0.0
-    g, still = vector(known.gravity), standing_at(t, known.target)
+    g, target = vector(known.gravity), Aim(known.target)
+    still = standing_at(t, target)
     r_aim, b_aim = floats(stack_doubles(9), (3, 3)), floats(stack_doubles(9), (3, 3))
     for n in range(len(nodes)):
         for k in range(3):
@@ -138,7 +142,7 @@ def quadratic_terms(
             r_d, b_d = row_of(known.standing[still, a], 0), row_of(known.standing[still, a], 1)
             r_d_rate = r_d_acc = b_d_rate = b_d_acc = ZERO
         else:
-            rod_target(rod, t, known.target, r_aim, b_aim)
+            rod_target(rod, t, target, r_aim, b_aim)
             r_d, r_d_rate, r_d_acc = row_of(r_aim, 0), row_of(r_aim, 1), row_of(r_aim, 2)
             b_d, b_d_rate, b_d_acc = row_of(b_aim, 0), row_of(b_aim, 1), row_of(b_aim, 2)
         e, rate = minus(b, b_d), minus(b_rate, b_d_rate)
@@ -183,7 +187,7 @@ def quadratic_terms(
             r_d = row_of(known.standing[still, len(rods) + a], 0)
             r_d_rate = r_d_acc = ZERO
         else:
-            point_target(point, t, known.target, r_aim)
+            point_target(point, t, target, r_aim)
             r_d, r_d_rate, r_d_acc = row_of(r_aim, 0), row_of(r_aim, 1), row_of(r_aim, 2)
         e, rate = minus(row_of(nodes, point.node), r_d), minus(row_of(velocities, point.node), r_d_rate)
         error, velocity, gamma, c_z = _quadratic(gain.scalars_z, gain.Xz, gain.Yz, gain.Zz, e, rate, rate)
@@ -203,31 +207,20 @@ def quadratic_terms(
     return status, V_error, V_velocity, beta
 
 
-class Packed:
-    """The arrays of a law that compiled code reads.
-
-    Attributes:
-        records: of rods and point masses.
-        target: where they are wanted, and `standing` where they stand.
-        gains: in world components, as if b and r were free: E X Eᵀ for z = Eᵀ r. V sees the symmetric parts of X and Z.
-    """
-
-    def __init__(self, structure: Structure, target: Target, gains: np.ndarray[Any, Any]) -> None:
-        self.records, self.target = StructureRecords.of(structure), PackedTarget(target)
-        rods, points = self.records.rods, self.records.points
-        self.string_nodes = np.array(structure.string_nodes)
-        self.standing = standing_targets(rods, points, self.target.arrays)
-        self.gains = np.zeros(len(gains), WORLD_GAINS)
-        for name in GAINS.names or ():
-            self.gains[name] = gains[name]
-        for gain, member in zip(self.gains, [*rods, *points], strict=True):
-            gain["scalars_z"] = _scalars([gain[name] for name in ("Xz", "Yz", "Zz")], int(member["nz"]))
-            gain["scalars_b"] = _scalars([gain[name] for name in ("Xb", "Yb", "Zb")], 3)
-            E = member["E"]  # its columns beyond nz are zero
-            for name in ("Xz", "Yz", "Zz"):
-                gain[name] = E @ gain[name] @ E.T
-            for name in ("Xz", "Zz", "Xb", "Zb", "Kb"):
-                gain[name] = 0.5 * (gain[name] + gain[name].T)
+def world_gains(gains: np.ndarray[Any, Any], members: list[Any]) -> np.ndarray[Any, Any]:
+    """In world components, as if b and r were free: E X Eᵀ for z = Eᵀ r. V sees the symmetric parts of X and Z."""
+    found = np.zeros(len(gains), WORLD_GAINS)
+    for name in GAINS.names or ():
+        found[name] = gains[name]
+    for gain, member in zip(found, members, strict=True):
+        gain["scalars_z"] = _scalars([gain[name] for name in ("Xz", "Yz", "Zz")], int(member["nz"]))
+        gain["scalars_b"] = _scalars([gain[name] for name in ("Xb", "Yb", "Zb")], 3)
+        E = member["E"]  # its columns beyond nz are zero
+        for name in ("Xz", "Yz", "Zz"):
+            gain[name] = E @ gain[name] @ E.T
+        for name in ("Xz", "Zz", "Xb", "Zb", "Kb"):
+            gain[name] = 0.5 * (gain[name] + gain[name].T)
+    return found
 
 
 def _scalars(matrices: list[Array], n: int) -> Array:

@@ -15,24 +15,32 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import member, positive
 from tensegrity_mj.dynamics.native.compiling import c_function
 from tensegrity_mj.dynamics.native.law import SOLVED, Command, NativeLaw
-from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, address_of, floats, integers
+from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, floats
+from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.trajectory import Trajectory
 
+_Record, _pack_record = view_of(
+    "Replay",
+    time_count="size",
+    piece_count="size",
+    string_count="size",
+    times=("f8", "time_count"),
+    coefficients=("f8", "piece_count", "string_count", 4),  # of cubics from each time on, highest power first
+)
+
 
 @c_function(LAW_SIGNATURE, "the replay of a run")
 def _replay(t, nodes_at, velocities_at, context, command_at, report_at):  # type: ignore[no-untyped-def]
-    table = integers(context, (4,))
-    count, size = table[0], table[1]
-    times = floats(table[2], (count,))
-    coefficients = floats(table[3], (count - 1, size, 4))
-    out = floats(command_at, (size,))
+    own = _Record(context)
+    times, coefficients = own.times, own.coefficients
+    out = floats(command_at, (own.string_count,))
     # A hair beyond a breakpoint counts as at it: sample times and breakpoints differ by round-off.
     piece = np.searchsorted(times, t + 1e-9 * (times[1] - times[0]), side="right") - 1
-    piece = min(max(piece, 0), count - 2)
-    x = min(max(t, times[0]), times[count - 1]) - times[piece]
-    for m in range(size):
+    piece = min(max(piece, 0), own.piece_count - 1)
+    x = min(max(t, times[0]), times[own.time_count - 1]) - times[piece]
+    for m in range(own.string_count):
         c = coefficients[piece, m]
         out[m] = c[3] + x * (c[2] + x * (c[1] + x * c[0]))
     return SOLVED
@@ -145,12 +153,12 @@ class Replay:
             coefficients = np.zeros((len(self.values), size, 4))
             coefficients[:, :, 3] = self.values
         else:
-            coefficients = np.ascontiguousarray(np.moveaxis(self._spline.c, 0, -1))
-        table = np.array([len(times), size, address_of(times), address_of(coefficients)], np.int64)
+            coefficients = np.moveaxis(self._spline.c, 0, -1)
+        packed = _pack_record(times=times, coefficients=coefficients)
         return NativeLaw(
             address=_replay.address,
-            context=address_of(table),
-            keep=(times, coefficients, table),
+            context=packed.address,
+            keep=(packed,),
             command=self.command,
             discontinuous=self.discontinuous,
             period=self.period,

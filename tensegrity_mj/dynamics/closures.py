@@ -13,12 +13,12 @@ from tensegrity_mj.dynamics.joint_forces import (
     _solve,
     answer_of_rod,
 )
-from tensegrity_mj.dynamics.joint_plan import read_joints
+from tensegrity_mj.dynamics.joint_plan import Joints
 from tensegrity_mj.dynamics.kernels import direction_of
 from tensegrity_mj.dynamics.linked import (
+    Linked,
     normalize_linked,
     place_linked,
-    read_linked,
 )
 from tensegrity_mj.dynamics.native.pointers import borrowing
 from tensegrity_mj.dynamics.native.vectors import ZERO, dot, row_of
@@ -29,7 +29,7 @@ NEWTON_STEPS = 12
 @borrowing
 def _close(address: int, joints_at: int, q: Any, change: Any, row: int) -> None:
     """Add to `change` (q itself, or q̇) the least change, weighted by masses, that takes the gaps of row 0 or 1 away."""
-    linked, joints = read_linked(address), read_joints(joints_at)
+    linked, joints = Linked(address), Joints(joints_at)
     for e in range(len(joints.x)):
         joints.x[e] = 0.0
     for a in range(len(joints.closures)):
@@ -55,7 +55,7 @@ def _close(address: int, joints_at: int, q: Any, change: Any, row: int) -> None:
 @borrowing
 def largest_gap(address: int, row: int) -> float:
     """The longest gap of any closure: its length [m] (row 0), or its rate [m/s] (row 1)."""
-    linked = read_linked(address)
+    linked = Linked(address)
     square = 0.0
     for a in range(len(linked.gaps)):
         gap = row_of(linked.gaps[a], row)
@@ -66,7 +66,7 @@ def largest_gap(address: int, row: int) -> float:
 @borrowing
 def _prepare_to_close(address: int, joints_at: int, q: Any) -> None:
     """S of q, factored."""
-    linked, joints = read_linked(address), read_joints(joints_at)
+    linked, joints = Linked(address), Joints(joints_at)
     for k in range(len(linked.links)):
         link = linked.links[k]
         b = direction_of(linked.rods[link.rod], q, linked.rods[link.rod].q + link.nz)
@@ -84,7 +84,7 @@ def project_linked(address: int, joints_at: int, q: Any, rates: Any, nodes: Any,
     """
     normalize_linked(address, q, rates)
     place_linked(address, q, rates, nodes, velocities)
-    joints = read_joints(joints_at)
+    joints = Joints(joints_at)
     if len(joints.closures) == 0:
         return
     before = np.inf

@@ -15,9 +15,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from tensegrity_mj.dynamics.joint_plan import read_joints
+from tensegrity_mj.dynamics.joint_plan import Joints
 from tensegrity_mj.dynamics.kernels import accelerate_points, direction_of, rod_accelerations
-from tensegrity_mj.dynamics.linked import read_linked, stretch_term, write_coordinates
+from tensegrity_mj.dynamics.linked import Linked, stretch_term, write_coordinates
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
 from tensegrity_mj.dynamics.native.vectors import ZERO, dot, minus, plus, row_of, times, vector
 from tensegrity_mj.dynamics.wet_rods import added_forces, answer_of_wet_rod, hold, own_mass, wet_compliance
@@ -174,7 +174,7 @@ def _add_joint_forces(joints: Any) -> None:
 @borrowing
 def set_ends(address: int, forces: Any, joints_at: int) -> None:
     """The forces at the rods' ends: those on the nodes (N, 3) [N], which the node's owner takes."""
-    linked, joints = read_linked(address), read_joints(joints_at)
+    linked, joints = Linked(address), Joints(joints_at)
     for k in range(len(linked.links)):
         link = linked.links[k]
         rod = linked.rods[link.rod]
@@ -188,9 +188,9 @@ def joint_accelerations(model: Any, added: Any, q: Any, rates: Any, out: Any) ->
     """q̈ (nq,) and λ (R,) for nodal forces (N, 3) [N] at a state that `place_linked` has placed.
 
     Args:
-        model: a view with `linked`, `joints` and `tree`, addresses of the tables of `LinkedRecords`, `JointPlan` and
-            `TreeEquations`; `forces` on the nodes; `gravity` (3,) [m/s²]; `kp` and `kd`, Baumgarte's gains of (3.25)
-            for lengths and closures, or zero; and `multipliers`, λ, which are written.
+        model: a view with `linked`, `joints` and `tree`, addresses of a `Linked`, a `Joints` and a `Tree`; `forces` on
+            the nodes; `gravity` (3,) [m/s²]; `kp` and `kd`, Baumgarte's gains of (3.25) for lengths and closures, or
+            zero; and `multipliers`, λ, which are written.
         added: None; or α of the rods (R, 4) [kg], and the forces (N, 3) [N] of the added mass, which are written.
         q, rates: the state.
         out: q̈.
@@ -198,7 +198,7 @@ def joint_accelerations(model: Any, added: Any, q: Any, rates: Any, out: Any) ->
     Returns:
         The power of the moved supports [W].
     """
-    linked, joints = read_linked(model.linked), read_joints(model.joints)
+    linked, joints = Linked(model.linked), Joints(model.joints)
     forces, multipliers = model.forces, model.multipliers
     g, kp, kd = vector(model.gravity), model.kp, model.kd
     set_ends(model.linked, forces, model.joints)
@@ -277,7 +277,7 @@ def _acceleration_of(linked: Any, motion: int) -> Any:
 @borrowing
 def moved_nodes_power(address: int, forces: Any) -> float:
     """Power [W] of what moves the fixed nodes against the forces (N, 3) on them."""
-    linked = read_linked(address)
+    linked = Linked(address)
     power = 0.0
     for n in range(len(linked.moved_nodes)):
         moved = linked.motions[linked.moved_nodes[n, 1]]

@@ -10,14 +10,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.dynamics.kernels import direction_of, normalize_direction, place_points
-from tensegrity_mj.dynamics.native.pointers import address_of, borrowing, floats, inlined, integers, records_reader
+from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
 from tensegrity_mj.dynamics.native.vectors import ZERO, dot, minus, plus, row_of, times, vector
+from tensegrity_mj.dynamics.native.views import Table, view_of
 from tensegrity_mj.dynamics.records import POINT, ROD, Records, point_records, rod_records
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.model.forest import Forest, spanning_forest
@@ -41,26 +42,22 @@ LINK = np.dtype(
     align=True,
 )
 
-_read_rods, _read_links, _read_points = records_reader(ROD), records_reader(LINK), records_reader(POINT)
-
-
-class LinkedArrays(NamedTuple):
-    """What compiled code sees of a `LinkedRecords`.
-
-    Attributes:
-        rods, links, points: records; `q` of a rod is where its coordinates start, z first if it is a root.
-        moved_nodes: (n, 2) row and motion of the fixed nodes that move, and where they are without it (n, 3).
-        gaps: (C, 2, 3) of each closure: how far the other rod's end is from the owner's [m], and its rate [m/s].
-        motions: (m, 3, 3) displacement, velocity and acceleration of the motions now.
-    """
-
-    rods: Any
-    links: Any
-    points: Any
-    moved_nodes: Any
-    bases: Any
-    gaps: Any
-    motions: Any
+# What compiled code sees of a `LinkedRecords`.
+Linked, _pack_linked = view_of(
+    "LinkedRecords",
+    rod_count="size",
+    point_count="size",
+    moved_count="size",
+    closure_count="size",
+    motion_count="size",
+    rods=(ROD, "rod_count"),  # `q` is where a rod's coordinates start, z first if it is a root
+    links=(LINK, "rod_count"),
+    points=(POINT, "point_count"),
+    moved_nodes=("i8", "moved_count", 2),  # row and motion of the fixed nodes that move
+    bases=("f8", "moved_count", 3),  # where they are without it [m]
+    gaps=("f8", "closure_count", 2, 3),  # how far the other rod's end is from the owner's [m], and its rate [m/s]
+    motions=("f8", "motion_count", 3, 3),  # displacement, velocity and acceleration now
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +69,7 @@ class LinkedRecords:
         forest: see `joints`.
         rods, links, points: record arrays of `ROD`, `LINK` and `POINT`.
         nq: number of coordinates; `rod_coordinates` of them are the rods'.
-        arrays: what compiled code sees; `motions` is written before each use, `gaps` by `place_linked`.
-        table: sizes and addresses of `arrays`.
+        table: a `Linked`; its `motions` are written before each use, `gaps` by `place_linked`.
     """
 
     structure: Structure
@@ -83,8 +79,7 @@ class LinkedRecords:
     points: Records
     nq: int
     rod_coordinates: int
-    arrays: LinkedArrays
-    table: IntArray
+    table: Table
 
     @classmethod
     def of(cls, structure: Structure, motions: Sequence[Motion] = (), moved: Array | None = None) -> LinkedRecords:
@@ -122,18 +117,17 @@ class LinkedRecords:
         for link in links:
             link["drive"] = link["motion"] if link["parent"] < 0 else links[link["parent"]]["drive"]
         points = point_records(structure, offset)
-        arrays = LinkedArrays(
-            rods,
-            links,
-            points,
-            moved_nodes,
-            bases,
-            np.zeros((len(forest.closures), 2, 3)),
-            np.zeros((len(motions), 3, 3)) if moved is None else moved,
+        table = _pack_linked(
+            rods=rods,
+            links=links,
+            points=points,
+            moved_nodes=moved_nodes,
+            bases=bases,
+            gaps=np.zeros((len(forest.closures), 2, 3)),
+            motions=np.zeros((len(motions), 3, 3)) if moved is None else moved,
         )
-        table = np.array([*(len(a) for a in arrays), *(address_of(a) for a in arrays)], np.int64)
         nq = offset + int(points["nz"].sum())
-        return cls(structure, forest, rods, links, points, nq, offset, arrays, table)
+        return cls(structure, forest, rods, links, points, nq, offset, table)
 
     def coordinates(self, nodes: Array) -> Array:
         """q (nq,) of node positions (N, 3), or q̇ of node velocities: E is orthogonal to anchors and motions."""
@@ -170,15 +164,16 @@ class LinkedRecords:
     def place(self, q: Array, rates: Array) -> tuple[Array, Array]:
         """Node positions and velocities (N, 3) of q and q̇ (nq,), with the motions as they are now."""
         nodes, velocities = self.structure.positions.copy(), np.zeros_like(self.structure.positions)
-        place_linked(address_of(self.table), q, rates, nodes, velocities)
+        place_linked(self.table.address, q, rates, nodes, velocities)
         return nodes, velocities
 
     def node_accelerations(self, accelerations: Array) -> Array:
         """(N, 3) [m/s²] of q̈ (nq,), with the motions' accelerations as they are now."""
-        velocities = self.arrays.motions[:, 1].copy()
-        self.arrays.motions[:, 1] = self.arrays.motions[:, 2]
+        motions = self.table["motions"]
+        velocities = motions[:, 1].copy()
+        motions[:, 1] = motions[:, 2]
         out = self.place(np.zeros(self.nq), accelerations)[1]
-        self.arrays.motions[:, 1] = velocities
+        motions[:, 1] = velocities
         return out
 
 
@@ -202,21 +197,6 @@ def _attach_motions(
             nodes.append((structure.node_index[motion.support], number))
     rows = np.array(nodes, np.int64).reshape(-1, 2)
     return rows, structure.positions[rows[:, 0]].copy()
-
-
-@inlined
-def read_linked(address: int) -> Any:
-    """The arrays of a `LinkedRecords`."""
-    table = integers(address, (14,))
-    return LinkedArrays(
-        _read_rods(table[7], table[0]),
-        _read_links(table[8], table[1]),
-        _read_points(table[9], table[2]),
-        integers(table[10], (table[3], 2)),
-        floats(table[11], (table[4], 3)),
-        floats(table[12], (table[5], 2, 3)),
-        floats(table[13], (table[6], 3, 3)),
-    )
 
 
 @inlined
@@ -252,7 +232,7 @@ def place_linked(address: int, q: Any, rates: Any, nodes: Any, velocities: Any) 
     A node that several rods share is placed by the first of them in the forest; how far another's end is from it is
     written into `gaps` where a closure holds it there, and is zero elsewhere.
     """
-    linked = read_linked(address)
+    linked = Linked(address)
     for k in range(len(linked.links)):
         link = linked.links[k]
         rod = linked.rods[link.rod]
@@ -284,7 +264,7 @@ def place_linked(address: int, q: Any, rates: Any, nodes: Any, velocities: Any) 
 @borrowing
 def normalize_linked(address: int, q: Any, rates: Any) -> None:
     """(3.23)-(3.24) for every rod."""
-    linked = read_linked(address)
+    linked = Linked(address)
     for k in range(len(linked.links)):
         rod = linked.rods[linked.links[k].rod]
         normalize_direction(q, rates, rod.q + linked.links[k].nz, rod.nb)

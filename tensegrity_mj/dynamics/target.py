@@ -5,79 +5,45 @@ All move by quintics in time, and all derivatives are exact.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.compiling import c_function
-from tensegrity_mj.dynamics.native.pointers import (
-    address_of,
-    borrowing,
-    floats,
-    inlined,
-    integers,
-    records_reader,
-    stack_doubles,
-)
+from tensegrity_mj.dynamics.native.pointers import borrowing, floats, inlined, stack_doubles
+from tensegrity_mj.dynamics.native.views import Table, view_of
 from tensegrity_mj.dynamics.records import POINT, ROD, StructureRecords
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 
-_read_rods, _read_points = records_reader(ROD), records_reader(POINT)
+# A target as compiled code sees it.
+Aim, _pack_aim = view_of(
+    "Target",
+    count="size",
+    node_count="size",
+    piece_count="size",
+    shape_count="size",
+    times=("f8", "count"),  # [s]
+    nodes=("f8", "count", "node_count", 3),  # [m] at these times
+    # Of a curve's parameter, lowest power of t - times[k] first; scaled so that the shapes lie between -1 and 1.
+    quintics=("f8", "piece_count", 6),
+    shapes=("f8", "shape_count", "node_count", 3),  # Chebyshev coefficients of a curve [m]; none for other targets
+)
 
 
-class TargetArrays(NamedTuple):
-    """A target as compiled code sees it.
-
-    Attributes:
-        times: (W,) [s].
-        nodes: (W, N, 3) [m] at these times.
-        quintics: (W - 1, 6) of a curve's parameter, lowest power of t - times[k] first; scaled so that the shapes lie
-            between -1 and 1.
-        shapes: (P, N, 3) Chebyshev coefficients of a curve [m]; P = 0 for a set-point or a path.
-    """
-
-    times: Any
-    nodes: Any
-    quintics: Any
-    shapes: Any
-
-
-class PackedTarget:
-    """The arrays of a target and a table of their addresses, to be kept alive while compiled code reads them."""
-
-    def __init__(self, target: Target) -> None:
-        times, nodes = np.array(target.times, float), np.array(target.nodes, float)
-        if target.along is None:
-            quintics, shapes = np.zeros((0, 6)), np.zeros((0, *nodes.shape[1:]))
-        else:
-            first, last = target.along.interval
-            quintics = 2.0 * target.along.quintics(target.times) / (last - first)
-            values = (2.0 * np.array(target.along.values[:-1]) - first - last) / (last - first)
-            quintics[:, 0] = values
-            shapes = np.ascontiguousarray(target.along.coefficients)
-        self.arrays = TargetArrays(times, nodes, quintics, shapes)
-        sizes = (*nodes.shape[:2], len(quintics), len(shapes))
-        self.table = np.array([*sizes, *(address_of(array) for array in self.arrays)], np.int64)
-
-    @property
-    def address(self) -> int:
-        """Of the table."""
-        return address_of(self.table)
-
-
-@inlined
-def read_target(address: int) -> Any:
-    """The arrays of a `PackedTarget`."""
-    table = integers(address, (8,))
-    W, N = table[0], table[1]
-    return TargetArrays(
-        floats(table[4], (W,)),
-        floats(table[5], (W, N, 3)),
-        floats(table[6], (table[2], 6)),
-        floats(table[7], (table[3], N, 3)),
-    )
+def pack_target(target: Target) -> Table:
+    """An `Aim`, to be kept alive while compiled code reads it."""
+    times, nodes = np.array(target.times, float), np.array(target.nodes, float)
+    if target.along is None:
+        quintics, shapes = np.zeros((0, 6)), np.zeros((0, *nodes.shape[1:]))
+    else:
+        first, last = target.along.interval
+        quintics = 2.0 * target.along.quintics(target.times) / (last - first)
+        values = (2.0 * np.array(target.along.values[:-1]) - first - last) / (last - first)
+        quintics[:, 0] = values
+        shapes = target.along.coefficients
+    return _pack_aim(times=times, nodes=nodes, quintics=quintics, shapes=shapes)
 
 
 @inlined
@@ -218,7 +184,7 @@ def _rod_on_curve(rod: Any, t: float, target: Any, r: Any, b: Any) -> None:
 
 @borrowing
 def rod_target(rod: Any, t: float, target: Any, r: Any, b: Any) -> None:
-    """r and b of a rod's target (`TargetArrays`) with two derivatives each, (3, 3)."""
+    """r and b of a rod's target (an `Aim`) with two derivatives each, (3, 3)."""
     if _moves_on_curve(t, target):
         _rod_on_curve(rod, t, target, r, b)
         return
@@ -252,16 +218,16 @@ def standing_at(t: float, target: Any) -> int:
     return k if rate == 0.0 and s == 0.0 else -1
 
 
-def standing_targets(rods: Any, points: Any, target: TargetArrays) -> Array:
+def standing_targets(rods: Any, points: Any, target: Table) -> Array:
     """r and b of every rod, and r of every point mass, where the target stands: (W, R + P, 2, 3)."""
-    first, second = target.nodes[:, rods["i"]], target.nodes[:, rods["j"]]
+    first, second = target["nodes"][:, rods["i"]], target["nodes"][:, rods["j"]]
     sigma = rods["sigma"][:, None]
-    out = np.zeros((len(target.times), len(rods) + len(points), 2, 3))
+    out = np.zeros((target["count"], len(rods) + len(points), 2, 3))
     out[:, : len(rods), 0] = (1.0 - sigma) * first + sigma * second
     b = second - first
     length = np.sqrt(b[..., 0] * b[..., 0] + b[..., 1] * b[..., 1] + b[..., 2] * b[..., 2])  # as compiled code adds
     out[:, : len(rods), 1] = b / length[..., None]
-    out[:, len(rods) :, 0] = target.nodes[:, points["node"]]
+    out[:, len(rods) :, 0] = target["nodes"][:, points["node"]]
     return out
 
 
@@ -290,40 +256,46 @@ def point_target(point: Any, t: float, target: Any, r: Any) -> None:
     along_line(nodes[k, point.node], nodes[m, point.node], s, rate, acc, r)
 
 
-@c_function("int64(int64, int64)", "the nodes of targets")
-def _target_nodes(table_at, target_at):  # type: ignore[no-untyped-def]
-    table = integers(table_at, (8,))
-    count, N = table[0], table[1]
-    times = floats(table[2], (count,))
-    rods, points = _read_rods(table[3], table[4]), _read_points(table[5], table[6])
-    target = read_target(target_at)
-    out = floats(table[7], (count, N, 3))
+_Places, _pack_places = view_of(
+    "TargetPlaces",
+    count="size",
+    node_count="size",
+    rod_count="size",
+    point_count="size",
+    target="size",  # address of an `Aim`
+    times=("f8", "count"),
+    rods=(ROD, "rod_count"),
+    points=(POINT, "point_count"),
+    nodes=("f8", "count", "node_count", 3),  # written
+)
+
+
+@c_function("int64(int64)", "the nodes of targets")
+def _target_nodes(table):  # type: ignore[no-untyped-def]
+    own = _Places(table)
+    target, out = Aim(own.target), own.nodes
     r, b = floats(stack_doubles(9), (3, 3)), floats(stack_doubles(9), (3, 3))
-    for n in range(count):
-        for a in range(len(rods)):
-            rod = rods[a]
-            rod_target(rod, times[n], target, r, b)
+    for n in range(own.count):
+        for a in range(own.rod_count):
+            rod = own.rods[a]
+            rod_target(rod, own.times[n], target, r, b)
             for i in range(3):
                 out[n, rod.i, i] = r[0, i] - rod.sigma * rod.length * b[0, i]
                 out[n, rod.j, i] = r[0, i] + (1.0 - rod.sigma) * rod.length * b[0, i]
-        for a in range(len(points)):
-            point_target(points[a], times[n], target, r)
+        for a in range(own.point_count):
+            point_target(own.points[a], own.times[n], target, r)
             for i in range(3):
-                out[n, points[a].node, i] = r[0, i]
+                out[n, own.points[a].node, i] = r[0, i]
     return 0
 
 
 def target_nodes(structure: Structure, target: Target, times: Array) -> Array:
     """Node positions (T, N, 3) [m] of the target at the given times (T,)."""
-    records, packed = StructureRecords.of(structure), PackedTarget(target)
-    moments = np.ascontiguousarray(times, float)
+    records, packed = StructureRecords.of(structure), pack_target(target)
     out = np.empty((len(times), len(structure.nodes), 3))
     out[:] = structure.positions
-    rods, points = records.rods, records.points
-    sizes = (len(moments), len(structure.nodes), address_of(moments))
-    members = (address_of(rods), len(rods), address_of(points), len(points))
-    table = np.array([*sizes, *members, address_of(out)], np.int64)
-    _target_nodes(address_of(table), packed.address)
+    table = _pack_places(target=packed.address, times=times, rods=records.rods, points=records.points, nodes=out)
+    _target_nodes(table.address)
     return out
 
 

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.dynamics.joint_forces import LEAST_PIVOT, moved_nodes_power, push_joint, set_ends
-from tensegrity_mj.dynamics.joint_plan import read_joints
+from tensegrity_mj.dynamics.joint_plan import Joints
 from tensegrity_mj.dynamics.kernels import accelerate_points, direction_of
-from tensegrity_mj.dynamics.linked import read_linked, stretch_term, write_coordinates
+from tensegrity_mj.dynamics.linked import Linked, stretch_term, write_coordinates
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined, owning
 from tensegrity_mj.dynamics.native.vectors import ZERO, dot, minus, plus, row_of, times, vector
-from tensegrity_mj.dynamics.tree_matrices import read_tree
+from tensegrity_mj.dynamics.tree_matrices import Tree
 from tensegrity_mj.dynamics.wet_rods import forces_of_ends, hold, own_mass
 
 # Singular values of the scaled matrix (3.17) below this part of the largest are those of redundant closures.
@@ -31,7 +31,7 @@ def _drive_of(linked: Any, motion: int) -> Any:
 def _load_ends(address: int, joints_at: int, forces: Any, gravity: Any) -> None:
     """Forces at the rods' ends with half the rod's weight at each, in the frame that moves with the tree's support."""
     set_ends(address, forces, joints_at)
-    linked, joints = read_linked(address), read_joints(joints_at)
+    linked, joints = Linked(address), Joints(joints_at)
     for k in range(len(linked.links)):
         link = linked.links[k]
         half = times(0.5 * linked.rods[link.rod].mass, minus(vector(gravity), _drive_of(linked, link.drive)))
@@ -43,7 +43,7 @@ def _load_ends(address: int, joints_at: int, forces: Any, gravity: Any) -> None:
 @borrowing
 def _pull_through_hinges(address: int, joints_at: int, u: Any) -> None:
     """u of (3.15) for any forest: loads go from the leaves to the roots. Consumes the forces at the ends."""
-    linked, joints = read_linked(address), read_joints(joints_at)
+    linked, joints = Linked(address), Joints(joints_at)
     for k in range(len(linked.links) - 1, -1, -1):
         link = linked.links[k]
         rod, ends = linked.rods[link.rod], joints.ends[link.rod]
@@ -102,7 +102,7 @@ def _solve_semidefinite(S: Any, scales: Any, x: Any) -> None:
 @owning
 def dense_accelerations(model: Any, q: Any, rates: Any, out: Any) -> float:
     """As `joint_accelerations`, by (3.19)-(3.22) with a K x K matrix; closures by a Schur complement on top of it."""
-    linked, joints, tree = read_linked(model.linked), read_joints(model.joints), read_tree(model.tree)
+    linked, joints, tree = Linked(model.linked), Joints(model.joints), Tree(model.tree)
     forces, kp, kd, multipliers = model.forces, model.kp, model.kd, model.multipliers
     inverse, loops = tree.mass, tree.loops
     R, n, size = len(linked.rods), inverse.shape[0], len(loops)
@@ -173,7 +173,7 @@ def full_accelerations(model: Any, added: Any, q: Any, rates: Any, out: Any) -> 
     The matrix is scaled to unit diagonals and rows. With closures, which may be redundant, the solution of least norm
     is taken.
     """
-    linked, joints, tree = read_linked(model.linked), read_joints(model.joints), read_tree(model.tree)
+    linked, joints, tree = Linked(model.linked), Joints(model.joints), Tree(model.tree)
     forces, kp, kd, multipliers = model.forces, model.kp, model.kd, model.multipliers
     R, n, size, held = len(linked.rods), tree.mass.shape[0], len(tree.loops), len(tree.held)
     total = n + R + held + size
@@ -250,7 +250,7 @@ def _supports_power(model: Any, q: Any, accelerations: Any, added: Any) -> float
 
     Writes the forces of the added mass, where there is any.
     """
-    linked, joints, forces, gravity = read_linked(model.linked), read_joints(model.joints), model.forces, model.gravity
+    linked, joints, forces, gravity = Linked(model.linked), Joints(model.joints), model.forces, model.gravity
     power = moved_nodes_power(model.linked, forces)
     if added is not None:
         added[1][:] = 0.0

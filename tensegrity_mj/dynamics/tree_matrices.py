@@ -6,82 +6,62 @@ m/3 (Φ_iᵀΦ_i + Φ_jᵀΦ_j + (Φ_iᵀΦ_j + Φ_jᵀΦ_i)/2) over the rods, a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, NamedTuple
-
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.dynamics.linked import LinkedRecords
-from tensegrity_mj.dynamics.native.pointers import address_of, floats, inlined, integers
+from tensegrity_mj.dynamics.native.views import Table, view_of
+
+# What compiled code sees of them; n coordinates of the rods, C closures.
+Tree, _pack_tree = view_of(
+    "TreeMatrices",
+    size="size",  # n
+    loop_count="size",  # 3C
+    map_count="size",
+    held_count="size",
+    rod_count="size",
+    mass=("f8", "size", "size"),  # M, or its inverse for the K x K form
+    loops=("f8", "loop_count", "size"),  # derivatives of the closures' gaps to the coordinates
+    maps=("f8", "map_count", "size"),  # (6R, n) derivatives of the rods' ends, for the full form alone
+    held=("f8", "held_count", "size"),  # rows of supports and planes, for the full form alone
+    at=("i8", "rod_count"),  # where each rod's b starts among the coordinates
+    roots=("i8", "rod_count"),  # where each root's r starts, -1 for other rods; for the full form alone
+)
 
 
-class TreeArrays(NamedTuple):
-    """What compiled code sees of a `TreeEquations`; n coordinates of the rods, C closures.
-
-    Attributes:
-        mass: (n, n) M, or its inverse for the K x K form.
-        loops: (3C, n) derivatives of the closures' gaps to the coordinates.
-        maps: (6R, n) derivatives of the rods' ends, for the full form alone.
-        held: (h, n) rows of supports and planes, for the full form alone.
-        at: (R,) where each rod's b starts among the coordinates.
-        roots: (R,) where each root's r starts, -1 for other rods; for the full form alone.
-    """
-
-    mass: Any
-    loops: Any
-    maps: Any
-    held: Any
-    at: Any
-    roots: Any
+def dense_matrices(records: LinkedRecords) -> Table:
+    """A `Tree` for (3.19)-(3.22): the coordinates are q of the records."""
+    maps = end_maps(records, full=False)
+    inverse = np.linalg.inv(mass_matrix(records, maps))
+    at = np.array([records.rods[row]["q"] for row in range(len(records.rods))], np.int64)
+    for link in records.links:
+        at[link["rod"]] += link["nz"]
+    nothing = np.zeros((0, records.rod_coordinates))
+    loops = loop_matrix(records, maps)
+    return _pack_tree(mass=0.5 * (inverse + inverse.T), loops=loops, maps=nothing, held=nothing, at=at, roots=at)
 
 
-@dataclass(frozen=True, eq=False)
-class TreeEquations:
-    """Constant matrices of one structure.
-
-    Attributes:
-        arrays: see `TreeArrays`.
-        table: sizes and addresses of them.
-    """
-
-    arrays: TreeArrays
-    table: IntArray
-
-    @classmethod
-    def dense(cls, records: LinkedRecords) -> TreeEquations:
-        """For (3.19)-(3.22): the coordinates are q of the records."""
-        maps = end_maps(records, full=False)
-        inverse = np.linalg.inv(mass_matrix(records, maps))
-        at = np.array([records.rods[row]["q"] for row in range(len(records.rods))], np.int64)
-        for link in records.links:
-            at[link["rod"]] += link["nz"]
-        nothing = np.zeros((0, records.rod_coordinates))
-        return cls._packed(0.5 * (inverse + inverse.T), loop_matrix(records, maps), nothing, nothing, at, at)
-
-    @classmethod
-    def full(cls, records: LinkedRecords) -> TreeEquations:
-        """For (3.17): b of every rod and r of every root, all in world components; supports are rows."""
-        maps = end_maps(records, full=True)
-        at, roots, size = _full_places(records)
-        rows = []
-        for number, rod in enumerate(records.structure.rods):
-            supported = rod.support.constraint_rows if roots[number] >= 0 else np.zeros((0, 3))
-            plane = [] if rod.support.plane is None else [rod.support.plane]
-            for where, directions in ((roots[number], supported), (at[number], np.array(plane).reshape(-1, 3))):
-                for direction in directions:
-                    row = np.zeros(size)
-                    row[where : where + 3] = direction / np.linalg.norm(direction)
-                    rows.append(row)
-        held = np.array(rows, float).reshape(-1, size)
-        flat = np.ascontiguousarray(maps.reshape(-1, size))
-        return cls._packed(mass_matrix(records, maps), loop_matrix(records, maps), flat, held, at, roots)
-
-    @classmethod
-    def _packed(cls, *arrays: Any) -> TreeEquations:
-        packed = TreeArrays(*(np.ascontiguousarray(array) for array in arrays))
-        sizes = (packed.mass.shape[1], *(len(array) for array in packed))
-        return cls(packed, np.array([*sizes, *(address_of(array) for array in packed)], np.int64))
+def full_matrices(records: LinkedRecords) -> Table:
+    """A `Tree` for (3.17): b of every rod and r of every root, all in world components; supports are rows."""
+    maps = end_maps(records, full=True)
+    at, roots, size = _full_places(records)
+    rows = []
+    for number, rod in enumerate(records.structure.rods):
+        supported = rod.support.constraint_rows if roots[number] >= 0 else np.zeros((0, 3))
+        plane = [] if rod.support.plane is None else [rod.support.plane]
+        for where, directions in ((roots[number], supported), (at[number], np.array(plane).reshape(-1, 3))):
+            for direction in directions:
+                row = np.zeros(size)
+                row[where : where + 3] = direction / np.linalg.norm(direction)
+                rows.append(row)
+    return _pack_tree(
+        mass=mass_matrix(records, maps),
+        loops=loop_matrix(records, maps),
+        maps=maps.reshape(-1, size),
+        held=np.array(rows, float).reshape(-1, size),
+        at=at,
+        roots=roots,
+    )
 
 
 def _full_places(records: LinkedRecords) -> tuple[IntArray, IntArray, int]:
@@ -139,18 +119,3 @@ def loop_matrix(records: LinkedRecords, maps: Array | None = None) -> Array:
         for node, owner, other in records.forest.closures
     ]
     return np.array(rows).reshape(-1, maps.shape[-1])
-
-
-@inlined
-def read_tree(address: int) -> Any:
-    """The arrays of a `TreeEquations`."""
-    table = integers(address, (13,))
-    n = table[0]
-    return TreeArrays(
-        floats(table[7], (table[1], n)),
-        floats(table[8], (table[2], n)),
-        floats(table[9], (table[3], n)),
-        floats(table[10], (table[4], n)),
-        integers(table[11], (table[5],)),
-        integers(table[12], (table[6],)),
-    )

@@ -6,25 +6,33 @@ L0 = L (1 - u/k̂) for the force density u of the law; a string of stiffness k t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from tensegrity_mj.dynamics.native.compiling import c_function
-from tensegrity_mj.dynamics.native.law import SOLVED, Command, NativeLaw, native_law
-from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, address_of, call_law, floats, integers
+from tensegrity_mj.dynamics.native.law import SOLVED, WITHIN, Command, NativeLaw, around, native_law
+from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, call_law, floats
+from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.model.structure import Structure
+
+_Winches, _pack_winches = view_of(
+    "NominalWinches",
+    **WITHIN,
+    string_count="size",
+    ratio=("f8", "string_count"),  # of stiffnesses k/k̂
+)
 
 
 @c_function(LAW_SIGNATURE, "a law that believes in another stiffness of the strings")
 def _nominal(t, nodes, velocities, context, command, report):  # type: ignore[no-untyped-def]
-    table = integers(context, (4,))
-    status = call_law(table[0], t, nodes, velocities, table[1], command, report)
+    own = _Winches(context)
+    status = call_law(own.law, t, nodes, velocities, own.context, command, report)
     if status == SOLVED:
-        u, ratio = floats(command, (table[2],)), floats(table[3], (table[2],))
+        u = floats(command, (own.string_count,))
         for m in range(len(u)):
-            u[m] *= ratio[m]
+            u[m] *= own.ratio[m]
     return status
 
 
@@ -54,16 +62,13 @@ class NominalWinches:
 
     @property
     def _ratio(self) -> Any:
-        return np.ascontiguousarray(self.plant.stiffness / self.nominal.stiffness)
+        return self.plant.stiffness / self.nominal.stiffness
 
     def native(self, structure: Structure) -> NativeLaw:
         """The same, compiled."""
         inner = native_law(self.law, self.nominal)
-        ratio = self._ratio
-        table = np.array([inner.address, inner.context, len(ratio), address_of(ratio)], np.int64)
-        return replace(
-            inner, address=_nominal.address, context=address_of(table), keep=(inner, inner.keep, ratio, table)
-        )
+        packed = _pack_winches(law=inner.address, context=inner.context, ratio=self._ratio)
+        return around(inner, _nominal, packed)
 
     def describe(self) -> dict[str, Any]:
         """Plain values for the provenance of a run."""

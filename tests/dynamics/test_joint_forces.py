@@ -10,9 +10,8 @@ from natural_coordinates import chain, random_class_k, request
 
 import tensegrity_mj as tmj
 from tensegrity_mj.dynamics.closures import project_linked
-from tensegrity_mj.dynamics.joint_plan import JointPlan
+from tensegrity_mj.dynamics.joint_plan import plan_joints
 from tensegrity_mj.dynamics.linked import LinkedRecords
-from tensegrity_mj.dynamics.native.pointers import address_of
 from tensegrity_mj.engines.reference.dae import DAE, Drift, Solver
 from tensegrity_mj.library.random_structures import random_structure
 from tensegrity_mj.model import rods
@@ -69,14 +68,14 @@ def test_three_solvers_agree_on_random_trees_off_the_manifold(seed, planar):
     structure = random_class_k(np.random.default_rng(seed), rods=8, loops=0, planar=planar)
     scene = tmj.Scene(structure, gravity=GRAVITY)
     records = LinkedRecords.of(structure)
-    plan = JointPlan.of(records)
+    plan = plan_joints(records)
     joints, multipliers = rates_of(scene, Solver.JOINTS, 0.1, Drift.BAUMGARTE)
     # In space every joint is needed, so that none may be taken for redundant; a plane leaves one direction of each.
     run, _ = DAE(drift=Drift.BAUMGARTE)._prepared(request(scene))
     run.rates_at(0.0, run.y, None)
-    skipped = int(np.sum(run.equations.keep[1].arrays.pivots == 0))
+    skipped = int(np.sum(run.equations.keep[1]["pivots"] == 0))
     held = sum(len(rod.support.directions) > 0 for rod in structure.rods)
-    assert len(plan.arrays.joints) == 7
+    assert len(plan["joints"]) == 7
     if held <= 1:
         assert skipped == (7 if planar else 0)
     for solver in (Solver.DENSE, Solver.FULL):
@@ -256,25 +255,25 @@ def test_a_braced_square_has_joints_that_others_satisfy_already():
     run.rates_at(0.0, run.y, None)
     # Eight joints are 24 rows. Six rods of constant length have 18 freedoms in their plane, the square has 3, so that
     # 15 rows are needed: of the others, 8 are across the plane and one is the rod too many.
-    assert np.sum(run.equations.keep[1].arrays.pivots == 0) == 24 - 15
+    assert np.sum(run.equations.keep[1]["pivots"] == 0) == 24 - 15
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_projection_closes_loops_and_lengths_to_round_off_with_the_least_change(seed):
     structure = random_class_k(np.random.default_rng(seed), rods=8, loops=2)
     records = LinkedRecords.of(structure)
-    plan = JointPlan.of(records)
+    plan = plan_joints(records)
     rng = np.random.default_rng(seed)
     scene = on_manifold(structure, seed)
     q, rates = records.coordinates(scene.nodes0), records.coordinates(scene.velocities0)
     q = q + 1e-3 * rng.normal(size=q.shape)
     rates = rates + 1e-2 * rng.normal(size=q.shape)
     nodes, velocities = np.array(scene.nodes0), np.array(scene.velocities0)
-    arguments = (address_of(records.table), address_of(plan.table))
+    arguments = (records.table.address, plan.address)
     project_linked(*arguments, q, rates, nodes, velocities)
     # Sums of up to eight vectors of 1 m and 10 m/s.
-    assert np.abs(records.arrays.gaps[:, 0]).max() <= 1e-14
-    assert np.abs(records.arrays.gaps[:, 1]).max() <= 1e-12
+    assert np.abs(records.table["gaps"][:, 0]).max() <= 1e-14
+    assert np.abs(records.table["gaps"][:, 1]).max() <= 1e-12
     lengths = np.linalg.norm(np.diff(nodes[structure.rod_nodes], axis=1)[:, 0], axis=1)
     assert np.abs(lengths - structure.rod_lengths).max() <= 1e-14
     rows, _ = natural.constraints(structure, nodes, velocities)

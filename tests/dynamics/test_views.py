@@ -57,6 +57,16 @@ def test_compiled_code_reads_fields_and_writes_states_and_reals() -> None:
     assert (fixed["steps"], fixed["factor"]) == (1, 3.0)
 
 
+def test_sizes_are_those_of_the_arrays_unless_given_and_then_must_agree() -> None:
+    packed = pack_fixed(steps=0, factor=1.5, rows=np.arange(8).reshape(4, 2))
+    assert packed["count"] == 4
+    assert advance_fixed(packed.address) == 7.0
+    with pytest.raises(AssertionError, match=r"rows is float64 \(4, 2\), not float64 \(3, 2\)"):
+        pack_fixed(count=3, steps=0, factor=1.5, rows=np.arange(8).reshape(4, 2))
+    with pytest.raises(AssertionError, match="given"):
+        pack_fixed(steps=0, rows=np.arange(8).reshape(4, 2))
+
+
 def test_an_array_of_a_changing_view_is_found_where_it_was_put_last() -> None:
     made, other = table(), np.full((3, 2), 7.0)
     assert elsewhere(made.address, other) == 70.0

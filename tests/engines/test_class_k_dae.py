@@ -156,10 +156,10 @@ def test_reports_say_how_far_loops_have_opened_and_normalizing_closes_them():
         records.place(run.y[: records.nq], np.zeros(records.nq))
         run.y[: records.nq] += 1e-4 * np.array([0.3, 0.0, 0.5, -0.2, 0.0, 0.7, 0.1, 0.0, 0.4])
         records.place(run.y[: records.nq], np.zeros(records.nq))
-        before = np.linalg.norm(records.arrays.gaps[0, 0])
+        before = np.linalg.norm(records.table["gaps"][0, 0])
         made = integrate(run)
         records.place(run.y[: records.nq], np.zeros(records.nq))
-        gaps[drift] = np.linalg.norm(records.arrays.gaps[0, 0]) / before
+        gaps[drift] = np.linalg.norm(records.table["gaps"][0, 0]) / before
         assert made.reports["closure_drift"] == pytest.approx(before, rel=1e-6)
     assert gaps[Drift.MONITOR] == pytest.approx(1.0, abs=1e-9)
     assert gaps[Drift.NORMALIZE] <= 1e-11  # 1e-16 m of 1e-4 m

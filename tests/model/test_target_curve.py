@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
 from tensegrity_mj.dynamics.records import StructureRecords
-from tensegrity_mj.dynamics.target import PackedTarget, point_target, read_target, rod_target, target_nodes
+from tensegrity_mj.dynamics.target import Aim, pack_target, point_target, rod_target, target_nodes
 from tensegrity_mj.errors import FormatError, SceneError
 from tensegrity_mj.model.target import Curve, chebyshev_points, quintic
 from tensegrity_mj.model.text.reading import scene_from_toml
@@ -127,10 +127,20 @@ def parameter(t: float) -> tuple[float, float, float]:
     return tuple(float(np.polyval(np.polyder(c, order), t - times[k])) for order in range(3))  # type: ignore[return-value]
 
 
+@numba.njit
+def rod_target_at(rod: Any, t: float, aim: int, r: Any, b: Any) -> None:
+    rod_target(rod, t, Aim(aim), r, b)
+
+
+@numba.njit
+def point_target_at(point: Any, t: float, aim: int, r: Any) -> None:
+    point_target(point, t, Aim(aim), r)
+
+
 def test_rods_and_points_have_exact_derivatives() -> None:
     made = structure()
     records = StructureRecords.of(made)
-    packed = PackedTarget(target())
+    packed = pack_target(target())
     r, b = np.empty((3, 3)), np.empty((3, 3))
 
     def derivatives(of: Callable[[float], Array], at: tuple[float, float, float]) -> Array:
@@ -144,7 +154,7 @@ def test_rods_and_points_have_exact_derivatives() -> None:
     for t in (1.0 + 1e-9, 1.3, 2.2, 2.5, 2.9):
         at = parameter(t)
         for number, (i, j, sigma) in enumerate(((0, 1, 0.0), (2, 3, 0.3))):
-            rod_target(records.rods[number], t, packed.arrays, r, b)
+            rod_target_at(records.rods[number], t, packed.address, r, b)
             for found, of in (
                 (r, lambda p, i=i, j=j, s=sigma: (1 - s) * shape(p)[i] + s * shape(p)[j]),
                 (b, lambda p, i=i, j=j: shape(p)[j] - shape(p)[i]),
@@ -155,7 +165,7 @@ def test_rods_and_points_have_exact_derivatives() -> None:
             assert b[0] @ b[0] == pytest.approx(1, abs=4e-16)
             assert b[0] @ b[1] == pytest.approx(0, abs=1e-14)
             assert b[0] @ b[2] == pytest.approx(-(b[1] @ b[1]), abs=1e-12)
-        point_target(records.points[0], t, packed.arrays, r)
+        point_target_at(records.points[0], t, packed.address, r)
         np.testing.assert_allclose(r, derivatives(lambda p: shape(p)[4], at), rtol=0, atol=1e-6)
 
 
@@ -175,15 +185,15 @@ def test_it_stands_still_outside_and_starts_where_it_is_placed() -> None:
     for row, p in zip(nodes, (0.1, 0.1, 0.1, 0.6, 0.6), strict=True):
         np.testing.assert_allclose(row, shape(p), rtol=0, atol=1e-14)
     np.testing.assert_allclose(aim.nodes, shape(np.array([0.1, 1.0, 0.6])), rtol=0, atol=1e-14)
-    records, packed = StructureRecords.of(made), PackedTarget(aim)
+    records, packed = StructureRecords.of(made), pack_target(aim)
     r, b = np.empty((3, 3)), np.empty((3, 3))
-    rod_target(records.rods[1], 3.0, packed.arrays, r, b)
+    rod_target_at(records.rods[1], 3.0, packed.address, r, b)
     assert not r[1:].any()
     assert not b[1:].any()
     # It starts with the rates that it is given, not a moment later.
     here, later = np.empty((2, 3, 3)), np.empty((2, 3, 3))
-    rod_target(records.rods[1], 1.0, packed.arrays, *here)
-    rod_target(records.rods[1], 1.0 + 1e-9, packed.arrays, *later)
+    rod_target_at(records.rods[1], 1.0, packed.address, *here)
+    rod_target_at(records.rods[1], 1.0 + 1e-9, packed.address, *later)
     assert np.abs(here[:, 1:]).max() > 0.01
     np.testing.assert_allclose(here, later, rtol=0, atol=1e-6)  # third derivatives of some 100/s³ over 1e-9 s
 
@@ -192,11 +202,11 @@ def test_compiled_code_reads_the_packed_arrays() -> None:
     @numba.njit
     def copies(address: int) -> Any:
         """Views of foreign memory never leave compiled code: nothing would own them."""
-        times, waypoints, pieces, shapes = read_target(address)
-        return times.copy(), waypoints.copy(), pieces.copy(), shapes.copy()
+        aim = Aim(address)
+        return aim.times.copy(), aim.nodes.copy(), aim.quintics.copy(), aim.shapes.copy()
 
-    packed = PackedTarget(target())
-    for own, read in zip(packed.arrays, copies(packed.address), strict=True):
+    packed = pack_target(target())
+    for own, read in zip(packed.arrays.values(), copies(packed.address), strict=True):
         np.testing.assert_array_equal(own, read)
 
 

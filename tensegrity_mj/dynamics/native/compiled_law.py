@@ -13,8 +13,18 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import member, state_of
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED, Command, NativeLaw, check_made_for
+from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.structure import Structure
+
+_Own, _pack = view_of(
+    "CompiledLaw",
+    node_count="size",
+    string_count="size",
+    parameter_count="size",
+    string_nodes=("i8", "string_count", 2),
+    parameters=("f8", "parameter_count"),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,22 +77,21 @@ class CompiledLaw:
         from numba.core.errors import NumbaError
 
         from tensegrity_mj.dynamics.native.compiling import adopt
-        from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, floats, integers
+        from tensegrity_mj.dynamics.native.pointers import LAW_SIGNATURE, floats
 
         given = self.function
         function: Any = given if hasattr(given, "py_func") else numba.njit(error_model="numpy")(given)
         adopt(function)
 
         def law(t, nodes, velocities, context, command, report):  # type: ignore[no-untyped-def]
-            table = integers(context, 5)
-            N, M = table[0], table[1]
+            own = _Own(context)
             solved = function(
                 t,
-                floats(nodes, (N, 3)),
-                floats(velocities, (N, 3)),
-                integers(table[2], (M, 2)),
-                floats(table[3], table[4]),
-                floats(command, M),
+                floats(nodes, (own.node_count, 3)),
+                floats(velocities, (own.node_count, 3)),
+                own.string_nodes,
+                own.parameters,
+                floats(command, own.string_count),
             )
             return SOLVED if solved else NO_SOLUTION
 
@@ -103,16 +112,12 @@ class CompiledLaw:
         """
         own = self.structure
         check_made_for(own, structure)
-        from tensegrity_mj.dynamics.native.pointers import address_of
-
         compiled, _ = self._compiled
-        pairs, parameters = np.array(own.string_nodes, np.int64), np.asarray(self.parameters, float)
-        sizes = (len(own.nodes), len(pairs), address_of(pairs), address_of(parameters), len(parameters))
-        table = np.array(sizes, np.int64)
+        packed = _pack(node_count=len(own.nodes), string_nodes=own.string_nodes, parameters=self.parameters)
         return NativeLaw(
             address=compiled.address,
-            context=address_of(table),
-            keep=(self, pairs, parameters, table),
+            context=packed.address,
+            keep=(self, packed),
             command=self.command,
             discontinuous=self.discontinuous,
             stateless=True,

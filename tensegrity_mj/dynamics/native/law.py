@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import member
+from tensegrity_mj.dynamics.native.views import Table
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.structure import Structure
 
@@ -96,6 +97,15 @@ class NativeLaw:
     decay_rate: float | None = None
     spent: list[float] | None = None
     stateless: bool = False
+
+
+# Fields of a view of what is put around a law: the law within, as a C function.
+WITHIN: dict[str, Any] = {"law": "size", "context": "size"}
+
+
+def around(inner: NativeLaw, function: Any, packed: Table) -> NativeLaw:
+    """A law with a C function around it, which finds it in `packed`, a table with the fields WITHIN."""
+    return replace(inner, address=function.address, context=packed.address, keep=(inner, packed))
 
 
 def check_made_for(own: Structure, structure: Structure) -> None:

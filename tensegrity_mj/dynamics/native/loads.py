@@ -26,7 +26,7 @@ def pack_loads(element: Element, scene: Scene) -> NativeElement | None:
         record["node"] = scene.structure.node_index[load.node]
         record["force"] = load.force
         record["frequency"], record["phase"] = load.angular_frequency, load.phase
-    packed = pack(count=len(records), loads=records)
+    packed = pack(loads=records)
     return NativeElement(act_loads.address, packed.address, (packed,))
 
 

@@ -72,13 +72,9 @@ class PackedMotions:
             if motion.function is not None:
                 record["function"] = self._function(motion)
         self._packed = pack_motions(
-            count=len(records),
             motions=records,
-            harmonic_count=len(harmonics),
             harmonics=harmonics,
-            time_count=len(times),
             times=np.array(times, float),
-            piece_count=len(pieces),
             pieces=np.array(pieces, float).reshape(-1, 6, 3),
         )
         self.address = self._packed.address

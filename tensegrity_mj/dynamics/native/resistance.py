@@ -49,7 +49,7 @@ def pack_fluid(element: FluidResistance, scene: Scene) -> NativeElement:
     if drag is not None:
         surface = 0.5 * drag.density * diameters(structure, drag) * lengths
         rods["normal"], rods["tangential"] = drag.normal * surface, np.pi * drag.tangential * surface
-    packed = pack_rods(count=len(rods), rods=rods, wind=np.array(resistance.wind, float))
+    packed = pack_rods(rods=rods, wind=np.array(resistance.wind, float))
     return NativeElement(act_fluid.address, packed.address, (packed,))
 
 
@@ -71,7 +71,7 @@ def _packed_joints(scene: Scene, bending: Bending, factor: float) -> Table:
     for record, joint in zip(joints, found, strict=True):
         record["nodes"] = joint.nodes
         record["inverse"] = 1 / lengths[list(joint.rods)]
-    return pack_joints(count=len(joints), joints=joints, factor=factor)
+    return pack_joints(joints=joints, factor=factor)
 
 
 @inlined

@@ -9,6 +9,8 @@ and in compiled code, which gets `packed.address`,
     for k in range(spring.count):
         pull = times(-spring.stiffness, row_of(spring.places, k))
 
+`count` need not be given: sizes that are extents of arrays are taken from these.
+
 A table is int64 numbers: sizes, the bits of reals, and addresses of arrays. A view is its address and nothing else; its
 fields are resolved while it is compiled, and are read from where the table is. Compiled code may take the sizes and
 addresses of a table for constants: one that changes them is read by a `changing_view` alone, whose sizes and arrays are
@@ -117,10 +119,13 @@ def view_of(name: str, **fields: Field) -> tuple[Any, Callable[..., Table]]:
     given: Fields = tuple(fields.items())
 
     def pack(**values: Any) -> Table:
-        assert values.keys() == fields.keys(), f"{name}: given {sorted(values)}"
         for key, field in fields.items():
-            if not isinstance(field, str):
+            if not isinstance(field, str) and key in values:
                 values[key] = np.ascontiguousarray(values[key], dtype=field[0])
+                for extent, size in zip(field[1:], values[key].shape, strict=True):
+                    if isinstance(extent, str):
+                        values.setdefault(extent, size)
+        assert values.keys() == fields.keys(), f"{name}: given {sorted(values)}"
         table = Table(name, given)
         table.set(**values)
         return table

@@ -75,9 +75,7 @@ def packed_sea(scene: Scene) -> Table:
     waves["cosine"], waves["sine"] = np.cos(sea.direction), np.sin(sea.direction)
     waves["whole"] = -np.expm1(-2 * sea.number * sea.depth)
     return pack(
-        count=len(rods),
         rods=rods,
-        wave_count=len(waves),
         waves=waves,
         segments=count,
         hermite=water.weights is Weights.HERMITE,

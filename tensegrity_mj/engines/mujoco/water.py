@@ -90,18 +90,12 @@ class AddedMass:
         N, size = len(structure.nodes), max((len_ for _, len_, *_ in trees), default=0)
         self.room = np.zeros(3 * N + size * (size + 1) + 6 * size)
         self._packed = pack_floating(
-            tree_count=len(trees),
             trees=np.array(trees).reshape(-1, 6),
-            rod_count=len(rods),
             rods=np.array(rods).reshape(-1, 6),
-            load_count=len(loaded),
             loaded=np.array(loaded).reshape(-1, 3),
-            dofs=model.nv,
             rows=np.stack([model.M_rowadr, model.M_rownnz], axis=1),
-            entries=len(model.M_colind),
             columns=model.M_colind,
             chains=np.stack([np.cumsum(counts) - counts, counts], axis=1),
-            links=int(counts.sum()),
             chain=np.concatenate([*chains, np.zeros(0, np.int64)]),
             size=size,
         )

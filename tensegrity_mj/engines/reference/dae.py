@@ -17,7 +17,6 @@ from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import choice, flag, positive, whole
 from tensegrity_mj.dynamics.linked import LinkedRecords
 from tensegrity_mj.dynamics.native.plant import Plant
-from tensegrity_mj.dynamics.native.pointers import address_of
 from tensegrity_mj.dynamics.native.views import Fields
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.engines.accuracy.option import ACCURACY
@@ -200,22 +199,22 @@ def _check_masses(structure: Structure) -> None:
 
 def _rods_linked(request: Request, solver: Solver) -> _Model:
     """Rods that share nodes, moved supports."""
-    from tensegrity_mj.dynamics.joint_plan import JointPlan
-    from tensegrity_mj.dynamics.tree_matrices import TreeEquations
+    from tensegrity_mj.dynamics.joint_plan import plan_joints
+    from tensegrity_mj.dynamics.tree_matrices import dense_matrices, full_matrices
     from tensegrity_mj.engines.reference import dae_linked_kernels as linked
 
     scene, plant = request.scene, _plant(request, linked.LINKED)
     records = LinkedRecords.of(scene.structure, scene.motions, plant["moved"])
-    plan, closures = JointPlan.of(records), len(records.forest.closures)
-    plant.set(linked=address_of(records.table), joints=address_of(plan.table), closure_count=closures)
+    plan, closures = plan_joints(records), len(records.forest.closures)
+    plant.set(linked=records.table.address, joints=plan.address, closure_count=closures)
     keep: list[Any] = [records, plan]
     rates = linked.linked_wet_rates if plant["wet_rods"] else linked.linked_rates
     if solver is Solver.JOINTS:
         _check_masses(scene.structure)
     else:
-        tree = TreeEquations.full(records) if solver is Solver.FULL else TreeEquations.dense(records)
+        tree = full_matrices(records) if solver is Solver.FULL else dense_matrices(records)
         keep.append(tree)
-        plant["tree"] = address_of(tree.table)
+        plant["tree"] = tree.address
         full = linked.full_wet_rates if plant["wet_rods"] else linked.full_rates
         rates = full if solver is Solver.FULL else linked.dense_rates
     return _Model(

@@ -22,7 +22,7 @@ from tensegrity_mj.engines.reference.equations import MODEL, RATES_SIGNATURE, ST
 LINKED: Fields = (
     *MODEL,
     ("coordinates", "size"),
-    ("linked", "size"),  # addresses of the tables of `LinkedRecords`, `JointPlan` and `TreeEquations`
+    ("linked", "size"),  # addresses of a `Linked`, a `Joints` and a `Tree`
     ("joints", "size"),
     ("tree", "size"),
     ("gravity", ("f8", 3)),
