@@ -1,4 +1,4 @@
-"""Compare two runs: two engines on one scene, or two trajectory files."""
+"""Compare two runs: two engines on one scene, or two files, one of which may be a table of another program."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import (
     PLOT_SUFFIXES,
@@ -25,6 +26,7 @@ from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
+    from tensegrity_mj.runs.table import Table
     from tensegrity_mj.runs.trajectory import Trajectory
 
 
@@ -46,8 +48,12 @@ def execute(options: argparse.Namespace) -> Outcome:
     plot = output_file(options.plot, "--plot", PLOT_SUFFIXES)
     if plot is None:
         refuse(options, ("paper",), "needs --plot FILE.pdf")
-    if all(name.lower().endswith(".nc") for name in options.inputs):
+    if all(name.lower().endswith((".nc", ".csv")) for name in options.inputs):
+        from tensegrity_mj.runs.trajectory import Trajectory
+
         first, second = _read(options)
+        if not (isinstance(first, Trajectory) and isinstance(second, Trajectory)):
+            return _with_table(first, second, options, plot)
         files: dict[str, Path] = {}
         code = ExitCode.SUCCESS
     elif len(options.inputs) == 1:
@@ -56,7 +62,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         first, second = _simulate(options, names)
         code = max(code_of_status(first.status), code_of_status(second.status))
     else:
-        raise OptionError(f"compare {' '.join(options.inputs)}: give one scene, or two .nc files")
+        raise OptionError(f"compare {' '.join(options.inputs)}: give one scene, or two .nc or .csv files")
 
     from tensegrity_mj.runs.trajectory import Status
 
@@ -115,12 +121,50 @@ def describe(data: dict[str, Any]) -> str:
         for name in ("first", "second")
         if not math.isnan(error := data[f"{name}_error_estimate"])
     ]
-    rows += [
-        (f"{name.replace('_', ' ')} exceeds {data['tolerance']:g} at", "never" if time is None else number(time, "s"))
-        for name, time in data["first_exceeded"].items()
-    ]
+    rows += exceeded(data)
     rows += [("written", str(path)) for path in [*data["out"].values(), data["plot"]] if path]
     return table(rows)
+
+
+def _with_table(
+    first: Trajectory | Table, second: Trajectory | Table, options: argparse.Namespace, plot: Path | None
+) -> Outcome:
+    """Compare a run with a table of another program."""
+    from tensegrity_mj.pictures.plots import plot_comparison
+    from tensegrity_mj.runs.comparison import TableComparison, compare
+
+    tolerance = {} if options.tolerance is None else {"tolerance": options.tolerance}
+    found = compare(first, second, **tolerance)
+    assert isinstance(found, TableComparison)
+    if plot:
+        with for_paper(options.paper):
+            plot_comparison(found, plot)
+    if found.missing_nodes:
+        warn(f"nodes of the run that the table does not have: {', '.join(found.missing_nodes)}")
+    for node in found.unknown_nodes:
+        warn(f"the table's '{node}' is no node of the run{closest(node, [*found.by_node, *found.missing_nodes])}")
+    if found.times_outside:
+        warn(f"{found.times_outside} times of the table are not within the run")
+    numbers = found.to_dict()
+    data = {"status": "ok", "message": "", "first": found.first, "second": found.second, **numbers, "plot": plot}
+    rows = [("first", found.first), ("second", found.second)]
+    rows.append(("times", f"{len(found.time)}, from {found.time[0]:.6g} to {found.time[-1]:.6g} s, those of the table"))
+    for name in ("rms_node_error", *(f"max_{one}" for one in found.compared)):
+        error = found.resampling_error[name.removeprefix("max_").removeprefix("rms_")]
+        rows.append((name.replace("_", " "), number(numbers[name], UNITS[name])))
+        rows.append(("  of it by interpolation, estimated", number(error, UNITS[name])))
+    rows += [(f"largest at {node}", number(error, "m")) for node, error in found.by_node.items()]
+    rows += exceeded(numbers) + ([("written", str(plot))] if plot else [])
+    return Outcome(data, table(rows))
+
+
+def exceeded(numbers: dict[str, Any]) -> list[tuple[str, str]]:
+    """When each difference exceeded the tolerance, for people."""
+    limit = f"exceeds {numbers['tolerance']:g} at"
+    return [
+        (f"{name.replace('_', ' ')} {limit}", "never" if time is None else number(time, "s"))
+        for name, time in numbers["first_exceeded"].items()
+    ]
 
 
 def _engines(options: argparse.Namespace) -> tuple[str, str]:
@@ -175,16 +219,19 @@ def _simulate(options: argparse.Namespace, names: tuple[str, str]) -> tuple[Traj
     return first, run(engines[1], spacing)
 
 
-def _read(options: argparse.Namespace) -> tuple[Trajectory, Trajectory]:
+def _read(options: argparse.Namespace) -> tuple[Trajectory | Table, Trajectory | Table]:
+    """What two files hold."""
+    from tensegrity_mj.runs.stored import is_table
+    from tensegrity_mj.runs.table import read_table
     from tensegrity_mj.runs.trajectory import Trajectory
 
     if len(options.inputs) != 2:
-        raise OptionError(f"compare {' '.join(options.inputs)}: give two .nc files, not {len(options.inputs)}")
+        raise OptionError(f"compare {' '.join(options.inputs)}: give two files, not {len(options.inputs)}")
     engines = ("engine", "reference", "duration", "output-interval", *experiment.ENGINE_OPTIONS)
     control = ("law", *experiment.LAW_OPTIONS, *experiment.ACTUATION_OPTIONS)
     refuse(options, (*engines, *control), "belongs to a simulation; two files are only read")
     refuse(options, ("out",), "writes simulated runs; two files are only read")
-    first, second = (Trajectory.load(path) for path in options.inputs)
+    first, second = (read_table(path) if is_table(path) else Trajectory.load(path) for path in options.inputs)
     return first, second
 
 

@@ -223,9 +223,10 @@ def plot_comparison(
     panels = figure.subplots(6 // columns, columns, sharex=True)
     for panel, (name, (title, unit)) in zip(panels.ravel(), DIFFERENCES.items(), strict=True):
         curves: list[_Curve] = []
-        if getattr(comparison, name, None) is not None:
+        given = getattr(comparison, name, None)
+        if given is not None and not np.isnan(given).all():
             label = "difference" if name == "energy_error" and runs else None
-            values = np.asarray(getattr(comparison, name), float)
+            values = np.asarray(given, float)
             curves.append((time, values, "black" if label else palette.color_of(0), "-", label))
         if name == "energy_error":
             for number, run in enumerate(runs):

@@ -11,9 +11,12 @@ if TYPE_CHECKING:
     from tensegrity_mj.runs.approaches import Pairs as Pairs
     from tensegrity_mj.runs.clearances import clearance as clearance
     from tensegrity_mj.runs.comparison import Comparison as Comparison
+    from tensegrity_mj.runs.comparison import TableComparison as TableComparison
     from tensegrity_mj.runs.comparison import compare as compare
     from tensegrity_mj.runs.flow_regime import FlowNumbers as FlowNumbers
     from tensegrity_mj.runs.flow_regime import flow_numbers as flow_numbers
+    from tensegrity_mj.runs.table import Table as Table
+    from tensegrity_mj.runs.table import read_table as read_table
     from tensegrity_mj.runs.trajectory import Status as Status
     from tensegrity_mj.runs.trajectory import Trajectory as Trajectory
     from tensegrity_mj.runs.winches import winch_power as winch_power

@@ -7,10 +7,15 @@ from typing import Any, Self, overload
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, norm
+from tensegrity_mj.basics.texts import value_text
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.runs.convergence import common_times
+from tensegrity_mj.runs.resampling import resampled
+from tensegrity_mj.runs.table import Table
 from tensegrity_mj.runs.trajectory import Trajectory
+
+ERRORS = {"nodes": "node_error", "velocities": "velocity_error", "tensions": "tension_error"}  # by what they are of
 
 
 class _Largest:
@@ -77,13 +82,18 @@ class Comparison:
     max_energy_error = _Largest("J")
 
     @property
+    def compared(self) -> tuple[str, ...]:
+        """Those of `NAMES` that both have."""
+        return self.NAMES
+
+    @property
     def first_exceeded(self) -> dict[str, float | None]:
         """The first common time at which each difference exceeds the tolerance [s]; None if it never does.
 
         NaN exceeds any tolerance.
         """
         times: dict[str, float | None] = {}
-        for name in self.NAMES:
+        for name in self.compared:
             over = ~(getattr(self, name) <= self.tolerance)
             times[name] = float(self.time[np.argmax(over)]) if over.any() else None
         return times
@@ -101,18 +111,64 @@ class Comparison:
         }
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TableComparison(Comparison):
+    """A run against a table of another program, at the table's times; NaN where the table has none of it.
+
+    The table stays as it is, and the run is interpolated (`runs.resampling.resampled`).
+
+    Attributes:
+        by_node: the largest distance of each node that both have [m].
+        resampling_error: estimates of what the interpolation adds to "node_error" [m], "velocity_error" [m/s] and
+            "tension_error" [N]; 0 where all times are samples of the run, NaN where these are too few to say.
+        missing_nodes, unknown_nodes: of the run that the table lacks, of the table that the run lacks: not compared.
+        times_outside: of the table, how many are not within the run.
+    """
+
+    by_node: dict[str, float]
+    resampling_error: dict[str, float]
+    missing_nodes: tuple[str, ...]
+    unknown_nodes: tuple[str, ...]
+    times_outside: int
+
+    @property
+    def compared(self) -> tuple[str, ...]:
+        """Those of `NAMES` that both have."""
+        return tuple(name for name in self.NAMES if not np.isnan(getattr(self, name)).all())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values: as of a `Comparison`, and what is known of the table besides."""
+        more = ("by_node", "resampling_error", "missing_nodes", "unknown_nodes", "times_outside")
+        return super().to_dict() | {name: getattr(self, name) for name in more}
+
+
+@overload
+def compare(first: Trajectory, second: Table, tolerance: float = 1e-6) -> TableComparison: ...
+@overload
+def compare(first: Table, second: Trajectory, tolerance: float = 1e-6) -> TableComparison: ...
+@overload
+def compare(first: Trajectory | Table, second: Trajectory | Table, tolerance: float = 1e-6) -> Comparison: ...
 @np.errstate(over="ignore", invalid="ignore")  # runs that diverged: what is not finite shows in the result
-def compare(first: Trajectory, second: Trajectory, tolerance: float = 1e-6) -> Comparison:
-    """Compare two runs at all output times that they share, without interpolation.
+def compare(first: Trajectory | Table, second: Trajectory | Table, tolerance: float = 1e-6) -> Comparison:
+    """Compare two runs at all output times that they share, without interpolation; or a run with a table.
+
+    Of a table, such as `runs.read_table` reads, each time within the run counts, see `TableComparison`.
 
     Raises:
         OptionError: for what is no run, where the structures differ, or where fewer than two times are common.
     """
-    for place, run in (("first", first), ("second", second)):
-        if not isinstance(run, Trajectory):
-            raise OptionError(f"compare: the {place} is {run!r}; it must be a Trajectory")
     if not isinstance(tolerance, (int, float)) or not (np.isfinite(tolerance) and tolerance > 0):
         raise OptionError(f"tolerance = {tolerance!r}; it must be a finite number > 0")
+    if isinstance(first, Trajectory) and isinstance(second, Table):
+        return _with_table(first, second, tolerance, (first.engine, second.name))
+    if isinstance(first, Table) and isinstance(second, Trajectory):
+        return _with_table(second, first, tolerance, (first.name, second.engine))
+    for place, run in (("first", first), ("second", second)):
+        if not isinstance(run, Trajectory):
+            also = "; one of the two is a run" if isinstance(run, Table) else ""
+            raise OptionError(f"compare: the {place} is {value_text(run)}; it must be a Trajectory{also}")
+    assert isinstance(first, Trajectory)
+    assert isinstance(second, Trajectory)
     for member, names in (
         ("nodes", lambda run: list(run.scene.structure.nodes)),
         ("strings", lambda run: [(s.name, s.nodes) for s in run.scene.structure.strings]),
@@ -153,6 +209,50 @@ def compare(first: Trajectory, second: Trajectory, tolerance: float = 1e-6) -> C
         tolerance=float(tolerance),
         first=first.engine,
         second=second.engine,
+    )
+
+
+def _with_table(run: Trajectory, table: Table, tolerance: float, names: tuple[str, str]) -> TableComparison:
+    index = run.scene.structure.node_index
+    shared = [node for node in table.nodes if node in index]
+    if not shared:
+        raise OptionError(
+            f"{table.name} has no node of the run of '{run.scene.name}': {', '.join(table.nodes)} are none of "
+            f"{', '.join(index)}"
+        )
+    ours, theirs = [index[node] for node in shared], [table.nodes.index(node) for node in shared]
+    span = run.time[[0, -1]] if len(run.time) else np.zeros(2)
+    inside = (table.time >= span[0] - 1e-9 * span[1]) & (table.time <= span[1] + 1e-9 * span[1])
+    rows = np.flatnonzero(inside & ~np.isnan(table.positions[:, theirs]).any(axis=-1).all(axis=-1))
+    if len(rows) < 2 or len(run.time) < 2:
+        raise OptionError(
+            f"{table.name} has {len(rows)} of its {len(table.time)} times within the run, from {span[0]:.6g} to "
+            f"{span[1]:.6g} s, with a node of it; two are needed"
+        )
+    found = resampled(run, np.clip(table.time[rows], *span))
+    distance = norm(found.values["nodes"][:, ours] - table.positions[rows][:, theirs])
+    arrays = {name: np.full(len(rows), np.nan) for name in Comparison.NAMES}
+    # fmax leaves out what is NaN: nodes that were not seen.
+    arrays["node_error"] = np.fmax.reduce(distance, axis=1)
+    if table.velocities is not None:
+        off = norm(found.values["velocities"][:, ours] - table.velocities[rows][:, theirs])
+        arrays["velocity_error"] = np.fmax.reduce(off, axis=1)
+    for number, string in enumerate(run.scene.structure.strings):
+        if string.name in table.tensions:
+            off = np.abs(found.values["tensions"][:, number] - table.tensions[string.name][rows])
+            arrays["tension_error"] = np.fmax(arrays["tension_error"], off)
+    return TableComparison(
+        time=table.time[rows],
+        **arrays,
+        rms_node_error=float(np.sqrt(np.nanmean(distance**2))),
+        tolerance=float(tolerance),
+        first=names[0],
+        second=names[1],
+        by_node=dict(zip(shared, np.fmax.reduce(distance, axis=0).tolist(), strict=True)),
+        resampling_error={ERRORS[name]: error for name, error in found.errors.items()},
+        missing_nodes=tuple(node for node in index if node not in table.nodes),
+        unknown_nodes=tuple(node for node in table.nodes if node not in index),
+        times_outside=int((~inside).sum()),
     )
 
 

@@ -92,6 +92,19 @@ def write_run(run: Trajectory, path: Path) -> None:
     write_netcdf(path, variables_in_file(run), attributes_in_file(run))
 
 
+def is_table(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is for `table.read_table` rather than for `read_run`: CSV, or NetCDF with nodes and no scene."""
+    import h5netcdf
+
+    if Path(path).suffix.lower() != ".nc":
+        return True
+    try:
+        with h5netcdf.File(path, "r") as file:
+            return "node" in file.variables and "scene" not in file.attrs
+    except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError):
+        return False  # reading it says what is wrong
+
+
 def read_run(path: str | os.PathLike[str]) -> dict[str, Any]:
     """The fields of the `Trajectory` that a file holds, exactly as they were.
 

@@ -1,0 +1,222 @@
+"""Tables of other programs: node positions over time, as cameras, finite-element programs and others write them."""
+
+from __future__ import annotations
+
+import csv
+import math
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import real_array
+from tensegrity_mj.basics.files import content_of
+from tensegrity_mj.errors import FormatError, OptionError, TensegrityError
+
+MOST_BYTES = 500_000_000  # of a CSV file
+COLUMNS = ("x", "y", "z", "vx", "vy", "vz")
+FORM = (
+    "the first line names the columns: time, n1.x, n1.y, n1.z, ... or time, node, x, y, z; also velocities (n1.vx ...) "
+    "and s1.tension, in SI units"
+)
+# Variables of a NetCDF table: dimensions, units that it may name.
+VARIABLES = {
+    "time": (("time",), ("s", "seconds")),
+    "nodes": (("time", "node", "axis"), ("m", "metres", "meters")),
+    "velocities": (("time", "node", "axis"), ("m/s", "m s-1")),
+    "tensions": (("time", "string"), ("N", "newton")),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Where nodes were, as another program or a camera has it; what was not seen is NaN.
+
+    Attributes:
+        time: (T,) rising [s].
+        nodes: (K,) names.
+        positions: (T, K, 3) [m].
+        velocities: (T, K, 3) [m/s], or None.
+        tensions: (T,) [N] of strings by their names.
+        name: what it is called, such as the name of its file.
+
+    Raises:
+        OptionError: where shapes do not fit, times do not rise or two nodes have the same name.
+    """
+
+    time: Array
+    nodes: tuple[str, ...]
+    positions: Array
+    velocities: Array | None = None
+    tensions: dict[str, Array] = field(default_factory=dict)
+    name: str = "table"
+
+    def __post_init__(self) -> None:
+        count = np.size(self.time)
+        time = real_array(f"{self.name}: time", self.time, (count,), "s", scalar=False)
+        back = np.flatnonzero(np.diff(time) <= 0)
+        if len(back):
+            raise OptionError(f"{self.name}: row {back[0] + 2}: {_backwards(time[back[0] + 1], time[back[0]])}")
+        if len(set(self.nodes)) < len(self.nodes):
+            raise OptionError(f"{self.name}: nodes {', '.join(self.nodes)}: each may be there once")
+        parts = {"positions": self.positions, "velocities": self.velocities, **self.tensions}
+        for what, values in parts.items():
+            shape = (count,) if what in self.tensions else (count, len(self.nodes), 3)
+            if values is not None and np.shape(values) != shape:
+                raise OptionError(f"{self.name}: {what} has shape {np.shape(values)}; it must be {shape}")
+
+
+def read_table(path: str | os.PathLike[str]) -> Table:
+    """The table of a CSV file, or of a NetCDF-4 one (.nc); docs/data.md has the forms.
+
+    Raises:
+        FormatError: if the file is absent or no such table, where a value is no finite number, or times do not rise; it
+            names the line and the column.
+    """
+    source = Path(path)
+    found = _read_netcdf(source) if source.suffix.lower() == ".nc" else _read_csv(source)
+    try:
+        return Table(**found, name=source.name)
+    except OptionError as error:
+        raise FormatError(f"{path}: {str(error).removeprefix(f'{source.name}: ')}") from None
+
+
+def _backwards(now: float, before: float) -> str:
+    return f"time is {now:.9g} s after {before:.9g} s; times must rise"
+
+
+def _read_csv(source: Path) -> dict[str, Any]:
+    try:
+        text = content_of(source, MOST_BYTES).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise FormatError(f"{source}: no text in UTF-8 ({error.reason} at byte {error.start}); {FORM}") from None
+    rows = csv.reader(text.splitlines())
+    header = [name.strip() for name in next(rows, [])]
+    if "time" not in header or len(set(header)) < len(header):
+        raise FormatError(f"{source}: there is no column 'time', or one twice; {FORM}")
+    lines = ((rows.line_num, dict(zip(header, row, strict=False)), len(row)) for row in rows if row)
+    checked = _checked(source, len(header), lines)
+    long = {"node", "x"} <= set(header)
+    nodes = tuple(dict.fromkeys(name[:-2] for name in header if name[-2:] in (".x", ".y", ".z")))
+    fast = "vx" in header if long else any(f"{node}.v{axis}" in header for node in nodes for axis in "xyz")
+    columns = COLUMNS[: 6 if fast else 3]
+    wanted = columns if long else [f"{node}.{one}" for node in nodes for one in columns] or ["n1.x"]
+    absent = [name for name in wanted if name not in header]
+    if absent:
+        raise FormatError(f"{source}: there is no column '{absent[0]}'; {FORM}")
+    if long:
+        return _long(source, columns, checked)
+    strings = [name for name in header if name.endswith(".tension")]
+    times: list[float] = []
+    cells = []
+    for line, time, row in checked:
+        if times and time <= times[-1]:
+            raise FormatError(f"{source}, line {line}: {_backwards(time, times[-1])}")
+        times.append(time)
+        cells.append([_number(source, line, name, row[name]) for name in (*wanted, *strings)])
+    values = np.array(cells, float).reshape(len(times), -1)
+    tensions = {name.removesuffix(".tension"): values[:, len(wanted) + k] for k, name in enumerate(strings)}
+    return _moved(times, nodes, values[:, : len(wanted)], fast) | {"tensions": tensions}
+
+
+def _checked(
+    source: Path, width: int, lines: Iterator[tuple[int, dict[str, str], int]]
+) -> Iterator[tuple[int, float, dict[str, str]]]:
+    """Line, time and cells of each row, which has as many cells as there are columns."""
+    for line, row, cells in lines:
+        if cells != width:
+            raise FormatError(f"{source}, line {line}: {cells} cells below {width} columns")
+        time = _number(source, line, "time", row["time"])
+        if math.isnan(time):
+            raise FormatError(f"{source}, line {line}: time is missing")
+        yield line, time, row
+
+
+def _number(source: Path, line: int, column: str, text: str) -> float:
+    """A finite number; NaN of an empty cell."""
+    try:
+        value = float(text) if text.strip() else 0.0
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise FormatError(
+            f"{source}, line {line}: {column} is '{text}'; it must be a finite number; leave empty what was not seen"
+        )
+    return value if text.strip() else math.nan
+
+
+def _long(source: Path, columns: tuple[str, ...], rows: Iterator[tuple[int, float, dict[str, str]]]) -> dict[str, Any]:
+    """The table of rows of one node each, in any order in which the times of each node rise."""
+    last: dict[str, float] = {}
+    found: dict[tuple[float, str], list[float]] = {}
+    for line, time, row in rows:
+        node = row["node"].strip()
+        if time <= last.get(node, -math.inf):
+            raise FormatError(f"{source}, line {line}: node '{node}': {_backwards(time, last[node])}")
+        last[node] = time
+        found[time, node] = [_number(source, line, one, row[one]) for one in columns]
+    times, gap = sorted({time for time, _ in found}), [math.nan] * len(columns)
+    values = np.array([[found.get((time, node), gap) for node in last] for time in times], float)
+    return _moved(times, tuple(last), values, len(columns) == len(COLUMNS))
+
+
+def _moved(times: list[float], nodes: tuple[str, ...], values: Array, fast: bool) -> dict[str, Any]:
+    """Positions, and velocities beside them where there are, of numbers node by node."""
+    moved = values.reshape(len(times), len(nodes), -1 if values.size else 3)
+    velocities = moved[..., 3:6] if fast else None
+    return {"time": np.array(times), "nodes": nodes, "positions": moved[..., :3], "velocities": velocities}
+
+
+def _read_netcdf(source: Path) -> dict[str, Any]:
+    import h5netcdf
+
+    if not source.is_file():
+        raise FormatError(f"{source}: no such file")
+    try:
+        with h5netcdf.File(source, "r", decode_vlen_strings=True) as file:
+            held = file.variables
+            absent = [name for name in ("time", "node", "nodes") if name not in held]
+            if absent:
+                raise FormatError(
+                    f"{source}: there is no variable '{absent[0]}'; a table has time (time), node (node: names) and "
+                    "nodes (time, node, axis)"
+                )
+            values = {name: _variable(source, held[name], *VARIABLES[name]) for name in VARIABLES if name in held}
+            tensions = (
+                dict(zip(_names(held["string"]), values["tensions"].T, strict=True)) if "tensions" in values else {}
+            )
+            nodes = _names(held["node"])
+    except TensegrityError:
+        raise
+    except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError) as error:
+        raise FormatError(f"{source}: not a readable table in NetCDF-4 ({error})") from error
+    moved = {"positions": values["nodes"], "velocities": values.get("velocities")}
+    return {"time": values["time"], "nodes": nodes, "tensions": tensions, **moved}
+
+
+def _variable(source: Path, variable: Any, dimensions: tuple[str, ...], units: tuple[str, ...]) -> Array:
+    """The values of a variable, NaN where it has its fill value."""
+    name, fill = variable.name.rpartition("/")[2], variable.attrs.get("_FillValue")
+    if tuple(variable.dimensions) != dimensions or variable.attrs.get("units", units[0]) not in units:
+        raise FormatError(
+            f"{source}: {name} has dimensions {tuple(variable.dimensions)} and is in "
+            f"{variable.attrs.get('units', units[0])}; it must have {dimensions} and be in {units[0]}"
+        )
+    values = np.array(variable[...], float)
+    gaps = np.zeros(values.shape, bool) if fill is None else (values == fill) | (np.isnan(values) & np.isnan(fill))
+    bad = np.argwhere(~np.isfinite(values) & ~gaps)
+    if len(bad):
+        at = ", ".join(f"{one} {k}" for one, k in zip(dimensions, bad[0].tolist(), strict=True))
+        raise FormatError(f"{source}: {name} is not finite at {at} (counted from 0); what is missing has _FillValue")
+    return np.where(gaps, np.nan, values)
+
+
+def _names(variable: Any) -> tuple[str, ...]:
+    """Names, of texts or, as programs write them that have no texts, of rows of characters."""
+    values = np.asarray(variable[...])
+    texts = [b"".join(row) for row in values] if values.ndim == 2 else list(values)
+    return tuple((one.decode() if isinstance(one, bytes) else str(one)).rstrip(" \0") for one in texts)
