@@ -55,7 +55,7 @@ def simulate(
         actuation: what happens between evaluations of the law; continuous by default.
         on_infeasible: what to do where the law has no admissible solution.
         output_interval: [s] between recorded samples; by default the multiple of the step nearest below 0.01 s.
-        progress: show a bar on stderr.
+        progress: show a bar on stderr, or below the cell of a notebook.
 
     Returns:
         The trajectory; its status is INFEASIBLE where the run stopped for lack of a solution, and SINGULAR where the

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.progress import bar
 from tensegrity_mj.dynamics.native.plant_view import PLANT
 from tensegrity_mj.dynamics.native.views import Fields, Table
 from tensegrity_mj.engines.recording import check_rows
@@ -96,24 +95,18 @@ class Progress:
     """A progress bar over simulated time on stderr; silent unless asked for."""
 
     def __init__(self, request: Request, label: str) -> None:
-        self._bar: Any = None
-        if request.progress and sys.stderr.isatty():  # elsewhere tqdm, which takes a while to import, shows nothing
-            from tqdm import tqdm
-
-            form = "{desc} {percentage:3.0f}% |{bar}| {n:.2f}/{total:.2f} s [{elapsed} < {remaining}]"
-            self._bar = tqdm(total=request.duration, desc=label, bar_format=form, file=sys.stderr)
+        form = "{desc} {percentage:3.0f}% |{bar}| {n:.2f}/{total:.2f} s [{elapsed} < {remaining}]"
+        self._bar = bar(request.progress, label, total=request.duration, bar_format=form)
 
     def reached(self, time: float) -> None:
         """Simulated time that the run has come to [s]."""
-        if self._bar is not None:
-            self._bar.update(time - self._bar.n)
+        self._bar.update(time - self._bar.n)
 
     def __enter__(self) -> Progress:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._bar is not None:
-            self._bar.close()
+        self._bar.close()
 
 
 def drive(grid: Grid, request: Request, label: str, advance: Callable[[int, int], int]) -> bool:

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.files import checked, replacing
+from tensegrity_mj.basics.progress import bar
 from tensegrity_mj.errors import MissingLibraryError, OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.pictures.motion import Motion
@@ -61,7 +62,7 @@ def render(
         other: a second run: translucent over the first, or beside it, as `layout` says.
         fps: frames a second of the video.
         speed: simulated seconds a second of the video.
-        progress: show a bar on stderr, if that is a terminal.
+        progress: show a bar on stderr, if that is a terminal, or below the cell of a notebook.
         view: size (even, H.264 needs it), traces, target, azimuth, elevation, distance, quality (`Quality.FAST` halves
             the drawing time) and text, see `View`.
 
@@ -191,7 +192,6 @@ def ffmpeg_program() -> str:
 def _encode(stage: Stage, times: NDArray[np.float64], path: Path, fps: float, progress: bool) -> None:
     """Draw every frame and have ffmpeg encode it."""
     import mediapy
-    from tqdm import tqdm
 
     program = ffmpeg_program()
     mediapy.set_ffmpeg(program)
@@ -203,9 +203,10 @@ def _encode(stage: Stage, times: NDArray[np.float64], path: Path, fps: float, pr
     try:
         writer.__enter__()
         try:
-            # None: no bar where stderr is no terminal, a log for example.
-            for time in tqdm(times, desc="video", unit="frame", disable=None if progress else True):
-                writer.add_image(stage.frame(time))
+            with bar(progress, "video", total=len(times), unit="frame") as shown:
+                for time in times:
+                    writer.add_image(stage.frame(time))
+                    shown.update()
         except BaseException:
             # ffmpeg may have been interrupted too: what it says about it must not hide the reason.
             with contextlib.suppress(Exception):

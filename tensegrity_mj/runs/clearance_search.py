@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.basics.progress import bar
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs import clearance_kernels as kernels
 from tensegrity_mj.runs.approaches import Approach, Clearance, Event, Pairs
@@ -243,10 +244,8 @@ def _by_distance(approach: Approach) -> float:
 
 def _pieces(count: int, progress: bool) -> Iterator[tuple[int, int]]:
     """(first, last) of pieces of the pairs, under a bar if there is one."""
-    from tqdm import tqdm
-
-    with tqdm(total=count, desc="clearance", unit="pair", disable=None if progress else True) as bar:
+    with bar(progress, "clearance", total=count, unit="pair") as shown:
         for first in range(0, count, PIECE):
             last = min(first + PIECE, count)
             yield first, last
-            bar.update(last - first)
+            shown.update(last - first)

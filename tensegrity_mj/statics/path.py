@@ -13,7 +13,6 @@ buckles under loads that are set, or snaps under displacements that are set.
 from __future__ import annotations
 
 import enum
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
@@ -25,7 +24,8 @@ from scipy import sparse
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import finite, positive, whole
 from tensegrity_mj.basics.functions import function_of
-from tensegrity_mj.errors import InfeasibleError, OptionError, printable
+from tensegrity_mj.basics.progress import bar
+from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics.boundary import Hold
@@ -181,14 +181,8 @@ class PathSearch:
             raise OptionError(f"to = {self.to!r}: the start is there already, a path of no length; give another value")
         walk, first = begin(state, goal, self.direction)
         course = _Course(walk, first, count, branches=self.direction is not None)
-        bar = _bar(self.progress, model.scene.name)
-        try:
-            end = course.run(
-                goal, limit * STRAIGHT, self.stop_at_critical, (lambda: None) if bar is None else bar.update
-            )
-        finally:
-            if bar is not None:
-                bar.close()
+        with bar(self.progress, f"following {model.scene.name}", unit="point") as shown:
+            end = course.run(goal, limit * STRAIGHT, self.stop_at_critical, shown.update)
         if len(course.points) == 1:
             raise InfeasibleError(
                 f"'{model.scene.name}': no equilibrium was found near the start; take more points, smaller loads or "
@@ -297,11 +291,3 @@ def _row(index: dict[str, int], name: str) -> int:
     if name not in index:
         raise OptionError(f"there is no node '{name}'")
     return index[name]
-
-
-def _bar(progress: bool, name: str):  # type: ignore[no-untyped-def]
-    if not progress:
-        return None
-    from tqdm import tqdm
-
-    return tqdm(desc=f"following {printable(name)}", unit="point", file=sys.stderr, disable=None)

@@ -13,7 +13,8 @@ from scipy.sparse.linalg import splu
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import positive, whole
-from tensegrity_mj.errors import InfeasibleError, printable
+from tensegrity_mj.basics.progress import bar
+from tensegrity_mj.errors import InfeasibleError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics import linear_systems
@@ -61,7 +62,8 @@ def relax(
     velocity = np.zeros(Z.shape[1])
     energy, longest = 0.0, LONGEST_MOVE * model.scale[0]
     first, size = 0.0, np.inf
-    bar = _bar(progress, model.scene.name)
+    form = "{l_bar}{bar}| {n:.1f} digits [{elapsed}]"
+    shown = bar(progress, f"relaxing {model.scene.name}", total=12, unit="digit", bar_format=form)
     try:
         for taken in range(limit):
             gradient = model.gradient(x, parameter)
@@ -80,9 +82,9 @@ def relax(
                     model, x.reshape(-1, 3).copy(), linear_systems.rod_forces(model, x, gradient), parameter, taken
                 )
             first = max(first, size)
-            if bar is not None and taken % 50 == 0:
-                bar.n = round(max(0.0, float(np.log10(first / size))), 1)
-                bar.refresh()
+            if taken % 50 == 0:
+                shown.n = round(max(0.0, float(np.log10(first / size))), 1)
+                shown.refresh()
             before = velocity
             velocity = velocity - light.T @ normal.solve(C @ velocity) - left / masses
             fastest = float(np.abs(velocity).max(initial=0.0))
@@ -102,8 +104,7 @@ def relax(
                 raise _restless(model, taken, size)
             x = there
     finally:
-        if bar is not None:
-            bar.close()
+        shown.close()
     raise _restless(model, limit, size)
 
 
@@ -128,19 +129,6 @@ def _largest(model: StaticModel, x: Array, forces: Array, parameter: float) -> f
     tension = model.tensions(model.strings(x).lengths)
     parts = (tension, np.abs(forces), np.abs(model.external(parameter)))
     return max(float(part.max(initial=0.0)) for part in parts)
-
-
-def _bar(progress: bool, name: str):  # type: ignore[no-untyped-def]
-    if not progress:
-        return None
-    from tqdm import tqdm
-
-    return tqdm(
-        total=12,
-        desc=f"relaxing {printable(name)}",
-        unit="digit",
-        bar_format="{l_bar}{bar}| {n:.1f} digits [{elapsed}]",
-    )
 
 
 def _restless(model: StaticModel, taken: int, size: float) -> InfeasibleError:

@@ -15,8 +15,9 @@ from types import FrameType
 from typing import Any, TypedDict
 
 from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
+from tensegrity_mj.basics.progress import bar
 from tensegrity_mj.basics.texts import file_name
-from tensegrity_mj.errors import ClusterError, OptionError, printable
+from tensegrity_mj.errors import ClusterError, OptionError
 from tensegrity_mj.studies import store
 from tensegrity_mj.studies.attempt import DONE, Task
 from tensegrity_mj.studies.plain import digest, plain
@@ -138,7 +139,7 @@ def run_many(
         outcomes: dict[str, Values] = dict(kept.outcomes) if kept is not None else {}
         missing = {key: call for key, call in calls.items() if key not in outcomes}
         if missing:
-            bar = stack.enter_context(bar_of(label, len(calls), len(calls) - len(missing), progress))
+            shown = stack.enter_context(bar_of(label, len(calls), len(calls) - len(missing), progress))
             compute = stack.enter_context(workers.ready(task))
             try:
                 with _stoppable(workers.backend), contextlib.closing(compute(task, missing)) as answers:
@@ -147,7 +148,7 @@ def run_many(
                         if kept is not None:
                             named = {_file_name(first[key], own): content for own, content in files.items()}
                             kept.add(key, outcomes[key], named)
-                        bar.update()
+                        shown.update()
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(_stopped(len(outcomes), len(calls), place)) from None
             except ClusterError as error:
@@ -199,18 +200,10 @@ def _stopped(finished: int, total: int, folder: Path | None) -> str:
     return f"{head} and kept in {folder}; run the same again to go on from there"
 
 
-@contextlib.contextmanager
-def bar_of(label: str, total: int, done: int, shown: bool) -> Iterator[Any]:
-    """A progress bar on stderr, where that is a terminal and it is to be shown."""
-    from tqdm import tqdm
-
+def bar_of(label: str, total: int, done: int, shown: bool) -> Any:
+    """A progress bar with the time left, where it is to be shown."""
     form = "{desc} {percentage:3.0f}% |{bar}| {n_fmt}/{total_fmt} [{elapsed} < {remaining}]"
-    # None: only where stderr is a terminal.
-    disable = None if shown else True
-    with tqdm(
-        total=total, initial=done, desc=printable(label), bar_format=form, file=sys.stderr, disable=disable
-    ) as bar:
-        yield bar
+    return bar(shown, label, total=total, initial=done, bar_format=form)
 
 
 @contextlib.contextmanager
