@@ -1,12 +1,14 @@
-"""The law that a scene names, or that a scene is given by its name."""
+"""The law that a scene names, or that a scene is given by a text."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.controllers.known import KnownWater
-from tensegrity_mj.controllers.table import LAWS
+from tensegrity_mj.controllers.own import OwnLaw, found, is_own, named
+from tensegrity_mj.controllers.table import LAWS, NamedLaw
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
 
@@ -14,40 +16,67 @@ from tensegrity_mj.model.scene import Scene
 def from_scene(scene: Scene, law: str | None = None, **overrides: Any) -> Any:
     """The law that a scene names in its `control`, or `law`, with the scene's target, gravity and water.
 
-    `overrides` win over the scene's options.
+    `law` is a name of `LAWS`, or "path.py:name" or "module:name" of a law of your own (docs/own-law.md). `overrides`
+    win over the scene's options.
 
-    A law other than the scene's takes those of the scene's options that it has too. Options in a scene file are those
-    of the law's class; `norm` may be "inf", `onto` is "current" or "target", gains are tables {X = , Y = , Z = } of
-    numbers or matrices, or tables of such by rod name, `water` is a `KnownWater` by name.
+    A built-in law other than the scene's takes those of the scene's options that it has too. Options in a scene file
+    are those of the law's class; `norm` may be "inf", `onto` is "current" or "target", gains are tables {X = , Y = ,
+    Z = } of numbers or matrices, or tables of such by rod name, `water` is a `KnownWater` by name.
 
     Raises:
-        OptionError: if there is no law or an unknown one, no target, no string, or an option that the law has not.
+        OptionError: if there is no law or an unknown one, no target, no string, or an option that the law has not; if
+            a law of your own cannot be made.
     """
     if not isinstance(scene, Scene):
         raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
     where = f"scene '{scene.name}'"
     if law is None and scene.control is None:
-        raise OptionError(f"{where} names no control law: add [scene.control], or choose one: {', '.join(LAWS)}")
+        raise OptionError(
+            f"{where} names no control law: add [scene.control], or choose one: {', '.join(LAWS)}, or path.py:name or "
+            "module:name of your own"
+        )
     name = law if law is not None else scene.control.law  # type: ignore[union-attr]
-    if not isinstance(name, str) or name not in LAWS:
-        meant = closest(name, LAWS) if isinstance(name, str) else ""
-        raise OptionError(f"{where}: unknown law {name!r}{meant}; allowed: {', '.join(LAWS)}")
-    entry = LAWS[name]
+    entry = law_named(name, where)
     given: dict[str, Any] = {}
     if scene.control is not None:
         own = scene.control.law == name
-        given = {key: value for key, value in scene.control.options.items() if own or key in entry.options}
+        shared = entry.options if isinstance(entry, NamedLaw) else {}
+        given = {key: value for key, value in scene.control.options.items() if own or key in shared}
     given.update(overrides)
-    for key in given:
-        if key not in entry.options:
-            raise OptionError(f"{where}: law '{name}' has no option '{key}'; allowed: {', '.join(entry.options)}")
-    if scene.target is None:
-        raise OptionError(f"{where} has no target, which its law needs: add [scene.target]")
     if not scene.structure.strings:
         raise OptionError(
             f"{where}: law '{name}' commands strings, and its structure '{scene.structure.name}' has none: leave the "
             "law out"
         )
+    return entry.make(scene, given) if isinstance(entry, OwnLaw) else _made(entry, name, scene, given)
+
+
+def law_named(name: Any, where: str) -> NamedLaw | OwnLaw:
+    """The law of a name, or what a text with a colon or the path of a Python file names.
+
+    Raises:
+        OptionError: if it is none; `where` begins the message.
+    """
+    if isinstance(name, str) and is_own(name):
+        return found(named(name))
+    if not isinstance(name, str) or name not in LAWS:
+        meant = closest(name, LAWS) if isinstance(name, str) else ""
+        raise OptionError(
+            f"{where}: unknown law {name!r}{meant}; allowed: {', '.join(LAWS)}, and path.py:name or module:name of "
+            "your own"
+        )
+    return LAWS[name]
+
+
+def _made(entry: NamedLaw, name: str, scene: Scene, given: Mapping[str, Any]) -> Any:
+    """A built-in law with options as files hold them."""
+    where = f"scene '{scene.name}'"
+    for key in given:
+        if key not in entry.options:
+            allowed = f"{closest(key, entry.options)}; allowed: {', '.join(entry.options)}"
+            raise OptionError(f"{where}: law '{name}' has no option '{key}'{allowed}")
+    if scene.target is None:
+        raise OptionError(f"{where} has no target, which its law needs: add [scene.target]")
     options = {key: entry.options[key](value, f"{where}: {key}") for key, value in given.items()}
     water = options.pop("water", KnownWater.ALL).of(scene.water)
     known = () if water is None else (water,)

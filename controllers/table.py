@@ -1,4 +1,5 @@
-"""The laws that scene files and the command line can name: each module of this folder that has a `LAW`, by its name.
+"""The laws that scene files and the command line can name: each module of this folder that has a `LAW`, by its name,
+and those that installed packages have (entry points of the group `tensegrity_mj.laws`).
 
 A new law is a file of its own, which ends as `lyapunov.py` does. The table imports a law when it is used.
 """
@@ -12,7 +13,12 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from tensegrity_mj.basics.installed import installed, load
+
+if TYPE_CHECKING:
+    from tensegrity_mj.controllers.own import OwnLaw
 
 Reader = Callable[[Any, str], Any]  # (value as in a file, what it is) -> the law's value; see `options`
 
@@ -30,28 +36,31 @@ class NamedLaw:
     options: Mapping[str, Reader]
 
 
-class _Laws(Mapping[str, NamedLaw]):
-    """The laws by their names, in alphabetical order."""
+class _Laws(Mapping[str, "NamedLaw | OwnLaw"]):
+    """The laws by their names: built-in ones in alphabetical order, then those of installed packages."""
 
-    def __getitem__(self, name: str) -> NamedLaw:
-        if name not in _names():
-            raise KeyError(name)
-        found: NamedLaw = import_module(f"tensegrity_mj.controllers.{name}").LAW
-        return found
+    def __getitem__(self, name: str) -> NamedLaw | OwnLaw:
+        if name in built_in():
+            found: NamedLaw = import_module(f"tensegrity_mj.controllers.{name}").LAW
+            return found
+        from tensegrity_mj.controllers.own import OwnLaw
+
+        return OwnLaw(name, load(installed("laws")[name]))
 
     def __contains__(self, name: object) -> bool:
-        return name in _names()
+        return name in built_in() or name in installed("laws")
 
     def __iter__(self) -> Iterator[str]:
-        return iter(_names())
+        yield from built_in()
+        yield from sorted(installed("laws").keys() - set(built_in()))
 
     def __len__(self) -> int:
-        return len(_names())
+        return sum(1 for _ in self)
 
 
 @cache
-def _names() -> tuple[str, ...]:
-    """Found in the text of the files, so that none is imported for its name alone."""
+def built_in() -> tuple[str, ...]:
+    """Names of the laws of this folder, found in the text of the files, so that none is imported for its name alone."""
     files = [path for folder in sys.modules[__package__].__path__ for path in Path(folder).glob("*.py")]
     named = [path.stem for path in files if re.search(r"^LAW\b", path.read_text(encoding="utf-8"), re.MULTILINE)]
     return tuple(sorted(named))

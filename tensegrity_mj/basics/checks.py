@@ -85,17 +85,17 @@ def state_of(
 
 
 def member(what: str, value: Any, kind: type[enum.Enum]) -> None:
-    """Raise OptionError unless the value is a member of an enum."""
-    checked(what, value, kinds.choice(kind))
+    """Raise OptionError unless the value is a member of an enum: functions inside take no texts in their place."""
+    if not isinstance(value, kind):
+        raise OptionError(f"{what} = {value_text(value)}; it must be one of {', '.join(map(str, kind))}")
 
 
 def choice_from(path: str, kind: type[enum.Enum], value: Any) -> Any:
     """The member of an enum with that value, in which - may stand for spaces; OptionError where there is none."""
-    words = {str(one.value): one for one in kind}
-    text = value.replace("-", " ") if isinstance(value, str) else value
-    for word in (value, text):
-        if isinstance(word, str) and word in words:
-            return words[word]
+    found = kinds.member_of(kind, value) if isinstance(value, str) else None
+    if found is not None:
+        return found
+    words = [str(one.value) for one in kind]
     meant = closest(value, words) if isinstance(value, str) else ""
     raise OptionError(f"{path} = {value!r}{meant}; allowed: {', '.join(words)}")
 

@@ -21,6 +21,7 @@ from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform, get_
 import attrs
 import numpy as np
 
+from tensegrity_mj.basics.installed import installed, load
 from tensegrity_mj.basics.kinds import Kind, Wrong, or_none, typed
 from tensegrity_mj.errors import SceneError, TensegrityError
 
@@ -214,11 +215,9 @@ def register(kind: str, cls: type) -> None:
 
 def registered(base: type) -> dict[str, type]:
     """The classes that are registered for a base class, by their names."""
-    from importlib.metadata import entry_points
-
-    for point in entry_points(group=f"tensegrity_mj.{base.__name__.lower()}s"):
-        if point.name not in _KINDS:
-            register(point.name, point.load())
+    for name, point in installed(f"{base.__name__.lower()}s").items():
+        if name not in _KINDS:
+            register(name, load(point))
     return {kind: cls for kind, cls in _KINDS.items() if issubclass(cls, base)}
 
 

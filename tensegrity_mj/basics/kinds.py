@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, get_args, get_origin
 
 import numpy as np
 
-from tensegrity_mj.basics.texts import value_text
+from tensegrity_mj.basics.texts import closest, value_text
 
 # Magnitudes of numbers, other than zero, that a scene or an option may have: the product of any three of them is a
 # float with all its digits (1e±300; floats end at 1.8e308, and have fewer digits below 2.2e-308).
@@ -145,14 +145,22 @@ def printable_name(what: str = "a non-empty string of printable characters") -> 
     return Kind(plain, "a text in quotes", is_text)
 
 
+def member_of(of: type[enum.Enum], text: str) -> Any:
+    """The member of an enum with that text as its value, in which - may stand for spaces; None where there is none."""
+    words = {str(member.value): member for member in of}
+    return words.get(text, words.get(text.replace("-", " ")))
+
+
 def choice(of: type[enum.Enum]) -> Kind:
-    """A member of an enum; its value in a file."""
+    """A member of an enum, or the text of its value, as in a file."""
     values = [member.value for member in of]
 
     def plain(value: Any) -> enum.Enum:
-        if not isinstance(value, of):
-            raise not_allowed(value, f"one of {', '.join(str(member) for member in of)}")
-        return value
+        member = member_of(of, value) if isinstance(value, str) else value
+        if isinstance(member, of):
+            return member
+        meant = closest(value, map(str, values)) if isinstance(value, str) else ""
+        raise Wrong(f" = {value_text(value)}{meant}; it must be one of {', '.join(map(str, of))}, or its text")
 
     need = " or ".join(f'"{item}"' for item in values)
     return Kind(plain, need, lambda value: is_text(value) and value in values, of, single=True)

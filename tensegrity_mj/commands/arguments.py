@@ -8,7 +8,7 @@
     ]
 
 A row has `name` and what argparse's `add_argument` takes, `type` as the name of a function of the command's module, of
-`experiment` or of `common`, or int. Choices may be "engines" or "laws": those that there are. `several` are choices of
+`experiment` or of `common`, or int. Choices may be "engines": those that there are. `several` are choices of
 which some may be given, all by default. `use` stands for the rows of that name in `shared.toml`. The file's `[groups]`
 have rows by the titles of argparse's groups. Choices that are values of enums stand in these files, so that --help need
 not import the enums; tests compare both.
@@ -25,7 +25,6 @@ from typing import Any
 
 from tensegrity_mj.basics.files import table_beside
 from tensegrity_mj.commands import common, experiment
-from tensegrity_mj.controllers.table import LAWS
 from tensegrity_mj.engines.table import ENGINES
 
 SHARED = str(Path(__file__).with_name("shared"))
@@ -54,12 +53,12 @@ def _read(module: str) -> dict[str, Any]:
 
 def _expanded(rows: Sequence[Row]) -> Iterator[Row]:
     for row in rows:
-        yield from map(dict, _read(SHARED)[row["use"]] if "use" in row else [row])
+        yield from _expanded(_read(SHARED)[row["use"]]) if "use" in row else [dict(row)]
 
 
 def _settings(row: Row, module: ModuleType) -> Row:
     """What argparse takes."""
-    known = {"engines": list(ENGINES), "laws": [*LAWS, "none"]}
+    known = {"engines": list(ENGINES)}
     for key in ("choices", "several"):
         if isinstance(row.get(key), str):
             row[key] = known[row[key]]

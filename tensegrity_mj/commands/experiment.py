@@ -51,8 +51,6 @@ def check_control(options: argparse.Namespace) -> None:
     Raises:
         OptionError: naming the option and why.
     """
-    if options.law == "none":
-        refuse(options, LAW_OPTIONS, "needs a control law, and --law none was given")
     held = (options.actuation or "continuous") != "continuous"
     if held and options.control_period is None:
         raise OptionError(f"--actuation {options.actuation} needs --control-period, the time between samples [s]")
@@ -69,18 +67,16 @@ def law_of(options: argparse.Namespace, scene: Scene) -> Any:
     from tensegrity_mj.controllers.scenes import from_scene
 
     overrides: dict[str, Any] = dict(options.law_option or ())
-    if options.norm is not None:
-        overrides["norm"] = NORMS[options.norm]
-    if options.decay_rate is not None:
-        overrides["decay_rate"] = options.decay_rate
+    if (norm := getattr(options, "norm", None)) is not None:
+        overrides["norm"] = NORMS[norm]
+    if (rate := getattr(options, "decay_rate", None)) is not None:
+        overrides["decay_rate"] = rate
+    names = [name for name in LAW_OPTIONS if hasattr(options, name.replace("-", "_"))]
     if options.law == "none":
+        refuse(options, names, "needs a control law, and --law none was given")
         return None
     if scene.control is None and options.law is None:
-        refuse(
-            options,
-            LAW_OPTIONS,
-            f"needs a control law, and scene '{scene.name}' has none: add --law {' or '.join(LAWS)}",
-        )
+        refuse(options, names, f"needs a control law, and scene '{scene.name}' has none: add --law {' or '.join(LAWS)}")
         return None
     return from_scene(scene, options.law, **overrides)
 

@@ -7,6 +7,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.commands.common import Outcome, number, output_file, refuse, table
+from tensegrity_mj.commands.experiment import law_of
 from tensegrity_mj.engines.table import engine_class
 from tensegrity_mj.errors import OptionError
 
@@ -21,19 +22,17 @@ def execute(options: argparse.Namespace) -> Outcome:
     out = output_file(options.out, "--out", (".npz", ".json", ".mat"))
     if options.state is None:
         refuse(options, ("time",), "needs --state FILE.nc, the run whose sample it chooses")
+    if options.law is None and not options.closed_loop:
+        refuse(options, ("law-option",), "needs --law, or --closed-loop for the scene's law")
 
     from tensegrity_mj.dynamics.native.law import Command
     from tensegrity_mj.library.load import load_scene
     from tensegrity_mj.linearization.linearizing import linearize
 
     scene = load_scene(options.scene)
-    law = None
-    if options.closed_loop:
-        if scene.control is None:
-            raise OptionError(f"--closed-loop: scene '{scene.name}' names no control law")
-        from tensegrity_mj.controllers.scenes import from_scene
-
-        law = from_scene(scene)
+    if options.closed_loop and (options.law == "none" or (options.law is None and scene.control is None)):
+        raise OptionError(f"--closed-loop: scene '{scene.name}' names no control law: add --law")
+    law = law_of(options, scene) if options.closed_loop or options.law is not None else None
     state = {} if options.state is None else _state_of(options, [*scene.structure.node_names])
     if law is not None:
         state.pop("rest_lengths", None)

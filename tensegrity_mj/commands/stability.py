@@ -6,7 +6,8 @@ import argparse
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.basics.files import made_folder
-from tensegrity_mj.commands.common import Outcome, output_file
+from tensegrity_mj.commands.common import Outcome, output_file, refuse
+from tensegrity_mj.commands.experiment import law_of
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     maps = () if options.maps is None else tuple(options.maps or AXES)
     data = study_stability(
         scene,
-        law=_law_of(scene, options.open_loop),
+        law=_law_of(scene, options),
         engines=options.engines,
         maps=maps,
         quick=options.quick,
@@ -69,14 +70,16 @@ def _write(folder: Path, data: dict[str, Any], small: bool) -> Path:
     return page.write(folder / "index.html", data)
 
 
-def _law_of(scene: Any, open_loop: bool) -> Any:
-    """The scene's law where it can be evaluated at every stage."""
-    if open_loop or scene.control is None:
+def _law_of(scene: Any, options: argparse.Namespace) -> Any:
+    """The law; the scene's only where it can be evaluated at every stage."""
+    if options.open_loop:
+        refuse(options, ("law", "law-option"), "is of the closed loop, and --open-loop was given")
         return None
-    from tensegrity_mj.controllers.scenes import from_scene
-
-    law = from_scene(scene)
-    return None if getattr(law, "discontinuous", "") else law
+    law = law_of(options, scene)
+    why = getattr(law, "discontinuous", "")
+    if why and options.law is not None:
+        raise OptionError(f"--law {options.law}: {why}")
+    return None if why else law
 
 
 def count(text: str) -> int:

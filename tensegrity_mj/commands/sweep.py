@@ -28,9 +28,11 @@ def execute(options: argparse.Namespace) -> Outcome:
         [_vary(text, "--vary") for text in options.vary],
         [[_vary(text, "--zip") for text in group] for group in options.zip],
     )
-    draws, fixed = [_draw(text) for text in options.draw], dict(_set(text) for text in options.set)
-    if len(fixed) < len(options.set):
-        raise OptionError("--set: a parameter is given twice; give each parameter once")
+    own = [(f"law.{name}", value) for name, value in options.law_option or ()]
+    own += [("law", "none")] if options.law == "none" else []
+    draws, fixed = [_draw(text) for text in options.draw], dict([*map(_set, options.set), *own])
+    if len(fixed) < len(options.set) + len(own):
+        raise OptionError("--set, --law-option: a parameter is given twice; give each parameter once")
     workers = _workers(options)
     if options.keep_trajectories and options.out is None:
         raise OptionError("--keep-trajectories needs --out FOLDER to keep them in")
@@ -48,6 +50,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         samples=1 if options.samples is None else options.samples,
         seed=options.seed,
         fixed=fixed,
+        law=None if options.law == "none" else options.law,
         keep_trajectories=options.keep_trajectories,
     )
     try:

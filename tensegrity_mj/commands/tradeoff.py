@@ -34,7 +34,8 @@ def execute(options: argparse.Namespace) -> Outcome:
     lines: list[str] = []
     for scene, name in zip(scenes, names, strict=True):
         folder = None if options.out is None else Path(options.out) / name
-        study = tradeoff(scene, options.law, folder=folder, options=chosen, progress=True)
+        own = dict(options.law_option or ())
+        study = tradeoff(scene, options.law, law_options=own, folder=folder, options=chosen, progress=True)
         found.append(study.data)
         lines += [f"{scene.name}:", *(f"  {text}" for text in sentences(study.data)), ""]
         if folder is not None:

@@ -20,6 +20,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     report = validate(
         options.scene,
         options.law,
+        law_options=dict(options.law_option or ()),
         folder=options.out,
         engines=options.engines,
         sections=options.only,

@@ -26,7 +26,7 @@ def load_scene(name_or_path: str | os.PathLike[str]) -> Scene:
     if called is not None:
         return called
     text, where, folder = find(name_or_path)
-    return scene_from_toml(text, where, folder)
+    return scene_from_toml(text, where, folder, _made)
 
 
 def load_structure(name_or_path: str | os.PathLike[str]) -> Structure:
@@ -35,7 +35,12 @@ def load_structure(name_or_path: str | os.PathLike[str]) -> Structure:
     if called is not None:
         return called.structure
     text, where, folder = find(name_or_path)
-    return structure_from_toml(text, where, folder)
+    return structure_from_toml(text, where, folder, _made)
+
+
+def _made(text: str) -> Structure | None:
+    called = _called(text)
+    return None if called is None else called.structure
 
 
 def _called(name_or_path: str | os.PathLike[str]) -> Scene | None:

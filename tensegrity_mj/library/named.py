@@ -16,7 +16,8 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
-from tensegrity_mj.basics.texts import closest
+from tensegrity_mj.basics.installed import installed, load
+from tensegrity_mj.basics.texts import closest, value_text
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.scene import Scene
 
@@ -36,6 +37,7 @@ _HOME = {
 MOST_LETTERS = 10_000  # of a call
 _CALL = re.compile(r"\s*[^\W\d]\w*\s*\(")
 _PLAIN = {float: "a number", int: "an integer", bool: "True or False", str: "a text in quotes", types.NoneType: "None"}
+_PLAIN[Any] = "a literal"
 
 
 class _Unfit(Exception):
@@ -43,8 +45,8 @@ class _Unfit(Exception):
 
 
 def family_names() -> list[str]:
-    """Names of the families that a text can call."""
-    return sorted(_HOME)
+    """Names of the families that a text can call: those of the package, and of installed ones."""
+    return sorted(_HOME.keys() | installed("families").keys())
 
 
 def is_family_call(text: str) -> bool:
@@ -73,16 +75,27 @@ def family_scene(text: str, changes: Mapping[str, Any] | None = None) -> Scene:
     if not isinstance(call, ast.Call) or not isinstance(call.func, ast.Name):
         raise FormatError(f"{shown}: it must be one call of a family by its name, as tower(stages=10)")
     name = call.func.id
-    if name not in _HOME:
-        known = family_names()
-        raise FormatError(f"{shown}: unknown family '{name}'{closest(name, known)}; families: {', '.join(known)}")
-    builder: Callable[..., Scene] = getattr(import_module(f"tensegrity_mj.library.{_HOME[name]}"), name)
-    return builder(**_arguments(name, call, builder, changes or {}))
+    builder = _builder(name, shown)
+    scene = builder(**_arguments(name, call, builder, changes or {}))
+    if not isinstance(scene, Scene):
+        raise FormatError(f"{name}: this family made {value_text(scene)}; it must make a Scene")
+    return scene
 
 
-def _arguments(name: str, call: ast.Call, builder: Callable[..., Scene], changes: Mapping[str, Any]) -> dict[str, Any]:
+def _builder(name: str, shown: str) -> Callable[..., Any]:
+    """The family of a name: of this package, else of an installed one (entry points of `tensegrity_mj.families`)."""
+    if name in _HOME:
+        return getattr(import_module(f"tensegrity_mj.library.{_HOME[name]}"), name)
+    point = installed("families").get(name)
+    if point is not None:
+        return load(point)
+    known = family_names()
+    raise FormatError(f"{shown}: unknown family '{name}'{closest(name, known)}; families: {', '.join(known)}")
+
+
+def _arguments(name: str, call: ast.Call, builder: Callable[..., Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """The arguments of a call and of changes to it by name, as the family takes them."""
-    hints = typing.get_type_hints(inspect.unwrap(builder))
+    hints = _Hints(typing.get_type_hints(inspect.unwrap(builder)))
     parameters = inspect.signature(builder).parameters
     places = [key for key, one in parameters.items() if one.kind is one.POSITIONAL_OR_KEYWORD]
     if len(call.args) > len(places):
@@ -130,8 +143,17 @@ def _arguments(name: str, call: ast.Call, builder: Callable[..., Scene], changes
     return values
 
 
+class _Hints(dict[str, Any]):
+    """Types by parameter; any literal, where a family gives none."""
+
+    def __missing__(self, key: str) -> Any:
+        return Any
+
+
 def _fitted(value: Any, hint: Any) -> Any:
     """The value as a parameter of that type takes it, or _Unfit."""
+    if hint is Any:
+        return value
     if _is_union(hint):
         for one in typing.get_args(hint):
             try:

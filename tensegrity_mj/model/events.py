@@ -22,6 +22,7 @@ from tensegrity_mj.basics.kinds import (
     tuple_of,
     vector,
 )
+from tensegrity_mj.basics.texts import value_text
 from tensegrity_mj.model.members import Vector
 
 LoadFunction = Callable[[float], ArrayLike]
@@ -87,12 +88,28 @@ def _options(given: Any) -> dict[str, OptionValue]:
     return found
 
 
+def _law_name() -> Kind:
+    """Of a law: no path and no module, which would run code of whoever wrote the scene."""
+    name = printable_name("the name of a law")
+
+    def plain(given: Any) -> str:
+        law: str = name.plain(given)
+        if ":" in law or law.endswith(".py"):
+            raise Wrong(
+                f" = {value_text(law)}; a scene names a law by its name alone, so that no file runs code: give this "
+                "one by --law, in Python by from_scene(scene, law), or install it as an entry point tensegrity_mj.laws"
+            )
+        return law
+
+    return name._replace(plain=plain)
+
+
 @value("control", whole=True)
 class ControlSpec:
-    """The control law that a scene is run with by default: a name from `controllers` and its options.
+    """The control law that a scene is run with by default: the name of a built-in or installed one, and its options.
 
     Options are numbers, texts, truth values, or (nested) lists of them; tuples and arrays become lists.
     """
 
-    law: str = field(printable_name("the name of a law"))
+    law: str = field(_law_name())
     options: Mapping[str, OptionValue] = field(Kind(_options, "a table", is_table), factory=dict)

@@ -18,7 +18,8 @@
     structure.string_law                                 clipped, unclipped
     plant....                                            as structure.... and scene...., but of what is simulated only:
                                                          the law keeps believing in the nominal structure and scene
-    law                                                  a name of `controllers.LAWS`, or none
+    law                                                  a name of `controllers.LAWS`, path.py:name or module:name of
+                                                         one's own, or none
     law.decay_rate, law.norm, ...                        the law's options
     engine                                               mujoco, dae, ode
     engine.timestep, engine.rtol, ...                    the options of the engine's class
@@ -31,7 +32,6 @@ are made in the order family, structure, scene, plant, all else; those of a whol
 
 from __future__ import annotations
 
-import importlib
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -40,6 +40,8 @@ from typing import Any
 
 from tensegrity_mj.basics.checks import choice_from
 from tensegrity_mj.basics.texts import unknown
+from tensegrity_mj.controllers.own import Spec
+from tensegrity_mj.controllers.specs import make, own_of, spec_of
 from tensegrity_mj.engines.table import ENGINES, engine_class, make_engine, option_names
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
@@ -65,7 +67,8 @@ class Draft:
     family: str = ""  # the call that makes the scene, if one does
     plant: Scene | None = None
     law: str | None = None  # None: the scene's; "none": no law
-    law_maker: str | None = None
+    law_spec: Spec | None = None  # of the law where none is chosen, in place of the scene's
+    own_laws: Mapping[str, Spec] = field(default_factory=dict)  # of laws of one's own that `law` may choose, by text
     law_options: dict[str, Any] = field(default_factory=dict)
     engine: str = "mujoco"
     engine_options: dict[str, Any] = field(default_factory=dict)
@@ -94,26 +97,29 @@ class Draft:
         Raises:
             OptionError: if it cannot be made so.
         """
-        from tensegrity_mj.controllers.scenes import from_scene
-
-        options, control = dict(self.law_options), self.scene.control
-        if self.law == "none" or (self.law is None and self.law_maker is None and control is None):
+        options, control, spec = dict(self.law_options), self.scene.control, self._law()
+        if spec is None:
             if options:
                 raise OptionError(f"law.{next(iter(options))} needs a law, and there is none: set law too")
             return None
-        given = control.options if control is not None else {}
+        given = {} if control is None or spec["kind"] != "built-in" else control.options
+        given = {**(own.usual() if (own := own_of(spec)) else {}), **given, **spec["options"]}
         for name, value in options.items():
             if isinstance(value, Scaled):
                 options[name] = scaled(f"law.{name}", value, given.get(name))
-        if self.law_maker is not None and self.law is None:
-            law = imported(self.law_maker)(self.scene, **options)
-        else:
-            law = from_scene(self.scene, self.law, **options)
+        law = make(spec, self.scene, options)
         if self.plant is not None:
             from tensegrity_mj.studies.nominal import NominalWinches
 
             return NominalWinches.between(law, self.scene.structure, self.plant.structure)
         return law
+
+    def _law(self) -> Spec | None:
+        """The spec of the law that is chosen, or of the scene's; None for none."""
+        if self.law is not None:
+            built_in = {"kind": "built-in", "name": self.law, "options": {}}
+            return None if self.law == "none" else self.own_laws.get(self.law, built_in)
+        return self.law_spec or (None if self.scene.control is None else spec_of(None, self.scene))
 
     def make_engine(self) -> Any:
         """The engine."""
@@ -129,12 +135,6 @@ class Draft:
     def make_actuation(self) -> Actuation:
         """The actuation."""
         return Actuation(self.actuation, self.period)
-
-
-def imported(name: str) -> Any:
-    """The object of a dotted name, module.function."""
-    module, _, attribute = name.rpartition(".")
-    return getattr(importlib.import_module(module), attribute)
 
 
 def _root(path: str) -> str:
@@ -210,16 +210,21 @@ def _set_plant(draft: Draft, change: Change, value: Any) -> None:
 
 
 def _set_law(draft: Draft, option: str, path: str, value: Any) -> None:
-    from tensegrity_mj.controllers.table import LAWS
+    from tensegrity_mj.controllers.table import LAWS, built_in
 
     if not option:
-        if value != "none" and value not in LAWS:
+        if value != "none" and value not in draft.own_laws and value not in LAWS:
             raise OptionError(f"law = {value!r}: {unknown(str(value), [*LAWS, 'none'], 'law')}")
         draft.law = value
         return
-    if draft.law_maker is None:
-        known = dict.fromkeys(name for entry in LAWS.values() for name in entry.options)
-        if option not in known:
+    base = None if draft.law_spec is None else own_of(draft.law_spec)
+    others = [one for spec in draft.own_laws.values() if (one := own_of(spec)) is not None]
+    if base is not None and not others:
+        base.check(option)  # it alone is simulated
+    else:
+        entries = [*([base] if base else []), *others, *(LAWS[name] for name in built_in())]
+        known = dict.fromkeys(name for entry in entries for name in entry.options)
+        if option not in known and not any(getattr(entry, "takes_any", False) for entry in entries):
             raise OptionError(f"{path}: {unknown(option, known, 'option of a law')}")
     draft.law_options[option] = value
 

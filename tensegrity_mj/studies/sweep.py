@@ -7,10 +7,15 @@ import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
 
 from tensegrity_mj.basics.checks import whole
+from tensegrity_mj.controllers.own import Spec, is_own
+from tensegrity_mj.controllers.specs import own_of, spec_of
+from tensegrity_mj.controllers.table import LAWS, built_in
+from tensegrity_mj.dynamics.native.law import Law
 from tensegrity_mj.engines.table import engine_settings
 from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
 from tensegrity_mj.library.load import load_scene
@@ -22,15 +27,15 @@ from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate, versions
 from tensegrity_mj.studies.attempt import WithFiles
-from tensegrity_mj.studies.axes import Draw, Grid, Together, Vary
+from tensegrity_mj.studies.axes import Choice, Draw, Grid, Together, Vary
 from tensegrity_mj.studies.known_elements import elements_of, know_elements
-from tensegrity_mj.studies.many import Study, run_many, task_name
+from tensegrity_mj.studies.many import Study, run_many
 from tensegrity_mj.studies.measures import measure
 from tensegrity_mj.studies.parameter_values import encoded
 from tensegrity_mj.studies.parameters import Draft
 from tensegrity_mj.studies.plain import canonical
 from tensegrity_mj.studies.scene_parameters import member_names
-from tensegrity_mj.studies.workers import Workers
+from tensegrity_mj.studies.workers import Workers, workers_for
 
 TRAJECTORY = "trajectory.nc"
 
@@ -48,8 +53,9 @@ class Sweep:
         samples, seed: see `Grid`; a seed is needed where something is drawn.
         fixed: parameters with one value, path -> value.
         engine: an engine, MuJoCo() by default; the parameter `engine` chooses another with its own defaults.
-        law: a function of a module, (scene, **options) -> law, called with the options that are set by `law.<option>`;
-            by default the scene's law.
+        law: the scene's by default; the name of one, "module:name" or "path.py:name" of your own; a function of a
+            module, (scene, **options) -> law; or a law object, which workers must be able to import or make again, or
+            else this process computes alone. Its options are set by `law.<option>`.
         actuation, on_infeasible, output_interval: as for `simulate`.
         keep_trajectories: keep every run as a .nc file in the study's folder.
         family: the call; taken from `scene`.
@@ -62,7 +68,7 @@ class Sweep:
     seed: int | None = None
     fixed: Mapping[str, Any] = field(default_factory=dict)
     engine: Any = None
-    law: Callable[..., Any] | None = None
+    law: Law | Callable[..., Any] | str | os.PathLike[str] | None = None
     actuation: Actuation = field(default_factory=Actuation.continuous)
     on_infeasible: OnInfeasible = OnInfeasible.STOP
     output_interval: float | None = None
@@ -117,7 +123,8 @@ class Sweep:
             **({"family": self.family} if self.family else {}),
             **elements_of(cast(Scene, self.scene)),
             "scene": scene_to_toml(cast(Scene, self.scene)),
-            "law": None if self.law is None else task_name(self.law),
+            "law": self._law,
+            **({"own_laws": self._own_laws} if self._own_laws else {}),
             "engine": {"name": engine, "options": options},
             "actuation": {"mode": self.actuation.mode.value, "period": self.actuation.period},
             "on_infeasible": self.on_infeasible.value,
@@ -146,10 +153,28 @@ class Sweep:
             folder,
             common=self.common(),
             identity={"versions": versions()},
-            workers=workers,
+            workers=workers_for(self._law, workers),
             progress=progress,
             label=f"sweep of {cast(Scene, self.scene).name}",
         )
+
+    @cached_property
+    def _law(self) -> Spec | None:
+        scene = cast(Scene, self.scene)
+        if self.law is None and (scene.control is None or scene.control.law in built_in()):
+            return None
+        return spec_of(self.law, scene)  # an installed law has a digest, which the study must know
+
+    @cached_property
+    def _own_laws(self) -> dict[str, Spec]:
+        """Own and installed laws that the parameter `law` takes, by their texts: workers make what was read here."""
+        axes = [one for axis in self.axes for one in (axis.axes if isinstance(axis, Together) else (axis,))]
+        draws = [draw.distribution for draw in self.draws if draw.parameter == "law"]
+        values = [value for axis in axes if axis.parameter == "law" for value in axis.values]
+        values += [value for one in draws if isinstance(one, Choice) for value in one.values]
+        values += [self.fixed["law"]] if "law" in self.fixed else []
+        texts = [text for text in values if isinstance(text, str) and text not in built_in()]
+        return {text: spec_of(text, cast(Scene, self.scene)) for text in texts if is_own(text) or text in LAWS}
 
     def _check(self) -> None:
         """Refuse what cannot be meant, before anything runs: names of nothing, and values of a wrong kind.
@@ -167,6 +192,8 @@ class Sweep:
                 singles += [(one.parameter, value) for value in one.values]
         for draw in self.draws:
             _once(draw.parameter, seen)
+        for spec in [*([self._law] if self._law is not None else []), *self._own_laws.values()]:
+            own_of(spec)
         grid = self.grid
         singles += grid.sample(0).items()
         common = self.common()
@@ -214,7 +241,8 @@ def drafted(common: Mapping[str, Any]) -> Draft:
     return Draft(
         scene=_scene(common["scene"]),
         family=common.get("family", ""),
-        law_maker=common["law"],
+        law_spec=common["law"],
+        own_laws=common.get("own_laws", {}),
         engine=common["engine"]["name"],
         engine_options=dict(common["engine"]["options"]),
         actuation=Mode(common["actuation"]["mode"]),

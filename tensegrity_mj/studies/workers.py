@@ -13,6 +13,8 @@ from typing import Any
 
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import choice, text, whole
+from tensegrity_mj.controllers.own import Spec
+from tensegrity_mj.controllers.specs import is_here
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.studies.attempt import DIED, Answer, Task, attempt, settle, unable
 
@@ -156,3 +158,19 @@ def _cores() -> int:
     from joblib import cpu_count
 
     return int(cpu_count())
+
+
+def workers_for(law: Spec | None, workers: Workers | None) -> Workers:
+    """Those that can have a law, given by its spec: this process alone, for one that no other can make.
+
+    Raises:
+        OptionError: if the given ones cannot.
+    """
+    if law is None or not is_here(law):
+        return workers or Workers()
+    if workers is not None and workers.backend is not Backend.THIS_PROCESS:
+        raise OptionError(
+            f"law '{law['name']}': it exists in this process only, and workers cannot make it again. Put it, or a "
+            'function scene -> law, at the top of a file of its own and give "path.py:name"; or leave workers out'
+        )
+    return Workers(backend=Backend.THIS_PROCESS)

@@ -56,9 +56,9 @@ def brake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
     """The file, in a second folder of the package `controllers`."""
     (tmp_path / "brake.py").write_text(LAW, encoding="utf-8")
     monkeypatch.setattr(controllers, "__path__", [*controllers.__path__, str(tmp_path)])
-    table._names.cache_clear()
+    table.built_in.cache_clear()
     yield
-    table._names.cache_clear()
+    table.built_in.cache_clear()
     sys.modules.pop("tensegrity_mj.controllers.brake", None)
 
 
@@ -89,8 +89,8 @@ def test_commands_and_scene_files_have_it(tmp_path: Path, capsys: pytest.Capture
 @pytest.mark.usefixtures("brake")
 def test_what_it_has_not_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     for words, message in {
-        "run pinned_rod --law brak": "'brak': allowed: brake, feedback_linearization, lyapunov, projection, none; did ",
-        "run pinned_rod --law brake --law-option gan=1": "law 'brake' has no option 'gan'; allowed: gain",
+        "run pinned_rod --law brak": "unknown law 'brak' (did you mean 'brake'?); allowed: brake, ",
+        "run pinned_rod --law brake --law-option gan=1": "has no option 'gan' (did you mean 'gain'?); allowed: gain",
         "run pinned_rod --law brake --law-option gain=-1.0": "gain = -1.0; it must be a finite number > 0 N s/m",
     }.items():
         assert main(words.split()) == 2

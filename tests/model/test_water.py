@@ -482,7 +482,7 @@ def test_what_cannot_be_in_water_says_so() -> None:
         ({"inertia": -0.1}, "water: inertia = -0.1; it must be >= 0, or None for 1 \\+ added_mass"),
         ({"segments": 0}, "water: segments = 0; it must be an integer from 1 to 1000"),
         ({"segments": 2.5}, "water: segments = 2.5; it must be an integer"),
-        ({"weights": "rigid"}, "water: weights = 'rigid'; it must be one of Weights.RIGID, Weights.HERMITE"),
+        ({"weights": "rigit"}, r"weights = 'rigit' \(did you mean 'rigid'\?\); it must be one of Weights.RIGID"),
         ({"above": None}, "water: above = None; it must be one of AboveLevel"),
         ({"diameter": 0}, "water: diameter = 0; it must be > 0 m"),
         ({"viscosity": -1.0}, "water: viscosity = -1.0; it must be > 0 m²/s"),

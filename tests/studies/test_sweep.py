@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import hashlib
 import json
 import math
 from collections import Counter
@@ -442,7 +443,9 @@ class Constant:
 def test_a_law_of_ones_own_and_its_options() -> None:
     study = Sweep("pinned_rod", [Vary("law.level", [0.1, 0.3])], law=constant_law, fixed=SHORT).run(workers=HERE)
     assert study.values("max_force_density") == pytest.approx([0.1, 0.3], rel=1e-12)
-    assert study.common["law"] == "test_sweep.constant_law"
+    law = study.common["law"]
+    assert (law["kind"], law["module"], law["name"]) == ("module", "test_sweep", "constant_law")
+    assert law["sha256"] == hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
 
 
 def test_what_the_law_or_the_structure_refuses_is_data() -> None:

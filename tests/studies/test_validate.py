@@ -16,10 +16,11 @@ from command_words import choices_of
 
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
+from tensegrity_mj.controllers import specs
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.text.writing import scene_to_toml
-from tensegrity_mj.studies.validation import figures, findings, laws, sections, study, task
+from tensegrity_mj.studies.validation import figures, findings, sections, study, task
 from tensegrity_mj.studies.validation.sections import SECTIONS, Extent
 from tensegrity_mj.studies.validation.sentences import (
     _break_sentences,
@@ -362,11 +363,11 @@ def test_a_python_law_that_workers_cannot_have_runs_here(pinned_rod: Any) -> Non
     ids=["function", "module", "file"],
 )
 def test_a_law_that_workers_can_have_goes_to_them(pinned_rod: Any, law: Any) -> None:
-    spec = laws.spec_of(law, pinned_rod)
-    assert not laws.is_here(spec)
+    spec = specs.spec_of(law, pinned_rod)
+    assert not specs.is_here(spec)
     json.dumps(spec)
     nodes, velocities = np.array(pinned_rod.nodes0), np.zeros((5, 3))
-    made = laws.make(json.loads(json.dumps(spec)), pinned_rod)
+    made = specs.make(json.loads(json.dumps(spec)), pinned_rod)
     np.testing.assert_array_equal(made(0.0, nodes, velocities), validated_laws.damp(0.0, nodes, velocities))
 
 
@@ -382,15 +383,15 @@ def test_built_in_law_objects_are_known_by_their_options(pinned_rod: Any) -> Non
         tmj.controllers.Lyapunov(pinned_rod.structure, pinned_rod.target, decay_rate=0.3, norm=1),
         tmj.controllers.from_scene(pinned_rod, "projection", onto="target", rotation={"rod": {"X": 2.0}}),
     ):
-        spec = laws.spec_of(law, pinned_rod)
+        spec = specs.spec_of(law, pinned_rod)
         assert spec["kind"] == "built-in"
-        again = laws.make(json.loads(json.dumps(spec)), pinned_rod)
+        again = specs.make(json.loads(json.dumps(spec)), pinned_rod)
         assert again.describe() == law.describe()
         assert np.asarray(again.evaluate(0.0, pinned_rod.nodes0, pinned_rod.velocities0)[0]).tolist() == (
             np.asarray(law.evaluate(0.0, pinned_rod.nodes0, pinned_rod.velocities0)[0]).tolist()
         )
     other = tmj.controllers.Lyapunov(pinned_rod.structure, np.array(pinned_rod.nodes0))  # another target
-    assert laws.spec_of(other, pinned_rod)["kind"] == "object"
+    assert specs.spec_of(other, pinned_rod)["kind"] == "object"
 
 
 def test_a_margin_of_ones_own_and_a_lost_solution(pinned_rod: Any) -> None:
@@ -418,10 +419,10 @@ def test_a_scene_without_a_target_is_no_failure() -> None:
     ("law", "words"),
     [
         ("nothing", "no built-in law"),
-        (f"{LAWS}:absent", "there is no 'absent'"),
+        (f"{LAWS}:absent", "there is no law 'absent'"),
         (f"{LAWS}:no_law", "it must be a function"),
         ("no_such_module:law", "cannot be imported"),
-        ("no_such_file.py:law", "cannot be read"),
+        ("no_such_file.py:law", "there is no file no_such_file.py"),
         (3, "law = 3"),
         (validated_laws.Late, "it must be a law"),
     ],

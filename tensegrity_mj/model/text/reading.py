@@ -19,22 +19,30 @@ from tensegrity_mj.model.text.table import Table, shown
 T = TypeVar("T")
 
 
-def scene_from_toml(text: str, where: str = "TOML text", folder: Path | None = None) -> Scene:
+Families = Callable[[str], Structure | None]  # the structure that a call of a family makes; None for another text
+
+
+def scene_from_toml(
+    text: str, where: str = "TOML text", folder: Path | None = None, families: Families | None = None
+) -> Scene:
     """The scene that a TOML text describes.
 
     Args:
         text: the text.
         where: what error messages call it.
         folder: what a `structure = "other.toml"` in it is relative to; without one it is refused.
+        families: what reads a `structure = "tower(stages=3)"` in it; without one that is the path of a file.
     """
     top = _top(text, where)
-    structure = _read_structure(top, folder)
+    structure = _read_structure(top, folder, families)
     return _validated(where, lambda: scene_of(top, structure))
 
 
-def structure_from_toml(text: str, where: str = "TOML text", folder: Path | None = None) -> Structure:
+def structure_from_toml(
+    text: str, where: str = "TOML text", folder: Path | None = None, families: Families | None = None
+) -> Structure:
     """The structure that a TOML text describes; a [scene] in it is checked for its keys only."""
-    return _read_structure(_top(text, where), folder)
+    return _read_structure(_top(text, where), folder, families)
 
 
 def _top(text: str, where: str) -> Table:
@@ -49,9 +57,10 @@ def _top(text: str, where: str) -> Table:
     return top
 
 
-def _read_structure(top: Table, folder: Path | None) -> Structure:
+def _read_structure(top: Table, folder: Path | None, families: Families | None = None) -> Structure:
     if isinstance(top.data.get("structure"), str):
-        return _other_structure(top, folder)
+        called = None if families is None else families(top.data["structure"])
+        return _other_structure(top, folder) if called is None else called
     need = "a table [structure], or the path of the file that holds it"
     table = top.inside("structure", STRUCTURE_KEYS, need)
     return _validated(top.where, lambda: structure_of(table, top.text("name")))

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from tensegrity_mj.basics.files import made_folder
+from tensegrity_mj.controllers import specs
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.errors import OptionError, SceneError
 from tensegrity_mj.library.load import load_scene
@@ -28,7 +29,6 @@ from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
 from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, Reference, find_reference
 from tensegrity_mj.studies.tradeoff.results import result_of, sentences
 from tensegrity_mj.studies.tradeoff.settings import Setting, divides, sweep_settings, weight
-from tensegrity_mj.studies.validation import laws
 
 PICTURE, RUNS = "tradeoff.png", "runs"
 FORMAT = 1
@@ -69,6 +69,7 @@ def tradeoff(
     scene: Scene | str | os.PathLike[str],
     law: Any = None,
     *,
+    law_options: Mapping[str, Any] | None = None,
     folder: str | os.PathLike[str] | None = None,
     options: TradeoffOptions | None = None,
     progress: bool = False,
@@ -79,6 +80,7 @@ def tradeoff(
         scene: a scene, or the name or the path of one. Its loads must not be a Python function.
         law: of the closed loop: the scene's by default; the name of a built-in one, "module:name", "path.py:name", a
             law or a function.
+        law_options: of a law that a text names, or of the scene's, by their names.
         folder: made where it is absent; tradeoff.json and tradeoff.html are written there, and the same call goes on
             after an interruption. None keeps nothing.
         options: what is swept; see `TradeoffOptions`.
@@ -101,9 +103,9 @@ def tradeoff(
         raise OptionError(
             f"scene '{scene.name}' names no control law, and only the closed loop is requested: give a law"
         )
-    spec = laws.spec_of(law, scene) if has_law else None
-    made = laws.make(spec, scene) if spec is not None else None
-    facts = None if spec is None else plain(laws.describe(spec, made, scene), "what the law says of itself")
+    spec = specs.spec_of(law, scene, law_options) if has_law else None
+    made = specs.make(spec, scene) if spec is not None else None
+    facts = None if spec is None else plain(specs.describe(spec, made, scene), "what the law says of itself")
     study = {
         "task": "tradeoff",
         "scene": scene_to_toml(scene),

@@ -11,6 +11,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.files import table_beside
+from tensegrity_mj.controllers import specs
 from tensegrity_mj.controllers.table import LAWS
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.table import ENGINES, option_names
@@ -149,7 +150,7 @@ def _sampling(setup: Setup, engine: str) -> Iterator[Case]:
 
 
 def _gains(setup: Setup, engine: str) -> Iterator[Case]:
-    if not laws.has_gains(setup.law):
+    if not specs.has_gains(setup.law):
         return
     scans = {**setup.extent.factors, **({"decay_rate": setup.extent.rates} if setup.extent.rates else {})}
     for gain, factors in scans.items():
@@ -281,7 +282,7 @@ def _side_by_side(setup: Setup) -> dict[str, Any]:
         if control is None or control.law not in LAWS:
             # The scene says nothing of them: e^-9 of V(0) is left at the end, as in §5.4.
             spec = spec | {"options": {**spec["options"], "decay_rate": 9.0 / setup.duration}}
-        law = laws.make(spec, setup.scene)
+        law = specs.make(spec, setup.scene)
         if native_law(law, setup.scene.structure).description == under_test:
             found = {(f"{name} ({UNDER_TEST})" if key == UNDER_TEST else key): own for key, own in found.items()}
         elif setup.continuous or not law.discontinuous:

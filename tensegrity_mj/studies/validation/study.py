@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.checks import positive, whole
 from tensegrity_mj.basics.files import made_folder
 from tensegrity_mj.basics.functions import function_of
+from tensegrity_mj.controllers import specs
 from tensegrity_mj.dynamics.native.law import Law
 from tensegrity_mj.engines.requirements import engines_for, only_one
 from tensegrity_mj.engines.table import ENGINES
@@ -25,11 +26,10 @@ from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.studies.plain import plain
 from tensegrity_mj.studies.report import Report
-from tensegrity_mj.studies.validation import laws
 from tensegrity_mj.studies.validation.findings import findings
 from tensegrity_mj.studies.validation.sections import SECTIONS, Extent, Setup, cases
 from tensegrity_mj.studies.validation.task import TICK, run_point
-from tensegrity_mj.studies.workers import Backend, Workers
+from tensegrity_mj.studies.workers import Workers, workers_for
 
 FORMAT = 1
 DATA, PAGE, RUNS = "validation.json", "validation.html", "runs"  # what a folder holds
@@ -61,6 +61,7 @@ class Validate:
         scene: a scene, or the name or the path of one; its loads must not be a Python function.
         law: the scene's law by default; a built-in law's name; "module:name" or "path.py:name" of your own; or a law
             object or function. What no other process can import is run in this one.
+        law_options: of a law that a text names, or of the scene's, by their names.
         folder: where the report is written (validation.json, validation.html) and finished runs are kept, so that the
             same call goes on after an interruption; None keeps nothing.
         engines: "mujoco", "dae", ...; all that can simulate the scene by default. Sentences are of the first.
@@ -85,6 +86,7 @@ class Validate:
     scene: Scene | str | os.PathLike[str]
     law: Law | Callable[..., ArrayLike] | str | os.PathLike[str] | None = None
     _: KW_ONLY
+    law_options: Mapping[str, Any] | None = None
     folder: str | os.PathLike[str] | None = None
     engines: Sequence[str] | None = None
     sections: Sequence[str] | None = None
@@ -99,9 +101,9 @@ class Validate:
 
     def __call__(self) -> Validation:
         scene = self.scene if isinstance(self.scene, Scene) else load_scene(self.scene)
-        spec = laws.spec_of(self.law, scene)
-        made = laws.make(spec, scene)
-        description = plain(laws.describe(spec, made, scene), "what the law says of itself")
+        spec = specs.spec_of(self.law, scene, self.law_options)
+        made = specs.make(spec, scene)
+        description = plain(specs.describe(spec, made, scene), "what the law says of itself")
         setup = self._setup(scene, made)
         chosen = _names("sections", self.sections, tuple(SECTIONS))
         chosen = [name for name in SECTIONS if name == "nominal" or name in chosen]
@@ -119,7 +121,7 @@ class Validate:
                 "timestep": setup.timestep,
             },
             identity={"versions": known, "law": description},
-            workers=_workers(self.workers, spec),
+            workers=workers_for(spec, self.workers),
             progress=self.progress,
             label=f"validation of {scene.name}",
         )
@@ -155,17 +157,6 @@ class Validate:
 
 
 validate = function_of(Validate)
-
-
-def _workers(workers: Workers | None, spec: laws.Spec) -> Workers:
-    if not laws.is_here(spec):
-        return workers or Workers()
-    if workers is not None and workers.backend is not Backend.THIS_PROCESS:
-        raise OptionError(
-            f"law '{spec['name']}': it exists in this process only, and workers cannot make it again. Put it, or a "
-            'function scene -> law, at the top of a file of its own and give "path.py:name"; or leave workers out'
-        )
-    return Workers(backend=Backend.THIS_PROCESS)
 
 
 def _names(what: str, given: Sequence[str] | None, known: Sequence[str]) -> list[str]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.controllers import specs
 from tensegrity_mj.controllers.degraded import Delayed, Noisy
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.errors import DivergenceError
@@ -125,7 +126,7 @@ def kept_nodes(run: Trajectory, duration: float) -> dict[str, Any]:
 
 
 def _law(case: Mapping[str, Any], nominal: Scene) -> Any:
-    law = laws.make(case["law"] or case["spec"], nominal)
+    law = specs.make(case["law"] or case["spec"], nominal)
     if case["gain"] is not None:
         law = laws.with_gain(law, nominal, *case["gain"])
     return law

@@ -1,0 +1,262 @@
+"""Laws of one's own: what "path.py:name", "module:name" and the entry points of `tensegrity_mj.laws` name.
+
+It may be the law itself, a function (time, nodes, velocities, ...) or an object that is called so; or what makes one:
+a class, or a function of one or two arguments that it needs, the first of which is the scene. Further arguments of a
+function or a class are options of the law, of the types that their annotations say.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib
+import inspect
+import json
+import sys
+import traceback
+import types
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from tensegrity_mj.basics.checks import checked
+from tensegrity_mj.basics.kinds import Wrong, typed
+from tensegrity_mj.basics.texts import closest, unknown, value_text
+from tensegrity_mj.errors import OptionError, TensegrityError
+
+Spec = dict[str, Any]  # a law as plain values: see `specs`
+_MODULE = "tensegrity_mj_law_"  # what modules made of a file's text are called, before their digest
+_LAW = "a function (time, nodes, velocities) -> u, or an object that is called so"
+
+
+@dataclass(frozen=True)
+class OwnLaw:
+    """A law of one's own, or what makes it.
+
+    Attributes:
+        title: what messages call it.
+        found: what was found under its name.
+    """
+
+    title: str
+    found: Any
+
+    def __post_init__(self) -> None:
+        if not callable(self.found):
+            raise OptionError(
+                f"law {self.title} = {value_text(self.found)}: it must be {_LAW}; or a function or class of the scene "
+                "that makes one"
+            )
+
+    @cached_property
+    def _parameters(self) -> list[inspect.Parameter]:
+        try:
+            return list(inspect.signature(self.found).parameters.values())
+        except (TypeError, ValueError):  # of compiled code
+            return []
+
+    @cached_property
+    def _needed(self) -> int:
+        """How many arguments it needs by their places."""
+        places = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+        return sum(one.kind in places and one.default is one.empty for one in self._parameters)
+
+    @property
+    def makes(self) -> bool:
+        """Whether it makes the law, rather than being it."""
+        return isinstance(self.found, type) or self._needed in (1, 2)
+
+    @cached_property
+    def options(self) -> dict[str, inspect.Parameter]:
+        """The arguments that are options of the law, by name."""
+        own = min(self._needed, 1) if self.makes else 3
+        if not self.makes and not inspect.isfunction(self.found):
+            return {}  # an object, which has been made with its options
+        named = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+        return {one.name: one for one in self._parameters[own:] if one.kind in named}
+
+    @property
+    def takes_any(self) -> bool:
+        """Whether it takes options of any name."""
+        return any(one.kind is one.VAR_KEYWORD for one in self._parameters)
+
+    def usual(self) -> dict[str, Any]:
+        """The defaults of its options, by name."""
+        return {name: one.default for name, one in self.options.items() if one.default is not one.empty}
+
+    def check(self, option: str) -> None:
+        """Raise OptionError unless it has an option of that name."""
+        if option not in self.options and not self.takes_any:
+            if self.options:
+                raise OptionError(f"law {self.title}: {unknown(option, self.options, 'option')}")
+            made = "" if inspect.isfunction(self.found) or self.makes else ", which is an object that has been made"
+            raise OptionError(f"law {self.title}: there is no option '{option}': it takes none{made}; leave it out")
+
+    def make(self, scene: Any, options: Mapping[str, Any]) -> Any:
+        """The law for a scene.
+
+        Raises:
+            OptionError: for options that it does not have or that are of another type, one that is missing, and where
+                it fails or makes no law.
+            TensegrityError: what it raises itself.
+        """
+        values = self._read(options)
+        if not self.makes:
+            return self.found if not values else _with_options(self.found, values)
+        try:
+            law = self.found(*[scene][: self._needed], **values)
+        except TensegrityError:
+            raise
+        except Exception as error:
+            raise OptionError(f"law {self.title}: it fails where it is made: {_failure(error)}") from error
+        if isinstance(law, type) or not callable(law):
+            raise OptionError(f"law {self.title}: it made {value_text(law)}; it must return a law: {_LAW}")
+        return law
+
+    def _read(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        values = {}
+        for name, value in options.items():
+            self.check(name)
+            try:
+                kind = typed(self._hints[name])
+            except (KeyError, Wrong):  # of no type, or of one that no text can hold
+                values[name] = value
+            else:
+                values[name] = checked(f"law {self.title}: {name}", value, kind)
+        for name, one in self.options.items():
+            if one.default is one.empty and name not in values:
+                raise OptionError(f"law {self.title}: option '{name}' is missing; it needs a value")
+        return values
+
+    @cached_property
+    def _hints(self) -> dict[str, Any]:
+        of = (
+            [self.found, inspect.getattr_static(self.found, "__init__")]
+            if isinstance(self.found, type)
+            else [self.found]
+        )
+        hints: dict[str, Any] = {}
+        for one in of:
+            try:
+                hints |= get_type_hints(one)
+            except Exception:  # an annotation may be anything
+                hints |= {}
+        return hints
+
+
+def is_own(text: str) -> bool:
+    """Whether a text is meant as the name of a law of one's own, of a file or a module."""
+    return ":" in text or text.endswith(".py")
+
+
+def named(text: str) -> Spec:
+    """A law of one's own as plain values, from "module:name" or "path.py:name".
+
+    Of a file, the text itself is among them: what a worker runs is what was read, and a changed file is another law.
+
+    Raises:
+        OptionError: if it is no such text, or there is no such file or module.
+    """
+    place, colon, name = text.rpartition(":")
+    if text.endswith(".py") and not text.endswith(":.py"):
+        raise OptionError(f"law {text}: name the law in that file, too: {text}:name")
+    if not colon or not place or not name.isidentifier():
+        raise OptionError(f"law = {text!r}: write module:name or path.py:name for a law of your own")
+    if not place.endswith(".py"):
+        module = imported(place)
+        return {"kind": "module", "module": place, "name": name, "options": {}, **digest_of(module)}
+    path = Path(place)
+    if not path.is_file():
+        folder = path.parent
+        near = closest(path.name, [one.name for one in folder.glob("*.py")]) if folder.is_dir() else ""
+        raise OptionError(f"law {text}: there is no file {path.name}{near} in {folder.resolve()}; give its path")
+    try:
+        source = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise OptionError(f"law {text}: the file cannot be read ({error}); it must be a text in UTF-8") from error
+    return {
+        "kind": "file",
+        "file": path.name,
+        "folder": str(path.resolve().parent),
+        "source": source,
+        "sha256": hashlib.sha256(source.encode()).hexdigest(),
+        "name": name,
+        "options": {},
+    }
+
+
+def found(spec: Mapping[str, Any]) -> OwnLaw:
+    """What `named` has named.
+
+    Raises:
+        OptionError: if its file fails, its module cannot be imported, or it has no such name.
+    """
+    module = _of_text(spec) if spec["kind"] == "file" else imported(spec["module"])
+    name, title = spec["name"], title_of(spec)
+    if not hasattr(module, name):
+        own = [key for key, one in vars(module).items() if callable(one) and one.__module__ == module.__name__]
+        raise OptionError(f"law {title}: {unknown(name, own, 'law') if own else 'there is no law in it'}")
+    return OwnLaw(title, getattr(module, name))
+
+
+def title_of(spec: Mapping[str, Any]) -> str:
+    """What messages call it."""
+    return f"{spec.get('file') or spec.get('module')}:{spec['name']}"
+
+
+def imported(name: str) -> types.ModuleType:
+    """A module by its name, or OptionError."""
+    try:
+        return importlib.import_module(name)
+    except Exception as error:
+        raise OptionError(
+            f"law: module '{name}' cannot be imported ({type(error).__name__}: {error}); install it, or write "
+            "path.py:name"
+        ) from error
+
+
+def digest_of(module: types.ModuleType) -> dict[str, str]:
+    """The digest of a module's source, by which a study knows that a law has changed; nothing where it has none."""
+    path = Path(getattr(module, "__file__", None) or "")
+    return {"sha256": hashlib.sha256(path.read_bytes()).hexdigest()} if path.is_file() else {}
+
+
+def is_of_text(module: str) -> bool:
+    """Whether a module's name is that of a file's text, which no other process can import."""
+    return module.startswith(_MODULE)
+
+
+def _of_text(spec: Mapping[str, Any]) -> types.ModuleType:
+    """The module that a file's text makes; its folder can be imported from, as for a script."""
+    called = _MODULE + spec["sha256"]
+    if called not in sys.modules:
+        module = types.ModuleType(called)
+        module.__file__ = str(Path(spec["folder"]) / spec["file"])
+        if spec["folder"] not in sys.path:
+            sys.path.append(spec["folder"])
+        sys.modules[called] = module  # dataclasses look for their module there
+        try:
+            exec(compile(spec["source"], module.__file__, "exec"), module.__dict__)
+        except Exception as error:
+            del sys.modules[called]
+            raise OptionError(f"law {title_of(spec)}: the file fails: {_failure(error)}") from error
+    return sys.modules[called]
+
+
+def _failure(error: Exception) -> str:
+    """An exception with the line of the user's code that raised it."""
+    if isinstance(error, SyntaxError):
+        return f"{type(error).__name__}: {error}"
+    place = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {error} ({Path(place.filename).name}, line {place.lineno})"
+
+
+def _with_options(law: Any, values: dict[str, Any]) -> Any:
+    """A function with its options, which says so in the provenance of a run."""
+    bound: Any = functools.update_wrapper(functools.partial(law, **values), law)
+    if not hasattr(law, "describe"):
+        shown = json.loads(json.dumps(values, default=lambda value: getattr(value, "value", str(value))))
+        bound.describe = lambda: {"law": law.__name__, "options": shown}
+    return bound
