@@ -65,7 +65,7 @@ def _accelerations(rod: Any, b: Any, c: float, t_r: Any, t_b: Any, added: Any, e
 
 
 class Known(NamedTuple):
-    """What the law knows of structure, target and surroundings, as compiled code reads it.
+    """What the law has of structure, target and surroundings, as compiled code reads it.
 
     Attributes:
         rods, points: `StructureRecords`.

@@ -48,8 +48,8 @@ class FeedbackLinearization:
         natural_frequency: ω_o [rad/s] > 0, a number or one for each of `coordinates`.
         damping: ζ >= 0 of the error dynamics, likewise.
         allocation: of the force densities.
-        gravity: g [m/s²] that the law knows of.
-        known: what the law knows of besides: `Load`s, a `Resistance`, `Water`, elements, such as (scene.water,).
+        gravity: g [m/s²] that the law accounts for.
+        known: what the law accounts for besides: `Load`s, a `Resistance`, `Water`, elements, such as (scene.water,).
         model: the scene in which these act.
         report: after each call, see `Report`.
 

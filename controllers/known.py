@@ -1,4 +1,4 @@
-"""What a law knows of beside strings and gravity: loads, wind, water, elements.
+"""What a law accounts for beside strings and gravity: loads, wind, water, elements.
 
 They are part of its model, as gravity is: their forces are known forces, f of (7.1), and what they add to the mass of
 rods is mass.
@@ -30,7 +30,7 @@ Effect = Load | Resistance | Water | Element
 
 
 class KnownWater(enum.Enum):
-    """How much of a scene's water its law knows of."""
+    """How much of a scene's water its law accounts for."""
 
     ALL = "all"  # waves and current as they are
     STILL = "still"  # buoyancy, added mass and drag, as if the water stood still: waves and current are unknown
@@ -44,7 +44,7 @@ class KnownWater(enum.Enum):
 
 
 def known_scene(structure: Structure, gravity: tuple[float, float, float], known: Iterable[Effect]) -> Scene:
-    """The scene of a law's own model, in which acts what the law knows of.
+    """The scene of a law's own model, in which acts what the law accounts for.
 
     Raises:
         OptionError: for what cannot act there, for two waters or resistances, and for elements with a state.
@@ -56,8 +56,8 @@ def known_scene(structure: Structure, gravity: tuple[float, float, float], known
         kind = next((kind for kind in of_kind if isinstance(one, kind)), None)
         if kind is None:
             raise OptionError(
-                f"known = {known!r}; it must hold what a law is to know of, Load, Resistance, Water or elements, as in "
-                "known=(scene.water,)"
+                f"known = {known!r}; it must hold what a law is to account for, Load, Resistance, Water or elements, "
+                "as in known=(scene.water,)"
             )
         of_kind[kind].append(one)
     for kind in (Resistance, Water):
@@ -85,7 +85,7 @@ def effects_in(scene: Scene) -> tuple[Effect, ...]:
 def set_model(law: Any) -> None:
     """Check what a law believes it controls and where to, and keep its `target`, `gravity` and `known` in one form.
 
-    Its `model` is the scene in which acts what it knows of.
+    Its `model` is the scene in which acts what it accounts for.
 
     Raises:
         OptionError, SceneError: for what cannot be its model.
@@ -111,7 +111,7 @@ class _Errors(list[Any]):
 
 
 class PackedEffects:
-    """What a law knows of, for compiled code (`dynamics.native.elements.known_forces`); to be kept alive.
+    """What a law accounts for, for compiled code (`dynamics.native.elements.known_forces`); to be kept alive.
 
     Attributes:
         address: of the table, 0 where nothing is known of.

@@ -123,8 +123,8 @@ class QuadraticLaw:
         minimum_force_density: ū [N/m] >= 0, scalar or (M,): the residual prestress at the end of §5.3.
         maximum_force_density: [N/m], scalar or (M,), inf for none.
         respect_limits: keep within the strings' `max_force_density` and `min_rest_length` too.
-        gravity: g [m/s²] that the law knows of.
-        known: what the law knows of besides: `Load`s, a `Resistance`, `Water`, elements, such as (scene.water,).
+        gravity: g [m/s²] that the law accounts for.
+        known: what the law accounts for besides: `Load`s, a `Resistance`, `Water`, elements, such as (scene.water,).
         model: the scene in which these act.
 
     Raises:

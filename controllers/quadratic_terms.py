@@ -9,7 +9,7 @@ on positions and velocities only, V̇ = γ + cᵀ(q̈ - q̈_d) with γ = ṗᵀ(
 likewise for z with p = e_z. That makes V̇ = β - fᵀu. The law demands fᵀu = β + δ V, (5.15), with the smallest u
 between thresholds and ceilings (Lemma 5.1). Targets may move: their velocities and accelerations are in ė and q̈_d.
 
-Known forces belong to g of (5.10): weight, and what else the law knows of; what water adds to the mass is in M.
+Known forces belong to g of (5.10): weight, and what else the law accounts for; what water adds to the mass is in M.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Terms(NamedTuple):
     f: Array
 
 
-# What the law knows of structure, target and surroundings, and its options, as compiled code reads them.
+# What the law has of structure, target and surroundings, and its options, as compiled code reads them.
 Known, pack_known = view_of(
     "QuadraticLaw",
     node_count="size",

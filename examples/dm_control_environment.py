@@ -33,7 +33,7 @@ def random_policy(env: Any, seed: int) -> Policy:
 
 
 def law_policy(env: Any, scene: tmj.Scene, action: tmj.Command) -> Policy:
-    """The law that the scene names, asked once a control step; where it has no solution, the last action is kept."""
+    """The law that the scene names, called once a control step; where it has no solution, the last action is kept."""
     law = tmj.controllers.from_scene(scene)
     spec = env.action_spec()
     kept = np.clip(

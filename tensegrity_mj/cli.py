@@ -93,7 +93,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if name and name.partition(".")[0] != "tensegrity_mj":
             message = f"the Python package '{name}' is missing: install it with python -m pip install {name}"
             return _fail(ExitCode.MISSING_LIBRARY, message, as_json)
-        # A mistake of ours: Python prints its traceback, but who asked for JSON gets an answer too.
+        # A mistake of ours: Python prints its traceback, but who requested JSON gets an answer too.
         if not as_json:
             raise
         traceback.print_exc()

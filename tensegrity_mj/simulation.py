@@ -88,11 +88,11 @@ def simulate(
     except DivergenceError as error:
         if checked is not None and isinstance(error.trajectory, Trajectory):
             error.trajectory.reports["stability"] = checked
-        told = scene.redundancy.warning
-        if not told and isinstance(error.trajectory, Trajectory) and len(error.trajectory.time):
-            told = approached(scene.structure, scene.nodes0, error.trajectory.nodes[-1])
-        if told:
-            raise DivergenceError(f"{error}; {told}", error.time, error.trajectory) from None
+        reported = scene.redundancy.warning
+        if not reported and isinstance(error.trajectory, Trajectory) and len(error.trajectory.time):
+            reported = approached(scene.structure, scene.nodes0, error.trajectory.nodes[-1])
+        if reported:
+            raise DivergenceError(f"{error}; {reported}", error.time, error.trajectory) from None
         raise
     if checked is not None:
         run.reports["stability"] = checked
@@ -111,7 +111,7 @@ def request_for(
     output_interval: float | None,
     progress: bool,
 ) -> Request:
-    """What an engine is asked for, checked; the arguments are those of `simulate`.
+    """A request to an engine, checked; the arguments are those of `simulate`.
 
     Raises:
         OptionError: for options that are out of range or contradict each other.
@@ -142,7 +142,7 @@ def request_for(
 
 
 def provenance_of(request: Request) -> dict[str, Any]:
-    """What a run keeps of what it was asked for."""
+    """What a run keeps of its request."""
     return {
         "controller": request.law.description,
         "on_infeasible": request.on_infeasible.value,
@@ -165,8 +165,8 @@ def _installed() -> dict[str, str | None]:
 def _release(name: str) -> str | None:
     """What `importlib.metadata.version` gives, without parsing all the rest, which takes 2 MB."""
     try:
-        told = distribution(name)
+        installed = distribution(name)
     except PackageNotFoundError:
         return None
-    found = re.search(r"^Version: *(\S+)", told.read_text("METADATA") or "", re.MULTILINE)
-    return found[1] if found else told.version
+    found = re.search(r"^Version: *(\S+)", installed.read_text("METADATA") or "", re.MULTILINE)
+    return found[1] if found else installed.version

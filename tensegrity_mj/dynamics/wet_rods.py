@@ -1,4 +1,4 @@
-"""Rods in water: (2.45)-(2.49) with added mass, which answers the very accelerations that are asked for."""
+"""Rods in water: (2.45)-(2.49) with added mass, which answers the very accelerations that are requested."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ class Stopwatch:
 
 
 class Progress:
-    """A progress bar over simulated time on stderr; silent unless asked for."""
+    """A progress bar over simulated time on stderr; silent unless requested."""
 
     def __init__(self, request: Request, label: str) -> None:
         form = "{desc} {percentage:3.0f}% |{bar}| {n:.2f}/{total:.2f} s [{elapsed} < {remaining}]"

@@ -27,7 +27,7 @@ def allocate_rows(count: int, width: int) -> Array:
 
 
 def check_rows(count: float, width: int = 1) -> None:
-    """Raise OptionError where `count` rows are more than a machine should be asked for."""
+    """Raise OptionError where `count` rows are more than a machine should hold."""
     size = 8.0 * count * width
     if size > MEMORY_LIMIT:
         raise OptionError(
@@ -81,7 +81,7 @@ def make_trajectory(
     at += 3
     states = rows[:, at : at + plant.elements.states.shape[1]].copy()
     at += states.shape[1]
-    told: dict[str, Any] = {report.name.lower(): rows[:, at + report].copy() for report in Report}
+    reported: dict[str, Any] = {report.name.lower(): rows[:, at + report].copy() for report in Report}
     lengths = structure.string_lengths(nodes)
     if isinstance(rod, RodMotion):
         forces = rods.string_forces(structure, nodes, tensions)
@@ -109,7 +109,7 @@ def make_trajectory(
         winch_work=winch,
         external_work=external,
         dissipation=lost,
-        **told,
+        **reported,
         element_states=states,
         status=account.status,
         message=account.message,

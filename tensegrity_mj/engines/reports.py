@@ -64,7 +64,7 @@ def reports_of(request: Request, run: Trajectory, plant: Plant, step: float | No
         "drift": float(drift.max(initial=0.0)),  # of bᵀb - 1
         "rate_drift": float(rate_drift.max(initial=0.0)),  # of bᵀḃ [1/s]
         "energy_residual": run.energy_residual,
-        # Rods whose λ and force density are one choice of many; None where too many hang together to tell.
+        # Rods whose λ and force density are one choice of many; None where too many hang together to be checked.
         "undetermined_forces": None if twice.skipped else list(twice.undetermined),
         "singular_start": list(twice.singular),
         "nonpositive_rest_lengths": {
@@ -162,7 +162,7 @@ def _resolution_warnings(run: Trajectory, found: dict[str, Any], step: float) ->
 
 
 def _stiffest(run: Trajectory) -> float:
-    """ω [rad/s] of the stiffest small motion at the start, without law and dampers; 0 where it cannot be told."""
+    """ω [rad/s] of the stiffest small motion at the start, without law and dampers; 0 where it cannot be found."""
     from tensegrity_mj.vibration.integrators import largest_frequency
     from tensegrity_mj.vibration.small_motions import vibration
 

@@ -142,7 +142,7 @@ def held_in_waves(
     structure = replace(structure, nodes={key: (x, y, z - depth) for key, (x, y, z) in structure.nodes.items()})
     forces = _weights_in_water(structure, water)
     loads = tuple(Load(key, (0.0, 0.0, force)) for key, force in forces.items())
-    # Without water and gravity: statics knows of no water, and under it buoyancy and weight are constant.
+    # Without water and gravity: statics has no water, and under it buoyancy and weight are constant.
     dry = tower.with_(structure=structure, gravity=(0.0, 0.0, 0.0), loads=(), water=None)
     if weight is BeamWeight.CARRIED:
         return dry.with_(gravity=(0.0, 0.0, -GRAVITY), loads=loads, water=water)

@@ -112,7 +112,7 @@ def suggest_elements(frequency: float, length: float, ratio: float = 2.0, gravit
     if not length / longest <= 1e6:
         raise OptionError(
             f"frequency = {frequency!r} Hz, length = {length!r} m: elements of {longest:.3g} m would be more than a "
-            "million; ask for a lower frequency or ratio"
+            "million; request a lower frequency or ratio"
         )
     # A quotient that is whole up to round-off is whole: elements of exactly `longest` will do.
     count = max(1, math.ceil(length / longest * (1 - 1e-12)))

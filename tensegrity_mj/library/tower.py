@@ -78,7 +78,7 @@ class Tower:
         origin: centre of the base triangle [m].
         pinned_base: whether the three nodes of the base are fixed in space; where form-finding leaves them.
         form_found: whether the strings have found their equilibrium, see `form_find`; else nodes are as laid out.
-        gravity: [m/s²] downwards; form-finding does not know of it.
+        gravity: [m/s²] downwards; form-finding does not account for it.
         duration: [s].
         name: of scene and structure.
 

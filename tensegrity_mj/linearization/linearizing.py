@@ -189,7 +189,7 @@ def linearize(
     gain, remarks = None, strings.losses() + (strings.remarks() if loop is None else [])
     if loop is not None:
         gain, kinks = loop.derivative(chart, rate0, reach, inputs)
-        gain = np.pad(gain, ((0, 0), (0, len(elements.start))))  # laws do not know of elements
+        gain = np.pad(gain, ((0, 0), (0, len(elements.start))))  # laws do not account for elements
         remarks += kinks
         A = A + B @ gain
     if len(elements.start) and nodes is not None:

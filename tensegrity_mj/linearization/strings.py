@@ -68,7 +68,7 @@ class KeptStrings:
         return np.where(self.taut, lengths - (elastic + offsets * self.offset) / k, 3 * lengths)
 
     def remarks(self) -> list[str]:
-        """What the caller should know of strings at the edge."""
+        """What the caller should know about strings at the edge."""
         names = self._named(self.at_edge)
         if not names:
             return []
@@ -78,7 +78,7 @@ class KeptStrings:
         ]
 
     def losses(self) -> list[str]:
-        """What the caller should know of broken strings."""
+        """What the caller should know about broken strings."""
         names = self._named(self.broken)
         return [f"strings {names} have broken by this time: the model is that of the others"] if names else []
 

@@ -56,7 +56,7 @@ def loads_kind() -> Kind:
 
 @value("break of string {string!r}")
 class Break:
-    """A string that breaks at a time [s], >= 0, and carries nothing from then on; laws do not know of it."""
+    """A string that breaks at a time [s], >= 0, and carries nothing from then on; laws do not account for it."""
 
     string: str = field(printable_name())
     time: float = field(not_negative("s"))

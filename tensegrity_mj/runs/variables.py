@@ -41,7 +41,7 @@ VARIABLES: dict[str, tuple[tuple[str, ...], str, str]] = {
     "allocation_residual": (
         ("time",),
         "as the law defines",
-        "largest violation of what a law with an optimal allocation asked of the strings; NaN without such a law",
+        "largest violation of what a law with an optimal allocation required of the strings; NaN without such a law",
     ),
 }
 # Besides, of a scene whose elements have states.

@@ -73,7 +73,7 @@ def find_equilibrium(
         x = _kicked(model, state, motions[:, 0])
     raise InfeasibleError(
         f"'{model.scene.name}': {ESCAPES} unstable states were left one after another and no stable one found; start "
-        "elsewhere (nodes=...), or ask for any equilibrium (stable=False)"
+        "elsewhere (nodes=...), or request any equilibrium (stable=False)"
     )
 
 
@@ -192,8 +192,8 @@ def _kicked(model: StaticModel, state: StaticState, motion: Array) -> Array:
             tried.append((model.energy(x, state.parameter) + model.rod_energy(x), -sign, x))
     if not tried:
         raise InfeasibleError(
-            f"'{model.scene.name}': an unstable state was found, and rods leave no way along its softest motion; ask "
-            "for any equilibrium (stable=False)"
+            f"'{model.scene.name}': an unstable state was found, and rods leave no way along its softest motion; "
+            "request any equilibrium (stable=False)"
         )
     return min(tried, key=lambda one: one[:2])[2]
 

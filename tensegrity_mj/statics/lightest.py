@@ -313,7 +313,7 @@ def _check_supports(structure: Structure) -> None:
         if 0.0 < support.sigma < 1.0 and len(rows) and np.abs(rows).max() > 1e-9 * np.abs(support.directions).max():
             raise OptionError(
                 f"rod '{rod.name}' is supported between its ends, at σ = {support.sigma}: that bends it, and sizing "
-                "knows of forces along members only; put a joint there, of two rods"
+                "accounts for forces along members only; put a joint there, of two rods"
             )
 
 

@@ -217,7 +217,7 @@ def _sparse(state: StaticState, M: sparse.csr_array, wanted: int) -> tuple[Array
         squares, vectors = linear_systems.nearest_pairs(K, mass, C, shift, scale, last)
     except ArpackNoConvergence as error:
         raise InfeasibleError(
-            f"natural modes of '{model.scene.name}' were not found: {error}; ask for fewer (count=...)"
+            f"natural modes of '{model.scene.name}' were not found: {error}; request fewer (count=...)"
         ) from error
     return squares, _signed(np.asarray(Z @ vectors)), largest, free
 

@@ -40,7 +40,7 @@ def standalone_scene(state: StaticState) -> Scene:
 
 
 def require_rigid_and_free(model: StaticModel) -> None:
-    """Refuse what engines know nothing of.
+    """Refuse what engines do not have.
 
     Raises:
         OptionError: for elastic rods, and holds.
@@ -48,9 +48,7 @@ def require_rigid_and_free(model: StaticModel) -> None:
     if np.any(model.compliance > 0):
         raise OptionError("engine: its rods are rigid, and the study's are elastic; leave one of the two out")
     if model.holds:
-        raise OptionError(
-            "engine: it knows nothing of holds; give the structure a support there, or leave the engine out"
-        )
+        raise OptionError("engine: it has no holds; give the structure a support there, or leave the engine out")
 
 
 def _scene_forces(state: StaticState) -> Array:

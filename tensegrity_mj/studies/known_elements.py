@@ -1,4 +1,4 @@
-"""Elements of a scene in the processes of a study, which know of no call that has registered their classes."""
+"""Elements of a scene in the processes of a study, which have seen no call that has registered their classes."""
 
 from __future__ import annotations
 

@@ -120,7 +120,7 @@ def _run(
             begun.append(key)
             yield delayed(attempt)(task, key, point)
 
-    # joblib computes in this process where one worker is asked for, and a crash would take it down: two processes
+    # joblib computes in this process where one worker is requested, and a crash would take it down: two processes
     # then, of which one works at a time. One point a job, and none waiting in a worker's queue: what is lost by a
     # crash is what was being computed.
     begin = {"initializer": settle, "initargs": (os.getpid(),)}

@@ -78,7 +78,7 @@ def reproduce(
         draw: False for the ledger alone.
 
     Raises:
-        OptionError: an unknown figure, no engine or none that knows of the figures, or a folder that cannot be used.
+        OptionError: an unknown figure, no engine or none that computes the figures, or a folder that cannot be used.
         KeyboardInterrupt: what is finished is kept.
     """
     chosen, statements = selected(figures)
@@ -87,7 +87,7 @@ def reproduce(
     statements = [one for one in statements if set(one.columns) & set(engines)]
     if not statements:
         raise OptionError(
-            f"engines: none of {', '.join(one.value for one in engines)} knows of {', '.join(figures)}; motions "
+            f"engines: none of {', '.join(one.value for one in engines)} computes {', '.join(figures)}; motions "
             "are computed in dae, mujoco and ode, equilibria (in chapters 7 and C) in statics and mujoco"
         )
     folder = made_folder(out)

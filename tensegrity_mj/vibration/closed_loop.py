@@ -25,10 +25,11 @@ class LawAtStates:
     """A law's commands as a function of the state, and their derivative."""
 
     def __init__(self, scene: Scene, native: NativeLaw) -> None:
-        from tensegrity_mj.dynamics.native.asking import ask_at_states  # compiled functions: only where there is a law
+        # Compiled functions: only where there is a law.
+        from tensegrity_mj.dynamics.native.law_at_states import evaluate_at_states
         from tensegrity_mj.dynamics.native.plant import Plant
 
-        self.native, self._commands = native, ask_at_states
+        self.native, self._commands = native, evaluate_at_states
         self._plant = Plant(scene, native, Actuation.continuous(), OnInfeasible.STOP)
 
     def __call__(self, time: float, states: Array) -> Array:

@@ -1,7 +1,7 @@
 """What one step of a fixed-step integrator makes of small motions, and up to which step it does not blow them up.
 
-With matrices of `small_motions` (M = 1; K, D with a law's parts; Ks, Ds those that an integrator knows of strings; Db
-the blocks of Ds on single bodies: what a damper does between two kinematic trees is not in MuJoCo's derivative), one
+With matrices of `small_motions` (M = 1; K, D with a law's parts; Ks, Ds what an integrator takes of strings; Db the
+blocks of Ds on single bodies: what a damper does between two kinematic trees is not in MuJoCo's derivative), one
 step of length h of MuJoCo's one-stage integrators is
 
     W (v' - v) = -h (K q + (D + h S) v),      q' = q + h v'

@@ -66,10 +66,10 @@ def _of_integrator(model: Vibration, stepping: Stepping) -> list[str]:
     implicit = stepping.scheme is Scheme.VELOCITY_IMPLICIT and abs(model.string_damper - model.body_damper).max() > 0
     if implicit and model.joints is not None and (model.law is not None or not has_tree_model(model)):
         notes.append(
-            "damped strings between rods that share nodes: what this integrator knows of a damper depends on how the "
-            "rods hang on each other, which is in the limit of trees of up to 30 rods with supports that stand still "
-            "and no law; the limit here is that without dampers, and the real one may be larger or smaller: use RK4, "
-            "or measure it with tensegrity-mj stability"
+            "damped strings between rods that share nodes: what this integrator takes of a damper depends on how "
+            "the rods hang on each other, which is in the limit of trees of up to 30 rods with supports that stand "
+            "still and no law; the limit here is that without dampers, and the real one may be larger or smaller: use "
+            "RK4, or measure it with tensegrity-mj stability"
         )
     elif implicit:
         notes.append(

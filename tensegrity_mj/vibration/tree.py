@@ -1,4 +1,4 @@
-"""What MuJoCo's implicit integrators know of dampers in a tree of rods: the linear model in the tree's own coordinates.
+"""How MuJoCo's implicit integrators treat dampers in a tree of rods: the linear model in the tree's own coordinates.
 
 MuJoCo moves rods that share nodes as bodies that hang on each other. Its derivative of the forces by the velocities
 has an entry for two bodies only where one hangs on the other, however far down: what a damper does between two branches

@@ -39,9 +39,9 @@ def test_a_process_that_is_ended_leaves_the_old_file_and_nothing_else(number: si
         assert process.stdout.readline() == "ready\n"
         assert len(list(tmp_path.glob(".new-*.part.nc"))) == 2
         process.send_signal(number)
-        _, told = process.communicate(timeout=60)
+        _, reported = process.communicate(timeout=60)
     assert process.returncode == -number  # as ever: who sent the signal sees that it did its work
-    assert ("Traceback" in told) == (number == signal.SIGINT)
+    assert ("Traceback" in reported) == (number == signal.SIGINT)
     assert path.read_text() == "the old"
     assert [one.name for one in tmp_path.iterdir()] == ["run.nc"]
 

@@ -515,10 +515,10 @@ def test_run_for_people(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_options_reach_the_simulation(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: dict[str, Any] = {}
+    requested: dict[str, Any] = {}
 
     def record(scene: object, law: object, engine: object, **options: object) -> None:
-        asked.update(options, scene=scene, law=law, engine=engine)
+        requested.update(options, scene=scene, law=law, engine=engine)
         raise errors.OptionError("recorded")
 
     monkeypatch.setattr("tensegrity_mj.simulation.simulate", record)
@@ -527,20 +527,20 @@ def test_options_reach_the_simulation(capsys: pytest.CaptureFixture[str], monkey
         "--decay-rate 0.7 --actuation hold-force-density --control-period 4e-3 --on-infeasible passive"
     )
     assert ask(capsys, *words.split())[1]["error"] == "recorded"
-    assert asked["engine"] == tmj.DAE(method=tmj.Method.RK4, timestep=2e-3, drift=tmj.engines.Drift.BAUMGARTE)
-    assert asked["duration"] == 3.0
-    assert asked["actuation"] == tmj.Actuation.hold_force_density(4e-3)
-    assert asked["on_infeasible"] is tmj.OnInfeasible.PASSIVE
-    assert asked["law"].norm == math.inf
-    assert asked["law"].decay_rate == 0.7
+    assert requested["engine"] == tmj.DAE(method=tmj.Method.RK4, timestep=2e-3, drift=tmj.engines.Drift.BAUMGARTE)
+    assert requested["duration"] == 3.0
+    assert requested["actuation"] == tmj.Actuation.hold_force_density(4e-3)
+    assert requested["on_infeasible"] is tmj.OnInfeasible.PASSIVE
+    assert requested["law"].norm == math.inf
+    assert requested["law"].decay_rate == 0.7
     assert ask(capsys, *"run prism --integrator implicit --timestep 3e-3 --law none".split())[1]["error"] == "recorded"
-    assert asked["engine"] == tmj.MuJoCo(timestep=3e-3, integrator=tmj.Integrator.IMPLICIT)
-    assert asked["law"] is None
-    assert asked["duration"] is None
+    assert requested["engine"] == tmj.MuJoCo(timestep=3e-3, integrator=tmj.Integrator.IMPLICIT)
+    assert requested["law"] is None
+    assert requested["duration"] is None
     words = "run prism --actuation hold-rest-length --control-period 5e-3 --output-interval 1e-2"
     assert ask(capsys, *words.split())[1]["error"] == "recorded"
-    assert asked["actuation"] == tmj.Actuation.hold_rest_length(5e-3)
-    assert asked["output_interval"] == 1e-2
+    assert requested["actuation"] == tmj.Actuation.hold_rest_length(5e-3)
+    assert requested["output_interval"] == 1e-2
 
 
 def test_a_diverged_run_gives_4_and_keeps_what_it_has(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -734,16 +734,16 @@ def test_options_reach_the_renderer(
 ) -> None:
     run = tmp_path / "p.nc"
     assert ask(capsys, *"run prism --timestep 1e-2 --duration 0.1 --out".split(), run)[0] == 0
-    asked: dict[str, Any] = {}
-    monkeypatch.setattr("tensegrity_mj.pictures.video.render", lambda *args, **options: asked.update(options))
+    requested: dict[str, Any] = {}
+    monkeypatch.setattr("tensegrity_mj.pictures.video.render", lambda *args, **options: requested.update(options))
     monkeypatch.setattr(experiment, "require_off_screen_opengl", lambda: None)
     words = ("render", run, run, "--out", tmp_path / "v.mp4", "--size", "640x360", "--fps", "25", "--speed", "0.5")
     assert ask(capsys, *words, "--layout", "side-by-side")[0] == 0
-    assert asked["layout"] is tmj.pictures.Layout.SIDE_BY_SIDE
-    assert (asked["size"], asked["fps"], asked["speed"]) == ((640, 360), 25.0, 0.5)
-    assert asked["other"] is not None
+    assert requested["layout"] is tmj.pictures.Layout.SIDE_BY_SIDE
+    assert (requested["size"], requested["fps"], requested["speed"]) == ((640, 360), 25.0, 0.5)
+    assert requested["other"] is not None
     assert ask(capsys, *words)[0] == 0
-    assert asked["layout"] is tmj.pictures.Layout.OVERLAY
+    assert requested["layout"] is tmj.pictures.Layout.OVERLAY
 
 
 @pytest.mark.slow

@@ -12,14 +12,14 @@ from scipy.optimize import linprog
 from tensegrity_mj.controllers.allocation import feasibility_margin, least_norm
 
 NORMS = [1.0, 2.0, np.inf]
-TOLERANCE = 1e-7  # HiGHS keeps constraints and reduced costs to this; daqp is told to keep 1e-10
+TOLERANCE = 1e-7  # HiGHS keeps constraints and reduced costs to this; daqp is set to keep 1e-10
 
 
 def cases(count, seed=5):
     """Random problems of order one: all sign patterns, thresholds, ceilings, or none; some infeasible, some at an edge.
 
     Every seventh has a zero in v, every fifth one sign only, every eleventh α' = 0; half have ceilings, of which some
-    lie on their threshold; of those, half ask for nearly all, or a bit more than all, that the ceilings allow.
+    lie on their threshold; of those, half need nearly all, or a bit more than all, that the ceilings allow.
     """
     rng = np.random.default_rng(seed)
     for number in range(count):

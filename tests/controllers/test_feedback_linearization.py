@@ -141,7 +141,7 @@ def test_each_coordinate_may_have_its_own_dynamics() -> None:
         w, V = np.linalg.eig(np.array([[0, 1], [-(omega[i] ** 2), -2 * zeta[i] * omega[i] + 1e-9 * (i == 1)]], complex))
         c = np.linalg.solve(V, [e[0, i], 0])
         expected[:, i] = np.real(V[0, 0] * c[0] * np.exp(w[0] * t) + V[0, 1] * c[1] * np.exp(w[1] * t))
-    # The critically damped one is told apart from its neighbour by 1e-9 of damping, and eigenvectors lose 1e-16/1e-5.
+    # The critically damped one differs from its neighbour by 1e-9 of damping, and eigenvectors lose 1e-16/1e-5.
     np.testing.assert_allclose(e, expected, rtol=0, atol=1e-8 * np.abs(e[0]).max())
     assert run.status is tmj.Status.COMPLETED
 
@@ -170,7 +170,7 @@ def test_it_holds_in_space_and_under_gravity() -> None:
     np.testing.assert_allclose(e, (1 + t) * np.exp(-t) * e[0], rtol=0, atol=1e-9 * np.abs(e[0]).max())
     blind = FeedbackLinearization(scene.structure, scene.target)  # type: ignore[arg-type]
     fallen = tmj.simulate(scene, blind, TIGHT)
-    assert np.abs(errors_of(law, fallen)[0][-1]).max() > 0.1  # what gravity does to a law that does not know of it
+    assert np.abs(errors_of(law, fallen)[0][-1]).max() > 0.1  # what gravity does to a law that does not account for it
     assert any("gravity" in warning for warning in fallen.reports["warnings"])
 
 
@@ -350,12 +350,12 @@ def test_what_it_reports_of_itself() -> None:
         0.7,
         Allocation(sums=(Sum(1.2), Sum(0.1, ("left",))), on_infeasible=WhenInfeasible.RELAX),
     )
-    told = law.describe()
-    assert (told["law"], told["natural_frequency"], told["damping"]) == ("feedback_linearization", 2.0, 0.7)
-    assert told["allocation"]["sums"] == [[["left", "lower", "right", "upper"], 1.2], [["left"], 0.1]]
-    assert told["allocation"]["on_infeasible"] == "relax"
+    reported = law.describe()
+    assert (reported["law"], reported["natural_frequency"], reported["damping"]) == ("feedback_linearization", 2.0, 0.7)
+    assert reported["allocation"]["sums"] == [[["left", "lower", "right", "upper"], 1.2], [["left"], 0.1]]
+    assert reported["allocation"]["on_infeasible"] == "relax"
     run = tmj.simulate(cross(), law, tmj.MuJoCo(1e-2), duration=0.1)
-    assert run.provenance["controller"] == told
+    assert run.provenance["controller"] == reported
     assert np.all(np.isnan(run.feasibility_margin))
 
 
@@ -394,8 +394,8 @@ def test_states_that_no_law_can_be_evaluated_at() -> None:
     nodes, velocities = scene.nodes0, scene.velocities0
     for name in ("feedback_linearization", "lyapunov", "projection"):
         law = tmj.controllers.from_scene(scene, name)
-        asks = [law, law.equation, law.error] if name == "feedback_linearization" else [law, law.evaluate, law.terms]
-        for ask in asks:
+        calls = [law, law.equation, law.error] if name == "feedback_linearization" else [law, law.evaluate, law.terms]
+        for call in calls:
             for state, words in (
                 ((0.0, nodes[:2], velocities), "nodes"),
                 ((0.0, nodes, velocities[:2]), "velocities"),
@@ -404,4 +404,4 @@ def test_states_that_no_law_can_be_evaluated_at() -> None:
                 (("now", nodes, velocities), "time"),
             ):
                 with pytest.raises(OptionError, match=words):
-                    ask(*state)
+                    call(*state)

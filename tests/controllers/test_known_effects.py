@@ -1,4 +1,4 @@
-"""Laws that know of loads, wind and elements: the accelerations that they foresee are the engine's."""
+"""Laws that account for loads, wind and elements: the accelerations that they foresee are the engine's."""
 
 from __future__ import annotations
 

@@ -43,8 +43,8 @@ class Constant:
 def test_force_densities_stay_below_their_limit(engine: Any, actuation: tmj.Actuation) -> None:
     scene = weight_on_a_string(max_force_density=2.5)
     limited = tmj.simulate(scene, Constant(3.0, tmj.Command.FORCE_DENSITY), engine, duration=1.0, actuation=actuation)
-    asked = Constant(2.5, tmj.Command.FORCE_DENSITY)
-    same = tmj.simulate(weight_on_a_string(), asked, engine, duration=1.0, actuation=actuation)
+    requested = Constant(2.5, tmj.Command.FORCE_DENSITY)
+    same = tmj.simulate(weight_on_a_string(), requested, engine, duration=1.0, actuation=actuation)
     np.testing.assert_array_equal(limited.nodes, same.nodes)
     assert limited.max_force_density == pytest.approx(2.5, rel=1e-12)
     report = limited.reports["limits"]["max_force_density"]
@@ -57,7 +57,7 @@ def test_force_densities_stay_below_their_limit(engine: Any, actuation: tmj.Actu
 @every_engine
 @pytest.mark.parametrize("command", list(tmj.Command), ids=lambda c: c.value)
 def test_rest_lengths_stay_above_their_limit(engine: Any, command: tmj.Command) -> None:
-    # Both commands ask for a rest length of 0.3 m at the start; it may not be below 0.6 m.
+    # Both commands give a rest length of 0.3 m at the start; it may not be below 0.6 m.
     value = K * (1 - 0.3) if command is tmj.Command.FORCE_DENSITY else 0.3
     scene = weight_on_a_string(min_rest_length=0.6)
     run = tmj.simulate(scene, Constant(value, command), engine, duration=0.2)

@@ -171,10 +171,10 @@ def test_a_support_that_moves_is_not_known_to_the_law(engine) -> None:
     scene = tmj.load_scene("pinned_rod")
     law = tmj.controllers.from_scene(scene)
     moved = scene.with_(motions=(tmj.model.Motion.in_line("rod", 0.01, 0.2, (1.0, 0.0, 0.0)),))
-    told = [
+    reported = [
         text for text in tmj.simulate(moved, law, engine, duration=0.05).reports["warnings"] if "'rod' moves" in text
     ]
-    assert len(told) == 1
+    assert len(reported) == 1
     assert not tmj.simulate(scene, law, engine, duration=0.05).reports["warnings"]
 
 

@@ -346,7 +346,7 @@ def time_to(run, part):
 
 
 def test_what_the_thesis_says_of_the_first_experiment(runs):
-    """Figures 6.3, 6.4: the projection at δ = 0.15 keeps pace with the Lyapunov law at 0.20 and asks for less."""
+    """Figures 6.3, 6.4: the projection at δ = 0.15 keeps pace with the Lyapunov law at 0.20 and needs less."""
     lyapunov, faster, projection = (runs[f"rod {name}"] for name in ("lyapunov 0.15", "lyapunov 0.20", "projection"))
     for part in (0.5, 0.2, 0.1):
         pace = [time_to(run, part) for run in (lyapunov, faster, projection)]
@@ -431,9 +431,9 @@ def test_laws_seek_their_solution_within_the_ceilings(mode, norm):
         u = np.zeros(len(lengths))
         alpha = terms.beta + law.decay_rate * (terms.V_error + terms.V_velocity)
         margin = least_norm(terms.f, alpha, np.zeros(len(lengths)), np.maximum(ceiling, 0), float(norm), u)
-        found, told, _ = law.evaluate(TIME, scene.nodes0, scene.velocities0)
+        found, reported, _ = law.evaluate(TIME, scene.nodes0, scene.velocities0)
         # Round-off of f and α, a few units, times the condition of the least norm.
-        assert told == pytest.approx(margin, rel=1e-9)
+        assert reported == pytest.approx(margin, rel=1e-9)
         assert np.allclose(found, u, rtol=1e-9, atol=1e-11)
         reached += bool(margin > 0 and np.any(np.isclose(found, ceiling, rtol=1e-9) & (found > 0)))
     assert reached > 0

@@ -397,7 +397,7 @@ def test_what_an_allocator_cannot_be_given() -> None:
 
 
 def test_the_fault_that_weighs_most_is_named_first() -> None:
-    """At its start the cross needs no string; with u_max = 0.2 four of them give 0.8 at most, 1.2 is asked for."""
+    """At its start the cross needs no string; with u_max = 0.2 four of them give 0.8 at most, 1.2 is requested."""
     scene = tmj.load_scene("cross")
     law = tmj.controllers.from_scene(scene, maximum_force_density=0.2)
     with pytest.raises(InfeasibleError, match=r"at best sum 1 \(of all strings\) >= 1.2 falls short by 0.4"):

@@ -1,4 +1,4 @@
-"""Laws that know of water: exact where they know all, wrong by what statics says where not; and winch power."""
+"""Laws that account for water: exact where they know all, wrong by what statics says where not; and winch power."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def test_v_decays_as_promised_in_waves_and_current(kind: str) -> None:
     run = tmj.simulate(of, law, tmj.DAE(rtol=1e-10, atol=1e-11), duration=0.5)
     np.testing.assert_allclose(run.lyapunov, run.lyapunov[0] * np.exp(-run.time), rtol=1e-7)
     assert "warnings" not in run.reports or not any("reckons" in text for text in run.reports["warnings"])
-    # Without the knowledge the promise is broken at once, and people are told.
+    # Without the knowledge the promise is broken at once, and a warning says so.
     blind = tmj.simulate(of, from_scene(of, kind, water="still"), FINE, duration=0.02)
     assert np.max(np.abs(blind.lyapunov / (blind.lyapunov[0] * np.exp(-blind.time)) - 1)) > 1e-3
     assert any("other water than the scene's" in text for text in blind.reports["warnings"])
@@ -238,8 +238,8 @@ def test_what_laws_know_of_water_is_reported_and_checked() -> None:
             law(of.structure, of.target, known="sea")
         with pytest.raises(tmj.errors.OptionError, match="2 of Water; a scene has one"):
             law(of.structure, of.target, known=(of.water, of.water))
-        told = law(of.structure, of.target, gravity=of.gravity, known=(of.water,)).describe()
-        assert told["water"]["current"] == [1.0, 0.0, 0.0]
+        reported = law(of.structure, of.target, gravity=of.gravity, known=(of.water,)).describe()
+        assert reported["water"]["current"] == [1.0, 0.0, 0.0]
         assert "water" not in law(of.structure, of.target).describe()
         made = law(of.structure, of.target, gravity=of.gravity, known=(of.water,))
         assert made.native(of.structure).stateless is (law is not FeedbackLinearization)  # which starts from its last u

@@ -189,7 +189,7 @@ def test_the_repair_is_needed_and_is_enough() -> None:
         assert first == 0
         pytest.skip(
             f"dm_control {version('dm_control')} works beside MuJoCo {version('mujoco')} by itself: "
-            "tensegrity_mj.dm_control.repair can go once pyproject.toml asks for that dm_control"
+            "tensegrity_mj.dm_control.repair can go once pyproject.toml requires that dm_control"
         )
     assert first > 0
     assert "has no attribute" in plain.stderr

@@ -102,9 +102,9 @@ from tensegrity_mj.dm_control import environment, repair
 repair()
 from dm_control.viewer import application
 env = environment(tmj.load_scene("prism"), time_limit=0.1)
-asked = []
+requested = []
 def policy(timestep):
-    asked.append(timestep)
+    requested.append(timestep)
     return env.action_spec().minimum + 0.4
 with mock.patch.object(application.gui, "RenderWindow"):
     app = application.Application(width=160, height=120)
@@ -117,7 +117,7 @@ with mock.patch.object(application.gui, "RenderWindow"):
     for _ in range(8):
         app._tick()
     assert app._status._value["Error"] == "--", app._status._value
-    assert len(asked) == 10 and app._runtime.state.name == "STOPPED", (len(asked), app._runtime.state)
+    assert len(requested) == 10 and app._runtime.state.name == "STOPPED", (len(requested), app._runtime.state)
     assert first.shape == (120, 160, 3) and first.std() > 5, (first.shape, first.std())
     assert (app._renderer.pixels != first).any()
     app._restart_runtime()

@@ -68,7 +68,7 @@ def test_every_engine_runs_it_as_the_python_law(prism, law, engine) -> None:
     ids=["mujoco", "dae", "ode"],
 )
 def test_the_time_of_a_law_is_a_part_of_the_time_of_its_run(prism, engine) -> None:
-    """However slow the machine is: what is asked before the run's clock starts, here long, does not count."""
+    """However slow the machine is: what is called before the run's clock starts, here long, does not count."""
     calls = []
 
     def law(time: float, nodes: Any, velocities: Any) -> Any:

@@ -56,7 +56,7 @@ FACTOR = 10.0
 PLAIN = 0.25
 RECORD = np.dtype([("first", float), ("second", float)])
 """,
-    "ask.py": """
+    "evaluate.py": """
 import numpy as np
 from caller import answer, by_address
 from numbers_of import RECORD
@@ -75,7 +75,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def run(folder: Path, script: str = "ask.py", **environment: str) -> subprocess.CompletedProcess[str]:
+def run(folder: Path, script: str = "evaluate.py", **environment: str) -> subprocess.CompletedProcess[str]:
     inherited = {name: value for name, value in os.environ.items() if not name.startswith(("NUMBA_", "XDG_"))}
     return subprocess.run(
         [sys.executable, script], cwd=folder, capture_output=True, text=True, check=True, env=inherited | environment
@@ -148,7 +148,7 @@ def test_a_folder_that_fills_up_while_running_is_a_warning_too(folder: Path) -> 
     (folder / "full.py").write_text(
         "import resource, sys\nsys.dont_write_bytecode = True\nimport tensegrity_mj.dynamics.native.compiling\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
-        "import ask\n"
+        "import evaluate\\n"
     )
     done = run(folder, "full.py")
     assert done.stdout.split() == ["20.75", "20.0", "0", "0"]
@@ -182,7 +182,7 @@ def test_a_law_of_the_users_is_compiled_anew_when_what_it_calls_changes(tmp_path
         "def law(time, nodes, velocities, string_nodes, parameters, command):\n"
         "    for m in range(len(command)):\n        command[m] = gain(m)\n    return True\n"
     )
-    (tmp_path / "ask.py").write_text(
+    (tmp_path / "evaluate.py").write_text(
         "import tensegrity_mj as tmj\nfrom own import law\nscene = tmj.load_scene('prism')\n"
         "made = tmj.CompiledLaw(law, scene.structure)\n"
         "print(made(0.0, scene.nodes0, scene.velocities0)[1], sum(law.stats.cache_hits.values()))\n"
@@ -240,7 +240,7 @@ def test_every_compiled_function_of_ours_is_kept_so() -> None:
 START = """
 import sys
 import tensegrity_mj as tmj
-for name, rate in {asked}:
+for name, rate in {requested}:
     scene = tmj.load_scene(name)
     law = rate and tmj.controllers.Lyapunov(scene.structure, scene.target, decay_rate=rate)
     tmj.simulate(scene, law, tmj.MuJoCo(1e-3), duration=0.01)
@@ -254,8 +254,8 @@ def test_another_structure_or_other_parameters_of_a_law_compile_nothing() -> Non
     Water is a function of its own, which the first scene that has some compiles.
     """
     first = [("prism", 0.5), ("tower_waves", None)]
-    for asked in (first, [("prism", 0.25), ("pinned_rod", 0.5), ("net", None), ("shape_control", None)]):
-        run = [sys.executable, "-W", "ignore", "-c", START.format(asked=asked)]
+    for requested in (first, [("prism", 0.25), ("pinned_rod", 0.5), ("net", None), ("shape_control", None)]):
+        run = [sys.executable, "-W", "ignore", "-c", START.format(requested=requested)]
         done = subprocess.run(run, check=True, capture_output=True, text=True)
     assert done.stdout.strip() == "[]"
 

@@ -77,14 +77,14 @@ def test_the_pendulum_is_as_accurate_as_was_requested(engine: Any, accuracy: flo
     run = tmj.simulate(pendulum(), None, engine(accuracy=accuracy))
     angles = pendulum_angles(run.time)
     ends = np.stack([np.sin(angles), 0 * angles, -np.cos(angles)], axis=1)
-    # LSODA at 1e-13 over 3 s of a swing leaves some 1e-12 m, a hundredth of the least that is asked for.
+    # LSODA at 1e-13 over 3 s of a swing leaves some 1e-12 m, a hundredth of the least that is requested.
     error = np.max(np.linalg.norm(run.nodes[:, 1] - ends, axis=1))
     assert error <= accuracy
     report = run.reports["accuracy"]
     assert report["settled"]
     assert report["met"]
     assert run.error_estimate == report["error_estimate"] <= accuracy
-    # What is told is an upper estimate: SAFETY leaves room for what orders leave out.
+    # What is reported is an upper estimate: SAFETY leaves room for what orders leave out.
     assert error <= run.error_estimate + 1e-11
 
 
@@ -184,7 +184,7 @@ def test_a_law_without_a_solution_is_reported_and_does_not_settle() -> None:
     assert any("not known" in warning for warning in run.reports["warnings"])
 
 
-def test_a_law_that_jumps_does_not_meet_a_tight_request_silently() -> None:
+def test_a_law_that_jumps_does_not_meet_a_tight_request_without_a_warning() -> None:
     """Where a force jumps no method has an order, and two runs may agree by chance."""
 
     def bang(time: float, nodes: np.ndarray, velocities: np.ndarray) -> np.ndarray:

@@ -91,7 +91,7 @@ def test_runs_that_stop_early_do_not_end_the_search() -> None:
 
 
 def test_a_tighter_request_makes_the_runs_of_a_looser_one_and_more() -> None:
-    """Two methods, errors C h^p; whatever is asked for, the sequence of runs is one, and requests only end it."""
+    """Two methods, errors C h^p; whatever is requested, the sequence of runs is one, and requests only end it."""
 
     def way(name: str, order: int, cost: float, scale: float) -> Way:
         def run(step: float) -> Trajectory:

@@ -106,7 +106,7 @@ def test_bad_periods_are_refused(period):
 
 
 def hopeless(prism):
-    """A target that the prism's law loses: turned upside down, it asks strings to push."""
+    """A target that the prism's law loses: turned upside down, it commands strings to push."""
     law = from_scene(prism)
     lost = {"count": 0}
 
@@ -210,7 +210,7 @@ def test_a_period_without_a_law_is_refused(prism):
 
 @pytest.mark.parametrize("engine", ENGINES, ids=NAMES)
 def test_margin_and_v_are_those_of_the_recorded_state_while_passive(engine):
-    """In the passive mode the law is not obeyed, but its margin and V are still told of each recorded state."""
+    """In the passive mode the law is not obeyed, but its margin and V are still reported for each recorded state."""
     # One string pulls a rod towards its target, and cannot push it back once it is too fast.
     structure = tmj.Structure(
         "one string",

@@ -101,8 +101,8 @@ def accelerations(scene: tmj.Scene, engine: Any) -> Any:
     from tensegrity_mj.engines.request import Request
 
     law = native_law(None, scene.structure)
-    asked = Request(scene, law, tmj.Actuation.continuous(), tmj.OnInfeasible.STOP, 1.0, None, progress=False)
-    return engine.accelerations(asked)(0.0, scene.nodes0, scene.velocities0)[1]
+    requested = Request(scene, law, tmj.Actuation.continuous(), tmj.OnInfeasible.STOP, 1.0, None, progress=False)
+    return engine.accelerations(requested)(0.0, scene.nodes0, scene.velocities0)[1]
 
 
 def test_what_cannot_be_says_why() -> None:

@@ -252,12 +252,12 @@ def test_the_report_is_of_the_recorded_states() -> None:
     run = tmj.simulate(scene, None, tmj.MuJoCo(1e-3), duration=0.25)
     gaps, rates = run.nodes[:, 0, 2] - 0.02, run.velocities[:, 0, 2]
     forces = [0.7 * (acceleration(contact, gap, rate, -G) + G) for gap, rate in zip(gaps, rates, strict=True)]
-    told = run.reports["contact"]
-    assert told["touching"] == (gaps < 0).astype(int).tolist()
-    assert told["deepest"] == pytest.approx(-gaps.min(), rel=1e-12)
-    assert told["largest_normal_force"] == pytest.approx(max(forces), rel=1e-9)
+    reported = run.reports["contact"]
+    assert reported["touching"] == (gaps < 0).astype(int).tolist()
+    assert reported["deepest"] == pytest.approx(-gaps.min(), rel=1e-12)
+    assert reported["largest_normal_force"] == pytest.approx(max(forces), rel=1e-9)
     assert 10 < max(forces) < 500
-    assert forces[-1] == 0 or told["final_forces"]["a"][2] == pytest.approx(forces[-1], rel=1e-9)
+    assert forces[-1] == 0 or reported["final_forces"]["a"][2] == pytest.approx(forces[-1], rel=1e-9)
     free = tmj.simulate(scene, None, tmj.MuJoCo(1e-3), duration=0.1).reports["contact"]
     assert (free["deepest"], free["largest_normal_force"], free["final_forces"]) == (0, 0, {})
 
@@ -464,7 +464,7 @@ def test_overlaps_are_reported_in_words() -> None:
 
 
 def test_the_floor_is_where_the_scene_has_it() -> None:
-    """A plane of the MJCF through floor · n with the normal n, and forces along n: a sphere of a point mass tells."""
+    """A plane of the MJCF through floor · n with the normal n, and forces along n: a point mass shows it."""
     normal = np.array([1.0, -2.0, 4.0]) / np.sqrt(21.0)
     contact = Contact(floor=-0.7, normal=(1.0, -2.0, 4.0))
     structure = tmj.Structure(

@@ -1,4 +1,4 @@
-"""What goes wrong in a run is told: too large steps, laws and loads that fail, runs that disturb each other."""
+"""What goes wrong in a run is reported: too large steps, laws and loads that fail, runs that disturb each other."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ def test_a_law_is_not_blamed_for_what_a_step_did(name: str) -> None:
 
     error, _ = diverging(oscillator(10.0), engines(1.0)[name], 1000.0, careful)
     assert error.time < 20  # it grows nearly a hundredfold a step
-    if name == "DAE":  # in MuJoCo the law is not even asked there
+    if name == "DAE":  # in MuJoCo the law is not even called there
         assert isinstance(error.__context__, ControllerError)
         assert "no such nodes" in str(error.__context__)
     else:
@@ -331,7 +331,7 @@ def engine_named(name: str, step: float) -> object:
 def test_a_law_that_returns_nonsense(bad: str, start: float, name: str) -> None:
     change, message = BAD[bad]
     scene = tmj.load_scene("pinned_rod")
-    # An engine may ask at a later stage than the first one at or after that time, so the time is near it.
+    # An engine may call it at a later stage than the first one at or after that time, so the time is near it.
     expected = message.replace("{t}", r"0(\.\d+)?" if start == 0 else r"0\.(49|5)\d*")
     with pytest.raises(ControllerError, match=expected):
         tmj.simulate(scene, FailsAt(start, change), engine_named(name, 0.01), duration=1.0)  # type: ignore[arg-type]
@@ -349,7 +349,7 @@ def test_a_sampled_law_that_returns_nonsense(actuation: Actuation, name: str) ->
 @pytest.mark.parametrize("name", ALL_ENGINES)
 def test_a_law_that_fails_at_the_very_end(name: str) -> None:
     scene = tmj.load_scene("pinned_rod")
-    with pytest.raises(ControllerError, match=r"near t = (0\.99|1) s"):  # RK4 asks there in its last step
+    with pytest.raises(ControllerError, match=r"near t = (0\.99|1) s"):  # RK4 calls it there in its last step
         tmj.simulate(scene, FailsAt(1.0, BAD["nan"][0]), engine_named(name, 0.01), duration=1.0)  # type: ignore[arg-type]
 
 
@@ -427,7 +427,7 @@ def test_an_interrupt_within_a_load_goes_through(name: str) -> None:
 
 
 def test_a_callback_of_the_users_own_is_reported() -> None:
-    # It would be asked about models that it does not know, and it would be put out of action by ours.
+    # It would be called for models that it does not know, and it would be put out of action by ours.
     scene = tmj.load_scene("pinned_rod")
     mujoco.set_mjcb_control(lambda model, data: None)
     try:

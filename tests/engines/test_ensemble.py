@@ -228,17 +228,17 @@ def test_a_law_in_mj_step_rollout_and_batch_is_that_of_simulate(prism, law, engi
 
 
 def test_the_law_is_reentrant(prism, law, starts) -> None:
-    """Threads that ask one context at once get what a single one gets."""
+    """Threads that call one context at once get what a single one gets."""
     states = [(np.array(s.nodes0), np.array(s.velocities0)) for s in starts]
     expected = [law(0.0, *state) for state in states]
     wrong: list[int] = []
 
-    def ask(number: int) -> None:
+    def call(number: int) -> None:
         for _ in range(2000):
             if not np.array_equal(law.evaluate(0.0, *states[number])[0], expected[number]):
                 wrong.append(number)
 
-    threads = [threading.Thread(target=ask, args=(n,)) for n in range(len(states))]
+    threads = [threading.Thread(target=call, args=(n,)) for n in range(len(states))]
     for thread in threads:
         thread.start()
     for thread in threads:
@@ -300,7 +300,7 @@ def test_a_model_of_the_same_shape_with_other_strings_is_distinguished(prism, la
 
 
 def test_a_model_of_the_same_sizes_and_strings_with_other_joints_is_left_alone(prism, law) -> None:
-    """Its signature alone tells it."""
+    """Its signature alone shows it."""
     own = RK4.model(prism)
     spec = mujoco.MjSpec.from_string(scene_to_mjcf(prism, RK4.timestep, RK4.word))
     spec.delete(spec.joints[-1])

@@ -132,7 +132,7 @@ def test_what_happens_between_recorded_samples_is_counted(engine: Any, law: Comm
 
 @pytest.mark.parametrize("engine", ENGINES[3::3], ids=str)
 def test_round_off_and_limits_are_no_push(engine: Any) -> None:
-    """A law's solution may be zero less round-off; a `min_rest_length` above the length asks for less than zero."""
+    """A law's solution may be zero less round-off; a `min_rest_length` above the length requires less than zero."""
     run = tmj.simulate(mass_between_two(), Command([-1e-12, 4.0], FORCE), engine)
     assert run.reports["warnings"] == []
     scene = mass_between_two()

@@ -116,7 +116,7 @@ def test_a_tree_starts_as_its_scene_and_without_spin(scene: Scene) -> None:
         mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, body, spatial, 1)
         if rod.support.plane is None:
             assert abs(spatial[2]) < 10 * 10 * 10 * EPS  # about the rod, in the world: not that of the joint
-    # And so the kinetic energy is (2.25), which knows of nodes only.
+    # And so the kinetic energy is (2.25), which accounts for nodes only.
     matrix = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, matrix)
     energy = float(rods.kinetic_energy(structure, scene.velocities0))

@@ -186,10 +186,10 @@ def test_smooth_motion_is_bit_for_bit_the_plain_one(closed: bool, actuation: tmj
 
 
 def test_a_law_is_evaluated_once_a_stage() -> None:
-    """What it answered for the end of a step is not asked for again at the start of the next."""
+    """Its answer for the end of a step serves at the start of the next."""
     scene = tmj.load_scene("pinned_rod").with_(duration=0.1)
     own = tmj.controllers.from_scene(scene)
-    asked = []
+    requested = []
     for engine in (tmj.MuJoCo(0.01), located(0.01)):
         times: list[float] = []
 
@@ -198,8 +198,8 @@ def test_a_law_is_evaluated_once_a_stage() -> None:
             return own(time, nodes, velocities)
 
         tmj.simulate(scene, law, engine)
-        asked.append(times)
-    assert asked[0] == asked[1]
+        requested.append(times)
+    assert requested[0] == requested[1]
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Supports that move as they are told, in MuJoCo: their places, what hangs on them, and the work they do.
+"""Supports that move as prescribed, in MuJoCo: their places, what hangs on them, and the work they do.
 
 The yardsticks are a chain in angles, chains whose supports stand still and that inertia forces shake, the nodal
 equations of `nodal`, and the DAE.
@@ -99,7 +99,7 @@ def test_only_held_directions_have_a_drive() -> None:
     reference = tmj.simulate(start, None, tmj.DAE(rtol=1e-12, atol=1e-13))
     assert np.abs(run.nodes - reference.nodes).max() < 1e-10
     assert run.nodes[-1, 0, 1] == pytest.approx(0.15, rel=1e-9)
-    # λ of a rod that hangs on nothing knows of the support's acceleration.
+    # λ of a rod that hangs on nothing accounts for the support's acceleration.
     scale = np.abs(reference.multipliers).max()
     assert np.abs(run.multipliers - reference.multipliers).max() < 1e-8 * scale
 
@@ -191,7 +191,7 @@ def test_a_moved_support_is_an_accelerated_frame(name: str) -> None:
 
 @pytest.mark.parametrize("phase", [0.0, 1.0, 2.0])
 def test_accelerations_on_moved_supports_are_those_of_the_nodal_equations(phase: float) -> None:
-    """What `linearize` asks the engine for."""
+    """What `linearize` requests from the engine."""
     motion = Motion("r0", (Harmonic((0.05, 0.02, -0.03), 6.0, phase),))
     scene = shaken_chain(motion).with_(loads=(Load("n2", (0.5, 0.3, 0.1)),))
     request = request_for(scene, None, None, None, tmj.OnInfeasible.STOP, None, False)

@@ -26,7 +26,7 @@ from tensegrity_mj.library.random_structures import random_scene, random_structu
 Array = NDArray[np.float64]
 SCALES = [1e-6, 3e-5, 1e-3, 1.0, 1e4]
 STEP, DURATION = 2.5e-4, 0.05
-NEAR = 4e-7  # m: below what MuJoCo tells apart
+NEAR = 4e-7  # m: below what MuJoCo distinguishes
 
 
 def scaled(scene: tmj.Scene, size: float) -> tmj.Scene:

@@ -94,7 +94,7 @@ def test_the_matrices_of_the_thesis_give_the_same_accelerations(seed: int, plana
     assert np.abs(velocities - scene.velocities0.ravel()).max() < 1e-13
     assert np.abs(model.phi @ rates - velocities).max() < 1e-13
     step = 1e-5  # h² ℓ / 6 and eps / h: 2e-11 both
-    # The nodes' accelerations are the rate of their velocities along q(t), whatever Ẇ β̇ the kernels reckon with.
+    # The nodes' accelerations are the rate of their velocities along q(t), whatever Ẇ β̇ the kernels compute with.
     ahead, behind = (placed(q + h * rates + 0.5 * h * h * expected, rates + h * expected)[1] for h in (step, -step))
     accelerations = np.zeros_like(scene.nodes0)
     node_accelerations(q, rates, expected, records.rods, records.points, accelerations)

@@ -159,8 +159,8 @@ def test_the_check_before_a_run_knows_laws_and_engines_apart() -> None:
     scene = tmj.load_scene("prism")
     slow, fast = (tmj.controllers.Lyapunov(scene.structure, scene.target, decay_rate=rate) for rate in (1.0, 500.0))
     short, long = tmj.MuJoCo(0.0001, tmj.Integrator.EULER), tmj.MuJoCo(0.01, tmj.Integrator.EULER)
-    asked = [(slow, long), (fast, long), (fast, short), (slow, long), (fast, long)]
-    found = [report_of(scene, law, engine) for law, engine in asked]
+    requested = [(slow, long), (fast, long), (fast, short), (slow, long), (fast, long)]
+    found = [report_of(scene, law, engine) for law, engine in requested]
     # Euler's limit is below 2/δ, 0.004 s for δ = 500/s, and above 0.01 s for 1/s, where the strings' own is 0.3 s.
     assert [one["exceeded"] for one in found] == [False, True, False, False, True]
     assert found[1] == found[4]

@@ -143,7 +143,7 @@ def test_the_dbar_of_mujoco_nears_the_reference_as_rk4_of_the_dae_does() -> None
 
     A step sees any part of a jump c V h and of a kink k V h² / 2 at each instant. They turn the bars, of I = 0.68 kg m²
     for the angle, by 1.74 m per rad; the loop swings on with ω = 36 rad/s, its far corner 2 m per rad, V < 10 m/s.
-    `test_mujoco_class_k` tells the parts of the error from each other.
+    `test_mujoco_class_k` separates the parts of the error.
     """
     data = truth.load("stedy_dbar")
     scene, errors = tmj.load_scene("dbar"), []

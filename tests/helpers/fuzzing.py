@@ -184,8 +184,8 @@ def attempt(number: int, root: Path) -> tuple[str, str]:
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt):
             raise
-        told = str(error) if isinstance(error, Failure) else "".join(traceback.format_exception(error))[-3000:]
-        return "failed", told
+        reported = str(error) if isinstance(error, Failure) else "".join(traceback.format_exception(error))[-3000:]
+        return "failed", reported
     finally:
         os.chdir(there)
     return outcome, ""

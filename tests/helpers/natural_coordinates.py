@@ -162,7 +162,7 @@ def random_class_k(rng, rods=7, loops=2, planar=False):
 
 
 def request(scene):
-    """What an engine is asked for its accelerations with."""
+    """What an engine's accelerations are requested with."""
     from tensegrity_mj.dynamics.native.law import native_law
     from tensegrity_mj.engines.request import Request
     from tensegrity_mj.model.actuation import Actuation, OnInfeasible

@@ -52,7 +52,7 @@ class Outcome:
 
     @property
     def known(self) -> bool:
-        """Whether the references agree well enough to tell."""
+        """Whether the references agree well enough to judge."""
         return self.doubt < KNOWN
 
 

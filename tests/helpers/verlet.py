@@ -92,7 +92,7 @@ class Verlet:
         lengths = structure.string_lengths(x)
         elastic = strings.elastic_tension(structure.stiffness, lengths, rest)
         none = np.full(len(x), np.nan)
-        told: dict[str, Any] = {report.name.lower(): none for report in Report}
+        reported: dict[str, Any] = {report.name.lower(): none for report in Report}
         return Trajectory(
             scene=scene,
             time=grid.times,
@@ -109,7 +109,7 @@ class Verlet:
             winch_work=np.zeros(len(x)),
             external_work=external,
             dissipation=lost,
-            **told,
+            **reported,
             engine=f"Verlet, h = {h:g} s",
             cost={"wall_time": seconds, "steps": grid.count, "evaluations": grid.count + 1},
         )

@@ -48,7 +48,7 @@ def test_derivatives_beyond_floats_end_the_run(kind: Callable[..., Engine]) -> N
 
 @pytest.mark.parametrize("law", sorted(controllers.LAWS))
 def test_laws_of_structures_without_strings_are_refused(law: str) -> None:
-    """One had crashed on them; the others were infeasible in one engine, and never asked in another."""
+    """One had crashed on them; the others were infeasible in one engine, and never computed in another."""
     scene = load_scene("pinned_rod")
     bare = scene.with_(structure=replace(scene.structure, strings=()), control=None)
     with pytest.raises(OptionError, match=f"law '{law}' commands strings, and its structure 'pinned_rod' has none"):

@@ -75,10 +75,12 @@ def _read(pipe: object, lines: queue.Queue[str]) -> None:
 def check(numbers: Sequence[int]) -> None:
     found = tried(numbers)
     wrong = [one for one in found if one["outcome"] not in ("accepted", "refused")]
-    told = "\n\n".join(f"case {one['number']} ({one['kind']}), {one['outcome']}: {one['why']}" for one in wrong[:20])
+    reported = "\n\n".join(
+        f"case {one['number']} ({one['kind']}), {one['outcome']}: {one['why']}" for one in wrong[:20]
+    )
     counts = Counter((one["kind"], one["outcome"]) for one in found)
     print("\n".join(f"{kind:12s}{outcome:12s}{count}" for (kind, outcome), count in sorted(counts.items())))
-    assert not wrong, f"{len(wrong)} of {len(found)} cases are neither right nor refused:\n{told}"
+    assert not wrong, f"{len(wrong)} of {len(found)} cases are neither right nor refused:\n{reported}"
     # Neither everything is broken nor nothing: the grammar does what it is for.
     assert len(found) < 100 or 0.1 < sum(one["outcome"] == "accepted" for one in found) / len(found) < 0.9
 
@@ -116,7 +118,7 @@ def test_what_must_not_happen_is_seen(monkeypatch: pytest.MonkeyPatch, tmp_path:
     def crashes(path: Path) -> None:
         raise KeyError("x")
 
-    def tells(path: Path) -> None:
+    def shows(path: Path) -> None:
         error = FormatError("x")
         error.args = ("\x1b[31m",)
         raise error
@@ -131,7 +133,7 @@ def test_what_must_not_happen_is_seen(monkeypatch: pytest.MonkeyPatch, tmp_path:
 
     for work, word in (
         (crashes, "KeyError"),
-        (tells, "cannot be shown"),
+        (shows, "cannot be shown"),
         (writes, "outside its folder"),
         (leaves, "left"),
     ):

@@ -164,8 +164,8 @@ def evil(folder: Path, name: str) -> Path:
     path = folder / "evil.toml"
     save_scene(scene, path)
     text = path.read_text(encoding="utf-8")
-    told = "".join(f"\\u{ord(letter):04x}" for letter in name)
-    path.write_text(text.replace('name = "pinned_rod"', f'name = "{told}"', 1), encoding="utf-8")
+    reported = "".join(f"\\u{ord(letter):04x}" for letter in name)
+    path.write_text(text.replace('name = "pinned_rod"', f'name = "{reported}"', 1), encoding="utf-8")
     assert load_scene(path).name == (name or load_scene(path).structure.name)
     return path
 
@@ -204,17 +204,17 @@ def test_folders_of_scenes_with_such_names_are_inside(name: str, tmp_path: Path)
     """The path that `tradeoff` makes of a name, without its runs."""
     from tensegrity_mj.studies.tradeoff import study
 
-    asked: list[Path] = []
+    requested: list[Path] = []
 
     def stop(*given: object, folder: Path, **options: object) -> None:
-        asked.append(folder)
+        requested.append(folder)
         raise FormatError("far enough")
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study, "tradeoff", stop)
         assert main(["tradeoff", str(evil(tmp_path, name)), "--out", str(tmp_path / "out")]) == 2
-    assert [path.parent for path in asked] == [tmp_path / "out"]
-    assert asked[0].name not in ("", ".", "..")
+    assert [path.parent for path in requested] == [tmp_path / "out"]
+    assert requested[0].name not in ("", ".", "..")
 
 
 def test_files_of_tasks_stay_in_the_folder_of_their_study(tmp_path: Path) -> None:
@@ -231,9 +231,9 @@ def test_files_of_tasks_stay_in_the_folder_of_their_study(tmp_path: Path) -> Non
 def test_control_characters_of_keys_are_escaped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = written(tmp_path, SMALL.replace("name =", '"\\u001b[31mred" = 1\nname =', 1))
     assert main(["scenes", str(path)]) == 2
-    told = capsys.readouterr().err
-    assert "unknown key '\\x1b[31mred'" in told
-    assert "\x1b" not in told
+    reported = capsys.readouterr().err
+    assert "unknown key '\\x1b[31mred'" in reported
+    assert "\x1b" not in reported
 
 
 def test_control_characters_of_names_are_escaped_in_answers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -242,9 +242,9 @@ def test_control_characters_of_names_are_escaped_in_answers(tmp_path: Path, caps
         SMALL.replace('"small"', '"\\u001b[31m\\nred"').replace("[structure]", 'source = "\\u009b2J"\n[structure]'),
     )
     assert main(["scenes", str(path)]) == 0
-    told = capsys.readouterr().out
-    assert "\\x1b[31m" in told
-    assert not set(told) & {"\x1b", "\x9b"}
+    reported = capsys.readouterr().out
+    assert "\\x1b[31m" in reported
+    assert not set(reported) & {"\x1b", "\x9b"}
 
 
 @pytest.mark.parametrize(

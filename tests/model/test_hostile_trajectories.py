@@ -86,6 +86,6 @@ def test_control_characters_of_a_run_are_escaped_where_its_warnings_are_printed(
             {"warnings": ["\x1b[31mred"], "accuracy": {"met": False, "reason": "\x9b2J"}}, ensure_ascii=False
         )
     assert main(["compare", str(path), str(run_file)]) == 0
-    told = capsys.readouterr()
-    assert "\\x1b[31mred" in told.err
-    assert not {"\x1b", "\x9b"} & set(told.out + told.err)
+    reported = capsys.readouterr()
+    assert "\\x1b[31mred" in reported.err
+    assert not {"\x1b", "\x9b"} & set(reported.out + reported.err)

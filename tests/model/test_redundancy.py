@@ -74,7 +74,7 @@ def test_a_truss_arm_reports_its_braced_cell_and_a_run_of_it_does():
     ("structure", "singular"),
     [
         (between_pins([[0, 0, 0], [1, 0, 0], [2, 0, 0]]), True),  # in a line
-        (between_pins([[0, 0, 0], [1, 0, 1e-7], [2, 0, 0]], Y), True),  # but for what pivots cannot tell
+        (between_pins([[0, 0, 0], [1, 0, 1e-7], [2, 0, 0]], Y), True),  # but for what pivots cannot show
         (between_pins([[0, 0, 0], [1, 0, 1e-4], [2, 0, 0]], Y), False),  # a flat arch
         (between_pins([[0, 0, 0], [1, 0, 0], [3, 0, 0], [2, 0, 0]], Y), True),  # a parallelogram at its change point
         (between_pins([[0, 0, 0], [0, 0, 1], [2, 0, 1], [2, 0, 0]], Y), False),  # and away from it

@@ -265,7 +265,7 @@ def test_random_motions_keep_supports_and_rods(seed: int, planar: bool) -> None:
     rng = np.random.default_rng(seed)
     structure = random_structure(rng, rods=3, planar=planar, own_planes=0.5, point_masses=1)
     random_scene(rng, structure, displaced=0.5, moving=2.0, gravity=True, loads=2, waypoints=2, control=True)
-    # What the constructor accepted is what physics asks for: no rod's length changes along the motion.
+    # What the constructor accepted is what physics requires: no rod's length changes along the motion.
     start = random_configuration(rng, structure, 0.5)
     velocities = random_velocities(rng, structure, start, 1.0)
     h = 1e-6

@@ -232,7 +232,7 @@ def test_the_lyapunov_law_follows_a_curve() -> None:
     shapes[:, 1] = [np.cos(p) * begin + np.sin(p) * side for p in parameters]
     curve = tmj.Target.curve([0.0, 20.0], [0.0, angle], parameters, shapes)
     path = tmj.Target.path([0.0, 20.0], [shapes[0], shapes[-1]])
-    # The same motion told in two ways. To leave it, start beside it.
+    # The same motion given in two ways. To leave it, start beside it.
     velocities = np.zeros((5, 3))
     velocities[1] = 0.02 * np.cross(begin, side)
     runs = [

@@ -456,7 +456,7 @@ def test_resistance_goes_with_water() -> None:
     assert np.max(np.abs(run.nodes - other.nodes)) < 1e-4
 
 
-# What is refused, what is told
+# What is refused, what is reported
 
 
 def test_what_cannot_be_in_water_says_so() -> None:
@@ -557,9 +557,9 @@ def test_water_is_written_and_read_without_loss(tmp_path) -> None:
 
 def test_descriptions_name_water() -> None:
     scene = one(water=tmj.Water(waves=WAVES, current=(0.1, 0, 0)))
-    told = describe(scene)
-    assert "waves of 1 m, 15 m long, towards 17.19°" in told["water"]
-    assert "C_M = 2" in told["water"]
+    reported = describe(scene)
+    assert "waves of 1 m, 15 m long, towards 17.19°" in reported["water"]
+    assert "C_M = 2" in reported["water"]
     assert describe(scene.with_(water=None))["water"] is None
     # The rod weighs 3 kg and displaces 9.82: what is unbalanced at rest has buoyancy in it, half on either node.
     assert describe(one())["unbalanced_force"] == pytest.approx((DISPLACED - 3.0) * G / 2, rel=1e-12)

@@ -328,12 +328,12 @@ def described(run):
 
 def test_runs_files_and_commands_report_it(tmp_path) -> None:
     run = tmj.simulate(long_rod(), engine=tmj.DAE(), duration=0.05)
-    told = run.reports["water"]["segments"]
-    assert (told["count"], told["chosen"], told["needed"]) == (39, True, 39)
-    assert told["moment_error_bound"] == long_rod().water_segments.moment_error
-    assert json.loads(json.dumps(told)) == told
+    reported = run.reports["water"]["segments"]
+    assert (reported["count"], reported["chosen"], reported["needed"]) == (39, True, 39)
+    assert reported["moment_error_bound"] == long_rod().water_segments.moment_error
+    assert json.loads(json.dumps(reported)) == reported
     again = tmj.Trajectory.load(run.save(tmp_path / "long.nc"))
-    assert again.reports["water"]["segments"] == told
+    assert again.reports["water"]["segments"] == reported
     assert again.scene.water.segments is None
     assert "39 segments a rod, chosen" in described(run)
     assert not any("segments" in warning for warning in run.reports["warnings"])
@@ -344,7 +344,7 @@ def test_runs_files_and_commands_report_it(tmp_path) -> None:
     assert "5 segments a rod, given" in described(few)
     found = describe(long_rod())
     assert "39 segments a rod, chosen: wave loads within 0.95 % of the largest" in found["water"]
-    assert found["water_segments"] == told
+    assert found["water_segments"] == reported
     assert "are too few for the waves" in describe(long_rod(5))["water"]
     for scene in (long_rod(), long_rod(5)):
         text = scene_to_toml(scene)

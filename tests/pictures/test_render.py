@@ -541,7 +541,7 @@ def test_an_interrupted_video_leaves_the_old_file_and_nothing_else(tmp_path: Pat
     def broken_off(self):
         closed.append(self)
         close(self)
-        raise RuntimeError("ffmpeg was interrupted too")  # as it is by Ctrl-C; the first reason is the one to tell
+        raise RuntimeError("ffmpeg was interrupted too")  # as it is by Ctrl-C; the first reason is the one to report
 
     monkeypatch.setattr(mediapy.VideoWriter, "close", broken_off)
 

@@ -294,15 +294,15 @@ def test_events_and_crossings_against_dense_sampling(seed: int) -> None:
             radii = sum(m.radius for m in (first, second) if isinstance(m, tmj.Rod))
             near = closest_points(a, b, c, d)[0]
             mine = [e for e in found.events if (e.closest.first, e.closest.second) == (first.name, second.name)]
-            told = np.zeros(len(fine), bool)
+            reported = np.zeros(len(fine), bool)
             for event in mine:
-                told |= (fine >= event.start) & (fine <= event.end)
-            assert np.all(told[near - radii < below - 1e-9])
-            # Told although it is above: in rises that are over within an eighth of the time between two samples.
-            high = np.concatenate([[False], told & (near - radii > below + 1e-5), [False]])
+                reported |= (fine >= event.start) & (fine <= event.end)
+            assert np.all(reported[near - radii < below - 1e-9])
+            # Reported although it is above: in rises that are over within an eighth of the time between two samples.
+            high = np.concatenate([[False], reported & (near - radii > below + 1e-5), [False]])
             rises = np.flatnonzero(np.diff(high.astype(int))).reshape(-1, 2)
             assert np.all(rises[:, 1] - rises[:, 0] < 125)
-            assert np.mean(told & (near - radii > below + 1e-5)) < 2e-3
+            assert np.mean(reported & (near - radii > below + 1e-5)) < 2e-3
             volume = np.einsum("ti,ti->t", a - c, np.cross(b - a, d - c))
             change = np.flatnonzero((volume[1:] * volume[:-1] < 0) & (np.minimum(near[1:], near[:-1]) < 2e-2))
             change = np.array([k for k in change if _meets(dense[k : k + 2, rows])], int)

@@ -167,11 +167,11 @@ def test_both_commands_say_the_same_of_shipped_scenes(name: str) -> None:
     scene = tmj.load_scene(name)
     if scene.control is not None or (scene.water is not None and unheld_gravity(scene).any()):
         return
-    told = describe(scene)
+    reported = describe(scene)
     scene = scene.with_(gravity=tuple(np.array(scene.gravity) - unheld_gravity(scene)))
     found: Balance = tmj.statics.analyse(scene, modes=1).start
-    assert (told["unbalanced_force"], told["in_equilibrium"]) == (found.unbalanced, found.is_equilibrium)
-    assert told["unbalanced"] == found.describe()
+    assert (reported["unbalanced_force"], reported["in_equilibrium"]) == (found.unbalanced, found.is_equilibrium)
+    assert reported["unbalanced"] == found.describe()
 
 
 def test_equilibria_are_said_to_be_equilibria() -> None:
@@ -180,8 +180,8 @@ def test_equilibria_are_said_to_be_equilibria() -> None:
         found = balance(StaticModel.of(there))
         assert found.is_equilibrium
         assert "an equilibrium" in found.describe()
-        told = describe(there)
-        assert told["in_equilibrium"]
+        reported = describe(there)
+        assert reported["in_equilibrium"]
     # Of bent joints alone: a straight chain is at rest, a bent one is not.
     for bend, rests in ((0.0, True), (0.3, False)):
         chain = Structure.from_arrays(
@@ -206,15 +206,15 @@ def test_what_falls_freely_gets_no_advice_to_add_supports(capsys: pytest.Capture
         (tmj.load_scene("prism_drop").with_(gravity=(0.0, 0.0, 0.0)), False),
         (tmj.load_scene("tbar").with_(gravity=GRAVITY), False),
     ):
-        told = describe(scene)
-        assert told["falls_freely"] is falls
-        assert "add strings or supports" not in told["why_not"]
+        reported = describe(scene)
+        assert reported["falls_freely"] is falls
+        assert "add strings or supports" not in reported["why_not"]
     floating = describe(tmj.load_scene("tower_waves"))
     assert (floating["falls_freely"], floating["floats_freely"]) == (False, True)
     assert floating["can_be_prestressed"] or "add strings or supports" not in floating["why_not"]
-    told = describe(tmj.load_scene("prism_drop"))
-    assert told["in_equilibrium"]
-    assert told["can_be_prestressed"]
+    reported = describe(tmj.load_scene("prism_drop"))
+    assert reported["in_equilibrium"]
+    assert reported["can_be_prestressed"]
     assert main(["scenes", "prism_drop", "--no-timing"]) == 0
     assert "nothing holds it against gravity" in capsys.readouterr().out
     # Led along x alone, gravity along it makes it fall, and gravity across it is borne.

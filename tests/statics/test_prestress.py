@@ -120,7 +120,7 @@ def test_thesis_prism_is_in_equilibrium_at_both_heights(height: float) -> None:
 
     The crossing strings (s2, s7, s10) stay slack. Turning any prestress by 120° and 240° and averaging gives a
     symmetric one, with v, w and -(v + w) in verticals, crossing strings and rods; the moment about the axis then
-    asks w = 0 at this twist, so that no state has them all in tension.
+    requires w = 0 at this twist, so that no state has them all in tension.
     """
     scene = load_scene("prism")
     structure = scene.structure
@@ -379,7 +379,7 @@ def test_moving_the_whole_changes_nothing(seed: int) -> None:
         structure, slack = load_scene("prism").structure, ("s2", "s7", "s10")
     else:
         structure = braced_prism(float(rng.uniform(0.5, 1.5)))
-    # Leaving 17 digits, the nodes are in equilibrium to 1e-16 times the shift; singular values ask some 10 times.
+    # Leaving 17 digits, the nodes are in equilibrium to 1e-16 times the shift; singular values need some 10 times.
     turned = moved(structure, random_rotation(rng), rng.normal(size=3))
     before, after = self_stress(structure), self_stress(turned)
     np.testing.assert_allclose(after.singular_values, before.singular_values, rtol=1e-12, atol=1e-14)

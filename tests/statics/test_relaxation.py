@@ -29,7 +29,7 @@ SAME = 1e-8
 
 
 def is_same(relaxed: StaticState, newton: StaticState) -> bool:
-    """Up to motions that nothing resists, of the whole or of slack strings: forces and rods' lengths tell."""
+    """Up to motions that nothing resists, of the whole or of slack strings: forces and rods' lengths show."""
     size, stiffness = newton.model.scale
     forces = float(np.abs(newton.tensions).max()) + float(np.abs(newton.rod_forces).max(initial=0.0))
     return bool(

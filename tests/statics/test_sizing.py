@@ -495,9 +495,9 @@ def test_a_rod_that_is_bent_is_refused() -> None:
 
 @pytest.mark.parametrize(("length", "load"), [(1.0, 1e-5), (1.0, 1e-2), (1.0, 1e6), (100.0, 1e-2), (100.0, 1e3)])
 def test_a_column_bears_itself(length: float, load: float) -> None:
-    """Half of its weight and the load press a column, P = F + M g/2, and buckling asks for M = c √P.
+    """Half of its weight and the load press a column, P = F + M g/2, and buckling needs M = c √P.
 
-    With c = 2 ρ ℓ² / √(π E) (a round bar: A = 2 ℓ √(P / π E)), M = c² g/4 + √((c² g/4)² + c² F); yield asks for less
+    With c = 2 ρ ℓ² / √(π E) (a round bar: A = 2 ℓ √(P / π E)), M = c² g/4 + √((c² g/4)² + c² F); yield needs less
     here, but where F is far above c² g².
     """
     rod = Rod("r", ("a", "b"), 1.0, 0.01, Support.pinned(0.0))

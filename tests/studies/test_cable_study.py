@@ -83,7 +83,7 @@ def test_at_the_second_resonance_phases_change_as_a_squared_and_amplitudes_as_it
     u + 3 s u' = 1 + i s |u|² u, so u = 1 + i s/4 - s²/28 - 0.0045 i s³ ..., and |u| = 1 - s²/224: what is linear in a²
     is across the motion. So the motions differ by φ = s/4 ~ a² times 1 - 0.12 φ², but amplitudes by -φ²/14 ~ a⁴.
 
-    Beside these there is c a² from other modes and from the geometry, which the smallest amplitude tells. To 10 %:
+    Beside these there is c a² from other modes and from the geometry, which the smallest amplitude shows. To 10 %:
     peaks are taken a quarter of a period before the end, where φ² ~ t⁶ is 6 · 0.27/45 = 4 % less; other modes are part
     of φ.
     """

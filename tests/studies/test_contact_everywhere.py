@@ -146,9 +146,9 @@ def test_validate_runs_in_mujoco_alone_and_says_so(scene: tmj.Scene) -> None:
 def test_compare_says_how_to_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for wrong in ([], ["--engine", "dae", "--reference", "ode"], ["--accuracy", "1e-4"]):
         assert main(["compare", "prism_drop", "--duration", "0.1", *wrong]) == 2
-        told = capsys.readouterr().err
-        assert "scene 'prism_drop' has contact, which MuJoCo alone simulates: there is no second engine" in told
-        assert "compare a.nc b.nc" in told
+        reported = capsys.readouterr().err
+        assert "scene 'prism_drop' has contact, which MuJoCo alone simulates: there is no second engine" in reported
+        assert "compare a.nc b.nc" in reported
     # As it says:
     for name, step in (("a", "1e-3"), ("b", "5e-4")):
         run = [

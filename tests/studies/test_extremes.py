@@ -237,7 +237,7 @@ def test_verdicts_on_how_a_run_ended(run: tmj.Trajectory) -> None:
     assert verdict(ended(error=StructureError("bad mass"))) is Verdict.UNDETECTED
     assert verdict(ended(replace(run, status=tmj.Status.INFEASIBLE, message=good))) is Verdict.STOPPED
     assert verdict(ended(replace(run, status=tmj.Status.INFEASIBLE, message="no"))) is Verdict.UNDETECTED
-    # Silent ends: NaN in what was recorded, a run that is shorter than asked for, time that jumps back.
+    # Silent ends: NaN in what was recorded, a run that is shorter than requested, time that jumps back.
     tensions = run.tensions.copy()
     tensions[3, 0] = np.nan
     assert verdict(ended(replace(run, tensions=tensions))) is Verdict.UNDETECTED
@@ -294,7 +294,7 @@ def test_a_string_that_lets_go_is_a_kink(run: tmj.Trajectory) -> None:
     assert not has_kinks(replace(run, tensions=tensions))
     assert not has_kinks(replace(run, tensions=0 * tensions))
     tensions[2, 0] = 0
-    # Where a damper would push a string has no tension, whatever the law asks of it.
+    # Where a damper would push a string has no tension, whatever the law commands.
     assert has_kinks(replace(run, tensions=tensions, force_densities=np.ones_like(run.force_densities)))
 
 
@@ -474,7 +474,7 @@ def test_a_reference_is_of_another_formulation_and_reports_its_doubt(engine: str
 
 @pytest.mark.parametrize("engine", ["dae rk4", "rk4", "ode dop853"])
 def test_a_formulation_that_is_wrong_at_every_step_shows(engine: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    # An engine that takes strings for twice as stiff converges smoothly, and only another formulation can tell.
+    # An engine that takes strings for twice as stiff converges smoothly, and only another formulation can show it.
     point, setup = next(one for one in setups_of(engine, Kind.STIFF) if task.run_extreme(one[0])["verdict"] == "right")
     true = setup.experiment.scene
     stiffer = true.with_(structure=true.structure.with_strings(stiffness=2 * true.structure.stiffness))
@@ -537,9 +537,9 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     words = "audit extremes --runs 4 --kinds spin bad_law --workers 1 --json --out"
     arguments = [*words.split(), str(out)]
     assert main(arguments) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told.pop("timing")["seconds"] > 0
-    assert json.loads((out / "extremes.json").read_text()) == told
+    reported = json.loads(capsys.readouterr().out)
+    assert reported.pop("timing")["seconds"] > 0
+    assert json.loads((out / "extremes.json").read_text()) == reported
     first = (out / "extremes.json").read_bytes()
     page = (out / "extremes.html").read_text()
     assert Kind.SPIN.value in page

@@ -139,9 +139,9 @@ def test_the_command(capsys: pytest.CaptureFixture[str]) -> None:
     words = "audit drift pinned_rod --steps 1000 --workers 1 --json --methods"
     arguments = [*words.split(), "dae normalize"]
     assert main(arguments) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["rows"][0]["method"] == "dae normalize"
-    assert set(told["setup"]) == {"scene", "steps", "timestep", "seed", "marks"}
+    reported = json.loads(capsys.readouterr().out)
+    assert reported["rows"][0]["method"] == "dae normalize"
+    assert set(reported["setup"]) == {"scene", "steps", "timestep", "seed", "marks"}
     assert main(["audit", "drift", "pinned_rod", "--steps", "1500"]) == 2
     assert main(["audit", "drift", "pinned_rod", "--workers", "0"]) == 2
     for bad in ({"steps": 10}, {"seed": -1}, {"methods": ["heun"]}):
@@ -156,15 +156,15 @@ def spinning_rod() -> tmj.Scene:
     return tmj.Scene(structure, initial_velocities=[[1.0, 0, 0], [-1.0, 0, 0]])
 
 
-@pytest.mark.parametrize(("steps", "told"), [(1000, False), (1300, True)])
-def test_a_run_whose_rods_drift_off_their_lengths_says_so_before_the_energy_does(steps: int, told: bool) -> None:
+@pytest.mark.parametrize(("steps", "reported"), [(1000, False), (1300, True)])
+def test_a_run_whose_rods_drift_off_their_lengths_says_so_before_the_energy_does(steps: int, reported: bool) -> None:
     """RK4 shrinks an oscillation at ω by (hω)⁶/144 a step: bᵀb by 2 n 0.2⁶/144, 8.9e-4 and 1.16e-3; so the energy."""
     engine = tmj.DAE(method=tmj.Method.RK4, timestep=0.1, drift=tmj.engines.Drift.MONITOR)
     run = tmj.simulate(spinning_rod(), None, engine, duration=steps * 0.1)
     assert run.reports["drift"] == pytest.approx(2 * steps * 0.2**6 / 144, rel=0.03)
     warnings = run.reports["warnings"]
-    assert len(warnings) == told
-    if told:
+    assert len(warnings) == reported
+    if reported:
         first = 0.1 * 1e-3 * 144 / (2 * 0.2**6)  # s, at which bᵀb is off by 1e-3: 112.5
         assert f"{run.reports['drift'] / 2:.2g} of it" in warnings[0]
         assert float(warnings[0].split("t = ")[1].split(" s")[0]) == pytest.approx(first, rel=0.03)

@@ -126,19 +126,19 @@ TROUBLES += [{"how": "well", "more": number} for number in range(8)]
 
 def check_troubles(study: Study) -> None:
     """What becomes of each trouble."""
-    told = {
+    reported = {
         point["how"]: (outcome.get("error"), outcome.get("reason"), "traceback" in outcome)
         for point, outcome in zip(study.points, study.outcomes, strict=True)
     }
-    assert told["well"] == (None, None, False)
-    assert told["infeasible"] == ("InfeasibleError", "no admissible u", False)
-    assert told["mistake"] == ("ZeroDivisionError", "division by zero", True)
-    assert told["exit"] == ("SystemExit", "leaving", True)
-    assert told["no dict"][:2] == ("OptionError", "the task returned a list; it must return a dict of plain values")
-    assert told["not plain"][0] == "OptionError"
-    assert "the task's result['x']['y']" in (told["not plain"][1] or "")
-    if "killed" in told:
-        assert told["killed"][0] == "WorkerDied"
+    assert reported["well"] == (None, None, False)
+    assert reported["infeasible"] == ("InfeasibleError", "no admissible u", False)
+    assert reported["mistake"] == ("ZeroDivisionError", "division by zero", True)
+    assert reported["exit"] == ("SystemExit", "leaving", True)
+    assert reported["no dict"][:2] == ("OptionError", "the task returned a list; it must return a dict of plain values")
+    assert reported["not plain"][0] == "OptionError"
+    assert "the task's result['x']['y']" in (reported["not plain"][1] or "")
+    if "killed" in reported:
+        assert reported["killed"][0] == "WorkerDied"
     assert all(outcome["status"] == "done" for outcome in study.outcomes[7:])
 
 
@@ -570,9 +570,9 @@ def test_a_full_disk_is_reported_with_the_file_and_nothing_finished_is_lost(tmp_
         "tmj.studies.run_many(study_tasks.noted, points, sys.argv[1], workers=here)\n"
     )
     command = [sys.executable, "-c", script, str(tmp_path / "study")]
-    told = subprocess.run(command, cwd=TESTS, capture_output=True, text=True, check=False)
-    assert "FormatError" in told.stderr.splitlines()[-1]
-    assert re.search(r"points\.jsonl: cannot be written \(File too large\); make room there", told.stderr)
+    reported = subprocess.run(command, cwd=TESTS, capture_output=True, text=True, check=False)
+    assert "FormatError" in reported.stderr.splitlines()[-1]
+    assert re.search(r"points\.jsonl: cannot be written \(File too large\); make room there", reported.stderr)
     whole = (tmp_path / "study" / store.POINTS).read_bytes().count(b"\n")
     assert 10 < whole < 60
     study = run_many(study_tasks.noted, points, tmp_path / "study", workers=HERE)

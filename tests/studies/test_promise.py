@@ -49,7 +49,7 @@ def without(whole: dict[str, Any], *names: str) -> dict[str, Any]:
 ROWS = (
     row(0),
     without(row(1, error=2e-6), "cost_ratio", "lucky_ratio"),  # beyond, by less than three times; not swept
-    row(2, error=BEYOND * 1e-6 * 1.01),  # silently beyond
+    row(2, error=BEYOND * 1e-6 * 1.01),  # beyond, reported as met
     row(3, error=1e-3, settled=False, met=False, estimate=1e-3),  # beyond, but says so; smooth
     row(4, cost_ratio=7.0, smooth=False, moved=9e-6),  # by less than ten times the request
     row(5, settled=False, met=False, smooth=False),
@@ -80,7 +80,7 @@ def test_failures_are_listed_with_what_they_broke() -> None:
     broken = {one["number"]: one["broken"] for one in Promise(ROWS, 1, None).failures}
     assert broken == {
         1: "beyond",
-        2: "beyond 3 times, silently",
+        2: "beyond 3 times, reported as met",
         3: "beyond, unsettled though smooth",
         7: "failed",
     }
@@ -190,7 +190,7 @@ def test_the_page_and_the_data(tmp_path: Path) -> None:
     page = write_promise(tmp_path, Promise(ROWS, 1, tmp_path))
     text = page.read_text(encoding="utf-8")
     assert "at a pole" in text
-    assert "beyond 3 times, silently" in text
+    assert "beyond 3 times, reported as met" in text
     data = json.loads((tmp_path / "promise.json").read_text(encoding="utf-8"))
     assert data["failures"] == [1, 2, 3, 7]
 

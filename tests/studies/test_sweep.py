@@ -150,7 +150,7 @@ def test_what_is_set_of_a_part_wins_over_what_is_set_of_the_whole() -> None:
 
 
 def test_equal_settings_give_equal_experiments_in_any_order() -> None:
-    # A scaled tension depends on the stiffness of a string that has a rest length; the point's key does not tell the
+    # A scaled tension depends on the stiffness of a string that has a rest length; the point's key does not have the
     # order of its settings, so the result must not depend on it.
     settings = {"structure.strings.tension": Scaled(1.5), "structure.strings.stiffness": Scaled(2.0)}
     settings["structure.strings.rest_length"] = Scaled(0.9)

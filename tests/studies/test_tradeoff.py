@@ -259,8 +259,8 @@ def test_a_held_experiment_is_measured_against_itself_and_its_distance_from_the_
     # Forces held for 50 ms are old by 25 ms on average: far more than what RK4 at 10 ms gets wrong of the held motion.
     (point,) = [one for one in held["points"] if one["family"] == "DAE RK4"]
     assert point["error"] < 1e-2 * floor["distance"]
-    told = study.data["timing"]["experiments"][held["key"]]["floor"]
-    assert "whatever the step; fine enough for it is DAE RK4, 10 ms" in told
+    reported = study.data["timing"]["experiments"][held["key"]]["floor"]
+    assert "whatever the step; fine enough for it is DAE RK4, 10 ms" in reported
 
 
 # ------------------------------------------------------------------------------------------------------ references
@@ -504,14 +504,14 @@ def test_a_sentence_names_the_cheapest_setting_and_how_fast_it_is() -> None:
     )
     walls = [0.1, 0.5, 0.25, 1.0, 0.01]
     timing = [{"real_time_factor": 10 / wall} for wall in walls]
-    told = {one["tolerance"]: one["text"] for one in sentence.advice(experiment, walls, timing)}
-    assert told[1e-2] == "for 1e-2 m use MuJoCo Euler, 1 ms: 100 x real time"
-    assert told[1e-4] == "for 1e-4 m use DAE RK4, 10 ms: 40 x real time; in MuJoCo RK4, 10 ms: 20 x real time"
-    assert told[1e-7] == "for 1e-7 m use DAE DOP853, rtol 1e-9: 10 x real time"
-    assert told[1e-8] == "for 1e-8 m: no setting of this sweep; the best is DAE DOP853, rtol 1e-9 with 2.1e-8 m"
+    reported = {one["tolerance"]: one["text"] for one in sentence.advice(experiment, walls, timing)}
+    assert reported[1e-2] == "for 1e-2 m use MuJoCo Euler, 1 ms: 100 x real time"
+    assert reported[1e-4] == "for 1e-4 m use DAE RK4, 10 ms: 40 x real time; in MuJoCo RK4, 10 ms: 20 x real time"
+    assert reported[1e-7] == "for 1e-7 m use DAE DOP853, rtol 1e-9: 10 x real time"
+    assert reported[1e-8] == "for 1e-8 m: no setting of this sweep; the best is DAE DOP853, rtol 1e-9 with 2.1e-8 m"
     counts = [one["evaluations"] for one in experiment["points"]]
-    told = {one["tolerance"]: one["text"] for one in sentence.advice(experiment, counts)}
-    assert told[1e-4] == "for 1e-4 m use MuJoCo RK4, 10 ms: 400 right-hand sides"
+    reported = {one["tolerance"]: one["text"] for one in sentence.advice(experiment, counts)}
+    assert reported[1e-4] == "for 1e-4 m use MuJoCo RK4, 10 ms: 400 right-hand sides"
 
 
 @settings(derandomize=True, deadline=None)
@@ -527,20 +527,20 @@ def test_what_is_recommended_completed_and_is_good_enough_even_if_the_reference_
         [(families[n % 3], f"{n} ms", error, count) for n, (error, count) in enumerate(drawn)], own
     )
     counts = [count for _, count in drawn]
-    for told in sentence.advice(experiment, counts):
-        if told["point"] is None:
-            assert not any(error is not None and error + own <= told["tolerance"] for error, _ in drawn)
+    for reported in sentence.advice(experiment, counts):
+        if reported["point"] is None:
+            assert not any(error is not None and error + own <= reported["tolerance"] for error, _ in drawn)
             continue
-        error, count = drawn[told["point"]]
+        error, count = drawn[reported["point"]]
         assert error is not None
-        assert error + own <= told["tolerance"]
-        assert count == min(c for e, c in drawn if e is not None and e + own <= told["tolerance"])
+        assert error + own <= reported["tolerance"]
+        assert count == min(c for e, c in drawn if e is not None and e + own <= reported["tolerance"])
         # The alternative in MuJoCo, where one is named, is as good.
-        if "; in MuJoCo" in told["text"]:
-            named = told["text"].partition("; in MuJoCo Euler, ")[2].partition(" ms")[0]
+        if "; in MuJoCo" in reported["text"]:
+            named = reported["text"].partition("; in MuJoCo Euler, ")[2].partition(" ms")[0]
             other = drawn[int(named)][0]
             assert other is not None
-            assert other + own <= told["tolerance"]
+            assert other + own <= reported["tolerance"]
 
 
 def test_below_the_references_own_error_the_front_has_one_point_the_cheapest() -> None:
@@ -555,15 +555,22 @@ def test_below_the_references_own_error_the_front_has_one_point_the_cheapest() -
         ]
         for cost, error in costs_and_errors
     ]
-    told = {"engine": "one", "own_error": 1e-6, "looser": None, "second_formulation": None, "motion": 0.2, "reason": ""}
+    reported = {
+        "engine": "one",
+        "own_error": 1e-6,
+        "looser": None,
+        "second_formulation": None,
+        "motion": 0.2,
+        "reason": "",
+    }
     experiment = spring_experiment()
     motion = Motion(np.zeros(1), experiment.scene.nodes0[None])
-    values, timing = result_of(experiment, reference.Reference(motion, told), None, chosen, records)
+    values, timing = result_of(experiment, reference.Reference(motion, reported), None, chosen, records)
     assert values["by_right_hand_sides"]["front"] == [0, 1]
     assert timing["front"] == [0, 1]
     assert [one["at_reference_floor"] for one in values["points"]] == [False, True, True]
-    told["own_error"] = 1e-9
-    values, timing = result_of(experiment, reference.Reference(motion, told), None, chosen, records)
+    reported["own_error"] = 1e-9
+    values, timing = result_of(experiment, reference.Reference(motion, reported), None, chosen, records)
     assert values["by_right_hand_sides"]["front"] == timing["front"] == [0, 1, 2]
 
 
@@ -593,12 +600,12 @@ def test_an_open_loop_is_shortened_until_its_reference_means_something(
     errors = iter(own)
     moving = Motion(np.array([0.0, 1.0]), np.stack([np.zeros((1, 3)), np.full((1, 3), START)]))
 
-    def told(experiment: Experiment, *_: Any) -> reference.Reference:
+    def reported(experiment: Experiment, *_: Any) -> reference.Reference:
         error = next(errors)
         motion = moving if math.isfinite(error) else None
         return reference.Reference(motion, {"own_error": error if motion else None, "motion": START})
 
-    monkeypatch.setattr(module, "_reference", told)
+    monkeypatch.setattr(module, "_reference", reported)
     experiment, _ = module._shortened(spring_experiment(), TradeoffOptions(), None)  # type: ignore[arg-type]
     assert experiment.duration == taken
     assert ("Shortened from 2 s" in experiment.note) == (taken < 2)
@@ -607,8 +614,8 @@ def test_an_open_loop_is_shortened_until_its_reference_means_something(
 def test_without_a_reference_or_a_run_the_sentence_has_the_reason() -> None:
     experiment = experiment_of([("MuJoCo RK4", "30 ms", None, 1)])
     experiment["points"][0]["reason"] = "30 ms does not divide 1 s"
-    (told,) = sentence.advice(experiment, [1])
-    assert told["text"] == "for 1e-2 m: no setting completed (30 ms does not divide 1 s)"
+    (reported,) = sentence.advice(experiment, [1])
+    assert reported["text"] == "for 1e-2 m: no setting completed (30 ms does not divide 1 s)"
     long = tradeoff(spring_scene(), options=TradeoffOptions(loops=[Loop.OPEN], duration=1e9, repeats=1))
     (text,) = long.sentences
     assert text.startswith("open loop: no reference: the run would record")
@@ -658,8 +665,8 @@ def test_steps_that_no_run_can_have_are_refused() -> None:
 
 def test_the_reference_is_part_of_every_bound() -> None:
     experiment = experiment_of([("MuJoCo RK4", "1 ms", 6e-4, 10)], own=5e-4)
-    told = {one["tolerance"]: one["point"] for one in sentence.advice(experiment, [10])}
-    assert told == {1e-2: 0, 1e-3: None}
+    reported = {one["tolerance"]: one["point"] for one in sentence.advice(experiment, [10])}
+    assert reported == {1e-2: 0, 1e-3: None}
 
 
 # ------------------------------------------------------------------------------------------------------ the command

@@ -153,7 +153,7 @@ def test_masses_are_off_in_the_plant_alone(report: Any, pinned_rod: Any) -> None
 def test_a_stiffer_string_pulls_harder_than_commanded(report: Any, pinned_rod: Any) -> None:
     _, values = point(report, "stiffness", 1)
     nominal = report.data["nominal"]["engines"]["mujoco"]
-    # At t = 0 the law asks for the same u, and the string pulls k/k̂ = 1.2 times as hard.
+    # At t = 0 the law commands the same u, and the string pulls k/k̂ = 1.2 times as hard.
     ratio = values["peaks"]["force_density"]["value"] / nominal["peaks"]["force_density"]["value"]
     assert ratio == pytest.approx(1.2, rel=1e-12)
 

@@ -81,7 +81,7 @@ def test_other_towers_and_other_seas() -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "reported"),
     [
         ({"wave_height": -1.0}, "wave_height = -1.0; it must be >= 0 m"),
         ({"wavelength": 0.0}, "wavelength"),
@@ -91,8 +91,8 @@ def test_other_towers_and_other_seas() -> None:
         ({"stages": 0}, "stages = 0"),
     ],
 )
-def test_bad_arguments_are_refused_in_words(given: dict[str, Any], told: str) -> None:
-    with pytest.raises(OptionError, match=told):
+def test_bad_arguments_are_refused_in_words(given: dict[str, Any], reported: str) -> None:
+    with pytest.raises(OptionError, match=reported):
         tower_in_waves(**given)
 
 
@@ -287,8 +287,8 @@ def made_up(scale: float = 1.0) -> dict[str, BeamRun]:
 
 
 def verdicts(runs: dict[str, BeamRun]) -> dict[str, Verdict]:
-    asked = [one for one in STATEMENTS if one.needs == ("waves",)]
-    return {row.statement.id: row.verdict for row in judge(asked, Computed({EngineName.DAE: runs}))}
+    requested = [one for one in STATEMENTS if one.needs == ("waves",)]
+    return {row.statement.id: row.verdict for row in judge(requested, Computed({EngineName.DAE: runs}))}
 
 
 def test_rows_of_the_ledger_distinguish_the_thesis_from_what_is_not() -> None:
@@ -347,7 +347,7 @@ def test_a_sweep_makes_the_familys_scene_anew() -> None:
 
 
 @pytest.mark.parametrize(
-    ("scene", "path", "value", "told"),
+    ("scene", "path", "value", "reported"),
     [
         ("tower(stages=3)", "family.stage", 3, "unknown argument 'stage'"),
         ("tower(stages=3)", "family.stages", 0, "stages = 0"),
@@ -358,9 +358,9 @@ def test_a_sweep_makes_the_familys_scene_anew() -> None:
     ],
 )
 def test_arguments_that_mean_nothing_are_refused_before_anything_runs(
-    scene: str, path: str, value: Any, told: str
+    scene: str, path: str, value: Any, reported: str
 ) -> None:
-    with pytest.raises(OptionError, match=told):
+    with pytest.raises(OptionError, match=reported):
         Sweep(scene, fixed={path: value})
 
 

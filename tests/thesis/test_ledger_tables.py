@@ -106,12 +106,12 @@ def test_rows_say_what_was_chosen() -> None:
 
 def test_no_row_is_a_repeat() -> None:
     """The same measure of the same runs against the same band is one row."""
-    asked = Counter(
+    requested = Counter(
         (one.needs, one.measure, json.dumps(dict(one.arguments), sort_keys=True), one.accepted)
         for one in STATEMENTS
         if one.measure and not one.unjudged
     )
-    assert [key for key, times in asked.items() if times > 1] == []
+    assert [key for key, times in requested.items() if times > 1] == []
 
 
 def test_a_band_that_accepts_whatever_the_axis_shows_judges_nothing() -> None:
@@ -340,7 +340,7 @@ def test_what_rows_notice_is_found_and_kept(tmp_path: Path, monkeypatch: pytest.
     made = sensitivity.sensitivity(["6.8"], tmp_path, file, sizes=(10,), workers=HERE)
     assert "mass" not in made["rows"]["6.8-similar"]
     assert made["rows"]["6.9-similar"]["mass"] == 10
-    assert made["rows"]["5.4-uniform"] == {"mass": 1}  # rows that are not asked stay
+    assert made["rows"]["5.4-uniform"] == {"mass": 1}  # rows that are not requested stay
     assert "gone" not in made["rows"]
 
     def nothing(*arguments: object) -> None:
@@ -352,8 +352,8 @@ def test_what_rows_notice_is_found_and_kept(tmp_path: Path, monkeypatch: pytest.
 
 def test_the_table_of_errors_is_of_rows_that_are_studied(monkeypatch: pytest.MonkeyPatch) -> None:
     table = json.loads(noticed.FILE.read_text(encoding="utf-8"))
-    asked = {one.id for one in sensitivity.evidence(STATEMENTS)}
-    assert set(table["rows"]) <= asked
+    requested = {one.id for one in sensitivity.evidence(STATEMENTS)}
+    assert set(table["rows"]) <= requested
     for name, found in table["rows"].items():
         assert set(found) <= {quantity.value for quantity in Quantity}, name
         assert set(found.values()) <= set(sensitivity.SIZES), name

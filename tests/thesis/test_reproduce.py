@@ -361,19 +361,19 @@ def test_figures_are_drawn_from_one_engine_too(made: Reproduction) -> None:
 
 
 def test_a_second_call_computes_nothing_and_damage_is_repaired(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[str] = []
+    requested: list[str] = []
     real = simulate_experiment
 
     def counted(experiment: object, engine: EngineName, disturbance: Disturbance | None) -> Trajectory:
-        asked.append(experiment.name)  # type: ignore[attr-defined]
+        requested.append(experiment.name)  # type: ignore[attr-defined]
         return real(experiment, engine, disturbance)  # type: ignore[arg-type]
 
     monkeypatch.setattr(runs, "simulate_experiment", counted)
 
     def call(disturbance: Disturbance | None = None) -> tuple[list[str], Trajectory]:
-        asked.clear()
+        requested.clear()
         found = run_experiments(["prism"], [EngineName.DAE], tmp_path, disturbance=disturbance, workers=HERE)
-        return list(asked), found.runs[EngineName.DAE]["prism"]
+        return list(requested), found.runs[EngineName.DAE]["prism"]
 
     first = call()
     again = call()

@@ -133,9 +133,10 @@ def test_what_cannot_be_judged_is_said_and_counted() -> None:
     rows = judge(unjudged, Computed({engine: {} for engine in BOTH}))
     assert {row.verdict for row in rows} == {Verdict.UNJUDGED}
     assert counts(rows)["cannot be judged"] == len(rows)
-    asked = sum(one.kind is Class.STATEMENT for one in unjudged)
-    assert f"{asked} of its statements: 0 come out, 0 differ (0 without a known cause), {asked} cannot be" in summary(
-        rows
+    requested = sum(one.kind is Class.STATEMENT for one in unjudged)
+    assert (
+        f"{requested} of its statements: 0 come out, 0 differ (0 without a known cause), {requested} cannot be"
+        in summary(rows)
     )
     text = markdown(rows)
     assert "not in the thesis" in text

@@ -58,7 +58,7 @@ def test_names_differ_and_all_studies_are_needed() -> None:
 def test_rows_stand_beside_the_engines_that_know_of_them() -> None:
     one = next(row for row in STATEMENTS if row.id == "C.3-TB1-initial")
     assert (one.chapter, one.columns, one.figure) == ("C", BOTH, "C.3")
-    with pytest.raises(OptionError, match=r"none of dae knows of C\.3"):
+    with pytest.raises(OptionError, match=r"none of dae computes C\.3"):
         reproduce(["C.3"], engines=[EngineName.DAE])
 
 

@@ -315,13 +315,13 @@ def test_a_loop_far_below_the_limit_is_passed_without_eigenvalues(monkeypatch: p
     limit = stable_step(scene, tmj.MuJoCo(), law=law).limit
 
     def never(*_: object) -> None:
-        raise AssertionError("eigenvalues were asked for")
+        raise AssertionError("eigenvalues were requested")
 
     monkeypatch.setattr(np.linalg, "eigvals", never)
     run = tmj.simulate(scene, law, tmj.MuJoCo(0.05 * limit), duration=0.1 * limit)
     assert run.reports["stability"] == {"step": 0.05 * limit, "checked": True, "exceeded": False}
     beyond, _ = before_run(scene, tmj.MuJoCo(1.01 * limit), native_law(law, scene.structure), Actuation.continuous())
-    assert beyond == {"step": 1.01 * limit, "checked": False, "reason": "AssertionError: eigenvalues were asked for"}
+    assert beyond == {"step": 1.01 * limit, "checked": False, "reason": "AssertionError: eigenvalues were requested"}
 
 
 def test_what_chooses_its_steps_is_not_checked() -> None:
@@ -607,7 +607,7 @@ def test_points_of_random_structures_are_the_same_each_time_and_no_two_alike() -
 
 
 def test_what_differs_is_explained() -> None:
-    # Strings without tension pull during half of a motion: measured is what no linear model tells.
+    # Strings without tension pull during half of a motion: measured is what no linear model shows.
     structure = tmj.load_scene("cross").structure
     found = compared(Scene(structure), "euler")
     assert abs(found["ratio"] - 1) > AGREEMENT

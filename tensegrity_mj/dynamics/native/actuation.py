@@ -1,4 +1,4 @@
-"""The law and the winches, compiled: asking, sampling, limits, rest lengths, their work, breaks."""
+"""The law and the winches, compiled: evaluation, sampling, limits, rest lengths, their work, breaks."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _limit_command(table: int) -> None:
 
 
 @borrowing
-def ask_law(table: int, t: float) -> int:
+def evaluate_law(table: int, t: float) -> int:
     """Evaluate the law at the current nodes into the command; SOLVED, NO_SOLUTION, FAILED or NOT_FINITE."""
     plant = PlantView(table)
     command = plant.command
@@ -49,7 +49,7 @@ def ask_law(table: int, t: float) -> int:
 
 @borrowing
 def command_as_lengths(table: int, out: Any) -> None:
-    """Write the rest lengths that the command asks for at the current lengths."""
+    """Write the rest lengths of the command at the current lengths."""
     plant = PlantView(table)
     command, compliance, lengths = plant.command, plant.compliance, plant.lengths
     if plant.returns_lengths:
@@ -61,11 +61,11 @@ def command_as_lengths(table: int, out: Any) -> None:
 
 @borrowing
 def set_rest_lengths(table: int, t: float) -> int:
-    """Rest lengths at this stage, from the law or from what is held; returns the law's status if it was asked."""
+    """Rest lengths at this stage, from the law or from what is held; returns the law's status if it was evaluated."""
     plant = PlantView(table)
     rest, held = plant.rest, plant.held
     if plant.mode == CONTINUOUS and not plant.suspended:
-        status = ask_law(table, t)
+        status = evaluate_law(table, t)
         if status == SOLVED:
             command_as_lengths(table, rest)
         else:
@@ -130,7 +130,7 @@ def take_sample(table: int, t: float) -> int:
     held, rest = plant.held, plant.rest
     set_rest_lengths(table, t)  # those in force until now
     work, before = winch_work(table, 0.0), string_energy(table)
-    status = ask_law(table, t)
+    status = evaluate_law(table, t)
     if status != SOLVED:
         copy(rest, held)
         plant.holds_force_density = 0

@@ -98,7 +98,7 @@ c_functions: list[CFunction] = []  # of all modules that are imported
 
 
 class CFunction:
-    """A C function, compiled when its address is first asked for, unless it is kept.
+    """A C function, compiled when its address is first needed, unless it is kept.
 
     Attributes:
         what: it is, in words.

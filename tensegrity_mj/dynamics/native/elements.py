@@ -111,7 +111,7 @@ def let_act(table: int, t: float) -> Any:
 
 @borrowing
 def known_forces(known: int, t: float, nodes: Any, velocities: Any, forces: Any, added: Any) -> int:
-    """Set forces on nodes (N, 3; more rows are zero) and α (R, 4) of rods to those of what a law knows of; a status.
+    """Set forces on nodes (N, 3; more rows are zero) and α (R, 4) of rods to what a law accounts for; a status.
 
     `known` is the address of a table: how many there are, and function and context of each. Only those that have no
     state can be known of.
@@ -278,9 +278,9 @@ def called_back(element: Element, scene: Scene, failures: Failures) -> NativeEle
             if S:
                 view(own[_PLACES["rates"]], S)[:] = rated(element, scene, time, x, v, *state)
             if element.work is Work.LOST or (S and element.work is Work.STORED):
-                tell = element.given if element.work is Work.LOST else element.lost
+                report = element.given if element.work is Work.LOST else element.lost
                 ctypes.c_double.from_address(effect + 8 * _PLACES["given"]).value = float(
-                    tell(scene, time, x, v, *state)
+                    report(scene, time, x, v, *state)
                 )
         except BaseException as error:
             if not failures:

@@ -106,7 +106,7 @@ def base_name(function: Any) -> str:
 def entry_name(function: Any, use: str, options: dict[str, Any], compiler: str | None = None) -> str | None:
     """<function>.<use>.<digest>: what an entry is for, and what it is made of. None where another process cannot know.
 
-    `use` has the signature and the processor, and what else tells entries of a function that exist side by side; the
+    `use` has the signature and the processor, and what else separates entries of a function side by side; the
     `compiler` is the one that is installed, unless it does not matter.
     """
     content = digest(function)
@@ -170,16 +170,16 @@ class Code:
         head, _, content = entry.partition(b"\n")
         if not head.startswith(_HEAD):
             raise ValueError("no entry")
-        told = json.loads(head.removeprefix(_HEAD))
-        if told["size"] != len(content) or told["hash"] != hashed(content):
+        header = json.loads(head.removeprefix(_HEAD))
+        if header["size"] != len(content) or header["hash"] != hashed(content):
             raise ValueError("damaged")
-        return cls(told["symbol"], told["externals"], content)
+        return cls(header["symbol"], header["externals"], content)
 
     def entry(self) -> bytes:
         """Itself, as a file holds it."""
-        told: dict[str, Any] = {"symbol": self.symbol, "externals": self.externals}
-        told |= {"size": len(self.content), "hash": hashed(self.content)}
-        return _HEAD + json.dumps(told).encode() + b"\n" + self.content
+        header: dict[str, Any] = {"symbol": self.symbol, "externals": self.externals}
+        header |= {"size": len(self.content), "hash": hashed(self.content)}
+        return _HEAD + json.dumps(header).encode() + b"\n" + self.content
 
     def load(self) -> int:
         """Link it into the process; gives the address of the function, 0 where it needs what is not there."""

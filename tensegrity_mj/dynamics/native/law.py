@@ -49,13 +49,13 @@ class Law(Protocol):
 
 
 class Report(enum.IntEnum):
-    """What a law may tell of each evaluation besides its command; each is recorded, NaN where the law has none."""
+    """What a law may report of each evaluation besides its command; each is recorded, NaN where the law has none."""
 
     FEASIBILITY_MARGIN = 0  # an admissible solution exists while it is > 0
     LYAPUNOV = 1  # V
     LYAPUNOV_ERROR = 2  # the terms of V in the errors alone
     LYAPUNOV_VELOCITY = 3  # the terms of V with velocities
-    ALLOCATION_RESIDUAL = 4  # largest violation of what was asked of the strings
+    ALLOCATION_RESIDUAL = 4  # largest violation of what was required of the strings
 
 
 # What a native law returns.
@@ -73,13 +73,13 @@ class NativeLaw:
         discontinuous: why it cannot run continuously, or "".
         period: [s] that a sampled recording must be played with, or None.
         until: [s] at which a recording ends, or None.
-        gravity: [m/s²] that it knows of, or None if it has no such notion.
-        known: what acts on nodes besides, that it knows of: loads, resistance, water, elements.
+        gravity: [m/s²] that it accounts for, or None if it has no such notion.
+        known: what acts on nodes besides, that it accounts for: loads, resistance, water, elements.
         decay_rate: δ [1/s] of the V̇ = -δ V that it promises, or None if it promises none.
         failure: the exception of a Python law that failed with FAILED, in a list of at most one.
-        reason: why a Python law had no solution when it was last asked, in a list of at most one text.
+        reason: why a Python law had no solution when it was last called, in a list of at most one text.
         spent: of a Python law: how often it was called, and the seconds that it took, in a list of two.
-        stateless: its answer depends on its arguments alone, and threads may ask it at the same time.
+        stateless: its answer depends on its arguments alone, and threads may call it at the same time.
     """
 
     address: int
@@ -178,7 +178,7 @@ def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLa
 
     def call(time: float, nodes: int, velocities: int, context: int, out: int, report: int) -> int:
         if getattr(here, "inside", False) or (failure and not isinstance(failure[0], Exception)):
-            # Asked within itself, by a simulation that it steps; or after an interrupt, which shall come to be heard.
+            # Called within itself, by a simulation that it steps; or after an interrupt, which shall come to be heard.
             if not failure:
                 failure.append(RuntimeError("it was called within itself: it steps a simulation that it controls"))
             return FAILED
@@ -198,8 +198,8 @@ def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLa
                 view(out, (size,))[:] = value
             except InfeasibleError as error:
                 reason[:], status = [str(error)], NO_SOLUTION
-            told = getattr(law, "report", None)
-            view(report, (len(Report),))[:] = np.nan if told is None else told
+            reported = getattr(law, "report", None)
+            view(report, (len(Report),))[:] = np.nan if reported is None else reported
             return status
         except BaseException as error:
             if not failure:
@@ -221,5 +221,5 @@ def _python_law(law: Callable[..., ArrayLike], structure: Structure) -> NativeLa
         failure=failure,
         reason=reason,
         spent=spent,
-        stateless=True,  # as docs/laws.md asks; Python takes one thread at a time
+        stateless=True,  # as docs/laws.md requires; Python takes one thread at a time
     )

@@ -4,7 +4,7 @@ A string pulls where its margin min(k s, k s + c ds/dt) > 0, with its stretch s 
 must not outweigh it. What is known of the strings at a time is `look`ed up after the engine has set lengths, rates and
 rest lengths, in an array (3, M) of margins [N], stretches [m] and their rates [m/s]. Slack strings stay so while the
 instant of a change is searched, so that no stage of a trial sees the force that is yet to come. A law at every stage
-must be asked once more for it in each trial. Strings that it lets go have a margin of 0, which says nothing of when
+must be evaluated once more for it in each trial. Strings that it lets go have a margin of 0, which says nothing of when
 it will have them pull again: there, the time is halved.
 
 A step, or what is left of one, goes with a `Search`
@@ -36,7 +36,7 @@ MOST_TRIALS = 40  # for one instant
 SECANTS = 8  # after so many of them, every other trial halves where the instant may lie
 # To what part ε of the step an instant is located: past a kink, a step errs by a part of h² ε, past a jump, of h ε.
 # Where a kink lies off the chord between the ends of the step by a part δ of it, δ falls as h does, and the step
-# errs by a part of h² δ² all the same: ε is some of δ². A law costs more to ask, and nothing is known of its slopes.
+# errs by a part of h² δ² all the same: ε is some of δ². A law costs more, and nothing is known of its slopes.
 JUMP_WITHIN, LAW_WITHIN = 1e-8, 1e-3
 KINK_LEAST, KINK_MOST, KINK_PART = 1e-6, 1e-2, 0.3
 HALVINGS = 40  # for the root of a cubic
@@ -85,14 +85,14 @@ def _look(plant: Any, out: Any) -> None:
 
 
 @inlined
-def _asks(plant: Any) -> bool:
+def _follows_law(plant: Any) -> bool:
     return plant.mode == CONTINUOUS and not plant.suspended
 
 
 @borrowing
-def asks(table: int) -> bool:
-    """Whether rest lengths follow a law that must be asked."""
-    return _asks(PlantView(table))
+def follows_law(table: int) -> bool:
+    """Whether rest lengths follow a law that must be evaluated."""
+    return _follows_law(PlantView(table))
 
 
 @borrowing
@@ -156,7 +156,7 @@ def _cubic_root(s0: float, s1: float, d0: float, d1: float) -> float:
 def _turn(plant: Any, search: Any, h: float) -> float:
     """The part of a step after which a string turns back that was taut, or slack, for a moment within; 1 for none."""
     broken, start, end, first = plant.broken, search.strings[START], search.strings[ABOVE], 1.0
-    if _asks(plant) or plant.holds_force_density:
+    if _follows_law(plant) or plant.holds_force_density:
         return first
     for m in range(len(broken)):
         s0, s1, d0, d1 = start[STRETCH, m], end[STRETCH, m], h * start[SPEED, m], h * end[SPEED, m]
@@ -202,7 +202,7 @@ def _within(plant: Any, m: int, slack: bool, off_chord: float) -> float:
     """To what part of a step the instant of a string must be known."""
     if _jumps(plant, m, slack):
         return JUMP_WITHIN
-    if _asks(plant):
+    if _follows_law(plant):
         return LAW_WITHIN
     return min(max(KINK_PART * off_chord * off_chord, KINK_LEAST), KINK_MOST)
 
@@ -210,7 +210,7 @@ def _within(plant: Any, m: int, slack: bool, off_chord: float) -> float:
 @inlined
 def _by_stretch(plant: Any, m: int, slack: bool) -> bool:
     """Whether a string changes where its stretch does, the rate of which is known."""
-    if _asks(plant) or plant.holds_force_density:
+    if _follows_law(plant) or plant.holds_force_density:
         return False
     return slack or plant.damping[m] == 0.0
 

@@ -1,4 +1,4 @@
-"""The option `accuracy` of engines, checked without importing the search that it asks for."""
+"""The option `accuracy` of engines, checked without importing the search that it requests."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 from tensegrity_mj.basics.fields import refused
 from tensegrity_mj.basics.kinds import number
 
-LEAST, MOST = 1e-10, 1e-2  # m, what may be asked for
+LEAST, MOST = 1e-10, 1e-2  # m, what may be requested
 ACCURACY = number(f"from {LEAST:g} to {MOST:g} m", lambda x: LEAST <= x <= MOST)
 
 

@@ -155,7 +155,7 @@ def find(accuracy: float, ways: Sequence[Way], request: Request) -> Trajectory:
             continue
         if spent + cost - way.ladder.spent > MOST_EVALUATIONS:
             reason = (
-                f"{accuracy:g} m would take more than the {MOST_EVALUATIONS:g} evaluations that are allowed; ask for "
+                f"{accuracy:g} m would take more than the {MOST_EVALUATIONS:g} evaluations that are allowed; request "
                 "less, or shorten the run"
             )
             break
@@ -243,10 +243,10 @@ def _reported(accuracy: float, found: Way, tried: Sequence[tuple[Way, Rung]], re
     }
     if not settled:
         run.reports["warnings"].append(
-            f"the error is not known: {why}; the best estimate is {value:.2g} m, {accuracy:g} m were asked for"
+            f"the error is not known: {why}; the best estimate is {value:.2g} m, {accuracy:g} m were requested"
         )
     elif not met:
-        run.reports["warnings"].append(f"the error is {value:.2g} m, {accuracy:g} m were asked for: {why}")
+        run.reports["warnings"].append(f"the error is {value:.2g} m, {accuracy:g} m were requested: {why}")
     cost = {name: total.get(name, number) for name, number in run.cost.items()}
     provenance = run.provenance | {"engine": run.provenance["engine"] | {"accuracy": accuracy}}
     return replace(run, cost=cost, provenance=provenance, engine=f"{run.engine}, chosen for {accuracy:g} m")

@@ -9,7 +9,7 @@ from tensegrity_mj.engines.driving import DEFAULT_INTERVAL
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError
 
-COARSEST = 0.1  # s; steps are begun with here, where nothing asks for less
+COARSEST = 0.1  # s; steps are begun with here, where nothing requires less
 FEWEST_STEPS = 20  # of the coarsest run
 AS_ONE = 1e-9  # relative: what `whole_ratio` takes for a multiple
 FINEST = 1e-6  # of the duration: times whose common divisor is less have none
@@ -23,7 +23,7 @@ class Steps:
         unit: [s], the coarsest. A finer run records all times that a coarser one does, so that what is wrong for a
             moment only is compared too.
         duration: [s].
-        interval: [s] between samples where the caller asked for it, or None.
+        interval: [s] between samples where the caller requested it, or None.
     """
 
     unit: float

@@ -96,8 +96,8 @@ def _stage(table: int, now: Moment) -> int:
     _move_supports(table, now)
     given, spent = _let_elements_act(table, now)
     sampled = _begin_strings(table, now)
-    asked, stored, lost = _set_strings(table, now)
-    if asked <= NO_SOLUTION and sampled <= NO_SOLUTION and not set_controls(table):
+    answer, stored, lost = _set_strings(table, now)
+    if answer <= NO_SOLUTION and sampled <= NO_SOLUTION and not set_controls(table):
         return LOST_CONTROL
     if run.wet_rods > 0:
         given += add_mass(table)
@@ -105,11 +105,11 @@ def _stage(table: int, now: Moment) -> int:
     given += _support_power(table, now)
     lost += (0.5 if now.one_stage else 1.0) * spent
     if now.begins:
-        ended = _account_step(table, now, sampled, asked)
+        ended = _account_step(table, now, sampled, answer)
         if ended != RUNNING:
             return ended
-    elif asked > NO_SOLUTION:
-        return asked
+    elif answer > NO_SOLUTION:
+        return answer
     if run.status != 0:
         return run.status
     _count(table, now, stored, lost, given)
@@ -274,12 +274,12 @@ def _set_strings(table: int, now: Moment) -> tuple[int, float, float]:
     if run.string_count == 0:
         return SOLVED, 0.0, 0.0
     if run.answered:
-        asked = run.answered - 1
+        answer = run.answered - 1
         run.answered = 0
     else:
-        asked = set_rest_lengths(table, now.time)
+        answer = set_rest_lengths(table, now.time)
     stored, lost = tighten_strings(table)
-    return asked, stored, lost
+    return answer, stored, lost
 
 
 @borrowing
@@ -307,7 +307,7 @@ def set_controls(table: int) -> bool:
 
 
 @borrowing
-def _account_step(table: int, now: Moment, sampled: int, asked: int) -> int:
+def _account_step(table: int, now: Moment, sampled: int, answer: int) -> int:
     """At the start of a step, by what the law answered: the ledger's start, what is impossible, and a row.
 
     Returns how the run has ended, or RUNNING.
@@ -317,7 +317,7 @@ def _account_step(table: int, now: Moment, sampled: int, asked: int) -> int:
         start_ledger(table)
         if run.motion_count > 0:
             run.work[2] -= carried(run)
-    status = sampled if run.ratio > 0 else asked
+    status = sampled if run.ratio > 0 else answer
     if run.string_count > 0:
         fresh = now.step % run.ratio == 0 if run.ratio > 0 else run.mode == CONTINUOUS
         watch_strings(table, now.time, fresh and status == SOLVED)

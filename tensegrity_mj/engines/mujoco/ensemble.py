@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.engines.mujoco.engine import MuJoCo
 
 
-TOKEN = 0.7390851332151607  # tells userdata of ours from any other
+TOKEN = 0.7390851332151607  # separates userdata of ours from any other
 
 
 class MuJoCoEnsemble:

@@ -2,7 +2,7 @@
 
 MuJoCo knows the forces of a state after its control callback has returned, and none between the bodies of a tree. So
 a run of rods that share nodes records its states; afterwards MuJoCo solves for each again, with the same tensions,
-loads and drives, and tells the accelerations of the nodes and the forces of the constraints, which are rigid here: the
+loads and drives, and gives the accelerations of the nodes and the forces of the constraints, which are rigid here: the
 soft ones of a run lack a part of their force as long as a gap is closed, and ring in its stages. The force f on a rod
 where it hangs then follows from its own motion, m (c̈ - g) = f + what else acts on it, from the rods that hang last to
 the roots.
@@ -29,7 +29,7 @@ REDUNDANT = 1e-12  # of the largest singular value: below it, a constraint says 
 
 
 class JointForces:
-    """What recorded states (T, nq + nv) of a run tell about its rods and joints."""
+    """What recorded states (T, nq + nv) of a run show of its rods and joints."""
 
     def __init__(self, scene: Scene, tree: BodyTree, model: mujoco.MjModel, supports: Supports | None) -> None:
         self.scene, self.tree, self.model, self.supports = scene, tree, model, supports

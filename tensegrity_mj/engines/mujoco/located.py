@@ -20,9 +20,9 @@ from tensegrity_mj.dynamics.native.pointers import address_of, borrowing, intege
 from tensegrity_mj.dynamics.native.slack import (
     JUMP_WITHIN,
     MOST_SPLITS,
-    asks,
     begin_search,
     end_search,
+    follows_law,
     look_at_end,
     look_at_start,
     look_at_trial,
@@ -100,13 +100,13 @@ def after_last_stage(table: int, t: float, h: float, search: int) -> float:
     The last stage's work is counted.
     """
     _count_constraints(table)
-    if asks(table) and not read_nodes(table):
+    if follows_law(table) and not read_nodes(table):
         return UNKNOWN
     answer = set_rest_lengths(table, t)
     if answer > NO_SOLUTION:
         return UNKNOWN
     part = look_at_end(table, search, h)
-    if part == 0.0 and asks(table):
+    if part == 0.0 and follows_law(table):
         RunView(table).answered = 1 + answer
     return part
 
@@ -125,7 +125,7 @@ class LocatedRun(MuJoCoRun):
     """One run whose steps are split.
 
     Raises:
-        OptionError: for a scene with contact, whose forces jump at instants that no string tells.
+        OptionError: for a scene with contact, whose forces jump at instants that no string shows.
     """
 
     def __init__(self, options: MuJoCo, request: Request) -> None:
@@ -255,7 +255,7 @@ class LocatedRun(MuJoCoRun):
             mujoco.mj_kinematics(self.model, self.data)
             mujoco.mj_comPos(self.model, self.data)
             mujoco.mj_comVel(self.model, self.data)
-            self._evaluations += asks(table)
+            self._evaluations += follows_law(table)
             if not after_trial(table, t + part * h, part, search):
                 return
 

@@ -1,13 +1,13 @@
 """The control callbacks for many simulations on many threads, and for a law without a run.
 
 Where `callback` finds the one run by the address of its MjData, here an MjData serves many simulations in turn
-(`mujoco.batch`, `mujoco.rollout`). Two ways to tell what to do:
+(`mujoco.batch`, `mujoco.rollout`). Two ways to control it:
 
 many runs      each simulation has a table of its own, as a single run has, and its number in MjData.userdata; the
-               table is told where this MjData has its arrays before each stage.
+               table is given where this MjData has its arrays before each stage.
 a law alone    nothing is kept from stage to stage: a copy of one table, with scratch of its own, lies on the stack.
 
-Both leave any other model alone, by the signature and the sizes of mjModel. These tell what a model is built of, not
+Both leave any other model alone, by the signature and the sizes of mjModel. These show what a model is built of, not
 its numbers; so a law alone also compares the strings, whose stiffness and rest lengths turn its answers into controls.
 """
 
@@ -18,7 +18,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from tensegrity_mj.dynamics.native.actuation import ask_law, command_as_lengths
+from tensegrity_mj.dynamics.native.actuation import command_as_lengths, evaluate_law
 from tensegrity_mj.dynamics.native.compiling import c_function
 from tensegrity_mj.dynamics.native.elements import lend_room, let_act, room_of_elements
 from tensegrity_mj.dynamics.native.law import FAILED, SOLVED
@@ -49,7 +49,7 @@ OTHER_STRINGS, ANSWER_COUNT = 4, 5  # places of the answers, after those of a la
 # What a law alone writes of a run's table: room on the stack is lent to it.
 LENT = ("nodes", "velocities", "forces", "command", "rest", "force_range", "report", "tensions", "elastic", "moved")
 GUIDE: dict[str, Any] = {
-    # How a model is told: numbers of mjModel, each with where it is there.
+    # How a model is recognized: numbers of mjModel, each with where it is there.
     **{name: "size" for one in ("signature", "strings", "sites", "bodies", "userdata") for name in (one, f"{one}_at")},
     "gains_at": "size",
     "biases_at": "size",
@@ -112,7 +112,7 @@ def _has_our_strings(guide: Any, model: int) -> bool:
 
 @inlined
 def _bind(guide: Any, table: int, data: int) -> None:
-    """Tell a table where an MjData has its arrays."""
+    """Set in a table where an MjData has its arrays."""
     fields, words = guide.fields, integers(table, TABLE_SIZE)
     for n in range(len(fields)):
         words[fields[n, 0]] = _at(data, fields[n, 1])
@@ -161,7 +161,7 @@ def _command(guide: Any, data: int, table: int) -> int:
         apply_loads(table)
     status = SOLVED
     if run.string_count > 0:
-        status = ask_law(table, t)
+        status = evaluate_law(table, t)
         if status == SOLVED:
             command_as_lengths(table, run.rest)
             tighten_strings(table)

@@ -49,7 +49,7 @@ UNLIMITED = 1e30  # "inf" does not survive every writer
 #     velocities [m/s]  9.8e-7, 9.7e-8      2.8e-7, 1.1e-8      1.3e-6, 5.1e-9
 #     energy [J]        2.1e-6, 2.1e-7      3.7e-7, 2.3e-8      1.1e-6, 1.1e-8
 # Shorter, the constraint rings in the integrator's stages and energy errs by the first order; longer, the gap grows. A
-# chain of six between two pins with damped strings, and a truss of 14 rods with six closures, tell the same.
+# chain of six between two pins with damped strings, and a truss of 14 rods with six closures, show the same.
 CONNECT_STEPS, IMPEDANCE = 4.0, 0.9999
 MOST_NESTED = 490  # bodies within each other: MuJoCo reads XML of 500 levels
 

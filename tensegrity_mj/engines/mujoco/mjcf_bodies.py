@@ -23,7 +23,7 @@ AXIAL_INERTIA = 1e-5
 NESTED_AXIAL_INERTIA = 1e-2
 LEAST_INERTIA = 1e-14  # kg m²: ten times MuJoCo's mjMINVAL
 POINT_RADIUS = 1e-6  # of the structure's size: a point mass touches the floor with a ball of this radius
-FLOOR, MEMBER = 1, 2  # bits that tell what may touch
+FLOOR, MEMBER = 1, 2  # bits that say what may touch
 # What drives a support is a slide whose armature is this many times all masses of the scene. It is pushed with as much
 # times d̈, and what reacts on it changes its acceleration by 1e-14 of that which it would give the whole scene. Between
 # 1e12 and 1e30 kg no node of a hanging chain changes by more than 2e-13 m in 6 s; MuJoCo's solver of constraints wants

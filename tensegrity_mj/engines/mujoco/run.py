@@ -85,7 +85,7 @@ class MuJoCoRun:
         self.grid = Grid.of(request, options.timestep)
         self.ready = ready = lent(scene, options.timestep, options.word) if ready is None else ready
         self.model, self.tree = ready.model, ready.tree
-        self.cause = ""  # of an end that the callback does not know of
+        self.cause = ""  # of an end that the callback does not see
         table = ready.table
         if data is None:
             data = ready.data or mujoco.MjData(self.model)

@@ -56,7 +56,7 @@ Floating, pack_floating = view_of(
 
 
 class AddedMass:
-    """What compiled code knows of the trees of a model whose rods are in water, kept alive.
+    """What compiled code reads of the trees of a model whose rods are in water, kept alive.
 
     Attributes:
         address: of a `Floating`.

@@ -12,7 +12,7 @@ from scipy.integrate import DOP853, Radau
 
 from tensegrity_mj.basics import interrupts
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dynamics.native.actuation import ask_law, remember, start_ledger
+from tensegrity_mj.dynamics.native.actuation import evaluate_law, remember, start_ledger
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED, Report
 from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS, REPORT_SIZE
 from tensegrity_mj.dynamics.native.watch import watch_strings
@@ -79,7 +79,7 @@ class ErrorControlled:
         self.t, self.y = 0.0, run.y
         self.mark_of_progress = -math.inf  # the first stretch has all the time it wants
         self.solver: Any = None
-        self.dense: Any = None  # of the last step, once it was asked for
+        self.dense: Any = None  # of the last step, once it was needed
         self.first_step: float | None = None
         self.longest_step, self.careful_until = math.inf, 0.0  # while a string is about to pull for a moment
         self.continuous = self.plant["mode"] == CONTINUOUS
@@ -300,7 +300,7 @@ class ErrorControlled:
 
     def _feasible(self, t: float, y: Array) -> bool:
         self._evaluate(t, y)  # places the nodes
-        return int(ask_law(self.table, t)) != NO_SOLUTION
+        return int(evaluate_law(self.table, t)) != NO_SOLUTION
 
     def _locate(self, dense: Any, start: float, end: float) -> float:
         """The time within a step at which the law loses or regains its solution, by bisection."""
@@ -331,7 +331,7 @@ class ErrorControlled:
             status = self._evaluate(t, y)
             watch_strings(self.table, t, self.continuous and not self.plant["suspended"] and status == SOLVED)
             if self.plant["suspended"]:
-                ask_law(self.table, t)  # for its margin and V; what it holds stays held
+                evaluate_law(self.table, t)  # for its margin and V; what it holds stays held
             observe(y, self.table, self.rows[self.next])
             self.next += 1
 
@@ -345,7 +345,7 @@ class ErrorControlled:
         time = np.append(self.times[: self.next], self.t)
         rates(self.t, self.y, np.empty(len(self.y)), self.table)
         if status is Status.INFEASIBLE and self.continuous:
-            ask_law(self.table, self.t + SWITCH_TOLERANCE)
+            evaluate_law(self.table, self.t + SWITCH_TOLERANCE)
         observe(self.y, self.table, self.rows[self.next])
         if status is Status.INFEASIBLE:
             message = self.plant.infeasible_message(self.t)
@@ -360,7 +360,7 @@ class ErrorControlled:
         t = self.t if self.solver is None else float(self.solver.t)
         margin = float(self.plant["report"][Report.FEASIBILITY_MARGIN])
         recorded = self.rows[: self.next, self._margin_column]
-        # At a target margins are as large as V is small, and tell nothing of later ones.
+        # At a target margins are as large as V is small, and show nothing of later ones.
         away = ~(self.rows[: self.next, self._margin_column + Report.LYAPUNOV] <= V_ROUND_OFF) & np.isfinite(recorded)
         if self.continuous and margin < VANISHING_MARGIN * np.max(np.abs(recorded[away]), initial=0.0):
             cause += f", where the law's margin max(v/α) tends to zero ({margin:.2g}) and so its u to infinity"

@@ -1,4 +1,4 @@
-"""What the integrators know of a model: four compiled functions, reached through addresses in the plant's table.
+"""What the integrators use of a model: four compiled functions, reached through addresses in the plant's table.
 
     int64 rates(double t, int64 y, int64 dy, int64 table)   dy/dt; leaves nodes, strings and λ of the state in the table
     int64 place(int64 y, int64 table)                       node positions and velocities of a state, nothing else
@@ -9,7 +9,7 @@ The integers are addresses: of the state y (state_size,), of its derivative, of 
 what the law returned, or SINGULAR. The last three numbers of y are the work integrals of the energy ledger. So one
 compiled loop serves every model, and is cached for all of them.
 
-Where elements have states, these are integrated behind all that (`element_states`), and no model knows of it.
+Where elements have states, these are integrated behind all that (`element_states`), and no model has a part in it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A prepared run, integrated by the method that its options ask for."""
+"""A prepared run, integrated by the method that its options request."""
 
 from __future__ import annotations
 

@@ -102,11 +102,11 @@ class IntegratedRun:
     ) -> Trajectory:
         """The trajectory of the rows recorded so far."""
         width = self.plant["row_width"]
-        told = width + len(self.request.scene.structure.rods)  # behind λ: gaps of closed loops, where there are any
-        if told < self.width:
+        end = width + len(self.request.scene.structure.rods)  # behind λ: gaps of closed loops, where there are any
+        if end < self.width:
             reports |= {
-                "closure_drift": float(rows[:, told].max(initial=0.0)),  # [m]
-                "closure_rate_drift": float(rows[:, told + 1].max(initial=0.0)),  # [m/s]
+                "closure_drift": float(rows[:, end].max(initial=0.0)),  # [m]
+                "closure_rate_drift": float(rows[:, end + 1].max(initial=0.0)),  # [m/s]
             }
         options = {name: getattr(value, "value", value) for name, value in vars(self.options).items()}
         cost = {"wall_time": seconds, "steps": self.steps, "evaluations": self.evaluations}
@@ -116,7 +116,7 @@ class IntegratedRun:
             self.plant,
             time,
             rows[:, :width],
-            rows[:, width:told].copy(),
+            rows[:, width:end].copy(),
             Account(status, message, cost, {"name": self.name, **options}, reports),
         )
 

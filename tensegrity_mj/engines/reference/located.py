@@ -18,9 +18,9 @@ from tensegrity_mj.dynamics.native.resolution import NONE, resolve_stage, resolv
 from tensegrity_mj.dynamics.native.slack import (
     JUMP_WITHIN,
     MOST_SPLITS,
-    asks,
     begin_search,
     end_search,
+    follows_law,
     look_at_end,
     look_at_start,
     look_at_trial,
@@ -78,7 +78,7 @@ def rk4_stages(table: int, t: float, h: float, y: Any, room: Room, x: Any) -> in
 @njit
 def _set_strings(table: int, t: float, x: Any, k: Any) -> tuple[int, int]:
     """Lengths, rates and rest lengths of strings at x; the answer, and how many evaluations that took. k is scratch."""
-    if asks(table):
+    if follows_law(table):
         return rates(t, x, k, table), 1
     place(x, table)
     set_rest_lengths(table, t)
@@ -159,7 +159,7 @@ def _search(table: int, t: float, h: float, room: Room) -> int:
         worst = rk4_stages(table, t, part * h, room.z, room, room.found)
         took += 3
         if worst <= NO_SOLUTION:
-            worst, asked = _set_strings(table, t + part * h, room.found, room.k_end)
-            took += asked
+            worst, evaluated = _set_strings(table, t + part * h, room.found, room.k_end)
+            took += evaluated
         if not look_at_trial(table, search, part, worst):
             return took

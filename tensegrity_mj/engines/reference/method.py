@@ -39,7 +39,7 @@ class Options(Protocol):
     def accuracy(self) -> float | None: ...
 
 
-# Kinds of these options; below the first limit double precision cannot hold what is asked for.
+# Kinds of these options; below the first limit double precision cannot hold what is requested.
 RTOL = number("from 2.3e-14 to 1e-2", lambda x: 100 * sys.float_info.epsilon <= x <= 1e-2)
 ATOL = number("> 0 and at most 1e-2", lambda x: 0 < x <= 1e-2)
 

@@ -164,7 +164,7 @@ def _place(t: float, y: Any, table: int) -> None:
 def _before(t: float, y: Any, dy: Any, table: int) -> int:
     """Everything but the accelerations; the answer.
 
-    A fixed step cannot shorten itself: there every stage is held to what `ode_guard` asks of whole steps.
+    A fixed step cannot shorten itself: there every stage is held to what `ode_guard` requires of whole steps.
     """
     own = _MinimalView(table)
     nq, work = own.coordinates, len(y) - WORK

@@ -39,7 +39,7 @@ def rk4_steps(table: int, y: Any, first: int, count: int) -> tuple[int, int, int
     h, total, stride, ratio, rows = model.step, model.total, model.stride, model.ratio, model.rows
     k = np.empty((8, size))
     room = Room(k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7])
-    known, asked = False, SOLVED  # whether k_end is dy/dt here, and what was answered
+    known, answer = False, SOLVED  # whether k_end is dy/dt here, and what was answered
     row = (first + stride - 1) // stride
     stop = first + count
     for n in range(first, stop + 1 if stop == total else stop):
@@ -53,16 +53,16 @@ def rk4_steps(table: int, y: Any, first: int, count: int) -> tuple[int, int, int
         if known and not broke and not last:
             room.k1[:] = room.k_end
         else:
-            asked = rates(t, y, room.k1, table)
+            answer = rates(t, y, room.k1, table)
             evaluations += not last
-        if asked > NO_SOLUTION:
-            status = asked
-        watch_strings(table, t, n % ratio == 0 and status == SOLVED if ratio else asked == SOLVED)
+        if answer > NO_SOLUTION:
+            status = answer
+        watch_strings(table, t, n % ratio == 0 and status == SOLVED if ratio else answer == SOLVED)
         resolve_start(table, h)
         if n == 0 and ratio == 0:
             start_ledger(table)
         if ratio == 0:
-            status = asked
+            status = answer
             if status == SOLVED and model.mode == CONTINUOUS:
                 remember(table)
         if status > NO_SOLUTION or (status == NO_SOLUTION and not model.passive) or (model.status != 0 and not last):
@@ -74,7 +74,7 @@ def rk4_steps(table: int, y: Any, first: int, count: int) -> tuple[int, int, int
         if last:
             return n, SOLVED, evaluations
         if model.search:
-            worst, took, known, asked = located_step(table, n, h, y, room)
+            worst, took, known, answer = located_step(table, n, h, y, room)
             evaluations += took
         else:
             worst = rk4_stages(table, t, h, y, room, room.x)

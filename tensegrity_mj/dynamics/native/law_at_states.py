@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tensegrity_mj.dynamics.native.actuation import ask_law
+from tensegrity_mj.dynamics.native.actuation import evaluate_law
 from tensegrity_mj.dynamics.native.compiling import c_function
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.plant_view import PlantView
@@ -11,8 +11,8 @@ from tensegrity_mj.dynamics.native.strings import measure_strings
 
 
 @c_function("int64(int64, float64, int64, int64, int64)", "what a law answers at states")
-def ask_at_states(table, t, count, states_at, commands_at):  # type: ignore[no-untyped-def]
-    """Ask a plant's law at states (count, 2, N, 3), nodes and velocities, one after the other.
+def evaluate_at_states(table, t, count, states_at, commands_at):  # type: ignore[no-untyped-def]
+    """Evaluate a plant's law at states (count, 2, N, 3), nodes and velocities, one after the other.
 
     Writes its commands (count, M); gives its first answer that is not SOLVED, where it ends, or SOLVED.
     """
@@ -23,7 +23,7 @@ def ask_at_states(table, t, count, states_at, commands_at):  # type: ignore[no-u
         copy(floats(states_at + 16 * n * k, n), nodes)
         copy(floats(states_at + 16 * n * k + 8 * n, n), velocities)
         measure_strings(table)
-        status = ask_law(table, t)
+        status = evaluate_law(table, t)
         if status != SOLVED:
             return status
         copy(plant.command, floats(commands_at + 8 * M * k, M))
