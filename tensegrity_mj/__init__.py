@@ -18,6 +18,11 @@ if TYPE_CHECKING:
     from tensegrity_mj import runs as runs
     from tensegrity_mj import statics as statics
     from tensegrity_mj import studies as studies
+    from tensegrity_mj.calls import law_in as law_in
+    from tensegrity_mj.calls import linearize as linearize
+    from tensegrity_mj.calls import simulate as simulate
+    from tensegrity_mj.calls import simulate_many as simulate_many
+    from tensegrity_mj.calls import stable_step as stable_step
     from tensegrity_mj.dynamics.native.compiled_law import CompiledLaw as CompiledLaw
     from tensegrity_mj.dynamics.native.law import Command as Command
     from tensegrity_mj.engines.mujoco.engine import MuJoCo as MuJoCo
@@ -27,7 +32,6 @@ if TYPE_CHECKING:
     from tensegrity_mj.engines.reference.ode import ODE as ODE
     from tensegrity_mj.errors import TensegrityError as TensegrityError
     from tensegrity_mj.library.load import load_scene as load_scene
-    from tensegrity_mj.linearization.linearizing import linearize as linearize
     from tensegrity_mj.model.actuation import Actuation as Actuation
     from tensegrity_mj.model.actuation import OnInfeasible as OnInfeasible
     from tensegrity_mj.model.elements.resistance import Resistance as Resistance
@@ -46,9 +50,5 @@ if TYPE_CHECKING:
     from tensegrity_mj.runs.comparison import compare as compare
     from tensegrity_mj.runs.trajectory import Status as Status
     from tensegrity_mj.runs.trajectory import Trajectory as Trajectory
-    from tensegrity_mj.simulation import simulate as simulate
-    from tensegrity_mj.studies.ensemble import law_in as law_in
-    from tensegrity_mj.studies.ensemble import simulate_many as simulate_many
-    from tensegrity_mj.vibration.stable_step import stable_step as stable_step
 else:
     __getattr__, __dir__ = face(__name__)
