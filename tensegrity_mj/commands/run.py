@@ -20,6 +20,7 @@ from tensegrity_mj.commands.common import (
     table,
     warn,
 )
+from tensegrity_mj.commands.render import FILMS
 from tensegrity_mj.errors import DivergenceError, OptionError
 
 if TYPE_CHECKING:
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 def execute(options: argparse.Namespace) -> Outcome:
     """Simulate, then write what the options name; whatever can be refused is refused before."""
     out = output_file(options.out, "--out", (".nc", ".csv", ".mat"))
-    video = output_file(options.video, "--video", (".mp4",))
+    video = output_file(options.video, "--video", FILMS)
     plot = output_file(options.plot, "--plot", PLOT_SUFFIXES)
     if plot is None:
         refuse(options, ("paper",), "needs --plot FILE.pdf")

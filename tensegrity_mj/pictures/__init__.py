@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.pictures.video import picture as picture
     from tensegrity_mj.pictures.video import render as render
     from tensegrity_mj.pictures.video import render_frame as render_frame
+    from tensegrity_mj.pictures.video import still as still
     from tensegrity_mj.pictures.view import Layout as Layout
     from tensegrity_mj.pictures.view import Quality as Quality
 else:

@@ -9,12 +9,15 @@ from tensegrity_mj.engines.mujoco.mjcf_frames import rotation_to
 from tensegrity_mj.model.elements.waves import Sea
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.camera import AFLOAT, Camera, broadside, corners_of, direction, fit
+from tensegrity_mj.pictures.camera_path import CameraPath
 from tensegrity_mj.pictures.motion import Motion
 from tensegrity_mj.pictures.painter import Sizes, slack_curves
 from tensegrity_mj.pictures.surface import Surface
 from tensegrity_mj.pictures.view import View
 
 SAMPLES = 200  # instants of a run that the camera is fitted to
+SHADOW = 0.25  # cells of a floor around what stands on it
+KEYS = 101  # instants at which a camera that moves is fitted
 LEVEL = 0.9999  # cosine of the angle within which a floor is horizontal
 FAR = 4.0  # times a structure's own extent: a run that travels farther is followed by the camera
 BLOWN_UP = 2.5  # times its extent at the start: what a diverging structure grows to beyond that is not framed
@@ -28,6 +31,7 @@ class Framing:
     Attributes:
         camera: where it stands, or where it stands relative to what it follows.
         follow: whether it follows a structure that travels far.
+        path: of a camera that moves and zooms with a structure that travels less far, or None.
         points: (P, 3) [m] what it is to see.
         reach: [m] how far from its look-at point anything is.
         sizes: of the members in the picture, one for each motion.
@@ -78,8 +82,32 @@ class Framing:
         self.camera = fit(camera, self.points, 1.4 * margin, aspect, keep_distance=self.view.distance is not None)
         # What is too deep or too high to be framed is drawn as far as it shows.
         self.points = np.concatenate([self.points, sunk])
-        middle = np.array(self.camera.look_at)
-        self.reach = float(np.max(np.linalg.norm(self.points - middle, axis=1))) + 4.0 * margin
+        self.path = self._plan_path(1.4 * margin, aspect)
+        middles = np.array([self.camera.look_at]) if self.path is None else self.path.look_at
+        farthest = max(float(np.max(np.linalg.norm(self.points - middle, axis=1))) for middle in middles)
+        self.reach = farthest + 4.0 * margin
+
+    def spread(self) -> Array:
+        """(2,): how far to the side and up anything comes in the picture, in halves of its height."""
+        cameras = [self.camera] if self.path is None else [self.path.at(time) for time in self.path.times]
+        return np.max([np.max(np.abs(camera.project(self.points)), axis=0) for camera in cameras], axis=0)
+
+    def _plan_path(self, margin: float, aspect: float) -> CameraPath | None:
+        """The way of a camera that goes with the structure and keeps its floor in view; None to stand still."""
+        start, end = min(m.start for m in self.motions), max(m.end for m in self.motions)
+        still = self.follow or self.surface is not None or self.view.distance is not None
+        if still or end <= start or any(m.diverged for m in self.motions):
+            return None
+        times = np.linspace(start, end, KEYS)
+        seen = []
+        for motion in self.motions:
+            nodes = motion.positions(times)
+            targets = motion.target_positions(times)
+            seen += [nodes, self._arcs(motion, times, nodes)]
+            seen += [] if targets is None or not self.view.target else [targets]
+        corners = self._grid_corners()
+        seen.append(np.broadcast_to(corners, (KEYS, *corners.shape)))
+        return CameraPath.of(self.camera, times, np.concatenate(seen, axis=1), margin, aspect)
 
     def _direction(self, nodes: Array) -> Camera:
         """Of the camera, which sees waves pass from the side."""
@@ -154,8 +182,9 @@ class Framing:
         low, high = points.min(axis=0), points.max(axis=0)
         low[2] = low[2] - 1.05 * max(s.support for s in self.sizes) if floor is None else floor[0][2]
         # Whole cells that hold everything; a line a cell is drawn, so that their number is bounded by the extent.
-        self.grid_low = np.array([*np.floor(low[:2] / self.cell + 1e-6) * self.cell, low[2]])
-        self.grid_high = np.array([*np.ceil(high[:2] / self.cell - 1e-6) * self.cell, low[2]])
+        room = 1e-6 if floor is None or self.surface is not None else -SHADOW
+        self.grid_low = np.array([*np.floor(low[:2] / self.cell + room) * self.cell, low[2]])
+        self.grid_high = np.array([*np.ceil(high[:2] / self.cell - room) * self.cell, low[2]])
         flat = self.grid_low[:2] == self.grid_high[:2]
         self.grid_low[:2] -= self.cell * flat
         self.grid_high[:2] += self.cell * flat

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from tensegrity_mj.basics.units import power_of, quantity, unit_with
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.camera import Camera
 
@@ -144,7 +145,7 @@ class Labels:
         if legend.water:
             entries.append(("water", _draw_water))
         if legend.grid is not None:
-            entries.append((f"grid {legend.grid:g} m", _draw_grid))
+            entries.append((f"grid {quantity(legend.grid, 'm')}", _draw_grid))
         for text, symbol in entries:
             wide, tall = 2 * self.size, self.size
             if x + wide + self.pad // 2 + _width(font, text) > self.width - self.pad:
@@ -186,7 +187,8 @@ class Labels:
         draw = ImageDraw.Draw(picture)
         font = _font(self.size)
         small = _font(max(8, round(0.85 * self.size)))
-        text = "tension [N]"
+        power = power_of(scale.end, "N")
+        text = f"tension [{unit_with(power, 'N')}]"
         draw.text((x, top + round(0.2 * self.size)), text, font=font, fill=palette.to_bytes(palette.FAINT_TEXT))
         left = x + _width(font, text) + self.pad // 2
         wide, tall = round(13 * self.size), max(4, round(0.8 * self.size))
@@ -194,7 +196,7 @@ class Labels:
         colors = np.round(255 * palette.tension_colors(np.linspace(0.0, 1.0, wide))).astype(np.uint8)
         picture.paste(Image.fromarray(np.broadcast_to(colors, (tall, wide, 3)).copy()), (left, bar_top))
         for share in (0.0, 0.5, 1.0):
-            value = f"{share * scale.end:.3g}"
+            value = f"{share * scale.end / 10.0**power:.3g}"
             if share == 1.0 and scale.exceeded:
                 value = f"≥ {value}"
             place = left + round(share * (wide - 1))

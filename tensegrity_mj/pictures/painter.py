@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 import itertools
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,7 @@ from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera
 from tensegrity_mj.pictures.motion import Motion, Pose
 from tensegrity_mj.pictures.sag import slack_arcs
+from tensegrity_mj.pictures.shade import MOST_STRINGS, PIECES, Patch
 from tensegrity_mj.pictures.surface import Surface
 from tensegrity_mj.pictures.traces import MAX_PIECES, Traces
 
@@ -30,7 +32,7 @@ _MODEL = f"""
   <statistic center="0 0 0" extent="1"/>
   <visual>
     <global fovy="{FIELD_OF_VIEW}"/>
-    <quality shadowsize="0" offsamples="0" numslices="10" numstacks="6" numquads="1"/>
+    <quality shadowsize="0" offsamples="0" numslices="14" numstacks="7" numquads="1"/>
     <headlight ambient="0.42 0.42 0.42" diffuse="0.38 0.38 0.38" specular="0.06 0.06 0.06"/>
   </visual>
   <worldbody>
@@ -171,23 +173,24 @@ class Painter:
         self.scene.ngeom = self._count
         return self.scene
 
-    def background(self, camera: Camera, reach: float) -> None:
-        """A plate behind everything, in the pictures' background colour (it costs far less than MuJoCo's sky)."""
+    def background(self, camera: Camera, reach: float, backdrop: palette.Color) -> None:
+        """A plate behind everything, in one colour (it costs far less than MuJoCo's sky), as the first geom."""
         # Emission outshines the lights a thousand times, so that the colour comes out the same everywhere.
-        color = np.array([*(c / 1000.0 for c in palette.BACKGROUND), 1.0], np.float32)
+        color = np.array([*(c / 1000.0 for c in backdrop), 1.0], np.float32)
         right, up, forward = camera.axes
         depth = camera.distance + 2.0 * reach
         half = 3.0 * depth * math.tan(math.radians(FIELD_OF_VIEW) / 2.0)
-        geom = self._next()
+        geom = self.scene.geoms[0]
+        self._count = max(1, self._count)
         frame = np.column_stack([right, up, -forward]).ravel()
         kind = self._mujoco.mjtGeom.mjGEOM_PLANE.value
         size = np.array([4.0 * half, half, 1.0])
         self._mujoco.mjv_initGeom(geom, kind, size, camera.position + depth * forward, frame, color)
         geom.emission, geom.specular = 1000.0, 0.0
 
-    def grid(self, low: Array, high: Array, cell: float) -> None:
+    def grid(self, low: Array, high: Array, cell: float, shade: palette.Color) -> None:
         """Lines a `cell` [m] apart in the horizontal rectangle between the corners `low` and `high` (3,)."""
-        color = _rgba(palette.GRID, 1.0)
+        color = _rgba(shade, 1.0)
         for a in (0, 1):
             for x in np.arange(round((high[a] - low[a]) / cell) + 1) * cell + low[a]:
                 start, end = low.copy(), high.copy()
@@ -200,13 +203,25 @@ class Painter:
         It lies a little below, so that lines on the floor show.
         """
         across = 0.5 * frame.T @ (high - low)
-        thickness = 1.5e-3 * float(np.max(np.abs(across)))
+        thickness = plate_thickness(low, high)
         size = np.array([abs(across[0]), abs(across[1]), thickness])
         middle = 0.5 * (low + high) - 2.0 * thickness * frame[:, 2]
         kind = self._mujoco.mjtGeom.mjGEOM_BOX.value
         geom = self._next()
         self._mujoco.mjv_initGeom(geom, kind, size, middle, frame.ravel(), _rgba(palette.FLOOR, 1.0))
         geom.emission, geom.specular = 0.12, 0.0
+
+    def shadows(self, floor: tuple[Array, Array], thickness: float, dark: Iterable[Patch]) -> None:
+        """Flat shadows just above a floor's plate of that thickness [m], darker ones over paler ones."""
+        kinds = (self._mujoco.mjtGeom.mjGEOM_BOX.value, self._mujoco.mjtGeom.mjGEOM_CYLINDER.value)
+        for patch in dark:
+            geom = self._next()
+            color = _rgba(palette.mixed(palette.FLOOR, palette.SHADE, patch.darkness), 1.0)
+            place = patch.middle - (0.7 - 0.6 * patch.darkness) * thickness * floor[1]
+            height = 0.05 * thickness
+            size = np.array([patch.half[0], height, 0.0] if patch.round else [*patch.half, height])
+            self._mujoco.mjv_initGeom(geom, kinds[patch.round], size, place, patch.axes.ravel(), color)
+            geom.emission, geom.specular = 0.12, 0.0
 
     def water(self, surface: Surface, points: Array) -> None:
         """The water whose surface has the vertices (I, J, 3) [m], for a model made with the same `surface`."""
@@ -241,9 +256,15 @@ class Painter:
         self._line(start, end, 1.6, color)
 
     def structure(
-        self, motion: Motion, pose: Pose, sizes: Sizes, tension: palette.TensionScale, look: Look = Look.SOLID
+        self,
+        motion: Motion,
+        pose: Pose,
+        sizes: Sizes,
+        tension: palette.TensionScale,
+        look: Look = Look.SOLID,
+        thickness: bool = False,
     ) -> None:
-        """Rods, strings and point masses at one instant."""
+        """Rods, strings and point masses at one instant; with `thickness`, strings are as thick as they pull."""
         structure, nodes = motion.structure, pose.nodes
         color = look.rgba
         for (i, j), radius in zip(structure.rod_nodes, sizes.rod, strict=True):
@@ -252,9 +273,13 @@ class Painter:
             shade = _rgba(palette.POINT_MASS, 1.0) if look is Look.SOLID else color
             self._sphere(nodes[structure.node_index[mass.node]], look.width * sizes.point_mass, shade, look)
         if look is not Look.TARGET:
-            self._strings(motion, pose, look.width * sizes.string, tension, look)
+            radii = np.full(len(pose.tensions), look.width * sizes.string)
+            if thickness:
+                # Areas in proportion to tension, from a third of the usual thickness to three times.
+                radii *= 0.33 + 2.67 * np.sqrt(np.clip(pose.tensions / tension.end, 0.0, 1.0))
+            self._strings(motion, pose, radii, tension, look)
 
-    def _strings(self, motion: Motion, pose: Pose, radius: float, tension: palette.TensionScale, look: Look) -> None:
+    def _strings(self, motion: Motion, pose: Pose, radii: Array, tension: palette.TensionScale, look: Look) -> None:
         """Taut strings straight, in the colour of their tension; slack ones as arcs of their length; no broken ones."""
         pairs = motion.structure.string_nodes
         if len(pairs) == 0:
@@ -268,10 +293,12 @@ class Painter:
             rgba[:] = loose[:] = look.rgba
         for row in np.flatnonzero(~slack & ~pose.broken):
             i, j = pairs[row]
-            self._capsule(nodes[i], nodes[j], radius, rgba[row], look, 0.1)
-        for points in slack_curves(motion, pose, slack) if slack.any() else ():
+            self._capsule(nodes[i], nodes[j], radii[row], rgba[row], look, 0.1)
+        for row, points in zip(
+            np.flatnonzero(slack), slack_curves(motion, pose, slack) if slack.any() else (), strict=True
+        ):
             for start, end in itertools.pairwise(points):
-                self._capsule(start, end, 0.75 * radius, loose, look, 0.1)
+                self._capsule(start, end, 0.75 * radii[row], loose, look, 0.1)
 
     def _next(self) -> Any:
         geom = self.scene.geoms[self._count]
@@ -318,10 +345,16 @@ class Painter:
             self._inside_out(geom)
 
 
+def plate_thickness(low: Array, high: Array) -> float:
+    """Of a floor's plate between two corners (3,) [m], half of it; it hardly shows."""
+    return 1e-3 * float(np.linalg.norm(high - low))
+
+
 def geoms_needed(structure: Structure) -> int:
-    """Most geoms that a structure can take: every string slack."""
+    """Most geoms that a structure can take: every string slack, and shadows of all."""
     members = len(structure.rods) + len(structure.point_masses) + SLACK_SEGMENTS * len(structure.strings)
-    return members + len(structure.rods) + len(structure.fixed_nodes)
+    shadows = 2 * ((PIECES + 2) * len(structure.rods) + min(len(structure.strings), MOST_STRINGS))
+    return members + len(structure.rods) + len(structure.fixed_nodes) + shadows
 
 
 def slack_strings(structure: Structure, pose: Pose) -> NDArray[np.bool_]:

@@ -24,8 +24,10 @@ from tensegrity_mj.pictures.painter import (
     Painter,
     geoms_needed,
     make_model,
+    plate_thickness,
     supported_points,
 )
+from tensegrity_mj.pictures.shade import patches
 from tensegrity_mj.pictures.traces import MAX_PIECES, Traces, moving_rows
 from tensegrity_mj.pictures.view import Layout, Quality, View
 
@@ -62,6 +64,7 @@ class Stage:
         choose_backend()  # before any work, and before MuJoCo is imported
         self.motions = [motion] if other is None else [motion, other]
         self.view = view
+        self._backdrop: palette.Color = palette.BACKGROUND
         self._split = other is not None and layout is Layout.SIDE_BY_SIDE
         self._seas = self._seas_shown()
         self._ghost = other if not self._split else None
@@ -100,6 +103,18 @@ class Stage:
     ) -> None:
         self._stack.close()
 
+    def moment(self, time: float | None) -> float:
+        """A time [s] of the film, its end for None.
+
+        Raises:
+            OptionError: outside the film.
+        """
+        moment = self.end if time is None else float(time)
+        slack = 1e-9 * max(1.0, abs(self.start), abs(self.end))
+        if not self.start - slack <= moment <= self.end + slack:
+            raise OptionError(f"time={moment} s: the run lasts from {self.start:g} to {self.end:g} s")
+        return moment
+
     def frame(self, time: float) -> Image:
         """The picture (H, W, 3) at `time` [s], which is clipped to the run; it is overwritten by the next call."""
         from tensegrity_mj.pictures.shrink import shrink
@@ -114,6 +129,21 @@ class Stage:
             self._labels.clock(self._frame, self._clock_text(moment))
         return self._frame
 
+    def cut_out(self, time: float) -> Image:
+        """The picture (H, W, 4) at `time` [s] without text and background, as far as it is transparent.
+
+        Drawn on white and on black, a pixel is w = c + (1 - a) and b = c, with c its colour times its opacity a.
+        """
+        on = []
+        for self._backdrop in ((1.0, 1.0, 1.0), (0.0, 0.0, 0.0)):
+            self._frame[:] = palette.to_bytes(self._backdrop)
+            on.append(self.frame(time).astype(np.float64))
+        self._backdrop = palette.BACKGROUND
+        white, black = on
+        opacity = np.clip(255.0 - (white - black).mean(axis=2, keepdims=True), 0.0, 255.0)
+        color = np.clip(255.0 * black / np.maximum(opacity, 1.0), 0.0, 255.0)
+        return np.round(np.concatenate([color, opacity], axis=2)).astype(np.uint8)
+
     def _seas_shown(self) -> list[Sea | None]:
         """Of each motion's picture; a ghost over a run is in the run's own sea, or brings its."""
         seas = [motion.sea for motion in self.motions]
@@ -124,7 +154,7 @@ class Stage:
         height = max(height, 1)
         wide, tall = column, height
         if self.view.distance is None and not self.framing.follow:
-            spread = np.max(np.abs(self.framing.camera.project(self.framing.points)), axis=0)
+            spread = self.framing.spread()
             # In units of half the height, with room for the thickness of members.
             wide = min(column, math.ceil((1.08 * spread[0] + 0.06) * height))
             tall = min(height, math.ceil((1.08 * spread[1] + 0.06) * height))
@@ -181,7 +211,9 @@ class Stage:
 
     def _open(self) -> None:
         """OpenGL, painters, and everything that stays from frame to frame."""
-        pixel = 2.0 * self.framing.camera.distance * HALF_VIEW / self.view.size[1]
+        path = self.framing.path
+        nearest = self.framing.camera.distance if path is None else float(path.distance.min())
+        pixel = 2.0 * nearest * HALF_VIEW / self.view.size[1]
         if self._surface is not None:
             self._surface = self._surface.lined(LINE * pixel, self.framing.camera)
         model = make_model(self._surface)
@@ -208,6 +240,8 @@ class Stage:
         camera = self.framing.camera
         if self.framing.follow:
             camera = camera.moved(self._middle(pose.nodes[None])[0])
+        elif self.framing.path is not None:
+            camera = self.framing.path.at(time)
         painter.look_from(camera, self.framing.reach, self._field_of_view)
         done = int(np.searchsorted(traces.times, time, side="right"))
         if self._drawn[index] < 0 or self.framing.follow or done < self._drawn[index]:
@@ -215,6 +249,7 @@ class Stage:
             self._draw_fixed(painter, motion, camera)
             painter.keep()
             self._drawn[index] = 0
+        painter.background(camera, self.framing.reach, self._backdrop)
         painter.traces(traces, self._drawn[index], done, self._colors[index])
         self._drawn[index] = done
         for row, (times, points) in traces.corners.items():
@@ -224,7 +259,7 @@ class Stage:
         return painter.finish()
 
     def _draw_fixed(self, painter: Painter, motion: Motion, camera: Camera) -> None:
-        painter.background(camera, self.framing.reach)
+        painter.background(camera, self.framing.reach, self._backdrop)
         shift = np.zeros(3)
         if self.framing.follow:
             moved = np.array(camera.look_at) - np.array(self.framing.camera.look_at)
@@ -235,7 +270,8 @@ class Stage:
             shift = shift - (shift @ frame[:, 2]) * frame[:, 2]
             painter.plate(low + shift, high + shift, frame)
         if self.framing.has_grid:
-            painter.grid(self.framing.grid_low + shift, self.framing.grid_high + shift, self.framing.cell)
+            shade = palette.GRID if self.framing.plate is None else palette.FLOOR_LINE
+            painter.grid(self.framing.grid_low + shift, self.framing.grid_high + shift, self.framing.cell, shade)
 
     def _draw_moving(self, painter: Painter, index: int, pose: Pose, time: float) -> None:
         motion, sizes = self.motions[index], self.framing.sizes[index]
@@ -243,7 +279,12 @@ class Stage:
         sea = self._seas[index]
         if self._surface is not None and sea is not None:
             painter.water(self._surface, self._surface.points(sea, time, self._cells_moved(pose)))
-        painter.structure(motion, pose, sizes, self._scale)
+        if self.framing.plate is not None and motion.floor is not None:
+            low, high, _ = self.framing.plate
+            extent = float(np.linalg.norm(high - low))
+            dark = patches(motion.floor, motion.structure, pose.nodes, sizes.rod, sizes.string, extent)
+            painter.shadows(motion.floor, plate_thickness(low, high), dark)
+        painter.structure(motion, pose, sizes, self._scale, thickness=self.view.thickness)
         if self._ghost is not None:
             painter.structure(self._ghost, self._ghost.pose(time), self.framing.sizes[1], self._scale, Look.GHOST)
         if self.view.target:

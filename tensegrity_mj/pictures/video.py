@@ -6,6 +6,7 @@ For example:
     tmj.render(run, "both.mp4", other=reference)                          # the other as a ghost over it
     tmj.render(run, "both.mp4", other=reference, layout=tmj.pictures.Layout.SIDE_BY_SIDE)
     tmj.pictures.picture(scene, "prism.png")                              # a scene as it stands at its start
+    tmj.pictures.still(run, "prism.png", 1.5, dpi=300)                    # transparent, for a paper
 """
 
 from __future__ import annotations
@@ -25,15 +26,26 @@ from tensegrity_mj.basics.progress import bar
 from tensegrity_mj.errors import MissingLibraryError, OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.pictures.motion import Motion
+from tensegrity_mj.pictures.opengl import MAX_SIZE
+from tensegrity_mj.pictures.paper import WIDTHS
 from tensegrity_mj.pictures.stage import Stage
-from tensegrity_mj.pictures.view import Layout, Quality, View, ViewOptions
+from tensegrity_mj.pictures.view import MIN_SIZE, Layout, Quality, View, ViewOptions
 from tensegrity_mj.runs.trajectory import Trajectory
 
-__all__ = ["Layout", "Quality", "frames", "picture", "render", "render_frame"]
+__all__ = ["Layout", "Quality", "frames", "picture", "render", "render_frame", "still"]
 
 Image = NDArray[np.uint8]
 
 MAX_FRAMES = 500_000
+MAX_GIF_RATE = 50.0  # frames a second: a frame lasts whole hundredths of one, and viewers slow down those of one
+# Codec and arguments of ffmpeg by the file's ending.
+ENCODERS = {
+    # faststart: a browser shows the video while it still loads. veryfast: encoding takes less time than drawing.
+    ".mp4": ("h264", "-preset veryfast -movflags +faststart"),
+    ".webm": ("vp9", "-deadline realtime -cpu-used 6 -row-mt 1"),
+    ".gif": ("gif", ""),
+}
+FILMS = tuple(ENCODERS)
 
 
 def render(
@@ -47,31 +59,34 @@ def render(
     progress: bool = False,
     **view: Unpack[ViewOptions],
 ) -> Path:
-    """Write a video (mp4, H.264) of a run, or of two runs in one picture; returns its path.
+    """Write a film of a run, or of two runs in one picture; returns its path.
 
     Rods are capsules; taut strings have the colour of their tension; slack ones hang as arcs of their own length; dark
     cubes are fixed; the target is a translucent ghost; lines show where nodes have been. Frames stand at exact
     multiples of speed / fps in simulated time, interpolated with the recorded velocities. The camera frames all of the
-    run, and follows a structure that travels far. The file appears whole or not at all.
+    run, comes nearer where a structure settles, and follows one that travels far. On a floor members have shadows. The
+    file appears whole or not at all.
 
     A scene with water shows it around the structure: the surface at its elevation at the frame's time, with a grid on
     it, and what is under it tinted; a bottom that is near. It is seen from the side, waves passing to the right.
 
     Args:
-        path: must end in .mp4.
+        path: ends in .mp4 (H.264), .webm (VP9) or .gif (of at most 50 frames a second; some ten times as large).
         other: a second run: translucent over the first, or beside it, as `layout` says.
         fps: frames a second of the video.
         speed: simulated seconds a second of the video.
         progress: show a bar on stderr, if that is a terminal, or below the cell of a notebook.
         view: size (even, H.264 needs it), traces, target, azimuth, elevation, distance, quality (`Quality.FAST` halves
-            the drawing time) and text, see `View`.
+            the drawing time), text and thickness, see `View`.
 
     Raises:
         OptionError: an option that cannot be met, an empty trajectory, a file that cannot be written.
         MissingLibraryError: no OpenGL or no ffmpeg on this machine; the message says what to install.
     """
-    destination = checked(path, (".mp4",), "video")
+    destination = checked(path, FILMS, "video")
     shown = View(**view)
+    if destination.suffix.lower() == ".gif" and fps > MAX_GIF_RATE:
+        raise OptionError(f"fps={fps:g}: a .gif has at most {MAX_GIF_RATE:g} frames a second; use fewer, or .webm")
     if shown.size[0] % 2 or shown.size[1] % 2:
         raise OptionError(
             f"size={shown.size}: width and height of a video must be even (H.264 stores colours by 2 x 2 pixels)"
@@ -121,11 +136,7 @@ def render_frame(
         MissingLibraryError: no OpenGL.
     """
     with Stage(Motion.of(source), None if other is None else Motion.of(other), layout, View(**view)) as stage:
-        moment = stage.end if time is None else float(time)
-        slack = 1e-9 * max(1.0, abs(stage.start), abs(stage.end))
-        if not stage.start - slack <= moment <= stage.end + slack:
-            raise OptionError(f"time={moment} s: the run lasts from {stage.start:g} to {stage.end:g} s")
-        return stage.frame(moment).copy()
+        return stage.frame(stage.moment(time)).copy()
 
 
 def picture(
@@ -149,6 +160,49 @@ def picture(
     pixels = render_frame(source, time, other=other, layout=layout, **view)
     with replacing(destination) as part:
         PillowImage.fromarray(pixels).save(part, optimize=True)
+    return destination
+
+
+def still(
+    source: Trajectory | Scene,
+    path: str | os.PathLike[str],
+    time: float | None = None,
+    *,
+    dpi: float = 300.0,
+    other: Trajectory | None = None,
+    **view: Unpack[ViewOptions],
+) -> Path:
+    """Write one picture for a paper as PNG: transparent, without text and traces, cut to what shows; returns its path.
+
+    Args:
+        time: [s]; the run's end by default.
+        dpi: dots an inch, which the file states; without a size the whole picture is 181 mm wide, 16 to 9.
+        other: a second run, translucent over the first.
+        view: as `render`.
+
+    Raises:
+        OptionError: a time outside the run, dots for more pixels than can be drawn, a path that cannot be written.
+        MissingLibraryError: no OpenGL.
+    """
+    from PIL import Image as PillowImage
+
+    destination = checked(path, (".png",), "still")
+    if not (math.isfinite(dpi) and dpi > 0.0):
+        raise OptionError(f"dpi={dpi!r}: it must be a finite number > 0")
+    wide = round(WIDTHS[2] * dpi / 16.0) * 16
+    options: ViewOptions = {"size": (wide, wide * 9 // 16), "quality": Quality.BEST, "traces": False}
+    options |= {**view, "text": False}
+    if "size" not in view and not MIN_SIZE <= options["size"][1] <= options["size"][0] <= MAX_SIZE:
+        raise OptionError(f"dpi={dpi:g}: a width of 181 mm has {wide} pixels; at most {MAX_SIZE} can be drawn")
+    second = None if other is None else Motion.of(other)
+    with Stage(Motion.of(source), second, Layout.OVERLAY, View(**options)) as stage:
+        pixels = stage.cut_out(stage.moment(time))
+    seen = np.argwhere(pixels[..., 3] > 0)
+    if len(seen):
+        (top, left), (bottom, right) = seen.min(axis=0), seen.max(axis=0) + 1
+        pixels = pixels[top:bottom, left:right]
+    with replacing(destination) as part:
+        PillowImage.fromarray(pixels).save(part, optimize=True, dpi=(dpi, dpi))
     return destination
 
 
@@ -196,10 +250,9 @@ def _encode(stage: Stage, times: NDArray[np.float64], path: Path, fps: float, pr
     program = ffmpeg_program()
     mediapy.set_ffmpeg(program)
     width, height = stage.view.size
-    # faststart: a browser shows the video while it still loads. veryfast: encoding takes less time than drawing.
-    writer = mediapy.VideoWriter(
-        path, (height, width), fps=fps, crf=20, ffmpeg_args="-preset veryfast -movflags +faststart"
-    )
+    codec, arguments = ENCODERS[path.suffixes[-1].lower() if path.suffixes else ".mp4"]
+    crf = {"h264": 20, "vp9": 32, "gif": None}[codec]
+    writer = mediapy.VideoWriter(path, (height, width), codec=codec, fps=fps, crf=crf, ffmpeg_args=arguments)
     try:
         writer.__enter__()
         try:

@@ -53,6 +53,7 @@ class View:
         distance: of the camera from the middle of what it sees [m].
         quality: of edges.
         text: whether title, time and legend are drawn.
+        thickness: whether strings are as thick as they pull.
     """
 
     size: tuple[int, int] = field(kinds.Kind(_size), default=(1280, 720))
@@ -63,6 +64,7 @@ class View:
     distance: float | None = field(kinds.positive("m"), default=None, none="None")
     quality: Quality = Quality.FINE
     text: bool = True
+    thickness: bool = False
 
 
 class ViewOptions(TypedDict, total=False):
@@ -76,3 +78,4 @@ class ViewOptions(TypedDict, total=False):
     distance: float | None
     quality: Quality
     text: bool
+    thickness: bool

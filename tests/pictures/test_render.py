@@ -10,23 +10,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 from analytic_runs import RATE, TILT, cone_motion, cone_run, cone_scene, planar_scene, run_of, two_masses
+from PIL import Image as PillowImage
 
+import tensegrity_mj as tmj
 from tensegrity_mj.engines.reference.dae import DAE
 from tensegrity_mj.errors import MissingLibraryError, OptionError
+from tensegrity_mj.model.elements.contact import floor_gaps
 from tensegrity_mj.model.events import Break
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 from tensegrity_mj.pictures import opengl, palette
 from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera, corners_of, direction, fit
+from tensegrity_mj.pictures.camera_path import NEAREST
+from tensegrity_mj.pictures.framing import Framing
 from tensegrity_mj.pictures.labels import Labels
 from tensegrity_mj.pictures.motion import Motion
-from tensegrity_mj.pictures.painter import Painter, make_model
+from tensegrity_mj.pictures.painter import Painter, geoms_needed, make_model
 from tensegrity_mj.pictures.sag import slack_arcs
+from tensegrity_mj.pictures.shade import patches
 from tensegrity_mj.pictures.shrink import shrink
 from tensegrity_mj.pictures.stage import Stage
 from tensegrity_mj.pictures.traces import MAX_PIECES, Traces, simplify
-from tensegrity_mj.pictures.video import frame_times, frames, picture, render, render_frame
+from tensegrity_mj.pictures.video import frame_times, frames, picture, render, render_frame, still
 from tensegrity_mj.pictures.view import Layout, Quality, View
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate
@@ -464,6 +470,136 @@ def test_the_clock_leaves_nothing_of_a_wider_time():
     Labels(640, 360, 1, 1).clock(fresh, "t = 9.00 s")
     assert np.array_equal(used, fresh)
     assert fresh[:100].min() < 100
+
+
+# ------------------------------------------------------------------------------ floors, shadows, cameras that move
+
+
+def fallen_run(shift=(0.0, 0.0, 0.4)) -> Trajectory:
+    """The dropped prism, that comes down from `shift` [m] in the first tenth of its time and then lies on its floor."""
+    scene = tmj.load_scene("prism_drop")
+    lying = scene.nodes0 - (floor_gaps(scene.structure, scene.contact, scene.nodes0).min() - 1e-4) * np.array([0, 0, 1])
+    times = np.linspace(0.0, 2.0, 41)
+    share = np.clip(1.0 - times / 0.2, 0.0, 1.0)[:, None, None]
+    nodes = lying + share * np.array(shift)
+    return run_of(scene, times, nodes, np.zeros_like(nodes), np.full((41, 12), 5.0))
+
+
+def test_shadows_lie_on_the_floor_under_their_members_and_darken_as_these_come_near():
+    run = fallen_run()
+    scene = run.scene
+    floor = (np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    radii = np.full(3, 0.01)
+    high, low = (list(patches(floor, scene.structure, nodes, radii, 0.002, 0.5)) for nodes in run.nodes[[0, -1]])
+    for shown, nodes in ((high, run.nodes[0]), (low, run.nodes[-1])):
+        assert len(shown) <= geoms_needed(scene.structure)
+        for patch in shown:
+            assert patch.middle[2] == pytest.approx(0.0, abs=1e-15)
+            assert 0.0 <= patch.darkness <= 1.0
+            assert np.linalg.det(patch.axes) == pytest.approx(1.0)
+        box = np.array([patch.middle[:2] for patch in shown])
+        assert np.all(box >= nodes[:, :2].min(axis=0) - 1e-12)
+        assert np.all(box <= nodes[:, :2].max(axis=0) + 1e-12)
+    assert max(p.darkness for p in low) > 1.5 * max(p.darkness for p in high)
+    touching = [patch for patch in low if patch.round]
+    assert len(touching) == 6  # a broad and a narrow one under each of the three ends that stand on the floor
+    assert not any(patch.round for patch in high)
+
+
+@needs_opengl
+def test_a_landed_structure_has_shadows_on_its_floor():
+    run = fallen_run()
+    with stage_of(run, size=(640, 360), traces=False) as stage:
+        image = stage.frame(2.0).copy()
+        camera = stage.framing.path.at(2.0) if stage.framing.path else stage.framing.camera
+        nodes = run.nodes[-1]
+        i, j = run.scene.structure.rod_nodes[0]
+        # Halfway up a rod, straight down on the floor: not the floor's colour, but darker.
+        place = 0.5 * (nodes[i] + nodes[j]) * [1.0, 1.0, 0.0]
+        x, y = camera.project(place)
+        shade = image[int(180 - 180 * y), int(320 + 180 * x)].astype(int)
+        assert shade.sum() < 3 * 255 * np.mean(palette.FLOOR) - 40
+
+
+def test_a_camera_that_moves_never_loses_what_it_shows_and_comes_nearer():
+    run = fallen_run((0.9, 0.0, 0.4))
+    framing = Framing([Motion.of(run)], [None], View(), 16 / 9)
+    path = framing.path
+    assert path is not None
+    assert path.at(2.0).distance == pytest.approx(NEAREST * framing.camera.distance)
+    assert path.at(0.0).distance > path.at(2.0).distance
+    for time in path.times:
+        seen = path.at(time).project(run.nodes[np.argmin(np.abs(run.time - time))])
+        assert np.all(np.abs(seen) <= [16 / 9, 1.0])
+    # Smoothly: from one of its hundred instants to the next it moves by no more than a few percent of its distance.
+    places = np.array([path.at(time).position for time in path.times])
+    assert np.linalg.norm(np.diff(places, axis=0), axis=1).max() < 0.05 * framing.camera.distance
+
+
+def test_a_camera_stands_still_where_that_shows_as_much():
+    assert Framing([Motion.of(cone_run())], [None], View(), 16 / 9).path is None
+    assert Framing([Motion.of(fallen_run())], [None], View(distance=3.0), 16 / 9).path is None
+
+
+@needs_opengl
+def test_strings_may_be_as_thick_as_they_pull():
+    run = cone_run()
+    tensions = np.broadcast_to([1.0, 1.0, 1e-3], run.tensions.shape)
+    counts = []
+    for thickness in (False, True):
+        image = render_frame(
+            replace(run, tensions=tensions), 0.0, size=(640, 360), text=False, thickness=thickness, traces=False
+        )
+        strong, weak = palette.tension_colors([1.0, 1e-3])
+        counts.append([int((distance_from(image, tuple(c)) < 60).sum()) for c in (strong, weak)])
+    assert counts[1][0] > 1.8 * counts[0][0]  # three times the thickness, less what they cover of one another
+    assert counts[1][1] < 0.8 * counts[0][1]
+
+
+@needs_opengl
+def test_a_still_is_transparent_cut_to_what_shows_and_knows_its_dots(tmp_path: Path):
+    run = cone_run()
+    path = still(run, tmp_path / "still.png", 1.0, dpi=150, size=(640, 360))
+    with PillowImage.open(path) as opened:
+        assert opened.info["dpi"] == pytest.approx((150, 150), abs=0.1)
+        pixels = np.asarray(opened)
+    assert pixels.shape[2] == 4
+    assert pixels.shape[0] < 360
+    opacity = pixels[..., 3]
+    assert set(np.unique(opacity)) >= {0, 255}
+    assert opacity[0].any()
+    assert opacity[:, 0].any()
+    # On the pictures' background it is the picture.
+    with stage_of(run, size=(640, 360), traces=False, quality=Quality.BEST) as stage:
+        color, share = stage.cut_out(1.0)[..., :3] / 255.0, stage.cut_out(1.0)[..., 3:] / 255.0
+        on = 255.0 * (color * share + np.array(palette.BACKGROUND) * (1.0 - share))
+        assert np.abs(on - stage.frame(1.0)).max() <= 3.0  # each of the three is rounded once or twice
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"dpi": 900.0}, "at most 4096"), ({"dpi": -1.0}, "dpi"), ({"time": 9.0}, "lasts from")],
+)
+@needs_opengl
+def test_stills_that_cannot_be_are_refused(tmp_path: Path, options, message):
+    with pytest.raises(OptionError, match=message):
+        still(cone_run(), tmp_path / "still.png", **options)
+    assert not list(tmp_path.iterdir())
+
+
+@needs_opengl
+@pytest.mark.parametrize(("ending", "start"), [(".gif", b"GIF89a"), (".webm", b"\x1aE\xdf\xa3"), (".mp4", b"\0\0\0")])
+def test_films_are_of_the_kind_that_their_ending_says(tmp_path: Path, ending, start):
+    path = render(cone_run(), tmp_path / f"film{ending}", size=(64, 64), fps=5)
+    assert path.read_bytes().startswith(start)
+    if ending == ".gif":
+        with PillowImage.open(path) as film:
+            assert film.n_frames == 11
+
+
+def test_a_gif_has_at_most_fifty_frames_a_second(tmp_path: Path):
+    with pytest.raises(OptionError, match="at most 50"):
+        render(cone_run(), tmp_path / "film.gif", fps=60)
 
 
 @needs_opengl

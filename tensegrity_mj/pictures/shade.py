@@ -1,0 +1,80 @@
+"""What a structure shades of its floor: flat dark pieces under its members, so that one sees where and how it stands.
+
+The light comes along the floor's normal. A shadow is as sharp and dark as its member is near: it widens and pales with
+the height, and where a rod's end comes down, a round one darkens to the touch. A shadow map would cost far more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.structure import Structure
+
+PIECES = 4  # of a rod's shadow, each of one darkness
+MOST_STRINGS = 60  # whose shadows are drawn
+DARKEST = 0.5  # of a rod that lies on the floor: 0 is the floor's colour, 1 that of `palette.SHADE`
+TOUCH = 0.15  # of a rod's length: below such a height its end has a round shadow
+WIDER = 0.035  # of the height: half the width that a shadow gains
+PALER = 0.35  # of the extent: at such a height a shadow has half its darkness
+SOFT = ((1.7, 0.5), (1.0, 1.0))  # width and darkness, relative: an outer part, and an inner one over it
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A flat dark part of the floor: middle (3,), half length and half width [m], its axes (3, 3), and how dark."""
+
+    middle: Array
+    half: tuple[float, float]
+    axes: Array
+    darkness: float
+    round: bool
+
+
+def patches(
+    floor: tuple[Array, Array], structure: Structure, nodes: Array, radii: Array, string: float, extent: float
+) -> Iterator[Patch]:
+    """Shadows on a floor, a point of it and its normal, of rods of radii (R,) and strings of one [m].
+
+    `extent` [m] is that of the picture, for how fast shadows pale.
+    """
+    place, up = floor
+    members = [(pair, radius, PIECES, 1.0) for pair, radius in zip(structure.rod_nodes, radii, strict=True)]
+    if len(structure.strings) <= MOST_STRINGS:
+        members += [(pair, string, 1, 0.6) for pair in structure.string_nodes]
+    heights = (nodes - place) @ up
+    flat = nodes - heights[:, None] * up
+    for (i, j), radius, pieces, weight in members:
+        along = flat[j] - flat[i]
+        length = float(np.linalg.norm(along))
+        direction = along / length if length > 1e-9 * extent else _across(up)
+        axes = np.column_stack([direction, np.cross(up, direction), up])
+        for k in range(pieces):
+            share = (k + 0.5) / pieces
+            height = max(0.0, float((1.0 - share) * heights[i] + share * heights[j]) - radius)
+            middle = flat[i] + share * along
+            for wide, dark in SOFT if pieces > 1 else SOFT[1:]:
+                half = (0.5 * length / pieces, wide * (radius + WIDER * height))
+                yield Patch(middle, half, axes, weight * dark * _darkness(height, extent), False)
+    axes = np.column_stack([_across(up), np.cross(up, _across(up)), up])
+    for pair, radius, length in zip(structure.rod_nodes, radii, structure.rod_lengths, strict=True):
+        for node in pair:
+            height = max(0.0, float(heights[node]) - radius)
+            if height < TOUCH * length:
+                near = 1.0 - height / (TOUCH * length)
+                for wide, dark in SOFT:
+                    half = wide * 1.4 * radius
+                    yield Patch(flat[node], (half, half), axes, near * dark * min(1.0, 1.6 * DARKEST), True)
+
+
+def _darkness(height: float, extent: float) -> float:
+    return DARKEST / (1.0 + height / (PALER * extent))
+
+
+def _across(up: Array) -> Array:
+    """Some unit vector across another."""
+    aside = np.cross(up, [1.0, 0.0, 0.0] if abs(up[0]) < 0.9 else [0.0, 1.0, 0.0])
+    return np.asarray(aside / np.linalg.norm(aside))
