@@ -9,7 +9,7 @@ PREFIXED = ("N", "m", "J", "Pa", "W", "s", "Hz", "N/m", "m/s", "N m", "B")  # kg
 LEAST = 0.1  # what is smaller gets a prefix
 
 
-def power_of(largest: float, unit: str) -> int:
+def power_of(largest: float, unit: str, digits: int = 3) -> int:
     """The power of ten, a multiple of three, that numbers up to `largest` in `unit` are best written in.
 
     Units without prefixes keep theirs up to 10⁴. A second has no multiples.
@@ -21,8 +21,8 @@ def power_of(largest: float, unit: str) -> int:
         return 0 if 1e-3 <= size < 1e4 else 3 * math.floor(math.log10(size) / 3.0)
     if LEAST <= size < 1e3 or (unit == "s" and size >= 1.0):
         return 0
-    # 99.99 and 999.99 in three digits are 100 and 1000.
-    return min(9, max(-12, 3 * math.floor(math.log10(size * (1.0 + 5e-4)) / 3.0)))
+    # 999.99 in three digits is 1000.
+    return min(9, max(-12, 3 * math.floor(math.log10(size * (1.0 + 0.5 * 10.0**-digits)) / 3.0)))
 
 
 def unit_with(power: int, unit: str) -> str:
@@ -45,8 +45,8 @@ def quantity(value: float, unit: str = "", digits: int = 3) -> str:
         return f"{value:g} {unit}".replace("inf", "∞").rstrip()
     if unit not in PREFIXED or abs(value) < 1e-12 or abs(value) >= 1e13:
         return f"{value:.{digits}g} {unit}".rstrip()
-    power = power_of(value, unit)
+    power = power_of(value, unit, digits)
     scaled = value / 10.0**power
     # Of a number before the point, all digits: 1234 s are no 1.23e+03 s.
-    text = f"{scaled:.{digits}g}" if abs(scaled) < 10.0**digits * (1.0 - 5e-4) else f"{scaled:.0f}"
+    text = f"{scaled:.{digits}g}" if abs(scaled) < 10.0**digits * (1.0 - 0.5 * 10.0**-digits) else f"{scaled:.0f}"
     return f"{text} {unit_with(power, unit)}"

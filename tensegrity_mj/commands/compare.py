@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.basics.texts import closest
+from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import (
     PLOT_SUFFIXES,
@@ -18,6 +19,7 @@ from tensegrity_mj.commands.common import (
     for_paper,
     number,
     output_file,
+    positive,
     refuse,
     table,
     warn,
@@ -30,17 +32,25 @@ if TYPE_CHECKING:
     from tensegrity_mj.runs.trajectory import Trajectory
 
 
-# unit of each number of a comparison, for people
-UNITS = {
-    "max_node_error": "m",
-    "rms_node_error": "m",
-    "max_velocity_error": "m/s",
-    "max_tension_error": "N",
-    "max_rod_force_error": "N",
-    "max_force_density_error": "N/m",
-    "max_rest_length_error": "m",
-    "max_energy_error": "J",
+# Numbers of a comparison, in words and with units, for people.
+WORDS = {
+    "max_node_error": ("largest node error", "m"),
+    "rms_node_error": ("RMS node error", "m"),
+    "max_velocity_error": ("largest velocity error", "m/s"),
+    "max_tension_error": ("largest tension error", "N"),
+    "max_rod_force_error": ("largest rod force error", "N"),
+    "max_force_density_error": ("largest force density error", "N/m"),
+    "max_rest_length_error": ("largest rest length error", "m"),
+    "max_energy_error": ("largest energy error", "J"),
 }
+
+
+def tolerance(text: str) -> tuple[str, float]:
+    """argparse type: a number, or UNIT=NUMBER; the unit, or "" for all, and the number."""
+    unit, equals, number_ = text.rpartition("=")
+    if equals and unit not in (units := dict.fromkeys(unit for _, unit in WORDS.values())):
+        raise argparse.ArgumentTypeError(f"{text!r}: write UNIT=NUMBER, with a unit among {', '.join(units)}")
+    return unit, positive(number_)
 
 
 def execute(options: argparse.Namespace) -> Outcome:
@@ -65,6 +75,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         raise OptionError(f"compare {' '.join(options.inputs)}: give one scene, or two .nc or .csv files")
 
     from tensegrity_mj.runs.trajectory import Status
+    from tensegrity_mj.runs.verdicts import verdict
 
     for run in (first, second):
         if "accuracy" in run.reports and not run.reports["accuracy"]["met"]:
@@ -75,13 +86,17 @@ def execute(options: argparse.Namespace) -> Outcome:
         run.save(path)
     if code and min(len(first.time), len(second.time)) < 2:
         # Stopped where it began: there is nothing to compare.
-        numbers: dict[str, Any] = {**dict.fromkeys(UNITS), "first_exceeded": {}}
+        numbers: dict[str, Any] = {**dict.fromkeys(WORDS), "first_exceeded": {}, "tolerances": {}}
+        numbers["verdict"] = verdict([first, second])
         plot = None
     else:
-        from tensegrity_mj.runs.comparison import compare
+        from tensegrity_mj.runs.comparison import TOLERANCE, compare
 
-        comparison = compare(first, second, **({} if options.tolerance is None else {"tolerance": options.tolerance}))
+        given = dict(options.tolerance or ())
+        comparison = compare(first, second, given.pop("", TOLERANCE), tolerances=given)
         numbers = comparison.to_dict()
+        numbers["tolerances"] = {name: comparison.tolerance_of(name) for name in comparison.NAMES}
+        numbers["verdict"] = verdict([first, second], comparison)
         if plot:
             from tensegrity_mj.pictures.plots import plot_comparison
 
@@ -114,16 +129,27 @@ def describe(data: dict[str, Any]) -> str:
         ("status", data["status"].value + (f": {data['message']}" if data["message"] else "")),
         ("first", data["first"]),
         ("second", data["second"]),
-        *((name.replace("_", " "), number(data[name], unit)) for name, unit in UNITS.items()),
     ]
+    rows += [_difference(data, name) for name in WORDS]
     rows += [
         (f"node error of the {name}, estimated", number(error, "m"))
         for name in ("first", "second")
         if not math.isnan(error := data[f"{name}_error_estimate"])
     ]
-    rows += exceeded(data)
     rows += [("written", str(path)) for path in [*data["out"].values(), data["plot"]] if path]
-    return table(rows)
+    return "\n\n".join(filter(None, [data["verdict"], table(rows)]))
+
+
+def _difference(data: dict[str, Any], name: str) -> tuple[str, str]:
+    """One of `WORDS` for people: how large, and since when beyond its tolerance."""
+    words, unit = WORDS[name]
+    key = name.removeprefix("max_")
+    limit, when = data["tolerances"].get(key), data["first_exceeded"].get(key)
+    text = "-" if data[name] is None else quantity(data[name], unit, 4)
+    if limit is not None:
+        beyond = "within" if when is None else f"beyond, from {quantity(when, 's')} on,"
+        text = f"{text:<16} {beyond} {quantity(limit, unit)}"
+    return words, text
 
 
 def _with_table(
@@ -131,10 +157,10 @@ def _with_table(
 ) -> Outcome:
     """Compare a run with a table of another program."""
     from tensegrity_mj.pictures.plots import plot_comparison
-    from tensegrity_mj.runs.comparison import TableComparison, compare
+    from tensegrity_mj.runs.comparison import TOLERANCE, TableComparison, compare
 
-    tolerance = {} if options.tolerance is None else {"tolerance": options.tolerance}
-    found = compare(first, second, **tolerance)
+    given = dict(options.tolerance or ())
+    found = compare(first, second, given.pop("", TOLERANCE), tolerances=given)
     assert isinstance(found, TableComparison)
     if plot:
         with for_paper(options.paper):
@@ -145,26 +171,17 @@ def _with_table(
         warn(f"the table's '{node}' is no node of the run{closest(node, [*found.by_node, *found.missing_nodes])}")
     if found.times_outside:
         warn(f"{found.times_outside} times of the table are not within the run")
-    numbers = found.to_dict()
+    numbers = found.to_dict() | {"tolerances": {name: found.tolerance_of(name) for name in found.compared}}
     data = {"status": "ok", "message": "", "first": found.first, "second": found.second, **numbers, "plot": plot}
     rows = [("first", found.first), ("second", found.second)]
     rows.append(("times", f"{len(found.time)}, from {found.time[0]:.6g} to {found.time[-1]:.6g} s, those of the table"))
     for name in ("rms_node_error", *(f"max_{one}" for one in found.compared)):
         error = found.resampling_error[name.removeprefix("max_").removeprefix("rms_")]
-        rows.append((name.replace("_", " "), number(numbers[name], UNITS[name])))
-        rows.append(("  of it by interpolation, estimated", number(error, UNITS[name])))
-    rows += [(f"largest at {node}", number(error, "m")) for node, error in found.by_node.items()]
-    rows += exceeded(numbers) + ([("written", str(plot))] if plot else [])
+        rows.append(_difference(numbers, name))
+        rows.append(("  of it by interpolation, estimated", quantity(error, WORDS[name][1], 4)))
+    rows += [(f"largest at {node}", quantity(error, "m", 4)) for node, error in found.by_node.items()]
+    rows += [("written", str(plot))] if plot else []
     return Outcome(data, table(rows))
-
-
-def exceeded(numbers: dict[str, Any]) -> list[tuple[str, str]]:
-    """When each difference exceeded the tolerance, for people."""
-    limit = f"exceeds {numbers['tolerance']:g} at"
-    return [
-        (f"{name.replace('_', ' ')} {limit}", "never" if time is None else number(time, "s"))
-        for name, time in numbers["first_exceeded"].items()
-    ]
 
 
 def _engines(options: argparse.Namespace) -> tuple[str, str]:

@@ -195,8 +195,8 @@ def _write_report(demo: Demo, path: Path) -> None:
         path,
         [demo.run, demo.reference],
         introduction=(
-            "The same structure under the same control law, evaluated continuously, in two independent formulations: "
-            "MuJoCo with RK4, and the thesis' differential-algebraic equations with an error-controlled method."
+            "One structure under one control law, in two independent formulations: MuJoCo with RK4, and the thesis' "
+            "differential-algebraic equations with an error-controlled method."
         ),
         comparison=demo.comparison,
         pictures=[Picture(demo.files[what], caption) for what, caption in captions.items()],

@@ -6,6 +6,7 @@ import argparse
 import math
 from typing import TYPE_CHECKING, Any
 
+from tensegrity_mj.basics.files import table_beside
 from tensegrity_mj.commands.common import Outcome, number, table
 
 if TYPE_CHECKING:
@@ -26,20 +27,43 @@ def execute(options: argparse.Namespace) -> Outcome:
         details = describe(load_scene(options.scene), timing=not options.no_timing)
         return Outcome(details, _text(details))
     scenes = {name: load_scene(name) for name in scene_names()}
+    kinds = {name: (group, line) for group, lines in shipped().items() for name, line in lines.items()}
     rows = [
         {
             "name": name,
+            "group": kinds.get(name, OTHER)[0],
+            "description": kinds.get(name, OTHER)[1],
             "rods": len(scene.structure.rods),
             "strings": len(scene.structure.strings),
             "source": scene.source,
         }
         for name, scene in scenes.items()
     ]
-    width = max(map(len, scenes), default=0)
-    lines = [
-        f"{row['name']:<{width}}  {row['rods']:>4} rods {row['strings']:>4} strings  {row['source']}" for row in rows
-    ]
-    return Outcome({"status": "ok", "scenes": rows}, "\n".join(lines))
+    return Outcome({"status": "ok", "scenes": rows}, _listed(rows, options.sources))
+
+
+OTHER = ("Others", "")
+
+
+def shipped() -> dict[str, dict[str, str]]:
+    """What each shipped scene is, by groups and names."""
+    found: dict[str, dict[str, str]] = table_beside(__file__)["shipped"]
+    return found
+
+
+def _listed(rows: list[dict[str, Any]], sources: bool) -> str:
+    """One line a scene, by groups."""
+    width = max((len(row["name"]) for row in rows), default=0)
+    lines = []
+    for group in [*shipped(), OTHER[0]]:
+        members = {row["name"]: row for row in rows if row["group"] == group}
+        order = [*shipped().get(group, {}), *members]
+        lines += [f"{group}:"] if members else []
+        for name in dict.fromkeys(name for name in order if name in members):
+            row = members[name]
+            lines.append(f"  {name:<{width}}  {row['rods']:>3} rods {row['strings']:>4} strings  {row['description']}")
+            lines += [f"  {'':<{width}}  from {row['source']}"] if sources else []
+    return "\n".join(lines)
 
 
 def describe(scene: Scene, timing: bool = False) -> dict[str, Any]:

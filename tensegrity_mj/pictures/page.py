@@ -15,14 +15,17 @@ from dataclasses import KW_ONLY, dataclass, replace
 from html import escape
 from pathlib import Path
 from string import Template
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tensegrity_mj.basics.files import checked, replacing
 from tensegrity_mj.basics.functions import function_of
+from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.runs.comparison import UNITS, Comparison
 from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.runs.verdicts import verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,27 +35,17 @@ __all__ = ["Picture", "Section", "Table", "write_page", "write_report", "write_s
 PathLike = str | os.PathLike[str]
 IMAGE_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 
-# Numbers of `Comparison.to_dict`, with words and units; others that it may hold are shown under their own names.
-AGREEMENT = {
-    "max_node_error": ("largest node error", "m"),
-    "rms_node_error": ("RMS node error", "m"),
-    "max_velocity_error": ("largest velocity error", "m/s"),
-    "max_tension_error": ("largest tension error", "N"),
-    "max_rod_force_error": ("largest rod force error", "N"),
-    "max_force_density_error": ("largest force density (u) error", "N/m"),
-    "max_rest_length_error": ("largest rest length error", "m"),
-    "max_energy_error": ("largest energy error", "J"),
-    "tolerance": ("tolerance", "in the unit of each"),
-    "from": ("compared from", "s"),
-    "to": ("compared to", "s"),
+# Differences of a comparison, in words.
+DIFFERENCES = {
+    "node_error": "largest node error",
+    "velocity_error": "largest velocity error",
+    "tension_error": "largest tension error",
+    "rod_force_error": "largest rod force error",
+    "force_density_error": "largest force density (u) error",
+    "rest_length_error": "largest rest length error",
+    "energy_error": "largest energy error",
 }
-
-
-class ComparisonLike(Protocol):
-    """What a report reads of a `Comparison`."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Names and numbers."""
+MOST_ITEMS = 6  # of a list in a table
 
 
 @dataclass(frozen=True)
@@ -93,7 +86,7 @@ class Report:
     Attributes:
         path: ends in .html.
         runs: what was simulated, at least one.
-        title: by default the scene's name and where its numbers come from.
+        title: by default the scene's name.
         introduction: one paragraph of plain text.
         comparison: of the first two runs.
         pictures: plots and pictures, in order.
@@ -110,8 +103,8 @@ class Report:
     _: KW_ONLY
     title: str | None = None
     introduction: str = ""
-    comparison: ComparisonLike | None = None
-    pictures: Iterable[Picture] = ()
+    comparison: Comparison | None = None
+    pictures: Sequence[Picture] = ()
     video: PathLike | None = None
     video_note: str = ""
     tables: Iterable[Table] = ()
@@ -120,14 +113,17 @@ class Report:
         if not self.runs:
             raise OptionError("a report needs at least one run; none was given")
         scene = self.runs[0].scene
-        heading = self.title or (f"{scene.name}: {scene.source}" if scene.source else scene.name)
-        sections = [] if self.comparison is None else [Section("Agreement", parts=[_agreement(self.comparison)])]
-        if self.video is not None or self.video_note:
-            sections.append(Section("Video", parts=[_video(self.video, self.video_note)]))
-        sections.append(Section("Runs", parts=[_runs(self.runs)]))
-        sections += _pictures_and_tables(self.pictures, self.tables)
-        sections.append(Section("How it was run", parts=[_details(run) for run in self.runs]))
-        return write_sections(self.path, heading, self.introduction, sections, "report")
+        shown = _video(self.video, self.video_note) if self.video is not None or self.video_note else ""
+        head = f'<p class="verdict">{escape(verdict(self.runs, self.comparison))}</p>'
+        asked = _asked(self.runs, self.introduction, titled=self.title is not None)
+        opening = [f'<div class="beside"><div>{head}{asked}</div><div>{shown}</div></div>']
+        sections = [Section("Plots", parts=list(self.pictures))] if self.pictures else []
+        if self.comparison is not None:
+            sections.append(Section("How far the two are apart", parts=[_agreement(self.comparison)]))
+        sections.append(Section("What came out", parts=[_runs(self.runs)]))
+        sections += _pictures_and_tables((), self.tables)
+        sections.append(Section("Everything that was recorded", parts=[_details(run) for run in self.runs]))
+        return write_sections(self.path, self.title or scene.name, "", sections, "report", opening=opening)
 
 
 write_report = function_of(Report)
@@ -150,15 +146,25 @@ def write_page(
 
 
 def write_sections(
-    path: PathLike, title: str, introduction: str, sections: Iterable[Section], what: str = "page"
+    path: PathLike,
+    title: str,
+    introduction: str,
+    sections: Iterable[Section],
+    what: str = "page",
+    *,
+    opening: Sequence[str] = (),
 ) -> Path:
-    """Write a page of sections in the same style; returns its path. `what` it is stands in messages.
+    """Write a page of sections in the same style; returns its path.
+
+    Args:
+        what: it is, in messages.
+        opening: HTML under the title, see `opening_of`.
 
     Raises:
         OptionError: a picture that is missing or of another kind, a path that cannot be written.
     """
     destination = checked(path, (".html", ".htm"), what)
-    parts = [f"<h1>{escape(title)}</h1>"] + ([f"<p>{escape(introduction)}</p>"] if introduction else [])
+    parts = [f"<h1>{escape(title)}</h1>", *opening] + ([f"<p>{escape(introduction)}</p>"] if introduction else [])
     for section in sections:
         parts.append(f"<h2>{escape(section.title)}</h2>")
         parts += [f"<p>{escape(text)}</p>" for text in section.text]
@@ -195,43 +201,79 @@ def page_of(heading: str, parts: Sequence[str], style: str = "") -> str:
 # ------------------------------------------------------------------------------------------------------ sections
 
 
-def _agreement(comparison: ComparisonLike) -> str:
-    data = comparison.to_dict()
-    exceeded = data.get("first_exceeded")
-    exceeded = exceeded if isinstance(exceeded, Mapping) else {}
+def _asked(runs: Sequence[Trajectory], introduction: str, *, titled: bool) -> str:
+    """What was simulated, in a few words; the scene's name where the page has a title of its own."""
+    scene, first = runs[0].scene, runs[0].provenance
+    structure, law = scene.structure, first.get("controller")
+    held = first.get("actuation") or {}
+    how = held.get("mode", "").replace("-", " ").replace("_", " ")
+    period = f" every {quantity(held['period'], 's')}" if held.get("period") else ""
+    rows = [
+        ("scene", scene.name if titled else ""),
+        ("from", scene.source),
+        ("structure", f"{len(structure.rods)} rods, {len(structure.strings)} strings"),
+        ("engines" if len(runs) > 1 else "engine", "; ".join(run.engine for run in runs)),
+        ("law", _law_words(law) if isinstance(law, Mapping) else "none"),
+        ("actuation", f"{how}{period}" if law else ""),
+        ("duration", quantity(first["duration"], "s") if "duration" in first else ""),
+    ]
+    text = f"<p>{escape(introduction)}</p>" if introduction else ""
+    return text + table_of(("", ""), [row for row in rows if row[1]])
+
+
+def _law_words(law: Mapping[str, Any]) -> str:
+    """The law with those of its options that are single numbers or words."""
+    options = [
+        f"{name.replace('_', ' ')} {_plain(value)}"
+        for name, value in law.items()
+        if name != "law" and isinstance(value, (int, float, str)) and not isinstance(value, bool)
+    ]
+    return ", ".join([str(law.get("law", "a function")).replace("_", " "), *options])
+
+
+def _agreement(comparison: Comparison) -> str:
+    """Differences with their tolerances, and since when these are exceeded."""
     rows: list[tuple[object, ...]] = []
-    for key, value in data.items():
-        if isinstance(value, Mapping) or value is None or isinstance(value, (list, tuple)):
-            continue
-        words, unit = AGREEMENT.get(key, (key.replace("_", " "), ""))
-        rows.append((words, value, unit))
-    html = table_of(("quantity", "value", "unit"), rows)
-    times = [(str(name).replace("_", " "), when) for name, when in exceeded.items() if when is not None]
-    if times:
-        html += "<p>First beyond the tolerance:</p>" + table_of(("quantity", "time [s]"), times)
-    elif exceeded:
-        html += "<p>No quantity exceeded its tolerance.</p>"
-    return html
+    for name, when in comparison.first_exceeded.items():
+        unit, since = UNITS[name], "never" if when is None else quantity(when, "s")
+        largest = quantity(getattr(comparison, f"max_{name}"), unit, 4)
+        rows.append((DIFFERENCES[name], largest, quantity(comparison.tolerance_of(name), unit), since))
+    rows.append(("RMS node error", quantity(comparison.rms_node_error, "m", 4), "", ""))
+    heads = ("quantity", "difference", "tolerance", "beyond it from")
+    first, last = (quantity(float(comparison.time[k]), "s") for k in (0, -1))
+    return table_of(heads, rows) + f"<p>At {len(comparison.time)} common times from {first} to {last}.</p>"
 
 
 def _runs(runs: Sequence[Trajectory]) -> str:
     """One column a run."""
-    rows: list[tuple[object, ...]] = [
-        ("status", *(run.status.value + (f": {run.message}" if run.message else "") for run in runs)),
-        ("simulated time [s]", *(run.time[-1] - run.time[0] if len(run.time) else math.nan for run in runs)),
-        ("samples", *(len(run.time) for run in runs)),
-        ("distance to the target at the end [m]", *(_final_error(run) for run in runs)),
-        ("largest force density u [N/m]", *(run.max_force_density for run in runs)),
-        ("smallest feasibility margin", *(run.min_feasibility_margin for run in runs)),
-        ("energy residual [J]", *(run.energy_residual for run in runs)),
-    ]
-    for source in ("reports", "cost"):
-        names = dict.fromkeys(name for run in runs for name in getattr(run, source))
-        for name in names:
-            cells = [getattr(run, source).get(name) for run in runs]
-            rows.append((name.replace("_", " "), *cells))
-    heads = [run.engine or f"run {number}" for number, run in enumerate(runs, 1)]
-    return table_of(("", *heads), rows)
+
+    def column(run: Trajectory) -> list[str]:
+        lasted = float(run.time[-1] - run.time[0]) if len(run.time) else math.nan
+        return [
+            run.status.value + (f": {run.message}" if run.message else ""),
+            quantity(lasted, "s", 4),
+            quantity(_final_error(run), "m", 4),
+            quantity(run.max_force_density, "N/m", 4),
+            quantity(run.min_feasibility_margin, "", 4),
+            quantity(run.energy_residual, "J", 4),
+            quantity(run.cost.get("wall_time", math.nan), "s"),
+            str(run.cost.get("steps", "–")),
+            "; ".join(map(str, run.reports.get("warnings") or [])) or "none",
+        ]
+
+    names = (
+        "status",
+        "simulated time",
+        "distance to the target at the end",
+        "largest force density u",
+        "smallest feasibility margin",
+        "energy residual",
+        "wall time",
+        "steps",
+        "warnings",
+    )
+    rows = [row for row in zip(names, *map(column, runs), strict=True) if any(cell != "–" for cell in row[1:])]
+    return table_of(("", *(run.engine or f"run {number}" for number, run in enumerate(runs, 1))), rows)
 
 
 def _final_error(run: Trajectory) -> float:
@@ -241,10 +283,26 @@ def _final_error(run: Trajectory) -> float:
 
 
 def _details(run: Trajectory) -> str:
-    """Everything that is needed to run it again, folded away."""
-    rows = [(name.replace("_", " "), value) for name, value in run.provenance.items()]
+    """All reports, costs and options of a run, one a line, folded away."""
+    rows = [row for source in ("provenance", "reports", "cost") for row in _flat(getattr(run, source))]
     body = table_of(("", ""), rows) if rows else "<p>Nothing was recorded.</p>"
     return f"<details><summary>{escape(run.engine or run.scene.name)}</summary>{body}</details>"
+
+
+def _flat(found: Mapping[str, Any], before: str = "") -> list[tuple[object, ...]]:
+    """Names and values of groups within groups; what is empty is left out."""
+    rows: list[tuple[object, ...]] = []
+    for name, value in found.items():
+        words = f"{before}{str(name).replace('_', ' ')}"
+        if isinstance(value, Mapping):
+            rows += _flat(value, f"{words}: ")
+        elif value is not None and not (isinstance(value, (list, tuple)) and not len(value)):
+            rows.append((words, value))
+    return rows
+
+
+def _plain(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _picture(picture: Picture) -> str:
@@ -304,7 +362,7 @@ def _align(value: object) -> str:
 
 
 def _cell(value: object) -> str:
-    """A value as HTML: numbers with four digits, nothing as a dash, groups of values one a line."""
+    """A value as HTML: numbers with four digits, nothing as a dash, of long lists the beginning."""
     if value is None:
         return "–"
     if isinstance(value, (bool, np.bool_)):
@@ -314,7 +372,10 @@ def _cell(value: object) -> str:
     if isinstance(value, (float, np.floating)):
         return "–" if math.isnan(value) else escape(f"{value:.4g}")
     if isinstance(value, Mapping):
-        return "<br>".join(f"{escape(str(key))}: {_cell(item)}" for key, item in value.items()) or "–"
+        return ", ".join(f"{escape(str(key))} {_cell(item)}" for key, item in value.items()) or "–"
     if isinstance(value, (list, tuple)):
-        return ", ".join(_cell(item) for item in value) or "–"
+        if len(value) > 1 and all(item == value[0] for item in value):
+            return f"{_cell(value[0])} ({len(value)} times)"
+        more = f", … ({len(value)} in all)" if len(value) > MOST_ITEMS else ""
+        return (", ".join(_cell(item) for item in value[:MOST_ITEMS]) + more) or "–"
     return escape(str(value))

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, Self, overload
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, norm
-from tensegrity_mj.basics.texts import value_text
+from tensegrity_mj.basics.texts import unknown, value_text
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.runs.convergence import common_times
 from tensegrity_mj.runs.resampling import resampled
@@ -16,6 +17,17 @@ from tensegrity_mj.runs.table import Table
 from tensegrity_mj.runs.trajectory import Trajectory
 
 ERRORS = {"nodes": "node_error", "velocities": "velocity_error", "tensions": "tension_error"}  # by what they are of
+TOLERANCE = 1e-6  # in each unit
+# The quantities that differ, and their units.
+UNITS = {
+    "node_error": "m",
+    "velocity_error": "m/s",
+    "tension_error": "N",
+    "rod_force_error": "N",
+    "force_density_error": "N/m",
+    "rest_length_error": "m",
+    "energy_error": "J",
+}
 
 
 class _Largest:
@@ -47,7 +59,8 @@ class Comparison:
         energy_error: of the total energy [J].
         rms_node_error: root mean square over nodes and times [m].
         max_node_error, ...: the largest entry of each array.
-        tolerance: [m], [m/s], [N], [N/m], [J] alike: what `first_exceeded` refers to.
+        tolerance: in the SI unit of each quantity, what `first_exceeded` refers to where no other is given.
+        tolerances: others, by units: {"N": 1e-3}.
     """
 
     time: Array
@@ -62,16 +75,9 @@ class Comparison:
     tolerance: float
     first: str = ""
     second: str = ""
+    tolerances: Mapping[str, float] = field(default_factory=dict)
 
-    NAMES = (
-        "node_error",
-        "velocity_error",
-        "tension_error",
-        "rod_force_error",
-        "force_density_error",
-        "rest_length_error",
-        "energy_error",
-    )
+    NAMES = tuple(UNITS)
 
     max_node_error = _Largest("m")
     max_velocity_error = _Largest("m/s")
@@ -80,6 +86,10 @@ class Comparison:
     max_force_density_error = _Largest("N/m")
     max_rest_length_error = _Largest("m")
     max_energy_error = _Largest("J")
+
+    def tolerance_of(self, name: str) -> float:
+        """That of one of `NAMES`, in its unit."""
+        return self.tolerances.get(UNITS[name], self.tolerance)
 
     @property
     def compared(self) -> tuple[str, ...]:
@@ -94,7 +104,7 @@ class Comparison:
         """
         times: dict[str, float | None] = {}
         for name in self.compared:
-            over = ~(getattr(self, name) <= self.tolerance)
+            over = ~(getattr(self, name) <= self.tolerance_of(name))
             times[name] = float(self.time[np.argmax(over)]) if over.any() else None
         return times
 
@@ -143,26 +153,53 @@ class TableComparison(Comparison):
 
 
 @overload
-def compare(first: Trajectory, second: Table, tolerance: float = 1e-6) -> TableComparison: ...
+def compare(
+    first: Trajectory, second: Table, tolerance: float = ..., *, tolerances: Mapping[str, float] | None = ...
+) -> TableComparison: ...
 @overload
-def compare(first: Table, second: Trajectory, tolerance: float = 1e-6) -> TableComparison: ...
+def compare(
+    first: Table, second: Trajectory, tolerance: float = ..., *, tolerances: Mapping[str, float] | None = ...
+) -> TableComparison: ...
 @overload
-def compare(first: Trajectory | Table, second: Trajectory | Table, tolerance: float = 1e-6) -> Comparison: ...
+def compare(
+    first: Trajectory | Table,
+    second: Trajectory | Table,
+    tolerance: float = ...,
+    *,
+    tolerances: Mapping[str, float] | None = ...,
+) -> Comparison: ...
 @np.errstate(over="ignore", invalid="ignore")  # runs that diverged: what is not finite shows in the result
-def compare(first: Trajectory | Table, second: Trajectory | Table, tolerance: float = 1e-6) -> Comparison:
+def compare(
+    first: Trajectory | Table,
+    second: Trajectory | Table,
+    tolerance: float = TOLERANCE,
+    *,
+    tolerances: Mapping[str, float] | None = None,
+) -> Comparison:
     """Compare two runs at all output times that they share, without interpolation; or a run with a table.
 
     Of a table, such as `runs.read_table` reads, each time within the run counts, see `TableComparison`.
 
+    Args:
+        tolerance: in the SI unit of each quantity.
+        tolerances: other ones by units, m, m/s, N, N/m or J: {"N": 1e-3}.
+
     Raises:
-        OptionError: for what is no run, where the structures differ, or where fewer than two times are common.
+        OptionError: for what is no run or tolerance, where the structures differ, or where fewer than two times are
+            common.
     """
     if not isinstance(tolerance, (int, float)) or not (np.isfinite(tolerance) and tolerance > 0):
         raise OptionError(f"tolerance = {tolerance!r}; it must be a finite number > 0")
+    for unit, most in (tolerances or {}).items():
+        if unit not in UNITS.values():
+            raise OptionError(unknown(unit, dict.fromkeys(UNITS.values()), "unit of a tolerance"))
+        if not isinstance(most, (int, float)) or not (np.isfinite(most) and most > 0):
+            raise OptionError(f"tolerances[{unit!r}] = {most!r}; it must be a finite number > 0")
+    limits = float(tolerance), dict(tolerances or {})
     if isinstance(first, Trajectory) and isinstance(second, Table):
-        return _with_table(first, second, tolerance, (first.engine, second.name))
+        return _with_table(first, second, limits, (first.engine, second.name))
     if isinstance(first, Table) and isinstance(second, Trajectory):
-        return _with_table(second, first, tolerance, (first.name, second.engine))
+        return _with_table(second, first, limits, (first.name, second.engine))
     for place, run in (("first", first), ("second", second)):
         if not isinstance(run, Trajectory):
             also = "; one of the two is a run" if isinstance(run, Table) else ""
@@ -206,13 +243,16 @@ def compare(first: Trajectory | Table, second: Trajectory | Table, tolerance: fl
         rest_length_error=largest("rest_lengths"),
         energy_error=np.abs(energy(first)[rows] - energy(second)[columns]),
         rms_node_error=float(np.sqrt(np.mean(distance**2))),
-        tolerance=float(tolerance),
+        tolerance=limits[0],
         first=first.engine,
         second=second.engine,
+        tolerances=limits[1],
     )
 
 
-def _with_table(run: Trajectory, table: Table, tolerance: float, names: tuple[str, str]) -> TableComparison:
+def _with_table(
+    run: Trajectory, table: Table, limits: tuple[float, dict[str, float]], names: tuple[str, str]
+) -> TableComparison:
     index = run.scene.structure.node_index
     shared = [node for node in table.nodes if node in index]
     if not shared:
@@ -245,9 +285,10 @@ def _with_table(run: Trajectory, table: Table, tolerance: float, names: tuple[st
         time=table.time[rows],
         **arrays,
         rms_node_error=float(np.sqrt(np.nanmean(distance**2))),
-        tolerance=float(tolerance),
+        tolerance=limits[0],
         first=names[0],
         second=names[1],
+        tolerances=limits[1],
         by_node=dict(zip(shared, np.fmax.reduce(distance, axis=0).tolist(), strict=True)),
         resampling_error={ERRORS[name]: error for name, error in found.errors.items()},
         missing_nodes=tuple(node for node in index if node not in table.nodes),

@@ -447,6 +447,10 @@ def test_scenes_lists_what_is_shipped(capsys: pytest.CaptureFixture[str]) -> Non
     assert (found["prism"]["rods"], found["prism"]["strings"]) == (3, 12)
     assert (found["pinned_rod"]["rods"], found["pinned_rod"]["strings"]) == (1, 3)
     assert "5.5" in found["prism"]["source"]
+    assert all(scene["description"] and scene["group"] != "Others" for scene in found.values())
+    assert len({scene["description"] for scene in found.values()}) == len(found)
+    assert main(["scenes", "--sources"]) == 0
+    assert capsys.readouterr().out.count("  from ") == len(found)
     assert main(["scenes"]) == 0
     text = capsys.readouterr().out
     assert all(name in text for name in found)
@@ -621,7 +625,19 @@ def test_compare_keeps_its_contract(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert code == 0
     assert again["max_node_error"] == answer["max_node_error"]
     assert main(["compare", str(tmp_path / "mujoco.nc"), str(tmp_path / "dae.nc")]) == 0
-    assert "max node error" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert text.startswith("MuJoCo and the DAE agree to ")
+    assert "largest node error" in text
+    for unit in ("µm", "µm/s", "µN", "µN/m", "µJ"):
+        assert f"within 1 {unit}\n" in text
+    code, strict, _ = ask(
+        capsys, "compare", tmp_path / "mujoco.nc", tmp_path / "dae.nc", "--tolerance", "N=1e-30", "--tolerance", "1"
+    )
+    assert strict["tolerances"]["tension_error"] == strict["tolerances"]["rod_force_error"] == 1e-30
+    assert strict["tolerances"]["node_error"] == strict["tolerance"] == 1.0
+    assert strict["first_exceeded"]["tension_error"] is not None
+    assert strict["first_exceeded"]["node_error"] is None
+    assert ask(capsys, "compare", tmp_path / "mujoco.nc", tmp_path / "dae.nc", "--tolerance", "kN=1")[0] == 2
 
 
 def test_compare_writes_beside_a_prefix(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

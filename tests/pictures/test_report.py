@@ -93,17 +93,33 @@ def test_a_report_has_the_numbers(tmp_path: Path):
     nodes[:, 1, 2] += 3e-4
     other = replace(run, nodes=nodes, engine="second", message="", reports={"drift": 2.5e-15})
     page = page_of(write_report(tmp_path / "report.html", [run, other], comparison=compare(run, other, tolerance=1e-4)))
-    assert page.row("largest node error") == ["0.0003", "m"]
-    assert page.row("node error") == ["0"]  # the time since when it is beyond the tolerance
+    # Difference, tolerance, and the time since when it is beyond that.
+    assert page.row("largest node error") == ["300 µm", "100 µm", "0 s"]
+    assert page.row("largest tension error")[1:] == ["100 µN", "never"]
     assert page.row("status") == ["completed", "completed"]
     # The rod's end is 0.5910 m from its target: the chord of the tilt 0.6.
-    assert page.row("distance to the target at the end [m]")[0] == "0.591"
-    assert page.row("largest force density u [N/m]") == [f"{run.max_force_density:.4g}"] * 2
-    assert page.row("energy residual [J]") == ["9.996e-10"] * 2  # the largest of 1e-9 |sin t| at the samples
-    assert page.row("drift") == ["–", "2.5e-15"]
-    assert page.row("largest constraint drift [m]") == ["1.5e-13", "–"]
-    assert page.row("wall time") == ["0.5", "0.5"]
-    assert page.row("options") == ["timestep: 0.001"]
+    assert page.row("distance to the target at the end")[0] == "0.591 m"
+    assert page.row("largest force density u") == [f"{run.max_force_density:.4g} N/m"] * 2
+    assert page.row("energy residual") == ["999.6 pJ"] * 2  # the largest of 1e-9 |sin t| at the samples
+    assert page.row("wall time") == ["0.5 s", "0.5 s"]
+    # What else was recorded, each run's by itself; groups become lines of their own.
+    assert page.row("largest constraint drift [m]") == ["1.5e-13"]
+    assert page.row("drift") == ["2.5e-15"]
+    assert page.row("options: timestep") == ["0.001"]
+
+
+def test_a_report_begins_with_its_verdict_and_has_no_dump_of_dictionaries(tmp_path: Path):
+    run = cone_run(engine="MuJoCo RK4")
+    run = replace(run, provenance={"controller": {"law": "lyapunov", "norm": 2, "u": [0.0] * 12}, "duration": 2.0})
+    other = replace(run, engine="DAE DOP853", nodes=run.nodes + 1e-9)
+    path = write_report(tmp_path / "report.html", [run, other], comparison=compare(run, other))
+    page, text = page_of(path), path.read_text(encoding="utf-8")
+    first = next(i for i, (_, attributes) in enumerate(page.tags) if attributes.get("class") == "verdict")
+    assert not any(tag in ("table", "img", "video") for tag, _ in page.tags[:first])
+    assert "MuJoCo and the DAE agree to 1.7 nm over 2 s; the target is missed by 0.59 m" in page.text
+    assert page.row("law") == ["lyapunov, norm 2"]
+    assert page.row("controller: u") == ["0 (12 times)"]
+    assert "{" not in text[text.index("<body>") :]
 
 
 def test_text_stays_text(tmp_path: Path):

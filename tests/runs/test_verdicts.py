@@ -1,0 +1,73 @@
+"""Sentences about runs: what they say, and when they change their mind."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from analytic_runs import cone_run, planar_scene, run_of
+
+import tensegrity_mj as tmj
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.runs.trajectory import Status
+from tensegrity_mj.runs.verdicts import size_of, verdict
+
+
+def pair(shift: float):
+    run = cone_run(engine="MuJoCo RK4")
+    return run, replace(run, nodes=run.nodes + np.array([shift, 0.0, 0.0]), engine="DAE DOP853")
+
+
+@pytest.mark.parametrize(
+    ("shift", "text"),
+    [
+        (0.0, "MuJoCo and the DAE agree exactly over 2 s; "),
+        (2e-6, "MuJoCo and the DAE agree to 2 µm over 2 s; "),
+        (0.2, "MuJoCo and the DAE differ by up to 0.2 m over 2 s; "),
+        (np.nan, "MuJoCo and the DAE cannot be compared where positions are not finite; "),
+    ],
+)
+def test_two_runs_agree_or_differ(shift, text):
+    runs = pair(shift)
+    assert verdict(runs, tmj.compare(*runs)).startswith(text)
+
+
+def test_runs_of_one_engine_are_told_apart():
+    first, second = pair(1e-9)
+    second = replace(second, engine="MuJoCo RK4, h = 0.002 s")
+    text = verdict([first, second], tmj.compare(first, second))
+    assert text.startswith("MuJoCo RK4 and MuJoCo RK4, h = 0.002 s agree")
+    same = replace(second, engine=first.engine)
+    assert verdict([first, same], tmj.compare(first, same)).startswith("The first run and the second run agree")
+
+
+def test_a_target_is_met_within_a_hundredth_of_the_size():
+    run = cone_run()
+    assert verdict([run]) == "The target is missed by 0.59 m (at the start 0.59 m)."
+    nodes = run.nodes.copy()
+    nodes[-1, 1] = [0.009 * size_of(run), 0.0, 1.0]  # the target has the rod upright, its tip at (0, 0, 1)
+    assert "the target is met to" in verdict([replace(run, nodes=nodes)]).lower()
+    nodes[-1, 1] = [0.06 * size_of(run), 0.0, 1.0]
+    assert "missed" in verdict([replace(run, nodes=nodes)])
+
+
+def test_without_a_target_the_energy_is_what_is_judged_and_an_early_end_is_named():
+    scene, times = planar_scene((0, 0, 1)), np.linspace(0.0, 1.0, 5)
+    nodes = np.repeat(scene.structure.positions[None], 5, axis=0)
+    run = run_of(scene, times, nodes, np.zeros_like(nodes), np.zeros((5, 4)), "MuJoCo RK4")
+    assert verdict([run]) == "MuJoCo ran for 1 s; its energy is balanced to 841 pJ."  # 1e-9 sin 1
+    ended = replace(run, status=Status.DIVERGED)
+    assert verdict([ended]).startswith("MuJoCo ended early: diverged at t = 1 s")
+
+
+def test_tolerances_are_given_by_units():
+    runs = pair(2e-6)
+    found = tmj.compare(*runs, tolerances={"m": 1e-3})
+    assert found.first_exceeded["node_error"] is None
+    assert found.tolerance_of("rest_length_error") == 1e-3
+    assert found.tolerance_of("energy_error") == 1e-6
+    with pytest.raises(OptionError, match="allowed: m, m/s"):
+        tmj.compare(*runs, tolerances={"kN/m": 1.0})
+    with pytest.raises(OptionError, match="> 0"):
+        tmj.compare(*runs, tolerances={"N": -1.0})
