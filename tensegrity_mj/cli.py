@@ -19,6 +19,7 @@ from tensegrity_mj.commands import (
     demo,
     doctor,
     export,
+    import_scene,
     linearize,
     render,
     reproduce,
@@ -43,7 +44,7 @@ from tensegrity_mj.errors import (
 )
 
 GROUPS: Groups = {
-    "simulate and see": {"run": run, "compare": compare, "render": render, "export": export},
+    "simulate and see": {"run": run, "compare": compare, "render": render, "export": export, "import": import_scene},
     "analyse": {"statics": statics, "linearize": linearize, "stability": stability, "clearance": clearance},
     "many runs": {"sweep": sweep, "tradeoff": tradeoff, "validate": validate},
     "the thesis": {"reproduce": reproduce},

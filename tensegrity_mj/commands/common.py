@@ -143,6 +143,14 @@ def positive(text: str) -> float:
     return value
 
 
+def not_negative(text: str) -> float:
+    """argparse type: a finite number >= 0."""
+    value = finite(text)
+    if value < 0:
+        raise argparse.ArgumentTypeError(f"{text}: it must be >= 0")
+    return value
+
+
 def finite(text: str) -> float:
     """argparse type: a finite number."""
     try:

@@ -20,6 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
         "docs/data.md",
         "docs/elements.md",
         "docs/engines.md",
+        "docs/exchange.md",
         "docs/laws.md",
         "docs/pictures.md",
         "docs/shape_control.md",

@@ -20,6 +20,7 @@ FACES = [
     "",
     "controllers",
     "engines",
+    "exchange",
     "library",
     "linearization",
     "model",

@@ -1,0 +1,29 @@
+"""Make a scene of a file of another program: NTRT, STEDY, MOTES, TsgFEM, tables, MJCF. No code of the file is run."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+
+from tensegrity_mj.commands.common import Outcome, output_file
+from tensegrity_mj.errors import printable
+
+GIVEN = ("unit", "stiffness", "damping", "rod_mass", "rod_radius", "node_mass")
+
+
+def execute(options: argparse.Namespace) -> Outcome:
+    """Read the file, write the scene, and say on stderr what could not be carried over."""
+    out = output_file(options.out, "--out", (".toml",))
+
+    from tensegrity_mj.exchange.importing import import_scene
+    from tensegrity_mj.exchange.options import ImportOptions
+
+    found = import_scene(options.file, options.format, ImportOptions(**{key: getattr(options, key) for key in GIVEN}))
+    found.save(out)
+    structure = found.scene.structure
+    counts = {"nodes": len(structure.nodes), "rods": len(structure.rods), "strings": len(structure.strings)}
+    for note in found.notes:
+        print(f"note: {printable(note)}", file=sys.stderr)
+    data = {"status": "ok", "scene": found.scene.name, "out": out, "format": found.format, "notes": list(found.notes)}
+    text = f"{out}: {', '.join(f'{count} {what}' for what, count in counts.items())}"
+    return Outcome(data | counts, text)

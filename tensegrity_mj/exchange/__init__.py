@@ -1,0 +1,13 @@
+"""Others' models in, ours out: files of NTRT, STEDY, MOTES, TsgFEM, tables and MJCF (docs/exchange.md)."""
+
+from typing import TYPE_CHECKING
+
+from tensegrity_mj.basics.faces import face
+
+if TYPE_CHECKING:
+    from tensegrity_mj.exchange.importing import FORMATS as FORMATS
+    from tensegrity_mj.exchange.importing import Imported as Imported
+    from tensegrity_mj.exchange.importing import import_scene as import_scene
+    from tensegrity_mj.exchange.options import ImportOptions as ImportOptions
+else:
+    __getattr__, __dir__ = face(__name__)

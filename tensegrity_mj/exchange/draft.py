@@ -1,0 +1,263 @@
+"""What a file of another program says, before it is a scene: members, and which coordinates of nodes are held.
+
+Others hold coordinates of nodes where this package holds rods. A draft finds a rod for each node that is held, and
+notes whatever it cannot carry over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.events import Load
+from tensegrity_mj.model.members import PointMass, Rod, String, Support
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.structure_checks import names_of
+
+AXES = "xyz"
+ALL = frozenset(AXES)
+
+
+@dataclass
+class Draft:
+    """A scene in the making.
+
+    Attributes:
+        name, source: of the scene.
+        nodes: name -> position (3,) [m].
+        rods, strings: the members; rods that have a support keep it.
+        held: node -> the axes in which it is held, some of "xyz".
+        masses: node -> point mass [kg].
+        loads, velocities: forces on nodes; node -> velocity (3,) [m/s].
+        settings: other fields of `Scene`, and "string_law" of `Structure`.
+        notes: what cannot be carried over, a sentence each.
+    """
+
+    name: str
+    source: str = ""
+    nodes: dict[str, Any] = field(default_factory=dict)
+    rods: list[Rod] = field(default_factory=list)
+    strings: list[String] = field(default_factory=list)
+    held: dict[str, frozenset[str]] = field(default_factory=dict)
+    masses: dict[str, float] = field(default_factory=dict)
+    loads: list[Load] = field(default_factory=list)
+    velocities: dict[str, Any] = field(default_factory=dict)
+    settings: dict[str, Any] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    def scene(self) -> Scene:
+        """The scene; may add notes.
+
+        Raises:
+            StructureError, SceneError: for what is wrong with its members.
+        """
+        self._merge_rods()
+        self._remove_held_rods()
+        self._merge_strings()
+        self._remove_unused_nodes()
+        rods = self._supported()
+        ends = {name for rod in rods for name in rod.nodes}
+        for name in sorted(self.masses.keys() & ends, key=list(self.nodes).index):
+            self.notes.append(
+                f"the point mass of {self.masses[name]:g} kg on node '{name}', where a rod ends, is left out: point "
+                "masses stand on nodes of their own"
+            )
+        points = []
+        for name in self.nodes:
+            held = self.held.get(name, frozenset())
+            if name in ends or held == ALL or name not in self.masses:
+                continue
+            axis = min(held, default=None)
+            if len(held) > 1:
+                self.notes.append(
+                    f"node '{name}' is held along {_words(held)}; its point mass is held along {axis} only"
+                )
+            points.append(PointMass(name, self.masses[name], None if axis is None else _unit(axis)))
+        structure = Structure(
+            name=self.name,
+            nodes={name: tuple(float(x) for x in at) for name, at in self.nodes.items()},  # type: ignore[misc]
+            rods=tuple(rods),
+            strings=tuple(self.strings),
+            fixed_nodes=tuple(n for n in self.nodes if n not in ends and self.held.get(n) == ALL),
+            point_masses=tuple(points),
+            **{key: self.settings.pop(key) for key in ("string_law",) if key in self.settings},
+        )
+        velocities = np.array([np.asarray(self.velocities.get(name, (0, 0, 0)), float) for name in self.nodes])
+        return Scene(
+            structure,
+            name=self.name,
+            source=self.source,
+            loads=tuple(load for load in self.loads if load.node in self.nodes),
+            initial_velocities=velocities if velocities.any() else None,
+            **self.settings,
+        )
+
+    def _merge_rods(self) -> None:
+        """One rod between two nodes, as structures have them."""
+        kept: dict[frozenset[str], Rod] = {}
+        for rod in self.rods:
+            first = kept.setdefault(frozenset(rod.nodes), rod)
+            if first is not rod:
+                self.notes.append(f"rod '{rod.name}' joins the nodes of '{first.name}', which stands for both")
+                kept[frozenset(rod.nodes)] = replace(first, mass=first.mass + rod.mass)
+        self.rods = list(kept.values())
+
+    def _remove_held_rods(self) -> None:
+        """Take out rods whose both ends are held, which cannot move; strings then end on fixed nodes."""
+        fixed = [row for row, rod in enumerate(self.rods) if all(self.held.get(name) == ALL for name in rod.nodes)]
+        if fixed:
+            names = names_of(self.rods[row].name for row in fixed)
+            self.rods = [rod for row, rod in enumerate(self.rods) if row not in set(fixed)]
+            self.notes.append(f"rods held at both ends cannot move, and are left out: {names}; their nodes are fixed")
+
+    def _merge_strings(self) -> None:
+        """One string between two nodes, and none along a rod: as structures have them."""
+        along = {frozenset(rod.nodes): rod.name for rod in self.rods}
+        kept: dict[frozenset[str], String] = {}
+        for string in self.strings:
+            ends = frozenset(string.nodes)
+            if ends in along:
+                self.notes.append(
+                    f"string '{string.name}' runs along rod '{along[ends]}', so that its length cannot change: left out"
+                )
+            elif ends in kept:
+                first = kept[ends]
+                self.notes.append(
+                    f"string '{string.name}' joins the nodes of '{first.name}': one string stands for both"
+                )
+                kept[ends] = _together(first, string, self._length(string))
+            else:
+                kept[ends] = string
+        self.strings = list(kept.values())
+
+    def _length(self, string: String) -> float:
+        first, second = (np.asarray(self.nodes[name], float) for name in string.nodes)
+        return float(np.linalg.norm(second - first))
+
+    def _remove_unused_nodes(self) -> None:
+        ends = [rod.nodes for rod in self.rods] + [string.nodes for string in self.strings]
+        used = {name for pair in ends for name in pair} | self.masses.keys()
+        loose = [name for name in self.nodes if name not in used]
+        if loose:
+            self.notes.append(f"nodes of no member are left out: {names_of(loose)}")
+            self.nodes = {name: at for name, at in self.nodes.items() if name in used}
+
+    def _supported(self) -> list[Rod]:
+        """The rods with supports that hold what is held of their nodes."""
+        planes = self._planes()
+        wanted = [
+            (name, held - planes.get(name, frozenset()))
+            for name, held in self.held.items()
+            if any(name in rod.nodes for rod in self.rods)
+        ]
+        wanted = [(name, held) for name, held in wanted if held]
+        free = [row for row, rod in enumerate(self.rods) if rod.support == Support()]
+        chosen = _matching([name for name, _ in wanted], [self.rods[row].nodes for row in free])
+        supports: dict[int, Support] = {}
+        for (name, held), place in zip(wanted, chosen, strict=True):
+            if place < 0:
+                self.notes.append(
+                    f"node '{name}' is held along {_words(held)}, and its rods are all held elsewhere, where each has "
+                    "one support: it is left free"
+                )
+                continue
+            rod = self.rods[free[place]]
+            sigma, plane = float(rod.nodes.index(name)), _plane(planes, name)
+            if held | planes.get(name, frozenset()) == ALL:
+                supports[free[place]] = Support.pinned(sigma, plane)
+            else:
+                rows = [_unit(axis) for axis in sorted(held)]
+                supports[free[place]] = Support.constrained(rows, sigma, plane=plane)
+        for row in free:
+            plane = _plane(planes, self.rods[row].nodes[0])
+            if row not in supports and plane is not None:
+                supports[row] = Support.free(plane=plane)
+        return [replace(rod, support=supports.get(row, rod.support)) for row, rod in enumerate(self.rods)]
+
+    def _planes(self) -> dict[str, frozenset[str]]:
+        """Node -> the axis along which all nodes are held that hang together with it: these rods move in a plane."""
+        names = list(dict.fromkeys(name for rod in self.rods for name in rod.nodes))
+        at = {name: row for row, name in enumerate(names)}
+        pairs = np.array([[at[name] for name in rod.nodes] for rod in self.rods], int).reshape(-1, 2)
+        graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(names), len(names)))
+        _, labels = connected_components(graph, directed=False)
+        common: dict[int, frozenset[str]] = {}
+        for name, label in zip(names, labels.tolist(), strict=True):
+            common[label] = common.get(label, ALL) & self.held.get(name, frozenset())
+        planes = {label: frozenset("y" if "y" in axes else max(axes)) for label, axes in common.items() if axes}
+        return {name: planes[label] for name, label in zip(names, labels.tolist(), strict=True) if label in planes}
+
+
+def held_axes(structure: Structure) -> tuple[dict[str, frozenset[str]], list[str]]:
+    """Node -> the axes in which supports and planes hold it, and notes of what holds something else than nodes."""
+    held: dict[str, set[str]] = {name: set(AXES) for name in structure.fixed_nodes}
+    notes = []
+    for rod in structure.rods:
+        support = rod.support
+        axes = _axes_of(support.directions)
+        plane = _axes_of(() if support.plane is None else (support.plane,))
+        if support.directions and (axes is None or support.sigma not in (0.0, 1.0)):
+            notes.append(f"the support of rod '{rod.name}', which holds no axis of one of its nodes, is left out")
+        elif axes:
+            held.setdefault(rod.nodes[int(support.sigma)], set()).update(axes)
+        if plane is None:
+            notes.append(f"the plane of rod '{rod.name}', which is across no axis, is left out")
+        for name in rod.nodes if plane else ():
+            held.setdefault(name, set()).update(plane or ())
+    for point in structure.point_masses:
+        plane = _axes_of(() if point.plane is None else (point.plane,))
+        if plane is None:
+            notes.append(f"the plane of the point mass on node '{point.node}', which is across no axis, is left out")
+        elif plane:
+            held[point.node] = set(plane)
+    return {name: frozenset(axes) for name, axes in held.items()}, notes
+
+
+def _axes_of(rows: Sequence[Sequence[float]]) -> str | None:
+    """The axes that rows (r, 3) span, or None where they span other directions."""
+    D: Array = np.array(rows, float).reshape(-1, 3)
+    axes = "".join(axis for axis, column in zip(AXES, D.T, strict=True) if column.any())
+    return axes if len(axes) == len(D) else None
+
+
+def _matching(names: Sequence[str], ends: Sequence[tuple[str, str]]) -> list[int]:
+    """For each node the row of a member of its own that ends there, for as many nodes as there can be; -1: none."""
+    found = [(row, column) for row, name in enumerate(names) for column, pair in enumerate(ends) if name in pair]
+    if not found:
+        return [-1] * len(names)
+    rows, columns = np.array(found).T
+    graph = coo_array((np.ones(len(rows)), (rows, columns)), shape=(len(names), len(ends))).tocsr()
+    return [int(column) for column in maximum_bipartite_matching(graph, perm_type="column")]
+
+
+def _together(first: String, second: String, length: float) -> String:
+    """One string for two between the same nodes, of this length [m]: stiffness, damping and tension add up."""
+
+    def tension(string: String) -> float:
+        if string.rest_length is not None:
+            return string.stiffness * (length - string.rest_length)
+        return string.tension if string.tension is not None else (string.force_density or 0.0) * length
+
+    k, c = first.stiffness + second.stiffness, first.damping + second.damping
+    rest = length - (tension(first) + tension(second)) / k
+    return replace(first, stiffness=k, damping=c, rest_length=rest, tension=None, force_density=None)
+
+
+def _plane(planes: Mapping[str, frozenset[str]], name: str) -> tuple[float, float, float] | None:
+    axes = planes.get(name)
+    return None if not axes else _unit(min(axes))
+
+
+def _unit(axis: str) -> tuple[float, float, float]:
+    return (float(axis == "x"), float(axis == "y"), float(axis == "z"))
+
+
+def _words(axes: frozenset[str]) -> str:
+    return " and ".join(sorted(axes))

@@ -1,0 +1,24 @@
+"""What a scene has that a format of other programs cannot hold."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tensegrity_mj.basics.fields import item_of
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.strings import StringLaw
+
+WORDS = {"name": "", "source": "", "structure": "", "duration": ""}
+
+
+def left_out(scene: Scene, kept: Sequence[str]) -> list[str]:
+    """A sentence for each field of a scene that is not at its default, and not among those kept."""
+    notes = []
+    if scene.structure.string_law is not StringLaw.CLIPPED:
+        notes.append(f"the string law '{scene.structure.string_law.value}' is left out")
+    for key, one in item_of(Scene).keys.items():
+        value = getattr(scene, one.name)
+        if key in WORDS or key in kept or value is None or value is one.default or value == one.default:
+            continue
+        notes.append(f"the scene's {key.replace('_', ' ')} is left out")
+    return notes
