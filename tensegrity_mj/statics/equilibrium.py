@@ -18,7 +18,6 @@ from scipy import sparse
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import whole
 from tensegrity_mj.errors import InfeasibleError, OptionError
-from tensegrity_mj.model.rigidity import spans_at
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics import linear_systems
@@ -30,8 +29,7 @@ from tensegrity_mj.statics.state import StaticState
 FIRST_REGULARIZATION = 1e-3  # of the stiffest string
 LEAST_REGULARIZATION = 1e-12
 MOST_REGULARIZATION = 1e8
-# Of the mean member, in one step, between the two nodes of any member: a large net may move far as a whole.
-LONGEST_MOVE = 0.3
+LONGEST_MOVE = 0.3  # of the mean member, of any node in one step
 ESCAPES = 12  # unstable states that are left before it gives up
 SPENT = 1e-10  # of rods' forces: what is left of them where no step is better, near places where rods are in a line
 STRAIGHT = 100.0  # rods' forces, of strings' and loads', that only a singular place explains
@@ -100,7 +98,6 @@ def _descend(model: StaticModel, x: Array, parameter: float, limit: int) -> tupl
     """x, rod forces and the number of steps: down the energy to where no force is left."""
     Z, (length, stiffest) = model.boundary.Z, model.scale
     elastic = model.compliance > 0
-    members = np.concatenate([model.structure.string_nodes, model.structure.rod_nodes])
     mu = FIRST_REGULARIZATION * stiffest
     compliance = model.compliance + linear_systems.proximal(model) * ~elastic
     energy = model.energy(x, parameter) + model.rod_energy(x)
@@ -139,7 +136,7 @@ def _descend(model: StaticModel, x: Array, parameter: float, limit: int) -> tupl
             stretch = (C @ s)[elastic]
             slope = float(left @ s)
             predicted = slope + 0.5 * float(s @ (H @ s)) + 0.5 * float(np.sum(stretch**2 / model.compliance[elastic]))
-            longest = float(np.abs(spans_at(members, move.reshape(-1, 3))).max(initial=0.0))
+            longest = float(np.abs(move).max(initial=0.0))
             if not (predicted < 0 and longest <= LONGEST_MOVE * length):
                 mu *= 4.0
                 continue
