@@ -52,6 +52,12 @@ def prism() -> tmj.Scene:
 
 
 @pytest.fixture(scope="session")
+def prism_run(prism: tmj.Scene) -> tmj.Trajectory:
+    """A tenth of a second of the prism under its law, in MuJoCo, at a step of 10 ms."""
+    return tmj.simulate(prism, tmj.controllers.from_scene(prism), tmj.MuJoCo(1e-2), duration=0.1)
+
+
+@pytest.fixture(scope="session")
 def pinned_rod() -> tmj.Scene:
     """The shipped pinned rod with its control law."""
     return tmj.load_scene("pinned_rod")

@@ -133,7 +133,7 @@ def test_bad_options_are_refused() -> None:
     with pytest.raises(OptionError, match="timestep"):
         physics(scene, timestep=-1.0)
     with pytest.raises(OptionError, match="integrator"):
-        physics(scene, integrator="rk4")  # type: ignore[arg-type]
+        physics(scene, integrator="rk5")  # type: ignore[arg-type]
 
 
 def test_scenes_that_it_cannot_hold_are_refused() -> None:

@@ -417,7 +417,7 @@ def test_what_is_no_action_is_refused() -> None:
         ({"control_timestep": 0.0105, "timestep": 1e-3}, "control_timestep over timestep.*0.01 s or 0.011 s"),
         ({"timestep": -1e-3}, "timestep"),
         ({"time_limit": 0.015}, "time_limit over control_timestep"),
-        ({"integrator": "rk4"}, "integrator"),
+        ({"integrator": "rk5"}, "integrator"),
         ({"bounds": (0.5, 0.2)}, "bounds of string 's1' = 0.5 to 0.2"),
         ({"bounds": (-1.0, 0.2)}, "bounds of string 's1' = -1 to 0.2"),
         ({"bounds": (np.zeros(3), 1.0)}, r"bounds.*\(12,\)"),

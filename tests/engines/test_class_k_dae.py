@@ -241,7 +241,7 @@ def test_the_minimal_model_and_the_laws_of_class_1_refuse_shared_nodes_in_words(
         with pytest.raises(tmj.errors.StructureError, match=r"class 1"):
             tmj.simulate(scene, law(scene.structure, target), DAE(), duration=0.1)
     with pytest.raises(tmj.errors.OptionError, match="solver"):
-        DAE(solver="joints")
+        DAE(solver="joint")
 
 
 def test_the_cable_has_the_frequencies_of_chapter_3():

@@ -240,7 +240,7 @@ def test_the_published_trajectories_come_out(name: str, bound: float) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"method": "rk4"}, ("ODE: method", "Method.DOP853")),
+        ({"method": "rk5"}, ("ODE: method", "Method.DOP853")),
         ({"method": tmj.Method.RK4}, ("ODE: timestep", "> 0")),
         ({"timestep": 1e-3}, ("ODE: timestep", "leave it out")),
         ({"rtol": 0.0}, ("ODE: rtol = 0.0", "2.3e-14")),

@@ -480,7 +480,7 @@ REFUSED: dict[str, tuple[Callable[[], object], type[TensegrityError], tuple[str,
     "elements that are none": (lambda: cable(13.0), OptionError, ("elements = 13.0", "integer")),  # type: ignore[arg-type]
     "true elements": (lambda: cable(True), OptionError, ("elements = True", "integer")),
     "divisions": (lambda: refined(0), OptionError, ("divisions = 0", ">= 1")),
-    "rope mass": (lambda: cable(rope_mass="table"), OptionError, ("'table'", "RopeMass.ELEMENTS, RopeMass.TABLE")),  # type: ignore[arg-type]
+    "rope mass": (lambda: cable(rope_mass="chair"), OptionError, ("'chair'", "RopeMass.ELEMENTS, RopeMass.TABLE")),  # type: ignore[arg-type]
     "excitation": (lambda: cable(excitation=1), OptionError, ("excitation = 1", "Excitation.IN_LINE")),  # type: ignore[arg-type]
     "start": (lambda: cable(start="lab"), OptionError, ("start = 'lab'", "Start.LAB_FRAME")),  # type: ignore[arg-type]
     "amplitude": (lambda: cable(amplitude=-0.1), OptionError, ("cable: amplitude = -0.1", "> 0 m")),
@@ -524,7 +524,7 @@ REFUSED: dict[str, tuple[Callable[[], object], type[TensegrityError], tuple[str,
     "cells as a number": (lambda: net(4), OptionError, ("net: cells = 4", "two numbers")),  # type: ignore[arg-type]
     "cells of halves": (lambda: net((4, 1.5)), OptionError, ("cells = 1.5", "integer")),  # type: ignore[arg-type]
     "one cell": (lambda: net((2, 1)), OptionError, ("net: cells = (2, 1)", "2 or more")),
-    "net held": (lambda: net(held="corners"), OptionError, ("held = 'corners'", "Held.EDGES")),  # type: ignore[arg-type]
+    "net held": (lambda: net(held="edge"), OptionError, ("held = 'edge'", "Held.EDGES")),  # type: ignore[arg-type]
     "slack": (lambda: net(slack=0.0), OptionError, ("slack = 0.0", "(0, 1)")),
     "net load": (lambda: net(load=-1.0), OptionError, ("load = -1.0;", ">= 0 N")),
     "viscous": (lambda: cable(viscous=np.ones(2)), OptionError, ("cable: viscous = [1.0, 1.0]",)),  # type: ignore[arg-type]

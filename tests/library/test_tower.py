@@ -553,8 +553,8 @@ def test_shipped_scenes_are_of_the_family(name: str) -> None:
 BAD: list[tuple[dict[str, Any], str]] = [
     ({"stages": 0}, "stages = 0"),
     ({"stages": 2.0}, "stages = 2.0"),
-    ({"topology": "full"}, "Topology.FULL, Topology.REDUCED_A"),
-    ({"axis": "x"}, "Axis.X, Axis.Z"),
+    ({"topology": "half"}, "Topology.FULL, Topology.REDUCED_A"),
+    ({"axis": "y"}, "Axis.X, Axis.Z"),
     ({"alternating": 1}, "alternating = 1"),
     ({"mirrored": "yes"}, "mirrored = 'yes'"),
     ({"rod_length": 1.0, "radius": 0.3, "height": 0.5}, "two of them make the third"),

@@ -95,7 +95,7 @@ INVALID: dict[str, tuple[Callable[[], Structure], tuple[str, ...]]] = {
     "rod without name": (lambda: with_rod(name=""), ("rod: name = ''", "non-empty")),
     "rod name twice": (lambda: with_rod(name="r2"), ("rod 'r2'", "twice", "unique")),
     "string name twice": (lambda: with_string(name="s1"), ("string 's1'", "twice", "unique")),
-    "string law": (lambda: build(string_law="clipped"), ("'clipped'", "StringLaw.CLIPPED", "StringLaw.UNCLIPPED")),
+    "string law": (lambda: build(string_law="cut"), ("'cut'", "StringLaw.CLIPPED", "StringLaw.UNCLIPPED")),
     # rods
     "rod to an unknown node": (lambda: with_rod(nodes=("a", "z")), ("rod 'r1'", "'z'", "'a', 'b', 'c', 'd', 'f'")),
     "rod with three ends": (lambda: with_rod(nodes=("a", "b", "c")), ("rod 'r1'", "two nodes")),

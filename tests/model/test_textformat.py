@@ -98,7 +98,7 @@ def test_any_name_and_text_comes_back(nodes: tuple[str, str, str, str], member: 
         (f,),
         (PointMass(c, 1.0),),
     )
-    load, control = Load(c, (0, 0, 1)), ControlSpec(member, {member: source})
+    load, control = Load(c, (0, 0, 1)), ControlSpec(member.replace(":", "_") + "_", {member: source})
     scene = Scene(structure, name=title, source=source, loads=(load,), control=control)
     assert scene_from_toml(scene_to_toml(scene)) == scene
 

@@ -732,7 +732,7 @@ def test_a_picture_is_a_png(tmp_path: Path):
         ({"elevation": 91.0}, "elevation"),
         ({"distance": 0.0}, "distance"),
         ({"layout": "overlay"}, "layout"),
-        ({"quality": "fine"}, "quality"),
+        ({"quality": "good"}, "quality"),
         ({"other": "a run"}, "Trajectory"),
     ],
 )

@@ -20,34 +20,29 @@ from tensegrity_mj.runs.variables import VARIABLES
 OLD = Path(__file__).parents[1] / "data" / "runs" / "without_coordinates.nc"
 
 
-@pytest.fixture(scope="module")
-def run() -> tmj.Trajectory:
-    scene = tmj.load_scene("prism")
-    return tmj.simulate(scene, from_scene(scene), tmj.MuJoCo(1e-2), duration=0.1)
-
-
-def test_xarray_selects_by_names(run: tmj.Trajectory, tmp_path: Path) -> None:
-    structure = run.scene.structure
-    with xarray.open_dataset(run.save(tmp_path / "run.nc"), engine="h5netcdf") as data:
+def test_xarray_selects_by_names(prism_run: tmj.Trajectory, tmp_path: Path) -> None:
+    structure = prism_run.scene.structure
+    with xarray.open_dataset(prism_run.save(tmp_path / "run.nc"), engine="h5netcdf") as data:
         for number, string in enumerate(structure.strings):
-            assert np.array_equal(data.tensions.sel(string=string.name), run.tensions[:, number])
+            assert np.array_equal(data.tensions.sel(string=string.name), prism_run.tensions[:, number])
         for number, rod in enumerate(structure.rods):
-            assert np.array_equal(data.multipliers.sel(rod=rod.name), run.multipliers[:, number])
+            assert np.array_equal(data.multipliers.sel(rod=rod.name), prism_run.multipliers[:, number])
         for number, node in enumerate(structure.node_names):
-            assert np.array_equal(data.nodes.sel(node=node, axis="z"), run.nodes[:, number, 2])
+            assert np.array_equal(data.nodes.sel(node=node, axis="z"), prism_run.nodes[:, number, 2])
         assert data.nodes.sel(time=0.05, method="nearest").sel(node="n1").shape == (3,)
 
 
-def test_attributes_are_those_of_cf_and_depend_on_no_clock(run: tmj.Trajectory, tmp_path: Path) -> None:
-    first = run.save(tmp_path / "a.nc").read_bytes()
+def test_attributes_are_those_of_cf_and_depend_on_no_clock(prism_run: tmj.Trajectory, tmp_path: Path) -> None:
+    first = prism_run.save(tmp_path / "a.nc").read_bytes()
     time.sleep(1.1)  # a date that HDF5 or an attribute held would have changed by its second
-    path = run.save(tmp_path / "b.nc")
+    path = prism_run.save(tmp_path / "b.nc")
     assert path.read_bytes() == first
     with xarray.open_dataset(path, engine="h5netcdf") as data:
         assert data.attrs["Conventions"] == "CF-1.11"
-        assert data.attrs["source"] == f"tensegrity-mj {run.provenance['versions']['tensegrity-mj']}: {run.engine}"
+        version = prism_run.provenance["versions"]["tensegrity-mj"]
+        assert data.attrs["source"] == f"tensegrity-mj {version}: {prism_run.engine}"
         assert "simulate scene prism, law lyapunov" in data.attrs["history"]
-        assert data.attrs["references"] == run.scene.source
+        assert data.attrs["references"] == prism_run.scene.source
         for name in data.variables:
             assert data[name].attrs["long_name"]
         noted = {name for name in VARIABLES if "unit_note" in data[name].attrs}
@@ -78,17 +73,17 @@ def test_a_file_from_before_names_loads() -> None:
     assert np.allclose(run.nodes, again.nodes, rtol=0, atol=1e-14)
 
 
-def test_a_file_that_xarray_wrote_again_loads(run: tmj.Trajectory, tmp_path: Path) -> None:
-    with xarray.open_dataset(run.save(tmp_path / "run.nc"), engine="h5netcdf") as data:
+def test_a_file_that_xarray_wrote_again_loads(prism_run: tmj.Trajectory, tmp_path: Path) -> None:
+    with xarray.open_dataset(prism_run.save(tmp_path / "run.nc"), engine="h5netcdf") as data:
         data.sel(time=slice(0.0, 0.05)).to_netcdf(tmp_path / "part.nc", engine="h5netcdf")
     part = tmj.Trajectory.load(tmp_path / "part.nc")
-    assert np.array_equal(part.nodes, run.nodes[:6])
-    assert part.scene == run.scene
+    assert np.array_equal(part.nodes, prism_run.nodes[:6])
+    assert part.scene == prism_run.scene
 
 
-def test_a_file_whose_members_were_put_in_another_order_is_refused(run: tmj.Trajectory, tmp_path: Path) -> None:
+def test_a_file_whose_members_were_put_in_another_order_is_refused(prism_run: tmj.Trajectory, tmp_path: Path) -> None:
     """Its arrays would be read in the scene's order, which they no longer have."""
-    with xarray.open_dataset(run.save(tmp_path / "run.nc"), engine="h5netcdf") as data:
+    with xarray.open_dataset(prism_run.save(tmp_path / "run.nc"), engine="h5netcdf") as data:
         data.sortby("string", ascending=False).to_netcdf(tmp_path / "turned.nc", engine="h5netcdf")
     with pytest.raises(FormatError, match=r"turned\.nc: string 0 .* is 's9', in its scene it is 's1': .*another order"):
         tmj.Trajectory.load(tmp_path / "turned.nc")

@@ -245,7 +245,7 @@ def test_a_step_beyond_the_limit_is_refused_before_it_runs() -> None:
         ({"frequency": 0.0}, "frequency"),
         ({"amplitude": -1.0}, "amplitude"),
         ({"excitation": Excitation.NONE}, "excitation"),
-        ({"excitation": "in-line"}, "excitation"),
+        ({"excitation": "along"}, "excitation"),
         ({"direction": (0.0, 0.0, 1.0)}, "horizontal"),
         ({"direction": (0.0, 0.0, 0.0)}, "must not be zero"),
         ({"engine": "dae"}, "engine"),

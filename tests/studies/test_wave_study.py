@@ -85,7 +85,7 @@ def test_other_towers_and_other_seas() -> None:
     [
         ({"wave_height": -1.0}, "wave_height = -1.0; it must be >= 0 m"),
         ({"wavelength": 0.0}, "wavelength"),
-        ({"weights": "rigid"}, "weights = 'rigid'"),
+        ({"weights": "stiff"}, "weights = 'stiff'"),
         ({"phase": math.nan}, "phase"),
         ({"start_depth": math.inf}, "start_depth"),
         ({"stages": 0}, "stages = 0"),

@@ -314,7 +314,7 @@ def test_a_bad_disturbance_is_refused() -> None:
     with pytest.raises(OptionError, match="factor"):
         Disturbance(Quantity.MASS, 0.0)
     with pytest.raises(OptionError, match="quantity"):
-        Disturbance("mass", 1.1)  # type: ignore[arg-type]
+        Disturbance("weight", 1.1)  # type: ignore[arg-type]
     assert disturbance_of(Disturbance(Quantity.MASS, 1.1).plain) == Disturbance(Quantity.MASS, 1.1)
 
 

@@ -348,9 +348,9 @@ def test_bad_requests_are_refused() -> None:
     nodes[1] *= 1.1
     upright = Structure("r", {"a": (0, 0, 0), "b": (0, 0, 1)}, rods=(Rod("mast", ("a", "b"), 1.0),))
     for arguments, kind, words in (
-        ({"scene": "prism"}, tmj.errors.OptionError, "load_scene"),
-        ({"scene": scene, "engine": "ode"}, tmj.errors.OptionError, "ODE"),
-        ({"scene": scene, "inputs": "u"}, tmj.errors.OptionError, "Command.REST_LENGTH"),
+        ({"scene": 3}, tmj.errors.OptionError, "load_scene"),
+        ({"scene": scene, "engine": "odd"}, tmj.errors.OptionError, "'ode'"),
+        ({"scene": scene, "inputs": "u"}, tmj.errors.OptionError, "rest length"),
         ({"scene": scene, "time": float("nan")}, tmj.errors.OptionError, "time"),
         ({"scene": scene, "rest_lengths": [1.0, 2.0]}, tmj.errors.OptionError, "rest_lengths"),
         ({"scene": scene, "rest_lengths": 1.0, "law": law}, tmj.errors.OptionError, "leave one"),
@@ -396,6 +396,6 @@ def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         ["linearize", "tbar", "--closed-loop"],
         ["linearize", "prism", "--state", str(path)],
         ["linearize", "prism", "--time", "1"],
-        ["linearize", "prism", "--out", "model.mat"],
+        ["linearize", "prism", "--out", "model.csv"],
     ):
         assert main(wrong) == 2
