@@ -314,8 +314,8 @@ class _Evaluator:
         source = self.values.get({"nNodes": "N", "nBar": "Cb", "nStr": "Cs", "nPm": "Cb"}.get(field, ""))
         if source is None or field == name:
             raise Unknown(f"{name} is not known")
-        counts: dict[str, int] = {"nNodes": source.shape[1], "nPm": int((source == 0).all(axis=0).sum())}
-        return np.array([[float(counts.get(field, source.shape[0]))]])
+        counts = {"nNodes": source.shape[1], "nPm": int((source == 0).all(axis=0).sum())}
+        return np.array([[float(counts[field] if field in counts else source.shape[0])]])
 
     def _range(self, tree: ast.expr) -> Array:
         """a:b or a:step:b, which Python has as a slice, or any other expression."""
