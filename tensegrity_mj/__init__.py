@@ -7,6 +7,7 @@ import of their own `dm_control`, `library`, `vibration`, `thesis`.
 
 from typing import TYPE_CHECKING
 
+from tensegrity_mj.basics import pictured
 from tensegrity_mj.basics.faces import face
 
 if TYPE_CHECKING:
@@ -52,3 +53,12 @@ if TYPE_CHECKING:
     from tensegrity_mj.runs.trajectory import Trajectory as Trajectory
 else:
     __getattr__, __dir__ = face(__name__)
+
+
+def _draw(scene: "Scene") -> bytes | None:
+    from tensegrity_mj.pictures.video import png_of
+
+    return png_of(scene)
+
+
+pictured.draw = _draw

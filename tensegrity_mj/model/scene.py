@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from tensegrity_mj.basics import pictured
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import SAME_ARRAY, field, value
 from tensegrity_mj.basics.kinds import array, part, parts, positive, text, vector
@@ -84,6 +85,16 @@ class Scene:
         if self.name == "":
             object.__setattr__(self, "name", self.structure.name)
         check_scene(self)
+
+    def __repr__(self) -> str:
+        structure = self.structure
+        size = f"{len(structure.nodes)} nodes, {len(structure.rods)} rods, {len(structure.strings)} strings"
+        law = f", law {self.control.law}" if self.control is not None else ""
+        return f"<Scene {self.name!r}: {size}{law}, {self.duration:g} s>"
+
+    def _repr_png_(self) -> bytes | None:
+        """Its picture at the start, for notebooks; None where none can be drawn: they show the text then."""
+        return pictured.draw(self)
 
     @cached_property
     def nodes0(self) -> Array:

@@ -12,6 +12,7 @@ For example:
 from __future__ import annotations
 
 import contextlib
+import io
 import math
 import os
 from collections.abc import Iterator
@@ -26,6 +27,7 @@ from tensegrity_mj.basics.progress import bar
 from tensegrity_mj.errors import MissingLibraryError, OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.pictures.motion import Motion
+from tensegrity_mj.pictures.notebook import ShownFile
 from tensegrity_mj.pictures.opengl import MAX_SIZE
 from tensegrity_mj.pictures.paper import WIDTHS
 from tensegrity_mj.pictures.stage import Stage
@@ -59,7 +61,7 @@ def render(
     progress: bool = False,
     **view: Unpack[ViewOptions],
 ) -> Path:
-    """Write a film of a run, or of two runs in one picture; returns its path.
+    """Write a film of a run, or of two runs in one picture; returns its path, which notebooks show.
 
     Rods are capsules; taut strings have the colour of their tension; slack ones hang as arcs of their own length; dark
     cubes are fixed; the target is a translucent ghost; lines show where nodes have been. Frames stand at exact
@@ -95,7 +97,7 @@ def render(
     times = frame_times(min(m.start for m in films), max(m.end for m in films), fps, speed)
     with Stage(films[0], films[1] if len(films) > 1 else None, layout, shown) as stage, replacing(destination) as part:
         _encode(stage, times, part, fps, progress)
-    return destination
+    return ShownFile(destination)
 
 
 def frames(
@@ -160,7 +162,20 @@ def picture(
     pixels = render_frame(source, time, other=other, layout=layout, **view)
     with replacing(destination) as part:
         PillowImage.fromarray(pixels).save(part, optimize=True)
-    return destination
+    return ShownFile(destination)
+
+
+def png_of(scene: Scene) -> bytes | None:
+    """A scene at its start as PNG, for notebooks; None where none can be drawn, for want of OpenGL for instance."""
+    from PIL import Image as PillowImage
+
+    try:
+        pixels = render_frame(scene, size=(640, 400))
+    except (OptionError, MissingLibraryError):
+        return None
+    stream = io.BytesIO()
+    PillowImage.fromarray(pixels).save(stream, "png")
+    return stream.getvalue()
 
 
 def still(
@@ -203,7 +218,7 @@ def still(
         pixels = pixels[top:bottom, left:right]
     with replacing(destination) as part:
         PillowImage.fromarray(pixels).save(part, optimize=True, dpi=(dpi, dpi))
-    return destination
+    return ShownFile(destination)
 
 
 def frame_times(start: float, end: float, fps: float, speed: float) -> NDArray[np.float64]:

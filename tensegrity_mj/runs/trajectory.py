@@ -16,6 +16,7 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.elements.element import energy_of, state_names
 from tensegrity_mj.model.elements.resistance import bending_energy
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.runs.summary import html_of, text_of
 from tensegrity_mj.runs.variables import DICTIONARIES, STATES, VARIABLES, labels_of
 from tensegrity_mj.runs.variables import Status as Status
 
@@ -69,6 +70,12 @@ class Trajectory:
     reports: dict[str, Any] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict)
     element_states: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __repr__(self) -> str:
+        return text_of(self)
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
 
     @property
     def element_state_names(self) -> tuple[str, ...]:

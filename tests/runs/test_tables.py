@@ -96,11 +96,11 @@ def test_a_mat_file_holds_every_number_exactly_below_legal_names(prism_run: tmj.
 
 def test_a_mat_file_of_a_run_without_strings_is_written(tmp_path: Path) -> None:
     mass = tmj.Structure("mass", {"n 1": (0.0, 0.0, 0.0)}, point_masses=(tmj.PointMass("n 1", 1.0),))
-    run = tmj.simulate(tmj.Scene(mass, gravity=(0, 0, -9.81)), None, tmj.DAE(), duration=0.1)
-    path = run.save(tmp_path / "run.mat")
+    prism_run = tmj.simulate(tmj.Scene(mass, gravity=(0, 0, -9.81)), None, tmj.DAE(), duration=0.1)
+    path = prism_run.save(tmp_path / "run.mat")
     assert scipy.io.loadmat(path, simplify_cells=True)["node_number"] == {"n_1": 1}
-    assert scipy.io.loadmat(path)["tensions"].shape == (len(run.time), 0)
-    names, values = columns_of(run.until(0))
+    assert scipy.io.loadmat(path)["tensions"].shape == (len(prism_run.time), 0)
+    names, values = columns_of(prism_run.until(0))
     assert values.shape == (0, len(names))
 
 
