@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from analytic_runs import TILT, cone_run, planar_scene, run_of, two_masses
+from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 import tensegrity_mj as tmj
@@ -334,6 +335,17 @@ def test_missing_numbers_leave_gaps():
     multipliers[3:] = np.nan
     line = panels_of(plot_run(replace(run, multipliers=multipliers)))[0][2].lines[0]
     assert np.isnan(line.get_ydata()).sum() == 18
+
+
+def test_a_figure_is_drawn_once_when_it_is_written(tmp_path: Path, monkeypatch):
+    # Axes that share a scale in two subfigures have their canvas draw all of it, each time that a limit changes.
+    drawn = []
+    draw = Figure.draw
+    monkeypatch.setattr(Figure, "draw", lambda self, renderer: (drawn.append(1), draw(self, renderer))[1])
+    figure = plot_run([cone_run(engine="one"), cone_run(engine="two")])
+    assert not drawn
+    save_figure(figure, tmp_path / "plot.png")
+    assert len(drawn) <= 2  # matplotlib lays it out once before
 
 
 def test_pyplot_is_never_needed():
