@@ -1,36 +1,57 @@
-"""Write a scene as MJCF, for any MuJoCo viewer, or as this package's TOML; or a recorded run as a table."""
+"""Write a scene for other programs: MJCF, this package's TOML, tables, MATLAB data, or a shape to print."""
 
 from __future__ import annotations
 
 import argparse
+import sys
+from pathlib import Path
 
-from tensegrity_mj.commands.common import Outcome, output_file
-from tensegrity_mj.errors import OptionError
+from tensegrity_mj.commands.common import Outcome, output_file, refuse
+from tensegrity_mj.errors import printable
 
-OF_SCENES, OF_RUNS = (".xml", ".toml"), (".csv", ".mat")
+SUFFIXES = (".xml", ".toml", ".csv", ".mat", ".stl")
 
 
 def execute(options: argparse.Namespace) -> Outcome:
-    """Write the file; that of a run's scene too."""
-    out = output_file(options.out, "--out", (*OF_SCENES, *OF_RUNS))
+    """Write the file, and say on stderr what it does not hold."""
+    out = output_file(options.out, "--out", SUFFIXES)
+    suffix = out.suffix.lower()
+    if suffix != ".xml":
+        refuse(options, ("for",), "is for MJCF (.xml)")
+    if suffix != ".stl":
+        refuse(options, ("scale",), "is for shapes (.stl)")
 
     from tensegrity_mj.library.load import load_scene
-    from tensegrity_mj.model.text.writing import save_scene
-    from tensegrity_mj.runs.trajectory import Trajectory
 
-    run = Trajectory.load(options.scene) if options.scene.lower().endswith(".nc") else None
-    if run is None and out.suffix.lower() in OF_RUNS:
-        raise OptionError(
-            f"--out {out}: a table is written of a run, and '{options.scene}' is a scene: first "
-            f"tensegrity-mj run {options.scene} --out run.nc, then export run.nc"
-        )
-    scene = run.scene if run is not None else load_scene(options.scene)
-    if run is not None and out.suffix.lower() in OF_RUNS:
-        run.save(out)
-    elif out.suffix.lower() == ".toml":
+    scene = load_scene(options.scene)
+    files: list[Path] = [out]
+    notes: list[str] = []
+    if suffix == ".toml":
+        from tensegrity_mj.model.text.writing import save_scene
+
         save_scene(scene, out)
-    else:
+    elif suffix == ".csv":
+        from tensegrity_mj.exchange.tables import save_csv
+
+        files, notes = save_csv(scene, out)
+    elif suffix == ".mat":
+        from tensegrity_mj.exchange.matlab_export import save_mat
+
+        _, notes = save_mat(scene, out)
+    elif suffix == ".stl":
+        from tensegrity_mj.exchange.solids import save_stl
+
+        save_stl(scene, out, 1.0 if options.scale is None else options.scale)
+    elif getattr(options, "for") is None:
         from tensegrity_mj.engines.mujoco.mjcf import save_mjcf
 
         save_mjcf(scene, out)
-    return Outcome({"status": "ok", "scene": scene.name, "out": out}, f"{out}")
+    else:
+        from tensegrity_mj.exchange.menagerie import save_menagerie
+
+        files, notes = save_menagerie(scene, out, warp=getattr(options, "for") == "warp")
+    for note in notes:
+        print(f"note: {printable(note)}", file=sys.stderr)
+    data = {"status": "ok", "scene": scene.name, "out": out}
+    more = {"files": files, "notes": notes} if notes or len(files) > 1 else {}
+    return Outcome(data | more, "\n".join(str(file) for file in files))

@@ -8,6 +8,10 @@ if TYPE_CHECKING:
     from tensegrity_mj.exchange.importing import FORMATS as FORMATS
     from tensegrity_mj.exchange.importing import Imported as Imported
     from tensegrity_mj.exchange.importing import import_scene as import_scene
+    from tensegrity_mj.exchange.matlab_export import save_mat as save_mat
+    from tensegrity_mj.exchange.menagerie import save_menagerie as save_menagerie
     from tensegrity_mj.exchange.options import ImportOptions as ImportOptions
+    from tensegrity_mj.exchange.solids import save_stl as save_stl
+    from tensegrity_mj.exchange.tables import save_csv as save_csv
 else:
     __getattr__, __dir__ = face(__name__)

@@ -314,8 +314,10 @@ class _Evaluator:
         source = self.values.get({"nNodes": "N", "nBar": "Cb", "nStr": "Cs", "nPm": "Cb"}.get(field, ""))
         if source is None or field == name:
             raise Unknown(f"{name} is not known")
-        counts = {"nNodes": source.shape[1], "nPm": int((source == 0).all(axis=0).sum())}
-        return np.array([[float(counts[field] if field in counts else source.shape[0])]])
+        if field == "nNodes":
+            return np.array([[float(source.shape[1])]])
+        lone = (source == 0).all(axis=0)
+        return np.array([[float(lone.sum() if field == "nPm" else len(source))]])
 
     def _range(self, tree: ast.expr) -> Array:
         """a:b or a:step:b, which Python has as a slice, or any other expression."""

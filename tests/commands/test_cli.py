@@ -320,7 +320,7 @@ def test_outputs_are_checked_before_the_simulation(tmp_path: Path, capsys: pytes
     for option, path in (("--out", "missing/"), ("--out", "missing/prefix"), ("--plot", "missing/p.png")):
         assert ask(capsys, "compare", "prism", option, f"{tmp_path}/{path}")[0] == 2
     assert ask(capsys, "render", "a.nc", "--out", tmp_path / "missing" / "a.mp4")[0] == 2
-    assert ask(capsys, "export", "prism", "--out", tmp_path / "prism.stl")[0] == 2
+    assert ask(capsys, "export", "prism", "--out", tmp_path / "prism.obj")[0] == 2
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder.nc", "pipe.nc"]
 
 

@@ -1,0 +1,186 @@
+"""MJCF after the conventions of MuJoCo Menagerie: a model with default classes, and a scene that includes it.
+
+The physics is that of `mjcf.scene_to_mjcf`, element by element; what differs is how it is written. The model has rods,
+nodes and strings in classes, names without spaces, a keyframe "home", ranges of controls and sensors of strings; the
+scene has the floor, light, sky and a camera. For MuJoCo Warp, flags that it refuses are left out.
+"""
+
+from __future__ import annotations
+
+import copy
+import os
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from tensegrity_mj.basics.files import checked, replacing
+from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
+from tensegrity_mj.engines.mujoco.mjcf_frames import numbers
+from tensegrity_mj.engines.mujoco.mjcf_tree import distinct
+from tensegrity_mj.model.scene import Scene
+
+# mujoco_warp/_src/types.py has no such bits: put_model refuses a model with them (3.7 to 3.9).
+WARP_REFUSES = ("autoreset", "diagexact", "midphase", "nativeccd", "island")
+CLASSES = {"geom": "rod", "site": "node", "spatial": "string", "general": "string"}
+SHARED = {  # what is the same in all elements of a class, if it is
+    "geom": ("type", "contype", "conaffinity", "condim", "friction", "solref", "solimp", "rgba", "size"),
+    "site": ("size", "rgba"),
+    "spatial": ("width", "rgba"),
+    "general": ("biastype", "forcelimited", "forcerange"),
+}
+SENSORS = (("tendonpos", "tendon", "length"), ("tendonvel", "tendon", "rate"), ("actuatorfrc", "actuator", "force"))
+
+
+def save_menagerie(scene: Scene, path: str | os.PathLike[str], warp: bool = False) -> tuple[list[Path], list[str]]:
+    """Write NAME.xml and, beside it, scene.xml, which includes it; returns both paths, and what they do not hold.
+
+    A control is the change of a string's rest length [m], from what leaves it no line (or its smallest rest length) to
+    as much again as it has.
+
+    Raises:
+        OptionError: for another suffix, or a place where no file can be written.
+        FormatError: if a file cannot be written.
+    """
+    model = checked(path, (".xml",), "MJCF")
+    around = checked(
+        model.with_name("scene.xml" if model.stem != "scene" else "scene_with_floor.xml"), (".xml",), "MJCF"
+    )
+    root = ET.fromstring(scene_to_mjcf(scene), ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
+    notes = [
+        f"{one.strip()}." for comment in root if not isinstance(comment.tag, str) for one in _losses(comment.text or "")
+    ]
+    _rename(root)
+    if warp:
+        for flag in root.iter("flag"):
+            for name in [name for name in flag.attrib if name in WARP_REFUSES]:
+                notes.append(f"the flag {name} is left out, which MuJoCo Warp refuses")
+                del flag.attrib[name]
+    _use_classes(root)
+    _add_controls(root, scene)
+    _add_home(root)
+    outer = _scene_around(root, model.name)
+    for element, place in ((root, model), (outer, around)):
+        ET.indent(element)
+        with replacing(place) as part:
+            part.write_text(ET.tostring(element, encoding="unicode") + "\n", encoding="utf-8", newline="\n")
+    return [model, around], notes
+
+
+def _losses(text: str) -> Sequence[str]:
+    return [sentence for sentence in text.strip().rstrip(".").split(". ") if "not in this file" in sentence]
+
+
+def _rename(root: ET.Element) -> None:
+    """Names of letters, digits, - and _ alone, unique among their kind, and what refers to them."""
+    kinds = {"spatial": "tendon", "general": "actuator", "freejoint": "joint", "connect": "equality"}
+    words: dict[str, dict[str, str]] = {}
+    for element in root.iter():
+        name = element.get("name")
+        if name is not None and isinstance(element.tag, str):
+            words.setdefault(kinds.get(element.tag, element.tag), {})[name] = name
+    for known in words.values():
+        plain = [re.sub(r"\W+", "_", name).strip("_") or "unnamed" for name in known]
+        known.update(zip(known, [re.sub(r"\W+", "_", one).rstrip("_") for one in distinct(plain, set())], strict=True))
+    for element in root.iter():
+        if not isinstance(element.tag, str):
+            continue
+        own = kinds.get(element.tag, element.tag)
+        for key, kind in (("name", own), ("site", "site"), ("site1", "site"), ("site2", "site"), ("tendon", "tendon")):
+            if key in element.attrib and kind in words:
+                element.set(key, words[kind].get(element.attrib[key], element.attrib[key]))
+    root.set("model", re.sub(r"\W+", "_", root.get("model", "")).strip("_") or "structure")
+
+
+def _use_classes(root: ET.Element) -> None:
+    """Move what all rods, nodes or strings have alike into their default class."""
+    default = ET.Element("default")
+    main = ET.SubElement(default, "default", {"class": root.get("model", "")})
+    found: dict[str, list[ET.Element]] = {tag: [] for tag in CLASSES}
+    for element in root.iter():
+        if element.tag in found and element.get("site") is None and element.get("type") in (None, "capsule"):
+            found[str(element.tag)].append(element)
+    classes: dict[str, ET.Element] = {}
+    for tag, elements in found.items():
+        if not elements:
+            continue
+        name = CLASSES[tag]
+        if name not in classes:
+            classes[name] = ET.SubElement(main, "default", {"class": name})
+        alike = {key: elements[0].attrib[key] for key in SHARED[tag] if key in elements[0].attrib}
+        alike = {key: value for key, value in alike.items() if all(one.get(key) == value for one in elements)}
+        ET.SubElement(classes[name], {"spatial": "tendon"}.get(tag, tag), alike)
+        for element in elements:
+            for key in alike:
+                del element.attrib[key]
+            element.set("class", name)
+    tags = [child.tag for child in root]
+    root.insert(tags.index("worldbody") if "statistic" not in tags else tags.index("statistic"), default)
+
+
+def _add_controls(root: ET.Element, scene: Scene) -> None:
+    actuators, structure = root.find("actuator"), scene.structure
+    if actuators is None:
+        return
+    sensors = ET.Element("sensor")
+    least = np.maximum(structure.limits("min_rest_length"), 0.0)
+    for actuator, rest, low in zip(actuators, structure.rest_lengths, least, strict=True):
+        actuator.set("ctrllimited", "true")
+        actuator.set("ctrlrange", numbers([min(low - rest, 0.0), rest]))
+        for tag, kind, word in SENSORS:
+            name = str(actuator.get("name"))
+            ET.SubElement(sensors, tag, {kind: name, "name": f"{name}_{word}"})
+    root.append(sensors)
+
+
+def _add_home(root: ET.Element) -> None:
+    """The keyframe "home": the start of the scene, with all controls at zero."""
+    model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
+    data = mujoco.MjData(model)
+    old = root.find("keyframe")
+    if old is not None:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+        root.remove(old)
+    values: dict[str, Any] = {"qpos": data.qpos, "qvel": data.qvel, "ctrl": data.ctrl}
+    keys = {key: numbers(value) for key, value in values.items() if len(value)}
+    ET.SubElement(ET.SubElement(root, "keyframe"), "key", {"name": "home", **keys})
+
+
+def _scene_around(root: ET.Element, file: str) -> ET.Element:
+    """The scene that includes the model, with what of the model is scenery moved into it."""
+    world, statistic = root.find("worldbody"), root.find("statistic")
+    assert world is not None
+    outer = ET.Element("mujoco", model=f"{root.get('model')}_scene")
+    ET.SubElement(outer, "include", file=file)
+    if statistic is not None:
+        root.remove(statistic)
+        outer.append(statistic)
+    visual = ET.SubElement(outer, "visual")
+    ET.SubElement(visual, "headlight", diffuse="0.6 0.6 0.6", ambient="0.3 0.3 0.3", specular="0 0 0")
+    ET.SubElement(visual, "global", azimuth="120", elevation="-20")
+    asset = ET.SubElement(outer, "asset")
+    sky = {"type": "skybox", "builtin": "gradient", "rgb1": "0.3 0.5 0.7", "rgb2": "0 0 0"}
+    ET.SubElement(asset, "texture", {**sky, "width": "512", "height": "3072"})
+    checks = {"type": "2d", "name": "ground", "builtin": "checker", "rgb1": "0.2 0.3 0.4", "rgb2": "0.1 0.2 0.3"}
+    ET.SubElement(asset, "texture", {**checks, "width": "300", "height": "300"})
+    ET.SubElement(
+        asset, "material", name="ground", texture="ground", texuniform="true", texrepeat="5 5", reflectance="0.2"
+    )
+    scenery = ET.SubElement(outer, "worldbody")
+    for element in [one for one in world if one.tag == "light" or (one.tag == "geom" and one.get("type") == "plane")]:
+        world.remove(element)
+        if element.tag == "geom":
+            element.attrib.pop("rgba", None)
+            element.set("material", "ground")
+        scenery.append(copy.copy(element))
+    center = (
+        np.array([float(x) for x in statistic.get("center", "0 0 0").split()]) if statistic is not None else np.zeros(3)
+    )
+    extent = float(statistic.get("extent", "1")) if statistic is not None else 1.0
+    camera = {"name": "side", "pos": numbers(center + extent * np.array([0.0, -2.0, 0.3])), "xyaxes": "1 0 0 0 0.15 1"}
+    ET.SubElement(scenery, "camera", camera)
+    return outer
