@@ -30,6 +30,7 @@ from tensegrity_mj.commands import (
     sweep,
     tradeoff,
     validate,
+    view,
 )
 from tensegrity_mj.commands.common import ExitCode, Outcome, warn
 from tensegrity_mj.commands.parser import Groups, Parser, UsageError, build
@@ -44,7 +45,14 @@ from tensegrity_mj.errors import (
 )
 
 GROUPS: Groups = {
-    "simulate and see": {"run": run, "compare": compare, "render": render, "export": export, "import": import_scene},
+    "simulate and see": {
+        "run": run,
+        "compare": compare,
+        "view": view,
+        "render": render,
+        "import": import_scene,
+        "export": export,
+    },
     "analyse": {"statics": statics, "linearize": linearize, "stability": stability, "clearance": clearance},
     "many runs": {"sweep": sweep, "tradeoff": tradeoff, "validate": validate},
     "the thesis": {"reproduce": reproduce},

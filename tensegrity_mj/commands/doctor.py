@@ -159,12 +159,12 @@ def check_display() -> Check:
     """Whether there is a display for MuJoCo's interactive viewer."""
     remedy = "run where there is a desktop (or ssh -X); files and videos need none"
     if sys.platform != "linux":
-        return Check("display", True, sys.platform, "run --view", required=False)
+        return Check("display", True, sys.platform, "view, run --view", required=False)
     for name in ("WAYLAND_DISPLAY", "DISPLAY"):
         if os.environ.get(name):
-            return Check("display", True, f"{name}={os.environ[name]}", "run --view", required=False)
+            return Check("display", True, f"{name}={os.environ[name]}", "view, run --view", required=False)
     found = "neither DISPLAY nor WAYLAND_DISPLAY is set"
-    return Check("display", False, found, "run --view", required=False, remedy=remedy)
+    return Check("display", False, found, "view, run --view", required=False, remedy=remedy)
 
 
 def _probed(key: str) -> Check:

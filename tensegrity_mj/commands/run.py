@@ -36,12 +36,17 @@ def execute(options: argparse.Namespace) -> Outcome:
     plot = output_file(options.plot, "--plot", PLOT_SUFFIXES)
     if plot is None:
         refuse(options, ("paper",), "needs --plot FILE.pdf")
+    web = output_file(options.web, "--web", (".html", ".htm"))
     distinct({"--replay": Path(options.replay) if options.replay else None, "--out": out})
     experiment.refuse_options_of_other_engines(options, (options.engine,))
     _check_replay(options)
     experiment.check_control(options)
     if video:
         experiment.require_off_screen_opengl()
+    if web:
+        from tensegrity_mj.pictures.web import plotly_script
+
+        plotly_script()
     if options.view:
         from tensegrity_mj.pictures.viewer import require_display
 
@@ -75,7 +80,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     if out:
         run.save(out)
     if not len(run.time):  # it diverged where it began: there is nothing to draw
-        video = plot = None
+        video = plot = web = None
     if plot:
         from tensegrity_mj.pictures.plots import plot_run
 
@@ -85,13 +90,17 @@ def execute(options: argparse.Namespace) -> Outcome:
         from tensegrity_mj.pictures.video import render
 
         render(run, video, progress=True)
-    if options.view and len(run.time):
-        from tensegrity_mj.pictures.viewer import view
+    if web:
+        from tensegrity_mj.pictures.web import make_web_page
 
-        view(run)
+        make_web_page(run).save(web)
+    if options.view and len(run.time):
+        from tensegrity_mj.pictures.viewer import play
+
+        play(run)
     for warning in run.reports.get("warnings", []):
         warn(warning)
-    data = summary(run) | {"out": out, "video": video, "plot": plot}
+    data = summary(run) | {"out": out, "video": video, "plot": plot, "web": web}
     return Outcome(data, describe(data), code_of_status(run.status))
 
 
@@ -134,7 +143,7 @@ def describe(data: dict[str, Any]) -> str:
         *([("flow across rods", _flow(water))] if (water := data["reports"].get("water")) else []),
         ("real-time factor", number(data["real_time_factor"])),
     ]
-    rows += [(name, str(data[name])) for name in ("out", "video", "plot") if data[name]]
+    rows += [(name, str(data[name])) for name in ("out", "video", "plot", "web") if data[name]]
     return table(rows)
 
 

@@ -21,14 +21,11 @@ from tensegrity_mj.model.capabilities import (
 from tensegrity_mj.model.scene import Scene
 
 _STILL = "leave motions out (scene.with_(motions=()))"
-_SHARED_MODEL = (
-    Limit(CONTACT, "the work of contacts is counted run by run", "use simulate, or run_many", OptionError),
-    Limit(
-        PUSHING_DAMPERS,
-        "such strings change the model as they go slack, and many simulations share it",
-        "use simulate, or run_many",
-        OptionError,
-    ),
+_PUSHING_DAMPERS = Limit(
+    PUSHING_DAMPERS,
+    "such strings change the model as they go slack, and many simulations share it",
+    "use simulate, or run_many",
+    OptionError,
 )
 _STATES_AT_REST = Limit(
     ELEMENT_STATES,
@@ -43,9 +40,12 @@ USES: Mapping[str, tuple[Limit, ...]] = {
         _STATES_AT_REST,
     ),
     "statics": (_STATES_AT_REST,),
-    "simulate_many": _SHARED_MODEL,
+    "simulate_many": (
+        Limit(CONTACT, "the work of contacts is counted run by run", "use simulate, or run_many", OptionError),
+        _PUSHING_DAMPERS,
+    ),
     "law_in": (
-        *_SHARED_MODEL,
+        _PUSHING_DAMPERS,
         Limit(BREAKS, "a break belongs to a run, which begins and ends", "use simulate_many", OptionError),
         Limit(ELEMENT_STATES, "a state belongs to a run, which integrates it", "use simulate_many", OptionError),
     ),

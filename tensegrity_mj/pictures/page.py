@@ -93,6 +93,7 @@ class Report:
         video: an mp4 file to embed, or None.
         video_note: what to say about the video, or in its place (why there is none).
         tables: further tables.
+        web: whether the first run is in it in 3-D, too, which makes the page 5 MB larger and needs plotly.
 
     Raises:
         OptionError: no runs, a file that is missing or of another kind, a path that cannot be written.
@@ -108,6 +109,7 @@ class Report:
     video: PathLike | None = None
     video_note: str = ""
     tables: Iterable[Table] = ()
+    web: bool = False
 
     def __call__(self) -> Path:
         if not self.runs:
@@ -118,6 +120,10 @@ class Report:
         asked = _asked(self.runs, self.introduction, titled=self.title is not None)
         opening = [f'<div class="beside"><div>{head}{asked}</div><div>{shown}</div></div>']
         sections = [Section("Plots", parts=list(self.pictures))] if self.pictures else []
+        if self.web:
+            from tensegrity_mj.pictures.web import make_web_page
+
+            sections.append(Section("In 3-D", parts=[make_web_page(self.runs[0]).framed()]))
         if self.comparison is not None:
             sections.append(Section("How far the two are apart", parts=[_agreement(self.comparison)]))
         sections.append(Section("What came out", parts=[_runs(self.runs)]))
@@ -195,7 +201,9 @@ def _pictures_and_tables(pictures: Iterable[Picture], tables: Iterable[Table]) -
 def page_of(heading: str, parts: Sequence[str], style: str = "") -> str:
     """A page's whole text: its parts, in HTML, in the common frame `page.html`; `style` adds to the common one."""
     frame = importlib.resources.files("tensegrity_mj.pictures").joinpath("page.html").read_text(encoding="utf-8")
-    return Template(frame).substitute(title=escape(heading), style=style, body="\n".join(parts))
+    # Scripts may run where a page in 3-D (`web.WebPage.framed`) is embedded, which inherits this page's policy.
+    scripts = "; script-src 'unsafe-inline'" if any("<iframe" in part for part in parts) else ""
+    return Template(frame).substitute(title=escape(heading), style=style, scripts=scripts, body="\n".join(parts))
 
 
 # ------------------------------------------------------------------------------------------------------ sections

@@ -1,6 +1,6 @@
-"""A run in MuJoCo's interactive viewer: replayed in real time, over and over, until the window is closed.
+"""MuJoCo's interactive viewer: on a model that it steps, and on a run, which it plays, until the window is closed.
 
-Drawn from node positions alone, as the videos are, so that any engine's run can be shown.
+A run is drawn from node positions alone, as the videos are, so that any engine's can be shown.
 """
 
 from __future__ import annotations
@@ -17,15 +17,22 @@ from numpy.typing import NDArray
 
 import tensegrity_mj.engines.mujoco  # noqa: F401  (refuses an environment in which MuJoCo cannot be imported)
 from tensegrity_mj.errors import MissingLibraryError
+from tensegrity_mj.pictures import palette
+from tensegrity_mj.pictures.motion import Motion, Pose
+from tensegrity_mj.pictures.painter import Sizes, slack_strings
 from tensegrity_mj.runs.trajectory import Trajectory
 
 FRAME = 1.0 / 60.0  # s
 PAUSE = 1.0  # s at the end, before it starts again
 CLOSING_TIME = 10.0  # s that a window may take to close
 
-ROD = np.array([0.25, 0.27, 0.31, 1.0], np.float32)
-TAUT = np.array([0.80, 0.20, 0.15, 1.0], np.float32)
-SLACK = np.array([0.60, 0.60, 0.60, 0.6], np.float32)
+STEPS = 500  # of an arrow key, over the run
+KEYS = "space: pause   - =: speed   arrows: step   L: loop   backspace: to the start"
+KEYS_CORNER = 2  # MuJoCo's mjGRID_BOTTOMLEFT, which need not be imported for it
+INSTEAD = (
+    "or see it without a window: `tensegrity-mj view ... --web` writes a page for any browser, `run --video` and "
+    "`render` write videos"
+)
 
 
 def require_display() -> None:
@@ -36,13 +43,13 @@ def require_display() -> None:
     """
     if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise MissingLibraryError(
-            "the viewer needs a display, and neither DISPLAY nor WAYLAND_DISPLAY is set: "
-            "run on a desktop (or ssh -X), or make a video instead"
+            "the viewer needs a display, and neither DISPLAY nor WAYLAND_DISPLAY is set: run on a desktop (or ssh -X), "
+            f"{INSTEAD}"
         )
     if sys.platform == "linux":
         _open_glfw()
     if sys.platform == "darwin" and "mjpython" not in os.path.basename(sys.executable):
-        raise MissingLibraryError("on macOS MuJoCo's viewer needs mjpython: mjpython -m tensegrity_mj run ... --view")
+        raise MissingLibraryError("on macOS MuJoCo's viewer needs mjpython: mjpython -m tensegrity_mj view ...")
 
 
 def _open_glfw() -> None:
@@ -55,11 +62,46 @@ def _open_glfw() -> None:
     if not opened:
         reason = glfw.get_error()[1] or "no reason given"
         reason = reason.decode() if isinstance(reason, bytes) else reason
-        raise MissingLibraryError(f"the viewer cannot open a window ({reason}): check DISPLAY, or make a video instead")
+        raise MissingLibraryError(f"the viewer cannot open a window ({reason}): check DISPLAY, {INSTEAD}")
 
 
-def view(run: Trajectory) -> None:
-    """Show the run until the window is closed.
+def play(run: Trajectory, speed: float = 1.0) -> None:
+    """Play the run, over and over, until the window is closed; `KEYS` pause it and change its speed.
+
+    Args:
+        run: of any engine.
+        speed: simulated seconds a second at the beginning.
+
+    Raises:
+        OptionError: if the run has no sample that can be drawn.
+        MissingLibraryError: if no window can be opened.
+    """
+    motion = Motion.of(run)
+    require_display()
+    import mujoco
+    import mujoco.viewer
+
+    model, player = _empty_model(motion), Player(motion.start, motion.end, speed)
+    before = set(threading.enumerate())
+    try:
+        window = mujoco.viewer.launch_passive(
+            model, mujoco.MjData(model), key_callback=player.press, show_left_ui=False, show_right_ui=False
+        )
+    except RuntimeError as error:
+        raise MissingLibraryError(f"MuJoCo's viewer cannot open a window: {error}") from error
+    try:
+        _show(window, motion, player)
+    finally:
+        window.close()
+        # Its thread still draws: Python must not end, and take the window system away, before it has.
+        for thread in set(threading.enumerate()) - before:
+            thread.join(CLOSING_TIME)
+
+
+def view_model(model: Any) -> None:
+    """Open MuJoCo's own viewer on an MjModel, which it steps, until the window is closed.
+
+    It starts with the velocities of the model's first keyframe, where there is one. A law that is installed acts.
 
     Raises:
         MissingLibraryError: if no window can be opened.
@@ -68,84 +110,126 @@ def view(run: Trajectory) -> None:
     import mujoco
     import mujoco.viewer
 
-    model = _empty_model(run)
-    before = set(threading.enumerate())
+    data = mujoco.MjData(model)
+    if model.nkey:
+        mujoco.mj_resetDataKeyframe(model, data, 0)
     try:
-        window = mujoco.viewer.launch_passive(model, mujoco.MjData(model), show_left_ui=False, show_right_ui=False)
+        mujoco.viewer.launch(model, data)
     except RuntimeError as error:
         raise MissingLibraryError(f"MuJoCo's viewer cannot open a window: {error}") from error
-    try:
-        _show(window, run)
-    finally:
-        window.close()
-        # Its thread still draws: Python must not end, and take the window system away, before it has.
-        for thread in set(threading.enumerate()) - before:
-            thread.join(CLOSING_TIME)
 
 
-def _show(window: Any, run: Trajectory) -> None:
+class Player:
+    """Which moment of a run is shown: it goes on by itself, and keys change that (`KEYS`).
+
+    Args:
+        start, end: of the run [s].
+        speed: simulated seconds a second.
+    """
+
+    def __init__(self, start: float, end: float, speed: float = 1.0) -> None:
+        self.start, self.end, self.speed = start, end, speed
+        self.time, self.paused, self.loops = start, False, True
+
+    def press(self, key: int) -> None:
+        """What a key does, by GLFW's number of it."""
+        step = (self.end - self.start) / STEPS
+        match key:
+            case 32:  # space
+                self.paused = not self.paused
+            case 262 | 263:  # right, left
+                self.paused = True
+                self.time = min(max(self.time + (step if key == 262 else -step), self.start), self.end)
+            case 45 | 61:  # minus, equal
+                self.speed *= 0.5 if key == 45 else 2.0
+            case 259:  # backspace
+                self.time = self.start
+            case 76:  # L
+                self.loops = not self.loops
+
+    def go_on(self, seconds: float) -> float:
+        """The moment to show [s], so many seconds of the clock after the last one."""
+        if not self.paused:
+            self.time += self.speed * seconds
+        if self.time > self.end + PAUSE * self.speed:
+            self.time = self.start if self.loops else self.end
+        return min(self.time, self.end)
+
+    @property
+    def words(self) -> str:
+        """For the window's corner."""
+        state = "paused" if self.paused else f"{self.speed:g} x" + ("" if self.loops else ", once")
+        return f"{min(self.time, self.end):.3f} of {self.end:g} s, {state}"
+
+
+def _show(window: Any, motion: Motion, player: Player) -> None:
     """Replay the run in an open window."""
-    _point_camera(window.cam, run)
-    string_width = 0.002 * _extent(run)[1]
-    began = time.monotonic()
+    scale, extent = palette.TensionScale.of(motion.tensions), _extent(motion)[1]
+    sizes = Sizes.of(motion.structure, extent)
+    _point_camera(window.cam, motion)
+    before = time.monotonic()
     while window.is_running():
-        now = (time.monotonic() - began) % (float(run.time[-1] - run.time[0]) + PAUSE)
-        row = min(int(np.searchsorted(run.time - run.time[0], now)), len(run.time) - 1)
+        now = time.monotonic()
+        pose = motion.pose(player.go_on(now - before))
+        before = now
         with window.lock():
-            _draw(window.user_scn, run, row, string_width)
+            _draw(window.user_scn, motion, pose, sizes, scale)
+        window.set_texts([(None, None, player.words, ""), (None, KEYS_CORNER, KEYS, "")])
         window.sync()
         time.sleep(FRAME)
 
 
-def _empty_model(run: Trajectory) -> Any:
+def _empty_model(motion: Motion) -> Any:
     import mujoco
 
-    center, size = _extent(run)
+    center, size = _extent(motion)
     text = " ".join(f"{x:.9g}" for x in center)
     return mujoco.MjModel.from_xml_string(
         f'<mujoco><statistic center="{text}" extent="{size:.9g}"/>'
         '<visual><headlight ambient="0.5 0.5 0.5" diffuse="0.5 0.5 0.5"/></visual>'
         '<asset><texture type="skybox" builtin="gradient" rgb1="0.95 0.96 0.98" rgb2="0.72 0.77 0.83" '
-        f'width="64" height="384"/></asset>{_floor(run)}</mujoco>'
+        f'width="64" height="384"/></asset>{_floor(motion)}</mujoco>'
     )
 
 
-def _floor(run: Trajectory) -> str:
+def _floor(motion: Motion) -> str:
     """The scene's floor as MJCF, or nothing."""
-    contact = run.scene.contact
-    if contact is None or contact.floor is None:
+    if motion.floor is None:
         return ""
-    place, up = (" ".join(f"{x:.9g}" for x in v) for v in (contact.floor * contact.up, contact.up))
+    place, up = (" ".join(f"{x:.9g}" for x in v) for v in motion.floor)
     return f'<worldbody><geom type="plane" pos="{place}" zaxis="{up}" size="0 0 1" rgba="0.8 0.82 0.84 1"/></worldbody>'
 
 
-def _point_camera(camera: Any, run: Trajectory) -> None:
-    center, size = _extent(run)
+def _point_camera(camera: Any, motion: Motion) -> None:
+    center, size = _extent(motion)
     camera.lookat[:] = center
     camera.distance = 1.8 * size
     camera.azimuth, camera.elevation = 130.0, -20.0
 
 
-def _extent(run: Trajectory) -> tuple[NDArray[np.float64], float]:
+def _extent(motion: Motion) -> tuple[NDArray[np.float64], float]:
     """Centre and diagonal [m] of all that the run passes through."""
-    points = run.nodes.reshape(-1, 3)
+    points = motion.nodes.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     return (low + high) / 2, float(np.linalg.norm(high - low))
 
 
-def _draw(scene: Any, run: Trajectory, row: int, string_width: float) -> None:
-    """Put rods and strings at one sample into the viewer's own list of shapes."""
+def _draw(scene: Any, motion: Motion, pose: Pose, sizes: Sizes, scale: palette.TensionScale) -> None:
+    """Put rods, and strings in the colour of their tension, into the viewer's own list of shapes."""
     import mujoco
 
-    structure, nodes = run.scene.structure, run.nodes[row]
-    members = [
-        (mujoco.mjtGeom.mjGEOM_CAPSULE, pair, rod.radius, ROD)
-        for pair, rod in zip(structure.rod_nodes, structure.rods, strict=True)
-    ] + [
-        (mujoco.mjtGeom.mjGEOM_CYLINDER, pair, string_width, TAUT if tension > 0 else SLACK)
-        for pair, tension in zip(structure.string_nodes, run.tensions[row], strict=True)
+    structure, nodes = motion.structure, pose.nodes
+    slack = slack_strings(structure, pose)
+    shades = np.where(slack[:, None], palette.SLACK, scale.colors(pose.tensions))
+    capsule = mujoco.mjtGeom.mjGEOM_CAPSULE
+    members = [(pair, radius, palette.ROD) for pair, radius in zip(structure.rod_nodes, sizes.rod, strict=True)]
+    members += [
+        (pair, sizes.string, color)
+        for pair, color, broken in zip(structure.string_nodes, shades, pose.broken, strict=True)
+        if not broken
     ]
     scene.ngeom = min(len(members), scene.maxgeom)
-    for geom, (kind, (i, j), width, color) in zip(scene.geoms, members, strict=False):
-        mujoco.mjv_initGeom(geom, kind, np.zeros(3), np.zeros(3), np.eye(3).ravel(), color)
-        mujoco.mjv_connector(geom, kind, width, nodes[i], nodes[j])
+    for geom, ((i, j), width, color) in zip(scene.geoms, members, strict=False):
+        rgba = np.array([*color, 1.0], np.float32)
+        mujoco.mjv_initGeom(geom, capsule, np.zeros(3), np.zeros(3), np.eye(3).ravel(), rgba)
+        mujoco.mjv_connector(geom, capsule, width, nodes[i], nodes[j])

@@ -130,6 +130,7 @@ def completed(line: str, folder: Path) -> list[str]:
         ("run p", ["prism", "pinned_rod"], ["tower"]),
         ("run ./", ["./my.toml", "./folder/"], ["./a.nc", "./other.txt"]),
         ("compare prism --reference o", ["ode"], ["dae"]),
+        ("view ./", ["./my.toml", "./a.nc"], ["./other.txt"]),
         ("render ", ["a.nc", "folder/"], ["my.toml", "other.txt"]),
         ("audit drift prism --methods ", ["rk4", "euler"], ["prism"]),
         ("stability prism --out ", ["folder/"], ["a.nc"]),

@@ -95,7 +95,7 @@ def test_functions_have_limits_of_their_own() -> None:
         "engine_equilibrium": ["moved", "stateful"],
         "statics": ["stateful"],
         "simulate_many": ["contact", "joined contact", "water contact"],
-        "law_in": ["contact", "joined contact", "water contact", "broken", "stateful"],
+        "law_in": ["broken", "stateful"],
         "MuJoCo's model": ["joined contact"],
         "dm_control models": [*(set(SCENES) - {"plain", "contact"}), "stateful"],
     }.items():

@@ -1,0 +1,129 @@
+"""Look at a scene or at a recorded run: in MuJoCo's interactive viewer, or as one web page in 3-D.
+
+A scene is simulated in the viewer as it is looked at, with its law; a recorded run is played. With --web, a scene is
+simulated first, for its duration.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tensegrity_mj.basics.texts import file_name
+from tensegrity_mj.commands import experiment
+from tensegrity_mj.commands.common import Outcome, code_of_status, output_file, refuse
+from tensegrity_mj.errors import OptionError, printable
+
+if TYPE_CHECKING:
+    from tensegrity_mj.model.scene import Scene
+    from tensegrity_mj.runs.trajectory import Trajectory
+
+
+_OF_SCENES = ("duration", "still", "law", *experiment.LAW_OPTIONS, *experiment.ACTUATION_OPTIONS)
+
+
+def execute(options: argparse.Namespace) -> Outcome:
+    """Write the page, or open the window; whatever can be refused is refused before."""
+    recorded = options.source.lower().endswith(".nc")
+    if recorded:
+        refuse(options, _OF_SCENES, f"needs a scene, and {options.source} is a recorded run")
+    else:
+        experiment.check_control(options)
+    if options.web is not None:
+        refuse(options, ("speed",), "belongs to the window; a page has a choice of its own")
+        return _write_page(options, recorded)
+    refuse(options, ("still",), "needs --web; the window's key for a pause is the space bar")
+
+    from tensegrity_mj.pictures import viewer
+
+    viewer.require_display()
+    if recorded:
+        from tensegrity_mj.runs.trajectory import Trajectory
+
+        viewer.play(Trajectory.load(options.source), options.speed or 1.0)
+        return Outcome({"status": "ok", "source": options.source, "shown": "recorded"})
+    return _view_scene(options)
+
+
+def _write_page(options: argparse.Namespace, recorded: bool) -> Outcome:
+    from tensegrity_mj.library.load import load_scene
+    from tensegrity_mj.pictures.web import make_web_page, plotly_script
+    from tensegrity_mj.runs.trajectory import Trajectory
+
+    out = output_file(options.web, "--web", (".html", ".htm")) if options.web else None
+    plotly_script()
+    source: Trajectory | Scene = Trajectory.load(options.source) if recorded else load_scene(options.source)
+    name = Path(options.source).stem if recorded or isinstance(source, Trajectory) else file_name(source.name)
+    out = out or output_file(f"{name}.html", "--web", (".html",))
+    if not isinstance(source, Trajectory) and options.still is None:
+        source = _simulated(options, source)
+    page = make_web_page(source)
+    page.save(out)
+    data = {"status": "ok", "out": out, "frames": page.frames, "interval": page.interval}
+    status = source.status if isinstance(source, Trajectory) else None
+    if recorded or status is None:
+        return Outcome(data, f"{out}: {page.describe()}")
+    return Outcome(data | {"status": status}, f"{out}: {page.describe()}", code_of_status(status))
+
+
+def _simulated(options: argparse.Namespace, scene: Scene) -> Trajectory:
+    """A run of the scene in MuJoCo."""
+    from tensegrity_mj.model.actuation import OnInfeasible
+    from tensegrity_mj.simulation import simulate
+
+    return simulate(
+        scene,
+        experiment.law_of(options, scene),
+        actuation=experiment.actuation_of(options),
+        duration=options.duration,
+        on_infeasible=OnInfeasible(options.on_infeasible or "stop"),
+        progress=True,
+    )
+
+
+def _view_scene(options: argparse.Namespace) -> Outcome:
+    """Simulate a scene in the window; where that cannot be, before, and play the run."""
+    from tensegrity_mj.library.load import load_scene
+    from tensegrity_mj.model.actuation import Mode, OnInfeasible
+    from tensegrity_mj.pictures import viewer
+    from tensegrity_mj.studies.ensemble import law_in
+
+    scene = load_scene(options.source)
+    law, reason = experiment.law_of(options, scene), ""
+    if experiment.actuation_of(options).mode is not Mode.CONTINUOUS:
+        reason = f"--actuation {options.actuation} belongs to a run"
+    elif options.duration or options.speed:
+        reason = "it has a duration or a speed"
+    if not reason:
+        with contextlib.ExitStack() as opened:
+            try:
+                passive = OnInfeasible(options.on_infeasible or "stop")
+                model = opened.enter_context(law_in(scene, law or _held(scene), on_infeasible=passive))
+            except OptionError as error:
+                reason = str(error)
+            else:
+                viewer.view_model(model)
+                return Outcome({"status": "ok", "source": options.source, "shown": "live"})
+    print(f"simulated first, then played: {printable(reason)}", file=sys.stderr)
+    run = _simulated(options, scene)
+    viewer.play(run, options.speed or 1.0)
+    data = {"status": run.status, "source": options.source, "shown": "simulated first"}
+    return Outcome(data, code=code_of_status(run.status))
+
+
+def _held(scene: Scene) -> Any:
+    """A law that leaves every string at its rest length."""
+    import numpy as np
+
+    from tensegrity_mj.dynamics.native.law import Command
+
+    rest = np.array(scene.structure.rest_lengths)
+
+    def law(time: float, nodes: Any, velocities: Any) -> Any:
+        return rest
+
+    law.command = Command.REST_LENGTH  # type: ignore[attr-defined]
+    return law

@@ -1,0 +1,309 @@
+"""A run or a scene as one web page that shows it in 3-D: to turn, to play, to read names and tensions from.
+
+The page (`web.html`) holds all that it needs, plotly's JavaScript among it, and loads nothing: its content policy
+forbids it. It draws from one piece of JSON: who is tied to what, and where nodes are and how strings pull at evenly
+spaced times, between which it interpolates linearly.
+"""
+
+from __future__ import annotations
+
+import base64
+import importlib.resources
+import math
+import os
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.files import checked, replacing
+from tensegrity_mj.basics.jsontext import to_json
+from tensegrity_mj.errors import MissingPackageError, printable
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.pictures import palette
+from tensegrity_mj.pictures.camera import AFLOAT, Camera, broadside, corners_of, direction
+from tensegrity_mj.pictures.framing import BLOWN_UP, DEEP, FAR
+from tensegrity_mj.pictures.motion import Motion
+from tensegrity_mj.pictures.painter import SLACKNESS, Sizes
+from tensegrity_mj.runs.trajectory import Trajectory
+
+MOST_BYTES = 8_000_000  # of a page, of which plotly's JavaScript is 5 MB
+RATE, LEAST, MOST = 60.0, 200, 2000  # frames a second of simulated time, and how few and how many they may be
+NAME_LETTERS = 80
+MARGIN = 0.06  # of what is seen, around it
+ASPECT = 1.5  # width over height that the first view is made for
+HALF_VIEW = math.tan(math.radians(45.0) / 2.0)  # plotly's camera, vertically
+
+
+@dataclass(frozen=True)
+class WebPage:
+    """A page in 3-D, which a notebook shows.
+
+    Attributes:
+        text: the HTML.
+        frames: number of times at which positions are in it.
+        interval: between them [s]; 0 where there is one.
+    """
+
+    text: str
+    frames: int
+    interval: float
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the page, whole or not at all; returns its path, which ends in .html.
+
+        Raises:
+            OptionError: a path that cannot be written.
+        """
+        destination = checked(path, (".html", ".htm"), "page")
+        with replacing(destination) as part:
+            part.write_text(self.text, encoding="utf-8")
+        return destination
+
+    def describe(self) -> str:
+        """How many frames were chosen, and how large the page is."""
+        frames = f"{self.frames} frames, one each {self.interval:.3g} s" if self.frames > 1 else "1 frame"
+        return f"{frames}, {len(self.text.encode()) / 1e6:.1f} MB"
+
+    def framed(self, height: int = 560) -> str:
+        """HTML that shows the page within another, `height` [px] tall and kept apart from it."""
+        style = f"width:100%;height:{height}px;border:0"
+        frame = f'<iframe sandbox="allow-scripts" title="3-D" style="{style}"'
+        return f'{frame} srcdoc="{escape(self.text)}"></iframe>'
+
+    def _repr_html_(self) -> str:
+        return self.framed()
+
+
+def make_web_page(source: Trajectory | Scene) -> WebPage:
+    """The page of a run, or of a scene at its start.
+
+    Rods are tubes; taut strings have the colour of their tension [N], slack ones hang as arcs of their own length; the
+    pointer reads names and tensions. Target, supports, point masses, floor and the water's moving surface are there
+    where the scene has them. Axes are equal. Of a run, the page has up to `RATE` frames a second, as many as fit into
+    `MOST_BYTES`, and two at least.
+
+    Raises:
+        OptionError: a run without a sample that can be drawn.
+        MissingPackageError: plotly is not installed.
+    """
+    plotly = plotly_script()
+    motion = Motion.of(source)
+    times = _times(motion, MOST_BYTES - len(plotly.encode()) - 2**18)
+    frame = importlib.resources.files("tensegrity_mj.pictures").joinpath("web.html").read_text(encoding="utf-8")
+    texts = {name: escape(printable(getattr(motion, name))) for name in ("title", "label", "note")}
+    # No text of the JSON can end the element of HTML that it stands in.
+    run = to_json(_data(motion, times)).replace("<", "\\u003c")
+    text = Template(frame).substitute(texts, plotly=plotly, run=run)
+    return WebPage(text, len(times), float(times[-1] - times[0]) / max(len(times) - 1, 1))
+
+
+def plotly_script() -> str:
+    """plotly's JavaScript.
+
+    Raises:
+        MissingPackageError: with the command that installs plotly.
+    """
+    try:
+        from plotly.offline import get_plotlyjs
+    except ModuleNotFoundError as error:
+        raise MissingPackageError(
+            "the page in 3-D needs plotly, which is not installed: python -m pip install plotly (the extra 'web' of "
+            "tensegrity-mj); pictures and videos need none"
+        ) from error
+    return str(get_plotlyjs())
+
+
+def _times(motion: Motion, room: int) -> Array:
+    """Times [s] of the frames, as many as are wanted, or as `room` bytes hold."""
+    count, structure = len(motion.time), motion.structure
+    if count == 1:
+        return motion.time
+    numbers = 1 + 3 * len(structure.nodes) * (1 if motion.target is None else 2) + 2 * len(structure.strings)
+    wanted = math.ceil(min(max(RATE * (motion.end - motion.start), LEAST), MOST, 4 * (count - 1))) + 1
+    return np.linspace(motion.start, motion.end, max(2, min(wanted, 3 * room // (16 * numbers))))
+
+
+def _data(motion: Motion, times: Array) -> dict[str, Any]:
+    """What the page draws from; rods, strings, supports and masses name nodes by their rows."""
+    structure = motion.structure
+    nodes, aims = motion.positions(times), motion.target_positions(times)
+    among = [np.interp(times, motion.time, one) for one in np.hstack([motion.tensions, motion.rest_lengths]).T]
+    tensions, rest = np.split(np.array(among).reshape(-1, len(times)).T, 2, axis=1)
+    box = _Box.of(motion, nodes, aims)
+    rows, held = structure.node_index, [rod for rod in structure.rods if len(rod.support.directions)]
+    scale = palette.TensionScale.of(motion.tensions)
+    ticks = np.linspace(0.0, scale.end, 5)
+    slack = np.any(motion.rest_lengths > structure.string_lengths(motion.nodes) * (1.0 + SLACKNESS))
+    drawn = {
+        "nodes": True,
+        "rods": structure.rods,
+        "strings": structure.strings,
+        "slack": slack,
+        "masses": structure.point_masses,
+        "supports": structure.fixed_nodes or held,
+        "target": aims is not None and structure.rods,
+        "floor": motion.floor is not None,
+        "water": box.wet,
+    }
+    return {
+        "drawn": [name for name, there in drawn.items() if there],
+        "names": {
+            "nodes": _names(structure.node_names),
+            "rods": _names(rod.name for rod in structure.rods),
+            "strings": _names(string.name for string in structure.strings),
+            "supports": _names([*structure.fixed_nodes, *(f"support of {rod.name}" for rod in held)]),
+            "masses": _names(f"{one.mass:.4g} kg at {one.node}" for one in structure.point_masses),
+        },
+        "time": _packed(times),
+        "digits": 2 if times[-1] - times[0] >= 2.0 else 4,
+        "nodes": _packed(nodes),
+        "tensions": _packed(tensions),
+        "rest": _packed(rest),
+        "target": None if aims is None else _packed(aims),
+        "rods": [
+            [*map(int, pair), radius]
+            for pair, radius in zip(structure.rod_nodes, Sizes.of(structure, box.extent).rod, strict=True)
+        ],
+        "strings": structure.string_nodes,
+        "breaks": motion.break_times,  # infinite, that is never, becomes null
+        "supports": [
+            *([rows[name], rows[name], 0.0] for name in structure.fixed_nodes),
+            *([rows[rod.nodes[0]], rows[rod.nodes[1]], rod.support.sigma] for rod in held),
+        ],
+        "masses": [rows[mass.node] for mass in structure.point_masses],
+        "sea": _waves(motion) if box.wet else None,
+        "floor": None if motion.floor is None else _floor(motion.floor, motion, box),
+        "down": motion.down,
+        "center": box.center,
+        "half": box.half,
+        "follow": box.follow,
+        "eye": _eye(motion, box.half),
+        "ticks": ticks,
+        "tick_texts": [f"{tick:,.0f}" if scale.end >= 1000.0 else f"{tick:.3g}" for tick in ticks],
+        "scale": [[n / 8, _css(palette.tension_colors(n / 8))] for n in range(9)],
+        "colors": {name: _css(color) for name, color in _COLORS.items()},
+    }
+
+
+_COLORS = {
+    "node": palette.FAINT_TEXT,
+    "rod": palette.ROD,
+    "slack": palette.SLACK,
+    "mass": palette.POINT_MASS,
+    "support": palette.SUPPORT,
+    "target": palette.TARGET,
+    "floor": palette.FLOOR,
+    "water": palette.WATER,
+    "grid": palette.mixed(palette.GRID, palette.GUIDE, 0.2),
+    "text": palette.TEXT,
+    "background": palette.BACKGROUND,
+}
+
+
+@dataclass(frozen=True)
+class _Box:
+    """What the page sees.
+
+    Attributes:
+        center, half: its middle, and half its size along the axes, (3,) [m].
+        follow: whether it goes with a structure that travels far.
+        extent: of the structure [m].
+        wet: whether the water's surface is near.
+    """
+
+    center: Array
+    half: Array
+    follow: bool
+    extent: float
+    wet: bool
+
+    @classmethod
+    def of(cls, motion: Motion, nodes: Array, aims: Array | None) -> _Box:
+        """For nodes, and those of the target, (F, N, 3) [m]; as `framing` sees them."""
+        extents = np.linalg.norm(np.ptp(nodes, axis=1), axis=1)
+        seen = nodes[extents <= BLOWN_UP * max(extents[0], 1e-12)] if motion.diverged else nodes
+        extent = max(float(np.linalg.norm(np.ptp(seen, axis=1), axis=1).max()), 1e-9)
+        points, middles = seen.reshape(-1, 3), seen.mean(axis=1, keepdims=True)
+        follow = float(np.linalg.norm(np.ptp(points, axis=0))) > FAR * extent
+        lowest, highest = points[:, 2].min(), points[:, 2].max()
+        wet = motion.sea is not None and -(DEEP + 1.0) * extent < lowest and highest > 0.0 - DEEP * extent
+        if follow:
+            points = (seen - middles).reshape(-1, 3)
+        else:
+            if aims is not None:
+                near = np.linalg.norm(aims - middles[0], axis=-1) <= FAR * extent
+                points = np.concatenate([points, aims[near]])
+            if motion.floor is not None:
+                points = np.concatenate([points, [_foot(points.mean(axis=0), motion.floor)]])
+            if wet and motion.sea is not None:
+                crest = float(np.sum(motion.sea.amplitude))
+                points = np.concatenate([points, points[:1] * [1, 1, 0] + np.outer([-crest, crest], [0, 0, 1])])
+        low, high = points.min(axis=0), points.max(axis=0)
+        most = max(float(np.max(high - low)), 1e-9)
+        half = np.maximum(0.5 * (high - low) + MARGIN * most, 0.08 * most)
+        return cls(0.5 * (low + high), np.full(3, half.max()) if follow else half, follow, extent, wet)
+
+
+def _waves(motion: Motion) -> Array:
+    """(W, 5) of the sea: amplitude [m], frequency [rad/s], number [1/m], direction and phase [rad]."""
+    sea = motion.sea
+    assert sea is not None
+    return np.stack([sea.amplitude, sea.frequency, sea.number, sea.direction, sea.phase], axis=1)
+
+
+def _foot(point: Array, floor: tuple[Array, Array]) -> Array:
+    """The point of the floor below another one (3,) [m]."""
+    return point - (point - floor[0]) @ floor[1] * floor[1]
+
+
+def _floor(floor: tuple[Array, Array], motion: Motion, box: _Box) -> Array:
+    """Corners (4, 3) [m] of a square of the floor under all that the run passes through."""
+    points = motion.nodes.reshape(-1, 3)
+    reach = 1.5 * box.extent + (float(np.linalg.norm(np.ptp(points, axis=0))) if box.follow else 0.0)
+    side = np.cross(floor[1], np.eye(3)[int(np.argmin(np.abs(floor[1])))])
+    side *= reach / np.linalg.norm(side)
+    across = np.cross(floor[1], side)
+    middle = _foot(points.mean(axis=0) if box.follow else box.center, floor)
+    return middle + np.array([-side - across, side - across, side + across, across - side])
+
+
+def _eye(motion: Motion, half: Array) -> Array:
+    """Where plotly's camera stands (3,), from the box's middle and in twice its largest half: it sees all of the box.
+
+    It looks as in films: over water from the side, square on planar motion, else from where members cover each other
+    least.
+    """
+    nodes = motion.nodes[:: max(1, len(motion.nodes) // 50)]
+    points, sea = nodes.reshape(-1, 3), motion.sea
+    if sea is None:
+        pairs = np.concatenate([motion.structure.rod_nodes, motion.structure.string_nodes])
+        corners = corners_of(pairs[:: 1 + len(pairs) // 150], nodes[:: max(1, len(nodes) // 6)])
+        camera = direction(points, corners, None, None)
+    else:
+        highest = sea.direction[np.argsort(-sea.amplitude, kind="stable")]
+        azimuth = broadside(points, tuple(highest.tolist()))
+        camera = Camera(direction(points, np.zeros((1, 0, 2, 3)), azimuth, AFLOAT).azimuth, AFLOAT)
+    corners = np.array(np.meshgrid(*[[-0.5, 0.5]] * 3)).reshape(3, -1).T * half / np.max(half)
+    right, up, forward = camera.axes @ corners.T
+    depth = np.maximum(np.abs(right) / (ASPECT * HALF_VIEW), np.abs(up) / HALF_VIEW) - forward
+    return -1.05 * float(np.max(depth)) * camera.axes[2]
+
+
+def _packed(values: Array) -> str:
+    """Numbers in single precision, little-endian, in base 64."""
+    return base64.b64encode(np.ascontiguousarray(values, "<f4").tobytes()).decode("ascii")
+
+
+def _names(texts: Any) -> list[str]:
+    """Names as plotly shows them, which reads some HTML in texts."""
+    shown = [printable(text) for text in texts]
+    return [escape(one if len(one) <= NAME_LETTERS else f"{one[: NAME_LETTERS - 1]}…", quote=False) for one in shown]
+
+
+def _css(color: Any) -> str:
+    return "rgb({},{},{})".format(*(round(255 * float(part)) for part in color))
