@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
+from packaging.requirements import Requirement
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = ("tensegrity_mj", "controllers", "models", "pyproject.toml", "README.md", "LICENSE")
@@ -47,7 +52,9 @@ def names(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     return zipfile.ZipFile(wheel).namelist()
 
 
-@pytest.mark.parametrize("script", ["scripts/demo.sh", "scripts/test.sh", "scripts/setup.sh", ".ci/run"])
+@pytest.mark.parametrize(
+    "script", ["scripts/demo.sh", "scripts/test.sh", "scripts/setup.sh", "scripts/lint.sh", ".ci/run"]
+)
 def test_scripts_are_valid(script: str) -> None:
     bash = shutil.which("bash")
     if bash is None:
@@ -162,3 +169,49 @@ def test_without_dm_control_the_set_up_goes_on_and_says_so(tmp_path: Path) -> No
         assert "dm-env dm-control>=1.0.50" in run.stderr
         assert "tensegrity-mj doctor" in run.stderr
         assert len((tmp_path / "calls").read_text().splitlines()) == 1
+
+
+def project() -> dict[str, Any]:
+    found: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    return found
+
+
+def test_the_version_is_the_same_wherever_it_stands() -> None:
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert re.search(r"^version: (\S+)$", citation, re.MULTILINE)[1] == project()["project"]["version"]  # type: ignore[index]
+    assert f"\nlicense: {project()['project']['license']}\n" in citation
+
+
+def test_all_is_every_extra_of_users() -> None:
+    extras = project()["project"]["optional-dependencies"]
+    (line,) = extras["all"]
+    assert set(Requirement(line).extras) == set(extras) - {"all", "dev", "dm-control-needs"}
+    rows = re.findall(r"^\| `([\w-]+)` \|", (ROOT / "docs/install.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(rows) == sorted(extras)
+
+
+def test_hosted_ci_runs_what_the_checkout_runs_on_every_python_that_is_declared() -> None:
+    workflow = yaml.safe_load((ROOT / ".github/workflows/tests.yml").read_text(encoding="utf-8"))
+    (job,) = workflow["jobs"].values()
+    declared = [line.rpartition(" ")[2] for line in project()["project"]["classifiers"] if ":: 3." in line]
+    assert job["strategy"]["matrix"]["python"] == declared
+    assert [step["run"] for step in job["steps"] if "run" in step] == ["bash .ci/run"]
+
+
+def test_hooks_use_tools_that_the_set_up_installs() -> None:
+    config = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))
+    pinned = {Requirement(line).name for line in project()["project"]["optional-dependencies"]["dev"]}
+    for hook in config["repos"][0]["hooks"]:
+        tool = hook["entry"].split()[0]
+        assert tool == "bash" or tool.removeprefix(".venv/bin/") in pinned
+
+
+def test_the_container_gets_all_that_the_package_is_built_of_and_the_libraries_of_the_scripts() -> None:
+    text = (ROOT / "Dockerfile").read_text(encoding="utf-8")
+    copied = {word for line in re.findall(r"^COPY (.*) \S+$", text, re.MULTILINE) for word in line.split()}
+    assert copied == set(SOURCES)
+    let_in = re.findall(r"^!(.*)$", (ROOT / ".dockerignore").read_text(encoding="utf-8"), re.MULTILINE)
+    assert set(let_in) == set(SOURCES)
+    packages = re.search(r"local packages=\((.*)\)", (ROOT / "scripts/setup.sh").read_text(encoding="utf-8"))
+    assert packages
+    assert f"--no-install-recommends {packages[1]} " in text
