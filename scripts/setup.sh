@@ -1,5 +1,5 @@
-# Sourced by demo.sh and test.sh, never run by itself. It sets `root` (the checkout) and `venv`, and defines
-#   set_up run|dev    make the virtual environment .venv, install the package in it, see to dm-control and to OpenGL
+# Sourced by demo.sh, test.sh and docs.sh, never run by itself. It sets `root` (the checkout) and `venv`, and defines
+#   set_up run|docs|dev    make the virtual environment .venv, install the package in it, see to dm-control and to OpenGL
 # A second call with nothing changed installs nothing and needs no network.
 
 root="$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd -P)"
@@ -75,7 +75,7 @@ pip_install() { # python, then arguments of pip install
     fi
 }
 
-install_package() { # python run|dev
+install_package() { # python run|docs|dev
     local python="$1" kind="$2" wanted stamp="$venv/.installed-$2" requirement="$root" quiet=(--quiet)
     wanted="$(fingerprint "$python" "$kind")"
     if [ -x "$venv/bin/python" ] && [ "$(cat "$stamp" 2>/dev/null)" = "$wanted" ]; then
@@ -88,15 +88,16 @@ install_package() { # python run|dev
         "$python" -m venv --clear --without-pip "$venv"
         printf '%s %s' "$root" "$("$python" -c 'import sys; print(sys.version)' | tr '\n' ' ')" >"$venv/.made-for"
     fi
-    if [ "$kind" = dev ]; then requirement="$root[dev]"; fi
+    if [ "$kind" != run ]; then requirement="$root[$kind]"; fi
     if [ -t 2 ]; then quiet=(); fi # pip's own progress, for whoever watches
     say "Installing the package and what it needs (once; a few minutes on a slow line)"
     # Of what an earlier run installed only dm-control can conflict, by the labmaze that it is used without.
     pip_install "$python" "${quiet[@]}" --disable-pip-version-check --no-warn-conflicts --editable "$requirement" >&2
     printf '%s' "$wanted" >"$stamp"
     rm -f "$venv/.dm-control-tried"
-    # What the tests need includes what the demo needs.
-    if [ "$kind" = dev ]; then fingerprint "$python" run >"$venv/.installed-run"; fi
+    # What the tests need includes what the site needs, and that what the demo needs.
+    if [ "$kind" = dev ]; then fingerprint "$python" docs >"$venv/.installed-docs"; fi
+    if [ "$kind" != run ]; then fingerprint "$python" run >"$venv/.installed-run"; fi
 }
 
 # Requirements of tensegrity_mj.dm_control that are not met, one a line.
@@ -169,7 +170,7 @@ see_to_compiling() {
         say "Compiling failed; what a run needs is compiled when it is first run. tensegrity-mj doctor says what is wrong."
 }
 
-set_up() { # run|dev
+set_up() { # run|docs|dev
     local python
     python="$(find_python)" || exit 1
     install_package "$python" "$1"

@@ -1,38 +1,66 @@
-"""The Python in the guides runs as printed."""
+"""The Python in the pages and notebooks runs as printed."""
 
 from __future__ import annotations
 
+import importlib
 import re
+import sys
 from pathlib import Path
 
+import matplotlib as mpl
 import pytest
+from pages import NOTEBOOKS, PAGES, ROOT, blocks, cells, name_of
 
-ROOT = Path(__file__).resolve().parents[2]
+# Pages whose blocks another test runs.
+ELSEWHERE = {
+    "docs/dm_control.md": "tests/dm_control/test_dm_control_viewer.py",
+    "docs/format.md": "tests/model/test_textformat.py",
+    "docs/tutorial.md": "tests/house/test_tutorial.py",
+}
+SLOW = {"docs/clearance.md", "docs/studies.md", "docs/waves.md"}  # more than a few seconds
+RUN_HERE = [
+    pytest.param(page, id=name_of(page), marks=[pytest.mark.slow] if name_of(page) in SLOW else [])
+    for page in PAGES
+    if blocks(page, "python") and name_of(page) not in ELSEWHERE
+]
+SAVED = re.compile(r"as `(\w+)\.py`:\n\n```python\n(.*?)```", re.DOTALL)  # a block that is a file
 
 
-@pytest.mark.parametrize(
-    "page",
-    [
-        "README.md",
-        "docs/beams_in_waves.md",
-        "docs/cable.md",
-        "docs/contact.md",
-        "docs/data.md",
-        "docs/elements.md",
-        "docs/engines.md",
-        "docs/exchange.md",
-        "docs/laws.md",
-        "docs/pictures.md",
-        "docs/shape_control.md",
-        "docs/speed.md",
-        "docs/statics.md",
-        "docs/validate.md",
-    ],
-)
-def test_python_blocks_run_as_printed(page, tmp_path, monkeypatch):
-    blocks = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL)
-    assert blocks, f"{page} has no Python block"
+@pytest.mark.parametrize("page", RUN_HERE)
+def test_python_blocks_run_as_printed(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))  # of workers
+    importlib.invalidate_caches()
+    files = dict(SAVED.findall(page.read_text(encoding="utf-8")))
+    for name, code in files.items():
+        Path(f"{name}.py").write_text(code, encoding="utf-8")
+    names: dict[str, object] = {}
+    try:
+        for block in blocks(page, "python"):
+            if block not in files.values():
+                exec(compile(block, name_of(page), "exec"), names)
+    finally:
+        for name in files:
+            sys.modules.pop(name, None)
+
+
+def test_every_page_with_python_is_run_somewhere() -> None:
+    assert len(RUN_HERE) > 15
+    for page, test in ELSEWHERE.items():
+        assert Path(page).name in (ROOT / test).read_text(encoding="utf-8"), page
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=name_of)
+def test_notebooks_run_and_keep_no_output(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mpl.use("Agg")
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
-    for block in blocks:
-        exec(compile(block, page, "exec"), names)
+    for code in cells(path):
+        exec(compile(code, name_of(path), "exec"), names)
+    assert capsys.readouterr().out
+    assert len(path.read_text(encoding="utf-8")) < 10_000
+    assert '"output_type"' not in path.read_text(encoding="utf-8")

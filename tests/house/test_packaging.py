@@ -53,7 +53,8 @@ def names(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    "script", ["scripts/demo.sh", "scripts/test.sh", "scripts/setup.sh", "scripts/lint.sh", ".ci/run"]
+    "script",
+    ["scripts/demo.sh", "scripts/test.sh", "scripts/docs.sh", "scripts/lint.sh", "scripts/setup.sh", ".ci/run"],
 )
 def test_scripts_are_valid(script: str) -> None:
     bash = shutil.which("bash")

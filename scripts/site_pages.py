@@ -1,0 +1,257 @@
+"""Pages of the site that are made of what they describe, so that they cannot go stale.
+
+    gallery()       every scene: its picture, what it is, where it is from, the command that films it
+    commands()      every command and option, from the parser's own tables
+    api()           one page a room of the package: the names of its face, whose docstrings mkdocstrings shows
+    notebook(path)  the cells of a notebook
+
+`python scripts/site_pages.py --films` films every scene whose film is missing or old, into build/films/.
+"""
+
+from __future__ import annotations
+
+import argparse
+import html
+import json
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator
+from importlib import import_module
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+MODELS = ROOT / "models"
+FILMS = ROOT / "build" / "films"
+ROOMS = (
+    "model",
+    "controllers",
+    "engines",
+    "runs",
+    "pictures",
+    "statics",
+    "studies",
+    "studies.tradeoff",
+    "linearization",
+    "library",
+    "thesis",
+    "errors",
+)
+
+
+def scenes() -> list[str]:
+    """The names of the scenes that come with the package."""
+    return sorted(path.parent.name for path in MODELS.glob("*/scene.toml"))
+
+
+# The gallery
+
+
+def gallery() -> str:
+    """Every shipped scene, as a grid of cards."""
+    lines = [
+        "# Gallery",
+        "",
+        "Every scene that comes with the package. `tensegrity-mj scenes NAME` lists its nodes, rods and strings; the",
+        "title leads to where each of its numbers comes from. Families of scenes, which come in sizes, are in",
+        "[the format](format.md#families).",
+        "",
+        '<div class="grid cards" markdown>',
+        "",
+    ]
+    for name in scenes():
+        lines += [f"-   {line}".rstrip() if not k else f"    {line}".rstrip() for k, line in enumerate(_card(name))]
+        lines.append("")
+    return "\n".join([*lines, "</div>", ""])
+
+
+def _card(name: str) -> Iterator[str]:
+    from tensegrity_mj.library.load import load_scene
+
+    scene = load_scene(name)
+    rods, strings = len(scene.structure.rods), len(scene.structure.strings)
+    film = FILMS / f"{name}.mp4"
+    yield f"**[{title(name)}](scenes/{name}.md)**"
+    yield ""
+    if film.exists():
+        yield f'<video controls muted loop preload="none" poster="scenes/{name}.png" src="films/{name}.mp4"></video>'
+    else:
+        yield f"![{title(name)}](scenes/{name}.png)"
+    yield ""
+    yield f"{summary(name)} {rods} rods, {strings} strings, {scene.duration:g} s."
+    yield ""
+    yield f"*{html.escape(scene.source, quote=False)}*"
+    yield ""
+    yield "```bash"
+    yield film_command(name)
+    yield "```"
+
+
+def _readme(name: str) -> str:
+    return (MODELS / name / "README.md").read_text(encoding="utf-8")
+
+
+def title(name: str) -> str:
+    """The heading of a scene's README."""
+    return _readme(name).partition("\n")[0].removeprefix("# ")
+
+
+def summary(name: str) -> str:
+    """The first sentence of a scene's README."""
+    paragraphs = _readme(name).split("\n\n")
+    text = next(part for part in paragraphs if part[0] not in "#!").replace("\n", " ")
+    return re.split(r"(?<=\.)\s", text)[0]
+
+
+def film_command(name: str) -> str:
+    """The command of a scene's README that films it."""
+    found = re.search(r"^tensegrity-mj run .*--video .*$", _readme(name), re.MULTILINE)
+    if found is None:
+        raise ValueError(f"models/{name}/README.md shows no command with --video")
+    return found[0]
+
+
+def make_films() -> None:
+    """Film every scene whose film is missing or older than its scene."""
+    FILMS.mkdir(parents=True, exist_ok=True)
+    for name in scenes():
+        film = FILMS / f"{name}.mp4"
+        if film.exists() and film.stat().st_mtime > (MODELS / name / "scene.toml").stat().st_mtime:
+            continue
+        words = shlex.split(film_command(name))[1:]
+        words[words.index("--video") + 1] = str(film)
+        subprocess.run([sys.executable, "-m", "tensegrity_mj", *words], check=True)
+
+
+# The commands
+
+
+def commands() -> str:
+    """Every command with its options, by the groups of `tensegrity-mj --help`."""
+    from tensegrity_mj.cli import build_parser
+    from tensegrity_mj.commands.common import EXIT_CODES
+
+    parser = build_parser()
+    lines = [
+        "# Commands",
+        "",
+        "What `tensegrity-mj COMMAND --help` prints, of this version. Every command takes `--json`, which prints one",
+        "JSON object on stdout and leaves everything else to stderr. SI units and radians everywhere.",
+        "",
+    ]
+    for heading, names in parser.groups.items():
+        lines += [f"## {heading.capitalize()}", ""]
+        for name in names:
+            lines += _command(parser.commands[name])
+    return "\n".join([*lines, "## Exit codes", "", "```text", EXIT_CODES.strip(), "```", ""])
+
+
+def _command(command: argparse.ArgumentParser) -> Iterator[str]:
+    inner = getattr(command, "commands", {})
+    words = command.prog.partition(" ")[2]
+    yield from (f"### {words}", "", _paragraphs(command.description), "")
+    examples = re.findall(r"^ +(tensegrity-mj .*)$", command.epilog or "", re.MULTILINE)
+    if examples:
+        yield from ("```bash", *examples, "```", "")
+    if inner:
+        for one in inner.values():
+            yield from (line.replace("### ", "#### ", 1) for line in _command(one))
+        return
+    for group in command._action_groups:
+        actions = [one for one in group._group_actions if "--help" not in one.option_strings and one.dest != "json"]
+        if not actions:
+            continue
+        heading = {"positional arguments": "argument", "options": "option"}.get(group.title or "", group.title or "")
+        yield from (f"| {heading} | |", "|---|---|")
+        for action in actions:
+            text = (action.help or "") % {"default": action.default, "prog": command.prog}
+            yield f"| {_written(action)} | {_cell(text)} |"
+        yield ""
+
+
+def _written(action: argparse.Action) -> str:
+    """An argument as it is typed: `--rtol RTOL`."""
+    if action.choices is not None and action.metavar is None:
+        value = "\u200b|".join(map(str, action.choices))
+    else:
+        metavar = action.metavar or action.dest.upper()
+        value = metavar if isinstance(metavar, str) else " ".join(metavar)
+    if action.nargs == 0:
+        value = ""
+    several = " ..." if action.nargs in ("+", "*") else ""
+    typed = f"{', '.join(action.option_strings)} {value}".strip() + several
+    return f"<code>{_cell(typed)}</code>"
+
+
+def _cell(text: str) -> str:
+    """Text of a cell of a table."""
+    for character in "|*_[]`":
+        text = text.replace(character, f"&#{ord(character)};")
+    return text.replace("<", "&lt;").replace("\n", " ")
+
+
+def _paragraphs(text: str | None) -> str:
+    return (text or "").strip().replace("<", "&lt;").replace("*", r"\*")
+
+
+# The API
+
+
+def api() -> dict[str, str]:
+    """The pages of the API by file name: each name once, in its room."""
+    homes: dict[str, str] = {}
+    pages: dict[str, str] = {}
+    for room in ROOMS:
+        module = import_module(f"tensegrity_mj.{room}")
+        names = {path: name for name, path in _face(module.__file__).items() if path not in homes}
+        homes |= names
+        pages[f"{room}.md"] = _api_page(module.__name__, module.__doc__, names)
+    top = import_module("tensegrity_mj")
+    own = _face(top.__file__)
+    rows = [f"| [`tmj.{name}`][{path}] |" for name, path in own.items() if not _is_room(path)]
+    rest = {path: name for name, path in own.items() if path not in homes and not _is_room(path)}
+    listed = "\n".join(["| name at the top |", "|---|", *rows])
+    rooms = ", ".join(f"[`{room}`]({room}.md)" for room in ROOMS)
+    text = f"{(top.__doc__ or '').partition(':')[2].strip()}\n\nRooms: {rooms}.\n\n{listed}"
+    pages["index.md"] = _api_page("tensegrity_mj", text, rest)
+    return pages
+
+
+def _face(source: str | None) -> dict[str, str]:
+    """The names of a face and the paths of what they stand for; of a module without imports of names, its classes."""
+    text = Path(str(source)).read_text(encoding="utf-8")
+    found = re.findall(r"^    from (\S+) import (\w+) as (\w+)$", text, re.MULTILINE)
+    if found:
+        return {name: f"{home}.{original}" for home, original, name in found}
+    room = ".".join(Path(str(source)).relative_to(ROOT).with_suffix("").parts)
+    return {name: f"{room}.{name}" for name in re.findall(r"^(?:class|def) ([A-Za-z]\w*)", text, re.MULTILINE)}
+
+
+def _is_room(path: str) -> bool:
+    return path.removeprefix("tensegrity_mj.") in ROOMS
+
+
+def _api_page(name: str, text: str | None, members: Iterable[str]) -> str:
+    blocks = "\n\n".join(f"::: {path}" for path in members)
+    return f"# {name}\n\n{(text or '').strip()}\n\n{blocks}\n"
+
+
+# Notebooks
+
+
+def notebook(path: Path) -> str:
+    """The cells of a notebook as a page, with a link to the file."""
+    pieces = []
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        source = "".join(cell["source"])
+        pieces.append(source if cell["cell_type"] == "markdown" else f"```python\n{source}\n```")
+    pieces.insert(1, f"[The notebook]({path.name}) runs as it is; its outputs are not kept.")
+    return "\n\n".join(pieces) + "\n"
+
+
+if __name__ == "__main__":
+    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    options.add_argument("--films", action="store_true", required=True, help="film every scene into build/films/")
+    options.parse_args()
+    make_films()

@@ -1,0 +1,43 @@
+"""Every link between the pages of the checkout leads somewhere, anchors included; the code host needs no site."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from pages import NOTEBOOKS, PAGES, anchors, links, name_of
+
+
+def broken(page: Path, link: str) -> str:
+    """What is wrong with a link, or nothing."""
+    if link.startswith(("https://", "http://", "mailto:")):
+        return ""
+    path, _, anchor = link.partition("#")
+    target = (page.parent / path).resolve() if path else page
+    if not target.exists():
+        return f"{link}: there is no such file"
+    if anchor and target.suffix == ".md" and anchor not in anchors(target):
+        return f"{link}: the page has no such heading"
+    return ""
+
+
+@pytest.mark.parametrize("page", [*PAGES, *NOTEBOOKS], ids=name_of)
+def test_links_lead_to_files_and_headings(page: Path) -> None:
+    assert not [wrong for link in links(page) if (wrong := broken(page, link))]
+
+
+def test_there_are_links_and_a_broken_one_is_found(tmp_path: Path) -> None:
+    assert sum(len(links(page)) for page in PAGES) > 150
+    page, other = tmp_path / "page.md", tmp_path / "other.md"
+    page.write_text(
+        "# A `b`: c, d\n\n# Twice\n\n# Twice\n\n```\n# no heading [a](nowhere.md)\n```\n[x](#a-b-c-d) [y](#twice-1)\n"
+    )
+    other.write_text("[a](page.md#twice) [b](page.md#no-heading) [c](missing.md) [d](https://toml.io)\n")
+    assert anchors(page) == {"a-b-c-d", "twice", "twice-1"}
+    assert [broken(page, link) for link in links(page)] == ["", ""]
+    assert [broken(other, link) for link in links(other)] == [
+        "",
+        "page.md#no-heading: the page has no such heading",
+        "missing.md: there is no such file",
+        "",
+    ]

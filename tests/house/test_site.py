@@ -1,0 +1,81 @@
+"""The documentation site: pages made of what they describe, and a build without a warning."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+from pages import ROOT
+
+import tensegrity_mj as tmj
+from tensegrity_mj.cli import build_parser
+from tensegrity_mj.commands.parser import Parser
+from tensegrity_mj.model.text.sources import scene_names
+
+
+@pytest.fixture
+def site_pages(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """scripts/site_pages.py."""
+    monkeypatch.syspath_prepend(ROOT / "scripts")
+    import site_pages
+
+    return site_pages
+
+
+def test_the_gallery_has_every_scene_with_picture_source_and_film(site_pages: ModuleType) -> None:
+    text = site_pages.gallery()
+    assert site_pages.scenes() == scene_names()
+    for name in scene_names():
+        card = text.partition(f"](scenes/{name}.md)**")[2].partition("\n-   ")[0]
+        assert f"scenes/{name}.png" in card
+        assert tmj.load_scene(name).source[:40].replace("&", "&amp;") in card
+        assert re.search(rf"^ +tensegrity-mj run {name} .*--video", card, re.MULTILINE)
+        assert 40 < len(site_pages.summary(name)) < 250
+
+
+def commands_in(parser: Parser) -> Iterator[Parser]:
+    """Every command that runs something."""
+    for command in parser.commands.values():
+        yield from commands_in(command) if command.commands else [command]
+
+
+def test_the_page_of_commands_has_every_command_and_option(site_pages: ModuleType) -> None:
+    sections = re.split(r"^#{3,4} ", site_pages.commands(), flags=re.MULTILINE)
+    found = {section.partition("\n")[0]: section for section in sections}
+    commands = list(commands_in(build_parser()))
+    assert len(commands) > 15
+    for command in commands:
+        for option in set(command._option_string_actions) - {"-h", "--help", "--json"}:
+            assert f"<code>{option}".replace("_", "&#95;") in found[command.words], f"{command.words} {option}"
+
+
+def test_the_pages_of_the_api_have_every_name_once(site_pages: ModuleType) -> None:
+    pages = site_pages.api()
+    shown = [path for text in pages.values() for path in re.findall(r"^::: (\S+)$", text, re.MULTILINE)]
+    assert len(shown) == len(set(shown)) > 100
+    ends = {path.rpartition(".")[2] for path in shown}
+    for name in tmj.__all__:
+        assert name in ends or f"{name}.md" in pages, name
+
+
+@pytest.mark.slow
+def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
+    pytest.importorskip("mkdocs", reason="the extra docs is not installed")
+    pytest.importorskip("mkdocstrings")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path / "site")]
+    build = subprocess.run(
+        command, cwd=ROOT, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True
+    )
+    assert build.returncode == 0, build.stderr
+    assert "simulate" in (tmp_path / "site" / "api" / "index.html").read_text(encoding="utf-8")
+    assert (tmp_path / "site" / "scenes" / "prism.html").exists()
+    # No page loads anything from elsewhere.
+    for page in (tmp_path / "site").glob("*.html"):
+        loaded = re.findall(r'<(?:script|img|link)[^>]* (?:src|href)="(https?://[^"]+)"', page.read_text("utf-8"))
+        assert not loaded, page.name

@@ -1,0 +1,53 @@
+"""The tutorial, walked as a reader would: files saved, commands run in order, and what is printed is there."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from pages import ROOT
+
+from tensegrity_mj.commands.doctor import check_opengl
+
+PAGE = (ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8")
+SAVED = re.compile(r"this\s+as\s+`([\w.]+)`.*?\n```\w+\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+COMMANDS = re.compile(r"^```bash\n(.*?)^```$(?:\n\n```text\n(.*?)^```$)?", re.DOTALL | re.MULTILINE)
+
+
+def missing(shown: str, printed: str) -> list[str]:
+    """The lines of what a page shows that were not printed; "..." and blanks stand for anything and any blanks."""
+    lines = [" ".join(line.split()) for line in printed.splitlines()]
+    patterns = [re.escape(" ".join(line.split())).replace(re.escape("..."), ".*") for line in shown.splitlines()]
+    return [pattern for pattern in patterns if not any(re.fullmatch(pattern, line) for line in lines)]
+
+
+def test_lines_that_were_not_printed_are_found() -> None:
+    assert missing("a  1\nb ... m\n", "a 1\nb   2.5 m\n") == []
+    assert missing("a 1\nb 3\n", "a 1\nb 3.5\n") == [r"b\ 3"]
+
+
+@pytest.mark.slow
+def test_the_tutorial_runs_in_an_empty_folder(tmp_path: Path) -> None:
+    files = dict(SAVED.findall(PAGE))
+    assert set(files) == {"mast.toml", "calm.py", "calmed.py"}
+    for name, text in files.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    found = COMMANDS.findall(PAGE)
+    assert len(found) >= 8
+    draws = check_opengl().works
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    for command, shown in found:
+        if ".mp4" in command and not draws:
+            continue
+        run = subprocess.run(
+            ["bash", "-ec", command], cwd=tmp_path, env={**os.environ, "PATH": path}, capture_output=True, text=True
+        )
+        assert run.returncode == 0, f"{command}\n{run.stderr}"
+        assert not missing(shown, run.stdout), f"{command}\n{run.stdout}"
+    assert (tmp_path / "report" / "validation.html").stat().st_size > 10_000
+    assert (tmp_path / "free.png").exists()
+    assert (tmp_path / "mast.mp4").exists() == draws
