@@ -33,7 +33,7 @@ def test_lines_that_were_not_printed_are_found() -> None:
 @pytest.mark.slow
 def test_the_tutorial_runs_in_an_empty_folder(tmp_path: Path) -> None:
     files = dict(SAVED.findall(PAGE))
-    assert set(files) == {"mast.toml", "calm.py", "calmed.py"}
+    assert set(files) == {"mast.toml", "calm.py", "swing.py"}
     for name, text in files.items():
         (tmp_path / name).write_text(text, encoding="utf-8")
     found = COMMANDS.findall(PAGE)
