@@ -79,3 +79,16 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
     for page in (tmp_path / "site").glob("*.html"):
         loaded = re.findall(r'<(?:script|img|link)[^>]* (?:src|href)="(https?://[^"]+)"', page.read_text("utf-8"))
         assert not loaded, page.name
+
+
+def test_the_paper_cites_what_is_there_and_its_numbers_are_the_readmes() -> None:
+    text = (ROOT / "paper.md").read_text(encoding="utf-8")
+    entries = set(re.findall(r"^@\w+\{(\w+),", (ROOT / "paper.bib").read_text(encoding="utf-8"), re.MULTILINE))
+    assert set(re.findall(r"\[@(\w+)\]", text)) == entries
+    measured = text.partition("# What was measured")[2].partition("**Size and speed.**")[0]
+    flat = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    numbers = re.findall(
+        r"\d+\.\d+e-\d+|\d{3,} of \d{3,}|median of [\d.]+|\d+ were right|\d+ warned|\d+ of \d+ random", measured
+    )
+    assert len(numbers) > 6
+    assert not [number for number in numbers if number not in flat]
