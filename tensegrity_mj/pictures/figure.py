@@ -39,6 +39,7 @@ def new_figure(width: float, height: float) -> Figure:
 
     wanted = paper.chosen()
     size = (width, height) if wanted is None else wanted.fit(width, height)
+
     class Canvas(FigureCanvasAgg):
         """Nothing is seen before it is written: axes that share a scale in several subfigures need not redraw all."""
 
