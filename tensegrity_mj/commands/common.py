@@ -156,7 +156,9 @@ def finite(text: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number") from None
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is no number; write one such as 0.5 or 1e-3, without a unit"
+        ) from None
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"{text}: it must be finite")
     return value

@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 from tensegrity_mj.basics.texts import nearest
 from tensegrity_mj.commands.arguments import add_arguments, words_of
 from tensegrity_mj.commands.common import EXIT_CODES
+from tensegrity_mj.model.text.sources import scene_names
 
 PROGRAM = "tensegrity-mj"
 Groups = Mapping[str, Mapping[str, ModuleType]]
@@ -43,6 +44,7 @@ class Parser(argparse.ArgumentParser):
             message = f"{missing}: missing; see {self.prog} --help"
             if self.commands:
                 message = f"name a command: {', '.join(self.commands)}"
+        message = re.sub("ignored explicit argument (.*)", r"\1: it takes no value; leave it out", message)
         raise UsageError(": ".join(part for part in (self.words, message.removeprefix("argument ")) if part))
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
@@ -82,6 +84,10 @@ class Parser(argparse.ArgumentParser):
 
     def _command_like(self, word: str) -> str:
         """The command that a word is probably meant to be, also one of a group: 'drift' is `audit drift`."""
+        if word == "help":
+            return f"{self.words} --help".strip()
+        if not self.words and word in scene_names():
+            return f"run {word}"
         phrases = {name: name for name in self.commands}
         for name, command in self.commands.items():
             phrases |= {inner: f"{name} {inner}" for inner in command.commands if inner not in phrases}

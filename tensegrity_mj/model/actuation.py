@@ -68,7 +68,9 @@ def whole_ratio(larger: float, smaller: float, what: str) -> int:
     """
     ratio = larger / smaller
     if not ratio < 2**53:
-        raise OptionError(f"{what}: {larger:.6g} s over {smaller:.6g} s are more steps than can be counted")
+        raise OptionError(
+            f"{what}: {larger:.6g} s over {smaller:.6g} s are more steps than can be counted; make the first smaller"
+        )
     count = round(ratio)
     if count < 1 or abs(ratio - count) > 1e-9 * max(1.0, ratio):
         low, high = max(1, math.floor(ratio)), max(1, math.floor(ratio)) + 1

@@ -9,6 +9,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.kinds import LARGEST
+from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.model.elements.contact import check_contact
 from tensegrity_mj.model.elements.element import check_elements
@@ -72,8 +73,11 @@ def _check_breaks(scene: Scene) -> None:
     broken: set[str] = set()
     for number, event in enumerate(scene.breaks):
         if event.string not in known:
-            names = names_of(string.name for string in scene.structure.strings)
-            raise SceneError(f"breaks[{number}]: unknown string '{event.string}'; the strings are {names}")
+            names = [string.name for string in scene.structure.strings]
+            meant = closest(str(event.string), names)
+            raise SceneError(
+                f"breaks[{number}]: unknown string '{event.string}'{meant}; the strings are {names_of(names)}"
+            )
         if event.string in broken:
             raise SceneError(f"breaks[{number}]: string '{event.string}' breaks twice; give one time for each string")
         broken.add(event.string)

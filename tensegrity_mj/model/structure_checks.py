@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.kinds import LARGEST, MAGNITUDES, SMALLEST, shown
+from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.members import Rod, String, unit_rows
 
@@ -201,7 +202,8 @@ def _ends_of(member: Rod | String) -> str:
 
 
 def unknown_node(name: object, structure: Structure) -> str:
-    return f"unknown node {name!r}; the nodes are {names_of(structure.nodes)}"
+    meant = closest(name, structure.nodes) if isinstance(name, str) else ""
+    return f"unknown node {name!r}{meant}; the nodes are {names_of(structure.nodes)}"
 
 
 def names_of(members: Iterable[str]) -> str:

@@ -139,7 +139,9 @@ def read_run(path: str | os.PathLike[str]) -> dict[str, Any]:
         raise
     except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError) as error:
         # What the libraries of the format raise for damaged files is documented nowhere.
-        raise FormatError(f"{path}: not a readable trajectory ({error})") from error
+        raise FormatError(
+            f"{path}: not a readable trajectory ({error}); name a file that `run --out` or `save` wrote"
+        ) from error
     for key, value in extra.items():
         if not isinstance(value, dict):
             raise FormatError(f"{path}: {key} is a {type(value).__name__}; it must be a JSON object")

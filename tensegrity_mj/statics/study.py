@@ -18,6 +18,7 @@ from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.elements.element import Work, forces_of
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.structure_checks import unknown_node
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.statics.balance import Balance, balance
 from tensegrity_mj.statics.boundary import Hold
@@ -287,7 +288,7 @@ def _loads(structure: Structure, loads: Mapping[str, Sequence[float]] | ArrayLik
     forces = np.zeros((len(structure.nodes), 3))
     for name, force in loads.items():
         if name not in structure.node_index:
-            raise OptionError(f"loads: there is no node '{name}' in structure '{structure.name}'")
+            raise OptionError(f"loads: {unknown_node(name, structure)}")
         forces[structure.node_index[name]] += real_array(f"load on '{name}'", force, (3,), "N", scalar=False)
     return forces
 

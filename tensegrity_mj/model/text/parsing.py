@@ -6,6 +6,7 @@ import re
 import tomllib
 from typing import Any
 
+from tensegrity_mj.basics.texts import value_text
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.text.keys import MOST_DEPTH
 
@@ -36,7 +37,10 @@ def parse(text: str, where: str) -> dict[str, Any]:
     try:
         data = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # TOMLDecodeError; numbers of thousands of digits; deep nesting
-        raise FormatError(f"{where}: not valid TOML: {error}") from error
+        found = re.search(r"at line (\d+)", str(error))
+        line = text.splitlines()[int(found[1]) - 1 :][:1] if found else []
+        quoted = f": {value_text(line[0].strip())}" if line else ""
+        raise FormatError(f"{where}: not valid TOML: {error}{quoted}; docs/format.md shows how to write it") from error
     if _deeper(data, MOST_DEPTH):
         raise FormatError(
             f"{where}: its tables and lists stand in each other more than {MOST_DEPTH} deep; write what docs/format.md "

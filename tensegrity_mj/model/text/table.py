@@ -50,7 +50,9 @@ class Table:
         return value
 
     def choice(self, key: str, allowed: Collection[str], default: Any = ...) -> str:
-        need = " or ".join(f'"{item}"' for item in allowed)
+        given = self.data.get(key)
+        meant = closest(given, allowed) if isinstance(given, str) else ""
+        need = " or ".join(f'"{item}"' for item in allowed) + meant
         value: str = self.get(key, need, lambda x: is_text(x) and x in allowed, default)
         return value
 
@@ -73,7 +75,9 @@ class Table:
 
     def tables(self, key: str, keys: Sequence[str] | None, title: str = "name") -> list[Table]:
         """An array of tables inside, empty if absent; messages call each by its number and `title`."""
-        found = self.get(key, "an array of tables", lambda x: is_list(x, lambda item: isinstance(item, dict)), [])
+        place = f"{self.path}.{key}" if self.path else key
+        need = f"an array of tables, each under [[{place}]]"
+        found = self.get(key, need, lambda x: is_list(x, lambda item: isinstance(item, dict)), [])
         names = (f" '{item[title]}'" if isinstance(item.get(title), str) else "" for item in found)
         rows = enumerate(zip(found, names, strict=True))
         return [self._inside(f"{key}[{number}]{name}", item, keys) for number, (item, name) in rows]
