@@ -142,13 +142,14 @@ def write_page(
     introduction: str = "",
     pictures: Iterable[Picture] = (),
     tables: Iterable[Table] = (),
+    opening: Sequence[str] = (),
 ) -> Path:
     """Write a page of pictures and tables in the same style, about many runs or none; returns its path.
 
     Raises:
         OptionError: a picture that is missing or of another kind, a path that cannot be written.
     """
-    return write_sections(path, title, introduction, _pictures_and_tables(pictures, tables))
+    return write_sections(path, title, introduction, _pictures_and_tables(pictures, tables), opening=opening)
 
 
 def write_sections(
@@ -195,7 +196,10 @@ def _pictures_and_tables(pictures: Iterable[Picture], tables: Iterable[Table]) -
     """The pictures in one section, and each table in one of its own."""
     shown = list(pictures)
     plots = [Section("Plots", parts=shown)] if shown else []
-    return plots + [Section(table.title, parts=[replace(table, title="")]) for table in tables]
+    return plots + [
+        Section(table.title, parts=[replace(table, title=f"{len(table.rows)} rows" if table.folded else "")])
+        for table in tables
+    ]
 
 
 def page_of(heading: str, parts: Sequence[str], style: str = "") -> str:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from matplotlib.ticker import Formatter, ScalarFormatter
+from matplotlib.ticker import Formatter, FuncFormatter, NullFormatter, ScalarFormatter
 
 from tensegrity_mj.basics.units import power_of, unit_with
 
@@ -43,8 +43,19 @@ class Prefixed(Formatter):
 
 
 def prefix_ticks(panel: Axes) -> None:
-    """Have the linear axes of a panel whose labels end in a unit in brackets written with its prefix."""
+    """Write linear axes whose labels end in a unit in brackets with its prefix, and short logarithmic ones in full."""
     for axis in (panel.xaxis, panel.yaxis):
+        if axis.get_scale() == "log":
+            _write_out(axis)
         found = _UNIT.search(axis.label.get_text())
         if found and isinstance(axis.get_major_formatter(), ScalarFormatter) and axis.get_scale() == "linear":
             axis.set_major_formatter(Prefixed(axis.label, found.group(1)))
+
+
+def _write_out(axis: Any) -> None:
+    """Numbers of a logarithmic axis in full, 1.4 and not 1.4 x 10^0, where it spans less than two decades near 1."""
+    low, high = axis.get_view_interval()
+    if low >= 1e-3 and high <= 1e4 and high < 100.0 * low:
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        few = FuncFormatter(lambda value, _: f"{value:g}") if high < 10.0 * low else NullFormatter()
+        axis.set_minor_formatter(few)

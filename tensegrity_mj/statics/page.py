@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tensegrity_mj.basics.units import quantity
+from tensegrity_mj.pictures.findings import Finding, Mark, opening_of
 from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.statics import figures
 
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.statics.state import StaticState
     from tensegrity_mj.statics.study import StaticStudy
 
+MOST_LINES = 3  # of a finding
 EXPLAINED = (
     "Grey is where the scene starts, colour the equilibrium. Rods are straight and carry axial forces alone, strings "
     "only pull, and neither contact nor a fluid has a part in it; docs/statics.md says what is computed and how."
@@ -27,7 +30,7 @@ def write_statics_page(path: str | os.PathLike[str], study: StaticStudy) -> Path
     Raises:
         OptionError: for a path that cannot be written.
     """
-    sections = [Section("In short", parts=[Table("", ("", ""), study.describe())])]
+    sections = []
     if study.state is not None:
         sections += _found(study, study.state)
     if study.sizing is not None:
@@ -47,9 +50,52 @@ def write_statics_page(path: str | os.PathLike[str], study: StaticStudy) -> Path
         heads = ("member", "criterion", "force [N]", "limit [N]", "utilisation", "time [s]")
         parts = [Table("largest uses", heads, uses, folded=True)] if uses else []
         sections.append(Section("Members over the run", study.run.describe(), parts))
+    sections.append(
+        Section("All that was found", parts=[Table("A line each", ("", ""), study.describe(), folded=True)])
+    )
     scene = study.model.scene
     title = f"Statics of {scene.name}" + (f": {scene.source}" if scene.source else "")
-    return write_sections(path, title, EXPLAINED, sections)
+    found = _findings(study)
+    return write_sections(path, title, EXPLAINED, sections, opening=opening_of(_verdict(study), found))
+
+
+def _verdict(study: StaticStudy) -> str:
+    """Whether it stands, and by how much it moved to do so."""
+    name, state = study.model.scene.name, study.state
+    if state is None:
+        return f"No equilibrium of {name} was found: {study.failure}."
+    moved = float(np.max(np.linalg.norm(state.nodes - study.model.scene.nodes0, axis=1)))
+    kind = "in stable equilibrium" if state.is_stable else "in equilibrium, but not in a stable one"
+    return f"{name} is {kind}; its nodes are up to {quantity(moved, 'm', 2)} from where they start."
+
+
+def _findings(study: StaticStudy) -> list[Finding]:
+    """The lines of the study that are to be judged, each kind of them as one."""
+    texts: dict[str, list[str]] = {}
+    kind = ""
+    for name, text in study.describe():
+        kind = name or kind
+        texts.setdefault(kind, []).append(text)
+    state = study.state
+    marks = {"equilibrium": Mark.BAD if state is None else Mark.GOOD if state.is_stable else Mark.LIMITED}
+    if state is not None:
+        marks["slack strings"] = Mark.GOOD if texts.get("slack strings") == ["none"] else Mark.LIMITED
+    if study.prestressability is not None:
+        can = study.prestressability
+        texts["prestress"] = texts["prestress"][-1:]  # what it comes to
+        marks["prestress"] = Mark.GOOD if np.all(can.can_pull) and np.all(can.can_push) else Mark.LIMITED
+    if study.members is not None:
+        loads = study.members.loads
+        uses = [float(np.nanmax(part, initial=0.0)) for part in (loads.breaking, loads.yielding, loads.buckling)]
+        known = any(np.isfinite(part).any() for part in (loads.breaking, loads.yielding, loads.buckling))
+        marks["members"] = Mark.BAD if max(uses) > 1.0 else Mark.GOOD if known else Mark.LIMITED
+    usual = {"critical": Mark.LIMITED, "event": Mark.LIMITED, "beyond a limit": Mark.BAD, "note": Mark.LIMITED}
+    marks |= {name: mark for name, mark in usual.items() if name in texts}
+    return [
+        Finding(mark, f"{name[:1].upper()}{name[1:]}: {'; '.join(texts[name][:MOST_LINES])}.")
+        for name, mark in marks.items()
+        if name in texts
+    ]
 
 
 def _found(study: StaticStudy, state: StaticState) -> list[Section]:

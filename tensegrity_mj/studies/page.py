@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, cast
 
+from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.pictures.findings import Finding, Mark, mark_of, opening_of
 from tensegrity_mj.pictures.page import Table, write_page
 from tensegrity_mj.studies.axes import Together
 from tensegrity_mj.studies.figures import figures
 from tensegrity_mj.studies.many import Study
 from tensegrity_mj.studies.measures import MEASURES, USUAL
 from tensegrity_mj.studies.sweep import Sweep
-from tensegrity_mj.studies.table import check_measures, counts, parameter_label, rows_of, shown
+from tensegrity_mj.studies.table import Row, as_number, check_measures, counts, parameter_label, rows_of, shown
 
 MOST_ROWS = 1000
+LONG = 12  # rows beyond which the table is folded
 
 
 def write_sweep_page(path: str | os.PathLike[str], sweep: Sweep, study: Study, measures: Sequence[str] = USUAL) -> Path:
@@ -33,7 +37,7 @@ def write_sweep_page(path: str | os.PathLike[str], sweep: Sweep, study: Study, m
     several = [axis.axes[0] if isinstance(axis, Together) else axis for axis in sweep.axes]
     axes = [axis.parameter for axis in several if len(axis.values) > 1]
     drawn = [draw.parameter for draw in sweep.draws]
-    ended = ", ".join(f"{count} {status}" for status, count in counts(rows).items())
+    opening = opening_of(_verdict(scene.name, rows), list(_findings(rows, several, measures)))
     lines: list[list[object]] = [
         [
             number,
@@ -52,14 +56,51 @@ def write_sweep_page(path: str | os.PathLike[str], sweep: Sweep, study: Study, m
     return write_page(
         path,
         f"Sweep of {scene.name}",
-        introduction=f"{len(rows)} points: {ended}. {scene.source}".strip(),
+        introduction=scene.source,
+        opening=opening,
         pictures=list(figures(rows, axes, drawn, measures)),
         tables=[
-            Table("Points", heads, lines, note),
-            Table("What was kept", ["measure", "meaning", "unit"], meanings),
-            Table("What was held fixed", ["", ""], _fixed(sweep, study)),
+            Table("Points", heads, lines, note, folded=len(lines) > LONG),
+            Table("What was kept", ["measure", "meaning", "unit"], meanings, folded=True),
+            Table("What was held fixed", ["", ""], _fixed(sweep, study), folded=True),
         ],
     )
+
+
+def _verdict(name: str, rows: Sequence[Row]) -> str:
+    """How the points ended."""
+    ended = counts(rows)
+    done = ended.get("completed", 0)
+    if done == len(rows):
+        return f"All {len(rows)} points of {name} ran to their end."
+    others = ", ".join(f"{count} {status}" for status, count in ended.items() if status != "completed")
+    return f"{done} of {len(rows)} points of {name} ran to their end; {others}."
+
+
+def _findings(rows: Sequence[Row], axes: Sequence[Any], measures: Sequence[str]) -> Iterator[Finding]:
+    """How points ended, and the range of each measure with where its ends are."""
+    done = counts(rows).get("completed", 0)
+    if done < len(rows):
+        reason = next((row.reason for row in rows if row.reason), "")
+        yield Finding(
+            mark_of(done, len(rows)), f"{len(rows) - done} points ended early, the first: {reason or 'see the table'}."
+        )
+    names = [axis.parameter for axis in axes]
+    for measure in measures:
+        found = [(value, row) for row in rows if (value := as_number(row.values.get(measure))) is not None]
+        found = [(value, row) for value, row in found if math.isfinite(value)]
+        if len(found) < 2:
+            continue
+        ends = [min(found, key=lambda one: one[0]), max(found, key=lambda one: one[0])]
+        unit, head = MEASURES[measure].unit, measure.replace("_", " ").capitalize()
+        low, high = (quantity(value, "" if unit.startswith("as ") else unit) for value, _ in ends)
+        where = [
+            ", ".join(f"{parameter_label(name)} = {shown(row.parameters[name])}" for name in names) for _, row in ends
+        ]
+        at = [f" ({place})" if place else "" for place in where]
+        mark = Mark.GOOD if len(found) == len(rows) else Mark.LIMITED
+        text = f"{head}: {low} everywhere." if low == high else ""
+        yield Finding(mark, text or f"{head}: from {low}{at[0]} to {high}{at[1]}.")
 
 
 def _head(name: str) -> str:

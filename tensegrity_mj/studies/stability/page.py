@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from tensegrity_mj.basics.units import quantity
+from tensegrity_mj.pictures.findings import Finding, Mark, mark_of, opening_of
 from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.studies.stability import figures
 from tensegrity_mj.studies.stability.cases import AXES
@@ -14,12 +17,43 @@ from tensegrity_mj.studies.stability.engines import TITLES
 
 Data = Mapping[str, Any]
 
+CLOSE = 0.1  # of the measured step
 HEADS = ("", "predicted [s]", "measured [s]", "predicted / measured", "over 2/ω", "rod or mass", "string", "remark")
 
 
 def write(path: str | os.PathLike[str], data: Data) -> Path:
     """Write the page; returns its path."""
-    return write_sections(path, f"The largest stable step: {data['scene']}", INTRODUCTION, sections(data))
+    opening = opening_of(_verdict(data), list(_findings(data)))
+    # Pictures come before tables.
+    ordered = sorted(sections(data), key=lambda section: not any(isinstance(part, Picture) for part in section.parts))
+    return write_sections(path, f"The largest stable step: {data['scene']}", INTRODUCTION, ordered, opening=opening)
+
+
+def _verdict(data: Data) -> str:
+    """How well predictions are met, and the step that is safe at the start."""
+    ratios = [one["ratio"] for one in data["base"]["engines"].values() if one["ratio"]]
+    off = max((abs(ratio - 1.0) for ratio in ratios), default=math.nan)
+    met = f"predicted largest steps of {data['scene']} are within {off:.1%} of those measured"
+    steps = [one["predicted"] for one in data["base"]["engines"].values() if one["predicted"]]
+    span = f": {quantity(min(steps), 's')} to {quantity(max(steps), 's')} by engine" if steps else ""
+    return f"At rest, {met}{span}." if ratios else f"Nothing limits the step of {data['scene']} as far as was tried."
+
+
+def _findings(data: Data) -> Iterator[Finding]:
+    """An engine each, then the random structures."""
+    for name, one in data["base"]["engines"].items():
+        if one["ratio"]:
+            close = abs(one["ratio"] - 1.0) <= CLOSE
+            both = [quantity(one[key], "s") for key in ("predicted", "measured")]
+            text = f"{TITLES[name]}: predicted {both[0]}, measured {both[1]}"
+            cause = f" ({one['cause']})" if one["cause"] else ""
+            yield Finding(Mark.GOOD if close else Mark.LIMITED if cause else Mark.BAD, f"{text}{cause}.")
+    for name, words in (("random", "taut structures"), ("joined", "structures whose rods share nodes")):
+        if data.get(name):
+            total = data[name]["summary"]
+            agree, count = total["structures_agree"], total["structures"]
+            text = f"{agree} of {count} random {words} agree within {total['allowed']:.0%} in every engine."
+            yield Finding(mark_of(agree, count), text)
 
 
 INTRODUCTION = (

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from tensegrity_mj.basics.units import quantity
+from tensegrity_mj.pictures.findings import Finding, Mark, opening_of
 from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.studies.tradeoff import sentence
 from tensegrity_mj.studies.tradeoff.figure import Cost, diagram, has_diagram
@@ -25,6 +28,7 @@ HEADS = (
     "memory [MB]",
     "remark",
 )
+USUAL = 1e-6  # m, the accuracy that the verdict is about
 MOST_LETTERS = 160  # of a reason
 
 
@@ -41,17 +45,47 @@ def write_tradeoff_page(path: str | os.PathLike[str], data: Data) -> Path:
         "a control does to the motion is the modelling floor, the distance of a held experiment's reference from the "
         "continuous law's. Wall times are the smallest of several runs on one machine, without compiling and loading."
     )
-    return write_sections(path, f"Speed against accuracy: {scene['name']}", introduction, list(_sections(data)))
+    opening = opening_of(_verdict(data), list(_findings(data)))
+    title = f"Speed against accuracy: {scene['name']}"
+    return write_sections(path, title, introduction, list(_sections(data)), opening=opening)
+
+
+def _verdict(data: Data) -> str:
+    """What is fastest for a usual accuracy of the first experiment that has advice."""
+    for experiment in data["experiments"]:
+        advice = [one for one in data["timing"]["experiments"][experiment["key"]]["advice"] if one["text"]]
+        if advice:
+            one = min(advice, key=lambda one: abs(math.log(one["tolerance"] / USUAL)))
+            best = sentence.advice_alone(one)
+            return f"For errors of at most {quantity(one['tolerance'], 'm')} here: {best}."
+    return f"No setting of {data['scene']['name']} is advised: see each experiment."
+
+
+def _findings(data: Data) -> Iterator[Finding]:
+    """How sure each experiment's reference is, and what holding a control costs."""
+    for experiment in data["experiments"]:
+        reference, title = experiment["reference"], experiment["title"]
+        head = title[:1].upper() + title[1:]
+        if reference["engine"] is None:
+            yield Finding(Mark.BAD, f"{head}: no reference ({reference['reason']}).")
+            continue
+        second = reference["second_formulation"]
+        own = "" if reference["own_error"] is None else f", known to {quantity(reference['own_error'], 'm', 2)}"
+        told = "no second formulation confirms it" if second is None else f"{second['engine']} confirms it"
+        yield Finding(Mark.LIMITED if second is None else Mark.GOOD, f"{head}{own}: {told}.")
+        floor = data["timing"]["experiments"][experiment["key"]]["floor"]
+        if floor is not None:
+            yield Finding(Mark.LIMITED, f"{floor[:1].upper()}{floor[1:]}.")
 
 
 def _sections(data: Data) -> Iterator[Section]:
-    yield Section("What to use", (), list(_advice(data)))
     if has_diagram(data):
         pictures = [
             Picture(diagram(data, Cost.WALL_TIME), "Error against wall time"),
             Picture(diagram(data, Cost.RIGHT_HAND_SIDES), "Error against right-hand sides: the same on any machine"),
         ]
         yield Section("Work and precision", (), pictures)
+    yield Section("What to use", (), list(_advice(data)))
     for experiment in data["experiments"]:
         timing = data["timing"]["experiments"][experiment["key"]]
         run = f"{experiment['duration']:g} s, recorded each {experiment['interval']:g} s."
@@ -63,7 +97,11 @@ def _sections(data: Data) -> Iterator[Section]:
         yield Section(experiment["title"][:1].upper() + experiment["title"][1:], text, parts)
     versions = [[name, value] for name, value in data["versions"].items()]
     options = [[name.replace("_", " "), value] for name, value in data["options"].items()]
-    yield Section("How it was run", (), [Table("Options", ("", ""), options), Table("Versions", ("", ""), versions)])
+    yield Section(
+        "How it was run",
+        (),
+        [Table("Options", ("", ""), options, folded=True), Table("Versions", ("", ""), versions, folded=True)],
+    )
 
 
 def _advice(data: Data) -> Iterator[Table]:

@@ -52,7 +52,9 @@ def findings(setup: Setup, pairs: Sequence[tuple[Case, Mapping[str, Any]]]) -> D
             found[section][engine] = part
     if "starts" in found and len(setup.engines) > 1:
         found["starts_that_differ"] = _differing(found["starts"])
-    found["summary"] = summary(setup, found)
+    sentences = summary(setup, found)
+    found["summary"] = [sentence for _, sentence in sentences]
+    found["summary_sections"] = [section for section, _ in sentences]
     return found
 
 

@@ -9,13 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from tensegrity_mj.basics.files import table_beside
+from tensegrity_mj.basics.units import quantity
+from tensegrity_mj.pictures.findings import Finding, Mark, mark_of, opening_of
 from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.studies.validation import figures
 from tensegrity_mj.studies.validation.sections import SECTIONS
-from tensegrity_mj.studies.validation.sentences import title
+from tensegrity_mj.studies.validation.sentences import GOOD, title
 
 Data = Mapping[str, Any]
 
+MOVING = "still moving"  # an outcome
+LONG = 8  # rows of a table, beyond which it is folded
 MOST_NODES = 12  # that a cell holds
 MOST_LETTERS = 30  # of a label that stays in one line
 TABLE = table_beside(__file__)
@@ -38,17 +42,56 @@ def write_validation_page(path: str | os.PathLike[str], data: Data) -> Path:
         f"where the law must be sampled; seed {setup['seed']}. A run has converged if it ends within "
         f"{data['tolerance']:.2g} m of its target."
     )
-    parts = [_summary(data), *_sections(data), _details(data)]
-    return write_sections(path, f"Validation of {name} on {data['scene']['name']}", introduction, parts)
+    title_ = f"Validation of {name} on {scene['name']}"
+    opening = opening_of(_verdict(data, name), _findings(data))
+    parts = [*_sections(data), _details(data)]
+    return write_sections(path, title_, introduction, parts, opening=opening)
 
 
 def _law_name(law: Data) -> str:
     return str((law["description"] or {}).get("law", law["from"]))
 
 
-def _summary(data: Data) -> Section:
-    rows = [[number, sentence] for number, sentence in enumerate(data["summary"], 1)]
-    return Section("In short", (), [Table("", ("", "finding"), rows)])
+def _verdict(data: Data, name: str) -> str:
+    """Whether the law does what it is meant to, and how much of what was tried it bears."""
+    engine, one = next(iter(data["nominal"]["engines"].items()))
+    where = f"{data['scene']['name']} in {title(engine)}"
+    if one["outcome"] == MOVING and one.get("error"):
+        left = quantity(one["error"]["final"], "m", 2)
+        return f"{name} on {where} is still moving after {quantity(one['end_time'], 's')}, {left} from its target."
+    if one["outcome"] not in GOOD:
+        return f"{name} does not do what it is meant to on {where}: {one['outcome']}."
+    error = one.get("error")
+    reached = f" brings {where} to its target, to {quantity(error['final'], 'm', 2)}" if error else f" runs on {where}"
+    tried = dict.fromkeys(Mark, 0)
+    for section in SECTIONS:
+        if section in data and section != "nominal":
+            tried[_mark(data, section)] += 1
+    counts = [f"{mark.value} in {count}" for mark, count in reversed(tried.items()) if count]
+    total = sum(tried.values())
+    return f"{name}{reached}; of {total} tests it is {', '.join(counts)}." if total else f"{name}{reached}."
+
+
+def _findings(data: Data) -> list[Finding]:
+    """One a section, with its sentences."""
+    texts: dict[str, list[str]] = {}
+    for section, sentence in zip(data["summary_sections"], data["summary"], strict=True):
+        texts.setdefault(section, []).append(sentence)
+    return [Finding(_mark(data, section), " ".join(found)) for section, found in texts.items()]
+
+
+def _mark(data: Data, section: str) -> Mark:
+    """Of what a section found in the first engine: by how many of its runs do what they should."""
+    nominal = next(iter(data["nominal"]["engines"].values()))["outcome"]
+    if section == "nominal":
+        return Mark.GOOD if nominal in GOOD else Mark.LIMITED if nominal == MOVING else Mark.BAD
+    part = next(iter(data[section].values()))
+    if section == "gains" and part["trends"]:
+        shown = [one["shows"] for one in part["trends"]]
+        return mark_of(sum(one == "yes" for one in shown), len(shown))
+    # What sampling costs is judged by the run without: no better is expected of it.
+    fine = {*GOOD, nominal} if section == "sampling" else set(GOOD)
+    return mark_of(sum(one["outcome"] in fine for one in part["rows"]), len(part["rows"]))
 
 
 def _sections(data: Data) -> Iterator[Section]:
@@ -60,7 +103,9 @@ def _sections(data: Data) -> Iterator[Section]:
         text = NOTES.get(section, "")
         for number, (engine, part) in enumerate(data[section].items()):
             text = text.replace("{reference}", _reference(part))
-            parts += [replace(table, folded=number > 0) for table in _engine(section, engine, part)]
+            parts += [
+                replace(table, folded=number > 0 or len(table.rows) > LONG) for table in _engine(section, engine, part)
+            ]
         if section == "starts" and data.get("starts_that_differ"):
             rows = [[one["label"], one["outcomes"]] for one in data["starts_that_differ"]]
             parts.append(Table("Starts that come out differently in two engines", ("start", "outcomes"), rows))
@@ -122,7 +167,7 @@ def _nominal(data: Data) -> Section:
     rows = [[label, *(_value(one, *keys) for one in runs)] for label, keys in TABLE["nominal"].items()]
     parts: list[Picture | Table] = list(figures.of_section("nominal", data))
     if runs:
-        parts.append(Table("", heads, rows))
+        parts.append(Table("All numbers", heads, rows, folded=True))
     failed = [[title(engine), one["outcome"], one["message"]] for engine, one in engines.items() if one not in runs]
     if failed:
         parts.append(Table("Without a result", ("engine", "outcome", "why"), failed))
@@ -163,7 +208,7 @@ def _strings(one: Data, engine: str) -> Iterator[Table]:
         for name, work in strings.items()
     ]
     heads = ("string", "work done [J]", "got back [J]", "peak power [W]", "mean |power| [W]", "switches [1/s]")
-    yield Table(f"Each winch, {title(engine)}", heads, rows)
+    yield Table(f"Each winch, {title(engine)}", heads, rows, folded=len(rows) > LONG)
 
 
 def _details(data: Data) -> Section:
@@ -173,4 +218,4 @@ def _details(data: Data) -> Section:
         ["setup", data["setup"]],
         ["versions", data["versions"]],
     ]
-    return Section("How it was run", (), [Table("", ("", ""), rows)])
+    return Section("How it was run", (), [Table("All options", ("", ""), rows, folded=True)])

@@ -29,10 +29,11 @@ def title(engine: str) -> str:
     return ENGINES[engine].title
 
 
-def summary(setup: Setup, found: Data) -> list[str]:
-    """What the report comes to, in sentences; of the first engine, and where another one differs."""
+def summary(setup: Setup, found: Data) -> list[tuple[str, str]]:
+    """What the report comes to: sentences and their sections; of the first engine, and where another one differs."""
     engine = setup.engines[0]
-    sentences = [_nominal_sentence(setup, found, engine), *_winch_sentences(found, engine)]
+    nominal = [_nominal_sentence(setup, found, engine), *_winch_sentences(found, engine)]
+    sentences = [("nominal", sentence) for sentence in nominal]
     makers = {
         "sampling": _sampling_sentences,
         "gains": _gain_sentences,
@@ -47,21 +48,23 @@ def summary(setup: Setup, found: Data) -> list[str]:
     # What is off can only be blamed where the run converges without it.
     outcome = found["nominal"]["engines"][engine]["outcome"]
     unjudged = [] if outcome in GOOD else [section for section in TOLERATED if section in found]
-    sentences.append(_unjudged_sentence(unjudged, outcome))
+    sentences.append(("nominal", _unjudged_sentence(unjudged, outcome)))
     for section, maker in makers.items():
         if section in found and section not in unjudged:
             mine = maker(setup, section, found[section][engine])
             others = [name for name in setup.engines[1:] if maker(setup, section, found[section][name]) != mine]
-            sentences += mine
+            sentences += [(section, sentence) for sentence in mine]
             if others and section not in ("sampling", "starts"):
                 listed = " and ".join(title(name) for name in others)
-                sentences.append(f"{section.capitalize()} in {listed}: not quite the same, see the tables.")
+                text = f"{section.capitalize()} in {listed}: not quite the same, see the tables."
+                sentences.append((section, text))
     if setup.scene.contact is not None:
-        sentences.append("MuJoCo alone has contact: no other engine confirms what is said here.")
+        sentences.append(("nominal", "MuJoCo alone has contact: no other engine confirms what is said here."))
     if found.get("starts_that_differ"):
         count = len(found["starts_that_differ"])
-        sentences.append(f"{count} of the starts {'comes' if count == 1 else 'come'} out differently in other engines.")
-    return [sentence for sentence in sentences if sentence]
+        text = f"{count} of the starts {'comes' if count == 1 else 'come'} out differently in other engines."
+        sentences.append(("starts", text))
+    return [(section, sentence) for section, sentence in sentences if sentence]
 
 
 def _nominal_sentence(setup: Setup, found: Data, engine: str) -> str:

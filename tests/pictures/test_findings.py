@@ -1,0 +1,77 @@
+"""How pages begin: the verdict first, the worst findings before others, no more than seven at once."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+import tensegrity_mj as tmj
+from tensegrity_mj.pictures.findings import MOST, Finding, Mark, mark_of, opening_of
+from tensegrity_mj.pictures.page import Section, Table, write_sections
+from tensegrity_mj.statics.study import Analysis
+from tensegrity_mj.studies.validation import page as validation_page
+
+
+@pytest.mark.parametrize(("good", "total", "mark"), [(3, 3, "good"), (1, 3, "limited"), (0, 3, "bad")])
+def test_marks_go_by_how_many_are_good(good, total, mark):
+    assert mark_of(good, total) is Mark(mark)
+
+
+def test_findings_are_ranked_and_those_beyond_seven_are_folded():
+    marks = [Mark.GOOD, Mark.BAD, Mark.LIMITED] * 3
+    html = "".join(opening_of("All is <well>.", [Finding(mark, f"number {k}") for k, mark in enumerate(marks)]))
+    assert html.startswith('<p class="verdict">All is &lt;well&gt;.</p>')
+    assert [int(k) for k in re.findall(r"number (\d)", html)] == [1, 4, 7, 2, 5, 8, 0, 3, 6]
+    before, _, folded = html.partition("<details>")
+    assert before.count('class="finding"') == MOST
+    assert folded.startswith("<summary>2 more</summary>")
+
+
+def test_what_is_empty_is_no_finding():
+    assert len(opening_of("It is.", [Finding(Mark.GOOD, "")])) == 1
+
+
+def test_the_opening_stands_before_everything_else(tmp_path):
+    table = Table("all", ("a",), [("b",)], folded=True)
+    path = write_sections(tmp_path / "p.html", "T", "intro", [Section("S", (), [table])], opening=opening_of("So."))
+    text = path.read_text(encoding="utf-8")
+    assert text.index("<h1>") < text.index('class="verdict">') < text.index("intro") < text.index("<details>")
+
+
+def test_the_page_of_statics_says_whether_it_stands_and_shows_pictures_before_tables(tmp_path):
+    text = Analysis(tmj.load_scene("truss_arm"))().save_page(tmp_path / "s.html").read_text(encoding="utf-8")
+    assert '<p class="verdict">truss_arm is in stable equilibrium; ' in text
+    assert text.index("<figure>") < text.index("<table>")
+    assert 1 <= text.count('class="finding"') <= MOST
+
+
+def validation(outcome: str, rows: list[str]) -> dict:
+    error = {"final": 0.0045}
+    return {
+        "scene": {"name": "prism"},
+        "nominal": {"engines": {"mujoco": {"outcome": outcome, "error": error, "end_time": 2.0}}},
+        "mass": {"mujoco": {"rows": [{"outcome": one} for one in rows]}},
+        "sampling": {"mujoco": {"rows": [{"outcome": outcome}]}},
+        "summary": ["It runs.", "Masses.", "More.", "Sampling."],
+        "summary_sections": ["nominal", "mass", "mass", "sampling"],
+    }
+
+
+def test_a_validation_is_judged_by_its_sections():
+    data = validation("converged", ["converged", "diverged"])
+    assert validation_page._verdict(data, "lyapunov") == (
+        "lyapunov brings prism in MuJoCo to its target, to 4.5 mm; of 2 tests it is good in 1, limited in 1."
+    )
+    found = validation_page._findings(data)
+    assert [one.mark for one in found] == [Mark.GOOD, Mark.LIMITED, Mark.GOOD]
+    assert found[1].text == "Masses. More."
+
+
+def test_a_run_that_needs_more_time_is_no_failure():
+    data = validation("still moving", ["still moving"])
+    assert validation_page._verdict(data, "lyapunov") == (
+        "lyapunov on prism in MuJoCo is still moving after 2 s, 4.5 mm from its target."
+    )
+    assert [one.mark for one in validation_page._findings(data)] == [Mark.LIMITED, Mark.BAD, Mark.GOOD]
+    assert "does not do" in validation_page._verdict(validation("diverged", ["diverged"]), "lyapunov")
