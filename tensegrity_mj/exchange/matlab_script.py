@@ -129,6 +129,8 @@ def _forget(values: dict[str, Array], name: str) -> None:
 
 def _assign(values: dict[str, Array], found: re.Match[str]) -> None:
     value, name = evaluate(found["value"], values), found["name"]
+    if value.size > 1000 and sum(one.size for one in values.values()) > 5 * MOST_ELEMENTS:
+        raise Unknown("more numbers than are kept")
     if not found["index"]:
         values[name] = value
         return
@@ -339,13 +341,15 @@ class _Evaluator:
 
     def _part(self, base: ast.expr, trees: Sequence[ast.expr]) -> Array:
         name = ast.unparse(base)
-        if name == "_R":
-            return np.hstack([self._range(tree) for tree in trees]) if len(trees) > 1 else self._range(trees[0])
-        if name == "_M":
-            found = np.vstack([self.value(tree) for tree in trees])
-            if found.size > MOST_ELEMENTS:
-                raise Unknown("a matrix that is too large")
-            return found
+        if name in ("_R", "_M"):
+            parts: list[Array] = []
+            size = 0
+            for tree in trees:  # checked before they are put together, and before more of them are made
+                parts.append(self._range(tree))
+                size += parts[-1].size
+                if size > MOST_ELEMENTS:
+                    raise Unknown("a matrix that is too large")
+            return parts[0] if len(parts) == 1 else (np.hstack if name == "_R" else np.vstack)(parts)
         if name in FUNCTIONS and name not in self.values:
             with np.errstate(all="ignore"):
                 return np.atleast_2d(FUNCTIONS[name](*self.index(trees)))

@@ -24,7 +24,7 @@ from tensegrity_mj.engines.mujoco.mjcf_frames import numbers
 from tensegrity_mj.engines.mujoco.mjcf_tree import distinct
 from tensegrity_mj.model.scene import Scene
 
-# mujoco_warp/_src/types.py has no such bits: put_model refuses a model with them (3.7 to 3.9).
+# put_model of mujoco-warp 4.0.0 refuses a model with the first, and knows none of the others.
 WARP_REFUSES = ("autoreset", "diagexact", "midphase", "nativeccd", "island")
 CLASSES = {"geom": "rod", "site": "node", "spatial": "string", "general": "string"}
 SHARED = {  # what is the same in all elements of a class, if it is

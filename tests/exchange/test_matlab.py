@@ -384,6 +384,15 @@ A = zeros(2,2); A(1,2) = 5; A(:,1) = [8 9]; % columns take rows of their size
     assert any("line 9: w = kron(N, N)" in line for line in unread)
 
 
+def test_matrices_are_limited_before_they_are_made() -> None:
+    many = "; ".join(f"a{number} = ones(1000,1500)" for number in range(40))
+    values, unread = data_of(many + "; b = [" + "ones(1000,1500) " * 20_000 + "];")
+    # 1.5 million numbers each: seven fit into ten million, and one more is kept before the sum is above.
+    assert len(values) == 7
+    assert "more numbers than are kept" in unread[0]
+    assert "a matrix that is too large" in unread[-1]
+
+
 def test_scripts_list_what_is_not_read_and_say_it_in_errors(tmp_path: Path) -> None:
     notes = " ".join(import_scene(DATA / "stedy_tbar.m").notes)
     for part in (

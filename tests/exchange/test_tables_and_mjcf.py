@@ -9,7 +9,7 @@ import pytest
 
 import tensegrity_mj as tmj
 from tensegrity_mj.engines.mujoco.mjcf import save_mjcf
-from tensegrity_mj.exchange import FORMATS, ImportOptions, import_scene
+from tensegrity_mj.exchange import FORMATS, ImportOptions, import_scene, save_mat
 from tensegrity_mj.exchange.tables import save_csv
 from tensegrity_mj.model.text.sources import scene_names
 
@@ -82,6 +82,19 @@ def test_tables_of_every_scene_come_back(name: str, tmp_path: Path) -> None:
         default = (0, 0, 0) if key == "gravity" else ()
         held = getattr(scene, key) not in (None, default)
         assert any(f"scene's {key}" in note for note in notes) == held
+
+
+def test_velocities_come_back_from_every_format(tmp_path: Path) -> None:
+    scene = tmj.load_scene("prism_drop")
+    turn = np.cross([0.3, -0.2, 0.5], scene.nodes0 - scene.nodes0.mean(axis=0))
+    scene = scene.with_(initial_velocities=turn + np.array([1.0, 2.0, 3.0]))
+    save_csv(scene, tmp_path / "a_nodes.csv")
+    save_mjcf(scene, tmp_path / "a.xml")
+    save_mat(scene, tmp_path / "a.mat")
+    for name, size in (("a_nodes.csv", 0.0), ("a.mat", 0.0), ("a.xml", 64 * EPS * 4)):  # quaternions, and 4 m/s
+        back = import_scene(tmp_path / name).scene
+        rows = [back.structure.node_index[node] for node in scene.structure.node_names] if size else slice(None)
+        np.testing.assert_allclose(back.velocities0[rows], scene.velocities0, rtol=0, atol=size)
 
 
 NODES = "name,x,y,z,fixed,mass\na,0,0,0,xyz,\nb,1,0,0,,\nc,1,0,1,xyz,\nd,2,0,0,,0.5\n"
