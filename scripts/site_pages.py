@@ -28,6 +28,7 @@ ROOMS = (
     "model",
     "controllers",
     "engines",
+    "exchange",
     "runs",
     "pictures",
     "statics",
