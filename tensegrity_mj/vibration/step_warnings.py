@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import warnings
 from collections.abc import Callable
 from typing import Any
 
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.remembered import Remembered
+from tensegrity_mj.basics.warned import warn_caller
 from tensegrity_mj.dynamics.native.law import Law, NativeLaw, native_law
 from tensegrity_mj.errors import SceneError, StabilityWarning
 from tensegrity_mj.model.actuation import Actuation, Mode
@@ -79,7 +79,7 @@ def warn_before_run(scene: Scene, engine: Any, law: NativeLaw, actuation: Actuat
     """`before_run`, with the warning given to whoever called `simulate`."""
     report, text = before_run(scene, engine, law, actuation)
     if text:
-        warnings.warn(text, StabilityWarning, stacklevel=3)
+        warn_caller(text, StabilityWarning)
     return report
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -10,6 +9,7 @@ import mujoco
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.warned import warn_caller
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.pointers import address_of
@@ -170,7 +170,7 @@ class MuJoCoRun:
             run = self._finish(len(self.times), Status.COMPLETED, "", seconds)
             check_energy(run, self._remedy(), self.options.is_explicit)
             for text in texts:
-                warnings.warn(f"MuJoCo: {text}", RuntimeWarning, stacklevel=4)  # at the call of simulate
+                warn_caller(f"MuJoCo: {text}", RuntimeWarning)
             return run
         time, kept = step * options.timestep, int(counters[NEXT_ROW])
         if counters[STAGE] == 0 and not self.plant["status"]:
