@@ -6,6 +6,7 @@ import os
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -125,12 +126,20 @@ class Linearization:
         """
         structure = self.scene.structure
         shape = (len(structure.nodes), 3)
-        chart = Chart(structure, self.nodes)
         here = real_array("nodes", nodes, shape, "m", False), real_array("velocities", velocities, shape, "m/s", False)
-        delta, rate = chart.coordinates(*here)
+        delta, rate = self._chart.coordinates(*here)
         start = states_at_start(self.scene.elements, self.scene)
         others = start if states is None else real_array("states", states, start.shape, "", False)
-        return np.concatenate([delta, rate - chart.coordinates(self.nodes, self.velocities)[1], others - start])
+        return np.concatenate([delta, rate - self._rate, others - start])
+
+    @cached_property
+    def _chart(self) -> Chart:
+        return Chart(self.scene.structure, self.nodes)
+
+    @cached_property
+    def _rate(self) -> Array:
+        """δ̇ of the state."""
+        return self._chart.coordinates(self.nodes, self.velocities)[1]
 
     def to_control(self) -> StateSpace:
         """The model as a system of python-control; inputs are strings, outputs "n1_x", with "_" for each "." in names.
