@@ -183,7 +183,7 @@ def test_radau_takes_overdamped_strings_in_fewer_steps():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"method": "rk5"}, ("method", "Method.DOP853")),
+        ({"method": "rk5"}, ("method", "mean 'rk4'", "Method.DOP853")),
         ({"method": tmj.Method.RK4}, ("timestep", "> 0")),
         ({"timestep": 1e-3}, ("timestep", "leave it out")),
         ({"rtol": 0.0}, ("rtol = 0.0", "2.3e-14")),
