@@ -5,8 +5,8 @@ from __future__ import annotations
 import csv
 import math
 import os
-from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +58,7 @@ class Table:
     def __post_init__(self) -> None:
         count = np.size(self.time)
         time = real_array(f"{self.name}: time", self.time, (count,), "s", scalar=False)
+        object.__setattr__(self, "time", time)
         back = np.flatnonzero(np.diff(time) <= 0)
         if len(back):
             raise OptionError(f"{self.name}: row {back[0] + 2}: {_backwards(time[back[0] + 1], time[back[0]])}")
@@ -98,42 +99,38 @@ def _read_csv(source: Path) -> dict[str, Any]:
     header = [name.strip() for name in next(rows, [])]
     if "time" not in header or len(set(header)) < len(header):
         raise FormatError(f"{source}: there is no column 'time', or one twice; {FORM}")
-    lines = ((rows.line_num, dict(zip(header, row, strict=False)), len(row)) for row in rows if row)
-    checked = _checked(source, len(header), lines)
     long = {"node", "x"} <= set(header)
-    nodes = tuple(dict.fromkeys(name[:-2] for name in header if name[-2:] in (".x", ".y", ".z")))
+    nodes = list(dict.fromkeys(name[:-2] for name in header if name[-2:] in (".x", ".y", ".z")))
     fast = "vx" in header if long else any(f"{node}.v{axis}" in header for node in nodes for axis in "xyz")
     columns = COLUMNS[: 6 if fast else 3]
-    wanted = columns if long else [f"{node}.{one}" for node in nodes for one in columns] or ["n1.x"]
-    absent = [name for name in wanted if name not in header]
+    # The columns of each member; of one of the long form, by its row.
+    wide = {} if long else {node: [f"{node}.{one}" for one in columns] for node in nodes or ["n1"]}
+    absent = [name for name in chain(columns if long else (), *wide.values()) if name not in header]
     if absent:
         raise FormatError(f"{source}: there is no column '{absent[0]}'; {FORM}")
-    if long:
-        return _long(source, columns, checked)
     strings = [name for name in header if name.endswith(".tension")]
-    times: list[float] = []
-    cells = []
-    for line, time, row in checked:
-        if times and time <= times[-1]:
-            raise FormatError(f"{source}, line {line}: {_backwards(time, times[-1])}")
-        times.append(time)
-        cells.append([_number(source, line, name, row[name]) for name in (*wanted, *strings)])
-    values = np.array(cells, float).reshape(len(times), -1)
-    tensions = {name.removesuffix(".tension"): values[:, len(wanted) + k] for k, name in enumerate(strings)}
-    return _moved(times, nodes, values[:, : len(wanted)], fast) | {"tensions": tensions}
-
-
-def _checked(
-    source: Path, width: int, lines: Iterator[tuple[int, dict[str, str], int]]
-) -> Iterator[tuple[int, float, dict[str, str]]]:
-    """Line, time and cells of each row, which has as many cells as there are columns."""
-    for line, row, cells in lines:
-        if cells != width:
-            raise FormatError(f"{source}, line {line}: {cells} cells below {width} columns")
-        time = _number(source, line, "time", row["time"])
+    last: dict[str, float] = {}
+    found: dict[tuple[float, str], list[float]] = {}
+    for cells in rows:
+        line, row = rows.line_num, dict(zip(header, cells, strict=False))
+        if not cells:
+            continue
+        time = _number(source, line, "time", row["time"]) if len(cells) == len(header) else math.nan
         if math.isnan(time):
-            raise FormatError(f"{source}, line {line}: time is missing")
-        yield line, time, row
+            raise FormatError(f"{source}, line {line}: no time, or {len(cells)} cells below {len(header)} columns")
+        own = {row["node"].strip(): columns} if long else wide
+        for name, places in (*own.items(), *((name, [name]) for name in strings)):
+            if time <= last.get(name, -math.inf):
+                raise FormatError(f"{source}, line {line}: {name}: {_backwards(time, last[name])}")
+            last[name] = time
+            found[time, name] = [_number(source, line, one, row[one]) for one in places]
+    times, gap = sorted({time for time, _ in found}), [math.nan] * len(columns)
+    seen = tuple(name for name in last if name not in strings)
+    moved = np.array([[found.get((time, node), gap) for node in seen] for time in times], float)
+    moved = moved.reshape(len(times), len(seen), len(columns))
+    pulls = {name.removesuffix(".tension"): np.array([found[time, name][0] for time in times]) for name in strings}
+    velocities = moved[..., 3:] if fast else None
+    return {"time": times, "nodes": seen, "positions": moved[..., :3], "velocities": velocities, "tensions": pulls}
 
 
 def _number(source: Path, line: int, column: str, text: str) -> float:
@@ -147,28 +144,6 @@ def _number(source: Path, line: int, column: str, text: str) -> float:
             f"{source}, line {line}: {column} is '{text}'; it must be a finite number; leave empty what was not seen"
         )
     return value if text.strip() else math.nan
-
-
-def _long(source: Path, columns: tuple[str, ...], rows: Iterator[tuple[int, float, dict[str, str]]]) -> dict[str, Any]:
-    """The table of rows of one node each, in any order in which the times of each node rise."""
-    last: dict[str, float] = {}
-    found: dict[tuple[float, str], list[float]] = {}
-    for line, time, row in rows:
-        node = row["node"].strip()
-        if time <= last.get(node, -math.inf):
-            raise FormatError(f"{source}, line {line}: node '{node}': {_backwards(time, last[node])}")
-        last[node] = time
-        found[time, node] = [_number(source, line, one, row[one]) for one in columns]
-    times, gap = sorted({time for time, _ in found}), [math.nan] * len(columns)
-    values = np.array([[found.get((time, node), gap) for node in last] for time in times], float)
-    return _moved(times, tuple(last), values, len(columns) == len(COLUMNS))
-
-
-def _moved(times: list[float], nodes: tuple[str, ...], values: Array, fast: bool) -> dict[str, Any]:
-    """Positions, and velocities beside them where there are, of numbers node by node."""
-    moved = values.reshape(len(times), len(nodes), -1 if values.size else 3)
-    velocities = moved[..., 3:6] if fast else None
-    return {"time": np.array(times), "nodes": nodes, "positions": moved[..., :3], "velocities": velocities}
 
 
 def _read_netcdf(source: Path) -> dict[str, Any]:
