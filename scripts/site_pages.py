@@ -36,6 +36,7 @@ ROOMS = (
     "studies.tradeoff",
     "linearization",
     "library",
+    "exchange",
     "thesis",
     "errors",
 )
@@ -50,28 +51,35 @@ def scenes() -> list[str]:
 
 
 def gallery() -> str:
-    """Every shipped scene, as a grid of cards."""
+    """Every shipped scene as a card, in the groups of `tensegrity-mj scenes`."""
+    from tensegrity_mj.commands.scenes import OTHER, shipped
+
+    groups = {heading: list(names) for heading, names in shipped().items()}
+    listed = {name for names in groups.values() for name in names}
+    groups[OTHER[0]] = [name for name in scenes() if name not in listed]
     lines = [
         "# Gallery",
         "",
         "Every scene that comes with the package. `tensegrity-mj scenes NAME` lists its nodes, rods and strings; the",
         "title leads to where each of its numbers comes from. Families of scenes, which come in sizes, are in",
         "[the format](format.md#families).",
-        "",
-        '<div class="grid cards" markdown>',
-        "",
     ]
-    for name in scenes():
-        lines += [f"-   {line}".rstrip() if not k else f"    {line}".rstrip() for k, line in enumerate(_card(name))]
-        lines.append("")
-    return "\n".join([*lines, "</div>", ""])
+    for heading, names in groups.items():
+        if names:
+            lines += ["", f"## {heading}", "", '<div class="grid cards" markdown>', ""]
+            for name in names:
+                lines += [f"{'    ' if k else '-   '}{line}".rstrip() for k, line in enumerate(_card(name))]
+                lines.append("")
+            lines.append("</div>")
+    return "\n".join([*lines, ""])
 
 
 def _card(name: str) -> Iterator[str]:
     from tensegrity_mj.library.load import load_scene
 
     scene = load_scene(name)
-    rods, strings = len(scene.structure.rods), len(scene.structure.strings)
+    counts = {"rod": len(scene.structure.rods), "string": len(scene.structure.strings)}
+    size = ", ".join(f"{count} {word}{'s' * (count != 1)}" for word, count in counts.items() if count)
     film = FILMS / f"{name}.mp4"
     yield f"**[{title(name)}](scenes/{name}.md)**"
     yield ""
@@ -80,7 +88,7 @@ def _card(name: str) -> Iterator[str]:
     else:
         yield f"![{title(name)}](scenes/{name}.png)"
     yield ""
-    yield f"{summary(name)} {rods} rods, {strings} strings, {scene.duration:g} s."
+    yield f"{summary(name)}; {size}, {scene.duration:g} s."
     yield ""
     yield f"*{html.escape(scene.source, quote=False)}*"
     yield ""
@@ -99,10 +107,11 @@ def title(name: str) -> str:
 
 
 def summary(name: str) -> str:
-    """The first sentence of a scene's README."""
-    paragraphs = _readme(name).split("\n\n")
-    text = next(part for part in paragraphs if part[0] not in "#!").replace("\n", " ")
-    return re.split(r"(?<=\.)\s", text)[0]
+    """What `tensegrity-mj scenes` says of a scene."""
+    from tensegrity_mj.commands.scenes import OTHER, shipped
+
+    found = next((lines[name] for lines in shipped().values() if name in lines), OTHER[1])
+    return found[:1].upper() + found[1:]
 
 
 def film_command(name: str) -> str:
