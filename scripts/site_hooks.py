@@ -26,8 +26,8 @@ def places() -> dict[str, str]:
     return found
 
 
-def on_config(config: Any) -> Any:
-    """Lay the package out as a wheel has it, where mkdocstrings reads it; list scenes and rooms in the navigation."""
+def on_startup(command: str, dirty: bool) -> None:
+    """Lay the package out as a wheel has it, for mkdocstrings, which looks for the folder before `on_config`."""
     shutil.rmtree(PACKAGE, ignore_errors=True)
     only_code = shutil.ignore_patterns("__pycache__", "shipped", "tables")
     shutil.copytree(ROOT / "tensegrity_mj", PACKAGE, ignore=only_code)
@@ -35,6 +35,10 @@ def on_config(config: Any) -> Any:
     for path in PACKAGE.rglob("*.py"):
         text = path.read_text(encoding="utf-8")
         path.write_text(SHARED.sub(_each_by_itself, text), encoding="utf-8")
+
+
+def on_config(config: Any) -> Any:
+    """List the scenes and the rooms of the package in the navigation."""
     entries = {title: value for section in config.nav for title, value in section.items()}
     entries["Gallery"] += [{site_pages.title(name): f"scenes/{name}.md"} for name in site_pages.scenes()]
     reference = next(one for one in entries["Reference"] if "API" in one)
