@@ -192,7 +192,7 @@ def test_what_cannot_be_is_refused(prism, arguments, words) -> None:
         scenes = [prism, prism.with_(gravity=(0.0, 0.0, -9.81))]
     scenes = given.pop("scenes", scenes)
     with pytest.raises(tmj.errors.OptionError) as caught:
-        tmj.simulate_many(scenes, **given)
+        tmj.studies.simulate_many(scenes, **given)  # inside, where a text is no scene
     assert all(word in str(caught.value) for word in words), str(caught.value)
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.library.random_structures import random_configuration, random_scene, random_structure
-from tensegrity_mj.linearization import Linearization
+from tensegrity_mj.linearization import Linearization, linearizing
 from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
 from tensegrity_mj.model.scene import Scene
@@ -359,7 +359,7 @@ def test_bad_requests_are_refused() -> None:
         ({"scene": scene, "law": tmj.controllers.from_scene(scene, norm=1)}, tmj.errors.OptionError, "sampled"),
     ):
         with pytest.raises(kind, match=words):
-            tmj.linearize(**{"engine": tmj.DAE(), **arguments})  # type: ignore[arg-type]
+            linearizing.linearize(**{"engine": tmj.DAE(), **arguments})  # type: ignore[arg-type]
 
     def lost(time: float, nodes: Array, velocities: Array) -> Array:
         raise tmj.errors.InfeasibleError("nothing admissible")

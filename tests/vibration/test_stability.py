@@ -26,6 +26,7 @@ from tensegrity_mj.studies.stability.cases import AXES, base_structure, random_p
 from tensegrity_mj.studies.stability.engines import NAMES
 from tensegrity_mj.studies.stability.measure import measured_limit
 from tensegrity_mj.studies.stability.study import AGREEMENT, compared, steps_for
+from tensegrity_mj.vibration import stable_step as inside
 from tensegrity_mj.vibration.bodies import Bodies
 from tensegrity_mj.vibration.bounds import HALF_DISC, bounds_at
 from tensegrity_mj.vibration.integrators import (
@@ -467,15 +468,15 @@ def test_dampers_between_bodies_spin_a_structure_up_or_down_where_velocities_are
 )
 def test_what_is_no_state_engine_or_run_is_refused(bad: dict[str, Any], engine: Any) -> None:
     with pytest.raises(OptionError, match=next(iter(bad), "engine")):
-        stable_step(tmj.load_scene("prism"), engine, **bad)
+        inside.stable_step(tmj.load_scene("prism"), engine, **bad)
 
 
 @pytest.mark.parametrize("bad", [{"nodes": np.zeros((2, 3))}, {"rest_lengths": [1.0]}, {"time": math.nan}])
 def test_bad_input_is_named(bad: dict[str, Any]) -> None:
     with pytest.raises(OptionError, match=next(iter(bad))):
-        stable_step(tmj.load_scene("prism"), tmj.MuJoCo(), **bad)
+        inside.stable_step(tmj.load_scene("prism"), tmj.MuJoCo(), **bad)
     with pytest.raises(OptionError, match="scene"):
-        stable_step("prism", tmj.MuJoCo())  # type: ignore[arg-type]
+        inside.stable_step("prism", tmj.MuJoCo())  # type: ignore[arg-type]
 
 
 # Against runs ------------------------------------------------------------------------------------------------
