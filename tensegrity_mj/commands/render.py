@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import Outcome, finite, output_file, refuse
@@ -19,7 +20,7 @@ def moment(text: str) -> float:
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Draw the video."""
-    out = output_file(options.out, "--out", FILMS if options.still is None else (".png",))
+    out = output_file(options.out, "--out", (*FILMS, ".html") if options.still is None else (".png",))
     if len(options.runs) > 2:
         raise OptionError(f"render {' '.join(options.runs)}: give one or two files, not {len(options.runs)}")
     if len(options.runs) == 1:
@@ -28,6 +29,8 @@ def execute(options: argparse.Namespace) -> Outcome:
         refuse(options, ("dpi",), "needs --still TIME")
     else:
         refuse(options, ("layout", "fps", "speed"), "belongs to a film, which --still is not")
+    if out.suffix.lower() == ".html":
+        return _page(options, out)
 
     from tensegrity_mj.pictures.video import render, still
     from tensegrity_mj.pictures.view import Layout, ViewOptions
@@ -61,3 +64,16 @@ def execute(options: argparse.Namespace) -> Outcome:
         "duration": float(max(run.time[-1] for run in runs)) / (options.speed or 1.0),
     }
     return Outcome(data, str(out))
+
+
+def _page(options: argparse.Namespace, out: Path) -> Outcome:
+    """One run in 3-D for a browser, as `view --web` writes it."""
+    from tensegrity_mj.pictures.web import make_web_page
+    from tensegrity_mj.runs.trajectory import Trajectory
+
+    if len(options.runs) > 1:
+        raise OptionError(f"--out {out}: a page in 3-D shows one run, not {len(options.runs)}; name one, or a film")
+    refuse(options, ("fps", "speed", "size"), "belongs to a film, and --out names a page")
+    page = make_web_page(Trajectory.load(options.runs[0]))
+    page.save(out)
+    return Outcome({"status": "ok", "out": out, "frames": page.frames}, f"{out}: {page.describe()}")

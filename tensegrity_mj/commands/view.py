@@ -39,7 +39,6 @@ def execute(options: argparse.Namespace) -> Outcome:
 
     from tensegrity_mj.pictures import viewer
 
-    viewer.require_display()
     if recorded:
         from tensegrity_mj.runs.trajectory import Trajectory
 
@@ -93,6 +92,7 @@ def _view_scene(options: argparse.Namespace) -> Outcome:
 
     scene = load_scene(options.source)
     law, reason = experiment.law_of(options, scene), ""
+    viewer.require_display()  # before anything is simulated
     if experiment.actuation_of(options).mode is not Mode.CONTINUOUS:
         reason = f"--actuation {options.actuation} belongs to a run"
     elif options.duration or options.speed:

@@ -166,12 +166,13 @@ def test_pages_of_a_scene_of_a_run_and_beside_a_run(
         "view prism --web moving.html --duration 0.2": 81,
         "view cone.nc --web": 81,
         "run prism --duration 0.2 --web beside.html": None,
+        "render cone.nc --out rendered.html": 81,
     }.items():
         assert main([*words.split(), "--json"]) == 0
         answer = json.loads(capsys.readouterr().out)
         assert answer.get("frames") == frames
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "beside.html", "cone.html", "cone.nc", "moving.html", "prism.html",
+        "beside.html", "cone.html", "cone.nc", "moving.html", "prism.html", "rendered.html",
     ]  # fmt: skip
     assert main(["view", "cone.nc", "--web"]) == 0
     assert capsys.readouterr().out.startswith("cone.html: 81 frames, one each 0.025 s, 4.")
@@ -185,6 +186,8 @@ def test_pages_of_a_scene_of_a_run_and_beside_a_run(
         ("view a.nc --web", "a.nc: no such file"),
         ("view a.nc --norm 1 --web", "--norm needs a scene, and a.nc is a recorded run"),
         ("view a.nc --duration 1", "--duration needs a scene, and a.nc is a recorded run"),
+        ("render a.nc b.nc --out p.html", "--out p.html: a page in 3-D shows one run, not 2; name one, or a film"),
+        ("render a.nc --out p.html --fps 9", "--fps belongs to a film, and --out names a page"),
         ("view prism --still", "--still needs --web; the window's key for a pause is the space bar"),
         ("view prism --web --speed 2", "--speed belongs to the window; a page has a choice of its own"),
         ("view prism --speed 0", "view: --speed: 0: it must be > 0"),
