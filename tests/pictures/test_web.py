@@ -222,25 +222,6 @@ DRIVER = """
   step(1500);
   told.push("after half a second " + get("clock").textContent);
   play(false);
-  const {dataScale, glplot: {canvas, cameraParams}} = get("view")._fullLayout.scene._scene;
-  const box = canvas.getBoundingClientRect();
-  const times = (matrix, v) => [0, 1, 2, 3].map(row => v.reduce((sum, one, k) => sum + matrix[4 * k + row] * one, 0));
-  for (const [what, share] of [["rods", 0.5], ["strings", 0.4]]) {
-    const ends = what === "rods" ? [0, 1] : [0, 2], trace = traces[what];
-    const along = values => values[ends[0]] * (1 - share) + values[ends[1]] * share;
-    const point = ["x", "y", "z"].map((k, n) => dataScale[n] * along(trace[k]));
-    const {model, view, projection} = cameraParams;
-    const seen = times(projection, times(view, times(model, [...point, 1])));
-    const place = [seen[0], -seen[1]].map(one => 0.5 * (1 + one / seen[3]));
-    const [clientX, clientY] = [box.left + place[0] * box.width, box.top + place[1] * box.height];
-    const read = () => [...document.querySelectorAll(".hovertext")].map(one => one.textContent).join(" ");
-    for (let n = 0, before = read(); n < 40 && (read() === before || !read()); n++) {  // until it is drawn
-      const moved = {clientX: clientX + n % 2, clientY, bubbles: true};
-      canvas.dispatchEvent(new MouseEvent("mousemove", moved));
-      await wait(300);
-    }
-    told.push(what + " " + read());
-  }
   document.body.dataset.told = told.join("\\n");
 })();
 """
@@ -248,7 +229,7 @@ DRIVER = """
 
 @pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason=f"none of {', '.join(BROWSERS)} is installed (or TENSEGRITY_MJ_BROWSER)")
-def test_in_a_browser_it_seeks_plays_and_names_what_is_under_the_pointer(tmp_path: Path) -> None:
+def test_in_a_browser_it_seeks_and_plays_and_loads_nothing(tmp_path: Path) -> None:
     run = cone_run()
     path = tmp_path / "cone.html"
     path.write_text(make_web_page(run).text + f"<script>{DRIVER}</script>", encoding="utf-8")
@@ -265,8 +246,4 @@ def test_in_a_browser_it_seeks_plays_and_names_what_is_under_the_pointer(tmp_pat
     assert np.array(told["tip"].split(), float) == pytest.approx(tip, abs=1.1e-5)
     assert float(told["tension"]) == pytest.approx(run.tensions[10, 0], abs=1.1e-6)
     assert told["after"] == "half a second 1.50 / 2.00 s"
-    assert told["rods"] == "rod"
-    name, tension = told["strings"][:2], float(told["strings"][2:].removesuffix(" N"))  # on two lines
-    assert name == "s0"
-    assert tension == pytest.approx(run.tensions[15, 0], rel=6e-4)  # four digits
     assert {"refused", "error"}.isdisjoint(told)
