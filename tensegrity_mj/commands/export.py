@@ -1,4 +1,4 @@
-"""Write a scene for other programs: MJCF, this package's TOML, tables, MATLAB data, or a shape to print."""
+"""Write a scene for other programs: MJCF, TOML, tables, MATLAB data, a shape to print; or a recorded run as a table."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from tensegrity_mj.commands.common import Outcome, output_file, refuse
 from tensegrity_mj.errors import printable
 
 SUFFIXES = (".xml", ".toml", ".csv", ".mat", ".stl")
+OF_RUNS = (".csv", ".mat")  # of a run: its data, not those of its scene
 
 
 def execute(options: argparse.Namespace) -> Outcome:
@@ -22,11 +23,15 @@ def execute(options: argparse.Namespace) -> Outcome:
         refuse(options, ("scale",), "is for shapes (.stl)")
 
     from tensegrity_mj.library.load import load_scene
+    from tensegrity_mj.runs.trajectory import Trajectory
 
-    scene = load_scene(options.scene)
+    run = Trajectory.load(options.scene) if options.scene.lower().endswith(".nc") else None
+    scene = load_scene(options.scene) if run is None else run.scene
     files: list[Path] = [out]
     notes: list[str] = []
-    if suffix == ".toml":
+    if run is not None and suffix in OF_RUNS:
+        run.save(out)
+    elif suffix == ".toml":
         from tensegrity_mj.model.text.writing import save_scene
 
         save_scene(scene, out)

@@ -11,7 +11,6 @@ from typing import Any, NoReturn
 from tensegrity_mj.basics.texts import nearest
 from tensegrity_mj.commands.arguments import add_arguments, words_of
 from tensegrity_mj.commands.common import EXIT_CODES
-from tensegrity_mj.model.text.sources import scene_names
 
 PROGRAM = "tensegrity-mj"
 Groups = Mapping[str, Mapping[str, ModuleType]]
@@ -86,8 +85,11 @@ class Parser(argparse.ArgumentParser):
         """The command that a word is probably meant to be, also one of a group: 'drift' is `audit drift`."""
         if word == "help":
             return f"{self.words} --help".strip()
-        if not self.words and word in scene_names():
-            return f"run {word}"
+        if not self.words:
+            from tensegrity_mj.model.text.sources import scene_names  # loads numpy
+
+            if word in scene_names():
+                return f"run {word}"
         phrases = {name: name for name in self.commands}
         for name, command in self.commands.items():
             phrases |= {inner: f"{name} {inner}" for inner in command.commands if inner not in phrases}

@@ -148,7 +148,7 @@ def test_a_folder_that_fills_up_while_running_is_a_warning_too(folder: Path) -> 
     (folder / "full.py").write_text(
         "import resource, sys\nsys.dont_write_bytecode = True\nimport tensegrity_mj.dynamics.native.compiling\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
-        "import evaluate\\n"
+        "import evaluate\n"
     )
     done = run(folder, "full.py")
     assert done.stdout.split() == ["20.75", "20.0", "0", "0"]

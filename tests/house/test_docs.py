@@ -15,6 +15,7 @@ from pages import NOTEBOOKS, PAGES, ROOT, blocks, cells, name_of
 ELSEWHERE = {
     "docs/dm_control.md": "tests/dm_control/test_dm_control_viewer.py",
     "docs/format.md": "tests/model/test_textformat.py",
+    "docs/own-law.md": "tests/house/test_recipes.py",
     "docs/tutorial.md": "tests/house/test_tutorial.py",
 }
 SLOW = {"docs/clearance.md", "docs/studies.md", "docs/waves.md"}  # more than a few seconds

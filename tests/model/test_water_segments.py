@@ -323,7 +323,7 @@ def test_shipped_scenes_and_towers_keep_their_five() -> None:
 
 
 def described(run):
-    return describe_run(summary(run) | {"out": None, "video": None, "plot": None})
+    return describe_run(summary(run) | {"out": None, "video": None, "plot": None, "web": None})
 
 
 def test_runs_files_and_commands_report_it(tmp_path) -> None:

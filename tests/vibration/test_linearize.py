@@ -349,8 +349,8 @@ def test_bad_requests_are_refused() -> None:
     upright = Structure("r", {"a": (0, 0, 0), "b": (0, 0, 1)}, rods=(Rod("mast", ("a", "b"), 1.0),))
     for arguments, kind, words in (
         ({"scene": 3}, tmj.errors.OptionError, "load_scene"),
-        ({"scene": scene, "engine": "odd"}, tmj.errors.OptionError, "'ode'"),
-        ({"scene": scene, "inputs": "u"}, tmj.errors.OptionError, "rest length"),
+        ({"scene": scene, "engine": "odd"}, tmj.errors.OptionError, "ODE"),
+        ({"scene": scene, "inputs": "u"}, tmj.errors.OptionError, "Command.REST_LENGTH"),
         ({"scene": scene, "time": float("nan")}, tmj.errors.OptionError, "time"),
         ({"scene": scene, "rest_lengths": [1.0, 2.0]}, tmj.errors.OptionError, "rest_lengths"),
         ({"scene": scene, "rest_lengths": 1.0, "law": law}, tmj.errors.OptionError, "leave one"),
