@@ -117,8 +117,8 @@ class Report:
         scene = self.runs[0].scene
         shown = _video(self.video, self.video_note) if self.video is not None or self.video_note else ""
         head = f'<p class="verdict">{escape(verdict(self.runs, self.comparison))}</p>'
-        asked = _asked(self.runs, self.introduction, titled=self.title is not None)
-        opening = [f'<div class="beside"><div>{head}{asked}</div><div>{shown}</div></div>']
+        requested = _requested(self.runs, self.introduction, titled=self.title is not None)
+        opening = [f'<div class="beside"><div>{head}{requested}</div><div>{shown}</div></div>']
         sections = [Section("Plots", parts=list(self.pictures))] if self.pictures else []
         if self.web:
             from tensegrity_mj.pictures.web import make_web_page
@@ -213,7 +213,7 @@ def page_of(heading: str, parts: Sequence[str], style: str = "") -> str:
 # ------------------------------------------------------------------------------------------------------ sections
 
 
-def _asked(runs: Sequence[Trajectory], introduction: str, *, titled: bool) -> str:
+def _requested(runs: Sequence[Trajectory], introduction: str, *, titled: bool) -> str:
     """What was simulated, in a few words; the scene's name where the page has a title of its own."""
     scene, first = runs[0].scene, runs[0].provenance
     structure, law = scene.structure, first.get("controller")

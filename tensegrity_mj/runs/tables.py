@@ -51,8 +51,8 @@ def to_xarray(run: Trajectory) -> xarray.Dataset:
     """What `xarray.open_dataset` reads from the file of a run."""
     xr = optional("xarray", "run.to_xarray()")
     held = {
-        name: (dimensions, np.array(values), told)
-        for name, (dimensions, values, told) in variables_in_file(run).items()
+        name: (dimensions, np.array(values), attributes)
+        for name, (dimensions, values, attributes) in variables_in_file(run).items()
     }
     coordinates = {name: held.pop(name) for name in ("time", *labels_of(run.scene))}
     return xr.Dataset(held, coordinates, attributes_in_file(run))

@@ -37,7 +37,7 @@ def verdict(runs: Sequence[Trajectory], comparison: Comparison | None = None) ->
 
 
 def names_of(runs: Sequence[Trajectory]) -> list[str]:
-    """What each run is called in a sentence: its engine's name where that tells them apart."""
+    """What each run is called in a sentence: its engine's name where these differ."""
     short = [run.engine.split(" ")[0] or "the run" for run in runs]
     if len(set(short)) == len(short):
         return [name if name in ("MuJoCo", "the run") else f"the {name}" for name in short]

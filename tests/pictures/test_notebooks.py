@@ -30,8 +30,8 @@ def test_a_run_is_five_lines(prism_run: tmj.Trajectory) -> None:
     assert lines[4:] == [f"errors  energy off by {prism_run.energy_residual:.2g} J"]
     reports = prism_run.reports | {"warnings": ["its step is too long\x1b[2J", "another"]}
     message = "no admissible solution at t = 0.1 s " * 20
-    told = replace(prism_run, reports=reports, status=tmj.Status.INFEASIBLE, message=message)
-    lines = repr(told).splitlines()
+    ended = replace(prism_run, reports=reports, status=tmj.Status.INFEASIBLE, message=message)
+    lines = repr(ended).splitlines()
     assert len(lines) == 5
     assert lines[3].startswith("status  infeasible: no admissible solution at t = 0.1 s")
     assert lines[4].endswith(r"J; 2 warnings: its step is too long\x1b[2J")

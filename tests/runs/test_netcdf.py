@@ -38,12 +38,12 @@ def test_the_file_is_the_one_that_h5netcdf_writes(tmp_path: Path, empty: str | N
     sizes = {"time": 0 if empty == "time" else 4, **{name: len(words) for name, words in labels.items()}}
     rng = np.random.default_rng(5)
     values = {name: rng.normal(size=[sizes[one] for one in dims]) for name, dims in VARIABLES.items()}
-    told = {name: {"units": "m", "long_name": f"λ of {name}"} for name in (*VARIABLES, *LABELS)}
+    facts = {name: {"units": "m", "long_name": f"λ of {name}"} for name in (*VARIABLES, *LABELS)}
     attributes: dict[str, str | int] = {"format": 2, "scene": "[structure]\nname = 'ß'\n", "message": ""}
     all_of_it: dict[str, Any] = {
-        "time": (("time",), values["time"], told["time"]),
-        **{name: ((name,), words, told[name]) for name, words in labels.items()},
-        **{name: (VARIABLES[name], values[name], told[name]) for name in VARIABLES if name != "time"},
+        "time": (("time",), values["time"], facts["time"]),
+        **{name: ((name,), words, facts[name]) for name, words in labels.items()},
+        **{name: (VARIABLES[name], values[name], facts[name]) for name in VARIABLES if name != "time"},
     }
     ours, theirs = tmp_path / "ours.nc", tmp_path / "theirs.nc"
     write_netcdf(ours, all_of_it, attributes)
@@ -53,7 +53,7 @@ def test_the_file_is_the_one_that_h5netcdf_writes(tmp_path: Path, empty: str | N
             variable = file.create_variable(name, dimensions, h5py.string_dtype() if name in LABELS else float)
             if len(content) and np.size(content):
                 variable[...] = np.array(content, object) if name in LABELS else content
-            variable.attrs.update(told[name])
+            variable.attrs.update(facts[name])
         file.attrs.update(attributes)
     found, expected = described(ours), described(theirs)
     for name in expected:

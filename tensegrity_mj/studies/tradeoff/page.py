@@ -71,8 +71,8 @@ def _findings(data: Data) -> Iterator[Finding]:
             continue
         second = reference["second_formulation"]
         own = "" if reference["own_error"] is None else f", known to {quantity(reference['own_error'], 'm', 2)}"
-        told = "no second formulation confirms it" if second is None else f"{second['engine']} confirms it"
-        yield Finding(Mark.LIMITED if second is None else Mark.GOOD, f"{head}{own}: {told}.")
+        confirmed = "no second formulation confirms it" if second is None else f"{second['engine']} confirms it"
+        yield Finding(Mark.LIMITED if second is None else Mark.GOOD, f"{head}{own}: {confirmed}.")
         floor = data["timing"]["experiments"][experiment["key"]]["floor"]
         if floor is not None:
             yield Finding(Mark.LIMITED, f"{floor[:1].upper()}{floor[1:]}.")
