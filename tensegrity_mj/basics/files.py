@@ -28,16 +28,17 @@ def checked(path: str | os.PathLike[str], suffixes: Sequence[str], what: str) ->
     if destination.suffix.lower() not in suffixes:
         raise OptionError(f"{what} {path}: the name must end in {' or '.join(suffixes)}")
     try:
-        if destination.is_dir():
+        mode = _mode(destination)
+        if mode is not None and stat.S_ISDIR(mode):
             raise OptionError(f"{what} {path}: that is a folder; name a file in it")
         target = destination.resolve()
         folder = target.parent
         if not folder.is_dir():
             raise OptionError(f"{what} {path}: there is no folder {folder}; create it first")
-        if target.exists() and not target.is_file():
+        if mode is not None and not stat.S_ISREG(mode):
             raise OptionError(f"{what} {path}: something that is no regular file is there; choose another name")
         # Files are replaced as a whole, which needs no right to write the old one; what was made read-only stays.
-        if target.exists() and not os.access(target, os.W_OK):
+        if mode is not None and not os.access(target, os.W_OK):
             raise OptionError(f"{what} {path}: the file there is read-only; choose another name or make it writable")
         # Only trying shows it: rights say nothing of file systems that take no new files.
         with tempfile.TemporaryFile(dir=folder):
@@ -123,7 +124,8 @@ def _replaced(destination: Path) -> Iterator[Path]:
     temporary = None
     try:
         target = destination.resolve()
-        if target.exists() and not target.is_file():
+        mode = _mode(destination)
+        if mode is not None and not stat.S_ISREG(mode):
             raise FormatError(f"{destination}: cannot be written (it is no regular file); choose another name")
         handle, name = tempfile.mkstemp(dir=target.parent, prefix=".new-", suffix=f".part{destination.suffix}")
         temporary = Path(name)
@@ -142,6 +144,14 @@ def _replaced(destination: Path) -> Iterator[Path]:
                 "folder"
             ) from error
         raise
+
+
+def _mode(path: Path) -> int | None:
+    """What is at a path, None for nothing; OSError for links in a circle and the like, which `Path.exists` may hide."""
+    try:
+        return path.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return None
 
 
 def _reason(error: Exception) -> str:
