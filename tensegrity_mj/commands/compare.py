@@ -26,6 +26,7 @@ from tensegrity_mj.commands.common import (
 )
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.runs.differences import DIFFERENCES, UNITS
 
 if TYPE_CHECKING:
     from tensegrity_mj.runs.table import Table
@@ -33,23 +34,15 @@ if TYPE_CHECKING:
 
 
 # Numbers of a comparison, in words and with units, for people.
-WORDS = {
-    "max_node_error": ("largest node error", "m"),
-    "rms_node_error": ("RMS node error", "m"),
-    "max_velocity_error": ("largest velocity error", "m/s"),
-    "max_tension_error": ("largest tension error", "N"),
-    "max_rod_force_error": ("largest rod force error", "N"),
-    "max_force_density_error": ("largest force density error", "N/m"),
-    "max_rest_length_error": ("largest rest length error", "m"),
-    "max_energy_error": ("largest energy error", "J"),
-}
+WORDS = {f"max_{name}": (f"largest {words}", unit) for name, (words, _, unit) in DIFFERENCES.items()}
+WORDS["rms_node_error"] = ("RMS node error", "m")
 
 
 def tolerance(text: str) -> tuple[str, float]:
     """argparse type: a number, or UNIT=NUMBER; the unit, or "" for all, and the number."""
     unit, equals, number_ = text.rpartition("=")
-    if equals and unit not in (units := dict.fromkeys(unit for _, unit in WORDS.values())):
-        raise argparse.ArgumentTypeError(f"{text!r}: write UNIT=NUMBER, with a unit among {', '.join(units)}")
+    if equals and unit not in UNITS:
+        raise argparse.ArgumentTypeError(f"{text!r}: write UNIT=NUMBER, with a unit among {', '.join(UNITS)}")
     return unit, positive(number_)
 
 

@@ -23,7 +23,8 @@ from tensegrity_mj.basics.files import checked, replacing
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.runs.comparison import UNITS, Comparison
+from tensegrity_mj.runs.comparison import Comparison
+from tensegrity_mj.runs.differences import DIFFERENCES
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.runs.verdicts import verdict
 
@@ -35,16 +36,6 @@ __all__ = ["Picture", "Section", "Table", "write_page", "write_report", "write_s
 PathLike = str | os.PathLike[str]
 IMAGE_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 
-# Differences of a comparison, in words.
-DIFFERENCES = {
-    "node_error": "largest node error",
-    "velocity_error": "largest velocity error",
-    "tension_error": "largest tension error",
-    "rod_force_error": "largest rod force error",
-    "force_density_error": "largest force density (u) error",
-    "rest_length_error": "largest rest length error",
-    "energy_error": "largest energy error",
-}
 MOST_ITEMS = 6  # of a list in a table
 
 
@@ -247,9 +238,9 @@ def _agreement(comparison: Comparison) -> str:
     """Differences with their tolerances, and since when these are exceeded."""
     rows: list[tuple[object, ...]] = []
     for name, when in comparison.first_exceeded.items():
-        unit, since = UNITS[name], "never" if when is None else quantity(when, "s")
+        (words, _, unit), since = DIFFERENCES[name], "never" if when is None else quantity(when, "s")
         largest = quantity(getattr(comparison, f"max_{name}"), unit, 4)
-        rows.append((DIFFERENCES[name], largest, quantity(comparison.tolerance_of(name), unit), since))
+        rows.append((f"largest {words}", largest, quantity(comparison.tolerance_of(name), unit), since))
     rows.append(("RMS node error", quantity(comparison.rms_node_error, "m", 4), "", ""))
     heads = ("quantity", "difference", "tolerance", "beyond it from")
     first, last = (quantity(float(comparison.time[k]), "s") for k in (0, -1))

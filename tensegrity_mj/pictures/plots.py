@@ -50,6 +50,7 @@ from tensegrity_mj.pictures.run_panels import (
     target_nodes,
     tensions,
 )
+from tensegrity_mj.runs.differences import DIFFERENCES
 from tensegrity_mj.runs.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -75,15 +76,8 @@ __all__ = [
     "save_figure",
 ]
 
-# What a comparison may hold, with a title and a unit for each.
-DIFFERENCES = {
-    "node_error": ("Node positions", "m"),
-    "velocity_error": ("Node velocities", "m/s"),
-    "tension_error": ("String tensions", "N"),
-    "rod_force_error": ("Rod forces", "N"),
-    "force_density_error": ("Controls u", "N/m"),
-    "energy_error": ("Total energy", "J"),
-}
+# What of a comparison is drawn.
+DRAWN = ("node_error", "velocity_error", "tension_error", "rod_force_error", "force_density_error", "energy_error")
 
 # From where on and how far apart marks stand on curves whose line styles mean something, in diagonals of the panel.
 MARKS = [(0.02 + 0.0171 * k, 0.12) for k in range(len(palette.MARKERS))]
@@ -93,7 +87,7 @@ _Curve = tuple[Array, Array, Any, str, str | None]
 
 
 class ComparisonLike(Protocol):
-    """What `plot_comparison` reads of a `Comparison`: times (T,), and the differences (T,) named in `DIFFERENCES`."""
+    """What `plot_comparison` reads of a `Comparison`: times (T,), and the differences (T,) named in `DRAWN`."""
 
     @property
     def time(self) -> Array: ...
@@ -221,7 +215,8 @@ def plot_comparison(
     columns = beside(3)
     figure = new_figure(columns * COLUMN, 6 // columns * ROW + 0.6)
     panels = figure.subplots(6 // columns, columns, sharex=True)
-    for panel, (name, (title, unit)) in zip(panels.ravel(), DIFFERENCES.items(), strict=True):
+    for panel, name in zip(panels.ravel(), DRAWN, strict=True):
+        _, of, unit = DIFFERENCES[name]
         curves: list[_Curve] = []
         given = getattr(comparison, name, None)
         if given is not None and not np.isnan(given).all():
@@ -235,7 +230,7 @@ def plot_comparison(
                 style = line_style(number)
                 curves.append((run.time, run.energy_balance, palette.color_of(number), style, label))
         _logarithmic(panel, curves)
-        over_time(panel, title, f"largest difference [{unit}]" if len(curves) == 1 else f"magnitude [{unit}]")
+        over_time(panel, of.capitalize(), f"largest difference [{unit}]" if len(curves) == 1 else f"magnitude [{unit}]")
     for panel in panels.ravel()[-columns:]:
         panel.set_xlabel("time [s]", fontsize=9)
     names = [getattr(comparison, name, "") for name in ("first", "second")]

@@ -12,32 +12,21 @@ from tensegrity_mj.basics.arrays import Array, norm
 from tensegrity_mj.basics.texts import unknown, value_text
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.runs.convergence import common_times
+from tensegrity_mj.runs.differences import DIFFERENCES, UNITS
 from tensegrity_mj.runs.resampling import resampled
 from tensegrity_mj.runs.table import Table
 from tensegrity_mj.runs.trajectory import Trajectory
 
 ERRORS = {"nodes": "node_error", "velocities": "velocity_error", "tensions": "tension_error"}  # by what they are of
 TOLERANCE = 1e-6  # in each unit
-# The quantities that differ, and their units.
-UNITS = {
-    "node_error": "m",
-    "velocity_error": "m/s",
-    "tension_error": "N",
-    "rod_force_error": "N",
-    "force_density_error": "N/m",
-    "rest_length_error": "m",
-    "energy_error": "J",
-}
 
 
 class _Largest:
     """Property `max_x` of a comparison: the largest entry of its array `x`; NaN where one is NaN."""
 
-    def __init__(self, unit: str) -> None:
-        self.__doc__ = f"The largest over members and times [{unit}]; NaN where a run has NaN."
-
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = name.removeprefix("max_")
+        self.__doc__ = f"The largest over members and times [{DIFFERENCES[self._name].unit}]; NaN where a run has NaN."
 
     @overload
     def __get__(self, comparison: None, owner: type) -> Self: ...
@@ -77,19 +66,19 @@ class Comparison:
     second: str = ""
     tolerances: Mapping[str, float] = field(default_factory=dict)
 
-    NAMES = tuple(UNITS)
+    NAMES = tuple(DIFFERENCES)
 
-    max_node_error = _Largest("m")
-    max_velocity_error = _Largest("m/s")
-    max_tension_error = _Largest("N")
-    max_rod_force_error = _Largest("N")
-    max_force_density_error = _Largest("N/m")
-    max_rest_length_error = _Largest("m")
-    max_energy_error = _Largest("J")
+    max_node_error = _Largest()
+    max_velocity_error = _Largest()
+    max_tension_error = _Largest()
+    max_rod_force_error = _Largest()
+    max_force_density_error = _Largest()
+    max_rest_length_error = _Largest()
+    max_energy_error = _Largest()
 
     def tolerance_of(self, name: str) -> float:
         """That of one of `NAMES`, in its unit."""
-        return self.tolerances.get(UNITS[name], self.tolerance)
+        return self.tolerances.get(DIFFERENCES[name].unit, self.tolerance)
 
     @property
     def compared(self) -> tuple[str, ...]:
@@ -191,8 +180,8 @@ def compare(
     if not isinstance(tolerance, (int, float)) or not (np.isfinite(tolerance) and tolerance > 0):
         raise OptionError(f"tolerance = {tolerance!r}; it must be a finite number > 0")
     for unit, most in (tolerances or {}).items():
-        if unit not in UNITS.values():
-            raise OptionError(unknown(unit, dict.fromkeys(UNITS.values()), "unit of a tolerance"))
+        if unit not in UNITS:
+            raise OptionError(unknown(unit, UNITS, "unit of a tolerance"))
         if not isinstance(most, (int, float)) or not (np.isfinite(most) and most > 0):
             raise OptionError(f"tolerances[{unit!r}] = {most!r}; it must be a finite number > 0")
     limits = float(tolerance), dict(tolerances or {})
