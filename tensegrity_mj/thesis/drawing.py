@@ -28,6 +28,8 @@ BLACK = (0.1, 0.1, 0.1)
 NAMED = {"blue": BLUE, "green": GREEN, "red": RED, "black": BLACK}
 PANEL = (3.9, 2.6)  # inches
 MARKS = 24  # circles along a curve
+TIME = "time [s]"
+BAND = "the pale band is the range of the thesis' axis"
 
 
 @dataclass(frozen=True)
@@ -91,16 +93,26 @@ def curves(
                 every = max(1, len(run.time) // MARKS)
                 # Shifted from curve to curve, so that circles of curves that coincide do not hide one another.
                 first = (column * every) // max(1, min(found.shape[1], MARKS))
-                panel.plot(
-                    run.time, series, ls="none", marker="o", ms=3.2, mfc="none", mec=color, mew=0.7,
-                    markevery=(first, every),
-                )  # fmt: skip
+                circles(panel, run.time, series, color=color, markevery=(first, every))
 
 
-def finish(panel: Any, title: str, unit: str, time: bool = True) -> None:
-    """Title, unit, grid and legend in one style."""
-    frame(panel, title, "time [s]" if time else "", unit, small=0.5)
-    if time:
+def circles(panel: Any, *places: Any, color: Any, size: float = 3.2, width: float = 0.7, **more: Any) -> None:
+    """The second engine's values at places, around those of the first."""
+    panel.plot(*places, ls="none", marker="o", ms=size, mfc="none", mec=color, mew=width, **more)
+
+
+def members(panel: Any, places: Array, rods: Any, strings: Any, width: float = 1.3, thin: float = 0.5) -> None:
+    """Members of a structure, pairs of nodes, on a plane (N, 2), or in space (N, 3); in points, how wide they are."""
+    for i, j in strings:
+        panel.plot(*places[[i, j]].T, color=palette.TARGET, lw=thin)
+    for i, j in rods:
+        panel.plot(*places[[i, j]].T, color="black", lw=width, solid_capstyle="round")
+
+
+def finish(panel: Any, title: str, unit: str, over: str = TIME) -> None:
+    """Title, unit, what it is over, grid and legend in one style."""
+    frame(panel, title, over, unit, small=0.5)
+    if over == TIME:
         panel.margins(x=0.0)
 
 
@@ -113,7 +125,12 @@ def engines_note(figure: Figure, all_runs: AllRuns, extra: str = "") -> None:
     """Say below the panels which engine is which."""
     names = [TITLES[engine] for engine in all_runs][:2]
     text = f"lines: {names[0]}" + (f"; circles: {names[1]}" if len(names) > 1 else "")
-    figure.supxlabel(f"{text}{'; ' if extra else ''}{extra}", fontsize=8, color=GREY)
+    note(figure, f"{text}{'; ' if extra else ''}{extra}")
+
+
+def note(figure: Figure, text: str, size: float = 8) -> None:
+    """Say something below the panels."""
+    figure.supxlabel(text, fontsize=size, color=GREY)
 
 
 # ------------------------------------------------------------------------------------------- panels of chapters 5, 6
@@ -179,13 +196,10 @@ def space_paths(
                     axes.plot(*path, color=color, lw=1.3, label=label if count == 0 else None)
                 else:
                     every = max(1, len(run.time) // MARKS)
-                    axes.plot(*path[:, ::every], ls="none", marker="o", ms=3.2, mfc="none", mec=color, mew=0.7)
+                    circles(axes, *path[:, ::every], color=color)
     run = first_of(all_runs, names[-1])
     structure, end = run.scene.structure, run.nodes[-1]
-    for i, j in structure.string_nodes:
-        axes.plot(*end[[i, j]].T, color=palette.TARGET, lw=0.7)
-    for i, j in structure.rod_nodes:
-        axes.plot(*end[[i, j]].T, color="black", lw=2.2, solid_capstyle="round")
+    members(axes, end, structure.rod_nodes, structure.string_nodes, 2.2, 0.7)
     equal_scales(axes, np.concatenate(everything))
     axes.set_title(title, fontsize=9.5)
     if any(labels):
@@ -213,10 +227,8 @@ def landscape(all_runs: AllRuns, names: Sequence[str], title: str) -> Figure:
             panel.plot(way.phi[:1], way.phi_rate[:1], color=RED, marker="o", ms=5, ls="none")
         else:
             every = max(1, len(run.time) // (2 * MARKS))
-            panel.plot(
-                way.phi[::every], way.phi_rate[::every], ls="none", marker="o", ms=3.2, mfc="none", mec=RED, mew=0.7
-            )
-    finish(panel, title, r"$\dot\varphi$ [rad/s]", time=False)
+            circles(panel, way.phi[::every], way.phi_rate[::every], color=RED)
+    finish(panel, title, r"$\dot\varphi$ [rad/s]", over="")
     engines_note(figure, all_runs, "the dot is the start")
     return figure
 
@@ -229,7 +241,7 @@ def rows_of_panels(all_runs: AllRuns, names: Sequence[str], titles: Sequence[str
         row[0].set_title(title, fontsize=9.5)
         controls(row[1], all_runs, name, top=0.06)
         multipliers(row[2], all_runs, name, bottom=-0.3)
-    engines_note(figure, all_runs, "the pale band is the range of the thesis' axis")
+    engines_note(figure, all_runs, BAND)
     return figure
 
 
@@ -256,5 +268,5 @@ def prism_panels(all_runs: AllRuns, names: Sequence[str]) -> Figure:
     errors(grid[0, 0], all_runs, name)
     controls(grid[0, 1], all_runs, name, top=0.15)
     multipliers(grid[0, 2], all_runs, name, bottom=-0.5)
-    engines_note(figure, all_runs, "the pale band is the range of the thesis' axis")
+    engines_note(figure, all_runs, BAND)
     return figure

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import GREY, new_figure
 from tensegrity_mj.thesis import drawing
@@ -21,7 +20,6 @@ if TYPE_CHECKING:
 
 
 SHOWN = "TB1"  # the beam of figure C.2
-BAND = "the pale band is the range of the thesis' axis"
 STARS = "TB6*, TB7*: springs of 1600 and 2000 kN/m for the printed 1200; dotted: as printed"
 PANELS = (
     (BY_STIFFNESS, "(a) similar prestress, varying spring stiffness"),
@@ -50,16 +48,15 @@ def stiffness_over(
             if beam.endswith("*"):
                 _curve(panel, run, beam.rstrip("*") + suffix, color, None, ":")
             if confirmed is not None and beam in confirmed.values:
-                panel.plot([0.0], [initial(confirmed, beam, axis)], marker="o", ms=CROSSES, mfc="none", mec=color)
+                drawing.circles(panel, [0.0], [initial(confirmed, beam, axis)], color=color, size=CROSSES, width=1.0)
         _finish(panel, title, ends)
     extra = "; circles: MuJoCo at zero load" if confirmed is not None else ""
-    figure.supxlabel(f"statics with elastic rods{extra}; {BAND}\n{STARS}", fontsize=7.5, color=GREY)
+    drawing.note(figure, f"statics with elastic rods{extra}; {drawing.BAND}\n{STARS}", 7.5)
     return figure
 
 
 def _finish(panel: Any, title: str, ends: Sequence[float]) -> None:
-    drawing.finish(panel, title, "stiffness [kN/m]", time=False)
-    panel.set_xlabel("deformation [m]", fontsize=8.5)
+    drawing.finish(panel, title, "stiffness [kN/m]", "deformation [m]")
     panel.set_xlim(*ends)
 
 
@@ -79,12 +76,8 @@ def compression(all_runs: AllRuns) -> Figure:
         panel.axhline(0.0, color=GREY, lw=0.6)
         panel.set_ylim(-10.0, 42.0)
         _finish(panel, title, (0.0, 3.5))
-    figure.supxlabel(
-        "solid: with 100 N across the middle; triangles: it buckles; dashed: the perfect beam, straight beyond\n"
-        f"{BAND}; TB6*, TB7*: springs of 1600 and 2000 kN/m",
-        fontsize=7.5,
-        color=GREY,
-    )
+    text = "solid: with 100 N across the middle; triangles: it buckles; dashed: the perfect beam, straight beyond\n"
+    drawing.note(figure, f"{text}{drawing.BAND}; TB6*, TB7*: springs of 1600 and 2000 kN/m", 7.5)
     return figure
 
 
@@ -96,27 +89,18 @@ def configuration(all_runs: AllRuns) -> Figure:
     rods, strings = run.of(SHOWN, "rods"), run.of(SHOWN, "strings")
     for (cross, side), name, text in zip(panels, ("before", "nodes"), ("prior to", "after"), strict=True):
         nodes = run.of(SHOWN, name)
-        lines(cross, nodes[:, 1:], rods, ())
-        lines(side, nodes[:, [0, 2]], rods, strings)
+        drawing.members(cross, nodes[:, 1:], rods, ())
+        drawing.members(side, nodes[:, [0, 2]], rods, strings)
         letters = ("ac", "bd")[name == "nodes"]
         for panel, letter, what, names in (
             (cross, letters[0], "cross section", "yz"),
             (side, letters[1], "beam", "xz"),
         ):
-            drawing.finish(panel, f"({letter}) {what} {text} form-finding", f"{names[1]} [m]", time=False)
-            panel.set_xlabel(f"{names[0]} [m]", fontsize=8.5)
+            drawing.finish(panel, f"({letter}) {what} {text} form-finding", f"{names[1]} [m]", f"{names[0]} [m]")
             panel.set_aspect("equal")
         cross.set_xlim(-0.8, 0.8)
         cross.set_ylim(-0.8, 0.8)
         side.set_xlim(-0.5, 30.5)
         side.set_ylim(-2.0, 2.0)
-    figure.supxlabel(f"{SHOWN}; statics with elastic rods; rods black, strings green", fontsize=8, color=GREY)
+    drawing.note(figure, f"{SHOWN}; statics with elastic rods; rods black, strings green")
     return figure
-
-
-def lines(panel: Any, places: Array, rods: Array, strings: Sequence[Any] | Array) -> None:
-    """Members of a structure on a plane (N, 2), or in space (N, 3)."""
-    for i, j in strings:
-        panel.plot(*places[[i, j]].T, color=palette.TARGET, lw=0.5)
-    for i, j in rods:
-        panel.plot(*places[[i, j]].T, color="black", lw=1.3, solid_capstyle="round")

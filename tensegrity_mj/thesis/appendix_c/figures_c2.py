@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from tensegrity_mj.library.thesis_towers import TABLE_C2
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.figure import GREY
 from tensegrity_mj.thesis import drawing
 from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, HEIGHTS, wave_label
 from tensegrity_mj.thesis.appendix_c.measures_c2 import amplitude
@@ -36,14 +35,11 @@ def oscillation(all_runs: AllRuns) -> Figure:
             for run in runs[1:]:
                 there = [height for height in heights if wave_label(beam, height) in run.values]
                 confirmed = confirmed or bool(there)
-                panel.plot(
-                    there, [amplitude(run, beam, height) for height in there], ls="none", marker="o", ms=6.5,
-                    mfc="none", mec=color,
-                )  # fmt: skip
-        drawing.finish(panel, title, "oscillation amplitude [m]", time=False)
-        panel.set_xlabel("wave height [m]", fontsize=8.5)
+                swings = [amplitude(run, beam, height) for height in there]
+                drawing.circles(panel, there, swings, color=color, size=6.5, width=1.0)
+        drawing.finish(panel, title, "oscillation amplitude [m]", "wave height [m]")
         panel.set_xlim(*AXES[0])
         panel.set_ylim(bottom=0.0)
     circles = "; circles: the other engine" if confirmed else ""
-    figure.supxlabel(f"the stage that swings most{circles}; pale: the thesis' axis", fontsize=8, color=GREY)
+    drawing.note(figure, f"the stage that swings most{circles}; pale: the thesis' axis")
     return figure

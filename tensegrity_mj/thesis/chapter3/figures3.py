@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PURPLE = palette.CYCLE[4]
+INPUT, NUMBER = "input frequency [Hz]", "number of elements"
 SECONDS_NOTE = "times are those of this machine"
 
 
@@ -34,7 +35,7 @@ def _series(all_runs: AllRuns, name: str) -> list[tuple[str, SeriesRun]]:
 def _note(figure: Figure, all_runs: AllRuns, name: str, extra: str = "") -> None:
     titles = [title for title, _ in _series(all_runs, name)]
     text = f"filled: {titles[0]}" + (f"; circles around them: {titles[1]}" if len(titles) > 1 else "")
-    figure.supxlabel("; ".join(part for part in (text, extra) if part), fontsize=8, color=GREY)
+    drawing.note(figure, "; ".join(part for part in (text, extra) if part))
 
 
 def psd(all_runs: AllRuns) -> Figure:
@@ -51,11 +52,9 @@ def psd(all_runs: AllRuns) -> Figure:
     panel.set_xlim(0.0, 1.2)
     panel.set_yscale("log")
     panel.set_ylim(1e-7, 3.0)
-    drawing.finish(
-        panel, "Marker 10, in-plane, in-line 0.70 Hz; dotted: the peaks that are picked", "PSD [m²/Hz]", False
-    )
-    panel.set_xlabel("frequency [Hz]", fontsize=8.5)
-    figure.supxlabel(_series(all_runs, "in-line")[0][0], fontsize=8, color=GREY)
+    title = "Marker 10, in-plane, in-line 0.70 Hz; dotted: the peaks that are picked"
+    drawing.finish(panel, title, "PSD [m²/Hz]", "frequency [Hz]")
+    drawing.note(figure, _series(all_runs, "in-line")[0][0])
     return figure
 
 
@@ -72,22 +71,21 @@ def responses(all_runs: AllRuns, names: Sequence[str], marker: int, axis: int, l
                     f, run.marker(marker, axis), color=color, marker=mark, ms=size, lw=1.0, label=f"rest in {label}"
                 )
             else:
-                top.plot(f, run.marker(marker, axis), ls="none", marker="o", ms=7, mfc="none", mec=color, mew=0.7)
+                drawing.circles(top, f, run.marker(marker, axis), color=color, size=7)
             points = [(x, y) for x, row in zip(f, run.peaks(marker, axis), strict=True) for y in row]
             x, y = np.array(points).T
             if number == 0:
                 bottom.plot(x, y, color=color, marker=mark, ms=size, ls="none", alpha=0.8)
             else:
-                bottom.plot(x, y, ls="none", marker="o", ms=7, mfc="none", mec=color, mew=0.7)
+                drawing.circles(bottom, x, y, color=color, size=7)
     plane = ("in-plane", "out-of-plane")[axis]
-    drawing.finish(top, f"(a) Marker {marker}, {plane}: maximum response amplitude", "relative amplitude", False)
+    drawing.finish(top, f"(a) Marker {marker}, {plane}: maximum response amplitude", "relative amplitude", INPUT)
     bottom.plot([0.0, 1.2], [0.0, 1.2], color=GREY, lw=0.6, ls="--")
     bottom.set_ylim(0.0, 1.25)
-    drawing.finish(bottom, "(b) Main peaks of the PSD (dashed: output = input)", "output frequency [Hz]", False)
+    drawing.finish(bottom, "(b) Main peaks of the PSD (dashed: output = input)", "output frequency [Hz]", INPUT)
     for panel in (top, bottom):
         panel.set_xlim(0.0, 1.25)
-        panel.set_xlabel("input frequency [Hz]", fontsize=8.5)
-    _note(figure, all_runs, names[0], "the pale band is the range of the thesis' axis")
+    _note(figure, all_runs, names[0], drawing.BAND)
     return figure
 
 
@@ -101,16 +99,14 @@ def elements(all_runs: AllRuns) -> Figure:
         panel.plot(ELEMENTS, found[:, column], color=color, marker="o", ms=4, lw=1.0, label=label)
     panel.set_xlim(0, 140)
     drawing.thesis_axis(panel, 1.0, 5.5)
-    drawing.finish(panel, "Frequency of one element by itself, (3.28)", "frequency [Hz]", False)
-    panel.set_xlabel("number of elements", fontsize=8.5)
+    drawing.finish(panel, "Frequency of one element by itself, (3.28)", "frequency [Hz]", NUMBER)
     return figure
 
 
 def _over_elements(panel: Any, x: Sequence[float], y: Any, title: str, unit: str) -> None:
     panel.plot(x, y, color=BLUE, marker="o", ms=4, lw=1.0)
     panel.set_xlim(0, 140)
-    drawing.finish(panel, title, unit, False)
-    panel.set_xlabel("number of elements", fontsize=8.5)
+    drawing.finish(panel, title, unit, NUMBER)
 
 
 def fixed_step(all_runs: AllRuns) -> Figure:
@@ -144,7 +140,7 @@ def fixed_drift(all_runs: AllRuns) -> Figure:
     drawing.thesis_axis(right, 0.0, 0.025)
     right.set_ylim(bottom=0.0)
     right.legend(fontsize=7.5, frameon=False)
-    _note(figure, all_runs, "fixed-drift", f"{SECONDS_NOTE}; the pale band is the range of the thesis' axis")
+    _note(figure, all_runs, "fixed-drift", f"{SECONDS_NOTE}; {drawing.BAND}")
     return figure
 
 
@@ -155,16 +151,15 @@ def drift(all_runs: AllRuns) -> Figure:
     f = run.cases.frequencies
     left.plot(f, run.seconds, color=BLUE, marker="o", ms=4, lw=1.0)
     left.set_ylim(bottom=0.0)
-    drawing.finish(left, f"(a) Wall time of 45 s at h = {FINE_STEP:g} s, 13 elements", "time [s]", False)
+    drawing.finish(left, f"(a) Wall time of 45 s at h = {FINE_STEP:g} s, 13 elements", "time [s]", INPUT)
     right.plot(f, run.cases.drift, color=BLUE, marker="o", ms=4, lw=1.0)
     right.set_yscale("log")
     for k in run.cases.failed:
         right.plot(
             f[k], run.cases.drift[k], color=RED, marker="x", ms=8, ls="none", label="stopped: a rod lost its length"
         )
-    drawing.finish(right, "(b) Drift, largest $|\\|b_i\\| - 1|$", "relative drift", False)
+    drawing.finish(right, "(b) Drift, largest $|\\|b_i\\| - 1|$", "relative drift", INPUT)
     for panel in (left, right):
-        panel.set_xlabel("input frequency [Hz]", fontsize=8.5)
         panel.set_xlim(0.0, 1.4)
     _note(figure, all_runs, "drift", SECONDS_NOTE)
     return figure
@@ -182,7 +177,6 @@ def refined(all_runs: AllRuns) -> Figure:
         panel.plot(
             run.cases.frequencies, run.marker(10), color=color, marker=mark, ms=5, mfc="none", lw=0.8, label=label
         )
-    drawing.finish(panel, "Marker 10, in-plane, in-line excitation", "relative amplitude", False)
-    panel.set_xlabel("input frequency [Hz]", fontsize=8.5)
-    _note(figure, all_runs, "in-line-25", "the pale band is the range of the thesis' axis")
+    drawing.finish(panel, "Marker 10, in-plane, in-line excitation", "relative amplitude", INPUT)
+    _note(figure, all_runs, "in-line-25", drawing.BAND)
     return figure

@@ -18,15 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def _planar(panel: Any, run: Trajectory, time: float, color: Any = "black", width: float = 2.0) -> None:
-    """The structure in its plane at a time: rods thick, strings green."""
-    nodes, structure = measures.at(run, time, run.nodes), run.scene.structure
-    for i, j in structure.string_nodes:
-        panel.plot(nodes[[i, j], 0], nodes[[i, j], 2], color=palette.TARGET, lw=0.7)
-    for i, j in structure.rod_nodes:
-        panel.plot(nodes[[i, j], 0], nodes[[i, j], 2], color=color, lw=width, solid_capstyle="round")
-
-
 def snapshots(
     all_runs: AllRuns, names: Sequence[str], times: Sequence[float], axes: Sequence[float], height: float
 ) -> Figure:
@@ -36,20 +27,20 @@ def snapshots(
         axes: in x and in y [m], from and to.
     """
     (name,) = names
-    width = height * (axes[1] - axes[0]) / (axes[3] - axes[2])
-    figure, grid = drawing.panels(len(times) // 2, 2, height=height, width=width)
+    broad = height * (axes[1] - axes[0]) / (axes[3] - axes[2])
+    figure, grid = drawing.panels(len(times) // 2, 2, height=height, width=broad)
     for panel, time in zip(grid.ravel(), times, strict=True):
         for number, (_, run) in enumerate(drawing.versions_of(all_runs, name)):
+            nodes, structure = measures.at(run, time, run.nodes)[:, [0, 2]], run.scene.structure
             if number == 0:
-                _planar(panel, run, time, width=1.2 if len(run.scene.structure.rods) > 4 else 2.2)
+                width = 1.2 if len(structure.rods) > 4 else 2.2
+                drawing.members(panel, nodes, structure.rod_nodes, structure.string_nodes, width, 0.7)
             else:
-                nodes = measures.at(run, time, run.nodes)
-                panel.plot(nodes[:, 0], nodes[:, 2], ls="none", marker="o", ms=3.5, mfc="none", mec=RED, mew=0.6)
+                drawing.circles(panel, *nodes.T, color=RED, size=3.5, width=0.6)
         panel.set_xlim(*axes[:2])
         panel.set_ylim(*axes[2:])
         panel.set_aspect("equal")
-        drawing.finish(panel, f"t = {time:.2f} s", "y [m]", time=False)
-        panel.set_xlabel("x [m]", fontsize=8.5)
+        drawing.finish(panel, f"t = {time:.2f} s", "y [m]", "x [m]")
     drawing.engines_note(figure, all_runs)
     return figure
 
@@ -99,7 +90,7 @@ def control_panels(
         drawing.thesis_axis(panel, 0.0, tops[0])
         drawing.finish(panel, f"{sum_of} = {bound:g} N/m", "force density [N/m]")
     _sums(grid[1, 1], all_runs, names, bounds, tops[1])
-    drawing.engines_note(figure, all_runs, "the pale band is the range of the thesis' axis")
+    drawing.engines_note(figure, all_runs, drawing.BAND)
     return figure
 
 

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from tensegrity_mj.library.tower import Topology
-from tensegrity_mj.pictures.figure import GREY, equal_scales, new_figure
+from tensegrity_mj.pictures.figure import equal_scales, new_figure
 from tensegrity_mj.thesis import drawing
 from tensegrity_mj.thesis.appendix_c.beams import BeamRun
-from tensegrity_mj.thesis.appendix_c.figures_c import lines
 from tensegrity_mj.thesis.chapter7.measures7 import FIRST, FORMED, STAGES
 from tensegrity_mj.thesis.drawing import AllRuns
 
@@ -21,20 +18,15 @@ if TYPE_CHECKING:
 def close_view(all_runs: AllRuns) -> Figure:
     """Figure 7.6: three stages, in space."""
     run: BeamRun = drawing.first_of(all_runs, "tower-form")
-    rods, strings = run.of(FORMED, "rods"), run.of(FORMED, "strings")
     chosen = range(6 * (FIRST - 1), 6 * (FIRST - 1 + STAGES))  # six nodes a stage
-    inside = [np.array([pair for pair in pairs if set(pair) <= set(chosen)]) for pairs in (rods, strings)]
+    rods, strings = ([pair for pair in run.of(FORMED, kind) if set(pair) <= set(chosen)] for kind in ("rods", "strings"))
     figure = new_figure(9.0, 3.9)
     for number, (name, text) in enumerate((("before", "before"), ("nodes", "after")), start=1):
         panel: Any = figure.add_subplot(1, 2, number, projection="3d")
         nodes = run.of(FORMED, name)
-        lines(panel, nodes, *inside)
+        drawing.members(panel, nodes, rods, strings)
         equal_scales(panel, nodes[list(chosen)])
         panel.set_title(f"Structure geometry {text} form-finding", fontsize=9.5)
-    figure.supxlabel(
-        f"stages {FIRST} to {FIRST + STAGES - 1} of 15; statics with rigid rods; {Topology.FULL.value} topology, "
-        "10 kN/m, 0.10 m",
-        fontsize=8,
-        color=GREY,
-    )
+    stages = f"stages {FIRST} to {FIRST + STAGES - 1} of 15"
+    drawing.note(figure, f"{stages}; statics with rigid rods; {Topology.FULL.value} topology, 10 kN/m, 0.10 m")
     return figure

@@ -9,12 +9,11 @@ import numpy as np
 from tensegrity_mj.library.thesis_towers import PRESTRESS_MEASURES, STIFFNESSES
 from tensegrity_mj.model.elements.water import sea_of
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.figure import GREY, new_figure
+from tensegrity_mj.pictures.figure import new_figure
 from tensegrity_mj.runs.deformation import centres, distances_from_line, interconnections
 from tensegrity_mj.studies.waves.task import scene_of
 from tensegrity_mj.thesis import drawing
 from tensegrity_mj.thesis.appendix_c.beams import STUDIES, BeamRun
-from tensegrity_mj.thesis.appendix_c.figures_c import lines
 from tensegrity_mj.thesis.chapter7.measures7 import SHOWN, SOFT, grid
 from tensegrity_mj.thesis.drawing import AllRuns
 from tensegrity_mj.thesis.experiments import TITLES
@@ -29,7 +28,7 @@ MARGIN = 1.5  # m, of the surface beyond the tower's ends
 def _side(panel: Any, run: BeamRun, label: str, moment: int) -> None:
     """The tower from its side, as it was then, and the surface above y = 0."""
     nodes, time = run.of(label, "nodes")[moment], float(run.of(label, "times")[moment])
-    lines(panel, nodes[:, [0, 2]], run.of(label, "rods"), run.of(label, "strings"))
+    drawing.members(panel, nodes[:, [0, 2]], run.of(label, "rods"), run.of(label, "strings"))
     x = np.linspace(nodes[:, 0].min() - MARGIN, nodes[:, 0].max() + MARGIN, 200)
     sea = sea_of(scene_of(STUDIES[STUDY].points[label]["tower"]))
     panel.plot(x, sea.elevation(time, x, 0.0 * x), color=palette.CYCLE[0], lw=1.2)
@@ -56,7 +55,7 @@ def measure(all_runs: AllRuns) -> Figure:
     panel.plot(ends[:, 0], ends[:, 2], color=palette.CYCLE[2], lw=2.0)
     panel.set_title(f"D({most + 1}, {float(run.of(SOFT, 'times')[0]):.2f} s) = {D[most]:.2f} m", fontsize=9)
     panel.set_xlabel("x [m]", fontsize=8.5)
-    figure.supxlabel(f"{SOFT}; seen along y, where D has a part along the view too", fontsize=8, color=GREY)
+    drawing.note(figure, f"{SOFT}; seen along y, where D has a part along the view too")
     return figure
 
 
@@ -67,7 +66,7 @@ def snapshots(all_runs: AllRuns) -> Figure:
     for number, panel in enumerate(panels, start=1):
         _side(panel, run, SHOWN, number)
     panels[-1].set_xlabel("x [m]", fontsize=8.5)
-    figure.supxlabel(f"{SHOWN}; the tower's base is where x = 0 at first, and it drifts", fontsize=8, color=GREY)
+    drawing.note(figure, f"{SHOWN}; the tower's base is where x = 0 at first, and it drifts")
     return figure
 
 
