@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.dynamics.native.pointers import LOAD_FUNCTION, address_of, borrowing, call_load, floats
+from tensegrity_mj.dynamics.native.pointers import LOAD_FUNCTION, borrowing, call_load, floats
 from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.model.motion import Motion
 
@@ -78,22 +78,6 @@ class PackedMotions:
             pieces=np.array(pieces, float).reshape(-1, 6, 3),
         )
         self.address = self._packed.address
-
-    def breakpoints(self) -> list[float]:
-        """Times [s] at which a derivative of some motion may jump: those of its data."""
-        return sorted({time for motion in self.motions for time in motion.times})
-
-    def at(self, time: float) -> Array:
-        """(m, 3, 3) displacements, velocities and accelerations, by the compiled functions.
-
-        Raises:
-            Exception: what a motion's function raised.
-        """
-        out = np.zeros((len(self.motions), 3, 3))
-        for number in range(len(self.motions)):
-            if motion_at(self.address, number, float(time), address_of(out[number])) != 0:
-                raise self.failure[0]
-        return out
 
     def _function(self, motion: Motion) -> int:
         def call(time: float, out: int) -> int:
