@@ -35,9 +35,11 @@ class Couples(NamedTuple):
 
 
 @njit
-def ends_of(nodes: IntArray, i: int, j: int) -> Ends:
-    """The four nodes of two elements."""
-    return (nodes[i, 0], nodes[i, 1], nodes[j, 0], nodes[j, 1])
+def couple(elements: Elements, i: int, j: int) -> tuple[Ends, float, float]:
+    """The four nodes of two elements, the sum of their radii [m], and when the first of them is gone [s]."""
+    nodes, until, radii = elements
+    ends = (nodes[i, 0], nodes[i, 1], nodes[j, 0], nodes[j, 1])
+    return ends, radii[i] + radii[j], min(until[i], until[j])
 
 
 @njit
@@ -48,14 +50,11 @@ def search(
 
     Of each kind only what is below limits[kind] is found, which it then becomes; with `own` that of every pair.
     """
-    nodes, until, radii = elements
     pairs, kinds = couples
     for p in range(len(pairs)):
         i, j = pairs[p]
-        ends = ends_of(nodes, i, j)
-        thick = radii[i] + radii[j]
+        ends, thick, stop = couple(elements, i, j)
         limit = np.inf if own else limits[kinds[p]] + thick
-        stop = min(until[i], until[j])
         best, where, part, width = least(motion, (i, j), ends, (motion.time[0], stop), limit, tolerance)
         out[p, 0], out[p, 1], out[p, 2], out[p, 3] = best - thick, where, part, width
         if width >= 0.0:
@@ -65,43 +64,32 @@ def search(
 @njit
 def history(motion: Motion, elements: Elements, couples: Couples, out: Array) -> None:
     """Lower out (3, T) to the least surface distances of each kind at the samples."""
-    P, time, way = motion.P, motion.time, motion.way
-    nodes, until, radii = elements
+    time, way = motion.time, motion.way
     pairs, kinds = couples
     for p in range(len(pairs)):
         i, j = pairs[p]
-        ends = ends_of(nodes, i, j)
-        thick, kind = radii[i] + radii[j], kinds[p]
-        stop = min(until[i], until[j])
+        ends, thick, stop = couple(elements, i, j)
+        kind = kinds[p]
         known, base = -np.inf, 0.0
         for k in range(len(time)):
             if time[k] > stop:
                 break
             if known - (way[i, k] + way[j, k] - base) >= out[kind, k]:
                 continue
-            known, base = at_sample(P, ends, k) - thick, way[i, k] + way[j, k]
+            known, base = at_sample(motion, ends, k) - thick, way[i, k] + way[j, k]
             out[kind, k] = min(out[kind, k], known)
 
 
 @njit
 def all_stretches(
-    motion: Motion, elements: Elements, pairs: IntArray, level: float, tolerance: float, out: Array, owner: IntArray
-) -> int:
-    """Write the stretches (·, 2) [s] of all pairs at a surface distance of at most the level, and each one's pair.
-
-    Returns how many they are; those beyond the length of `out` are counted only.
-    """
-    nodes, until, radii = elements
-    number = 0
+    motion: Motion, elements: Elements, pairs: IntArray, level: float, tolerance: float
+) -> list[tuple[int, float, float]]:
+    """Stretches of time at a surface distance of at most the level: the pair's row, start and end [s]."""
+    found = []
     for p in range(len(pairs)):
         i, j = pairs[p]
-        ends = ends_of(nodes, i, j)
-        reach = level + radii[i] + radii[j]
-        if reach < 0.0:
-            continue
-        stop = min(until[i], until[j])
-        first = min(number, len(out))
-        found = stretches(motion, (i, j), ends, stop, reach, tolerance, out[first:])
-        owner[first : min(number + found, len(out))] = p
-        number += found
-    return number
+        ends, thick, stop = couple(elements, i, j)
+        if level + thick >= 0.0:
+            for start, end in stretches(motion, (i, j), ends, stop, level + thick, tolerance):
+                found.append((p, start, end))
+    return found

@@ -16,7 +16,7 @@ from tensegrity_mj.runs import clearance_kernels as kernels
 from tensegrity_mj.runs.approaches import Approach, Clearance, Event, Pairs
 from tensegrity_mj.runs.clearance_kernels import Couples, Elements
 from tensegrity_mj.runs.least_distance import least, sharpened
-from tensegrity_mj.runs.moving_segments import Ends, Motion, paths
+from tensegrity_mj.runs.moving_segments import Motion, interval_of, paths
 from tensegrity_mj.runs.near_stretches import crossings
 from tensegrity_mj.runs.segments import closest_points
 
@@ -46,10 +46,13 @@ class ClearanceSearch:
         structure = path.structure
         self.path, self.kinds, self.level, self.margin = path, kinds, level, margin
         increasing = np.concatenate([[True], np.diff(path.time) > 0])
-        self.time = np.ascontiguousarray(path.time[increasing])
+        time, positions, velocities = path.time[increasing], path.nodes[increasing], path.velocities[increasing]
+        self.samples, self.end = len(time), float(time[-1])
+        if self.samples == 1:  # it stands still
+            time = np.array([self.end, self.end + 1.0])
+            positions, velocities = positions[[0, 0]], np.zeros((2, *positions.shape[1:]))
+        self.time, self.positions, self.velocities = np.ascontiguousarray(time), positions, velocities
         # Of each node over time, and seen from the mean of all nodes: what all do together brings nothing nearer.
-        positions, velocities = path.nodes[increasing], path.velocities[increasing]
-        self.positions, self.velocities = positions, velocities
         self.P = np.ascontiguousarray((positions - positions.mean(axis=1, keepdims=True)).transpose(1, 0, 2))
         self.V = np.ascontiguousarray((velocities - velocities.mean(axis=1, keepdims=True)).transpose(1, 0, 2))
         self.size = float(np.ptp(self.P.reshape(-1, 3), axis=0).max(initial=0.0))
@@ -69,7 +72,7 @@ class ClearanceSearch:
         """Pairs in the order of how near they are at some samples; these give first limits of what is looked for."""
         near = np.full(len(self.pairs), np.inf)
         i, j = self.pairs[:, 0], self.pairs[:, 1]
-        for k in np.unique(np.linspace(0, len(self.time) - 1, GLANCES).astype(int)):
+        for k in np.unique(np.linspace(0, self.samples - 1, GLANCES).astype(int)):
             whole = np.flatnonzero((self.until[i] >= self.time[k]) & (self.until[j] >= self.time[k]))
             at = self.P[:, k]
             ends = (self.nodes[i[whole], 0], self.nodes[i[whole], 1], self.nodes[j[whole], 0], self.nodes[j[whole], 1])
@@ -86,53 +89,52 @@ class ClearanceSearch:
         found = np.zeros((len(self.pairs), 4))
         events: list[Event] = []
         curves = np.full((len(Pairs), len(self.time)), np.inf)
-        for first, last in _pieces(len(self.pairs), progress):
-            couples, piece = Couples(self.pairs[first:last], self.pair_kinds[first:last]), found[first:last]
-            kernels.search(self.motion, self.elements, couples, self.limits, bool(every_pair), self.margin, piece)
-            if over_time:
-                kernels.history(self.motion, self.elements, couples, curves)
-            events += self._events(couples.pairs)
+        with bar(progress, "clearance", total=len(self.pairs), unit="pair") as shown:
+            for first in range(0, len(self.pairs), PIECE):
+                rows = slice(first, first + PIECE)
+                couples = Couples(self.pairs[rows], self.pair_kinds[rows])
+                kernels.search(
+                    self.motion, self.elements, couples, self.limits, bool(every_pair), self.margin, found[rows]
+                )
+                if over_time:
+                    kernels.history(self.motion, self.elements, couples, curves)
+                events += self._events(couples.pairs)
+                shown.update(len(couples.pairs))
         smallest: dict[Pairs, Approach | None] = {}
         for kind in self.kinds:
-            rows = np.flatnonzero((self.pair_kinds == _number(kind)) & (found[:, 3] >= 0))
+            mine = np.flatnonzero((self.pair_kinds == _number(kind)) & (found[:, 3] >= 0))
             # A pair that was found first may have been undercut by no more than round-off: the sharpened ones decide.
-            near = rows[found[rows, 0] <= found[rows, 0].min(initial=np.inf) + self.margin]
-            closest = [self._approach(int(row), found[row]) for row in near[:GLANCES]]
+            near = mine[found[mine, 0] <= found[mine, 0].min(initial=np.inf) + self.margin]
+            closest = [self._approach(row, found[row]) for row in near[:GLANCES]]
             smallest[kind] = min(closest, key=lambda approach: approach.distance, default=None)
-        each = None
-        if every_pair:
-            each = tuple(sorted((self._approach(row, found[row]) for row in range(len(found))), key=_by_distance))
+        each = (self._approach(row, found[row]) for row in range(len(found)) if every_pair)
         return Clearance(
             name=self.path.name,
             start=float(self.time[0]),
-            end=float(self.time[-1]),
-            samples=len(self.time),
+            end=self.end,
+            samples=self.samples,
             tolerance=self.margin,
             interpolation_error=self._interpolation_error(),
             planar=self._planar(),
             smallest=smallest,
             below=self.level,
             events=tuple(sorted(events, key=lambda event: (event.start, event.closest.distance))),
-            pairs=each,
-            time=self.time if over_time else np.zeros(0),
-            over_time={kind: curves[_number(kind)] for kind in self.kinds} if over_time else None,
+            pairs=tuple(sorted(each, key=lambda approach: approach.distance)) if every_pair else None,
+            time=self.time[: self.samples] if over_time else np.zeros(0),
+            over_time={k: curves[_number(k), : self.samples] for k in self.kinds} if over_time else None,
         )
-
-    def _ends(self, i: int, j: int) -> Ends:
-        (a, b), (c, d) = self.nodes[i], self.nodes[j]
-        return int(a), int(b), int(c), int(d)
 
     def _approach(self, row: int, found: Array) -> Approach:
         """The nearest of one pair, from what the search has found of it."""
         i, j = (int(e) for e in self.pairs[row])
-        until = float(min(self.until[i], self.until[j], self.time[-1]))
+        until = float(min(self.until[i], self.until[j], self.end))
         place = (int(found[1]), float(found[2]), float(found[3]))
         return self._sharpened((i, j), place, (float(self.time[0]), until))
 
     def _sharpened(self, pair: tuple[int, int], place: tuple[int, float, float], span: tuple[float, float]) -> Approach:
         """The nearest of a pair about a place (interval, part, width) within a span of time."""
         i, j = pair
-        ends = self._ends(i, j)
+        ends, thick, _ = kernels.couple(self.elements, i, j)
         apart, when, s, t = sharpened(self.motion, ends, *place, span)
         a, b, c, d = self._world(when)[list(ends)]
         rods = len(self.path.structure.rods)
@@ -142,7 +144,7 @@ class ClearanceSearch:
             kind,
             self.names[i],
             self.names[j],
-            float(apart - self.radii[i] - self.radii[j]),
+            float(apart - thick),
             float(apart),
             float(when),
             (float(s), float(t)),
@@ -151,40 +153,19 @@ class ClearanceSearch:
 
     def _world(self, when: float) -> Array:
         """Node positions (N, 3) [m] at a time."""
-        k = min(max(int(np.searchsorted(self.time, when, side="right")) - 1, 0), max(len(self.time) - 2, 0))
-        if len(self.time) == 1:
-            return self.positions[0]
-        rows = slice(k, k + 2)
-        return _cubic(self.time[rows], self.positions[rows], self.velocities[rows], when)
+        k = interval_of(self.time, when)
+        h = self.time[k + 1] - self.time[k]
+        return _hermite((when - self.time[k]) / h, h, *self.positions[k : k + 2], *self.velocities[k : k + 2])
 
-    def _events(self, pairs: IntArray) -> list[Event]:
+    def _events(self, pairs: IntArray) -> Iterator[Event]:
         """All stretches of time in which one of these pairs is at most the level apart."""
-        room = 4 * len(pairs) + 16
-        while True:
-            out, owner = np.empty((room, 2)), np.empty(room, np.int64)
-            level = self.level + self.margin
-            count = kernels.all_stretches(self.motion, self.elements, pairs, level, self.margin, out, owner)
-            if count <= room:
-                break
-            room = count
-        events = []
-        noise = max(NOISE * self.size, NOISE_OF_TOLERANCE * self.margin)
-        for (start, end), number in zip(out[:count].tolist(), owner[:count], strict=True):
-            pair = (int(pairs[number, 0]), int(pairs[number, 1]))
-            ends, span = self._ends(*pair), (start, end)
+        level, noise = self.level + self.margin, max(NOISE * self.size, NOISE_OF_TOLERANCE * self.margin)
+        for row, start, end in kernels.all_stretches(self.motion, self.elements, pairs, level, self.margin):
+            pair, span = (int(pairs[row, 0]), int(pairs[row, 1])), (start, min(end, self.end))
+            ends = kernels.couple(self.elements, *pair)[0]
             _, *place = least(self.motion, pair, ends, span, np.inf, self.margin)
-            closest = self._sharpened(pair, (place[0], place[1], place[2]), span)
-            passed = np.empty(0)
-            size = 8
-            while len(self.time) > 1:
-                passed = np.empty(size)
-                times = crossings(self.motion, ends, span, noise, passed)
-                if times <= size:
-                    passed = passed[:times]
-                    break
-                size = times
-            events.append(Event(closest, start, end, tuple(passed.tolist())))
-        return events
+            times = crossings(self.motion, ends, span, noise)
+            yield Event(self._sharpened(pair, tuple(place), span), *span, tuple(times))
 
     def _interpolation_error(self) -> float:
         """Of distances [m]: twice that of a node, whose cubics over h err by h⁴/384 times its fourth derivative.
@@ -192,9 +173,9 @@ class ClearanceSearch:
         Over two intervals h₀ and h₁ the error at the sample between is h₀² h₁² / 24 times that derivative.
         """
         time, nodes, velocities = self.time, self.positions, self.velocities
-        if len(time) == 1:
+        if self.samples == 1:
             return 0.0
-        if len(time) == 2:
+        if self.samples == 2:
             return float("nan")
         h0, h1 = (np.diff(time)[:-1, None, None], np.diff(time)[1:, None, None])
         x, h = h0 / (h0 + h1), h0 + h1
@@ -220,11 +201,6 @@ def _hermite(x: Any, h: Any, p: Array, q: Array, v: Array, w: Array) -> Array:
     return np.asarray(y * y * (1 + 2 * x) * p + x * x * (3 - 2 * x) * q + h * x * y * (y * v - x * w))
 
 
-def _cubic(time: Array, nodes: Array, velocities: Array, when: float) -> Array:
-    h = float(time[1] - time[0])
-    return _hermite((when - time[0]) / h, h, nodes[0], nodes[1], velocities[0], velocities[1])
-
-
 def _pairs(nodes: IntArray, rods: int, kinds: Sequence[Pairs], whole: NDArray[np.bool_]) -> tuple[IntArray, IntArray]:
     """Rows of the elements of all pairs (P, 2) that share no node, and their kinds (P,)."""
     i, j = np.triu_indices(len(nodes), 1)
@@ -236,16 +212,3 @@ def _pairs(nodes: IntArray, rods: int, kinds: Sequence[Pairs], whole: NDArray[np
 
 def _number(kind: Pairs) -> int:
     return list(Pairs).index(kind)
-
-
-def _by_distance(approach: Approach) -> float:
-    return approach.distance
-
-
-def _pieces(count: int, progress: bool) -> Iterator[tuple[int, int]]:
-    """(first, last) of pieces of the pairs, under a bar if there is one."""
-    with bar(progress, "clearance", total=count, unit="pair") as shown:
-        for first in range(0, count, PIECE):
-            last = min(first + PIECE, count)
-            yield first, last
-            shown.update(last - first)

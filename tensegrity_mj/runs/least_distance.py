@@ -15,8 +15,6 @@ from __future__ import annotations
 
 from math import sqrt
 
-import numpy as np
-
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.compiling import njit
 from tensegrity_mj.runs.moving_segments import (
@@ -25,14 +23,13 @@ from tensegrity_mj.runs.moving_segments import (
     Motion,
     at_sample,
     between,
-    closest_at_sample,
+    distance,
+    interval_of,
     lower_bound,
     motion_bounds,
     moving,
-    sample_before,
 )
 
-DEPTH = 64  # of halved stretches that wait
 SHORTEST = 1e-12  # of a stretch in which a level is passed
 GOLDEN = 0.6180339887498949
 SAME = 1e-14  # of a squared distance: round-off, for which no other time is reported
@@ -56,13 +53,6 @@ def asleep(way: Array, pair: tuple[int, int], k: int, last: int, room: float) ->
 
 
 @njit
-def put(stack: Array, count: int, left: float, at_left: float, right: float, at_right: float) -> int:
-    """Put a stretch on the stack; returns its new height."""
-    stack[count, 0], stack[count, 1], stack[count, 2], stack[count, 3] = left, at_left, right, at_right
-    return count + 1
-
-
-@njit
 def halved(
     piece: Between, stretch: tuple[float, float, float, float], best: float, tolerance: float
 ) -> tuple[float, float, float]:
@@ -72,22 +62,20 @@ def halved(
 
     The width is that of the stretch that it was found in, negative where nothing is below `best`.
     """
-    stack = np.empty((DEPTH, 4))
     part, found = 0.0, -1.0
     speed, bend = motion_bounds(piece)
-    count = put(stack, 0, stretch[0], stretch[1], stretch[2], stretch[3])
-    while count > 0:
-        count -= 1
-        left, at_left, right, at_right = stack[count, 0], stack[count, 1], stack[count, 2], stack[count, 3]
+    waiting = [stretch]
+    while len(waiting) > 0:
+        left, at_left, right, at_right = waiting.pop()
         width = right - left
         if lower_bound(at_left, at_right, width, speed, bend, best) >= best - tolerance or width < SHORTEST:
             continue
         middle = 0.5 * (left + right)
-        at_middle = sqrt(moving(piece, middle)[0])
+        at_middle = distance(piece, middle)
         if at_middle < best:
             best, part, found = at_middle, middle, 0.5 * width
-        count = put(stack, count, middle, at_middle, right, at_right)
-        count = put(stack, count, left, at_left, middle, at_middle)
+        waiting.append((middle, at_middle, right, at_right))
+        waiting.append((left, at_left, middle, at_middle))
     return best, part, found
 
 
@@ -102,28 +90,23 @@ def least(
     """
     time = motion.time
     since, until = span
-    last = sample_before(time, until)
-    k = max(sample_before(time, since), 0)
+    k, last = interval_of(time, since), interval_of(time, until)
     best, where, part, found = limit, k, 0.0, -1.0
-    if k >= len(time) - 1:
-        now = at_sample(motion.P, ends, len(time) - 1)
-        return (now, len(time) - 1, 0.0, 1.0) if now < best else (best, where, part, found)
-    begin = (since - time[k]) / (time[k + 1] - time[k])
-    begin = begin if begin > 0.0 else 0.0
-    now = sqrt(moving(between(motion, ends, k), begin)[0])
+    begin = max((since - time[k]) / (time[k + 1] - time[k]), 0.0)
+    now = distance(between(motion, ends, k), begin)
     if now < best:
         best, where, part, found = now, k, begin, 1.0
     while k < len(time) - 1 and time[k] < until:
         ahead = asleep(motion.way, pair, k, last, now - best + tolerance) if begin == 0.0 else k
         if ahead > k:
             k = ahead
-            now = at_sample(motion.P, ends, k)
+            now = at_sample(motion, ends, k)
             if now < best:
                 best, where, part, found = now, k, 0.0, 1.0
             continue
         piece = between(motion, ends, k)
         end = min(1.0, (until - time[k]) / piece.h)
-        after = at_sample(motion.P, ends, k + 1) if end == 1.0 else sqrt(moving(piece, end)[0])
+        after = distance(piece, end)
         if after < best:
             best, where, part, found = after, k, end, 1.0
         lower, x, width = halved(piece, (begin, now, end, after), best, tolerance)
@@ -138,32 +121,22 @@ def least(
 def sharpened(
     motion: Motion, ends: Ends, k: int, part: float, width: float, span: tuple[float, float]
 ) -> tuple[float, float, float, float]:
-    """(distance, time, s, t) of the least distance near a part of an interval, by golden section on both its sides."""
+    """(distance, time, s, t) of the least distance within a width of a part of an interval, by golden section.
+
+    Where that reaches into the interval before or the one after, each has a section of its own.
+    """
     time = motion.time
     earliest, latest = span
-    if len(time) == 1:
-        D, s, t = closest_at_sample(motion.P, ends, 0)
-        return sqrt(D), time[0], s, t
-    if k == len(time) - 1:
-        k, part = k - 1, 1.0
     piece = between(motion, ends, k)
     best, s_best, t_best = moving(piece, part)
     when = time[k] + part * piece.h
-    for side in range(3):
-        # About the part itself; and where that is at a sample, in the interval on the other side.
-        number, low, high = k, part - width, part + width
-        if side == 1:
-            if part + width < 1.0 or k + 2 >= len(time):
-                continue
-            number, low, high = k + 1, 0.0, width
-        elif side == 2:
-            if part - width > 0.0 or k == 0:
-                continue
-            number, low, high = k - 1, 1.0 - width, 1.0
+    for side in range(-1, 2):
+        number = k + side
+        if number < 0 or number > len(time) - 2:
+            continue
         piece = between(motion, ends, number)
-        h = piece.h
-        low = max(low, 0.0, (earliest - time[number]) / h)
-        high = min(high, 1.0, (latest - time[number]) / h)
+        low = max(part - width - side, 0.0, (earliest - time[number]) / piece.h)
+        high = min(part + width - side, 1.0, (latest - time[number]) / piece.h)
         if high < low:
             continue
         x, y = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
@@ -179,5 +152,5 @@ def sharpened(
                 at_y = moving(piece, y)[0]
         D, s, t = moving(piece, 0.5 * (low + high))
         if best * (1.0 - SAME) > D:
-            best, s_best, t_best, when = D, s, t, time[number] + 0.5 * (low + high) * h
+            best, s_best, t_best, when = D, s, t, time[number] + 0.5 * (low + high) * piece.h
     return sqrt(best), when, s_best, t_best

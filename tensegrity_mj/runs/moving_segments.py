@@ -5,6 +5,8 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
+import numpy as np
+
 from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.dynamics.native.compiling import njit
 from tensegrity_mj.runs.segments import closest
@@ -13,7 +15,7 @@ Ends = tuple[int, int, int, int]
 
 
 class Motion(NamedTuple):
-    """A motion as the searches read it: N nodes and E elements at T samples.
+    """A motion as the searches read it: N nodes and E elements at T samples, two or more.
 
     Attributes:
         P, V: (N, T, 3) [m], [m/s] seen from the mean of all nodes.
@@ -84,19 +86,16 @@ def moving(piece: Between, x: float) -> tuple[float, float, float]:
 
 
 @njit
-def at_sample(P: Array, ends: Ends, k: int) -> float:
-    """Distance at the sample k [m]."""
-    return sqrt(closest_at_sample(P, ends, k)[0])
+def distance(piece: Between, x: float) -> float:
+    """Distance at the part x of the interval [m]."""
+    return sqrt(moving(piece, x)[0])
 
 
 @njit
-def closest_at_sample(P: Array, ends: Ends, k: int) -> tuple[float, float, float]:
-    """(D, s, t) at the sample k."""
-    a, b, c, d = ends
-    w = (P[a, k, 0] - P[c, k, 0], P[a, k, 1] - P[c, k, 1], P[a, k, 2] - P[c, k, 2])
-    u = (P[b, k, 0] - P[a, k, 0], P[b, k, 1] - P[a, k, 1], P[b, k, 2] - P[a, k, 2])
-    v = (P[d, k, 0] - P[c, k, 0], P[d, k, 1] - P[c, k, 1], P[d, k, 2] - P[c, k, 2])
-    return closest(w, u, v)
+def at_sample(motion: Motion, ends: Ends, k: int) -> float:
+    """Distance at the sample k [m], where the cubics are exact."""
+    number = min(k, len(motion.time) - 2)
+    return distance(between(motion, ends, number), float(k - number))
 
 
 @njit
@@ -159,13 +158,7 @@ def paths(P: Array, V: Array, time: Array, pairs: IntArray, out: Array) -> None:
 
 
 @njit
-def sample_before(time: Array, when: float) -> int:
-    """The last sample at or before a time; -1 before all."""
-    low, high = -1, len(time)
-    while high - low > 1:
-        middle = (low + high) // 2
-        if time[middle] <= when:
-            low = middle
-        else:
-            high = middle
-    return low
+def interval_of(time: Array, when: float) -> int:
+    """The interval between two samples that a time is in, or is nearest to."""
+    before = int(np.searchsorted(time, when, side="right")) - 1
+    return min(max(before, 0), len(time) - 2)

@@ -298,10 +298,10 @@ def test_events_and_crossings_against_dense_sampling(seed: int) -> None:
             for event in mine:
                 reported |= (fine >= event.start) & (fine <= event.end)
             assert np.all(reported[near - radii < below - 1e-9])
-            # Reported although it is above: in rises that are over within an eighth of the time between two samples.
+            # Reported although it is above: in rises that are over within a sixteenth of the time between two samples.
             high = np.concatenate([[False], reported & (near - radii > below + 1e-5), [False]])
             rises = np.flatnonzero(np.diff(high.astype(int))).reshape(-1, 2)
-            assert np.all(rises[:, 1] - rises[:, 0] < 125)
+            assert np.all(rises[:, 1] - rises[:, 0] < 63)
             assert np.mean(reported & (near - radii > below + 1e-5)) < 2e-3
             volume = np.einsum("ti,ti->t", a - c, np.cross(b - a, d - c))
             change = np.flatnonzero((volume[1:] * volume[:-1] < 0) & (np.minimum(near[1:], near[:-1]) < 2e-2))
