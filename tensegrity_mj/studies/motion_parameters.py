@@ -3,35 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
+from tensegrity_mj.basics.checks import finite
 from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.members import Vector
-from tensegrity_mj.model.motion import Harmonic, Motion
+from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.studies.parameter_values import (
-    Scaled,
-    axis_of,
-    no_more,
-    number_from,
-    scaled,
-    vector_from,
-)
+from tensegrity_mj.studies.parameter_values import Scaled, axis_of, no_more, number_from, vector_from
 
 OF_MOTION = ("amplitude", "frequency", "angular_frequency", "phase")
 # Amplitudes of one size, such as those of a circle, differ by round-off.
 SAME = 1e-12
 
 
-def motion_change(scene: Scene, which: str | None, others: Sequence[str], path: str) -> Callable[[Scene, Any], Scene]:
-    """The change of one motion, or of all, that a path names.
+def with_motions(scene: Scene, which: str | None, others: Sequence[str], path: str, value: Any) -> Scene:
+    """The scene with one motion changed, or all, as a path names them.
 
     Raises:
-        OptionError: if it names nothing.
+        OptionError: if it names nothing, or for a value of the wrong kind.
     """
     if not scene.motions:
         raise OptionError(f"{path}: scene '{scene.name}' has no motions of supports")
@@ -46,19 +39,18 @@ def motion_change(scene: Scene, which: str | None, others: Sequence[str], path: 
     for motion in scene.motions:
         if which in (None, motion.support) and motion.function is not None:
             raise OptionError(f"{path}: the motion of '{motion.support}' is a function, which has no parts to change")
-    return partial(_change_motions, path, which, name, axis_of(others[1:], path))
+    axis = axis_of(others[1:], path)
 
+    def changed(motion: Motion) -> Motion:
+        if which not in (None, motion.support):
+            return motion
+        if name == "amplitude":
+            return _with_amplitude(path, axis, value, motion)
+        if name == "phase":
+            return _with_phase(path, value, motion)
+        return _with_frequency(path, 2 * math.pi if name == "frequency" else 1.0, value, motion)
 
-def _change_motions(path: str, which: str | None, name: str, axis: int | None, scene: Scene, value: Any) -> Scene:
-    change: Callable[[Motion], Motion]
-    if name == "amplitude":
-        change = partial(_with_amplitude, path, axis, value)
-    elif name == "phase":
-        change = partial(_with_phase, path, value)
-    else:
-        change = partial(_with_frequency, path, 2 * math.pi if name == "frequency" else 1.0, value)
-    motions = (change(motion) if which in (None, motion.support) else motion for motion in scene.motions)
-    return scene.with_(motions=tuple(motions))
+    return scene.with_(motions=tuple(changed(motion) for motion in scene.motions))
 
 
 def _with_amplitude(path: str, axis: int | None, value: Any, motion: Motion) -> Motion:
@@ -73,7 +65,7 @@ def _with_amplitude(path: str, axis: int | None, value: Any, motion: Motion) -> 
     _no_data(path, motion)
     rows = [item.amplitude for item in motion.harmonics]
     if axis is None and not isinstance(value, Sequence):
-        new = number_from(path, value)
+        new = finite(path, value)
         now = _one(path, motion, "lengths of amplitudes", [math.hypot(*row) for row in rows])
         if now == 0:
             raise OptionError(
@@ -99,11 +91,10 @@ def _with_frequency(path: str, unit: float, value: Any, motion: Motion) -> Motio
             raise OptionError(f"{path} = {value}: the motion of '{motion.support}' has data; their pace must be > 0")
     else:
         _no_data(path, motion)
-        new = unit * number_from(path, value)
-        pace = 0.0
+        new = unit * finite(path, value)
         if moving:
             _one(path, motion, "frequencies", moving)
-    harmonics: list[Harmonic] = []
+    harmonics = []
     for item in motion.harmonics:
         omega = item.angular_frequency * pace if isinstance(value, Scaled) else new
         still = moving and not item.angular_frequency
@@ -126,7 +117,7 @@ def _with_phase(path: str, value: Any, motion: Motion) -> Motion:
     if not moving:
         raise OptionError(f"{path}: nothing of the motion of '{motion.support}' has a frequency")
     now = _one(path, motion, "phases", moving)
-    new = scaled(path, value, now) if isinstance(value, Scaled) else number_from(path, value)
+    new = number_from(path, value, now)
     harmonics = (replace(h, phase=new) if h.angular_frequency else h for h in motion.harmonics)
     return replace(motion, harmonics=tuple(harmonics))
 

@@ -97,18 +97,22 @@ def vector_from(path: str, value: Any, axis: int | None, now: Sequence[float]) -
     if isinstance(value, Scaled):
         row = [x * value.factor if axis in (None, i) else x for i, x in enumerate(row)]
     elif axis is not None:
-        row[axis] = number_from(path, value)
+        row[axis] = finite(path, value)
     elif not isinstance(value, Sequence) or isinstance(value, str) or len(value) != 3:
         raise OptionError(f"{path} = {value!r}; it must be a list of three numbers, or add .x, .y or .z")
     else:
-        row = [number_from(path, x) for x in value]
+        row = [finite(path, x) for x in value]
     x, y, z = row
     return (x, y, z)
 
 
-def number_from(path: str, value: Any) -> float:
-    """The value as a float; OptionError where it is no finite number."""
-    return finite(path, value)
+def number_from(path: str, value: Any, now: Any) -> float:
+    """What a number becomes that is `now`: the value, or scaled by it.
+
+    Raises:
+        OptionError: where that is no finite number.
+    """
+    return scaled(path, value, now) if isinstance(value, Scaled) else finite(path, value)
 
 
 def scaled(path: str, scale: Scaled, now: Any) -> float:

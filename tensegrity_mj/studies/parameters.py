@@ -33,9 +33,8 @@ are made in the order family, structure, scene, plant, all else; those of a whol
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 from tensegrity_mj.basics.checks import choice_from
@@ -50,7 +49,7 @@ from tensegrity_mj.studies.parameter_values import Scaled as Scaled
 from tensegrity_mj.studies.parameter_values import decoded as decoded
 from tensegrity_mj.studies.parameter_values import encoded as encoded
 from tensegrity_mj.studies.parameter_values import number_from, scaled
-from tensegrity_mj.studies.scene_parameters import MEMBERS, Change, scene_change
+from tensegrity_mj.studies.scene_parameters import MEMBERS, changed_scene
 from tensegrity_mj.studies.scene_parameters import member_names as member_names
 from tensegrity_mj.studies.value_parameters import MEMBER
 
@@ -88,7 +87,7 @@ class Draft:
         if arguments:
             self.scene = _remade(self, arguments)
         for path in sorted(settings.keys() - arguments.keys(), key=_rank):
-            _setter(self, path)(decoded(settings[path]))
+            _set(self, path, decoded(settings[path]))
         return self
 
     def make_law(self) -> Any:
@@ -158,28 +157,35 @@ def _rank(path: str) -> tuple[Any, ...]:
     return ORDER.index(_root(path)), parts, "[" in path, -path.count(","), path
 
 
-def _setter(draft: Draft, path: str) -> Callable[[Any], None]:
-    """What takes the value of a parameter."""
+def _set(draft: Draft, path: str, value: Any) -> None:
+    """Give a parameter its value."""
     root = _root(path)
     rest = path.partition(".")[2]
     if root in ("on_infeasible", "output_interval") and rest:
         raise OptionError(f"{path}: '{root}' has no parts; write {root}")
-    if root in ("structure", "scene", "plant") and not rest:
+    if root in _EXAMPLE and not rest:
         raise OptionError(f"{path}: name a part of it, such as {_EXAMPLE[root]}")
     match root:
         case "structure" | "scene":
-            return partial(_set_scene, draft, path, scene_change(draft.scene, root, rest, path))
+            draft.scene = changed_scene(draft.scene, root, rest, path, value)
         case "plant":
             part = MEMBER.match(rest)
             kind = "structure" if part is not None and part["name"] in (*MEMBERS, "nodes", "string_law") else "scene"
-            return partial(_set_plant, draft, scene_change(draft.plant or draft.scene, kind, rest, path))
+            draft.plant = changed_scene(draft.plant or draft.scene, kind, rest, path, value)
         case "law":
-            return partial(_set_law, draft, rest, path)
+            _set_law(draft, rest, path, value)
         case "engine":
-            return partial(_set_engine, draft, rest, path)
+            _set_engine(draft, rest, path, value)
+        case "actuation" if rest not in ("", "period"):
+            raise OptionError(f"{path}: {unknown(rest, ('period',), 'part of actuation')}")
+        case "actuation" if rest:
+            draft.period = number_from(path, value, draft.period)
         case "actuation":
-            return partial(_set_actuation, draft, rest, path)
-    return partial(_set_plain, draft, root)
+            draft.actuation = choice_from(path, Mode, value)
+        case "on_infeasible":
+            draft.on_infeasible = choice_from(path, OnInfeasible, value)
+        case "output_interval":
+            draft.output_interval = number_from(path, value, draft.output_interval)
 
 
 def _remade(draft: Draft, arguments: Mapping[str, Any]) -> Scene:
@@ -199,14 +205,6 @@ def _remade(draft: Draft, arguments: Mapping[str, Any]) -> Scene:
         return family_scene(draft.family, {path.partition(".")[2]: value for path, value in arguments.items()})
     except FormatError as error:
         raise OptionError(str(error)) from None
-
-
-def _set_scene(draft: Draft, path: str, change: Change, value: Any) -> None:
-    draft.scene = change(draft.scene, value)
-
-
-def _set_plant(draft: Draft, change: Change, value: Any) -> None:
-    draft.plant = change(draft.plant or draft.scene, value)
 
 
 def _set_law(draft: Draft, option: str, path: str, value: Any) -> None:
@@ -241,21 +239,3 @@ def _set_engine(draft: Draft, option: str, path: str, value: Any) -> None:
         raise OptionError(f"{path}: {unknown(option, known, 'option of an engine')}")
     base = draft.engine_options.get(option)
     draft.engine_options[option] = scaled(path, value, base) if isinstance(value, Scaled) and base else value
-
-
-def _set_actuation(draft: Draft, part: str, path: str, value: Any) -> None:
-    if part not in ("", "period"):
-        raise OptionError(f"{path}: {unknown(part, ('period',), 'part of actuation')}")
-    if part:
-        draft.period = scaled(path, value, draft.period) if isinstance(value, Scaled) else number_from(path, value)
-    else:
-        draft.actuation = choice_from(path, Mode, value)
-
-
-def _set_plain(draft: Draft, name: str, value: Any) -> None:
-    if name == "on_infeasible":
-        draft.on_infeasible = choice_from(name, OnInfeasible, value)
-    elif isinstance(value, Scaled):
-        draft.output_interval = scaled(name, value, draft.output_interval)
-    else:
-        draft.output_interval = number_from(name, value)

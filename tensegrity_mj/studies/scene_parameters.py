@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,24 +17,13 @@ from tensegrity_mj.model.events import Break
 from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw, elastic_tension, force_density
-from tensegrity_mj.studies.motion_parameters import motion_change
-from tensegrity_mj.studies.parameter_values import (
-    Scaled,
-    axis_of,
-    no_more,
-    number_from,
-    parts_of,
-    scaled,
-    vector_from,
-)
-from tensegrity_mj.studies.value_parameters import MEMBER, Setter, setter
+from tensegrity_mj.studies.motion_parameters import with_motions
+from tensegrity_mj.studies.parameter_values import Scaled, axis_of, no_more, number_from, parts_of, vector_from
+from tensegrity_mj.studies.value_parameters import MEMBER, changed
 
 PARTS_OF_SCENE = tuple(key for key in item_of(Scene).keys if key not in ("structure", "name", "source", "control"))
 MEMBERS = {"rods": "rod", "strings": "string", "point_masses": "point mass"}
 REST = ("rest_length", "tension", "force_density")  # of a string, which has one of them at most
-
-# What a change of the scene is: a value in, another scene out.
-Change = Callable[[Scene, Any], Scene]
 
 
 def member_names(scene: Scene, path: str) -> list[str] | None:
@@ -63,11 +51,16 @@ def member_names(scene: Scene, path: str) -> list[str] | None:
     return names
 
 
-def scene_change(scene: Scene, kind: str, rest: str, path: str) -> Change:
-    """The change of a scene that a path under `structure` or `scene` names.
+def changed_scene(scene: Scene, kind: str, rest: str, path: str, value: Any) -> Scene:
+    """The scene with another value of what a path under `structure` or `scene` names.
+
+    Args:
+        kind: "structure" or "scene".
+        rest: what is left of the path.
+        path: all of it, for messages.
 
     Raises:
-        OptionError: if it names nothing.
+        OptionError: if it names nothing, or for a value of the wrong kind.
     """
     first, *others = parts_of(rest, path)
     match = MEMBER.fullmatch(first)
@@ -79,35 +72,40 @@ def scene_change(scene: Scene, kind: str, rest: str, path: str) -> Change:
         if name not in known:
             raise OptionError(f"{path}: {unknown(name, known, 'part of a structure')}")
         if name in MEMBERS:
-            return _member_change(scene, name, which, others, path)
+            return _with_members(scene, name, which, others, path, value)
         if name == "nodes":
-            return partial(_change_node, path, _node(scene, which, path), axis_of(others, path))
+            return _with_node(scene, which, others, path, value)
         no_more(which, others, path)
-        return partial(_change_string_law, path)
+        law = choice_from(path, StringLaw, value)
+        return scene.with_(structure=replace(scene.structure, string_law=law))
     if name not in PARTS_OF_SCENE:
         raise OptionError(f"{path}: {unknown(name, PARTS_OF_SCENE, 'part of a scene')}")
     if name in ("initial_nodes", "initial_velocities"):
-        return partial(_change_state, path, name, _node(scene, which, path), axis_of(others, path))
+        number, axis = _node(scene, which, path), axis_of(others, path)
+        rows = scene.nodes0 if name == "initial_nodes" else scene.velocities0
+        return scene.with_(**{name: _with_row(rows, number, vector_from(path, value, axis, rows[number].tolist()))})
     if name == "target":
-        if scene.target is None or len(scene.target.times) != 1 or scene.target.along is not None:
+        target = scene.target
+        if target is None or len(target.times) != 1 or target.along is not None:
             raise OptionError(f"{path}: scene '{scene.name}' has no target that is one set-point")
-        return partial(_change_target, path, _node(scene, which, path), axis_of(others, path))
+        number, axis = _node(scene, which, path), axis_of(others, path)
+        row = vector_from(path, value, axis, target.nodes[0, number].tolist())
+        return scene.with_(target=replace(target, nodes=_with_row(target.nodes, number, row)))
     if name == "breaks":
-        return _break_change(scene, which, others, path)
+        return _with_break(scene, which, others, path, value)
     if name == "motions":
-        return motion_change(scene, which, others, path)
+        return with_motions(scene, which, others, path, value)
     if name == "resistance":
         no_more(which, [], path)
-        inside = setter(scene.resistance or Resistance(), others, path, name)
-        return partial(_change_resistance, inside, others[0] == "viscous")
+        return _with_resistance(scene, others, path, value)
     if name in ("contact", "water") and getattr(scene, name) is None:
         raise OptionError(f"{path}: scene '{scene.name}' has no {name}")
-    return setter(scene, [first, *others], path, f"scene '{scene.name}'")
+    return changed(scene, [first, *others], path, f"scene '{scene.name}'", value)
 
 
-def _member_change(scene: Scene, kind: str, which: str | None, others: list[str], path: str) -> Change:
-    members = getattr(scene.structure, kind)
-    by_name = _named(members)
+def _with_members(scene: Scene, kind: str, which: str | None, others: Sequence[str], path: str, value: Any) -> Scene:
+    structure = scene.structure
+    by_name = _named(getattr(structure, kind))
     if which is None:
         chosen = list(by_name)
     else:  # a name may hold commas itself
@@ -116,28 +114,20 @@ def _member_change(scene: Scene, kind: str, which: str | None, others: list[str]
         if name not in by_name:
             raise OptionError(f"{path}: {unknown(name, by_name, MEMBERS[kind])}")
     if not chosen:
-        raise OptionError(f"{path}: structure '{scene.structure.name}' has no {MEMBERS[kind]}")
-    known = _numbers_of(type(members[0]))
+        raise OptionError(f"{path}: structure '{structure.name}' has no {MEMBERS[kind]}")
+    known = _numbers_of(type(by_name[chosen[0]]))
     if len(others) != 1 or others[0] not in known:
         given = others[0] if others else ""
         raise OptionError(f"{path}: {unknown(given, known, f'number of a {MEMBERS[kind]}')}")
-    return partial(_change_members, path, kind, frozenset(chosen), others[0])
-
-
-def _change_members(path: str, kind: str, chosen: frozenset[str], name: str, scene: Scene, value: Any) -> Scene:
-    structure = scene.structure
-    members = []
-    for number, (key, member) in enumerate(_named(getattr(structure, kind)).items()):
-        if key in chosen:
-            if isinstance(value, Scaled):
-                new = scaled(f"{path} of '{key}'", value, _now(structure, member, name, number))
-            else:
-                new = number_from(path, value)
-            others = dict.fromkeys(REST) if name in REST else {}
-            member = replace(member, **(others | {name: new}))
-        members.append(member)
-    changed: dict[str, Any] = {kind: tuple(members)}
-    return scene.with_(structure=replace(structure, **changed))
+    part = others[0]
+    for number, (name, member) in enumerate(by_name.items()):
+        if name in chosen:
+            where = f"{path} of '{name}'" if isinstance(value, Scaled) else path
+            new = number_from(where, value, _now(structure, member, part, number))
+            given_by = dict.fromkeys(REST) if part in REST else {}
+            by_name[name] = replace(member, **(given_by | {part: new}))
+    members: dict[str, Any] = {kind: tuple(by_name.values())}
+    return scene.with_(structure=replace(structure, **members))
 
 
 def _now(structure: Any, member: Any, name: str, number: int) -> Any:
@@ -151,13 +141,14 @@ def _now(structure: Any, member: Any, name: str, number: int) -> Any:
     return float(law(member.stiffness, length, rest))
 
 
-def _change_node(path: str, node: str, axis: int | None, scene: Scene, value: Any) -> Scene:
+def _with_node(scene: Scene, which: str | None, others: Sequence[str], path: str, value: Any) -> Scene:
     structure, target = scene.structure, scene.target
+    number, axis = _node(scene, which, path), axis_of(others, path)
+    node = structure.node_names[number]
     row = vector_from(path, value, axis, structure.nodes[node])
     changes: dict[str, Any] = {"structure": replace(structure, nodes={**structure.nodes, node: row})}
     if node in structure.fixed_nodes:
         # Where a fixed node is, it is in the start and in the target too.
-        number = structure.node_index[node]
         if scene.initial_nodes is not None:
             changes["initial_nodes"] = _with_row(scene.initial_nodes, number, row)
         if target is not None and target.along is None:
@@ -172,53 +163,33 @@ def _with_row(nodes: Any, number: int, row: Vector) -> Any:
     return nodes
 
 
-def _change_string_law(path: str, scene: Scene, value: Any) -> Scene:
-    return scene.with_(structure=replace(scene.structure, string_law=choice_from(path, StringLaw, value)))
-
-
-def _change_state(path: str, name: str, node: str, axis: int | None, scene: Scene, value: Any) -> Scene:
-    rows = scene.nodes0 if name == "initial_nodes" else scene.velocities0
-    number = scene.structure.node_index[node]
-    return scene.with_(**{name: _with_row(rows, number, vector_from(path, value, axis, rows[number].tolist()))})
-
-
-def _change_target(path: str, node: str, axis: int | None, scene: Scene, value: Any) -> Scene:
-    target, number = scene.target, scene.structure.node_index[node]
-    assert target is not None
-    row = vector_from(path, value, axis, target.nodes[0, number].tolist())
-    return scene.with_(target=replace(target, nodes=_with_row(target.nodes, number, row)))
-
-
-def _change_resistance(inside: Setter, viscous: bool, scene: Scene, value: Any) -> Scene:
+def _with_resistance(scene: Scene, others: Sequence[str], path: str, value: Any) -> Scene:
     """What a scene has no resistance of begins with the defaults; what resists nothing is None."""
-    new = inside(scene.resistance or Resistance(), value)
-    if viscous and new.viscous == 0 and new.drag is None:  # nothing is left that wind could act on
+    new = changed(scene.resistance or Resistance(), others, path, "resistance", value)
+    if others[0] == "viscous" and new.viscous == 0 and new.drag is None:  # nothing is left that wind could act on
         new = replace(new, wind=Resistance.wind)
     return scene.with_(resistance=None if new == Resistance() else new)
 
 
-def _break_change(scene: Scene, which: str | None, others: list[str], path: str) -> Change:
+def _with_break(scene: Scene, which: str | None, others: Sequence[str], path: str, value: Any) -> Scene:
     strings = _named(scene.structure.strings)
     if which is None or others != ["time"]:
         raise OptionError(f"{path}: write breaks[STRING].time, with a string of {', '.join(strings)}")
     if which not in strings:
         raise OptionError(f"{path}: {unknown(which, strings, 'string')}")
-    return partial(_change_break, path, which)
-
-
-def _change_break(path: str, name: str, scene: Scene, value: Any) -> Scene:
     times = {event.string: event.time for event in scene.breaks}
-    times[name] = scaled(path, value, times.get(name)) if isinstance(value, Scaled) else number_from(path, value)
+    times[which] = number_from(path, value, times.get(which))
     return scene.with_(breaks=tuple(Break(string, time) for string, time in times.items()))
 
 
-def _node(scene: Scene, which: str | None, path: str) -> str:
+def _node(scene: Scene, which: str | None, path: str) -> int:
+    """The row of the node that a path names."""
     names = scene.structure.node_names
     if which is None:
         raise OptionError(f"{path}: name a node in brackets: {', '.join(names)}")
     if which not in names:
         raise OptionError(f"{path}: {unknown(which, names, 'node')}")
-    return which
+    return scene.structure.node_index[which]
 
 
 def _named(members: Iterable[Any]) -> dict[str, Any]:

@@ -4,36 +4,34 @@ from __future__ import annotations
 
 import enum
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import is_dataclass, replace
-from functools import partial
 from typing import Any
 
-from tensegrity_mj.basics.checks import choice_from
-from tensegrity_mj.basics.fields import Key, item_of, kind_of
+from tensegrity_mj.basics.checks import choice_from, finite
+from tensegrity_mj.basics.fields import item_of, kind_of
+from tensegrity_mj.basics.kinds import Kind
 from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.studies.parameter_values import Scaled, axis_of, no_more, number_from, scaled, vector_from
+from tensegrity_mj.studies.parameter_values import Scaled, axis_of, no_more, scaled, vector_from
 
 MEMBER = re.compile(r"(?P<name>\w+)(\[(?P<which>.+)\])?")
 
-# A value of a value class, and what one of its numbers is set to or scaled by, in; another such value out.
-Setter = Callable[[Any, Any], Any]
 
-
-def setter(now: Any, parts: Sequence[str], path: str, what: str) -> Setter:
-    """How a value takes another one of what the parts of a path name.
+def changed(now: Any, parts: Sequence[str], path: str, what: str, value: Any) -> Any:
+    """A value with another one of what the parts of a path name, set or scaled.
 
     Args:
-        now: the value, as it is before any change.
+        now: the value, of a value class.
         parts: what is left of the path.
         path: all of it, for messages.
         what: what messages call the value.
+        value: what the part becomes, or what it is scaled by.
 
     Raises:
         OptionError: if they name nothing that could be set.
     """
-    if not is_dataclass(now):
+    if not is_dataclass(now) or isinstance(now, type):
         raise OptionError(f"{path}: {what} is of class {type(now).__name__}, which has no fields that could be set")
     match = MEMBER.fullmatch(parts[0]) if parts else None
     keys = {
@@ -44,30 +42,49 @@ def setter(now: Any, parts: Sequence[str], path: str, what: str) -> Setter:
         raise OptionError(f"{path}: {unknown(given, keys, f'part of {what}')}")
     name, which, others = match["name"], match["which"], parts[1:]
     one = keys[name]
-    if one.kind.many:
-        items = getattr(now, one.name)
-        if callable(items) or not items:
+    held, kind = getattr(now, one.name), one.kind
+    new: Any
+    if kind.many:
+        if callable(held) or not held:
             raise OptionError(f"{path}: {what} has no {name}")
-        chosen = _chosen(items, which, path, name)
-        setters = {place: setter(item, others, path, f"a member of {name}") for place, item in chosen.items()}
-        return partial(_set_some, one, setters)
+        chosen = _chosen(held, which, path, name)
+        new = tuple(
+            changed(item, others, path, f"a member of {name}", value) if place in chosen else item
+            for place, item in enumerate(held)
+        )
+        return replace(now, **{one.name: new})
     no_more(which, (), path)
-    if one.kind.part is not None:
-        held = getattr(now, one.name)
+    if kind.part is not None:
         # A part that there is not begins with its defaults, where it has some for all.
-        return partial(_set_part, one, setter(one.kind.part() if held is None else held, others, path, name))
-    if not one.kind.row:
+        new = changed(kind.part() if held is None else held, others, path, name, value)
+    elif kind.row:
+        new = vector_from(path, value, axis_of(others, path), held)
+    else:
         no_more(None, others, path)
-    return partial(_set, one, path, axis_of(others, path) if one.kind.row else None)
+        new = _single(kind, path, value, held)
+    return replace(now, **{one.name: new})
 
 
-def _chosen(items: Sequence[Any], which: str | None, path: str, name: str) -> dict[int, Any]:
+def _single(kind: Kind, path: str, value: Any, now: Any) -> Any:
+    """What a number, a truth value or a member of an enum becomes."""
+    if isinstance(value, Scaled):
+        return scaled(path, value, now)
+    if isinstance(kind.load, type) and issubclass(kind.load, enum.Enum):
+        return choice_from(path, kind.load, value)
+    if kind.load is float:
+        return finite(path, value)
+    if not kind.fits(value):
+        raise OptionError(f"{path} = {value!r}; it must be {kind.need}")
+    return value
+
+
+def _chosen(items: Sequence[Any], which: str | None, path: str, name: str) -> set[int]:
     """Places of the items that are meant: all, those of a name or of a registered kind, or the one at a place."""
     words = [_words(item, place) for place, item in enumerate(items)]
     known = dict.fromkeys(word for some in words for word in some)
     if which is not None and which not in known:
         raise OptionError(f"{path}: {unknown(which, known, f'member of {name}')}")
-    return {place: item for place, item in enumerate(items) if which is None or which in words[place]}
+    return {place for place, some in enumerate(words) if which is None or which in some}
 
 
 def _words(item: Any, place: int) -> list[str]:
@@ -75,32 +92,3 @@ def _words(item: Any, place: int) -> list[str]:
     title = item_of(type(item)).title if is_dataclass(item) else ""
     kind = kind_of(type(item))
     return [str(getattr(item, title))] if title else [*([kind] if kind else []), str(place)]
-
-
-def _set_some(one: Key, setters: dict[int, Setter], held: Any, value: Any) -> Any:
-    items = getattr(held, one.name)
-    new = (setters[place](item, value) if place in setters else item for place, item in enumerate(items))
-    return replace(held, **{one.name: tuple(new)})
-
-
-def _set_part(one: Key, inside: Setter, held: Any, value: Any) -> Any:
-    now = getattr(held, one.name)
-    assert one.kind.part is not None
-    return replace(held, **{one.name: inside(one.kind.part() if now is None else now, value)})
-
-
-def _set(one: Key, path: str, axis: int | None, held: Any, value: Any) -> Any:
-    now, kind = getattr(held, one.name), one.kind
-    if kind.row:
-        new: Any = vector_from(path, value, axis, now)
-    elif isinstance(value, Scaled):
-        new = scaled(path, value, now)
-    elif isinstance(kind.load, type) and issubclass(kind.load, enum.Enum):
-        new = choice_from(path, kind.load, value)
-    elif kind.load is float:
-        new = number_from(path, value)
-    elif not kind.fits(value):
-        raise OptionError(f"{path} = {value!r}; it must be {kind.need}")
-    else:
-        new = value
-    return replace(held, **{one.name: new})

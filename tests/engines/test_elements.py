@@ -21,7 +21,7 @@ from tensegrity_mj.basics import fields
 from tensegrity_mj.model import Element, Work, register
 from tensegrity_mj.studies.axes import Vary
 from tensegrity_mj.studies.parameter_values import Scaled
-from tensegrity_mj.studies.scene_parameters import scene_change
+from tensegrity_mj.studies.scene_parameters import changed_scene
 from tensegrity_mj.studies.sweep import Sweep
 from tensegrity_mj.studies.workers import Backend, Workers
 
@@ -328,4 +328,4 @@ def test_a_sweep_changes_fields_of_elements_and_of_water(known: None, tmp_path: 
 
 
 def changed(scene: tmj.Scene, path: str, value: Any) -> Any:
-    return scene_change(scene, "scene", path.removeprefix("scene."), path)(scene, value)
+    return changed_scene(scene, "scene", path.removeprefix("scene."), path, value)

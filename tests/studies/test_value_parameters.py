@@ -12,7 +12,7 @@ from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import parts
 from tensegrity_mj.errors import OptionError, SceneError
 from tensegrity_mj.studies.parameter_values import Scaled
-from tensegrity_mj.studies.value_parameters import setter
+from tensegrity_mj.studies.value_parameters import changed
 
 
 class Effect:
@@ -41,7 +41,7 @@ def test_members_by_their_kind_or_place(monkeypatch: pytest.MonkeyPatch) -> None
     world = World((Spring(), Magnet(), Spring(2.0)))
 
     def after(path: str, given: Any) -> Any:
-        return setter(world, path.split("/"), path, "the world")(world, given).effects
+        return changed(world, path.split("/"), path, "the world", given).effects
 
     assert after("effects[spring]/stiffness", 5) == (Spring(5.0), Magnet(), Spring(5.0))
     assert after("effects[2]/place/z", 5) == (Spring(), Magnet(), Spring(2.0, (0.0, 0.0, 5.0)))
@@ -52,7 +52,7 @@ def test_members_by_their_kind_or_place(monkeypatch: pytest.MonkeyPatch) -> None
     with pytest.raises(OptionError, match="no part of a member of effects 'moment'"):
         after("effects/moment", 1)
     with pytest.raises(OptionError, match="the world has no effects"):
-        setter(World(), ["effects"], "effects", "the world")
+        changed(World(), ["effects"], "effects", "the world", 1)
     strange = World((Effect(),))
     with pytest.raises(OptionError, match="is of class Effect, which has no fields that could be set"):
-        setter(strange, ["effects", "moment"], "effects.moment", "the world")
+        changed(strange, ["effects", "moment"], "effects.moment", "the world", 1)
