@@ -95,8 +95,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(_code_of_error(error), str(error), as_json)
     except OSError as error:
         return _fail(ExitCode.BAD_INPUT, f"a file or a folder could not be used: {error}", as_json)
-    except KeyboardInterrupt:
-        return _fail(ExitCode.INTERRUPTED, "interrupted", as_json)
+    except KeyboardInterrupt as interrupt:  # whose message says what is kept
+        return _fail(ExitCode.INTERRUPTED, f"interrupted: {interrupt}".removesuffix(": "), as_json)
     except Exception as error:
         name = error.name or "" if isinstance(error, ModuleNotFoundError) else ""
         if name and name.partition(".")[0] != "tensegrity_mj":

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from tensegrity_mj.errors import printable
 
@@ -58,6 +58,14 @@ def figure_text(text: str, most: int = 120) -> str:
     shown = shown.replace("$", r"\$")
     # Labels that begin with an underscore stay out of legends.
     return rf"$\_${shown[1:]}" if shown.startswith("_") else shown
+
+
+def aligned(rows: Sequence[Sequence[object]], *, numbers: bool = False) -> list[str]:
+    """Lines with the cells of rows in columns; all but the first column to the right where they are numbers."""
+    texts = [[str(cell) for cell in row] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*texts, strict=True)]
+    forms = [f"{'>' if numbers and place else '<'}{width}" for place, width in enumerate(widths)]
+    return ["  ".join(map(format, line, forms)).rstrip() for line in texts]
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 from tensegrity_mj.basics.files import checked
+from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.errors import OptionError, printable
 
 if TYPE_CHECKING:
@@ -68,8 +69,7 @@ def code_of_status(status: Status) -> ExitCode:
 
 def table(rows: Sequence[tuple[str, str]]) -> str:
     """Lines of names and values, the values in one column."""
-    width = max((len(name) for name, _ in rows), default=0)
-    return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
+    return "\n".join(aligned(rows))
 
 
 def number(value: float | None, unit: str = "") -> str:

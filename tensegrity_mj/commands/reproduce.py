@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.commands.common import ExitCode, Outcome, output_file
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         ]
         for row in found.rows
     ]
-    text = "\n".join([_columns([heads, *lines]), "", f"{page.summary(found.rows)}.", "", f"Written: {files['page']}"])
+    text = "\n".join([*aligned([heads, *lines]), "", f"{page.summary(found.rows)}.", "", f"Written: {files['page']}"])
     return Outcome(data, text, ExitCode.PROGRAM_ERROR if found.unexplained else ExitCode.SUCCESS)
 
 
@@ -90,10 +91,5 @@ def _sensitivity(options: argparse.Namespace, file: Path) -> Outcome:
     table = sensitivity(options.figures, options.out, file, workers=workers, progress=True)
     lines = [[name, ", ".join(f"{what} {size} %" for what, size in found.items()) or "nothing"]
              for name, found in table["rows"].items()]  # fmt: skip
-    text = "\n".join([_columns([["row", "notices"], *lines]), "", f"Written: {file.absolute()}"])
+    text = "\n".join([*aligned([["row", "notices"], *lines]), "", f"Written: {file.absolute()}"])
     return Outcome(table, text, ExitCode.SUCCESS)
-
-
-def _columns(lines: list[list[str]]) -> str:
-    widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]))]
-    return "\n".join("  ".join(f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)) for line in lines)

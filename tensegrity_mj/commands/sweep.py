@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.commands.common import Outcome, table
 from tensegrity_mj.errors import OptionError
 
@@ -53,11 +53,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         law=None if options.law == "none" else options.law,
         keep_trajectories=options.keep_trajectories,
     )
-    try:
-        study = sweep.run(options.out, workers=workers, progress=True)
-    except KeyboardInterrupt as interrupt:
-        print(f"tensegrity-mj: {interrupt}", file=sys.stderr)
-        raise
+    study = sweep.run(options.out, workers=workers, progress=True)
     page = None
     if options.out is not None:
         from tensegrity_mj.studies.page import write_sweep_page
@@ -89,8 +85,7 @@ def describe(data: dict[str, Any], rows: Sequence[Row], parameters: Sequence[str
     for number, row in enumerate(rows[:MOST_LINES]):
         cells = [shown(row.values.get(name)) if row.values else "-" for name in measures]
         lines.append([str(number), *(shown(row.parameters[name]) for name in parameters), row.status, *cells])
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    text = ["  ".join(f"{cell:<{width}}" for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines]
+    text = aligned(lines)
     if len(rows) > MOST_LINES:
         text.append(f"... and {len(rows) - MOST_LINES} more points")
     reasons = dict.fromkeys(row.reason for row in rows if row.reason)

@@ -21,6 +21,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import positive, whole
 from tensegrity_mj.basics.files import made_folder
+from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.engines.reference.dae import DAE
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.library.load import load_scene
@@ -80,11 +81,11 @@ class LongRuns(Report):
         lines = []
         for name, meaning in QUANTITIES.items():
             lines.append(f"{meaning}, up to so many steps, and its growth over the last power of ten")
-            lines.append("".join([f"{'':14s}", *(f"{int(mark):>11d}" for mark in marks), "     growth"]))
-            for row in self.data["rows"]:
-                cells = [_cell(row[name].get(mark)) for mark in marks]
-                lines.append("".join([f"{row['method']:14s}", *(f"{cell:>11s}" for cell in cells), _growth(row, name)]))
-            lines.append("")
+            cells = [
+                [row["method"], *(_cell(row[name].get(mark)) for mark in marks), _growth(row["growth"].get(name))]
+                for row in self.data["rows"]
+            ]
+            lines += [*aligned([["", *marks, "growth"], *cells], numbers=True), ""]
         lines += [f"{row['method']}: {row['reason']}" for row in self.data["rows"] if row["reason"]]
         return "\n".join(lines).rstrip()
 
@@ -249,6 +250,5 @@ def _cell(value: float | None) -> str:
     return "-" if value is None else f"{value:.2g}"
 
 
-def _growth(row: dict[str, Any], name: str) -> str:
-    power = row["growth"].get(name)
-    return f"{'-' if power is None else f't^{max(0.0, power):.2f}':>11s}"
+def _growth(power: float | None) -> str:
+    return "-" if power is None else f"t^{max(0.0, power):.2f}"

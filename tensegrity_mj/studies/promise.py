@@ -15,7 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.basics.checks import whole
 from tensegrity_mj.errors import TensegrityError
+from tensegrity_mj.pictures.findings import Mark
 from tensegrity_mj.runs.convergence import node_difference
 from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.studies.many import Study, run_many
@@ -133,8 +135,8 @@ class Promise:
         return [row | {"broken": ", ".join(broken)} for row in self.rows if (broken := _broken(row))]
 
     @property
-    def summary(self) -> list[tuple[str, str]]:
-        """The promises in words and numbers."""
+    def summary(self) -> list[tuple[str, str, Mark | None]]:
+        """The promises in words and numbers, each with what it means where there is an aim."""
         now = self.fractions
 
         def part(name: str) -> str:
@@ -147,18 +149,24 @@ class Promise:
             median, most, largest = (f"{one[name]:.3g}" for name in ("median", "most", "largest"))
             return f"median {median}, 95 % within {most}, largest {largest}, of {one['of']}"
 
+        def mark(kept: bool, otherwise: Mark = Mark.LIMITED) -> Mark:
+            return Mark.GOOD if kept else otherwise
+
+        known = mark(now["no_truth"]["count"] <= UNKNOWN * now["runs"])
+        within = mark(now["within_if_met"]["count"] >= WITHIN * now["within_if_met"]["of"], Mark.BAD)
+        silent = len(now["silently_beyond"])
         return [
-            ("experiments", f"{now['runs']}, seed {self.seed}: {ended}"),
-            ("of which two references differ", f"{part('no_truth')}; at most {100 * UNKNOWN:g} %"),
-            (f"moved less than {IDLE:g} times the request", part("idle")),
-            ("true error within the request, where met", f"{part('within_if_met')}; aim {100 * WITHIN:g} %"),
-            ("the same, runs that did not meet it included", part("within")),
-            (f"more than {BEYOND:g} times it, reported as met", f"{len(now['silently_beyond'])}; aim 0"),
-            ("evaluations over the cheapest adequate setting", ratios(now["cost"])),
-            *((f"  of {name}", ratios(one)) for name, one in now["cost_of"].items()),
-            ("evaluations over the cheapest, be it by luck", ratios(now["cost_by_luck"])),
-            ("smooth runs that did not settle", part("unsettled_smooth")),
-            ("requests not met, reported so", part("unmet")),
+            ("experiments", f"{now['runs']}, seed {self.seed}: {ended}", None),
+            ("of which two references differ", f"{part('no_truth')}; at most {100 * UNKNOWN:g} %", known),
+            (f"moved less than {IDLE:g} times the request", part("idle"), None),
+            ("true error within the request, where met", f"{part('within_if_met')}; aim {100 * WITHIN:g} %", within),
+            ("the same, runs that did not meet it included", part("within"), None),
+            (f"more than {BEYOND:g} times it, reported as met", f"{silent}; aim 0", mark(not silent, Mark.BAD)),
+            ("evaluations over the cheapest adequate setting", ratios(now["cost"]), None),
+            *((f"  of {name}", ratios(one), None) for name, one in now["cost_of"].items()),
+            ("evaluations over the cheapest, be it by luck", ratios(now["cost_by_luck"]), None),
+            ("smooth runs that did not settle", part("unsettled_smooth"), mark(not now["unsettled_smooth"]["count"])),
+            ("requests not met, reported so", part("unmet"), mark(not now["unmet"]["count"])),
         ]
 
     def to_dict(self) -> dict[str, Any]:
@@ -188,8 +196,9 @@ def promise(
     """Measure the promise on `runs` experiments; in a folder, go on where an earlier call stopped.
 
     Raises:
-        OptionError: what `run_many` refuses.
+        OptionError: for options out of range, and what `run_many` refuses.
     """
+    runs, seed = whole("runs", runs, 1), whole("seed", seed, 0)
     points = [{"seed": seed, "number": number, "kind": kind.value} for number in range(runs)]
     study = run_many(measure, points, folder, workers=workers, progress=progress, label="promise")
     return Promise(_rows(study), seed, None if folder is None else Path(folder), kind)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 from tensegrity_mj.basics.files import replacing
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.pictures.figure import frame, new_figure
-from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
+from tensegrity_mj.pictures.findings import Finding, opening_of
+from tensegrity_mj.pictures.page import Picture, Table, write_page
 from tensegrity_mj.studies.promise import DATA, PAGE, Promise
 
 if TYPE_CHECKING:
@@ -35,33 +36,29 @@ def write_promise(folder: str | os.PathLike[str], found: Promise) -> Path:
     with replacing(place / DATA) as part:
         Path(part).write_text(to_json(found.to_dict(), indent=1) + "\n", encoding="utf-8")
     rows = [[row.get(name) for name in COLUMNS] for row in found.rows]
-    heads = list(COLUMNS.values())
-    shown = ("number", "broken", "experiment", "engine")
-    failures = [[*(row.get(name, "") for name in shown), *_why(row)] for row in found.failures]
+    which = ("number", "broken", "experiment", "engine")
+    failures = [[*(row.get(name, "") for name in which), *_why(row)] for row in found.failures]
     silent = [[row["number"], row["outcome"], row.get("cause", "")] for row in found.rows if row.get("cause")]
-    return write_sections(
-        place / PAGE,
-        "What an accuracy promises, measured",
-        f"{len(found.rows)} experiments drawn with seed {found.seed}.",
-        [
-            Section("The promise", parts=[Table("", ["", ""], [list(line) for line in found.summary])]),
-            Section(
-                "True errors and costs",
-                parts=[
-                    Picture(_errors(found), "True error and estimate against what was requested."),
-                    Picture(_costs(found), "Evaluations of all runs, over those of the cheapest adequate setting."),
-                ],
-            ),
-            Section(
-                "Promises broken",
-                parts=[
-                    Table("", ["", "which", "experiment", "engine", "requested, true [m]", "cost", "why"], failures)
-                ],
-            ),
-            Section("Not measured", parts=[Table("", ["", "outcome", "cause"], silent)]),
-            Section("All experiments", parts=[Table("", heads, rows, folded=True)]),
-        ],
+    broken = ["", "which", "experiment", "engine", "requested, true [m]", "cost", "why"]
+    pictures = [
+        Picture(_errors(found), "True error and estimate against what was requested."),
+        Picture(_costs(found), "Evaluations of all runs, over those of the cheapest adequate setting."),
+    ]
+    tables = [
+        Table("The promise", ["", ""], [line[:2] for line in found.summary]),
+        Table("Promises broken", broken, failures),
+        Table("Not measured", ["", "outcome", "cause"], silent),
+        Table("All experiments", list(COLUMNS.values()), rows, folded=True),
+    ]
+    kept, cost = found.fractions["within_if_met"], found.fractions["cost"]["median"]
+    verdict = (
+        f"{kept['count']} of {kept['of']} accuracies reported as met were met, at a median of {cost:.3g} times "
+        "the evaluations of the cheapest setting that would have done."
     )
+    opening = opening_of(verdict, [Finding(mark, f"{name}: {text}") for name, text, mark in found.summary if mark])
+    title, introduction = "What an accuracy promises, measured", f"Experiments drawn with seed {found.seed}."
+    shown = [table for table in tables if table.rows]
+    return write_page(place / PAGE, title, introduction=introduction, pictures=pictures, tables=shown, opening=opening)
 
 
 def _why(row: dict[str, Any]) -> list[Any]:

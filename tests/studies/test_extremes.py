@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -544,6 +545,9 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     page = (out / "extremes.html").read_text()
     assert Kind.SPIN.value in page
     assert "it must return" in page  # the cause of a stop
+    # Of two spins, right, and two bad laws, stopped: nothing is wrong, and fewer than 60 % are right.
+    assert '<p class="verdict">None of 4 extreme runs was wrong without a warning; 2 were right.</p>' in page
+    assert re.findall(r'class="mark (\w+)', page) == ["limited", "good", "good"]
     assert main(arguments) == 0  # all is there already
     assert (out / "extremes.json").read_bytes() == first
     capsys.readouterr()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -111,6 +112,13 @@ def test_drift_of_the_prism(tmp_path: Path) -> None:
     assert (tmp_path / "a" / "drift.json").read_bytes() == text
     page = (tmp_path / "a" / "drift.html").read_text()
     assert all(name in page and name in result.text for name in rows)
+    # What a run warns of, energy off by more than 1 % or bᵀb by more than 0.1 %, is counted in the verdict.
+    bad = [name for name in rows if end[name]["length"] > 1e-3]
+    limited = [name for name in rows if end[name]["energy"] > 0.01 and name not in bad]
+    assert f"{len(rows) - len(bad) - len(limited)} of {len(rows)} methods keep energy and lengths over 10,000" in page
+    assert re.findall(r'class="mark (\w+)', page)[: len(bad) + len(limited)] == ["bad"] * len(bad) + ["limited"] * len(
+        limited
+    )
 
 
 def test_a_page_of_runs_that_have_no_numbers_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -123,7 +131,9 @@ def test_a_page_of_runs_that_have_no_numbers_is_written(tmp_path: Path, monkeypa
     result = long_runs("prism", 1000, methods=["ode"], folder=tmp_path, workers=HERE)
     assert result.data["rows"][0]["reason"] == "it cannot"
     assert "ode: it cannot" in result.text
-    assert "it cannot" in (tmp_path / PAGE).read_text(encoding="utf-8")
+    page = (tmp_path / PAGE).read_text(encoding="utf-8")
+    assert "0 of 1 methods" in page
+    assert '<div class="mark bad">bad</div><div>ode: it cannot</div>' in page
 
 
 def test_a_run_that_diverges_is_a_row() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import re
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -191,6 +192,14 @@ def test_the_page_and_the_data(tmp_path: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert "at a pole" in text
     assert "beyond 3 times, reported as met" in text
+    # The verdict, then findings, the worst first: rows 0 and 4 of the four that report so are met; 3, 3, 7 their costs.
+    assert "2 of 4 accuracies reported as met were met, at a median of 3 times" in text
+    marks = re.findall(r'class="mark (\w+)', text)
+    assert marks == ["bad", "bad", "limited", "limited", "limited"]
+    (tmp_path / "kept").mkdir()
+    first = write_promise(tmp_path / "kept", Promise(ROWS[:1], 1, tmp_path)).read_text(encoding="utf-8")
+    assert re.findall(r'class="mark (\w+)', first) == ["good"] * 5
+    assert "Promises broken" not in first
     data = json.loads((tmp_path / "promise.json").read_text(encoding="utf-8"))
     assert data["failures"] == [1, 2, 3, 7]
 
@@ -202,7 +211,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert answer["fractions"]["runs"] == 2
     assert (tmp_path / "p" / "promise.html").is_file()
     assert main(["audit", "promise", "--runs", "0", "--json"]) == 2
-    assert "--runs 0" in capsys.readouterr().out
+    assert "runs = 0" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -12,6 +12,7 @@ from typing import Any
 
 from tensegrity_mj.basics.checks import whole
 from tensegrity_mj.basics.files import made_folder
+from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.attempt import DONE
@@ -51,7 +52,8 @@ class Extremes(Report):
     @property
     def text(self) -> str:
         """The table, for a terminal."""
-        return "\n".join([_lines(self.data["table"]), "", *self.data["summary"]])
+        table = [list(self.data["table"][0]), *(list(row.values()) for row in self.data["table"])]
+        return "\n".join([*aligned(table, numbers=True), "", *self.data["summary"]])
 
     def save_page(self, path: str | os.PathLike[str]) -> Path:
         """Write the page (.html); returns its path."""
@@ -162,13 +164,3 @@ def _row(name: str, results: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "refused without need": sum(bool(one.get("false refusal")) for one in results),
         "hidden": sum(bool(one.get("hidden without the estimate")) for one in results),
     }
-
-
-def _lines(table: Sequence[dict[str, Any]]) -> str:
-    heads = list(table[0])
-    rows = [heads, *([str(row[head]) for head in heads] for row in table)]
-    widths = [max(len(row[column]) for row in rows) for column in range(len(heads))]
-    return "\n".join(
-        "  ".join([row[0].ljust(widths[0]), *(cell.rjust(w) for cell, w in zip(row[1:], widths[1:], strict=True))])
-        for row in rows
-    )

@@ -20,6 +20,7 @@ import mujoco
 
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.fields import field, refused, value
+from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.mujoco.clock import profiler_off
 from tensegrity_mj.engines.mujoco.engine import MuJoCo
@@ -288,29 +289,27 @@ def _startup(options: Benchmark) -> dict[str, Any]:
 
 def lines(result: dict[str, Any]) -> list[str]:
     """The result for people."""
-    timing, out = result["timing"], []
-    columns = f"{'steps/s':>10}{'bare MuJoCo':>13}{'ratio':>8}{'median':>8}{'no clock':>13}{'ratio':>8}"
-    out.append(f"{'single run':<14}{'integrator':<12}{'law':<16}{columns}")
-    for row in timing["single"]:
-        out.append(f"{row['scene']:<14}{row['integrator']:<12}{row['law']:<16}{_rates(row)}")
+    timing = result["timing"]
+    rates = ("steps/s", "bare MuJoCo", "ratio", "median", "no clock", "ratio")
+    single = [(row["scene"], row["integrator"], row["law"], *_rates(row)) for row in timing["single"]]
+    out = aligned([("single run", "integrator", "law", *rates), *single])
     if timing["batch"]:
-        out += ["", f"{'at once':<14}{'integrator':<12}{'loop':<16}{columns}  threads"]
-    for row in timing["batch"]:
-        if "skipped" in row:
-            out.append(f"{row['scene']:<14}{row['skipped']}")
-            continue
-        out.append(
-            f"{row['scene']:<14}{row['integrator']:<12}{row['loop']:<16}{_rates(row)}  {row['threads']} "
-            f"({row['simulations']} simulations)"
-        )
+        batch = [
+            (row["scene"], row["integrator"], row["loop"], *_rates(row), f"{row['threads']} ({row['simulations']})")
+            for row in timing["batch"]
+            if "skipped" not in row
+        ]
+        out += ["", *aligned([("at once", "integrator", "loop", *rates, "threads (simulations)"), *batch])]
+        out += [f"{row['scene']}: {row['skipped']}" for row in timing["batch"] if "skipped" in row]
     out += [
         "bare MuJoCo: mj_step(nstep) or Batch without a law, as it comes; no clock: the same with its profiler off, as "
         "our runs have it",
     ]
-    out += ["", f"{'reference':<14}{'engine':<60}{'right-hand sides/s':>20}"]
-    for row in timing["references"]:
-        value = row["skipped"] if "skipped" in row else f"{row['evaluations_per_second']:>20,.0f}"
-        out.append(f"{row['scene']:<14}{row['engine']:<60}{value}")
+    references = [
+        (row["scene"], row["engine"], row.get("skipped") or f"{row['evaluations_per_second']:,.0f}")
+        for row in timing["references"]
+    ]
+    out += ["", *aligned([("reference", "engine", "right-hand sides/s"), *references])]
     if "renderer" in timing:
         row = timing["renderer"]
         text = row.get("skipped") or (
@@ -326,11 +325,10 @@ def lines(result: dict[str, Any]) -> list[str]:
     return out
 
 
-def _rates(row: dict[str, Any]) -> str:
-    return (
-        f"{row['closed']:>10,.0f}{row['open']:>13,.0f}{row['ratio']:>8.2f}{row['median_ratio']:>8.2f}"
-        f"{row['open_without_clock']:>13,.0f}{row['ratio_without_clock']:>8.2f}"
-    )
+def _rates(row: dict[str, Any]) -> tuple[str, ...]:
+    speeds = [f"{row[name]:,.0f}" for name in ("closed", "open", "open_without_clock")]
+    ratios = [f"{row[name]:.2f}" for name in ("ratio", "median_ratio", "ratio_without_clock")]
+    return (*speeds[:2], *ratios[:2], speeds[2], ratios[2])
 
 
 def scenes_of(names: Sequence[str]) -> tuple[Scene, ...]:

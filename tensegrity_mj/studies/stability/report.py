@@ -11,6 +11,7 @@ from typing import Any
 
 from tensegrity_mj.basics.checks import member
 from tensegrity_mj.basics.functions import function_of
+from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.studies.engine_names import engine_of
@@ -180,26 +181,27 @@ def _engine_of_run(scene: Scene, law: Any) -> Any:
 
 def describe(data: dict[str, Any]) -> list[str]:
     """The study for people: lines of text."""
-    lines = [f"scene {data['scene']}: {data['start']['text']}", _row("", "at the start", "worst on the way", "at", "")]
-    for name, one in data["start"]["engines"].items():
+    rows, engines = [("", "at the start", "worst on the way", "at", "")], data["start"]["engines"]
+    for name, one in engines.items():
         if "error" in one:
-            lines.append(_row(TITLES[name], one["error"], "", "", ""))
             continue
-        first, worst = one["start"], one["worst"]
-        blame = f"{worst['rod']} on {worst['string']}" if worst["string"] else worst["rod"]
-        lines.append(
-            _row(TITLES[name], _seconds(first["limit"]), _seconds(worst["limit"]), f"{worst['time']:.4g} s", blame)
-        )
-    lines += ["", f"at rest: {data['base']['text']}", _row("", "predicted", "measured", "ratio", "over 2/ω")]
+        first, worst = (_seconds(one[key]["limit"]) for key in ("start", "worst"))
+        at = one["worst"]
+        blame = f"{at['rod']} on {at['string']}" if at["string"] else at["rod"]
+        rows.append((TITLES[name], first, worst, f"{at['time']:.4g} s", blame))
+    lines = [f"scene {data['scene']}: {data['start']['text']}", *aligned(rows)]
+    lines += [f"{TITLES[name]}: {one['error']}" for name, one in engines.items() if "error" in one]
+    lines += ["", f"at rest: {data['base']['text']}"]
+    rows = [("", "predicted", "measured", "ratio", "over 2/ω")]
     for name, one in data["base"]["engines"].items():
         ratio = "-" if one["ratio"] is None else f"{one['ratio']:.4f}"
         over = "-" if one["predicted"] is None else f"{one['predicted'] * one['omega'] / 2:.4g}"
-        lines.append(
-            _row(TITLES[name], _seconds(one["predicted"]), _seconds(one["measured"]), ratio, f"{over}  {one['cause']}")
-        )
+        predicted, measured = (_seconds(one[key]) for key in ("predicted", "measured"))
+        rows.append((TITLES[name], predicted, measured, ratio, f"{over}  {one['cause']}"))
+    lines += aligned(rows)
     if "maps" in data:
-        rows = [one for row in data["maps"] if row["values"] for one in row["values"]["engines"].values()]
-        lines += ["", f"maps: {sum(one['agrees'] for one in rows)} of {len(rows)} points agree within 10 %"]
+        points = [one for row in data["maps"] if row["values"] for one in row["values"]["engines"].values()]
+        lines += ["", f"maps: {sum(one['agrees'] for one in points)} of {len(points)} points agree within 10 %"]
         lines += [f"  {axis}: {count} differ: {cause}" for axis, cause, count in _differences(data["maps"])]
     for name, title in (("random", "random taut structures"), ("joined", "random structures whose rods share nodes")):
         if name in data:
@@ -228,10 +230,6 @@ def _differences(rows: Sequence[Any]) -> list[tuple[str, str, int]]:
                 key = (row["axis"], one["cause"])
                 counts[key] = counts.get(key, 0) + 1
     return [(axis, cause, count) for (axis, cause), count in sorted(counts.items())]
-
-
-def _row(name: str, *cells: str) -> str:
-    return f"  {name:<20} " + " ".join(f"{cell:<18}" for cell in cells).rstrip()
 
 
 def _seconds(value: float | None) -> str:
