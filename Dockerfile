@@ -14,7 +14,9 @@ COPY pyproject.toml README.md LICENSE ./
 COPY tensegrity_mj tensegrity_mj
 COPY controllers controllers
 COPY models models
-RUN python -m pip install --no-cache-dir ".[web,data]" && rm -rf /source
+COPY scripts/compile_ahead.py scripts/
+# Machine code for any processor of this architecture goes into the package, so that no container compiles anything.
+RUN python -m pip install --no-cache-dir ".[web,data]" && python scripts/compile_ahead.py --ship && rm -rf /source
 
 WORKDIR /work
 ENTRYPOINT ["tensegrity-mj"]

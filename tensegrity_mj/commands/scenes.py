@@ -87,6 +87,7 @@ def describe(scene: Scene, timing: bool = False) -> dict[str, Any]:
                 "length": float(length),
                 "support": support_text(rod),
                 "sigma": rod.support.sigma,
+                "group": rod.group,
             }
             for rod, length in zip(structure.rods, structure.rod_lengths, strict=True)
         ],
@@ -97,6 +98,7 @@ def describe(scene: Scene, timing: bool = False) -> dict[str, Any]:
                 "stiffness": string.stiffness,
                 "damping": string.damping,
                 "rest_length": float(rest_length),
+                "group": string.group,
             }
             for string, rest_length in zip(structure.strings, structure.rest_lengths, strict=True)
         ],

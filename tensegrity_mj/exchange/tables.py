@@ -2,7 +2,7 @@
 
 Nodes have `name`, `x`, `y`, `z` and may have `fixed` (the axes in which they are held: xyz, y, ...), `mass` (of those
 without a rod) and `vx`, `vy`, `vz`. Members have `name`, `kind` (rod or string), `i`, `j` and the fields of a rod or a
-string by their names in scene files; `group` is a word of your own. Empty cells are absent values. A line that begins
+string by their names in scene files, `group` among them. Empty cells are absent values. A line that begins
 with # is a comment; cells are parted by commas, semicolons or tabs, whichever the first line has.
 """
 
@@ -32,7 +32,7 @@ MOST_BYTES = 10_000_000
 POSITION, VELOCITY = ("x", "y", "z"), ("vx", "vy", "vz")
 NODE_COLUMNS = ("name", *POSITION, "fixed", "mass", *VELOCITY)
 SECTION = tuple(item_of(Section).keys)
-STRING = tuple(key for key in item_of(String).keys if key not in ("name", "nodes"))
+STRING = tuple(key for key in item_of(String).keys if key not in ("name", "nodes", "group"))
 MEMBER_COLUMNS = ("name", "kind", "i", "j", "group", "mass", "radius", *SECTION, *STRING)
 WORDS = ("name", "kind", "i", "j", "group", "fixed")
 
@@ -73,9 +73,8 @@ def read(path: Path, options: ImportOptions) -> Draft:
             draft.masses[key] = row.number("mass")
         if any(axis in row.data for axis in VELOCITY):
             draft.velocities[key] = [row.number(axis, 0.0) for axis in VELOCITY]
-    groups: dict[str, list[str]] = {}
     for row in _rows(members, MEMBER_COLUMNS):
-        name, kind, group = row.text("name"), row.choice("kind", ("rod", "string")), row.text("group", "")
+        kind = row.choice("kind", ("rod", "string"))
         for end in "ij":
             if row.text(end) not in draft.nodes:
                 raise row.fail(end, f"the name of a node{closest(row.text(end), draft.nodes)}: {names_of(draft.nodes)}")
@@ -83,8 +82,7 @@ def read(path: Path, options: ImportOptions) -> Draft:
             [row.data.pop("i"), row.data.pop("j")],
             {key: row.data.pop(key) for key in SECTION if key in row.data},
         )
-        for key in ("kind", "group"):
-            row.data.pop(key, None)
+        row.data.pop("kind")
         given = {"mass": options.rod_mass, "radius": options.rod_radius, "section": section or None}
         given = given if kind == "rod" else {key: getattr(options, key) for key in ("stiffness", "damping")}
         row.data = {key: value for key, value in given.items() if value is not None} | row.data | {"nodes": ends}
@@ -92,13 +90,10 @@ def read(path: Path, options: ImportOptions) -> Draft:
             draft.rods.append(codec.read(Rod, row))
         else:
             draft.strings.append(codec.read(String, row))
-        if group:
-            groups.setdefault(group, []).append(name)
     joined = {name for rod in draft.rods for name in rod.nodes}
     for key in draft.nodes:
         if options.node_mass is not None and key not in joined and len(draft.held.get(key, ())) < 3:
             draft.masses.setdefault(key, options.node_mass)
-    draft.notes += [f"group '{group}': {names_of(names)}" for group, names in groups.items()]
     return draft
 
 
@@ -169,16 +164,15 @@ def save_csv(scene: Scene, path: str | os.PathLike[str]) -> tuple[list[Path], li
     rows = []
     for rod in structure.rods:
         section = {} if rod.section is None else {key: getattr(rod.section, key) for key in SECTION}
-        rows.append(
-            {"name": rod.name, "kind": "rod", "mass": rod.mass, "radius": rod.radius, "nodes": rod.nodes} | section
-        )
+        row = {"name": rod.name, "kind": "rod", "group": rod.group, "mass": rod.mass, "radius": rod.radius}
+        rows.append(row | {"nodes": rod.nodes} | section)
     for string, rest in zip(structure.strings, structure.rest_lengths.tolist(), strict=True):
         row = {key: getattr(string, key) for key in STRING}
         if any(row[key] is not None for key in PRESTRESS) and scene.initial_nodes is not None:
             row |= dict.fromkeys(PRESTRESS) | {"rest_length": rest}  # which does not depend on where the nodes are
         elif all(row[key] is None for key in PRESTRESS) and scene.initial_nodes is not None:
             row["rest_length"] = rest
-        rows.append({"name": string.name, "kind": "string", "nodes": string.nodes} | row)
+        rows.append({"name": string.name, "kind": "string", "group": string.group, "nodes": string.nodes} | row)
     for row in rows:
         row["i"], row["j"] = row.pop("nodes")
     _write(members, MEMBER_COLUMNS, rows)

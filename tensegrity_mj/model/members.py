@@ -31,6 +31,7 @@ Vector = tuple[float, float, float]
 
 PRESTRESS = ("rest_length", "tension", "force_density")  # of a string, at most one of them
 LIMITS = ("max_force_density", "min_rest_length", "winch_speed")  # of a string
+GROUP = printable_name("the name of a group, a non-empty string of printable characters")
 
 
 @value("support", StructureError)
@@ -131,6 +132,7 @@ class Rod:
         radius: [m], > 0; for drawing, contact and drag only: the inertia is a thin rod's.
         support: how it is held.
         section: cross section and material, None where not known; `mass` and `radius` do not follow from it.
+        group: what rods that belong together are called in files, plots and sweeps; None for none.
     """
 
     name: str = field(printable_name())
@@ -139,6 +141,7 @@ class Rod:
     radius: float = field(positive("m"), default=0.01)
     support: Support = field(part(Support, "Support.free, Support.pinned or Support.constrained"), default=Support())
     section: Section | None = field(part(Section, "Section, Section.tube or Section.solid"), default=None, none="None")
+    group: str | None = field(GROUP, default=None, none="absent")
 
 
 @value("string {name!r}", StructureError)
@@ -152,7 +155,7 @@ class String:
     smallest rest length [m] and the largest speed of the rest length [m/s]. docs/laws.md says who keeps them.
 
     `strength` is the tension [N] at which it breaks, None where it is not known. Nothing keeps it: checks of members
-    compare tensions with it.
+    compare tensions with it. `group` is what strings that belong together are called in files, plots and sweeps.
     """
 
     name: str = field(printable_name())
@@ -166,6 +169,7 @@ class String:
     min_rest_length: float | None = field(positive("m"), default=None, none="absent")
     winch_speed: float | None = field(positive("m/s"), default=None, none="absent")
     strength: float | None = field(positive("N"), default=None, none="absent")
+    group: str | None = field(GROUP, default=None, none="absent")
 
     def __attrs_post_init__(self) -> None:
         given = [name for name in PRESTRESS if getattr(self, name) is not None]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.basics.units import quantity
+from tensegrity_mj.model.members import Rod, String
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import MAX_LEGEND
@@ -61,11 +62,11 @@ def largest(values: Array, count: int) -> NDArray[np.int64]:
 
 
 def string_groups(structure: Structure) -> list[Group]:
-    """Strings whose names begin alike, else those of the same stiffness and rest length; none without two to eight.
+    """Strings of a group, else with names that begin alike, else of one stiffness and rest length.
 
-    A symmetry of a structure takes a string to one with the same stiffness and rest length.
+    There are two to eight groups, or none. A symmetry of a structure takes a string to one with the same stiffness
+    and rest length.
     """
-    names = [string.name for string in structure.strings]
     keys = np.column_stack([structure.stiffness, structure.rest_lengths])
     several = len(np.unique(structure.stiffness)) > 1
 
@@ -73,23 +74,24 @@ def string_groups(structure: Structure) -> list[Group]:
         stiffness = f"k = {quantity(float(keys[row, 0]), 'N/m')}, " if several else ""
         return f"{stiffness}L₀ = {quantity(float(keys[row, 1]), 'm')}"
 
-    return _by_name(names) or _by_numbers(keys, label)
+    return _by_word(structure.strings) or _by_numbers(keys, label)
 
 
 def rod_groups(structure: Structure) -> list[Group]:
-    """Rods whose names begin alike, else those of the same length and mass; none without two to eight."""
+    """Rods of a group, else with names that begin alike, else of one length and mass; two to eight groups, or none."""
     keys = np.column_stack([structure.rod_lengths, structure.rod_masses])
 
     def label(row: int) -> str:
         return f"{quantity(float(keys[row, 0]), 'm')}, {quantity(float(keys[row, 1]), 'kg')}"
 
-    return _by_name([rod.name for rod in structure.rods]) or _by_numbers(keys, label)
+    return _by_word(structure.rods) or _by_numbers(keys, label)
 
 
-def _by_name(names: Sequence[str]) -> list[Group]:
-    """Members by what their names have before the first digit."""
-    stems = [re.split(r"\d", name, maxsplit=1)[0].rstrip(" _-.") for name in names]
-    return _groups(stems, lambda row: stems[row] or "others")
+def _by_word(members: Sequence[Rod] | Sequence[String]) -> list[Group]:
+    """Members by their groups, or else by what their names have before the first digit."""
+    stems = [re.split(r"\d", one.name, maxsplit=1)[0].rstrip(" _-.") for one in members]
+    words = [one.group or "" for one in members]
+    return _groups(words, lambda row: words[row] or "others") or _groups(stems, lambda row: stems[row] or "others")
 
 
 def _by_numbers(keys: Array, label: Callable[[int], str]) -> list[Group]:

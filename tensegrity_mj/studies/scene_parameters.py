@@ -106,13 +106,18 @@ def changed_scene(scene: Scene, kind: str, rest: str, path: str, value: Any) -> 
 def _with_members(scene: Scene, kind: str, which: str | None, others: Sequence[str], path: str, value: Any) -> Scene:
     structure = scene.structure
     by_name = _named(getattr(structure, kind))
+    meant: dict[str, list[str]] = {}  # members by their groups, or by their own names, which come first
+    for key, member in by_name.items():
+        meant.setdefault(getattr(member, "group", None) or key, []).append(key)
+    meant |= {key: [key] for key in by_name}
     if which is None:
-        chosen = list(by_name)
+        words = list(by_name)
     else:  # a name may hold commas itself
-        chosen = [which] if which in by_name else [name.strip() for name in which.split(",")]
-    for name in chosen:
-        if name not in by_name:
-            raise OptionError(f"{path}: {unknown(name, by_name, MEMBERS[kind])}")
+        words = [which] if which in meant else [name.strip() for name in which.split(",")]
+    for word in words:
+        if word not in meant:
+            raise OptionError(f"{path}: {unknown(word, meant, MEMBERS[kind])}")
+    chosen = [key for word in words for key in meant[word]]
     if not chosen:
         raise OptionError(f"{path}: structure '{structure.name}' has no {MEMBERS[kind]}")
     known = _numbers_of(type(by_name[chosen[0]]))
