@@ -4,18 +4,26 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import Outcome, finite, output_file, refuse
 from tensegrity_mj.errors import OptionError
 
 FILMS = (".mp4", ".webm", ".gif")
-FPS = 30.0
+FILM_OPTIONS = ("size", "fps", "speed", "thickness")  # `film` of shared.toml
+USUAL: dict[str, Any] = {"size": (1280, 720), "fps": 30.0, "speed": 1.0}
 
 
 def moment(text: str) -> float:
     """argparse type: a time [s], written 1.5 or t=1.5."""
     return finite(text.removeprefix("t=").removesuffix("s"))
+
+
+def film_of(options: argparse.Namespace) -> dict[str, Any]:
+    """Those of `FILM_OPTIONS` that were given, as keyword arguments of `render`."""
+    given = {name: getattr(options, name) for name in FILM_OPTIONS}
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def execute(options: argparse.Namespace) -> Outcome:
@@ -33,37 +41,22 @@ def execute(options: argparse.Namespace) -> Outcome:
         return _page(options, out)
 
     from tensegrity_mj.pictures.video import render, still
-    from tensegrity_mj.pictures.view import Layout, ViewOptions
+    from tensegrity_mj.pictures.view import Layout
     from tensegrity_mj.runs.trajectory import Trajectory
 
     runs = [Trajectory.load(path) for path in options.runs]
     experiment.require_off_screen_opengl()
     other = runs[1] if len(runs) > 1 else None
+    film = film_of(options)
     if options.still is not None:
-        view: ViewOptions = {} if options.size is None else {"size": options.size}
-        view["thickness"] = options.thickness
-        still(runs[0], out, options.still, dpi=options.dpi or 300.0, other=other, **view)
+        still(runs[0], out, options.still, dpi=options.dpi or 300.0, other=other, **film)
         return Outcome({"status": "ok", "out": out, "time": options.still}, str(out))
-    size = options.size or (1280, 720)
-    render(
-        runs[0],
-        out,
-        other=other,
-        layout=Layout.SIDE_BY_SIDE if options.layout == "side-by-side" else Layout.OVERLAY,
-        fps=options.fps or FPS,
-        speed=options.speed or 1.0,
-        progress=True,
-        size=size,
-        thickness=options.thickness,
+    film = USUAL | film
+    render(runs[0], out, other=other, layout=Layout(options.layout or "overlay"), progress=True, **film)
+    duration = float(max(run.time[-1] for run in runs)) / film["speed"]
+    return Outcome(
+        {"status": "ok", "out": out, "size": film["size"], "fps": film["fps"], "duration": duration}, str(out)
     )
-    data = {
-        "status": "ok",
-        "out": out,
-        "size": size,
-        "fps": options.fps or FPS,
-        "duration": float(max(run.time[-1] for run in runs)) / (options.speed or 1.0),
-    }
-    return Outcome(data, str(out))
 
 
 def _page(options: argparse.Namespace, out: Path) -> Outcome:
@@ -73,7 +66,7 @@ def _page(options: argparse.Namespace, out: Path) -> Outcome:
 
     if len(options.runs) > 1:
         raise OptionError(f"--out {out}: a page in 3-D shows one run, not {len(options.runs)}; name one, or a film")
-    refuse(options, ("fps", "speed", "size"), "belongs to a film, and --out names a page")
+    refuse(options, FILM_OPTIONS, "belongs to a film, and --out names a page")
     page = make_web_page(Trajectory.load(options.runs[0]))
     page.save(out)
     return Outcome({"status": "ok", "out": out, "frames": page.frames}, f"{out}: {page.describe()}")

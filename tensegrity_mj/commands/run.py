@@ -20,7 +20,7 @@ from tensegrity_mj.commands.common import (
     table,
     warn,
 )
-from tensegrity_mj.commands.render import FILMS
+from tensegrity_mj.commands.render import FILM_OPTIONS, FILMS, film_of
 from tensegrity_mj.errors import DivergenceError, OptionError
 
 if TYPE_CHECKING:
@@ -36,6 +36,9 @@ def execute(options: argparse.Namespace) -> Outcome:
     plot = output_file(options.plot, "--plot", PLOT_SUFFIXES)
     if plot is None:
         refuse(options, ("paper",), "needs --plot FILE.pdf")
+    if video is None:
+        shown = ("speed", "thickness") if options.view else ()  # the window has these, too
+        refuse(options, [name for name in FILM_OPTIONS if name not in shown], "needs --video FILE.mp4")
     web = output_file(options.web, "--web", (".html", ".htm"))
     distinct({"--replay": Path(options.replay) if options.replay else None, "--out": out})
     experiment.refuse_options_of_other_engines(options, (options.engine,))
@@ -89,7 +92,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     if video:
         from tensegrity_mj.pictures.video import render
 
-        render(run, video, progress=True)
+        render(run, video, progress=True, **film_of(options))
     if web:
         from tensegrity_mj.pictures.web import make_web_page
 
@@ -97,7 +100,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     if options.view and len(run.time):
         from tensegrity_mj.pictures.viewer import play
 
-        play(run)
+        play(run, options.speed or 1.0, thickness=bool(options.thickness))
     for warning in run.reports.get("warnings", []):
         warn(warning)
     data = summary(run) | {"out": out, "video": video, "plot": plot, "web": web}

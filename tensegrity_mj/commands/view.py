@@ -33,7 +33,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     else:
         experiment.check_control(options)
     if options.web is not None:
-        refuse(options, ("speed",), "belongs to the window; a page has a choice of its own")
+        refuse(options, ("speed", "thickness"), "belongs to the window; a page has a choice of its own")
         return _write_page(options, recorded)
     refuse(options, ("still",), "needs --web; the window's key for a pause is the space bar")
 
@@ -42,7 +42,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     if recorded:
         from tensegrity_mj.runs.trajectory import Trajectory
 
-        viewer.play(Trajectory.load(options.source), options.speed or 1.0)
+        viewer.play(Trajectory.load(options.source), options.speed or 1.0, thickness=bool(options.thickness))
         return Outcome({"status": "ok", "source": options.source, "shown": "recorded"})
     return _view_scene(options)
 
@@ -97,6 +97,8 @@ def _view_scene(options: argparse.Namespace) -> Outcome:
         reason = f"--actuation {options.actuation} belongs to a run"
     elif options.duration or options.speed:
         reason = "it has a duration or a speed"
+    elif options.thickness:
+        reason = "--thickness belongs to a run that is played"
     if not reason:
         with contextlib.ExitStack() as opened:
             try:
@@ -109,7 +111,7 @@ def _view_scene(options: argparse.Namespace) -> Outcome:
                 return Outcome({"status": "ok", "source": options.source, "shown": "live"})
     print(f"simulated first, then played: {printable(reason)}", file=sys.stderr)
     run = _simulated(options, scene)
-    viewer.play(run, options.speed or 1.0)
+    viewer.play(run, options.speed or 1.0, thickness=bool(options.thickness))
     data = {"status": run.status, "source": options.source, "shown": "simulated first"}
     return Outcome(data, code=code_of_status(run.status))
 

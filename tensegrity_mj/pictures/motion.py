@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -161,6 +161,11 @@ class Motion:
         s = (moment - self.time[i]) / (self.time[i + 1] - self.time[i])
         tensions, rest_lengths = ((1.0 - s) * one[i] + s * one[i + 1] for one in (self.tensions, self.rest_lengths))
         return Pose(nodes, tensions, rest_lengths, self.break_times <= time)
+
+    def aim(self, pose: Pose, time: float) -> Pose | None:
+        """A pose at `time` [s] moved to where the target is then; None without one."""
+        targets = self.target_positions(np.array([time]))
+        return None if targets is None else replace(pose, nodes=targets[0])
 
     def target_positions(self, times: Array) -> Array | None:
         """Node positions (T, N, 3) [m] of the target at times (T,); None without a target."""

@@ -115,20 +115,23 @@ class Painter:
 
     Args:
         model: from `make_model`.
-        capacity: largest number of geoms.
+        capacity: largest number of geoms of a scene of its own.
         pixel_scale: pixels drawn for a pixel of width of a line.
+        scene: to fill in its place, such as a viewer's; what it has no room for is left out.
     """
 
-    def __init__(self, model: Any, capacity: int, pixel_scale: float) -> None:
+    def __init__(self, model: Any, capacity: int = 0, pixel_scale: float = 1.0, scene: Any = None) -> None:
         import mujoco
 
         self._mujoco = mujoco
         self._model = model
         self._data = mujoco.MjData(model)
         mujoco.mj_forward(model, self._data)
-        self.scene = mujoco.MjvScene(model, maxgeom=capacity)
-        self.scene.flags[:] = 0
-        self.scene.flags[mujoco.mjtRndFlag.mjRND_CULL_FACE.value] = 1
+        self.scene = mujoco.MjvScene(model, maxgeom=capacity) if scene is None else scene
+        if scene is None:
+            self.scene.flags[:] = 0
+            self.scene.flags[mujoco.mjtRndFlag.mjRND_CULL_FACE.value] = 1
+        self._geoms = self.scene.geoms
         self._option = mujoco.MjvOption()
         self._option.flags[mujoco.mjtVisFlag.mjVIS_SKIN.value] = 0  # they are drawn here, where there are any
         self._perturb = mujoco.MjvPerturb()
@@ -180,7 +183,7 @@ class Painter:
         right, up, forward = camera.axes
         depth = camera.distance + 2.0 * reach
         half = 3.0 * depth * math.tan(math.radians(FIELD_OF_VIEW) / 2.0)
-        geom = self.scene.geoms[0]
+        geom = self._geoms[0]
         self._count = max(1, self._count)
         frame = np.column_stack([right, up, -forward]).ravel()
         kind = self._mujoco.mjtGeom.mjGEOM_PLANE.value
@@ -248,7 +251,7 @@ class Painter:
         """Add pieces first..last-1 to those drawn; of a film's many, the oldest make room for the newest."""
         for i in range(max(first, last - MAX_PIECES), last):
             slot = self._fixed + i % MAX_PIECES
-            self._write_line(self.scene.geoms[slot], traces.starts[i], traces.ends[i], 1.6, colors[traces.nodes[i]])
+            self._write_line(self._geoms[slot], traces.starts[i], traces.ends[i], 1.6, colors[traces.nodes[i]])
         self._count = self._fixed + min(last, MAX_PIECES)
 
     def line(self, start: Array, end: Array, color: NDArray[np.float32]) -> None:
@@ -301,8 +304,8 @@ class Painter:
                 self._capsule(start, end, 0.75 * radii[row], loose, look, 0.1)
 
     def _next(self) -> Any:
-        geom = self.scene.geoms[self._count]
-        self._count += 1
+        geom = self._geoms[min(self._count, len(self._geoms) - 1)]
+        self._count = min(self._count + 1, len(self._geoms))
         return geom
 
     def _capsule(

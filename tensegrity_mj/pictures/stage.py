@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import TracebackType
 
 import numpy as np
@@ -287,11 +287,9 @@ class Stage:
         painter.structure(motion, pose, sizes, self._scale, thickness=self.view.thickness)
         if self._ghost is not None:
             painter.structure(self._ghost, self._ghost.pose(time), self.framing.sizes[1], self._scale, Look.GHOST)
-        if self.view.target:
-            targets = motion.target_positions(np.array([time]))
-            if targets is not None:
-                aim = replace(pose, nodes=targets[0])
-                painter.structure(motion, aim, sizes, self._scale, Look.TARGET)
+        aim = motion.aim(pose, time) if self.view.target else None
+        if aim is not None:
+            painter.structure(motion, aim, sizes, self._scale, Look.TARGET)
 
     def _cells_moved(self, pose: Pose) -> Array:
         """How far (2,) [m] the water goes with a structure that the camera follows."""

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 import tensegrity_mj.engines.mujoco  # noqa: F401  (refuses an environment in which MuJoCo cannot be imported)
 from tensegrity_mj.errors import MissingLibraryError
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.motion import Motion, Pose
-from tensegrity_mj.pictures.painter import Sizes, slack_strings
+from tensegrity_mj.pictures.motion import Motion
+from tensegrity_mj.pictures.painter import Look, Painter, Sizes
 from tensegrity_mj.runs.trajectory import Trajectory
 
 FRAME = 1.0 / 60.0  # s
@@ -65,12 +65,13 @@ def _open_glfw() -> None:
         raise MissingLibraryError(f"the viewer cannot open a window ({reason}): check DISPLAY, {INSTEAD}")
 
 
-def play(run: Trajectory, speed: float = 1.0) -> None:
+def play(run: Trajectory, speed: float = 1.0, *, thickness: bool = False) -> None:
     """Play the run, over and over, until the window is closed; `KEYS` pause it and change its speed.
 
     Args:
         run: of any engine.
         speed: simulated seconds a second at the beginning.
+        thickness: whether strings are as thick as they pull.
 
     Raises:
         OptionError: if the run has no sample that can be drawn.
@@ -90,7 +91,7 @@ def play(run: Trajectory, speed: float = 1.0) -> None:
     except RuntimeError as error:
         raise MissingLibraryError(f"MuJoCo's viewer cannot open a window: {error}") from error
     try:
-        _show(window, motion, player)
+        _show(window, model, motion, player, thickness)
     finally:
         window.close()
         # Its thread still draws: Python must not end, and take the window system away, before it has.
@@ -162,18 +163,26 @@ class Player:
         return f"{min(self.time, self.end):.3f} of {self.end:g} s, {state}"
 
 
-def _show(window: Any, motion: Motion, player: Player) -> None:
-    """Replay the run in an open window."""
+def _show(window: Any, model: Any, motion: Motion, player: Player, thickness: bool) -> None:
+    """Replay the run in an open window, drawn as in films: into the viewer's own list of shapes."""
     scale, extent = palette.TensionScale.of(motion.tensions), _extent(motion)[1]
     sizes = Sizes.of(motion.structure, extent)
+    painter = Painter(model, scene=window.user_scn)
     _point_camera(window.cam, motion)
     before = time.monotonic()
     while window.is_running():
         now = time.monotonic()
-        pose = motion.pose(player.go_on(now - before))
+        moment = player.go_on(now - before)
+        pose = motion.pose(moment)
+        aim = motion.aim(pose, moment)
         before = now
         with window.lock():
-            _draw(window.user_scn, motion, pose, sizes, scale)
+            painter.reset()
+            painter.structure(motion, pose, sizes, scale, thickness=thickness)
+            painter.supports(motion.structure, pose.nodes, sizes)
+            if aim is not None:
+                painter.structure(motion, aim, sizes, scale, Look.TARGET)
+            painter.finish()
         window.set_texts([(None, None, player.words, ""), (None, KEYS_CORNER, KEYS, "")])
         window.sync()
         time.sleep(FRAME)
@@ -212,24 +221,3 @@ def _extent(motion: Motion) -> tuple[NDArray[np.float64], float]:
     points = motion.nodes.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     return (low + high) / 2, float(np.linalg.norm(high - low))
-
-
-def _draw(scene: Any, motion: Motion, pose: Pose, sizes: Sizes, scale: palette.TensionScale) -> None:
-    """Put rods, and strings in the colour of their tension, into the viewer's own list of shapes."""
-    import mujoco
-
-    structure, nodes = motion.structure, pose.nodes
-    slack = slack_strings(structure, pose)
-    shades = np.where(slack[:, None], palette.SLACK, scale.colors(pose.tensions))
-    capsule = mujoco.mjtGeom.mjGEOM_CAPSULE
-    members = [(pair, radius, palette.ROD) for pair, radius in zip(structure.rod_nodes, sizes.rod, strict=True)]
-    members += [
-        (pair, sizes.string, color)
-        for pair, color, broken in zip(structure.string_nodes, shades, pose.broken, strict=True)
-        if not broken
-    ]
-    scene.ngeom = min(len(members), scene.maxgeom)
-    for geom, ((i, j), width, color) in zip(scene.geoms, members, strict=False):
-        rgba = np.array([*color, 1.0], np.float32)
-        mujoco.mjv_initGeom(geom, capsule, np.zeros(3), np.zeros(3), np.eye(3).ravel(), rgba)
-        mujoco.mjv_connector(geom, capsule, width, nodes[i], nodes[j])

@@ -764,6 +764,10 @@ def test_options_reach_the_renderer(
     assert requested["other"] is not None
     assert ask(capsys, *words)[0] == 0
     assert requested["layout"] is tmj.pictures.Layout.OVERLAY
+    requested.clear()
+    words = ("run", "prism", "--timestep", "1e-2", "--duration", "0.1", "--video", tmp_path / "v.mp4", "--thickness")
+    assert ask(capsys, *words, "--fps", "20")[0] == 0
+    assert requested == {"progress": True, "fps": 20.0, "thickness": True}
 
 
 @pytest.mark.slow

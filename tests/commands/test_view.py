@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +20,8 @@ from analytic_runs import cone_motion, cone_run
 
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
-from tensegrity_mj.pictures import viewer
+from tensegrity_mj.pictures import palette, viewer
+from tensegrity_mj.pictures.painter import SLACK_SEGMENTS
 
 
 @pytest.fixture
@@ -87,6 +89,7 @@ def test_a_scene_without_a_law_falls_and_starts_with_its_velocities(windows: Sim
     ("words", "reason"),
     [
         ("cross --duration 0.05", "it has a duration or a speed"),
+        pytest.param("pinned_rod --thickness", "--thickness belongs to a run that is played", marks=pytest.mark.slow),
         pytest.param("cross", "the law keeps something between its calls", marks=pytest.mark.slow),
         ("prism --actuation hold-rest-length --control-period 0.01 --duration 0.05", "--actuation hold-rest-length"),
     ],
@@ -106,13 +109,32 @@ def test_a_recorded_run_is_played(windows: SimpleNamespace, tmp_path: Path) -> N
     assert main(["view", str(tmp_path / "cone.nc"), "--speed", "0.5"]) == 0
     geoms, words = windows.frames[-1]
     assert words.endswith("of 2 s, 0.5 x")
-    assert len(geoms) == 4  # a rod and three strings
+    assert len(geoms) == 9  # a rod, three strings, the pinned point and three fixed nodes, and the target's rod
     shown = float(words.split()[0])
     nodes = cone_motion(np.array([shown]))[0][0]
     # Middle of the rod: the time is shown to half a millisecond, in which the tip moves by 1.5 sin 0.6 of it; MuJoCo's
     # own lists are single precision.
     assert np.abs(geoms[0][0] - 0.5 * (nodes[0] + nodes[1])).max() < 0.5e-3 * 1.5 * 0.57 + 1e-6
     assert geoms[0][1][0] >= 0.02  # the rod's radius
+
+
+def test_what_is_played_looks_as_in_films(windows: SimpleNamespace, tmp_path: Path) -> None:
+    # Slack strings hang in pieces as long as the string together; --thickness draws strings that pull more thicker, by
+    # the root of their tension.
+    run = cone_run()
+    slack = np.array([3.0, 0.0, 0.0])  # m; only the first string's rest length is longer than it
+    replace(run, rest_lengths=np.broadcast_to(slack, run.rest_lengths.shape)).save(tmp_path / "slack.nc")
+    replace(run, tensions=np.broadcast_to([0.0, 1.0, 4.0], run.tensions.shape)).save(tmp_path / "pulled.nc")
+    assert main(["view", str(tmp_path / "slack.nc")]) == 0
+    arc = [2.0 * size[2] for _, size, rgba in windows.frames[0][0] if np.allclose(rgba[:3], palette.SLACK)]
+    assert len(arc) == SLACK_SEGMENTS
+    # Chords of the twelve pieces of a parabola are shorter than its arc by less than 1 %.
+    assert 0.99 * 3.0 < sum(arc) < 3.0
+    windows.frames.clear()
+    assert main(["view", str(tmp_path / "pulled.nc"), "--thickness"]) == 0
+    radii = [size[0] for _, size, _ in windows.frames[0][0][1:4]]
+    assert radii[1] / radii[0] == pytest.approx((0.33 + 2.67 * 0.5) / 0.33, rel=1e-5)
+    assert radii[2] / radii[0] == pytest.approx(3.0 / 0.33, rel=1e-5)
 
 
 def test_keys_pause_step_and_change_the_speed(windows: SimpleNamespace, tmp_path: Path) -> None:
@@ -189,6 +211,10 @@ def test_pages_of_a_scene_of_a_run_and_beside_a_run(
         ("render a.nc b.nc --out p.html", "--out p.html: a page in 3-D shows one run, not 2; name one, or a film"),
         ("render a.nc --out p.html --fps 9", "--fps belongs to a film, and --out names a page"),
         ("view prism --still", "--still needs --web; the window's key for a pause is the space bar"),
+        ("render a.nc --out p.html --thickness", "--thickness belongs to a film, and --out names a page"),
+        ("run prism --thickness", "--thickness needs --video FILE.mp4"),
+        ("run prism --view --fps 20", "--fps needs --video FILE.mp4"),
+        ("view prism --web --thickness", "--thickness belongs to the window; a page has a choice of its own"),
         ("view prism --web --speed 2", "--speed belongs to the window; a page has a choice of its own"),
         ("view prism --speed 0", "view: --speed: 0: it must be > 0"),
         ("view prism --law none --norm 1", "--norm needs a control law, and --law none was given"),
