@@ -14,6 +14,7 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.runs.convergence import common_times
 from tensegrity_mj.runs.differences import DIFFERENCES, UNITS
 from tensegrity_mj.runs.resampling import resampled
+from tensegrity_mj.runs.summary import rows_of_comparison, text_of
 from tensegrity_mj.runs.table import Table
 from tensegrity_mj.runs.trajectory import Trajectory
 
@@ -36,7 +37,7 @@ class _Largest:
         return self if comparison is None else float(np.max(getattr(comparison, self._name), initial=0.0))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Comparison:
     """Differences of two runs at their common output times; each array is (T,), the largest over members.
 
@@ -76,6 +77,9 @@ class Comparison:
     max_rest_length_error = _Largest()
     max_energy_error = _Largest()
 
+    def __repr__(self) -> str:
+        return text_of(rows_of_comparison(self))
+
     def tolerance_of(self, name: str) -> float:
         """That of one of `NAMES`, in its unit."""
         return self.tolerances.get(DIFFERENCES[name].unit, self.tolerance)
@@ -110,7 +114,7 @@ class Comparison:
         }
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class TableComparison(Comparison):
     """A run against a table of another program, at the table's times; NaN where the table has none of it.
 

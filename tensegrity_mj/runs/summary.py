@@ -1,4 +1,4 @@
-"""A run at a glance: five lines of text, and for notebooks a table with a plot."""
+"""A run or a comparison at a glance: some lines of text; of a run for notebooks also a table with a plot."""
 
 from __future__ import annotations
 
@@ -8,12 +8,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import printable
+from tensegrity_mj.runs.differences import DIFFERENCES
 
 if TYPE_CHECKING:
+    from tensegrity_mj.runs.comparison import Comparison
     from tensegrity_mj.runs.trajectory import Trajectory
 
 MOST_LETTERS = 100  # of a line
+# What a comparison's lines have.
+GROUPS = {
+    "motion": ("node_error", "velocity_error"),
+    "forces": ("tension_error", "rod_force_error", "force_density_error"),
+    "others": ("rest_length_error", "energy_error"),
+}
 MOST_CURVES, MOST_POINTS = 8, 240
 WIDTH, HEIGHT, LEFT, RIGHT, EDGE = 560, 180, 70, 90, 18  # px of the plot, and of its margins
 # Okabe and Ito's colours, which the colour-blind tell apart (https://jfly.uni-koeln.de/color/).
@@ -43,9 +52,32 @@ def _short(text: str) -> str:
     return text if len(text) <= MOST_LETTERS else f"{text[: MOST_LETTERS - 3]}..."
 
 
-def text_of(run: Trajectory) -> str:
-    """Five lines."""
-    return "\n".join(f"{name:<7} {text}" for name, text in rows_of(run))
+def rows_of_comparison(comparison: Comparison) -> list[tuple[str, str]]:
+    """What was compared, when, the largest differences in their units, and which are beyond their tolerances."""
+    between = " and ".join(name or "a run" for name in (comparison.first, comparison.second))
+    time = comparison.time
+    rows = [("between", between), ("time", f"{time[0]:g} to {time[-1]:g} s, {len(time)} common times")]
+    for group, names in GROUPS.items():
+        found = [
+            f"{DIFFERENCES[name].words.removesuffix(' error')} "
+            f"{quantity(getattr(comparison, f'max_{name}'), DIFFERENCES[name].unit)}"
+            for name in names
+            if name in comparison.compared
+        ]
+        rows += [(group, ", ".join(found))] if found else []
+    beyond = [
+        f"{DIFFERENCES[name].words} from {quantity(since, 's')} "
+        f"({quantity(comparison.tolerance_of(name), DIFFERENCES[name].unit)})"
+        for name, since in comparison.first_exceeded.items()
+        if since is not None
+    ]
+    rows.append(("beyond", ", ".join(beyond) or f"no tolerance ({comparison.tolerance:g} in SI units by default)"))
+    return [(name, printable(text)) for name, text in rows]
+
+
+def text_of(rows: list[tuple[str, str]]) -> str:
+    """A line each."""
+    return "\n".join(f"{name:<7} {text}" for name, text in rows)
 
 
 def html_of(run: Trajectory) -> str:

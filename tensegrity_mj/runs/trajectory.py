@@ -16,7 +16,7 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.elements.element import energy_of, state_names
 from tensegrity_mj.model.elements.resistance import bending_energy
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.runs.summary import html_of, text_of
+from tensegrity_mj.runs.summary import html_of, rows_of, text_of
 from tensegrity_mj.runs.variables import DICTIONARIES, STATES, VARIABLES, labels_of
 from tensegrity_mj.runs.variables import Status as Status
 
@@ -72,7 +72,7 @@ class Trajectory:
     element_states: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __repr__(self) -> str:
-        return text_of(self)
+        return text_of(rows_of(self))
 
     def _repr_html_(self) -> str:
         return html_of(self)

@@ -71,3 +71,28 @@ def test_tolerances_are_given_by_units():
         tmj.compare(*runs, tolerances={"kN/m": 1.0})
     with pytest.raises(OptionError, match="> 0"):
         tmj.compare(*runs, tolerances={"N": -1.0})
+
+
+def test_a_comparison_shows_itself_in_six_lines():
+    first, second = pair(2e-6)
+    second = replace(second, tensions=second.tensions + np.array([0.0, 0.0, 0.5]))
+    found = tmj.compare(first, second, tolerances={"m": 1e-3})
+    lines = repr(found).splitlines()
+    assert lines[:3] == [
+        "between MuJoCo RK4 and DAE DOP853",
+        "time    0 to 2 s, 21 common times",
+        "motion  node 2 µm, velocity 0 m/s",
+    ]
+    assert lines[3].startswith("forces  tension 0.5 N, rod force 0 N, force density (u) ")
+    assert [line.split()[0] for line in lines[4:]] == ["others", "beyond"]
+    assert lines[5].startswith("beyond  tension error from 0 s (1 µN)")
+    same = repr(tmj.compare(first, first))
+    assert same.splitlines()[5] == "beyond  no tolerance (1e-06 in SI units by default)"
+
+
+def test_a_comparison_with_a_table_shows_what_the_table_has():
+    run = cone_run(engine="MuJoCo RK4")
+    table = tmj.runs.Table("motion.csv", run.time, ("tip",), run.nodes[:, [run.scene.structure.node_index["tip"]]])
+    lines = repr(tmj.compare(run, table)).splitlines()
+    assert [line.split()[0] for line in lines] == ["between", "time", "motion", "beyond"]
+    assert lines[0] == "between MuJoCo RK4 and motion.csv"
