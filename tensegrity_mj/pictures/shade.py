@@ -42,20 +42,24 @@ def patches(
     `extent` [m] is that of the picture, for how fast shadows pale.
     """
     place, up = floor
-    members = [(pair, radius, PIECES, 1.0) for pair, radius in zip(structure.rod_nodes, radii, strict=True)]
-    if len(structure.strings) <= MOST_STRINGS:
-        members += [(pair, string, 1, 0.6) for pair in structure.string_nodes]
     heights = (nodes - place) @ up
     flat = nodes - heights[:, None] * up
-    for (i, j), radius, pieces, weight in members:
-        along = flat[j] - flat[i]
-        length = float(np.linalg.norm(along))
-        direction = along / length if length > 1e-9 * extent else _across(up)
-        axes = np.column_stack([direction, np.cross(up, direction), up])
+    members = [(radius, PIECES, 1.0) for radius in radii.tolist()]
+    pairs = structure.rod_nodes
+    if len(structure.strings) <= MOST_STRINGS:
+        members += [(string, 1, 0.6)] * len(structure.strings)
+        pairs = np.concatenate([pairs, structure.string_nodes])
+    along = flat[pairs[:, 1]] - flat[pairs[:, 0]]
+    lengths = np.linalg.norm(along, axis=1)
+    directions = along / np.maximum(lengths, 1e-300)[:, None]
+    directions[lengths <= 1e-9 * extent] = _across(up)
+    frames = np.stack([directions, np.cross(up, directions), np.broadcast_to(up, directions.shape)], axis=2)
+    ends = zip(members, pairs, heights[pairs].tolist(), along, lengths.tolist(), frames, strict=True)
+    for (radius, pieces, weight), (i, _), (low, high), way, length, axes in ends:
         for k in range(pieces):
             share = (k + 0.5) / pieces
-            height = max(0.0, float((1.0 - share) * heights[i] + share * heights[j]) - radius)
-            middle = flat[i] + share * along
+            height = max(0.0, (1.0 - share) * low + share * high - radius)
+            middle = flat[i] + share * way
             for wide, dark in SOFT if pieces > 1 else SOFT[1:]:
                 half = (0.5 * length / pieces, wide * (radius + WIDER * height))
                 yield Patch(middle, half, axes, weight * dark * _darkness(height, extent), False)

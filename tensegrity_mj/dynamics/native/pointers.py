@@ -61,7 +61,7 @@ def _viewer(dtype: np.dtype[Any]) -> Any:
     return view
 
 
-floats, integers = _viewer(np.dtype(np.float64)), _viewer(np.dtype(np.int64))
+floats, integers, octets = (_viewer(np.dtype(kind)) for kind in (np.float64, np.int64, np.uint8))
 
 
 def call_by_address(parameters: str) -> Any:
