@@ -12,7 +12,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.reading import scene_from_toml, structure_from_toml
 from tensegrity_mj.model.text.writing import scene_to_toml, structure_to_toml
 from tensegrity_mj.pictures.curves import rod_groups, string_groups
-from tensegrity_mj.studies.scene_parameters import scene_change
+from tensegrity_mj.studies.scene_parameters import changed_scene
 
 GOOD = """\
 format = 1
@@ -127,9 +127,9 @@ def test_plots_and_sweeps_know_groups() -> None:
     scene = Scene(structure_from_toml(GOOD))
     assert [label for label, _ in string_groups(scene.structure)] == ["saddle (2)", "rim (1)", "others (1)"]
     assert [rows.tolist() for _, rows in rod_groups(scene.structure)] == [[0], [1]]
-    changed = scene_change(scene, "structure", "strings[saddle].stiffness", "p")(scene, 50.0).structure
+    changed = changed_scene(scene, "structure", "strings[saddle].stiffness", "p", 50.0).structure
     assert changed.stiffness.tolist() == [50, 50, 7, 500]
-    changed = scene_change(scene, "structure", "strings[saddle, s4].damping", "p")(scene, 1.0).structure
+    changed = changed_scene(scene, "structure", "strings[saddle, s4].damping", "p", 1.0).structure
     assert changed.damping.tolist() == [1, 1, 2, 1]
     with pytest.raises(OptionError, match=r"there is no string 'sadle' \(did you mean 'saddle'"):
-        scene_change(scene, "structure", "strings[sadle].stiffness", "p")
+        changed_scene(scene, "structure", "strings[sadle].stiffness", "p", 1.0)

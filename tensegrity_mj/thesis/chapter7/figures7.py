@@ -19,7 +19,8 @@ def close_view(all_runs: AllRuns) -> Figure:
     """Figure 7.6: three stages, in space."""
     run: BeamRun = drawing.first_of(all_runs, "tower-form")
     chosen = range(6 * (FIRST - 1), 6 * (FIRST - 1 + STAGES))  # six nodes a stage
-    rods, strings = ([pair for pair in run.of(FORMED, kind) if set(pair) <= set(chosen)] for kind in ("rods", "strings"))
+    members = [[pair for pair in run.of(FORMED, kind) if set(pair) <= set(chosen)] for kind in ("rods", "strings")]
+    rods, strings = members
     figure = new_figure(9.0, 3.9)
     for number, (name, text) in enumerate((("before", "before"), ("nodes", "after")), start=1):
         panel: Any = figure.add_subplot(1, 2, number, projection="3d")
