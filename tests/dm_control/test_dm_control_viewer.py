@@ -178,8 +178,22 @@ def test_the_example_says_what_is_missing(tmp_path: Path) -> None:
 
 def test_the_guide_runs_as_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "dm_control.md").read_text(), re.DOTALL)
-    assert len(blocks) == 2
+    assert len(blocks) == 3
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     for block in blocks:
-        exec(compile(block, "docs/dm_control.md", "exec"), names)
+        if "shimmy" not in block:
+            exec(compile(block, "docs/dm_control.md", "exec"), names)
+
+
+def test_the_guide_to_gymnasium_runs_as_printed() -> None:
+    pytest.importorskip("shimmy", reason="the extra gym is not installed")
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "dm_control.md").read_text(), re.DOTALL)
+    (block,) = [one for one in blocks if "shimmy" in one]
+    names: dict[str, Any] = {}
+    exec(compile(blocks[0] + block, "docs/dm_control.md", "exec"), names)
+    # Its time limit ends it: no state of the scene does.
+    assert names["truncated"]
+    assert not names["terminated"]
+    assert names["env"].action_space.shape == (len(names["scene"].structure.strings),)
+    assert names["observation"].shape == names["env"].observation_space.shape

@@ -1,4 +1,4 @@
-"""The recipes of docs/own-law.md run as they are shown: files, commands and Python, in order; and do what it says."""
+"""docs/own-law.md runs as it is shown: files, commands and Python, in order; and its recipes do what it says."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     yield tmp_path
-    for name in ("near", "pid", "cpg", "lqr"):
+    for name in ("my_laws", "near", "pid", "cpg", "lqr"):
         sys.modules.pop(name, None)
 
 
@@ -53,9 +53,18 @@ def section(title: str) -> str:
 def recipe(title: str, folder: Path) -> Names:
     """What the names of a recipe are after it, with what comes before all recipes."""
     names: Names = {"__name__": "recipe"}
-    assert run_blocks(PAGE.read_text("utf-8").partition("\n## ")[0], folder, names) == 1
+    assert run_blocks(section("Recipes"), folder, names) == 1
     assert run_blocks(section(title), folder, names) == 3
     return names
+
+
+@pytest.mark.slow
+def test_what_stands_before_the_recipes_runs(folder: Path) -> None:
+    names: Names = {"__name__": "page"}
+    assert run_blocks(section("In five minutes"), folder, names) == 1
+    assert run_blocks(section("By its file"), folder, names) == 2
+    rest = PAGE.read_text("utf-8").partition("## What a law may say")[2].partition("## Recipes")[0]
+    assert run_blocks(rest, folder, names) == 0
 
 
 @pytest.mark.slow
