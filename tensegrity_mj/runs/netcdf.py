@@ -1,4 +1,4 @@
-"""Writes NetCDF-4 files of float64 arrays and of names, with named dimensions, straight through HDF5.
+"""NetCDF-4 files: opened for reading, and written of float64 arrays and names straight through HDF5.
 
 What makes an HDF5 file a NetCDF-4 file: its objects are kept in the order of their creation; a dimension is a scale,
 which has its number; a variable is attached to the scales of its dimensions, and has their numbers
@@ -8,16 +8,42 @@ three times as long to write them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import contextlib
+import os
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.errors import FormatError, TensegrityError
 
 # Dimensions, values (names, where it is a tuple) and attributes.
 Variables = Mapping[str, tuple[tuple[str, ...], Array | tuple[str, ...], Mapping[str, str]]]
+
+
+@contextlib.contextmanager
+def opened(path: str | os.PathLike[str], what: str, remedy: str = "") -> Iterator[Any]:
+    """A file that is there, to read `what` from it in the block.
+
+    Raises:
+        FormatError: where there is no file, or where the block cannot read it: what the libraries of the format raise
+            for damaged files is documented nowhere.
+    """
+    import h5netcdf
+
+    try:
+        if Path(path).is_dir():
+            raise FormatError(f"{path}: that is a folder; name a .nc file in it")
+        if not Path(path).is_file():
+            raise FormatError(f"{path}: no such file")
+        with h5netcdf.File(path, "r", decode_vlen_strings=True) as file:
+            yield file
+    except TensegrityError:
+        raise
+    except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError) as error:
+        raise FormatError(f"{path}: not a readable {what} ({error}){remedy}") from error
 
 
 def write_netcdf(path: Path, variables: Variables, attributes: Mapping[str, str | int]) -> None:

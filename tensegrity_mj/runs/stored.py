@@ -17,8 +17,9 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
-from tensegrity_mj.errors import FormatError, TensegrityError
+from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.runs.netcdf import opened, write_netcdf
 from tensegrity_mj.runs.variables import (
     DICTIONARIES,
     LAW_REPORTS,
@@ -87,21 +88,17 @@ def attributes_in_file(run: Trajectory) -> dict[str, str | int]:
 
 def write_run(run: Trajectory, path: Path) -> None:
     """Write the NetCDF-4 file of a run."""
-    from tensegrity_mj.runs.netcdf import write_netcdf
-
     write_netcdf(path, variables_in_file(run), attributes_in_file(run))
 
 
 def is_table(path: str | os.PathLike[str]) -> bool:
     """Whether a file is for `table.read_table` rather than for `read_run`: CSV, or NetCDF with nodes and no scene."""
-    import h5netcdf
-
     if Path(path).suffix.lower() != ".nc":
         return True
     try:
-        with h5netcdf.File(path, "r") as file:
+        with opened(path, "table") as file:
             return "node" in file.variables and "scene" not in file.attrs
-    except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError):
+    except FormatError:
         return False  # reading it says what is wrong
 
 
@@ -111,37 +108,23 @@ def read_run(path: str | os.PathLike[str]) -> dict[str, Any]:
     Raises:
         FormatError: as `Trajectory.load`.
     """
-    import h5netcdf
-
     from tensegrity_mj.model.text.reading import scene_from_toml
 
     try:
         source = Path(path)
     except TypeError:
         raise FormatError(f"{path!r}: that is no path; give the name of a trajectory's .nc file") from None
-    try:
-        if source.is_dir():
-            raise FormatError(f"{path}: that is a folder; name a .nc file in it")
-        if not source.is_file():
-            raise FormatError(f"{path}: no such file")
-        with h5netcdf.File(source, "r", decode_vlen_strings=True) as file:
-            if file.attrs.get("format") != FORMAT or "scene" not in file.attrs:
-                raise FormatError(f"{path}: a NetCDF file, but no trajectory of format {FORMAT} of tensegrity_mj")
-            texts = {key: _text(file.attrs[key]) for key in ("scene", "status", "message", "engine", *DICTIONARIES)}
-            scene = scene_from_toml(texts["scene"], where=str(path))
-            variables = {name: file.variables[name] for name in variables_of(scene)}
-            _check_shapes(source, scene, {name: tuple(variable.shape) for name, variable in variables.items()})
-            _check_labels(source, scene, file.variables)
-            arrays: dict[str, Any] = {name: np.array(variable[...], float) for name, variable in variables.items()}
+    with opened(source, "trajectory", "; name a file that `run --out` or `save` wrote") as file:
+        if file.attrs.get("format") != FORMAT or "scene" not in file.attrs:
+            raise FormatError(f"{path}: a NetCDF file, but no trajectory of format {FORMAT} of tensegrity_mj")
+        texts = {key: _text(file.attrs[key]) for key in ("scene", "status", "message", "engine", *DICTIONARIES)}
+        scene = scene_from_toml(texts["scene"], where=str(path))
+        variables = {name: file.variables[name] for name in variables_of(scene)}
+        _check_shapes(source, scene, {name: tuple(variable.shape) for name, variable in variables.items()})
+        _check_labels(source, scene, file.variables)
+        arrays: dict[str, Any] = {name: np.array(variable[...], float) for name, variable in variables.items()}
         status = Status(texts["status"])
         extra = {key: from_exact_json(texts[key]) for key in DICTIONARIES}
-    except TensegrityError:
-        raise
-    except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError) as error:
-        # What the libraries of the format raise for damaged files is documented nowhere.
-        raise FormatError(
-            f"{path}: not a readable trajectory ({error}); name a file that `run --out` or `save` wrote"
-        ) from error
     for key, value in extra.items():
         if not isinstance(value, dict):
             raise FormatError(f"{path}: {key} is a {type(value).__name__}; it must be a JSON object")

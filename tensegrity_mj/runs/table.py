@@ -15,7 +15,8 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import real_array
 from tensegrity_mj.basics.files import content_of
-from tensegrity_mj.errors import FormatError, OptionError, TensegrityError
+from tensegrity_mj.errors import FormatError, OptionError
+from tensegrity_mj.runs.netcdf import opened
 
 MOST_BYTES = 500_000_000  # of a CSV file
 COLUMNS = ("x", "y", "z", "vx", "vy", "vz")
@@ -147,28 +148,17 @@ def _number(source: Path, line: int, column: str, text: str) -> float:
 
 
 def _read_netcdf(source: Path) -> dict[str, Any]:
-    import h5netcdf
-
-    if not source.is_file():
-        raise FormatError(f"{source}: no such file")
-    try:
-        with h5netcdf.File(source, "r", decode_vlen_strings=True) as file:
-            held = file.variables
-            absent = [name for name in ("time", "node", "nodes") if name not in held]
-            if absent:
-                raise FormatError(
-                    f"{source}: there is no variable '{absent[0]}'; a table has time (time), node (node: names) and "
-                    "nodes (time, node, axis)"
-                )
-            values = {name: _variable(source, held[name], *VARIABLES[name]) for name in VARIABLES if name in held}
-            tensions = (
-                dict(zip(_names(held["string"]), values["tensions"].T, strict=True)) if "tensions" in values else {}
+    with opened(source, "table in NetCDF-4") as file:
+        held = file.variables
+        absent = [name for name in ("time", "node", "nodes") if name not in held]
+        if absent:
+            raise FormatError(
+                f"{source}: there is no variable '{absent[0]}'; a table has time (time), node (node: names) and "
+                "nodes (time, node, axis)"
             )
-            nodes = _names(held["node"])
-    except TensegrityError:
-        raise
-    except (OSError, RuntimeError, LookupError, ValueError, TypeError, AttributeError) as error:
-        raise FormatError(f"{source}: not a readable table in NetCDF-4 ({error})") from error
+        values = {name: _variable(source, held[name], *VARIABLES[name]) for name in VARIABLES if name in held}
+        pulls = zip(_names(held["string"]), values["tensions"].T, strict=True) if "tensions" in values else ()
+        tensions, nodes = dict(pulls), _names(held["node"])
     moved = {"positions": values["nodes"], "velocities": values.get("velocities")}
     return {"time": values["time"], "nodes": nodes, "tensions": tensions, **moved}
 
