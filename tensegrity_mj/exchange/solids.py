@@ -61,26 +61,20 @@ def _capsule(first: Array, second: Array, radius: float) -> Array:
     along = second - first
     length = float(np.linalg.norm(along))
     rotation = rotation_to(along / length) if length > 0 else np.eye(3)
-    half = np.linspace(0, np.pi / 2, ALONG + 1)[1:]
-    angles = np.concatenate([-half[::-1][1:], [0.0], [0.0], half[:-1]])  # between the poles
+    half = np.linspace(0, np.pi / 2, ALONG + 1)
+    angles = np.concatenate([-half[::-1], half])  # from pole to pole
     around = 2 * np.pi * np.arange(AROUND) / AROUND
-    heights = radius * np.sin(angles) + np.where(np.arange(len(angles)) >= len(angles) // 2, length, 0.0)
+    heights = radius * np.sin(angles) + np.repeat([0.0, length], len(half))
+    across = radius * np.cos(angles)[:, None]
     rings = np.stack(
-        [
-            radius * np.cos(angles)[:, None] * np.cos(around),
-            radius * np.cos(angles)[:, None] * np.sin(around),
-            np.repeat(heights[:, None], AROUND, axis=1),
-        ],
-        axis=2,
+        [across * np.cos(around), across * np.sin(around), np.repeat(heights[:, None], AROUND, axis=1)], axis=2
     )
     after = np.roll(rings, -1, axis=1)
-    lower, upper = np.array([0, 0, -radius]), np.array([0, 0, length + radius])
     sides = [
         np.stack([rings[:-1], after[:-1], after[1:]], axis=2).reshape(-1, 3, 3),
         np.stack([rings[:-1], after[1:], rings[1:]], axis=2).reshape(-1, 3, 3),
-        np.stack([np.broadcast_to(lower, (AROUND, 3)), after[0], rings[0]], axis=1),
-        np.stack([np.broadcast_to(upper, (AROUND, 3)), rings[-1], after[-1]], axis=1),
     ]
     triangles = np.concatenate(sides)
+    # Those at the poles, and between the halves of a ball, have no area.
     area = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
     return np.asarray(first + triangles[area > 1e-14 * radius**2] @ rotation.T)
