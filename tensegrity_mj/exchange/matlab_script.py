@@ -28,7 +28,7 @@ MOST_ELEMENTS = 2_000_000  # of a matrix: the connectivity of 1,000 nodes and 2,
 MOST_SHOWN = 40
 
 _TOKEN = re.compile(
-    r"(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eEdD][+-]?\d+)?)"
+    r"(?P<number>(?:\d+(?:\.(?![*/^'])\d*)?|\.\d+)(?:[eEdD][+-]?\d+)?)"
     r"|(?P<name>[A-Za-z]\w*(?:\.[A-Za-z]\w*)*)"
     r"|(?P<sign>\.\*|\./|\.\^|\.'|[-+*/^'(),;:\[\]])"
     r"|(?P<space>[ \t]+)|(?P<line>\n)"
