@@ -4,28 +4,19 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from tensegrity_mj.commands.common import (
-    PLOT_SUFFIXES,
-    Outcome,
-    number,
-    output_file,
-    table,
-)
+import tensegrity_mj.library as library
+from tensegrity_mj import runs
+from tensegrity_mj.commands.common import PLOT_SUFFIXES, Outcome, number, output_file, table
 from tensegrity_mj.errors import OptionError
-
-if TYPE_CHECKING:
-    from tensegrity_mj.runs.approaches import Approach, Clearance, Pairs
 
 SHOWN = 20  # events, to people
 
 
-def kinds(text: str) -> list[Pairs]:
+def kinds(text: str) -> list[runs.Pairs]:
     """argparse type: kinds of pairs, by commas."""
-    from tensegrity_mj.runs.approaches import Pairs
-
-    known = {one.value: one for one in Pairs}
+    known = {one.value: one for one in runs.Pairs}
     names = [name.strip() for name in text.split(",") if name.strip()]
     for name in names:
         if name not in known:
@@ -42,15 +33,10 @@ def execute(options: argparse.Namespace) -> Outcome:
     if out and not is_run:
         raise OptionError(f"--out plots distances over time, and {options.input} is one shape: give the file of a run")
 
-    from tensegrity_mj.library.load import load_scene
-    from tensegrity_mj.runs.approaches import Pairs
-    from tensegrity_mj.runs.clearances import clearance
-    from tensegrity_mj.runs.trajectory import Trajectory
-
-    what = Trajectory.load(options.input) if is_run else load_scene(options.input)
-    found = clearance(
+    what = runs.Trajectory.load(options.input) if is_run else library.load_scene(options.input)
+    found = runs.clearance(
         what,
-        pairs=options.pairs or list(Pairs),
+        pairs=options.pairs or list(runs.Pairs),
         below=options.below,
         string_radius=options.string_radius,
         tolerance=options.tolerance,
@@ -67,7 +53,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     return Outcome(data, describe(found) + (f"\nwritten  {out}" if out else ""))
 
 
-def describe(found: Clearance) -> str:
+def describe(found: runs.Clearance) -> str:
     """The clearance for people."""
     moving = found.samples > 1
     rows = [("scene", found.name)]
@@ -94,6 +80,6 @@ def describe(found: Clearance) -> str:
     return "\n".join(lines)
 
 
-def _approach(a: Approach, moving: bool) -> str:
+def _approach(a: runs.Approach, moving: bool) -> str:
     when: Any = f" at {a.time:.6g} s" if moving else ""
     return f"{number(a.distance, 'm')}, {a.first} at {a.at[0]:.3f} and {a.second} at {a.at[1]:.3f} of its length{when}"

@@ -135,6 +135,13 @@ def refuse(options: argparse.Namespace, names: Sequence[str], why: str) -> None:
             raise OptionError(f"--{name} {why}")
 
 
+def whole(text: str, most: int) -> int:
+    """argparse type, with `most`: a whole number > 0."""
+    if not text.isascii() or not text.isdigit() or not 1 <= int(text) <= most:
+        raise argparse.ArgumentTypeError(f"{text!r}: write a whole number from 1 to {most}")
+    return int(text)
+
+
 def positive(text: str) -> float:
     """argparse type: a finite number > 0."""
     value = finite(text)

@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import tensegrity_mj.library as library
+from tensegrity_mj import runs
 from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.commands import experiment
@@ -29,9 +31,7 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.runs.differences import DIFFERENCES, UNITS
 
 if TYPE_CHECKING:
-    from tensegrity_mj.runs.table import Table
-    from tensegrity_mj.runs.trajectory import Trajectory
-
+    Run = runs.Trajectory | runs.Table
 
 # Numbers of a comparison, in words and with units, for people.
 WORDS = {f"max_{name}": (f"largest {words}", unit) for name, (words, _, unit) in DIFFERENCES.items()}
@@ -52,10 +52,8 @@ def execute(options: argparse.Namespace) -> Outcome:
     if plot is None:
         refuse(options, ("paper",), "needs --plot FILE.pdf")
     if all(name.lower().endswith((".nc", ".csv")) for name in options.inputs):
-        from tensegrity_mj.runs.trajectory import Trajectory
-
         first, second = _read(options)
-        if not (isinstance(first, Trajectory) and isinstance(second, Trajectory)):
+        if not (isinstance(first, runs.Trajectory) and isinstance(second, runs.Trajectory)):
             return _with_table(first, second, options, plot)
         files: dict[str, Path] = {}
         code = ExitCode.SUCCESS
@@ -67,7 +65,6 @@ def execute(options: argparse.Namespace) -> Outcome:
     else:
         raise OptionError(f"compare {' '.join(options.inputs)}: give one scene, or two .nc or .csv files")
 
-    from tensegrity_mj.runs.trajectory import Status
     from tensegrity_mj.runs.verdicts import verdict
 
     for run in (first, second):
@@ -83,10 +80,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         numbers["verdict"] = verdict([first, second])
         plot = None
     else:
-        from tensegrity_mj.runs.comparison import TOLERANCE, compare
-
-        given = dict(options.tolerance or ())
-        comparison = compare(first, second, given.pop("", TOLERANCE), tolerances=given)
+        comparison = _compared(first, second, options)
         numbers = comparison.to_dict()
         numbers["tolerances"] = {name: comparison.tolerance_of(name) for name in comparison.NAMES}
         numbers["verdict"] = verdict([first, second], comparison)
@@ -98,7 +92,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     # Two files are compared with success whatever became of their runs, which first_status and second_status give.
     worst = max((first, second), key=lambda run: code_of_status(run.status))
     data = {
-        "status": worst.status if code else Status.COMPLETED,
+        "status": worst.status if code else runs.Status.COMPLETED,
         "message": worst.message,
         "scene": first.scene.name,
         "first": first.engine,
@@ -145,16 +139,18 @@ def _difference(data: dict[str, Any], name: str) -> tuple[str, str]:
     return words, text
 
 
-def _with_table(
-    first: Trajectory | Table, second: Trajectory | Table, options: argparse.Namespace, plot: Path | None
-) -> Outcome:
+def _compared(first: Run, second: Run, options: argparse.Namespace) -> runs.Comparison:
+    given = dict(options.tolerance or ())
+    general = {"tolerance": given.pop("")} if "" in given else {}
+    return runs.compare(first, second, **general, tolerances=given)
+
+
+def _with_table(first: Run, second: Run, options: argparse.Namespace, plot: Path | None) -> Outcome:
     """Compare a run with a table of another program."""
     from tensegrity_mj.pictures.plots import plot_comparison
-    from tensegrity_mj.runs.comparison import TOLERANCE, TableComparison, compare
 
-    given = dict(options.tolerance or ())
-    found = compare(first, second, given.pop("", TOLERANCE), tolerances=given)
-    assert isinstance(found, TableComparison)
+    found = _compared(first, second, options)
+    assert isinstance(found, runs.TableComparison)
     if plot:
         with for_paper(options.paper):
             plot_comparison(found, plot)
@@ -187,16 +183,11 @@ def _engines(options: argparse.Namespace) -> tuple[str, str]:
     return first, second
 
 
-def _simulate(options: argparse.Namespace, names: tuple[str, str]) -> tuple[Trajectory, Trajectory]:
+def _simulate(options: argparse.Namespace, names: tuple[str, str]) -> tuple[runs.Trajectory, runs.Trajectory]:
     from tensegrity_mj.engines.requirements import engines_for, only_one
-    from tensegrity_mj.library.load import load_scene
-    from tensegrity_mj.model.actuation import OnInfeasible
-    from tensegrity_mj.runs.trajectory import Status
-    from tensegrity_mj.simulation import simulate
-    from tensegrity_mj.vibration.step_warnings import explain_warnings
 
     experiment.check_control(options)
-    scene = load_scene(options.inputs[0])
+    scene = library.load_scene(options.inputs[0])
     if len(engines_for(scene)) == 1:
         raise OptionError(
             f"{only_one(scene)}: there is no second engine to compare with. "
@@ -207,33 +198,20 @@ def _simulate(options: argparse.Namespace, names: tuple[str, str]) -> tuple[Traj
     engines = [experiment.engine_of(name, options, with_timestep=alone or options.method == "rk4") for name in names]
     law, actuation = experiment.law_of(options, scene), experiment.actuation_of(options)
 
-    def run(engine: Any, interval: float | None) -> Trajectory:
-        found = simulate(
-            scene,
-            law,
-            engine,
-            duration=options.duration,
-            actuation=actuation,
-            on_infeasible=OnInfeasible(options.on_infeasible or "stop"),
-            output_interval=interval,
-            progress=True,
-        )
-        explain_warnings(found, engine, law, actuation)
-        return found
+    def run(engine: Any, interval: float | None) -> runs.Trajectory:
+        return experiment.simulated(options, scene, law, engine, actuation, options.duration, interval)
 
     first = run(engines[0], options.output_interval)
     # Where a fixed step does not divide 0.01 s, its samples lie elsewhere: the reference is sampled there too.
     # (The last sample of a run that stopped lies anywhere.)
-    regular = len(first.time) > (1 if first.status is Status.COMPLETED else 2)
+    regular = len(first.time) > (1 if first.status is runs.Status.COMPLETED else 2)
     spacing = float(first.time[1] - first.time[0]) if regular else options.output_interval
     return first, run(engines[1], spacing)
 
 
-def _read(options: argparse.Namespace) -> tuple[Trajectory | Table, Trajectory | Table]:
+def _read(options: argparse.Namespace) -> tuple[Run, Run]:
     """What two files hold."""
     from tensegrity_mj.runs.stored import is_table
-    from tensegrity_mj.runs.table import read_table
-    from tensegrity_mj.runs.trajectory import Trajectory
 
     if len(options.inputs) != 2:
         raise OptionError(f"compare {' '.join(options.inputs)}: give two files, not {len(options.inputs)}")
@@ -241,7 +219,7 @@ def _read(options: argparse.Namespace) -> tuple[Trajectory | Table, Trajectory |
     control = ("law", *experiment.LAW_OPTIONS, *experiment.ACTUATION_OPTIONS)
     refuse(options, (*engines, *control), "belongs to a simulation; two files are only read")
     refuse(options, ("out",), "writes simulated runs; two files are only read")
-    first, second = (read_table(path) if is_table(path) else Trajectory.load(path) for path in options.inputs)
+    first, second = (runs.read_table(path) if is_table(path) else runs.Trajectory.load(path) for path in options.inputs)
     return first, second
 
 

@@ -5,17 +5,13 @@ from __future__ import annotations
 import argparse
 import math
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from tensegrity_mj import model, runs
 from tensegrity_mj.commands.common import refuse
 from tensegrity_mj.controllers.table import LAWS
 from tensegrity_mj.engines.table import ENGINES, make_engine, option_names
 from tensegrity_mj.errors import OptionError
-
-if TYPE_CHECKING:
-    from tensegrity_mj.model.actuation import Actuation
-    from tensegrity_mj.model.scene import Scene
-
 
 NORMS = {"1": 1.0, "2": 2.0, "inf": math.inf}
 
@@ -58,7 +54,7 @@ def check_control(options: argparse.Namespace) -> None:
         refuse(options, ("control-period",), "needs --actuation hold-force-density or hold-rest-length")
 
 
-def law_of(options: argparse.Namespace, scene: Scene) -> Any:
+def law_of(options: argparse.Namespace, scene: model.Scene) -> Any:
     """The scene's law or the one chosen, with the options given; None for an open loop.
 
     Raises:
@@ -94,16 +90,41 @@ def law_option(text: str) -> tuple[str, Any]:
         return name, value
 
 
-def actuation_of(options: argparse.Namespace) -> Actuation:
+def actuation_of(options: argparse.Namespace) -> model.Actuation:
     """What is held between control samples."""
-    from tensegrity_mj.model.actuation import Actuation
-
     match options.actuation:
         case "hold-force-density":
-            return Actuation.hold_force_density(options.control_period)
+            return model.Actuation.hold_force_density(options.control_period)
         case "hold-rest-length":
-            return Actuation.hold_rest_length(options.control_period)
-    return Actuation.continuous()
+            return model.Actuation.hold_rest_length(options.control_period)
+    return model.Actuation.continuous()
+
+
+def simulated(
+    options: argparse.Namespace,
+    scene: model.Scene,
+    law: Any,
+    engine: Any,
+    actuation: model.Actuation,
+    duration: float | None = None,
+    output_interval: float | None = None,
+) -> runs.Trajectory:
+    """A run under a bar, with what its warnings come from."""
+    from tensegrity_mj.simulation import simulate
+    from tensegrity_mj.vibration.step_warnings import explain_warnings
+
+    run = simulate(
+        scene,
+        law,
+        engine,
+        duration=duration,
+        actuation=actuation,
+        on_infeasible=model.OnInfeasible(options.on_infeasible or "stop"),
+        output_interval=output_interval,
+        progress=True,
+    )
+    explain_warnings(run, engine, law, actuation)
+    return run
 
 
 def engine_of(name: str, options: argparse.Namespace, *, with_timestep: bool = True) -> Any:

@@ -6,6 +6,9 @@ import argparse
 import sys
 from pathlib import Path
 
+import tensegrity_mj.exchange as exchange
+import tensegrity_mj.library as library
+from tensegrity_mj import model, runs
 from tensegrity_mj.commands.common import Outcome, output_file, refuse
 from tensegrity_mj.errors import printable
 
@@ -22,39 +25,26 @@ def execute(options: argparse.Namespace) -> Outcome:
     if suffix != ".stl":
         refuse(options, ("scale",), "is for shapes (.stl)")
 
-    from tensegrity_mj.library.load import load_scene
-    from tensegrity_mj.runs.trajectory import Trajectory
-
-    run = Trajectory.load(options.scene) if options.scene.lower().endswith(".nc") else None
-    scene = load_scene(options.scene) if run is None else run.scene
+    run = runs.Trajectory.load(options.scene) if options.scene.lower().endswith(".nc") else None
+    scene = library.load_scene(options.scene) if run is None else run.scene
     files: list[Path] = [out]
     notes: list[str] = []
     if run is not None and suffix in OF_RUNS:
         run.save(out)
     elif suffix == ".toml":
-        from tensegrity_mj.model.text.writing import save_scene
-
-        save_scene(scene, out)
+        model.save_scene(scene, out)
     elif suffix == ".csv":
-        from tensegrity_mj.exchange.tables import save_csv
-
-        files, notes = save_csv(scene, out)
+        files, notes = exchange.save_csv(scene, out)
     elif suffix == ".mat":
-        from tensegrity_mj.exchange.matlab_export import save_mat
-
-        _, notes = save_mat(scene, out)
+        _, notes = exchange.save_mat(scene, out)
     elif suffix == ".stl":
-        from tensegrity_mj.exchange.solids import save_stl
-
-        save_stl(scene, out, 1.0 if options.scale is None else options.scale)
+        exchange.save_stl(scene, out, 1.0 if options.scale is None else options.scale)
     elif getattr(options, "for") is None:
         from tensegrity_mj.engines.mujoco.mjcf import save_mjcf
 
         save_mjcf(scene, out)
     else:
-        from tensegrity_mj.exchange.menagerie import save_menagerie
-
-        files, notes = save_menagerie(scene, out, warp=getattr(options, "for") == "warp")
+        files, notes = exchange.save_menagerie(scene, out, warp=getattr(options, "for") == "warp")
     for note in notes:
         print(f"note: {printable(note)}", file=sys.stderr)
     data = {"status": "ok", "scene": scene.name, "out": out}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
+import tensegrity_mj.exchange as exchange
 from tensegrity_mj.commands.common import Outcome, output_file
 from tensegrity_mj.errors import printable
 
@@ -14,11 +15,8 @@ GIVEN = ("unit", "stiffness", "damping", "rod_mass", "rod_radius", "node_mass")
 def execute(options: argparse.Namespace) -> Outcome:
     """Read the file, write the scene, and say on stderr what could not be carried over."""
     out = output_file(options.out, "--out", (".toml",))
-
-    from tensegrity_mj.exchange.importing import import_scene
-    from tensegrity_mj.exchange.options import ImportOptions
-
-    found = import_scene(options.file, options.format, ImportOptions(**{key: getattr(options, key) for key in GIVEN}))
+    given = exchange.ImportOptions(**{key: getattr(options, key) for key in GIVEN})
+    found = exchange.import_scene(options.file, options.format, given)
     found.save(out)
     structure = found.scene.structure
     counts = {"nodes": len(structure.nodes), "rods": len(structure.rods), "strings": len(structure.strings)}

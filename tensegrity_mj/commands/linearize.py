@@ -6,6 +6,8 @@ import argparse
 import math
 from typing import TYPE_CHECKING, Any
 
+import tensegrity_mj.library as library
+from tensegrity_mj import runs
 from tensegrity_mj.commands.common import Outcome, number, output_file, refuse, table
 from tensegrity_mj.commands.experiment import law_of
 from tensegrity_mj.engines.table import engine_class
@@ -26,10 +28,9 @@ def execute(options: argparse.Namespace) -> Outcome:
         refuse(options, ("law-option",), "needs --law, or --closed-loop for the scene's law")
 
     from tensegrity_mj.dynamics.native.law import Command
-    from tensegrity_mj.library.load import load_scene
     from tensegrity_mj.linearization.linearizing import linearize
 
-    scene = load_scene(options.scene)
+    scene = library.load_scene(options.scene)
     if options.closed_loop and (options.law == "none" or (options.law is None and scene.control is None)):
         raise OptionError(f"--closed-loop: scene '{scene.name}' names no control law: add --law")
     law = law_of(options, scene) if options.closed_loop or options.law is not None else None
@@ -75,9 +76,7 @@ def _largest(model: Linearization) -> float:
 
 def _state_of(options: argparse.Namespace, node_names: list[str]) -> dict[str, Any]:
     """The state of a recorded run."""
-    from tensegrity_mj.runs.trajectory import Trajectory
-
-    run = Trajectory.load(options.state)
+    run = runs.Trajectory.load(options.state)
     if len(run.time) == 0:
         raise OptionError(f"--state {options.state}: that run has no samples")
     if [*run.scene.structure.node_names] != node_names:

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from tensegrity_mj import pictures, runs
 from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import Outcome, finite, output_file, refuse
 from tensegrity_mj.errors import OptionError
@@ -40,20 +41,18 @@ def execute(options: argparse.Namespace) -> Outcome:
     if out.suffix.lower() == ".html":
         return _page(options, out)
 
-    from tensegrity_mj.pictures.video import render, still
-    from tensegrity_mj.pictures.view import Layout
-    from tensegrity_mj.runs.trajectory import Trajectory
+    from tensegrity_mj.pictures.video import render
 
-    runs = [Trajectory.load(path) for path in options.runs]
+    shown = [runs.Trajectory.load(path) for path in options.runs]
     experiment.require_off_screen_opengl()
-    other = runs[1] if len(runs) > 1 else None
+    other = shown[1] if len(shown) > 1 else None
     film = film_of(options)
     if options.still is not None:
-        still(runs[0], out, options.still, dpi=options.dpi or 300.0, other=other, **film)
+        pictures.still(shown[0], out, options.still, dpi=options.dpi or 300.0, other=other, **film)
         return Outcome({"status": "ok", "out": out, "time": options.still}, str(out))
     film = USUAL | film
-    render(runs[0], out, other=other, layout=Layout(options.layout or "overlay"), progress=True, **film)
-    duration = float(max(run.time[-1] for run in runs)) / film["speed"]
+    render(shown[0], out, other=other, layout=pictures.Layout(options.layout or "overlay"), progress=True, **film)
+    duration = float(max(run.time[-1] for run in shown)) / film["speed"]
     return Outcome(
         {"status": "ok", "out": out, "size": film["size"], "fps": film["fps"], "duration": duration}, str(out)
     )
@@ -61,12 +60,9 @@ def execute(options: argparse.Namespace) -> Outcome:
 
 def _page(options: argparse.Namespace, out: Path) -> Outcome:
     """One run in 3-D for a browser, as `view --web` writes it."""
-    from tensegrity_mj.pictures.web import make_web_page
-    from tensegrity_mj.runs.trajectory import Trajectory
-
     if len(options.runs) > 1:
         raise OptionError(f"--out {out}: a page in 3-D shows one run, not {len(options.runs)}; name one, or a film")
     refuse(options, FILM_OPTIONS, "belongs to a film, and --out names a page")
-    page = make_web_page(Trajectory.load(options.runs[0]))
+    page = pictures.make_web_page(runs.Trajectory.load(options.runs[0]))
     page.save(out)
     return Outcome({"status": "ok", "out": out, "frames": page.frames}, f"{out}: {page.describe()}")

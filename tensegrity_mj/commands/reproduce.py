@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tensegrity_mj import studies
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.commands.common import ExitCode, Outcome, output_file
 
@@ -20,7 +21,6 @@ def execute(options: argparse.Namespace) -> Outcome:
     if noticed is not None:
         return _sensitivity(options, noticed)
 
-    from tensegrity_mj.studies.workers import Workers
     from tensegrity_mj.thesis import page
     from tensegrity_mj.thesis.experiments import TITLES, EngineName
     from tensegrity_mj.thesis.reproduction import reproduce
@@ -31,7 +31,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         options.out,
         engines=engines,
         disturbance=_disturbance(options.disturb),
-        workers=Workers(options.workers),
+        workers=studies.Workers(options.workers),
         progress=True,
         picture_format=options.format,
         draw=not options.no_figures,
@@ -84,10 +84,9 @@ def _disturbance(text: str | None) -> Disturbance | None:
 
 def _sensitivity(options: argparse.Namespace, file: Path) -> Outcome:
     """Which rows notice errors, as a table."""
-    from tensegrity_mj.studies.workers import Workers
     from tensegrity_mj.thesis.sensitivity import sensitivity
 
-    workers = Workers(options.workers)
+    workers = studies.Workers(options.workers)
     table = sensitivity(options.figures, options.out, file, workers=workers, progress=True)
     lines = [[name, ", ".join(f"{what} {size} %" for what, size in found.items()) or "nothing"]
              for name, found in table["rows"].items()]  # fmt: skip

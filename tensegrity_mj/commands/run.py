@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
+import tensegrity_mj.library as library
+from tensegrity_mj import model, runs
 from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import (
     PLOT_SUFFIXES,
@@ -22,11 +24,6 @@ from tensegrity_mj.commands.common import (
 )
 from tensegrity_mj.commands.render import FILM_OPTIONS, FILMS, film_of
 from tensegrity_mj.errors import DivergenceError, OptionError
-
-if TYPE_CHECKING:
-    from tensegrity_mj.model.actuation import Actuation
-    from tensegrity_mj.model.scene import Scene
-    from tensegrity_mj.runs.trajectory import Trajectory
 
 
 def execute(options: argparse.Namespace) -> Outcome:
@@ -55,31 +52,18 @@ def execute(options: argparse.Namespace) -> Outcome:
 
         require_display()
 
-    from tensegrity_mj.library.load import load_scene
-    from tensegrity_mj.model.actuation import OnInfeasible
-    from tensegrity_mj.runs.trajectory import Status
-    from tensegrity_mj.simulation import simulate
-    from tensegrity_mj.vibration.step_warnings import explain_warnings
-
-    scene = load_scene(options.scene)
+    scene = library.load_scene(options.scene)
     engine = experiment.engine_of(options.engine, options)
-    law, actuation, duration = _replay_of(options) if options.replay else _law_of(options, scene)
+    if options.replay:
+        law, actuation, duration = _replay_of(options)
+    else:
+        law, actuation, duration = experiment.law_of(options, scene), experiment.actuation_of(options), options.duration
     try:
-        run = simulate(
-            scene,
-            law,
-            engine,
-            duration=duration,
-            actuation=actuation,
-            on_infeasible=OnInfeasible(options.on_infeasible or "stop"),
-            output_interval=options.output_interval,
-            progress=True,
-        )
-        explain_warnings(run, engine, law, actuation)
+        run = experiment.simulated(options, scene, law, engine, actuation, duration, options.output_interval)
     except DivergenceError as error:
         if error.trajectory is None:
             raise
-        run = replace(cast("Trajectory", error.trajectory), status=Status.DIVERGED, message=str(error))
+        run = replace(cast("runs.Trajectory", error.trajectory), status=runs.Status.DIVERGED, message=str(error))
     if out:
         run.save(out)
     if not len(run.time):  # it diverged where it began: there is nothing to draw
@@ -107,7 +91,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     return Outcome(data, describe(data), code_of_status(run.status))
 
 
-def summary(run: Trajectory) -> dict[str, Any]:
+def summary(run: runs.Trajectory) -> dict[str, Any]:
     """The numbers of one run, for --json."""
     duration = float(run.time[-1]) if len(run.time) else 0.0
     wall_time = run.cost.get("wall_time", float("nan"))
@@ -174,18 +158,13 @@ def _check_replay(options: argparse.Namespace) -> None:
         refuse(options, ("law", *experiment.LAW_OPTIONS), "means nothing in a replay, which has no control law")
 
 
-def _law_of(options: argparse.Namespace, scene: Scene) -> tuple[Any, Actuation, float | None]:
-    return experiment.law_of(options, scene), experiment.actuation_of(options), options.duration
-
-
-def _replay_of(options: argparse.Namespace) -> tuple[Any, Actuation, float | None]:
+def _replay_of(options: argparse.Namespace) -> tuple[Any, model.Actuation, float | None]:
     """What was recorded, actuated as it was if it was held, for as long as it was, unless options say otherwise."""
     from tensegrity_mj.controllers.replay import Replay
     from tensegrity_mj.dynamics.native.law import Command
-    from tensegrity_mj.model.actuation import Actuation, Mode
-    from tensegrity_mj.runs.trajectory import Trajectory
+    from tensegrity_mj.model.actuation import Mode
 
-    recorded = Trajectory.load(options.replay)
+    recorded = runs.Trajectory.load(options.replay)
     if len(recorded.time) < 2:
         raise OptionError(
             f"--replay {options.replay}: it holds {len(recorded.time)} samples; a replay needs two or more"
@@ -195,5 +174,5 @@ def _replay_of(options: argparse.Namespace) -> tuple[Any, Actuation, float | Non
     actuation = experiment.actuation_of(options)
     if law.held and options.actuation is None:
         was = recorded.provenance["actuation"]
-        actuation = Actuation(Mode(was["mode"]), was["period"])
+        actuation = model.Actuation(Mode(was["mode"]), was["period"])
     return law, actuation, options.duration or float(recorded.time[-1])

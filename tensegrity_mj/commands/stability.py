@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from pathlib import Path
+from typing import Any
 
+import tensegrity_mj.library as library
+from tensegrity_mj import studies
 from tensegrity_mj.basics.files import made_folder
-from tensegrity_mj.commands.common import Outcome, output_file, refuse
+from tensegrity_mj.commands.common import Outcome, output_file, refuse, whole
 from tensegrity_mj.commands.experiment import law_of
 from tensegrity_mj.errors import OptionError
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
-
 SMALL_DPI = 65
+count = partial(whole, most=10**6)
 
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Predict, measure, and write what the options name."""
-    from pathlib import Path
-
     folder = None if options.out is None else Path(options.out)
     if folder is not None:
         made_folder(folder)
@@ -28,12 +27,10 @@ def execute(options: argparse.Namespace) -> Outcome:
     if options.seed < 0:
         raise OptionError(f"--seed {options.seed}: it must be >= 0")
 
-    from tensegrity_mj.library.load import load_scene
     from tensegrity_mj.studies.stability.cases import AXES
     from tensegrity_mj.studies.stability.report import describe, study_stability
-    from tensegrity_mj.studies.workers import Workers
 
-    scene = load_scene(options.scene)
+    scene = library.load_scene(options.scene)
     maps = () if options.maps is None else tuple(options.maps or AXES)
     data = study_stability(
         scene,
@@ -44,7 +41,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         random=options.random,
         seed=options.seed,
         folder=folder,
-        workers=Workers(options.workers),
+        workers=studies.Workers(options.workers),
         progress=True,
     )
     lines = describe(data)
@@ -80,10 +77,3 @@ def _law_of(scene: Any, options: argparse.Namespace) -> Any:
     if why and options.law is not None:
         raise OptionError(f"--law {options.law}: {why}")
     return None if why else law
-
-
-def count(text: str) -> int:
-    """argparse type: a whole number > 0."""
-    if not text.isascii() or not text.isdigit() or not 1 <= int(text) <= 10**6:
-        raise argparse.ArgumentTypeError(f"{text!r}: write a whole number from 1 to 1000000")
-    return int(text)

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import tensegrity_mj.library as library
+from tensegrity_mj import model, runs, statics
+from tensegrity_mj.basics.files import made_folder
 from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import (
     ExitCode,
@@ -16,17 +20,13 @@ from tensegrity_mj.commands.common import (
     positive,
     refuse,
     table,
+    whole,
 )
 from tensegrity_mj.engines.table import engine_class
 from tensegrity_mj.errors import OptionError
 
-if TYPE_CHECKING:
-    from tensegrity_mj.statics.boundary import Hold
-    from tensegrity_mj.statics.study import Materials, StaticStudy
-
-
 MATERIALS = ("aluminium", "steel", "uhmwpe")  # names of statics.materials, in small letters
-MOST_COUNT = 10_000
+count = partial(whole, most=10_000)
 SECONDS = 2.0  # of a mode's video a period
 
 
@@ -46,13 +46,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     if video is not None:
         experiment.require_off_screen_opengl()
 
-    from tensegrity_mj.library.load import load_scene
-    from tensegrity_mj.model.text.writing import save_scene
-    from tensegrity_mj.runs.trajectory import Trajectory
-    from tensegrity_mj.statics.model import Rods
-    from tensegrity_mj.statics.study import Search, analyse
-
-    scene = load_scene(options.scene)
+    scene = library.load_scene(options.scene)
     if options.no_gravity:
         scene = scene.with_(gravity=(0.0, 0.0, 0.0))
     factor = 1.0 if options.load_factor is None else options.load_factor
@@ -60,10 +54,10 @@ def execute(options: argparse.Namespace) -> Outcome:
     for node, force in options.load or ():
         before = loads.get(node, (0.0, 0.0, 0.0))
         loads[node] = tuple(old + factor * new for old, new in zip(before, force, strict=True))
-    study = analyse(
+    study = statics.analyse(
         scene,
-        rods=Rods(options.rods),
-        search=Search(options.method),
+        rods=statics.Rods(options.rods),
+        search=statics.Search(options.method),
         loads=loads or None,
         holds=_holds(options.hold or ()),
         broken=options.broken or (),
@@ -73,7 +67,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         modes=options.modes,
         engine=engine_class(options.check_engine)() if options.check_engine else None,
         materials=_sizes(options),
-        run=None if options.run is None else Trajectory.load(options.run),
+        run=None if options.run is None else runs.Trajectory.load(options.run),
         progress=True,
     )
     modes = 0 if study.modes is None else len(study.modes.squares)
@@ -82,9 +76,10 @@ def execute(options: argparse.Namespace) -> Outcome:
     if folder is not None:
         study.save(folder)
     if saved is not None and study.state is not None:
-        save_scene(study.scene(), saved)
+        model.save_scene(study.scene(), saved)
     if sized is not None and study.sizing is not None:
-        save_scene(scene.with_(structure=study.sizing.structure, initial_nodes=None, initial_velocities=None), sized)
+        sized_scene = scene.with_(structure=study.sizing.structure, initial_nodes=None, initial_velocities=None)
+        model.save_scene(sized_scene, sized)
     if video is not None and study.modes is not None:
         _film(study, mode, video)
     written = [path for path in (folder, saved, sized, video) if path is not None and path.exists()]
@@ -94,13 +89,12 @@ def execute(options: argparse.Namespace) -> Outcome:
     return Outcome(data, lines, ExitCode.SUCCESS if study.state is not None else ExitCode.INFEASIBLE)
 
 
-def _film(study: StaticStudy, mode: int, video: Path) -> None:
+def _film(study: statics.StaticStudy, mode: int, video: Path) -> None:
     from tensegrity_mj.pictures.video import render
-    from tensegrity_mj.statics.modes import mode_trajectory
 
     if study.modes is None:
         return
-    motion = mode_trajectory(study.modes, mode - 1)
+    motion = statics.mode_trajectory(study.modes, mode - 1)
     period = float(motion.time[-1]) / 2
     render(motion, video, speed=period / SECONDS, traces=False, target=False, progress=True)
 
@@ -109,8 +103,6 @@ def _folder(name: str | None) -> Path | None:
     """The folder of --out, in which files can be written."""
     if name is None:
         return None
-    from tensegrity_mj.basics.files import made_folder
-
     folder = made_folder(name)
     for file in ("statics.json", "statics.html"):
         output_file(str(folder / file), "--out", (".json", ".html"))
@@ -129,34 +121,22 @@ def _video(options: argparse.Namespace) -> tuple[int, Path | None]:
     return int(number), output_file(name, "--mode-video", (".mp4",))
 
 
-def _holds(given: Any) -> list[Hold]:
-    from tensegrity_mj.statics.boundary import Hold
-
+def _holds(given: Any) -> list[statics.Hold]:
     axes = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
     return [
-        Hold(nodes, None if not letters else tuple(axes[letter] for letter in letters), moved)
+        statics.Hold(nodes, None if not letters else tuple(axes[letter] for letter in letters), moved)
         for nodes, letters, moved in given
     ]
 
 
-def _sizes(options: argparse.Namespace) -> Materials | None:
+def _sizes(options: argparse.Namespace) -> statics.Materials | None:
     if options.size is None:
         return None
-    from tensegrity_mj.statics import materials
-    from tensegrity_mj.statics.study import Materials
-
-    rods, strings = (getattr(materials, name.upper()) for name in options.size)
-    return Materials(rods, strings, options.least_radius or 0.0)
+    rods, strings = (getattr(statics, name.upper()) for name in options.size)
+    return statics.Materials(rods, strings, options.least_radius or 0.0)
 
 
 # ------------------------------------------------------------------------------------------------- argparse types
-
-
-def count(text: str) -> int:
-    """argparse type: a whole number > 0."""
-    if not text.isascii() or not text.isdigit() or not 1 <= int(text) <= MOST_COUNT:
-        raise argparse.ArgumentTypeError(f"{text!r}: write a whole number from 1 to {MOST_COUNT}")
-    return int(text)
 
 
 def _three(text: str, example: str) -> tuple[float, float, float]:

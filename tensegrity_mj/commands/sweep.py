@@ -9,15 +9,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tensegrity_mj import studies
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.commands.common import Outcome, table
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
-    from tensegrity_mj.studies.axes import Draw, Vary
     from tensegrity_mj.studies.table import Row
-    from tensegrity_mj.studies.workers import Workers
-
 
 MOST_LINES = 40
 
@@ -37,15 +35,13 @@ def execute(options: argparse.Namespace) -> Outcome:
     if options.keep_trajectories and options.out is None:
         raise OptionError("--keep-trajectories needs --out FOLDER to keep them in")
 
-    from tensegrity_mj.studies.axes import Together
     from tensegrity_mj.studies.measures import USUAL
-    from tensegrity_mj.studies.sweep import Sweep
-    from tensegrity_mj.studies.table import check_measures, rows_of
+    from tensegrity_mj.studies.table import check_measures, counts, rows_of
 
     measures = check_measures(options.measures.split(",") if options.measures is not None else USUAL)
-    sweep = Sweep(
+    sweep = studies.Sweep(
         options.scene,
-        axes=[*vary, *(Together(group) for group in zipped)],
+        axes=[*vary, *(studies.Together(group) for group in zipped)],
         draws=draws,
         samples=1 if options.samples is None else options.samples,
         seed=options.seed,
@@ -56,12 +52,8 @@ def execute(options: argparse.Namespace) -> Outcome:
     study = sweep.run(options.out, workers=workers, progress=True)
     page = None
     if options.out is not None:
-        from tensegrity_mj.studies.page import write_sweep_page
-
-        page = write_sweep_page(Path(options.out) / "index.html", sweep, study, measures)
+        page = studies.write_sweep_page(Path(options.out) / "index.html", sweep, study, measures)
     rows = rows_of(study)
-    from tensegrity_mj.studies.table import counts
-
     data = {
         "status": "completed",
         "scene": sweep.scene.name,  # type: ignore[union-attr]
@@ -96,14 +88,12 @@ def describe(data: dict[str, Any], rows: Sequence[Row], parameters: Sequence[str
     return "\n".join([*text, "", table(facts)])
 
 
-def _workers(options: argparse.Namespace) -> Workers:
-    from tensegrity_mj.studies.workers import Backend, Workers
-
+def _workers(options: argparse.Namespace) -> studies.Workers:
     if options.cluster is not None:
         if options.backend is not None:
             raise OptionError("--backend and --cluster: give one of them")
-        return Workers(options.workers, Backend.CLUSTER, options.cluster)
-    return Workers(options.workers, Backend((options.backend or "processes").replace("-", " ")))
+        return studies.Workers(options.workers, studies.Backend.CLUSTER, options.cluster)
+    return studies.Workers(options.workers, studies.Backend((options.backend or "processes").replace("-", " ")))
 
 
 # Values --------------------------------------------------------------------------------------------------------
@@ -121,22 +111,18 @@ def _set(text: str) -> tuple[str, Any]:
     return path, value_of(value)
 
 
-def _vary(text: str, option: str) -> Vary:
-    from tensegrity_mj.studies.axes import Vary
-
+def _vary(text: str, option: str) -> studies.Vary:
     path, values = _assignment(text, option)
-    return Vary(path, values_of(values, f"{option} {text}"))
+    return studies.Vary(path, values_of(values, f"{option} {text}"))
 
 
-def _draw(text: str) -> Draw:
-    from tensegrity_mj.studies.axes import Choice, Draw, LogUniform, Normal, Uniform
-
+def _draw(text: str) -> studies.Draw:
     path, given = _assignment(text, "--draw")
     scaled = given.startswith("*")
     name, _, rest = given.removeprefix("*").partition(":")
-    two: dict[str, Any] = {"uniform": Uniform, "loguniform": LogUniform, "normal": Normal}
+    two = {"uniform": "Uniform", "loguniform": "LogUniform", "normal": "Normal"}
     if name == "choice" and rest:
-        return Draw(path, Choice([value_of(item) for item in split(rest)]), scaled)
+        return studies.Draw(path, studies.Choice([value_of(item) for item in split(rest)]), scaled)
     numbers = rest.split(":")
     if name not in two or len(numbers) != 2:
         raise OptionError(
@@ -144,7 +130,7 @@ def _draw(text: str) -> Draw:
             "choice:A,B,C, with * before them for factors"
         )
     first, second = (_float(number, f"--draw {text}") for number in numbers)
-    return Draw(path, two[name](first, second), scaled)
+    return studies.Draw(path, getattr(studies, two[name])(first, second), scaled)
 
 
 def values_of(text: str, what: str) -> list[Any]:

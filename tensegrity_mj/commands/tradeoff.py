@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import tensegrity_mj.library as library
 from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.commands.common import Outcome
 from tensegrity_mj.errors import OptionError
@@ -17,14 +18,13 @@ if TYPE_CHECKING:
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run the studies, one scene after the other."""
-    from tensegrity_mj.library.load import load_scene
     from tensegrity_mj.studies.tradeoff.docs import TEXT, write_docs
     from tensegrity_mj.studies.tradeoff.figure import has_diagram
     from tensegrity_mj.studies.tradeoff.results import sentences
     from tensegrity_mj.studies.tradeoff.study import PICTURE, tradeoff
 
     chosen = _options(options)
-    scenes = [load_scene(name) for name in options.scenes]
+    scenes = [library.load_scene(name) for name in options.scenes]
     names = [file_name(scene.name) for scene in scenes]
     if len(set(names)) < len(names):
         raise OptionError(f"scenes {', '.join(names)}: each must have a name of its own")

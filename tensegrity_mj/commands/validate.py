@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import Any
 
+from tensegrity_mj import studies
 from tensegrity_mj.commands.common import Outcome
 from tensegrity_mj.errors import OptionError
 
@@ -14,10 +14,9 @@ def execute(options: argparse.Namespace) -> Outcome:
     """Run the report."""
     if options.seed < 0:
         raise OptionError(f"--seed {options.seed}: it must be an integer >= 0")
-    from tensegrity_mj.studies.validation.study import DATA, PAGE, validate
-    from tensegrity_mj.studies.workers import Workers
+    from tensegrity_mj.studies.validation.study import DATA, PAGE
 
-    report = validate(
+    report = studies.validate(
         options.scene,
         options.law,
         law_options=dict(options.law_option or ()),
@@ -29,12 +28,11 @@ def execute(options: argparse.Namespace) -> Outcome:
         control_period=options.control_period,
         seed=options.seed,
         quick=options.quick,
-        workers=None if options.workers is None else Workers(options.workers),
+        workers=studies.Workers(options.workers),
         progress=True,
     )
-    data: dict[str, Any] = dict(report.data)
     lines = list(report.summary)
     if report.folder is not None:
         lines.append(f"All of it: {report.folder / PAGE} and {report.folder / DATA}.")
         print(f"wrote {report.folder / PAGE}", file=sys.stderr)
-    return Outcome(data, "\n".join(lines))
+    return Outcome(dict(report.data), "\n".join(lines))

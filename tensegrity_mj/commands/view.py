@@ -9,18 +9,17 @@ from __future__ import annotations
 import argparse
 import contextlib
 import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import tensegrity_mj.library as library
+from tensegrity_mj import model, runs, studies
 from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import Outcome, code_of_status, output_file, refuse
+from tensegrity_mj.engines.table import make_engine
 from tensegrity_mj.errors import OptionError, printable
-
-if TYPE_CHECKING:
-    from tensegrity_mj.model.scene import Scene
-    from tensegrity_mj.runs.trajectory import Trajectory
-
 
 _OF_SCENES = ("duration", "still", "law", *experiment.LAW_OPTIONS, *experiment.ACTUATION_OPTIONS)
 
@@ -40,57 +39,42 @@ def execute(options: argparse.Namespace) -> Outcome:
     from tensegrity_mj.pictures import viewer
 
     if recorded:
-        from tensegrity_mj.runs.trajectory import Trajectory
-
-        viewer.play(Trajectory.load(options.source), options.speed or 1.0, thickness=bool(options.thickness))
+        viewer.play(runs.Trajectory.load(options.source), options.speed or 1.0, thickness=bool(options.thickness))
         return Outcome({"status": "ok", "source": options.source, "shown": "recorded"})
     return _view_scene(options)
 
 
 def _write_page(options: argparse.Namespace, recorded: bool) -> Outcome:
-    from tensegrity_mj.library.load import load_scene
     from tensegrity_mj.pictures.web import make_web_page, plotly_script
-    from tensegrity_mj.runs.trajectory import Trajectory
 
     out = output_file(options.web, "--web", (".html", ".htm")) if options.web else None
     plotly_script()
-    source: Trajectory | Scene = Trajectory.load(options.source) if recorded else load_scene(options.source)
-    name = Path(options.source).stem if recorded or isinstance(source, Trajectory) else file_name(source.name)
+    load: Callable[[str], runs.Trajectory | model.Scene] = runs.Trajectory.load if recorded else library.load_scene
+    source = load(options.source)
+    name = file_name(source.name) if isinstance(source, model.Scene) else Path(options.source).stem
     out = out or output_file(f"{name}.html", "--web", (".html",))
-    if not isinstance(source, Trajectory) and options.still is None:
+    if isinstance(source, model.Scene) and options.still is None:
         source = _simulated(options, source)
     page = make_web_page(source)
     page.save(out)
     data = {"status": "ok", "out": out, "frames": page.frames, "interval": page.interval}
-    status = source.status if isinstance(source, Trajectory) else None
-    if recorded or status is None:
+    if recorded or isinstance(source, model.Scene):
         return Outcome(data, f"{out}: {page.describe()}")
-    return Outcome(data | {"status": status}, f"{out}: {page.describe()}", code_of_status(status))
+    return Outcome(data | {"status": source.status}, f"{out}: {page.describe()}", code_of_status(source.status))
 
 
-def _simulated(options: argparse.Namespace, scene: Scene) -> Trajectory:
+def _simulated(options: argparse.Namespace, scene: model.Scene) -> runs.Trajectory:
     """A run of the scene in MuJoCo."""
-    from tensegrity_mj.model.actuation import OnInfeasible
-    from tensegrity_mj.simulation import simulate
-
-    return simulate(
-        scene,
-        experiment.law_of(options, scene),
-        actuation=experiment.actuation_of(options),
-        duration=options.duration,
-        on_infeasible=OnInfeasible(options.on_infeasible or "stop"),
-        progress=True,
-    )
+    law, actuation = experiment.law_of(options, scene), experiment.actuation_of(options)
+    return experiment.simulated(options, scene, law, make_engine("mujoco", {}), actuation, options.duration)
 
 
 def _view_scene(options: argparse.Namespace) -> Outcome:
     """Simulate a scene in the window; where that cannot be, before, and play the run."""
-    from tensegrity_mj.library.load import load_scene
-    from tensegrity_mj.model.actuation import Mode, OnInfeasible
+    from tensegrity_mj.model.actuation import Mode
     from tensegrity_mj.pictures import viewer
-    from tensegrity_mj.studies.ensemble import law_in
 
-    scene = load_scene(options.source)
+    scene = library.load_scene(options.source)
     law, reason = experiment.law_of(options, scene), ""
     viewer.require_display()  # before anything is simulated
     if experiment.actuation_of(options).mode is not Mode.CONTINUOUS:
@@ -102,12 +86,12 @@ def _view_scene(options: argparse.Namespace) -> Outcome:
     if not reason:
         with contextlib.ExitStack() as opened:
             try:
-                passive = OnInfeasible(options.on_infeasible or "stop")
-                model = opened.enter_context(law_in(scene, law or _held(scene), on_infeasible=passive))
+                passive = model.OnInfeasible(options.on_infeasible or "stop")
+                live = opened.enter_context(studies.law_in(scene, law or _held(scene), on_infeasible=passive))
             except OptionError as error:
                 reason = str(error)
             else:
-                viewer.view_model(model)
+                viewer.view_model(live)
                 return Outcome({"status": "ok", "source": options.source, "shown": "live"})
     print(f"simulated first, then played: {printable(reason)}", file=sys.stderr)
     run = _simulated(options, scene)
@@ -116,7 +100,7 @@ def _view_scene(options: argparse.Namespace) -> Outcome:
     return Outcome(data, code=code_of_status(run.status))
 
 
-def _held(scene: Scene) -> Any:
+def _held(scene: model.Scene) -> Any:
     """A law that leaves every string at its rest length."""
     import numpy as np
 

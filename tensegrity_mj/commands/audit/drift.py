@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 import sys
 
+from tensegrity_mj import studies
 from tensegrity_mj.commands.common import Outcome
 
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Make the runs."""
     from tensegrity_mj.studies.long_runs import PAGE, long_runs
-    from tensegrity_mj.studies.workers import Workers
 
     result = long_runs(
         options.scene,
@@ -20,7 +20,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         methods=options.methods,
         seed=options.seed,
         folder=options.out,
-        workers=None if options.workers is None else Workers(options.workers),
+        workers=studies.Workers(options.workers),
         progress=True,
     )
     if result.folder is not None:

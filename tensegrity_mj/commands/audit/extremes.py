@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
+from tensegrity_mj import studies
 from tensegrity_mj.commands.common import ExitCode, Outcome
 
 
@@ -12,7 +13,6 @@ def execute(options: argparse.Namespace) -> Outcome:
     """Run the study; exit code 1 where its demands are not met."""
     from tensegrity_mj.studies.extremes.experiment import Kind
     from tensegrity_mj.studies.extremes.study import PAGE, extremes
-    from tensegrity_mj.studies.workers import Workers
 
     report = extremes(
         options.runs,
@@ -20,7 +20,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         kinds=None if options.kinds is None else [Kind[name.upper()] for name in options.kinds],
         autoreset=options.autoreset,
         folder=options.out,
-        workers=None if options.workers is None else Workers(options.workers),
+        workers=studies.Workers(options.workers),
         progress=True,
     )
     if report.folder is not None:

@@ -6,6 +6,7 @@ import argparse
 import sys
 from typing import Any
 
+from tensegrity_mj import studies
 from tensegrity_mj.commands.common import Outcome, table
 
 
@@ -14,14 +15,13 @@ def execute(options: argparse.Namespace) -> Outcome:
     from tensegrity_mj.studies.promise import promise
     from tensegrity_mj.studies.promise_experiments import Kind
     from tensegrity_mj.studies.promise_page import write_promise
-    from tensegrity_mj.studies.workers import Workers
 
     found = promise(
         options.runs,
         options.seed,
         options.out,
         kind=Kind(options.kind),
-        workers=Workers(options.workers),
+        workers=studies.Workers(options.workers),
         progress=True,
     )
     data: dict[str, Any] = found.to_dict() | {"status": "completed", "folder": options.out}
