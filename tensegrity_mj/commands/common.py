@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import enum
 import math
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -12,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from tensegrity_mj.basics.files import checked
+from tensegrity_mj.basics.files import checked, made_folder
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.errors import OptionError, printable
 
@@ -97,6 +98,24 @@ def output_file(path: str | None, option: str, suffixes: Sequence[str]) -> Path 
     if path is None:
         return None
     return checked(path, suffixes, option)
+
+
+@overload
+def output_folder(path: str | os.PathLike[str], files: Sequence[str]) -> Path: ...
+@overload
+def output_folder(path: str | None, files: Sequence[str]) -> Path | None: ...
+def output_folder(path: str | os.PathLike[str] | None, files: Sequence[str]) -> Path | None:
+    """The folder of --out, made if it is absent, once it is certain that these files can be written in it.
+
+    Raises:
+        OptionError: as `output_file`, or where no folder can be made.
+    """
+    if path is None:
+        return None
+    folder = made_folder(path)
+    for file in files:
+        output_file(str(folder / file), "--out", (Path(file).suffix,))
+    return folder
 
 
 def for_paper(width: str | None) -> AbstractContextManager[None]:

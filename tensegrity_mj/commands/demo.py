@@ -7,22 +7,18 @@ import itertools
 import math
 import os
 import sys
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from tensegrity_mj.basics.files import made_folder
+import tensegrity_mj.library as library
+from tensegrity_mj import engines, runs
+from tensegrity_mj.basics.files import replacing
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.basics.texts import file_name
-from tensegrity_mj.commands.common import Outcome, code_of_status, number, table
+from tensegrity_mj.commands.common import Outcome, code_of_status, number, output_folder, table
 from tensegrity_mj.errors import InfeasibleError, MissingLibraryError, OptionError, printable
-
-if TYPE_CHECKING:
-    from tensegrity_mj.model.scene import Scene
-    from tensegrity_mj.runs.comparison import Comparison
-    from tensegrity_mj.runs.trajectory import Trajectory
 
 
 def execute(options: argparse.Namespace) -> Outcome:
@@ -35,10 +31,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         "status": worst.status,
         "message": worst.message,
         **demo.comparison.to_dict(),
-        "agreement": [
-            {"timestep": step, "max_node_error": largest, "rms_node_error": rms}
-            for step, largest, rms in demo.agreement
-        ],
+        "agreement": demo.agreement_data(),
         "files": files,
         "no_video": demo.no_video,
     }
@@ -59,6 +52,14 @@ TIMESTEPS = (5e-3, 2e-3, 1e-3, 5e-4)  # s, of the table of agreement
 RTOL, ATOL = 1e-12, 1e-12  # of the reference: well below the error of MuJoCo's RK4 at the smallest step
 
 
+# What is plotted, by the ends of the files' names, and the captions in the report.
+PLOTS = {
+    "runs": "Errors, controls and multipliers over time: MuJoCo above, the DAE below.",
+    "paths": "Paths of the nodes; rods at the end in black; the DAE dashed.",
+    "differences": "Differences of the two runs over time.",
+}
+
+
 @dataclass(frozen=True)
 class Demo:
     """What the main job made.
@@ -71,12 +72,17 @@ class Demo:
         no_video: why there is none, and what it needs; else empty.
     """
 
-    run: Trajectory
-    reference: Trajectory
-    comparison: Comparison
+    run: runs.Trajectory
+    reference: runs.Trajectory
+    comparison: runs.Comparison
     agreement: list[tuple[float, float, float]]
     files: dict[str, Path] = field(default_factory=dict)
     no_video: str = ""
+
+    def agreement_data(self) -> list[dict[str, float]]:
+        """The agreement for JSON."""
+        names = ("timestep", "max_node_error", "rms_node_error")
+        return [dict(zip(names, row, strict=True)) for row in self.agreement]
 
 
 def run_demo(out: str | os.PathLike[str] = "results", scene: str = "prism", *, progress: bool = True) -> Demo:
@@ -92,37 +98,45 @@ def run_demo(out: str | os.PathLike[str] = "results", scene: str = "prism", *, p
         InfeasibleError, DivergenceError: if a simulation ends before its time.
     """
     from tensegrity_mj.controllers.scenes import from_scene
-    from tensegrity_mj.library.load import load_scene
-    from tensegrity_mj.runs.trajectory import Status
+    from tensegrity_mj.simulation import simulate
 
-    experiment = load_scene(scene)
+    experiment = library.load_scene(scene)
     if experiment.control is None:
         raise OptionError(
             f"scene '{experiment.name}' has no control law; choose one that has, such as prism or pinned_rod"
         )
-    law = from_scene(experiment)
-    folder = _writable_folder(out)
-    name = file_name(experiment.name)
+    law, name = from_scene(experiment), file_name(experiment.name)
+    folder = output_folder(out, (f"{name}.json", "report.html"))
 
     def report(text: str) -> None:
         if progress:
             print(text, file=sys.stderr)
 
     report(f"1/4 Simulating {printable(experiment.name)} in both engines")
-    runs, reference = _simulate(experiment, law, progress)
-    for trajectory in (reference, *runs.values()):
-        if trajectory.status is not Status.COMPLETED:
+    reference = simulate(experiment, law, engines.DAE(rtol=RTOL, atol=ATOL), progress=progress)
+    found = {
+        step: simulate(experiment, law, engines.MuJoCo(step, engines.Integrator.RK4), progress=progress)
+        for step in TIMESTEPS
+    }
+    for trajectory in (reference, *found.values()):
+        if trajectory.status is not runs.Status.COMPLETED:
             raise InfeasibleError(
                 f"{trajectory.engine}: {trajectory.message}; choose a scene whose law can be followed"
             )
-    run = runs[TIMESTEP]
-    agreement, comparison = _compare(runs, reference)
+    run, comparisons = found[TIMESTEP], {step: runs.compare(one, reference) for step, one in found.items()}
+    agreement = [(step, one.max_node_error, one.rms_node_error) for step, one in comparisons.items()]
     files = {"MuJoCo's run": folder / f"{name}-mujoco.nc", "the DAE's run": folder / f"{name}-dae.nc"}
     for path, trajectory in zip(files.values(), (run, reference), strict=True):
         trajectory.save(path)
 
     report("2/4 Plotting")
-    files |= _plot(folder, name, run, reference, comparison)
+    from tensegrity_mj.pictures import plots
+
+    pictures = {what: folder / f"{name}-{what}.png" for what in PLOTS}
+    files |= {f"plot of the {what}": path for what, path in pictures.items()}
+    plots.plot_run([run, reference], pictures["runs"])
+    plots.plot_paths([run, reference], pictures["paths"])
+    plots.plot_comparison(comparisons[TIMESTEP], pictures["differences"], runs=[run, reference])
 
     report("3/4 Filming")
     video, no_video = folder / f"{name}.mp4", ""
@@ -136,7 +150,7 @@ def run_demo(out: str | os.PathLike[str] = "results", scene: str = "prism", *, p
         video.unlink(missing_ok=True)  # of an earlier run, which it would not belong to
 
     report("4/4 Writing the report")
-    demo = Demo(run, reference, comparison, agreement, files, no_video)
+    demo = Demo(run, reference, comparisons[TIMESTEP], agreement, files, no_video)
     files["numbers"] = folder / f"{name}.json"
     _write_numbers(demo, files["numbers"])
     files["report"] = folder / "report.html"
@@ -144,53 +158,9 @@ def run_demo(out: str | os.PathLike[str] = "results", scene: str = "prism", *, p
     return demo
 
 
-def _simulate(scene: Scene, law: Any, progress: bool) -> tuple[dict[float, Trajectory], Trajectory]:
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
-    from tensegrity_mj.engines.mujoco.settings import Integrator
-    from tensegrity_mj.engines.reference.dae import DAE
-    from tensegrity_mj.simulation import simulate
-
-    reference = simulate(scene, law, DAE(rtol=RTOL, atol=ATOL), progress=progress)
-    runs = {
-        step: simulate(scene, law, MuJoCo(timestep=step, integrator=Integrator.RK4), progress=progress)
-        for step in TIMESTEPS
-    }
-    return runs, reference
-
-
-def _compare(
-    runs: dict[float, Trajectory], reference: Trajectory
-) -> tuple[list[tuple[float, float, float]], Comparison]:
-    from tensegrity_mj.runs.comparison import compare
-
-    comparisons = {step: compare(run, reference) for step, run in runs.items()}
-    table = [(step, c.max_node_error, c.rms_node_error) for step, c in comparisons.items()]
-    return table, comparisons[TIMESTEP]
-
-
-def _plot(folder: Path, name: str, run: Trajectory, reference: Trajectory, comparison: Comparison) -> dict[str, Path]:
-    from tensegrity_mj.pictures import plots
-
-    files = {
-        "plot of the runs": folder / f"{name}-runs.png",
-        "plot of the paths": folder / f"{name}-paths.png",
-        "plot of the differences": folder / f"{name}-differences.png",
-    }
-    runs, paths, differences = files.values()
-    plots.plot_run([run, reference], runs)
-    plots.plot_paths([run, reference], paths)
-    plots.plot_comparison(comparison, differences, runs=[run, reference])
-    return files
-
-
 def _write_report(demo: Demo, path: Path) -> None:
     from tensegrity_mj.pictures.page import Picture, Table, write_report
 
-    captions = {
-        "plot of the runs": "Errors, controls and multipliers over time: MuJoCo above, the DAE below.",
-        "plot of the paths": "Paths of the nodes; rods at the end in black; the DAE dashed.",
-        "plot of the differences": "Differences of the two runs over time.",
-    }
     write_report(
         path,
         [demo.run, demo.reference],
@@ -199,7 +169,7 @@ def _write_report(demo: Demo, path: Path) -> None:
             "differential-algebraic equations with an error-controlled method."
         ),
         comparison=demo.comparison,
-        pictures=[Picture(demo.files[what], caption) for what, caption in captions.items()],
+        pictures=[Picture(demo.files[f"plot of the {what}"], caption) for what, caption in PLOTS.items()],
         video=demo.files.get("video"),
         video_note=demo.no_video or "MuJoCo solid, the DAE translucent over it, the target as a ghost.",
         tables=[
@@ -223,9 +193,7 @@ def observed_orders(agreement: Sequence[tuple[float, float, float]]) -> list[flo
 
 
 def _write_numbers(demo: Demo, path: Path) -> None:
-    from tensegrity_mj.basics.files import replacing
-
-    def of(run: Trajectory) -> dict[str, Any]:
+    def of(run: runs.Trajectory) -> dict[str, Any]:
         return {"engine": run.engine, "status": run.status.value, "cost": run.cost, "reports": run.reports}
 
     data = {
@@ -233,23 +201,7 @@ def _write_numbers(demo: Demo, path: Path) -> None:
         "mujoco": of(demo.run),
         "dae": of(demo.reference),
         "comparison": demo.comparison.to_dict(),
-        "agreement": [
-            {"timestep": step, "max_node_error": largest, "rms_node_error": rms}
-            for step, largest, rms in demo.agreement
-        ],
+        "agreement": demo.agreement_data(),
     }
     with replacing(path) as part:
         part.write_text(to_json(data, indent=2) + "\n", encoding="utf-8")
-
-
-def _writable_folder(out: str | os.PathLike[str]) -> Path:
-    """The folder, made if absent, once a file could be made in it."""
-    folder = made_folder(out)
-    try:
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        raise OptionError(
-            f"--out {out}: no files can be written there ({error.strerror}); choose another folder"
-        ) from None
-    return folder

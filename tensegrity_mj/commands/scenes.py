@@ -6,27 +6,21 @@ import argparse
 import math
 from typing import TYPE_CHECKING, Any
 
+import tensegrity_mj.library as library
+from tensegrity_mj import model
 from tensegrity_mj.basics.files import table_beside
 from tensegrity_mj.commands.common import Outcome, number, table
 
 if TYPE_CHECKING:
-    from tensegrity_mj.model.elements.resistance import Resistance
-    from tensegrity_mj.model.elements.water import Water
     from tensegrity_mj.model.elements.water_segments import SegmentCount
-    from tensegrity_mj.model.members import Rod
-    from tensegrity_mj.model.motion import Motion
-    from tensegrity_mj.model.scene import Scene
 
 
 def execute(options: argparse.Namespace) -> Outcome:
     """List, or describe one."""
-    from tensegrity_mj.library.load import load_scene
-    from tensegrity_mj.model.text.sources import scene_names
-
     if options.scene is not None:
-        details = describe(load_scene(options.scene), timing=not options.no_timing)
+        details = describe(library.load_scene(options.scene), timing=not options.no_timing)
         return Outcome(details, _text(details))
-    scenes = {name: load_scene(name) for name in scene_names()}
+    scenes = {name: library.load_scene(name) for name in library.scene_names()}
     kinds = {name: (group, line) for group, lines in shipped().items() for name, line in lines.items()}
     rows = [
         {
@@ -66,7 +60,7 @@ def _listed(rows: list[dict[str, Any]], sources: bool) -> str:
     return "\n".join(lines)
 
 
-def describe(scene: Scene, timing: bool = False) -> dict[str, Any]:
+def describe(scene: model.Scene, timing: bool = False) -> dict[str, Any]:
     """What a scene consists of and needs; that it could be loaded means that it is valid. Times are under "timing"."""
     from tensegrity_mj.studies.speed.requirements import requirements
 
@@ -122,7 +116,7 @@ def describe(scene: Scene, timing: bool = False) -> dict[str, Any]:
     }
 
 
-def statics(scene: Scene) -> dict[str, Any]:
+def statics(scene: model.Scene) -> dict[str, Any]:
     """Self-stress and redundant rods at the start; where no law moves it, whether its strings hold it there.
 
     A structure that nothing holds against gravity falls freely, or floats in the scene's water. Whether its strings can
@@ -176,7 +170,7 @@ def statics(scene: Scene) -> dict[str, Any]:
     return found
 
 
-def support_text(rod: Rod) -> str:
+def support_text(rod: model.Rod) -> str:
     """A support in words."""
     rows = len(rod.support.directions)
     kind = {0: "free", 3: "pinned"}.get(rows, f"held in {rows} direction{'s' if rows > 1 else ''}")
@@ -184,7 +178,7 @@ def support_text(rod: Rod) -> str:
     return f"{kind}{where}" + ("" if rod.support.plane is None else ", planar")
 
 
-def motion_text(motion: Motion) -> str:
+def motion_text(motion: model.Motion) -> str:
     """How a support moves, in words."""
     if motion.function is not None:
         return "a function of time"
@@ -197,7 +191,7 @@ def motion_text(motion: Motion) -> str:
     return " and ".join(parts)
 
 
-def resistance_text(resistance: Resistance) -> str:
+def resistance_text(resistance: model.Resistance) -> str:
     """What resists motion, in words."""
     parts = [f"viscous, {resistance.viscous:g} N s/m²"] if resistance.viscous else []
     if (drag := resistance.drag) is not None:
@@ -210,7 +204,7 @@ def resistance_text(resistance: Resistance) -> str:
     return "; ".join(parts + wind)
 
 
-def water_text(water: Water, segments: SegmentCount) -> str:
+def water_text(water: model.Water, segments: SegmentCount) -> str:
     """Water, waves and current, in words."""
     parts = [f"{water.density:g} kg/m³, " + ("deep" if water.depth is None else f"{water.depth:g} m deep")]
     for wave in water.waves:

@@ -9,8 +9,7 @@ from typing import Any
 
 import tensegrity_mj.library as library
 from tensegrity_mj import studies
-from tensegrity_mj.basics.files import made_folder
-from tensegrity_mj.commands.common import Outcome, output_file, refuse, whole
+from tensegrity_mj.commands.common import Outcome, output_folder, refuse, whole
 from tensegrity_mj.commands.experiment import law_of
 from tensegrity_mj.errors import OptionError
 
@@ -20,10 +19,7 @@ count = partial(whole, most=10**6)
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Predict, measure, and write what the options name."""
-    folder = None if options.out is None else Path(options.out)
-    if folder is not None:
-        made_folder(folder)
-        output_file(str(folder / "stability.json"), "--out", (".json",))
+    folder = output_folder(options.out, ("stability.json",))
     if options.seed < 0:
         raise OptionError(f"--seed {options.seed}: it must be >= 0")
 

@@ -9,7 +9,6 @@ from typing import Any
 
 import tensegrity_mj.library as library
 from tensegrity_mj import model, runs, statics
-from tensegrity_mj.basics.files import made_folder
 from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import (
     ExitCode,
@@ -17,6 +16,7 @@ from tensegrity_mj.commands.common import (
     distinct,
     finite,
     output_file,
+    output_folder,
     positive,
     refuse,
     table,
@@ -38,7 +38,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         refuse(options, ("load-factor",), "needs --load")
     if options.size is None:
         refuse(options, ("least-radius", "save-sized"), "needs --size")
-    folder = _folder(options.out)
+    folder = output_folder(options.out, ("statics.json", "statics.html"))
     saved = output_file(options.save_scene, "--save-scene", (".toml",))
     sized = output_file(options.save_sized, "--save-sized", (".toml",))
     mode, video = _video(options)
@@ -97,16 +97,6 @@ def _film(study: statics.StaticStudy, mode: int, video: Path) -> None:
     motion = statics.mode_trajectory(study.modes, mode - 1)
     period = float(motion.time[-1]) / 2
     render(motion, video, speed=period / SECONDS, traces=False, target=False, progress=True)
-
-
-def _folder(name: str | None) -> Path | None:
-    """The folder of --out, in which files can be written."""
-    if name is None:
-        return None
-    folder = made_folder(name)
-    for file in ("statics.json", "statics.html"):
-        output_file(str(folder / file), "--out", (".json", ".html"))
-    return folder
 
 
 def _video(options: argparse.Namespace) -> tuple[int, Path | None]:
