@@ -168,6 +168,11 @@ class Structure:
         )
         return replace(self, strings=tuple(strings))
 
+    def placed(self, nodes: ArrayLike) -> Structure:
+        """A copy whose reference nodes are at nodes (N, 3) [m]; rods are as long as they are there."""
+        places = array_of_shape("nodes", nodes, (len(self.nodes), 3)).tolist()
+        return replace(self, nodes=dict(zip(self.nodes, places, strict=True)))
+
     def with_sections(self, sections: Section | Sequence[Section | None] | None) -> Structure:
         """A copy whose rods have that section, or one each (R of them) in their order; None: not known.
 

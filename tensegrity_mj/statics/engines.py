@@ -29,6 +29,7 @@ from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.linearization.differences import reach_of
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
+from tensegrity_mj.model.rods import kinetic_energy
 from tensegrity_mj.model.scene import Scene
 
 STEP = 1e-5  # of the shortest member: central differences have an error of its square, 1e-10 of ∂a/∂δ
@@ -105,8 +106,8 @@ def engine_equilibrium(
     return _Search(scene, engine).found(limit)
 
 
-class _Search:
-    """The search's scene, its engine, and what both have cost."""
+class AtRest:
+    """A scene's accelerations at rest by its engine alone, in coordinates of charts, and how often it was called."""
 
     def __init__(self, scene: Scene, engine: AcceleratingEngine) -> None:
         self.scene, self.engine, self.evaluations = scene, engine, 0
@@ -116,6 +117,26 @@ class _Search:
         )
         self.still = np.zeros_like(scene.nodes0)
         self.reach = reach_of(scene.structure, scene.nodes0)
+
+    def accelerations(self, chart: Chart, delta: Array) -> Array:
+        """δ̈ (n,) at rest at δ."""
+        self.evaluations += 1
+        rest = np.zeros(chart.size)
+        nodes, rates = chart.state(delta, rest)
+        return chart.accelerations(delta, rest, self.field(0.0, nodes, rates)[1])
+
+    def slopes(self, chart: Chart) -> Array:
+        """∂a/∂δ (n, n)."""
+        columns = []
+        for k in range(chart.size):
+            h = STEP * self.reach / chart.lever(k)
+            unit = h * np.eye(chart.size)[k]
+            columns.append((self.accelerations(chart, unit) - self.accelerations(chart, -unit)) / (2 * h))
+        return np.array(columns).reshape(chart.size, chart.size).T
+
+
+class _Search(AtRest):
+    """Newton's steps from there."""
 
     def found(self, limit: int) -> EngineEquilibrium:
         """Down, away from what is unstable, and down again."""
@@ -145,7 +166,7 @@ class _Search:
         for taken in range(limit):
             chart = Chart(self.scene.structure, nodes)
             none = np.zeros(chart.size)
-            a, slopes = self._accelerations(chart, none), self._slopes(chart)
+            a, slopes = self.accelerations(chart, none), self.slopes(chart)
             stiffest = float(np.abs(slopes).max(initial=0.0))
             if not chart.size or (stiffest == 0 and not a.any()):
                 return nodes, 0.0, slopes, chart, taken
@@ -170,7 +191,7 @@ class _Search:
                 s = np.asarray(np.linalg.solve(mu * np.eye(chart.size) - slopes, a), float)
                 move = float(np.linalg.norm(chart.state(none, s)[1], axis=1).max())
                 if move <= LONGEST_MOVE * self.reach:
-                    there = self._accelerations(chart, s)
+                    there = self.accelerations(chart, s)
                     along, after = self._power(chart, a, s), self._power(chart, there, s)
                     if after > -OVERSHOOT * along:
                         break
@@ -181,26 +202,8 @@ class _Search:
             shift = max(shift / 8.0, least * 0.5)
         raise self._none(limit, np.zeros(0))
 
-    def _accelerations(self, chart: Chart, delta: Array) -> Array:
-        """δ̈ (n,) at rest at δ."""
-        self.evaluations += 1
-        rest = np.zeros(chart.size)
-        nodes, rates = chart.state(delta, rest)
-        return chart.accelerations(delta, rest, self.field(0.0, nodes, rates)[1])
-
-    def _slopes(self, chart: Chart) -> Array:
-        """∂a/∂δ (n, n)."""
-        columns = []
-        for k in range(chart.size):
-            h = STEP * self.reach / chart.lever(k)
-            unit = h * np.eye(chart.size)[k]
-            columns.append((self._accelerations(chart, unit) - self._accelerations(chart, -unit)) / (2 * h))
-        return np.array(columns).reshape(chart.size, chart.size).T
-
     def _power(self, chart: Chart, a: Array, s: Array) -> float:
         """The force along a step, by the masses and the accelerations that it makes: aᵀ M s."""
-        from tensegrity_mj.model.rods import kinetic_energy
-
         none = np.zeros(chart.size)
         (_, one), (_, other) = chart.state(none, a), chart.state(none, s)
         structure = self.scene.structure

@@ -119,7 +119,6 @@ class StaticModel:
         given = structure.rest_lengths if rest_lengths is None else real_array("rest_lengths", rest_lengths, (strings,))
         start = scene.nodes0 if nodes is None else real_array("nodes", nodes, (count, 3), "m", scalar=False)
         extra = np.zeros((count, 3)) if loads is None else real_array("loads", loads, (count, 3), "N", scalar=False)
-        weights = lumped_masses(structure)[:, None] * np.array(scene.gravity)
         compliance = np.zeros(len(structure.rods))
         if rods is Rods.ELASTIC:
             for row, rod in enumerate(structure.rods):
@@ -136,7 +135,7 @@ class StaticModel:
             stiffness=np.where(whole, structure.stiffness, 0.0),
             rod_lengths=np.array(structure.rod_lengths),
             compliance=compliance,
-            forces=weights + steady_forces(scene, np.array(start, float)),
+            forces=weights_and_loads(scene, np.array(start, float)),
             loads=np.array(extra, float),
             holds=tuple(holds),
         )
@@ -361,6 +360,11 @@ def steady_forces(scene: Scene, nodes: Array) -> Array:
     """(N, 3) [N]: what loads, wind, water and elements without energy push nodes (N, 3) with, at rest at t = 0."""
     others = [one for one in scene.effects if one.work is not Work.STORED]
     return forces_of(others, scene, 0.0, nodes, np.zeros_like(nodes))
+
+
+def weights_and_loads(scene: Scene, nodes: Array) -> Array:
+    """(N, 3) [N]: `steady_forces` and weights."""
+    return np.asarray(lumped_masses(scene.structure)[:, None] * np.array(scene.gravity) + steady_forces(scene, nodes))
 
 
 def _add_spans(out: Array, pairs: IntArray, pulls: Array) -> None:

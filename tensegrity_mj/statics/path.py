@@ -102,8 +102,7 @@ class Path:
 
     def reaction(self, nodes: Sequence[str]) -> Array:
         """(P, 3) [N]: what supports and holds together push these nodes with."""
-        index = self.model.structure.node_index
-        rows = [_row(index, name) for name in ((nodes,) if isinstance(nodes, str) else nodes)]
+        rows = self._rows(nodes)
         return np.array([state.reactions[rows].sum(axis=0) for state in self.states])
 
     def reaction_rate(self, nodes: Sequence[str]) -> Array:
@@ -111,14 +110,21 @@ class Path:
 
         At a limit point it has a pole.
         """
-        index = self.model.structure.node_index
-        rows = [_row(index, name) for name in ((nodes,) if isinstance(nodes, str) else nodes)]
+        rows = self._rows(nodes)
         out = np.zeros((len(self.states), 3))
         for p, state in enumerate(self.states):
             change = _reaction_change(state, self.rates[p], float(self.parameter_rates[p]))
             with np.errstate(divide="ignore", invalid="ignore"):
                 out[p] = change.reshape(-1, 3)[rows].sum(axis=0) / self.parameter_rates[p]
         return out
+
+    def _rows(self, nodes: Sequence[str]) -> list[int]:
+        index = self.model.structure.node_index
+        names = (nodes,) if isinstance(nodes, str) else nodes
+        for name in names:
+            if name not in index:
+                raise OptionError(f"there is no node '{name}'")
+        return [index[name] for name in names]
 
     @property
     def first_slack(self) -> tuple[int, str] | None:
@@ -285,9 +291,3 @@ def _reaction_change(state: StaticState, dx: Array, ds: float) -> Array:
         left = Z.T @ (moved + slopes.T @ change)
         change[rigid] = np.linalg.lstsq(C[rigid].T.toarray(), -left, rcond=RANK)[0]
     return moved + slopes.T @ change
-
-
-def _row(index: dict[str, int], name: str) -> int:
-    if name not in index:
-        raise OptionError(f"there is no node '{name}'")
-    return index[name]

@@ -188,34 +188,18 @@ def bordered(
     # The row is as large as the stiffness, so that it keeps its place among the others.
     weight = model.scale[1] / max(float(np.abs(row).max(initial=0.0)), abs(last))
     neutral = np.asarray(Z.T @ without)
-    with_s = np.concatenate([by_parameter, stretched])
+    # Of the motions, and of the parameter.
+    columns = np.block([[neutral, by_parameter[:, None]], [np.zeros((R, p)), stretched[:, None]]])
+    rows = np.block([[neutral.T, np.zeros((p, R))], [weight * row]])
+    corner = np.diag([0.0] * p + [weight * last])
     matrix: Array | sparse.csc_array
     if at.small:
-        matrix = np.zeros((q + R + p + 1,) * 2)
-        matrix[:q, :q] = at.free_hessian
-        matrix[q : q + R, :q] = at.free_slopes
-        matrix[:q, q : q + R] = at.free_slopes.T
-        matrix[q : q + R, q : q + R] = -np.diag(compliance)
-        matrix[:q, q + R : -1] = neutral
-        matrix[q + R : -1, :q] = neutral.T
-        matrix[: q + R, -1] = with_s
-        matrix[-1, : q + R], matrix[-1, -1] = weight * row, weight * last
+        H, C = at.free_hessian, at.free_slopes
+        matrix = np.block([[np.block([[H, C.T], [C, -np.diag(compliance)]]), columns], [rows, corner]])
     else:
         saddle = linear_systems.saddle_matrix(at.free_hessian, at.free_slopes, compliance)
-        columns = sparse.vstack([sparse.csr_array(neutral), sparse.csr_array((R, p))])
-        matrix = sparse.csc_array(
-            sparse.block_array(
-                [
-                    [saddle, columns, sparse.csr_array(with_s[:, None])],
-                    [columns.T, None, sparse.csr_array((p, 1))],
-                    [
-                        sparse.csr_array(weight * row[None]),
-                        sparse.csr_array((1, p)),
-                        sparse.csr_array([[weight * last]]),
-                    ],
-                ]
-            )
-        )
+        beside, below, last_block = map(sparse.csr_array, (columns, rows, corner))
+        matrix = sparse.csc_array(sparse.block_array([[saddle, beside], [below, last_block]]))
     found = linear_systems.solve(matrix, np.concatenate([right[0], right[1], np.zeros(p), [weight * right[2]]]))
     if found is None:
         return None

@@ -131,11 +131,7 @@ class Prestressability:
     @property
     def force_densities(self) -> Array:
         """(S, M + R) [N/m] of the states of self-stress."""
-        return np.asarray(self.self_stress / self._lengths)
-
-    @property
-    def _lengths(self) -> Array:
-        return members_at(member_pairs(self.structure), self.nodes).lengths
+        return np.asarray(self.self_stress / members_at(member_pairs(self.structure), self.nodes).lengths)
 
     def describe(self) -> list[str]:
         """What there is to say, a sentence a line."""

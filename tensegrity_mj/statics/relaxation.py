@@ -69,7 +69,9 @@ def relax(
             gradient = model.gradient(x, parameter)
             C = sparse.csr_array(model.rod_slopes(x) @ Z)
             reduced, light = Z.T @ gradient, sparse.csr_array(C @ sparse.diags_array(1.0 / masses))
-            normal = splu(sparse.csc_array(light @ C.T) + _ridge(light, C))
+            # So little that redundant rods leave no singular matrix.
+            ridge = linear_systems.RIDGE * (float((light * C).sum(axis=1).max(initial=0.0)) or 1.0)
+            normal = splu(sparse.csc_array(light @ C.T + ridge * sparse.eye_array(C.shape[0], format="csr")))
             forces = -normal.solve(light @ reduced)
             left = reduced + C.T @ forces
             forces -= normal.solve(light @ left)  # refined: normal equations lose digits
@@ -117,12 +119,6 @@ def _masses(model: StaticModel, x: Array, forces: Array, parameter: float) -> Ar
     rows = np.asarray(np.abs(sparse.csr_array(K)).sum(axis=1)).ravel()
     load = float(np.abs(model.external(parameter)).max(initial=0.0)) / model.scale[0]
     return SAFETY * np.maximum(0.25 * rows, max(1e-6 * float(rows.max(initial=0.0)), load, 1e-300))
-
-
-def _ridge(light: sparse.csr_array, C: sparse.csr_array) -> sparse.csc_array:
-    """So little that redundant rods leave no singular matrix."""
-    size = float((light * C).sum(axis=1).max(initial=0.0)) or 1.0
-    return sparse.csc_array(linear_systems.RIDGE * size * sparse.eye_array(C.shape[0], format="csc"))
 
 
 def _largest(model: StaticModel, x: Array, forces: Array, parameter: float) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.jsontext import plain
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
@@ -107,40 +109,19 @@ class Sizing:
                     f"sizing: {name} carries nothing, so that its least mass is zero, and there is no such member; "
                     "give minimal_mass a least_radius, or leave it out of the structure"
                 )
-        rods = [
+        rods = tuple(
             replace(
-                rod,
-                mass=mass,
-                radius=radius,
-                section=Section.solid(radius, stuff.elasticity_modulus, stuff.yield_stress),
+                rod, mass=mass, radius=radius, section=Section.solid(radius, of.elasticity_modulus, of.yield_stress)
             )
-            for rod, mass, radius, stuff in zip(
+            for rod, mass, radius, of in zip(
                 self.given.rods, self.rod_masses.tolist(), self.rod_radii.tolist(), self.rod_materials, strict=True
             )
-        ]
-        lengths = self.given.string_lengths(self.given.positions)
-        strings = []
-        for string, length, radius, tension, stuff in zip(
-            self.given.strings,
-            lengths.tolist(),
-            self.string_radii.tolist(),
-            self.tensions[0].tolist(),
-            self.string_materials,
-            strict=True,
-        ):
-            area = np.pi * radius**2
-            rest = length / (1.0 + tension / (stuff.elasticity_modulus * area))
-            strings.append(
-                replace(
-                    string,
-                    stiffness=stuff.elasticity_modulus * area / rest,
-                    rest_length=rest,
-                    tension=None,
-                    force_density=None,
-                    strength=stuff.yield_stress * area,
-                )
-            )
-        return replace(self.given, rods=tuple(rods), strings=tuple(strings))
+        )
+        area = np.pi * self.string_radii**2
+        axial = np.array([of.elasticity_modulus for of in self.string_materials]) * area
+        rest = self.given.string_lengths(self.given.positions) / (1.0 + self.tensions[0] / axial)
+        strength = np.array([of.yield_stress for of in self.string_materials]) * area
+        return replace(self.given, rods=rods).with_strings(stiffness=axial / rest, rest_length=rest, strength=strength)
 
     def describe(self) -> tuple[str, ...]:
         """Lines for people."""
@@ -164,37 +145,24 @@ class Sizing:
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values."""
-        rods = zip(
-            self.given.rods,
-            self.rod_masses.tolist(),
-            self.rod_radii.tolist(),
-            self.rod_forces.T.tolist(),
-            self.rod_governs,
-            strict=True,
-        )
-        strings = zip(
-            self.given.strings,
-            self.string_masses.tolist(),
-            self.string_radii.tolist(),
-            self.tensions.T.tolist(),
-            self.string_governs,
-            strict=True,
-        )
+        given = self.given
+        rods = (given.rods, self.rod_masses, self.rod_radii, self.rod_forces.T, self.rod_governs)
+        strings = (given.strings, self.string_masses, self.string_radii, self.tensions.T, self.string_governs)
         return {
             "mass": self.mass,
             "lower_bound": self.lower_bound,
             "gap": self.gap,
             "proven": self.is_proven,
             "programs": self.programs,
-            "rods": {
-                rod.name: {"mass": mass, "radius": radius, "forces": forces, "governs": why.value}
-                for rod, mass, radius, forces, why in rods
-            },
-            "strings": {
-                string.name: {"mass": mass, "radius": radius, "tensions": tensions, "governs": why.value}
-                for string, mass, radius, tensions, why in strings
-            },
+            "rods": _by_member("forces", rods),
+            "strings": _by_member("tensions", strings),
         }
+
+
+def _by_member(what: str, columns: tuple[Iterable[Any], ...]) -> Any:
+    """Of every member, by name, its mass, its radius, those forces and what decides it, as plain values."""
+    rows = zip(*columns, strict=True)
+    return plain({one.name: {"mass": m, "radius": r, what: f, "governs": why} for one, m, r, f, why in rows})
 
 
 def _radii(masses: Array, materials: tuple[Material, ...], lengths: Array) -> Array:

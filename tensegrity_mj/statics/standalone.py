@@ -11,7 +11,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.statics.model import StaticModel, steady_forces
+from tensegrity_mj.statics.model import StaticModel, weights_and_loads
 from tensegrity_mj.statics.state import StaticState
 
 
@@ -35,7 +35,7 @@ def standalone_scene(state: StaticState) -> Scene:
             breaks=tuple(event for event in scene.breaks if event.string not in gone),
         )
     # Besides weights and the scene's own loads: the state of a path that began under loads has some.
-    further = state.parameter * model.loads + (model.forces - _scene_forces(state))
+    further = state.parameter * model.loads + (model.forces - weights_and_loads(state.model.scene, model.start))
     return _loaded(scene, further) if np.any(further) else scene
 
 
@@ -49,15 +49,6 @@ def require_rigid_and_free(model: StaticModel) -> None:
         raise OptionError("engine: its rods are rigid, and the study's are elastic; leave one of the two out")
     if model.holds:
         raise OptionError("engine: it has no holds; give the structure a support there, or leave the engine out")
-
-
-def _scene_forces(state: StaticState) -> Array:
-    """(N, 3) [N]: weights and loads of the scene at t = 0."""
-    from tensegrity_mj.model.rods import lumped_masses
-
-    scene = state.model.scene
-    weights = lumped_masses(scene.structure)[:, None] * np.array(scene.gravity)
-    return np.asarray(weights + steady_forces(scene, state.model.start))
 
 
 def _loaded(scene: Scene, further: Array) -> Scene:

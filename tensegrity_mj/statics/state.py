@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,12 +132,10 @@ class StaticState:
         the scene.
         """
         scene, structure = self.model.scene, self.model.structure
-        placed = {key: tuple(row) for key, row in zip(structure.nodes, self.nodes.tolist(), strict=True)}
-        strings = tuple(
-            replace(string, rest_length=float(length), tension=None, force_density=None)
-            for string, length in zip(structure.strings, self.model.rest_lengths, strict=True)
-        )
-        there: Any = replace(structure, nodes=placed, strings=strings, name=name or structure.name)
+        there = structure.with_strings(rest_length=self.model.rest_lengths).placed(self.nodes)
         return scene.with_(
-            structure=there, initial_nodes=None, initial_velocities=None, name=scene.name if name is None else name
+            structure=replace(there, name=name or structure.name),
+            initial_nodes=None,
+            initial_velocities=None,
+            name=scene.name if name is None else name,
         )

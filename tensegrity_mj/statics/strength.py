@@ -15,7 +15,7 @@ unchecked, and nothing that holds such a member is ever called ok.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -31,6 +31,7 @@ from tensegrity_mj.model.members import Rod, String
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.statics.member_loads import Criterion, MemberLoads, SlackInterval, Use
+from tensegrity_mj.statics.words import listed
 
 if TYPE_CHECKING:
     from tensegrity_mj.statics.state import StaticState
@@ -86,7 +87,7 @@ class Check:
         else:
             head = "ok: every member was checked, and none is beyond a limit"
         lines = [head] if worst is None else [head, f"the worst: {worst.describe()}"]
-        return [*lines, f"{len(unchecked)} unchecked: {_listed(unchecked)}"] if unchecked else lines
+        return [*lines, f"{len(unchecked)} unchecked: {listed(unchecked, SHOWN)}"] if unchecked else lines
 
     def _summary(self) -> dict[str, Any]:
         return plain_values(self, "ok", "worst", "violations")
@@ -108,7 +109,7 @@ class MemberCheck(Check):
         return (
             *self._verdict(),
             *(one.describe() for one in self.violations[1:SHOWN]),
-            *([f"{len(self.slack)} slack: {_listed(map(repr, self.slack))}"] if self.slack else []),
+            *([f"{len(self.slack)} slack: {listed(map(repr, self.slack), SHOWN)}"] if self.slack else []),
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -155,7 +156,7 @@ class TrajectoryCheck(Check):
             names = dict.fromkeys(repr(one.string) for one in self.slack)
             first = min(self.slack, key=lambda one: one.start)
             lines.append(
-                f"{len(names)} slack at some time: {_listed(names)}; "
+                f"{len(names)} slack at some time: {listed(names, SHOWN)}; "
                 f"first '{first.string}' from {first.start:.6g} s to {first.end:.6g} s"
             )
         return tuple(lines)
@@ -253,8 +254,3 @@ def _by_member(members: Sequence[Rod] | Sequence[String], columns: dict[str, Arr
         member.name: {key: float(x) if np.isfinite(x) else None for key, x in zip(columns, row, strict=True)}
         for member, *row in zip(members, *columns.values(), strict=True)
     }
-
-
-def _listed(names: Iterable[str]) -> str:
-    every = list(names)
-    return ", ".join(every[:SHOWN]) + ("" if len(every) <= SHOWN else f", ... ({len(every)} in all)")

@@ -13,13 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.checks import member, real_array, whole
+from tensegrity_mj.basics.files import made_folder, replacing
 from tensegrity_mj.basics.functions import function_of
+from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.elements.element import Work, forces_of
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.structure_checks import unknown_node
 from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.statics import words
 from tensegrity_mj.statics.balance import Balance, balance
 from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.equilibrium import find_equilibrium
@@ -35,7 +38,6 @@ from tensegrity_mj.statics.sizing import Sizing
 from tensegrity_mj.statics.standalone import require_rigid_and_free, standalone_scene
 from tensegrity_mj.statics.state import StaticState
 from tensegrity_mj.statics.strength import MemberCheck, TrajectoryCheck, check_state, check_trajectory
-from tensegrity_mj.statics.words import counted
 
 if TYPE_CHECKING:
     from tensegrity_mj.statics.engine_check import EngineCheck
@@ -123,15 +125,11 @@ class StaticStudy:
 
     def describe(self) -> list[tuple[str, str]]:
         """Names and what there is to say, a line each."""
-        from tensegrity_mj.statics.words import describe
-
-        return describe(self)
+        return words.describe(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything as plain values; docs/statics.md explains the keys."""
-        from tensegrity_mj.statics.words import to_dict
-
-        return to_dict(self)
+        return words.to_dict(self)
 
     def save_page(self, path: str | os.PathLike[str]) -> FilePath:
         """Write the page (.html), which holds its pictures; returns its path."""
@@ -145,9 +143,6 @@ class StaticStudy:
         Raises:
             OptionError: where nothing can be written.
         """
-        from tensegrity_mj.basics.files import made_folder, replacing
-        from tensegrity_mj.basics.jsontext import to_json
-
         place = made_folder(folder)
         with replacing(place / DATA) as part:
             part.write_text(to_json({"status": self.status, **self.to_dict()}, indent=1) + "\n", encoding="utf-8")
@@ -228,6 +223,11 @@ class Analysis:
             return StaticStudy(model, self.search, start, None, str(error), sizing=sizing, run=checked, notes=notes)
         state = states[0]
         natural = natural_modes(state, count)
+        confirmed = None
+        if self.engine is not None:
+            from tensegrity_mj.statics.engine_check import check_engine  # here: engines take seconds to import
+
+            confirmed = check_engine(state, natural, self.engine)
         return StaticStudy(
             model=model,
             search=self.search,
@@ -238,7 +238,7 @@ class Analysis:
             prestressability=_prestressability(state),
             members=check_state(state),
             response=response,
-            engine=None if self.engine is None else _by_engine(state, natural, self.engine),
+            engine=confirmed,
             sizing=sizing,
             run=checked,
             notes=(*_notes(model), *_edge_notes(state)),
@@ -267,12 +267,6 @@ class Analysis:
 
 
 analyse = function_of(Analysis)
-
-
-def _by_engine(state: StaticState, modes: Modes, engine: AcceleratingEngine) -> EngineCheck:
-    from tensegrity_mj.statics.engine_check import check_engine  # here: engines take seconds to import
-
-    return check_engine(state, modes, engine)
 
 
 def _prestressability(state: StaticState) -> Prestressability:
@@ -311,10 +305,8 @@ def _sized(model: StaticModel, materials: Materials) -> Sizing:
     scene, structure = model.scene, model.structure
     if not np.all(model.stiffness > 0):
         raise OptionError("materials: strings that are to be sized are whole; leave broken ones out of the study")
-    nodes = {name: tuple(row) for name, row in zip(structure.node_names, model.start.tolist(), strict=True)}
-    placed: Any = replace(structure, nodes=nodes)
     return minimal_mass(
-        placed,
+        structure.placed(model.start),
         steady_forces(scene, model.start) + model.element_forces(model.start.ravel()).reshape(-1, 3) + model.loads,
         rods=materials.rods,
         strings=materials.strings,
@@ -350,10 +342,11 @@ def _edge_notes(state: StaticState) -> list[str]:
     if not edge.any():
         return []
     first = model.structure.strings[int(np.argmax(edge))].name
+    count = words.counted(int(edge.sum()), "string")
     return [
-        f"at the edge of slackness, as long as their rest length: {counted(int(edge.sum()), 'string')} ('{first}' is "
-        "one). Half of every motion stretches them; stiffness and frequencies count them as round-off has them, slack "
-        "or taut, and an engine may count them otherwise"
+        f"at the edge of slackness, as long as their rest length: {count} ('{first}' is one). Half of every motion "
+        "stretches them; stiffness and frequencies count them as round-off has them, slack or taut, and an engine may "
+        "count them otherwise"
     ]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -53,7 +53,8 @@ def _found(study: StaticStudy, state: StaticState) -> list[tuple[str, str]]:
     how = f"path of {counted(len(study.response.path.states), 'point')}" if study.response else ""
     how = how or f"{METHODS[study.search.value]}, {counted(state.iterations, 'step')}"
     loose = "not held: some motion costs no energy"
-    kind = "stable" if state.is_stable else loose if _held_by_nothing(state) else "unstable"
+    is_loose = state.lowest_stiffness >= -1e-9 * model.scale[1]
+    kind = "stable" if state.is_stable else loose if is_loose else "unstable"
     at = f" at parameter {state.parameter:g}" if study.response is not None else ""
     rows = [
         (
@@ -77,14 +78,14 @@ def _found(study: StaticStudy, state: StaticState) -> list[tuple[str, str]]:
             rows.append((name, ", ".join(f"{key} {_number(spread[key], '')}" for key in spread) + f" {unit}"))
     slack = slack_strings(state)
     if model.structure.strings:
-        rows.append(("slack strings", f"{len(slack)}: {_listed(slack)}" if slack else "none"))
+        rows.append(("slack strings", f"{len(slack)}: {listed(slack)}" if slack else "none"))
     if study.prestressability is not None:
         rows += [("prestress" if not row else "", line) for row, line in enumerate(study.prestressability.describe())]
     if np.isfinite(state.lowest_stiffness):
         lowest = _number(state.lowest_stiffness, "N/m")
         rows.append(("lowest stiffness", f"{lowest}, of all motions of the nodes but those of the whole at no energy"))
     if study.modes is not None and len(study.modes.squares):
-        rows.append(("frequencies", _listed(_frequencies(study.modes), 12) + " Hz"))
+        rows.append(("frequencies", listed(_frequencies(study.modes), 12) + " Hz"))
         rows += [("", line) for line in study.modes.describe()]
     if study.members is not None:
         rows += [("members" if not row else "", line) for row, line in enumerate(_members(study.members))]
@@ -237,10 +238,6 @@ def _members(check: MemberCheck) -> tuple[str, ...]:
     return lines if check.worst is not None else lines[:1]
 
 
-def _held_by_nothing(state: StaticState) -> bool:
-    return state.lowest_stiffness >= -1e-9 * state.model.scale[1]
-
-
 def _frequencies(modes: Modes) -> list[str]:
     """In Hz; of what grows, its rate."""
     pairs = zip(modes.frequencies.tolist(), modes.growth.tolist(), strict=True)
@@ -261,7 +258,8 @@ def _sizes(nodes: Array) -> str:
     return " x ".join(f"{float(size):.5g}" for size in extent(nodes)) + " m"
 
 
-def _listed(names: Iterable[str] | Sequence[str], most: int = SHOWN) -> str:
+def listed(names: Iterable[str], most: int = SHOWN) -> str:
+    """The names, so many at most."""
     every = list(names)
     return ", ".join(every[:most]) + (f", ... ({len(every)} in all)" if len(every) > most else "")
 

@@ -38,7 +38,6 @@ POINTS = {"tension": 16, "compression": 28, "lateral": 20, "imperfect": 40}
 # N, across the beam, on the six nodes in its middle together: a hundredth of what buckles it
 IMPERFECTION = 100.0
 LONGEST = 1.2  # the arc of a path that has buckled, of a straight one
-DIFFERENCE = 1e-5  # of the shortest member: of MuJoCo's forces; its error is the square of it
 
 
 def scene_of(point: dict[str, Any]) -> Scene:
@@ -111,37 +110,22 @@ def _against_the_top(index: dict[str, int], K: Array) -> Array:
 
 def confirmed(point: dict[str, Any]) -> dict[str, Any]:
     """The same of MuJoCo's own equations, by central differences of its forces; rods are rigid."""
-    from tensegrity_mj.dynamics.native.law import native_law
     from tensegrity_mj.engines.mujoco.engine import MuJoCo
-    from tensegrity_mj.engines.request import Request
     from tensegrity_mj.linearization.chart import Chart
-    from tensegrity_mj.linearization.differences import reach_of
-    from tensegrity_mj.model.actuation import Actuation, OnInfeasible
+    from tensegrity_mj.statics.engines import AtRest
     from tensegrity_mj.statics.modes import mass_matrix
 
     scene = scene_of(point)
     structure, nodes = scene.structure, scene.nodes0
-    nothing = native_law(None, structure)
-    request = Request(scene, nothing, Actuation.continuous(), OnInfeasible.STOP, 1.0, None, progress=False)
-    field = MuJoCo().accelerations(request)
-    chart = Chart(structure, nodes)
+    engine, chart = AtRest(scene, MuJoCo()), Chart(structure, nodes)
     n, rest = chart.size, np.zeros(chart.size)
-
-    def accelerations(delta: Array) -> Array:
-        there, rates = chart.state(delta, rest)
-        return chart.accelerations(delta, rest, field(0.0, there, rates)[1])
-
     moves = np.array([chart.state(rest, unit)[1].ravel() for unit in np.eye(n)]).T  # (3N, n)
     M = moves.T @ (mass_matrix(structure) @ moves)
-    slopes = np.zeros((n, n))
-    for k in range(n):
-        step = DIFFERENCE * reach_of(structure, nodes) / chart.lever(k) * np.eye(n)[k]
-        slopes[:, k] = (accelerations(step) - accelerations(-step)) / (2.0 * step[k])
-    K = -M @ slopes
+    K = -M @ engine.slopes(chart)
     # A step of Newton's method, across the six motions of the whole, that nothing resists.
     values, vectors = np.linalg.eigh(0.5 * (K + K.T))
     held = np.abs(values) > 1e-6 * values.max()
-    force = M @ accelerations(rest)
+    force = M @ engine.accelerations(chart, rest)
     step = vectors[:, held] @ ((vectors[:, held].T @ force) / values[held])
     there = chart.state(step, rest)[0]
     return {

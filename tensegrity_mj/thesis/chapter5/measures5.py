@@ -68,6 +68,3 @@ def unbalanced(run: Trajectory) -> float:
         ones = np.ones((1, matrix.shape[1]))
         left.append(float(nnls(np.vstack([matrix, ones]), np.append(np.zeros(len(matrix)), 1.0))[1]))
     return max(left)
-
-
-# ------------------------------------------------------------------------------------------------ gains of §5.6
