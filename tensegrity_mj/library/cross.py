@@ -66,7 +66,7 @@ def cross(
     names = ["n1", "n2", "n3", "n4"]
     structure = Structure(
         name=name,
-        nodes={key: (float(p[0]), float(p[1]), float(p[2])) for key, p in zip(names, first, strict=True)},
+        nodes=dict(zip(names, first.tolist(), strict=True)),
         rods=(
             Rod("rod1", ("n1", "n3"), rod_mass, 0.02, SLIDER),
             Rod("rod2", ("n2", "n4"), rod_mass, 0.02, HINGE),

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
-
 import numpy as np
 
 from tensegrity_mj.basics.checks import positive
@@ -48,5 +45,4 @@ def hung(structure: Structure, length: float, gravity: float) -> Structure:
             f"the rods of '{structure.name}' hang in no equilibrium that could be found: held nodes may be too far "
             "from each other, or the first guess too far from where it hangs"
         )
-    places: Any = dict(zip(structure.nodes, found.nodes.tolist(), strict=True))
-    return replace(structure, nodes=places)
+    return structure.placed(found.nodes)

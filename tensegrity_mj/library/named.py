@@ -38,6 +38,7 @@ MOST_LETTERS = 10_000  # of a call
 _CALL = re.compile(r"\s*[^\W\d]\w*\s*\(")
 _PLAIN = {float: "a number", int: "an integer", bool: "True or False", str: "a text in quotes", types.NoneType: "None"}
 _PLAIN[Any] = "a literal"
+PYTHON = "left to Python"
 
 
 class _Unfit(Exception):
@@ -95,8 +96,9 @@ def _builder(name: str, shown: str) -> Callable[..., Any]:
 
 def _arguments(name: str, call: ast.Call, builder: Callable[..., Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """The arguments of a call and of changes to it by name, as the family takes them."""
-    hints = _Hints(typing.get_type_hints(inspect.unwrap(builder)))
     parameters = inspect.signature(builder).parameters
+    # Any literal, where a family gives no type.
+    hints = dict.fromkeys(parameters, Any) | typing.get_type_hints(inspect.unwrap(builder))
     places = [key for key, one in parameters.items() if one.kind is one.POSITIONAL_OR_KEYWORD]
     if len(call.args) > len(places):
         raise FormatError(
@@ -108,14 +110,10 @@ def _arguments(name: str, call: ast.Call, builder: Callable[..., Any], changes: 
         key = keyword.arg
         if key is None:
             raise FormatError(f"{name}: ** is no literal; write every argument by its name")
-        if key not in parameters:
-            raise FormatError(
-                f"{name}: unknown argument '{key}'{closest(key, parameters)}; it has {', '.join(parameters)}"
-            )
         if key in given:
             raise FormatError(f"{name}: argument '{key}' is given twice")
         given[key] = keyword.value
-    for key in changes:
+    for key in (*given, *changes):
         if key not in parameters:
             raise FormatError(
                 f"{name}: unknown argument '{key}'{closest(key, parameters)}; it has {', '.join(parameters)}"
@@ -141,13 +139,6 @@ def _arguments(name: str, call: ast.Call, builder: Callable[..., Any], changes: 
         except _Unfit:
             raise FormatError(f"{name}: {key} = {value!r}; it must be {_wanted(hints[key])}") from None
     return values
-
-
-class _Hints(dict[str, Any]):
-    """Types by parameter; any literal, where a family gives none."""
-
-    def __missing__(self, key: str) -> Any:
-        return Any
 
 
 def _fitted(value: Any, hint: Any) -> Any:
@@ -179,17 +170,12 @@ def _fitted(value: Any, hint: Any) -> Any:
 def _wanted(hint: Any) -> str:
     """A type of parameters in words."""
     if _is_union(hint):
-        kinds = [one for one in typing.get_args(hint) if _can_be_written(one)]
-        return " or ".join(_wanted(one) for one in kinds)
+        return " or ".join(text for text in map(_wanted, typing.get_args(hint)) if text != PYTHON)
     if typing.get_origin(hint) is tuple:
         return f"({', '.join(_wanted(one) for one in typing.get_args(hint))})"
     if isinstance(hint, type) and issubclass(hint, enum.Enum):
         return " or ".join(repr(item.value) for item in hint)
-    return _PLAIN.get(hint, "left to Python")
-
-
-def _can_be_written(hint: Any) -> bool:
-    return _wanted(hint) != "left to Python"
+    return _PLAIN.get(hint, PYTHON)
 
 
 def _is_union(hint: Any) -> bool:

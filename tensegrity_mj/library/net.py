@@ -103,7 +103,7 @@ class Net:
             supports[rod] = Support.pinned(float(rods[rod][1] == row))
         structure = Structure(
             name=self.name,
-            nodes={key: (float(x), float(y), float(z)) for key, (x, y, z) in zip(names, guess, strict=True)},
+            nodes=dict(zip(names, guess.tolist(), strict=True)),
             rods=tuple(
                 Rod(key, (names[i], names[j]), self.rod_mass, ROPE_RADIUS, supports.get(key, Support.free(0.0)))
                 for key, (i, j) in rods.items()

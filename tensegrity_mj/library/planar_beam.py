@@ -146,7 +146,7 @@ class PlanarBeam:
         )
         structure = Structure(
             name=self.name,
-            nodes={key: (float(p[0]), float(p[1]), float(p[2])) for key, p in zip(names, positions, strict=True)},
+            nodes=dict(zip(names, positions.tolist(), strict=True)),
             rods=rods,
             strings=tuple(
                 String(f"s{number + 1}", (names[i], names[j]), self.stiffness)

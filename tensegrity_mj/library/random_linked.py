@@ -12,7 +12,8 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, whole
 from tensegrity_mj.basics.functions import function_of
-from tensegrity_mj.model.members import Rod, String, Support, Vector, null_space_basis
+from tensegrity_mj.library.random_structures import unit
+from tensegrity_mj.model.members import Rod, String, Support, null_space_basis
 from tensegrity_mj.model.structure import Structure
 
 FIXED = "f"  # the node in space that strings are tied to
@@ -50,19 +51,15 @@ class RandomLinkedStructure:
     damping: tuple[float, float] = (0.0, 0.0)
 
     def __call__(self) -> Structure:
-        check_nodes(
-            "random_linked_structure: rods",
-            self.rods,
-            whole("random_linked_structure: rods", self.rods, 1) + 2,
-            MOST_FOUND,
-        )
+        count = whole("random_linked_structure: rods", self.rods, 1)
+        check_nodes("random_linked_structure: rods", self.rods, count + 2, MOST_FOUND)
         whole("random_linked_structure: strings", self.strings, 1)
-        normal = _unit(self.rng.normal(size=3)) if self.planar else None
+        normal = unit(self.rng.normal(size=3)) if self.planar else None
         basis: Array = np.eye(3) if normal is None else null_space_basis(normal[None])
-        plane = None if normal is None else _vector(normal)
+        plane = None if normal is None else normal.tolist()
 
         def towards() -> Array:
-            return np.asarray(basis @ _unit(np.asarray(self.rng.normal(size=basis.shape[1]))))
+            return np.asarray(basis @ unit(np.asarray(self.rng.normal(size=basis.shape[1]))))
 
         places: list[Array] = [np.zeros(3)]
         pairs: list[tuple[int, int]] = []
@@ -107,7 +104,7 @@ class RandomLinkedStructure:
             cords.append(String(f"s{number}", (one, other), k, c, rest_length=rest))
         return Structure(
             "random linked",
-            {name: _vector(place) for name, place in nodes.items()},
+            {name: place.tolist() for name, place in nodes.items()},
             tuple(members),
             tuple(cords),
             fixed_nodes=(FIXED,),
@@ -115,12 +112,3 @@ class RandomLinkedStructure:
 
 
 random_linked_structure = function_of(RandomLinkedStructure)
-
-
-def _unit(vector: Array) -> Array:
-    return np.asarray(vector / np.linalg.norm(vector))
-
-
-def _vector(array: Array) -> Vector:
-    x, y, z = (float(value) for value in array)
-    return (x, y, z)

@@ -67,32 +67,24 @@ class RandomStructure:
     size: float = 1.0
 
     def __call__(self) -> Structure:
-        for what, number in (
-            ("rods", self.rods),
-            ("fixed_nodes", self.fixed_nodes),
-            ("point_masses", self.point_masses),
-        ):
-            whole(f"random_structure: {what}", number, 0)
         counts = (self.rods, self.fixed_nodes, self.point_masses)
-        check_nodes(
-            "random_structure: (rods, fixed_nodes, point_masses)",
-            counts,
-            2 * self.rods + self.fixed_nodes + self.point_masses,
-            MOST_FOUND,
-        )
-        normal = _unit(self.rng.normal(size=3)) if self.planar else None
+        for what, number in zip(("rods", "fixed_nodes", "point_masses"), counts, strict=True):
+            whole(f"random_structure: {what}", number, 0)
+        nodes = self.rods + sum(counts)
+        check_nodes("random_structure: (rods, fixed_nodes, point_masses)", counts, nodes, MOST_FOUND)
+        normal = unit(self.rng.normal(size=3)) if self.planar else None
         basis = np.eye(3) if normal is None else null_space_basis(normal[None])
         origin = self.size * self.rng.uniform(-1, 1, 3)
-        plane = None if normal is None else (float(normal[0]), float(normal[1]), float(normal[2]))
+        plane = None if normal is None else normal.tolist()
         positions: dict[str, Array] = {}
 
         def place(near: Array | None = None) -> Array:
             """A point 0.6 to 1.4 sizes from another one, or anywhere in a box that has room for all of them."""
             if near is None:
-                half = (2 * self.rods + self.fixed_nodes + self.point_masses) ** (1 / basis.shape[1])
+                half = nodes ** (1 / basis.shape[1])
                 return origin + basis @ (0.5 * self.size * half * self.rng.uniform(-1, 1, basis.shape[1]))
             distance = self.size * self.rng.uniform(0.6, 1.4)
-            return np.asarray(near + distance * (basis @ _unit(self.rng.normal(size=(basis.shape[1],)))))
+            return np.asarray(near + distance * (basis @ unit(self.rng.normal(size=(basis.shape[1],)))))
 
         def is_clear(points: list[Array]) -> bool:
             return all(np.linalg.norm(p - q) > 0.2 * self.size for p in points for q in positions.values())
@@ -105,8 +97,8 @@ class RandomStructure:
             while not is_clear(ends):
                 ends = [(first := place()), place(first)]
             positions[i], positions[j] = ends
-            own = _unit(np.cross(ends[1] - ends[0], self.rng.normal(size=3)))
-            turning = (float(own[0]), float(own[1]), float(own[2])) if self.rng.uniform() < self.own_planes else None
+            own = unit(np.cross(ends[1] - ends[0], self.rng.normal(size=3)))
+            turning = own.tolist() if self.rng.uniform() < self.own_planes else None
             where = float(self.rng.choice([0.0, 1.0, 0.5, self.rng.uniform()])) if self.sigma is None else self.sigma
             held = _random_support(self.rng, str(self.rng.choice(kinds)), where, plane or turning)
             members.append(Rod(f"rod {number + 1}", (i, j), float(self.rng.uniform(0.5, 2.0)), 0.01 * self.size, held))
@@ -135,7 +127,7 @@ class RandomStructure:
                 cords.append(String(name, (i, j), k, c, force_density=k * part))
         return Structure(
             name="random",
-            nodes={name: (float(p[0]), float(p[1]), float(p[2])) for name, p in positions.items()},
+            nodes={name: place.tolist() for name, place in positions.items()},
             rods=tuple(members),
             strings=tuple(cords),
             fixed_nodes=tuple(anchors),
@@ -181,7 +173,7 @@ class RandomScene:
             structure=self.structure,
             name="random scene",
             source="drawn by chance",
-            gravity=tuple(9.81 * _unit(self.rng.normal(size=3))) if self.gravity else (0.0, 0.0, 0.0),
+            gravity=tuple(9.81 * unit(self.rng.normal(size=3))) if self.gravity else (0.0, 0.0, 0.0),
             initial_nodes=nodes,
             initial_velocities=random_velocities(self.rng, self.structure, start, self.moving) if self.moving else None,
             loads=tuple(
@@ -215,7 +207,7 @@ def random_configuration(rng: np.random.Generator, structure: Structure, amount:
         support, span = rod.support, nodes[j] - nodes[i]
         shift = support.translation_basis @ (amount * rng.uniform(-1, 1, support.translation_basis.shape[1]))
         middle = (1 - support.sigma) * nodes[i] + support.sigma * nodes[j] + shift
-        axis = _unit(rng.normal(size=3)) if support.plane is None else _unit(np.array(support.plane))
+        axis = unit(rng.normal(size=3)) if support.plane is None else unit(np.array(support.plane))
         span = _turned(span, axis, amount * rng.uniform(-1, 1))
         nodes[i], nodes[j] = middle - support.sigma * span, middle + (1 - support.sigma) * span
     for point in structure.point_masses:
@@ -232,7 +224,7 @@ def random_velocities(rng: np.random.Generator, structure: Structure, nodes: Arr
     for rod, (i, j) in zip(structure.rods, structure.rod_nodes, strict=True):
         support, span = rod.support, nodes[j] - nodes[i]
         middle = support.translation_basis @ (speed * rng.uniform(-1, 1, support.translation_basis.shape[1]))
-        axis = _unit(rng.normal(size=3)) if support.plane is None else _unit(np.array(support.plane))
+        axis = unit(rng.normal(size=3)) if support.plane is None else unit(np.array(support.plane))
         turning = np.cross(speed * rng.uniform(-1, 1) * axis, span)
         velocities[i], velocities[j] = middle - support.sigma * turning, middle + (1 - support.sigma) * turning
     for point in structure.point_masses:
@@ -246,7 +238,7 @@ def _linked_velocities(rng: np.random.Generator, structure: Structure, nodes: Ar
     wild = speed * rng.uniform(-1, 1, (len(structure.nodes), 3))
     for rod, pair in zip(structure.rods, structure.rod_nodes, strict=True):
         if rod.support.plane is not None:
-            normal = _unit(np.array(rod.support.plane))
+            normal = unit(np.array(rod.support.plane))
             wild[pair] -= np.outer(wild[pair] @ normal, normal)
     return velocities_with_supports(structure, nodes, (), wild)
 
@@ -269,16 +261,13 @@ def moved(structure: Structure, rotation: Array, shift: Array) -> Structure:
         rows = tuple(turned(row) for row in support.directions)
         return Support(support.sigma, rows, None, None if support.plane is None else turned(support.plane))
 
-    return Structure(
-        name=structure.name,
-        nodes={name: tuple((rotation @ np.array(p) + shift).tolist()) for name, p in structure.nodes.items()},
+    return replace(
+        structure,
+        nodes={name: (rotation @ np.array(p) + shift).tolist() for name, p in structure.nodes.items()},
         rods=tuple(replace(rod, support=turned_support(rod.support)) for rod in structure.rods),
-        strings=structure.strings,
-        fixed_nodes=structure.fixed_nodes,
         point_masses=tuple(
-            PointMass(p.node, p.mass, None if p.plane is None else turned(p.plane)) for p in structure.point_masses
+            replace(p, plane=None if p.plane is None else turned(p.plane)) for p in structure.point_masses
         ),
-        string_law=structure.string_law,
     )
 
 
@@ -296,7 +285,7 @@ def _random_support(
         if rows == 2:
             matrix[1] += 0.5 * matrix[0]
     else:
-        matrix = (null_space_basis(np.array([plane])) @ _unit(rng.normal(size=2)))[None]
+        matrix = (null_space_basis(np.array([plane])) @ unit(rng.normal(size=2)))[None]
     return Support.constrained(matrix * rng.uniform(0.5, 2.0, (rows, 1)), sigma, plane=plane)
 
 
@@ -333,5 +322,6 @@ def _turned(vector: Array, axis: Array, angle: float) -> Array:
     return vector * np.cos(angle) + cross * np.sin(angle) + axis * (axis @ vector) * (1 - np.cos(angle))
 
 
-def _unit(vector: Array) -> Array:
-    return vector / np.linalg.norm(vector)
+def unit(vector: Array) -> Array:
+    """The vector, of length one."""
+    return np.asarray(vector / np.linalg.norm(vector))

@@ -10,7 +10,7 @@ from tensegrity_mj.basics.fields import refused, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import THESIS
-from tensegrity_mj.library.tower import Topology, base_nodes, middle_nodes, released, top_nodes, tower
+from tensegrity_mj.library.tower import Topology, base_nodes, middle_nodes, released, top_nodes, tower_like
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.scene import Scene
 
@@ -91,18 +91,8 @@ class Chapter7Tower:
 
     def __call__(self) -> Scene:
         force = _pluck(self)
-        scene = tower(
-            CHAPTER7_STAGES,
-            topology=self.topology,
-            radius=self.radius,
-            stiffness=self.stiffness,
-            damping=self.damping,
-            prestress_measure=self.prestress_measure,
-            origin=self.origin,
-            form_found=self.form_found,
-            duration=self.duration,
-            name=self.name,
-        ).with_(source=f"{THESIS}, section 7.2.3, pages 154-157")
+        scene = tower_like(self, stages=CHAPTER7_STAGES)
+        scene = scene.with_(source=f"{THESIS}, section 7.2.3, pages 154-157")
         if not force:
             return scene
         ends = base_nodes() + top_nodes(CHAPTER7_STAGES)
@@ -155,23 +145,19 @@ class AppendixBeam:
         stiffness = self.stiffness
         if stiffness is None:
             stiffness = CORRECTED_STIFFNESS.get(self.which, row.stiffness) if self.corrected else row.stiffness
-        scene = tower(
-            APPENDIX_STAGES,
+        scene = tower_like(
+            self,
+            stages=APPENDIX_STAGES,
             radius=1 / np.sqrt(3.0),  # triangles with sides of one metre
             height=1.0,
             alternating=True,
-            mirrored=self.mirrored,
             stiffness=stiffness,
-            damping=self.damping,
             tension=row.tension,
             outer_diameter=2 * TUBE_RADIUS,
             inner_diameter=2 * (TUBE_RADIUS - TUBE_WALL),
             density=TUBE_DENSITY,
             elasticity_modulus=TUBE_MODULUS,
             yield_stress=TUBE_YIELD,
-            pinned_base=self.pinned_base,
-            form_found=self.form_found,
-            duration=self.duration,
             name=self.name or self.which,
         ).with_(source=f"{THESIS}, appendix C.1, pages 185-194")
         if not force:

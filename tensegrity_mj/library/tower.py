@@ -17,7 +17,8 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -134,7 +135,7 @@ class Tower:
             )
         structure = Structure(
             self.name,
-            {key: _vector(place) for key, place in nodes.items()},
+            {key: place.tolist() for key, place in nodes.items()},
             tuple(
                 Rod(
                     f"rod{s + 1}_{i + 1}", (_node("b", s, i), _node("t", s, i + hand)), mass, outer / 2, section=section
@@ -161,6 +162,12 @@ class Tower:
 tower = function_of(Tower)
 
 
+def tower_like(family: Any, **more: Any) -> Scene:
+    """The tower with what another family has in fields of the same names, and with more."""
+    shared = {one.name for one in fields(Tower)} & {one.name for one in fields(family)}
+    return tower(**{name: getattr(family, name) for name in shared} | more)
+
+
 def form_find(scene: Scene) -> Scene:
     """The tower in the equilibrium of its strings, without gravity and loads, and free at both ends.
 
@@ -178,12 +185,7 @@ def form_find(scene: Scene) -> Scene:
     origin, frame = _frame(structure.positions)
     centre, turned = _frame(found)
     nodes = origin + (found - centre) @ turned.T @ frame
-    strings = tuple(
-        replace(string, rest_length=float(rest), tension=None, force_density=None)
-        for string, rest in zip(structure.strings, structure.rest_lengths, strict=True)
-    )
-    places = {key: _vector(place) for key, place in zip(structure.nodes, nodes, strict=True)}
-    return scene.with_(structure=replace(structure, nodes=places, strings=strings))
+    return scene.with_(structure=structure.with_strings(rest_length=structure.rest_lengths).placed(nodes))
 
 
 def released(scene: Scene, loads: Iterable[Load]) -> Scene:
@@ -316,8 +318,3 @@ def _frame(nodes: Array) -> tuple[Array, Array]:
     across = across - (across @ along) * along
     across /= np.linalg.norm(across)
     return centre, np.array([along, across, np.cross(along, across)])
-
-
-def _vector(place: Array) -> Vector:
-    x, y, z = (float(value) for value in place)
-    return (x, y, z)

@@ -16,7 +16,7 @@ from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import THESIS
 from tensegrity_mj.library.thesis_towers import CHAPTER7_STAGES, PRESTRESS_MEASURES, STIFFNESSES
-from tensegrity_mj.library.tower import Topology, tower
+from tensegrity_mj.library.tower import Topology, tower_like
 from tensegrity_mj.model.elements.water import Water, Weights
 from tensegrity_mj.model.elements.waves import Wave
 from tensegrity_mj.model.members import Vector
@@ -90,18 +90,7 @@ class TowerInWaves:
             segments=self.segments,
             weights=self.weights,
         )
-        scene = tower(
-            self.stages,
-            topology=self.topology,
-            radius=self.radius,
-            stiffness=self.stiffness,
-            damping=self.damping,
-            prestress_measure=self.prestress_measure,
-            origin=(0.0, 0.0, -self.start_depth),
-            gravity=GRAVITY,
-            duration=self.duration,
-            name=self.name,
-        )
+        scene = tower_like(self, origin=(0.0, 0.0, -self.start_depth), gravity=GRAVITY)
         return scene.with_(water=water, source=f"{THESIS}, section 7.2.3, pages 154-157")
 
 
