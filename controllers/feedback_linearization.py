@@ -247,13 +247,8 @@ def from_options(
 LAW = NamedLaw(
     from_options,
     {
-        "natural_frequency": as_it_is,
-        "damping": as_it_is,
-        "sums": as_it_is,
-        "weight": as_it_is,
-        "minimum_force_density": as_it_is,
-        "maximum_force_density": as_it_is,
-        "linear": as_it_is,
+        **dict.fromkeys(("natural_frequency", "damping", "sums", "weight"), as_it_is),
+        **dict.fromkeys(("minimum_force_density", "maximum_force_density", "linear"), as_it_is),
         "on_infeasible": one_of(WhenInfeasible),
         "respect_limits": as_it_is,
         "water": one_of(KnownWater),

@@ -219,19 +219,31 @@ class Allocator:
 
     def _simplex(self, A: Array, d: Array) -> Array | None:
         """The least fᵀu, by HiGHS."""
+        found, size = self._program(A, d, self.linear)
+        return np.clip(np.asarray(found.x, float) * size, self.lower, self.upper) if found.status == 0 else None
+
+    def _program(self, A: Array, d: Array, cost: Any, slack: int = 0) -> tuple[Any, float]:
+        """HiGHS' result for the least cost @ (u / size, x), and size; the `slack` x >= 0 take what is missed.
+
+        They are what equations lack, what they have too much, and what sums are short of.
+        """
         from scipy.optimize import linprog
 
+        n, L = len(d), len(self.sum_values)
         size = self._size(np.concatenate([d, self.sum_values]))
+        missed = np.hstack([np.eye(n), -np.eye(n), np.zeros((n, L))])[:, :slack]
+        short = np.hstack([np.zeros((L, 2 * n)), -np.eye(L)])[:, :slack]
+        lower, upper = np.append(self.lower / size, np.zeros(slack)), np.append(self.upper / size, [np.inf] * slack)
         found = linprog(
-            self.linear,
-            A_ub=-self.sum_rows if len(self.sum_rows) else None,
-            b_ub=-self.sum_values / size if len(self.sum_rows) else None,
-            A_eq=A if len(d) else None,
-            b_eq=d / size if len(d) else None,
-            bounds=np.column_stack([self.lower, self.upper]) / size,
+            cost,
+            A_ub=np.hstack([-self.sum_rows, short]) if L else None,
+            b_ub=-self.sum_values / size if L else None,
+            A_eq=np.hstack([A, missed]) if n else None,
+            b_eq=d / size if n else None,
+            bounds=np.column_stack([lower, upper]),
             method="highs-ds",
         )
-        return np.clip(np.asarray(found.x, float) * size, self.lower, self.upper) if found.status == 0 else None
+        return found, size
 
     def _least_violation(self, A: Array, d: Array) -> Array:
         """Of the u within their bounds that violate equations and sums least, the one of least cost.
@@ -252,26 +264,10 @@ class Allocator:
 
     def fault(self, A: Array, d: Array) -> str:
         """Which equation or sum cannot be met, by how much, and the bounds that stand in the way."""
-        from scipy.optimize import linprog
-
         n, L, M = len(d), len(self.sum_values), len(self.names)
         # Phase 1: the least sum of violations, with every bound kept.
-        size = self._size(np.concatenate([d, self.sum_values]))
-        cost = np.concatenate([np.zeros(M), np.ones(2 * n + L)])
-        found = linprog(
-            cost,
-            A_ub=np.hstack([-self.sum_rows, np.zeros((L, 2 * n)), -np.eye(L)]) if L else None,
-            b_ub=-self.sum_values / size if L else None,
-            A_eq=np.hstack([A, np.eye(n), -np.eye(n), np.zeros((n, L))]) if n else None,
-            b_eq=d / size if n else None,
-            bounds=np.column_stack(
-                [
-                    np.append(self.lower / size, np.zeros(2 * n + L)),
-                    np.append(self.upper / size, np.full(2 * n + L, np.inf)),
-                ]
-            ),
-            method="highs-ds",
-        )
+        slack = 2 * n + L
+        found, size = self._program(A, d, np.append(np.zeros(M), np.ones(slack)), slack)
         if found.status != 0:
             return f"no admissible force densities ({found.message})"
         missed = size * (found.x[M : M + n] - found.x[M + n : M + 2 * n])

@@ -192,10 +192,6 @@ class QuadraticLaw:
         names = {1.0: "1-norm", math.inf: "∞-norm"}
         return DISCONTINUOUS.format(name=names[self.norm]) if self.norm in names else ""
 
-    @property
-    def _kind(self) -> int:
-        return {None: PLAIN, Onto.CURRENT: ONTO_CURRENT, Onto.TARGET: ONTO_TARGET}[self.projected_onto]
-
     @cached_property
     def _packed_target(self) -> Table:
         assert isinstance(self.target, Target)
@@ -212,7 +208,7 @@ class QuadraticLaw:
             "rods": rods,
             "points": points,
             "gains": world_gains(self.gains, [*rods, *points]),
-            "kind": self._kind,
+            "kind": {None: PLAIN, Onto.CURRENT: ONTO_CURRENT, Onto.TARGET: ONTO_TARGET}[self.projected_onto],
             "string_nodes": own.string_nodes,
             "target": self._packed_target.address,
             "standing": standing_targets(rods, points, self._packed_target),
