@@ -24,6 +24,7 @@ from tensegrity_mj.basics.checks import finite, positive
 from tensegrity_mj.controllers.lyapunov import Lyapunov
 from tensegrity_mj.controllers.projection import Projection
 from tensegrity_mj.controllers.quadratic_terms import Onto
+from tensegrity_mj.dynamics.target import target_positions
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.rods import ends
 from tensegrity_mj.model.structure import Structure
@@ -118,8 +119,6 @@ def angles(run: Trajectory, rod: str | None = None) -> Angles:
     Raises:
         OptionError: no such rod, no target, or one that moves.
     """
-    from tensegrity_mj.dynamics.target import target_positions
-
     if not isinstance(run, Trajectory):
         raise OptionError(f"run = {run!r}; use a Trajectory, as of simulate or Trajectory.load")
     structure = run.scene.structure

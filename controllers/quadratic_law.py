@@ -45,6 +45,7 @@ from tensegrity_mj.dynamics.native.views import Table
 from tensegrity_mj.dynamics.records import StructureRecords
 from tensegrity_mj.dynamics.target import pack_target, standing_targets
 from tensegrity_mj.errors import InfeasibleError, OptionError
+from tensegrity_mj.model.rigidity import equilibrium_force_densities
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
@@ -310,8 +311,6 @@ class QuadraticLaw:
 
     @cached_property
     def _at_target(self) -> tuple[Array, float, int]:
-        from tensegrity_mj.model.rigidity import equilibrium_force_densities
-
         assert isinstance(self.target, Target)
         u, residual, modes = equilibrium_force_densities(self.structure, self.target.nodes[-1], self.gravity)
         return np.asarray(u), float(residual), int(modes)

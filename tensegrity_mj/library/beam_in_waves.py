@@ -33,6 +33,7 @@ from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.members import Support
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.statics import find_equilibrium
 
 GRAVITY = 9.81  # m/s²
 STEEPNESS = 1 / 7  # height over length
@@ -133,8 +134,6 @@ def held_in_waves(
         OptionError: for arguments that do not fit, and a scene that is no tower.
         InfeasibleError, SceneError: where nothing balances a hanging beam, or the water does not fit.
     """
-    from tensegrity_mj.statics import find_equilibrium
-
     member("end", end, BeamEnd)
     member("weight", weight, BeamWeight)
     depth = positive("submergence", submergence, "m")

@@ -11,9 +11,11 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
@@ -266,6 +268,25 @@ def _motions(
     return (Motion.circular(TOP, size, hertz, UP),)
 
 
+def chain(
+    name: str,
+    places: ArrayLike,
+    masses: Sequence[float],
+    radii: Sequence[float],
+    held: Mapping[int, Support],
+    free: Support,
+) -> Structure:
+    """Rods rod1, rod2, ... between nodes n0, n1, ... at places (K + 1, 3) [m]; those that are not held are free."""
+    return Structure(
+        name=name,
+        nodes={f"n{k}": place for k, place in enumerate((np.asarray(places) + 0.0).tolist())},  # no -0.0
+        rods=tuple(
+            Rod(f"rod{k + 1}", (f"n{k}", f"n{k + 1}"), mass, radius, held.get(k, free))
+            for k, (mass, radius) in enumerate(zip(masses, radii, strict=True))
+        ),
+    )
+
+
 def _structure(elements: int, rope_mass: RopeMass, planar: bool, name: str) -> Structure:
     fastening, rope = parts(elements)
     masses = [FASTENING_MASS / fastening] * fastening
@@ -273,17 +294,6 @@ def _structure(elements: int, rope_mass: RopeMass, planar: bool, name: str) -> S
     printed = rope_mass is RopeMass.ELEMENTS and rope == ROPE_ELEMENTS
     masses += [ROPE_ELEMENT_MASS if printed else rope_mass.kilograms / rope] * rope + [LOAD_MASS]
     plane = OUT_OF_PLANE if planar else None
-    return Structure(
-        name=name,
-        nodes={f"n{k}": (0.0, 0.0, -float(s)) if k else (0.0, 0.0, 0.0) for k, s in enumerate(arc_lengths(elements))},
-        rods=tuple(
-            Rod(
-                f"rod{k + 1}",
-                (f"n{k}", f"n{k + 1}"),
-                mass,
-                ROPE_RADIUS if fastening <= k < elements - 1 else END_RADIUS,
-                Support.pinned(0.0, plane) if k == 0 else Support.free(0.0, plane),
-            )
-            for k, mass in enumerate(masses)
-        ),
-    )
+    radii = [END_RADIUS] * fastening + [ROPE_RADIUS] * rope + [END_RADIUS]
+    places = np.outer(arc_lengths(elements), [0.0, 0.0, -1.0])
+    return chain(name, places, masses, radii, {0: Support.pinned(0.0, plane)}, Support.free(0.0, plane))

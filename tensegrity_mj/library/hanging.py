@@ -8,6 +8,8 @@ from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.errors import InfeasibleError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.statics.equilibrium import find_equilibrium
+from tensegrity_mj.statics.model import StaticModel
 
 SPRINGS = (0.0, 1e-2, 1e-4)  # what stands in for rods at first: by which part they stretch under the whole weight
 PUSHED = 1e-9  # of the weight: a rod that is compressed by less is not
@@ -24,9 +26,6 @@ def hung(structure: Structure, length: float, gravity: float) -> Structure:
         OptionError: for gravity that is not > 0.
         InfeasibleError: where no equilibrium is found: held nodes too far from each other, for one.
     """
-    from tensegrity_mj.statics.equilibrium import find_equilibrium
-    from tensegrity_mj.statics.model import StaticModel
-
     weight = positive("gravity", gravity, "m/s²") * float(structure.rod_masses.sum())
     model = StaticModel.of(Scene(structure, gravity=(0.0, 0.0, -gravity)))
     model = model.with_(rod_lengths=np.full(len(structure.rods), length))

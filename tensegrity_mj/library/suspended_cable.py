@@ -12,13 +12,12 @@ from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, positive
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.library.cable import GRAVITY, ROPE_LENGTH, ROPE_RADIUS, RopeMass
+from tensegrity_mj.library.cable import GRAVITY, ROPE_LENGTH, ROPE_RADIUS, RopeMass, chain
 from tensegrity_mj.library.cross import THESIS
 from tensegrity_mj.library.hanging import hung
-from tensegrity_mj.model.members import Rod, Support
+from tensegrity_mj.model.members import Support
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.structure import Structure
 
 
 def catenary(span: float, rise: float, length: float, elements: int) -> Array:
@@ -89,20 +88,8 @@ class SuspendedCable:
             hertz = positive("suspended_cable: frequency", self.frequency, "Hz")
             motions = (Motion.in_line(f"rod{count}", size, hertz, (1.0, 0.0, 0.0)),)
         held = {0: Support.pinned(0.0), count - 1: Support.pinned(1.0)}
-        structure = Structure(
-            name=self.name,
-            nodes={f"n{k}": (float(x), 0.0, float(z)) for k, (x, _, z) in enumerate(guess)},
-            rods=tuple(
-                Rod(
-                    f"rod{k + 1}",
-                    (f"n{k}", f"n{k + 1}"),
-                    self.mass / count,
-                    ROPE_RADIUS,
-                    held.get(k, Support.free(0.0)),
-                )
-                for k in range(count)
-            ),
-        )
+        masses, radii = [self.mass / count] * count, [ROPE_RADIUS] * count
+        structure = chain(self.name, guess, masses, radii, held, Support.free(0.0))
         return Scene(
             hung(structure, self.length / count, self.gravity),
             name=self.name,

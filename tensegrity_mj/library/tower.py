@@ -35,6 +35,7 @@ from tensegrity_mj.model.members import Rod, String, Support, Vector
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.statics import find_equilibrium
 
 Ends = tuple[str, str]
 
@@ -177,8 +178,6 @@ def form_find(scene: Scene) -> Scene:
     Raises:
         InfeasibleError: if the strings have no such equilibrium.
     """
-    from tensegrity_mj.statics import find_equilibrium
-
     structure = scene.structure
     free = _with_supports(structure, dict.fromkeys((rod.name for rod in structure.rods), Support.free()))
     found = find_equilibrium(Scene(free)).nodes
@@ -194,8 +193,6 @@ def released(scene: Scene, loads: Iterable[Load]) -> Scene:
     Raises:
         InfeasibleError: if nothing balances the loads.
     """
-    from tensegrity_mj.statics import find_equilibrium
-
     return scene.with_(initial_nodes=find_equilibrium(scene.with_(loads=tuple(loads))).nodes)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.linearization.linearizing import linearize
 from tensegrity_mj.statics.engines import AcceleratingEngine, engine_equilibrium
 from tensegrity_mj.statics.modes import Modes
 from tensegrity_mj.statics.standalone import require_rigid_and_free, standalone_scene
@@ -69,8 +70,6 @@ def check_engine(state: StaticState, modes: Modes, engine: AcceleratingEngine) -
         OptionError: for elastic rods, and holds.
         InfeasibleError: where the engine finds no equilibrium.
     """
-    from tensegrity_mj.linearization.linearizing import linearize
-
     model = state.model
     require_rigid_and_free(model)
     scene = standalone_scene(state)

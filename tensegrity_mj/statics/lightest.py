@@ -23,6 +23,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import qr
+from scipy.optimize import lsq_linear
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import positive, real_array, whole
@@ -200,7 +201,8 @@ class _Task:
 
     def _result(self, problem: Problem, found: Optimum, force: float, mass: float, tolerance: float) -> Sizing:
         tensions, forces, bar_masses = _polished(problem, found)
-        string_masses = np.maximum(problem.least_string, (problem.string_yield * tensions).max(axis=0, initial=0.0))
+        pulled = (problem.string_yield * tensions).max(axis=0, initial=0.0)
+        string_masses = np.maximum(problem.least_string, pulled)
         R = len(self.structure.rods)
         sized = float((mass * bar_masses).sum() + (mass * string_masses).sum())
         held = -(self.external + mass * (self.weights @ bar_masses))
@@ -209,21 +211,7 @@ class _Task:
         worst = needs.max(axis=0, initial=0.0)
         rows = needs.argmax(axis=0)
         compression = -forces[rows, np.arange(R)]
-        rod_governs = tuple(
-            Governs.NOTHING
-            if not bar_masses[i] > 0
-            else Governs.LEAST_RADIUS
-            if worst[i] < problem.least_bar[i] * (1 - 1e-9)
-            else Governs.BUCKLING
-            if 0 < compression[i] < problem.switch[i]
-            else Governs.YIELD
-            for i in range(R)
-        )
-        pulled = (problem.string_yield * tensions).max(axis=0, initial=0.0)
-        string_governs = tuple(
-            Governs.NOTHING if not m > 0 else Governs.LEAST_RADIUS if need < least * (1 - 1e-9) else Governs.YIELD
-            for m, need, least in zip(string_masses, pulled, problem.least_string, strict=True)
-        )
+        buckles = (compression > 0) & (compression < problem.switch)
         return Sizing(
             given=self.structure,
             rod_materials=self.materials[0],
@@ -233,16 +221,14 @@ class _Task:
             rod_forces=force * forces,
             tensions=force * tensions,
             reactions=held.reshape(len(held), -1, 3),
-            rod_governs=rod_governs,
-            string_governs=string_governs,
+            rod_governs=_governs(bar_masses, worst, problem.least_bar, buckles),
+            string_governs=_governs(string_masses, pulled, problem.least_string, np.zeros(len(pulled), bool)),
             lower_bound=min(mass * found.lower, sized),
             tolerance=tolerance,
             programs=found.programs,
         )
 
     def _why_not(self, problem: Problem, force: float) -> str:
-        from scipy.optimize import lsq_linear
-
         name = f"structure '{self.structure.name}'"
         matrix = np.hstack([problem.strings, problem.bars])
         least = np.concatenate([problem.least_tension, np.full(problem.bars.shape[1], -np.inf)])
@@ -294,6 +280,21 @@ def _polished(problem: Problem, found: Optimum) -> tuple[Array, Array, Array]:
         need = np.maximum(problem.least_bar, problem.bar_mass(forces).max(axis=0, initial=0.0))
         masses = np.maximum(masses, need) if heavy else need
     return tensions, forces, masses
+
+
+def _governs(masses: Array, needs: Array, least: Array, buckles: NDArray[np.bool_]) -> tuple[Governs, ...]:
+    """What decides each of the members of one kind, by what they need and their least masses."""
+    rows = zip(masses, needs, least, buckles, strict=True)
+    return tuple(
+        Governs.NOTHING
+        if not mass > 0
+        else Governs.LEAST_RADIUS
+        if need < low * (1 - 1e-9)
+        else Governs.BUCKLING
+        if bends
+        else Governs.YIELD
+        for mass, need, low, bends in rows
+    )
 
 
 def _left(matrix: Array, external: Array) -> float:

@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.statics.path_steps import Point, Walk, zero
@@ -95,8 +96,6 @@ def crossings(walk: Walk, before: Point, after: Point) -> list[Crossing]:
 
 def _enclosed(walk: Walk, seen: dict[float, Point], which: int) -> tuple[float, float, float]:
     """Where an eigenvalue changes sign, and the arcs seen on both sides of it; points looked at are added."""
-    from scipy.optimize import brentq
-
     before, after = seen[min(seen)], seen[max(seen)]
     # Where an end is as good as critical, and has no sign of its own, it counts as `unstable` says.
     shift = 0.0 if before.value(which) * after.value(which) < 0 else zero(walk.model)

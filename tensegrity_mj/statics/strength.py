@@ -15,7 +15,6 @@ unchecked, and nothing that holds such a member is ever called ok.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -27,11 +26,10 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import finite, real_array
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.model.members import Rod, String
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.statics.member_loads import Criterion, MemberLoads, SlackInterval, Use
-from tensegrity_mj.statics.words import listed
+from tensegrity_mj.statics.words import by_member, listed
 
 if TYPE_CHECKING:
     from tensegrity_mj.statics.state import StaticState
@@ -128,8 +126,8 @@ class MemberCheck(Check):
             **self._summary(),
             "slack": list(self.slack),
             "unchecked": list(self.unchecked),
-            "rods": _by_member(loads.structure.rods, rods),
-            "strings": _by_member(loads.structure.strings, strings),
+            "rods": by_member(loads.structure.rods, rods),
+            "strings": by_member(loads.structure.strings, strings),
         }
 
 
@@ -246,11 +244,3 @@ def _slack_intervals(run: Trajectory, times: Array, slack: NDArray[np.bool_]) ->
 def _rod_lengths(structure: Structure, nodes: Array) -> Array:
     pairs = structure.rod_nodes
     return np.asarray(np.linalg.norm(nodes[..., pairs[:, 1], :] - nodes[..., pairs[:, 0], :], axis=-1))
-
-
-def _by_member(members: Sequence[Rod] | Sequence[String], columns: dict[str, Array]) -> dict[str, dict[str, Any]]:
-    """Of every member, its numbers by name; None for those that are not finite."""
-    return {
-        member.name: {key: float(x) if np.isfinite(x) else None for key, x in zip(columns, row, strict=True)}
-        for member, *row in zip(members, *columns.values(), strict=True)
-    }

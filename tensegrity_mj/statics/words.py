@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.jsontext import plain, plain_values
+from tensegrity_mj.model.members import Rod, String
 from tensegrity_mj.statics.model import Rods
 
 if TYPE_CHECKING:
@@ -162,15 +163,8 @@ def to_dict(study: StaticStudy) -> dict[str, Any]:
 
 def _state(study: StaticStudy, state: StaticState) -> dict[str, Any]:
     structure = study.model.structure
-    strings = zip(
-        structure.strings,
-        study.model.rest_lengths.tolist(),
-        state.lengths.tolist(),
-        state.tensions.tolist(),
-        state.force_densities.tolist(),
-        strict=True,
-    )
-    rods = zip(structure.rods, state.rod_lengths.tolist(), state.rod_forces.tolist(), strict=True)
+    strings = {"rest_length": study.model.rest_lengths, "length": state.lengths, "tension": state.tensions}
+    strings["force_density"] = state.force_densities
     return {
         "parameter": state.parameter,
         "residual": state.residual,
@@ -180,11 +174,8 @@ def _state(study: StaticStudy, state: StaticState) -> dict[str, Any]:
         "moved": study.moved,
         "extent": extent(state.nodes).tolist(),
         "nodes": dict(zip(structure.node_names, state.nodes.tolist(), strict=True)),
-        "strings": {
-            string.name: dict(zip(("rest_length", "length", "tension", "force_density"), numbers, strict=True))
-            for string, *numbers in strings
-        },
-        "rods": {rod.name: {"length": length, "force": force} for rod, length, force in rods},
+        "strings": by_member(structure.strings, strings),
+        "rods": by_member(structure.rods, {"length": state.rod_lengths, "force": state.rod_forces}),
         "reactions": {
             name: force.tolist()
             for name, force in zip(structure.node_names, _reactions(state), strict=True)
@@ -194,6 +185,14 @@ def _state(study: StaticStudy, state: StaticState) -> dict[str, Any]:
         "rod_forces": statistics(state.rod_forces),
         "rod_stresses": statistics(_stresses(study)),
         "slack": slack_strings(state),
+    }
+
+
+def by_member(members: Sequence[Rod] | Sequence[String], columns: dict[str, Array]) -> dict[str, dict[str, Any]]:
+    """Of every member, its numbers by name; None for those that are not finite."""
+    return {
+        member.name: {key: float(x) if np.isfinite(x) else None for key, x in zip(columns, row, strict=True)}
+        for member, *row in zip(members, *columns.values(), strict=True)
     }
 
 
