@@ -1,16 +1,44 @@
-"""All figures and statements, and which of them a user means by "5.4" or "5"."""
+"""All figures and statements, and which of them a user means by "5.4" or "5".
+
+Figures are rows of `tables/figures.toml`: `number`, `page` and `title`, the names of the `runs` that are drawn, `draw`
+(the function, with its module of `MODULES`) and its `options`. A function that takes `names` has those of the runs.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import inspect
+import tomllib
+from collections.abc import Mapping, Sequence
+from functools import partial
+from types import ModuleType
+from typing import Any
 
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.thesis import figure_table
+from tensegrity_mj.thesis import drawing
+from tensegrity_mj.thesis.appendix_c import figures_c, figures_c2
+from tensegrity_mj.thesis.chapter3 import figures3
+from tensegrity_mj.thesis.chapter4 import figures4
+from tensegrity_mj.thesis.chapter7 import figures7, figures7_waves
 from tensegrity_mj.thesis.drawing import ThesisFigure
 from tensegrity_mj.thesis.statement import Statement
-from tensegrity_mj.thesis.tables import all_statements
+from tensegrity_mj.thesis.tables import FOLDER, all_statements
 
-FIGURES: tuple[ThesisFigure, ...] = figure_table.figures()
+MODULES: Mapping[str, ModuleType] = {
+    module.__name__.rpartition(".")[2]: module
+    for module in (drawing, figures3, figures4, figures7, figures7_waves, figures_c, figures_c2)
+}
+
+
+def _figure(row: Mapping[str, Any]) -> ThesisFigure:
+    module, _, name = row["draw"].partition(".")
+    function, options = getattr(MODULES[module], name), dict(row.get("options", {}))
+    if "names" in inspect.signature(function).parameters:
+        options["names"] = row["runs"]
+    return ThesisFigure(row["number"], row["page"], row["title"], tuple(row["runs"]), partial(function, **options))
+
+
+_ROWS = tomllib.loads((FOLDER / "figures.toml").read_text(encoding="utf-8"))["figures"]
+FIGURES: tuple[ThesisFigure, ...] = tuple(map(_figure, _ROWS))
 STATEMENTS: tuple[Statement, ...] = all_statements()
 
 

@@ -12,7 +12,6 @@ import numpy as np
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import choice, positive
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.model.elements.resistance import Resistance
 from tensegrity_mj.model.members import Rod
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -78,10 +77,8 @@ def disturbed(scene: Scene, disturbance: Disturbance | None, rods: slice = slice
     match disturbance.quantity:
         case Quantity.MASS:
             chosen = set(range(len(structure.rods))[rods])
-            heavy = tuple(
-                replace(rod, mass=factor * rod.mass) if k in chosen else rod for k, rod in enumerate(structure.rods)
-            )
-            points = tuple(replace(point, mass=factor * point.mass) for point in structure.point_masses)
+            heavy = tuple(_times(rod, factor, "mass") if k in chosen else rod for k, rod in enumerate(structure.rods))
+            points = tuple(_times(point, factor, "mass") for point in structure.point_masses)
             return scene.with_(structure=replace(structure, rods=heavy, point_masses=points))
         case Quantity.STIFFNESS:
             if not structure.strings:
@@ -123,27 +120,23 @@ def _damped(scene: Scene, factor: float) -> Scene:
     if any(string.damping for string in structure.strings):
         changes["structure"] = structure.with_strings(damping=[factor * one.damping for one in structure.strings])
     if scene.resistance is not None:
-        changes["resistance"] = _resisting(scene.resistance, factor)
+        given = scene.resistance
+        drag, bending = _times(given.drag, factor, "normal", "tangential"), _times(given.bending, factor, "damping")
+        changes["resistance"] = replace(_times(given, factor, "viscous"), drag=drag, bending=bending)
     if scene.water is not None:
-        water = scene.water
-        changes["water"] = replace(water, drag=factor * water.drag, tangential_drag=factor * water.tangential_drag)
+        changes["water"] = _times(scene.water, factor, "drag", "tangential_drag")
     return scene.with_(**changes) if changes else scene
 
 
-def _resisting(given: Resistance, factor: float) -> Resistance:
-    drag = given.drag
-    if drag is not None:
-        drag = replace(drag, normal=factor * drag.normal, tangential=factor * drag.tangential)
-    bending = given.bending
-    if bending is not None:
-        bending = replace(bending, damping=factor * bending.damping)
-    return replace(given, viscous=factor * given.viscous, drag=drag, bending=bending)
+def _times(item: Any, factor: float, *names: str) -> Any:
+    """The item with these of its numbers times a factor; None for None."""
+    return None if item is None else replace(item, **{name: factor * getattr(item, name) for name in names})
 
 
 def _scaled(scene: Scene, factor: float) -> Scene:
     structure = _cut(scene.structure)
-    nodes = {key: (factor * x, factor * y, factor * z) for key, (x, y, z) in structure.nodes.items()}
     rods = tuple(_scaled_support(rod, factor) for rod in structure.rods)
+    nodes = dict(zip(structure.nodes, (factor * structure.positions).tolist(), strict=True))
     changes: dict[str, Any] = {"structure": replace(structure, nodes=nodes, rods=rods)}
     if scene.initial_nodes is not None:
         changes["initial_nodes"] = factor * np.asarray(scene.initial_nodes)

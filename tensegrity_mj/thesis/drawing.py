@@ -5,11 +5,13 @@ from __future__ import annotations
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.controllers import Lyapunov, Projection, from_scene
+from tensegrity_mj.controllers.landscape import Landscape, angles
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import GREY, equal_scales, frame, new_figure
 from tensegrity_mj.pictures.plots import contours_of
@@ -19,8 +21,9 @@ from tensegrity_mj.thesis.experiments import TITLES, EngineName, experiment_of
 from tensegrity_mj.thesis.statement import Runs
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as MatplotlibFigure
 
+Figure: TypeAlias = "MatplotlibFigure"
 AllRuns = Mapping[EngineName, Runs]
 
 BLUE, GREEN, RED = palette.CYCLE[:3]
@@ -210,9 +213,6 @@ def space_paths(
 
 def landscape(all_runs: AllRuns, names: Sequence[str], title: str) -> Figure:
     """Contours of V of an experiment's law over φ and φ̇, and the run's way over them."""
-    from tensegrity_mj.controllers import Lyapunov, Projection, from_scene
-    from tensegrity_mj.controllers.landscape import Landscape, angles
-
     (name,) = names
     experiment = experiment_of(name)
     law = from_scene(experiment.load(), experiment.law, **experiment.options)

@@ -7,17 +7,19 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from tensegrity_mj.controllers.scenes import from_scene
 from tensegrity_mj.engines.table import ENGINES, make_engine
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.library.load import load_scene
+from tensegrity_mj.model.actuation import Actuation
+from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.target import Target
+from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.simulation import simulate
 from tensegrity_mj.studies.engine_names import engine_of
-
-if TYPE_CHECKING:
-    from tensegrity_mj.model.actuation import Actuation
-    from tensegrity_mj.model.scene import Scene
-    from tensegrity_mj.runs.trajectory import Trajectory
-    from tensegrity_mj.thesis.disturbance import Disturbance
+from tensegrity_mj.thesis.disturbance import Disturbance, disturbed, disturbed_options
 
 
 class EngineName(enum.Enum):
@@ -67,9 +69,6 @@ class Experiment:
 
     def load(self) -> Scene:
         """Its scene."""
-        from tensegrity_mj.library.load import load_scene
-        from tensegrity_mj.model.target import Target
-
         scene = load_scene(self.scene)
         if not self.set_point or scene.target is None:
             return scene
@@ -77,8 +76,6 @@ class Experiment:
 
     def actuation(self) -> Actuation:
         """What is held between evaluations of the law."""
-        from tensegrity_mj.model.actuation import Actuation
-
         return Actuation.continuous() if self.period is None else Actuation.hold_force_density(self.period)
 
     def engine(self, name: EngineName) -> Any:
@@ -99,10 +96,6 @@ def simulate_experiment(
     Args:
         disturbance: of the plant, of which the law knows nothing, or of the law's gain.
     """
-    from tensegrity_mj.controllers.scenes import from_scene
-    from tensegrity_mj.simulation import simulate
-    from tensegrity_mj.thesis.disturbance import disturbed, disturbed_options
-
     scene = experiment.load()
     options = disturbed_options(scene, experiment.law, experiment.options, disturbance)
     law = from_scene(scene, experiment.law, **options)

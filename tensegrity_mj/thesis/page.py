@@ -107,7 +107,8 @@ def markdown(rows: Sequence[Row]) -> str:
         own = [row for row in rows if row.statement.chapter == chapter]
         title = f"Chapter {chapter}" if chapter.isdigit() else f"Appendix {chapter}"
         columns = list(dict.fromkeys(engine for row in own for engine in row.cells))
-        lines += [f"## {title}", "", *_markdown_head(columns)]
+        heads = ["row", "class", "where", "what", "thesis", *(TITLES[one] for one in columns), "verdict", "notices"]
+        lines += [f"## {title}", "", "| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
         lines += [markdown_row(row, columns) for row in own]
         causes = dict.fromkeys((row.cause, row.verdict) for row in own if row.cause)
         if causes:
@@ -145,11 +146,6 @@ def _class_table(rows: Sequence[Row]) -> list[str]:
         values = (found["rows"], found[Verdict.REPRODUCED.value], differ, found[Verdict.UNJUDGED.value])
         lines.append(f"| {name} | " + " | ".join(map(str, values)) + " |")
     return lines
-
-
-def _markdown_head(engines: Sequence[EngineName]) -> list[str]:
-    heads = ["row", "class", "where", "what", "thesis", *(TITLES[one] for one in engines), "verdict", "notices"]
-    return ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
 
 
 def markdown_row(row: Row, engines: Sequence[EngineName] | None = None) -> str:
@@ -193,7 +189,8 @@ def html(
     parts = [f"<h1>The thesis, reproduced</h1><p>{escape(THESIS)}</p>"]
     if note:
         parts.append(f'<p class="note">{escape(note)}</p>')
-    parts += [f"<p>{escape(summary(rows))}.</p>", _classes(rows), _ledger(rows, engines)]
+    heads, _, *classes = [line.strip("| ").split(" | ") for line in _class_table(rows)]
+    parts += [f"<p>{escape(summary(rows))}.</p>", table_of(heads, classes), _ledger(rows, engines)]
     if figures:
         parts.append("<h2>Figures</h2>")
     for figure, content in figures:
@@ -202,14 +199,8 @@ def html(
             f'<figure id="f{figure.number}"><img alt="{escape(caption)}" src="{data_url("image/png", content)}">'
             f"<figcaption>{escape(caption)}</figcaption></figure>"
         )
-    parts += ["<h2>Runs</h2>", _runs(runs)]
+    parts += ["<h2>Runs</h2>", table_of(list(runs[0]) if runs else [], [list(line.values()) for line in runs])]
     return page_of("The thesis, reproduced", parts, (FOLDER / "page.css").read_text(encoding="utf-8"))
-
-
-def _classes(rows: Sequence[Row]) -> str:
-    """The table of classes: its Markdown cells as HTML."""
-    heads, _, *lines = [line.strip("| ").split(" | ") for line in _class_table(rows)]
-    return table_of(heads, lines)
 
 
 def _ledger(rows: Sequence[Row], engines: Sequence[EngineName]) -> str:
@@ -231,10 +222,6 @@ def _ledger(rows: Sequence[Row], engines: Sequence[EngineName]) -> str:
             f"<td><b>{escape(row.verdict.value)}</b>{cause}</td></tr>"
         )
     return f'<div class="table"><table>{"".join(lines)}</table></div>'
-
-
-def _runs(runs: Sequence[Mapping[str, Any]]) -> str:
-    return table_of(list(runs[0]) if runs else [], [list(line.values()) for line in runs])
 
 
 def write(path: Path, text: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -190,8 +191,6 @@ def _apart(run: Any, first: Any) -> float | None:
 
 
 def _png(canvas: Any, path: Path) -> bytes:
-    import io
-
     if path.suffix == ".png":
         return path.read_bytes()
     buffer = io.BytesIO()

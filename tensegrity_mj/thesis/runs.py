@@ -5,12 +5,18 @@ from __future__ import annotations
 import functools
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import KW_ONLY, asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.jsontext import to_exact_json
 from tensegrity_mj.errors import DivergenceError, FormatError
-from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.model.text.writing import scene_to_toml
+from tensegrity_mj.runs.trajectory import Status, Trajectory
+from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.thesis.disturbance import Disturbance, disturbance_of, disturbed
@@ -35,6 +41,31 @@ class Computed:
 
     runs: Mapping[EngineName, Mapping[str, Any]]
     failures: Mapping[tuple[EngineName, str], str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class StudyRun:
+    """What a series or a study found in one engine.
+
+    Attributes:
+        name, engine: of the study, and in words.
+        cost: wall time [s] of this call; nothing where it was there.
+        status, message, time: as of a `Trajectory`; it is complete if all that it consists of is.
+    """
+
+    name: str
+    engine: str
+    _: KW_ONLY
+    cost: Mapping[str, float] = field(default_factory=dict)
+    status: Status = Status.COMPLETED
+    message: str = ""
+    time: Array = field(default_factory=lambda: np.zeros(1))
+
+
+def place_of(folder: Path, name: str, engine: EngineName, identity: Any) -> Path:
+    """The folder of a study: a change of versions, code or settings is another study, in a folder of its own."""
+    digest = hashlib.sha256(to_exact_json(identity).encode()).hexdigest()[:8]
+    return folder / f"{name}-{engine.value}-{digest}"
 
 
 def run_experiments(
@@ -103,9 +134,6 @@ def compute(point: dict[str, Any]) -> dict[str, Any]:
 
 def stamp(name: str, engine: EngineName, disturbance: Disturbance | None) -> dict[str, Any]:
     """What a file must say of itself to be this run: settings, scene, versions, and the code that simulates."""
-    from tensegrity_mj.model.text.writing import scene_to_toml
-    from tensegrity_mj.simulation import versions
-
     experiment = experiment_of(name)
     scene = scene_to_toml(disturbed(experiment.load(), disturbance))
     return {

@@ -14,6 +14,7 @@ import math
 from typing import Any
 
 import numpy as np
+from scipy.linalg import eigh
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.library.beam_in_waves import GRAVITY, BeamEnd, BeamWeight, beam_in_waves
@@ -22,6 +23,7 @@ from tensegrity_mj.model.elements.water import water_forces
 from tensegrity_mj.model.elements.waves import angular_frequency
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.simulation import simulate
 from tensegrity_mj.statics import find_equilibrium, linear_systems
 from tensegrity_mj.statics.modes import mass_matrix
 from tensegrity_mj.studies.engine_names import engine_of
@@ -52,8 +54,6 @@ def frequency_of(scene: Scene) -> float:
 
 def in_waves(point: dict[str, Any]) -> dict[str, Any]:
     """Amplitudes [m] of the stages and of the top, their means, tensions and what slackens, in the point's engine."""
-    from tensegrity_mj.simulation import simulate
-
     step = point.get("timestep", TIMESTEP)
     engine = engine_of(point.get("engine", "dae"), step)
     return measured(simulate(scene_of(point), None, engine, output_interval=SAMPLES * step))
@@ -94,8 +94,6 @@ def modes(point: dict[str, Any]) -> dict[str, Any]:
     Drag, which only damps, and waves are left out. "taking_part" is the mass [kg] that moves with a motion along y, in
     water: bending motions come in pairs of equal frequency, one across the other.
     """
-    from scipy.linalg import eigh
-
     scene = scene_of(point)
     state = find_equilibrium(scene.with_(water=None, gravity=(0.0, 0.0, 0.0), loads=()))
     basis = linear_systems.tangent_basis(state.model, state.x)

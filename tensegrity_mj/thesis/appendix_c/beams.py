@@ -7,22 +7,21 @@ import hashlib
 import time
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.jsontext import to_exact_json
 from tensegrity_mj.runs.trajectory import Status
+from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.many import run_many
+from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.thesis.appendix_c import beam_tasks, beam_wave_tasks, tower_wave_tasks
 from tensegrity_mj.thesis.disturbance import Disturbance
 from tensegrity_mj.thesis.experiments import EngineName
-
-if TYPE_CHECKING:
-    from tensegrity_mj.studies.workers import Workers
+from tensegrity_mj.thesis.runs import StudyRun, code_digest, place_of
 
 Values = Mapping[str, Any]
 
@@ -34,24 +33,16 @@ MODULES = {"beam_tasks": beam_tasks, "beam_wave_tasks": beam_wave_tasks, "tower_
 
 
 @dataclass(frozen=True, eq=False)
-class BeamRun:
+class BeamRun(StudyRun):
     """What a study found in one engine.
 
     Attributes:
-        name, engine: of the study, and in words.
+        ...: those of `StudyRun`.
         values: of each beam, see `beam_tasks`; of a study in two directions "TB1 y" and "TB1 z".
-        cost: wall time [s] of this call; nothing where it was there.
-        status, message, time: as of a `Trajectory`; a study is complete if every beam is.
         results: None; a series of cables has some.
     """
 
-    name: str
-    engine: str
     values: Mapping[str, Values]
-    cost: Mapping[str, float] = field(default_factory=dict)
-    status: Status = Status.COMPLETED
-    message: str = ""
-    time: Array = field(default_factory=lambda: np.zeros(1))
     results: None = None
 
     def of(self, beam: str, name: str) -> Array:
@@ -99,19 +90,15 @@ class BeamStudy:
             workers, progress: see `run_many`.
             disturbance: of the beams.
         """
-        from tensegrity_mj.simulation import versions
-
         started = time.perf_counter()
         chosen = self.of_mujoco if engine is EngineName.MUJOCO and self.of_mujoco else tuple(self.points)
         error = {} if disturbance is None else {"disturbance": disturbance.plain}
         points = [{**self.points[label], "engine": engine.value, **error} for label in chosen]
         identity = {"code": statics_digest(self.sources), "versions": versions()}
-        # A change of versions, code or settings is another study, in a folder of its own.
-        digest = hashlib.sha256(to_exact_json([identity, points]).encode()).hexdigest()[:8]
         study = run_many(
             self.tasks[engine],
             points,
-            folder / f"{self.name}-{engine.value}-{digest}",
+            place_of(folder, self.name, engine, [identity, points]),
             identity=identity,
             workers=workers,
             progress=progress,
@@ -128,14 +115,12 @@ class BeamStudy:
             text = f"{len(study.failed)} of {len(points)} beams, the first {chosen[first]}: "
             status, message = Status.DIVERGED, text + study.outcomes[first]["reason"]
         cost = {"wall_time": time.perf_counter() - started}
-        return BeamRun(self.name, engine.value, values, cost, status, message)
+        return BeamRun(self.name, engine.value, values, cost=cost, status=status, message=message)
 
 
 @functools.cache
 def statics_digest(others: tuple[str, ...] = ()) -> str:
     """A digest of the sources that decide what these studies find, and of others by their patterns."""
-    from tensegrity_mj.thesis.runs import code_digest
-
     package = Path(__file__).parents[2]
     digest = hashlib.sha256(code_digest().encode())
     names = ("thesis/appendix_c/beam_tasks.py",)

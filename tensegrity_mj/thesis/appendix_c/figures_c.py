@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,12 +12,8 @@ from tensegrity_mj.pictures.figure import GREY, new_figure
 from tensegrity_mj.thesis import drawing
 from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, BY_STIFFNESS, BeamRun
 from tensegrity_mj.thesis.appendix_c.measures_c import buckling, initial, stiffness
-from tensegrity_mj.thesis.drawing import AllRuns
+from tensegrity_mj.thesis.drawing import AllRuns, Figure
 from tensegrity_mj.thesis.experiments import EngineName
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 
 SHOWN = "TB1"  # the beam of figure C.2
 STARS = "TB6*, TB7*: springs of 1600 and 2000 kN/m for the printed 1200; dotted: as printed"

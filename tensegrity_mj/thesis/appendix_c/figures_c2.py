@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from tensegrity_mj.library.thesis_towers import TABLE_C2
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.thesis import drawing
 from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, HEIGHTS, wave_label
 from tensegrity_mj.thesis.appendix_c.measures_c2 import amplitude
-from tensegrity_mj.thesis.drawing import AllRuns
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from tensegrity_mj.thesis.drawing import AllRuns, Figure
 
 AXES = ((0.0, 9.0), (0.0, 3.0))  # m, of the thesis
 READINGS = (

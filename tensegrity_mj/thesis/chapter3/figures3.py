@@ -7,7 +7,7 @@ starts (at rest in the lab frame and in the moving frame), between which the the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,11 +16,8 @@ from tensegrity_mj.pictures.figure import GREY, new_figure
 from tensegrity_mj.thesis import drawing
 from tensegrity_mj.thesis.chapter3.measures3 import element_frequencies
 from tensegrity_mj.thesis.chapter3.series import ELEMENTS, FINE_STEP, SHOWN, SeriesRun
-from tensegrity_mj.thesis.drawing import BLUE, GREEN, RED, AllRuns
+from tensegrity_mj.thesis.drawing import BLUE, GREEN, RED, AllRuns, Figure
 from tensegrity_mj.thesis.experiments import TITLES
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 PURPLE = palette.CYCLE[4]
 INPUT, NUMBER = "input frequency [Hz]", "number of elements"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import time
 import tomllib
@@ -11,7 +10,7 @@ from dataclasses import dataclass, replace
 from dataclasses import field as plain_field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,20 +21,21 @@ from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.basics.kinds import choice, each, finite, flag, many, positive, text, whole
 from tensegrity_mj.errors import FormatError, OptionError, TensegrityError
 from tensegrity_mj.library.cable import FASTENING_LENGTH, MARKERS, Excitation, Start, cable, refined
+from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.codec import read
 from tensegrity_mj.model.text.table import Table
 from tensegrity_mj.runs.trajectory import Status
+from tensegrity_mj.simulation import versions
+from tensegrity_mj.studies.cable.cases import COARSENESS, Case, CaseResults, default_step, run_cases, simulated
+from tensegrity_mj.studies.cable.frequencies import engine_frequencies
+from tensegrity_mj.studies.cable.spectrum import Spectrum, peaks_of, picked
+from tensegrity_mj.studies.cable.steps import FoundStep, steps_within
 from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.many import run_many
+from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.thesis.disturbance import Disturbance, Quantity, disturbance_of, disturbed
 from tensegrity_mj.thesis.experiments import EngineName
-
-if TYPE_CHECKING:
-    from tensegrity_mj.model.scene import Scene
-    from tensegrity_mj.studies.cable.cases import Case, CaseResults
-    from tensegrity_mj.studies.cable.steps import FoundStep
-    from tensegrity_mj.studies.workers import Workers
-
+from tensegrity_mj.thesis.runs import StudyRun, code_digest, place_of
 
 FILE = Path(__file__).parents[1] / "tables" / "series.toml"
 # Hz between the frequencies of §3.3.2: so far apart "some 240 simulations" (§3.5.5), ten of each, would have them.
@@ -52,30 +52,22 @@ ENDS = each("[first, last]", first=positive("Hz"), last=positive("Hz"))
 
 
 @dataclass(frozen=True, eq=False)
-class SeriesRun:
+class SeriesRun(StudyRun):
     """A series in one engine.
 
     Attributes:
-        name, engine: of the series, and in words.
+        ...: those of `StudyRun`. Where a case of a sweep failed, the series did not complete. Of series that are there
+            to see which steps are stable, cases may fail.
         results: of the cases, or None.
         steps: found by §3.5.4's search, or ().
         frequencies: (K,) [Hz] of small oscillations by the number of elements.
         seconds: wall time [s] of each run of a timed series.
-        cost: wall time [s] of this call; nothing where it was there.
-        status, message, time: as of a `Trajectory`; where a case of a sweep failed, the series did not complete.
-            Of series that are there to see which steps are stable, cases may fail.
     """
 
-    name: str
-    engine: str
     results: CaseResults | None = None
     steps: tuple[FoundStep, ...] = ()
     frequencies: Mapping[int, Array] = plain_field(default_factory=dict)
     seconds: tuple[float, ...] = ()
-    cost: Mapping[str, float] = plain_field(default_factory=dict)
-    status: Status = Status.COMPLETED
-    message: str = ""
-    time: Array = plain_field(default_factory=lambda: np.zeros(1))
 
     @property
     def cases(self) -> CaseResults:
@@ -94,8 +86,6 @@ class SeriesRun:
 
     def peaks(self, number: int, axis: int = 0) -> list[tuple[float, ...]]:
         """The main peaks [Hz] of each run by the thesis' two criteria, largest first."""
-        from tensegrity_mj.studies.cable.spectrum import Spectrum, peaks_of, picked
-
         grid, column = self.cases.spectral_frequencies, SHOWN.index(number)
         found = [
             () if np.isnan(density).any() else peaks_of(Spectrum(grid, density))
@@ -142,8 +132,6 @@ class Series:
 
     def cases(self, engine: EngineName) -> list[Case]:
         """The excited cables in an engine."""
-        from tensegrity_mj.studies.cable.cases import COARSENESS, Case
-
         found = []
         for count in self.elements:
             scene, coarseness = hanging(count), COARSENESS if count == ELEMENTS[0] else REFINED_COARSENESS
@@ -172,20 +160,14 @@ class Series:
             workers, progress: see `run_many`.
             disturbance: of the cables.
         """
-        from tensegrity_mj.simulation import versions
-        from tensegrity_mj.studies.cable.cases import run_cases
-        from tensegrity_mj.studies.cable.steps import steps_within
-        from tensegrity_mj.thesis.runs import code_digest
-
         started = time.perf_counter()
         identity: dict[str, Any] = {"code": code_digest()}
         label = f"{self.name}, {engine.value}"
         cases = [replace(case, scene=disturbed(case.scene, disturbance, ROPE)) for case in self.cases(engine)]
         error = {} if disturbance is None else {"disturbance": disturbance.plain}
         identity |= error
-        # A change of versions, code or settings is another study, in a folder of its own.
-        content = to_exact_json([identity, versions(), self.oscillations, [_identity(case) for case in cases]])
-        place = folder / f"{self.name}-{engine.value}-{hashlib.sha256(content.encode()).hexdigest()[:8]}"
+        what = [identity, versions(), self.oscillations, [_identity(case) for case in cases]]
+        place = place_of(folder, self.name, engine, what)
         how: dict[str, Any] = {"identity": identity, "workers": workers, "progress": progress}
         found = SeriesRun(self.name, engine.value)
         if self.oscillations:
@@ -217,9 +199,6 @@ def marker_places(disturbance: Disturbance | None) -> tuple[float, ...]:
 
 def oscillations(point: dict[str, Any]) -> dict[str, Any]:
     """A task of `run_many`: the frequencies [Hz] of the small oscillations of a cable in an engine."""
-    from tensegrity_mj.studies.cable.cases import COARSENESS
-    from tensegrity_mj.studies.cable.frequencies import engine_frequencies
-
     scene = disturbed(hanging(point["elements"]), disturbance_of(point.get("disturbance")), ROPE)
     return {"frequencies": engine_frequencies(scene, _engine(EngineName(point["engine"]), scene, COARSENESS)).tolist()}
 
@@ -229,8 +208,6 @@ def _timed(cases: Sequence[Case], found: SeriesRun, path: Path) -> tuple[float, 
 
     Times are no part of a study's results, which are the same on every machine; they are kept beside it.
     """
-    from tensegrity_mj.studies.cable.cases import simulated
-
     if path.is_file():
         try:
             kept = from_exact_json(path.read_text(encoding="utf-8"))["wall_time"]
@@ -266,8 +243,6 @@ def hanging(elements: int) -> Scene:
 
 def _engine(name: EngineName, scene: Scene, coarseness: float) -> Any:
     """The engine of a series: classical Runge-Kutta in both, at the same step."""
-    from tensegrity_mj.studies.cable.cases import default_step
-
     return engine_of("rk4" if name is EngineName.MUJOCO else "dae normalize", default_step(scene, coarseness))
 
 

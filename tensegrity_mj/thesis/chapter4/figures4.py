@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -11,11 +11,8 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.thesis import drawing, measures
-from tensegrity_mj.thesis.drawing import BLUE, GREEN, NAMED, RED, AllRuns
+from tensegrity_mj.thesis.drawing import BLUE, GREEN, NAMED, RED, AllRuns, Figure
 from tensegrity_mj.thesis.experiments import BEAM_CELLS
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def snapshots(

@@ -6,7 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.optimize import nnls
 
+from tensegrity_mj.controllers.scenes import from_scene
+from tensegrity_mj.model.rigidity import equilibrium_matrix
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.thesis import measures
 
@@ -28,8 +31,6 @@ def coordinates_go_astray(run: Trajectory) -> bool:
 
 def least_norms(run: Trajectory) -> bool:
     """Whether along the run each law's u has the least of its own norm."""
-    from tensegrity_mj.controllers.scenes import from_scene
-
     laws = {p: from_scene(run.scene, norm=p) for p in (1, 2, math.inf)}
     for k in range(0, len(run.time), 50):
         state = run.time[k], run.nodes[k], run.velocities[k]
@@ -58,9 +59,6 @@ def unbalanced(run: Trajectory) -> float:
 
     Zero where the shape can be prestressed.
     """
-    from scipy.optimize import nnls
-
-    from tensegrity_mj.model.rigidity import equilibrium_matrix
 
     left = []
     for positions in (run.nodes[0], measures.aims(run)[-1]):

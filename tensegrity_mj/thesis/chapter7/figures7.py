@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tensegrity_mj.library.tower import Topology
 from tensegrity_mj.pictures.figure import equal_scales, new_figure
 from tensegrity_mj.thesis import drawing
 from tensegrity_mj.thesis.appendix_c.beams import BeamRun
 from tensegrity_mj.thesis.chapter7.measures7 import FIRST, FORMED, STAGES
-from tensegrity_mj.thesis.drawing import AllRuns
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from tensegrity_mj.thesis.drawing import AllRuns, Figure
 
 
 def close_view(all_runs: AllRuns) -> Figure:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,11 +15,8 @@ from tensegrity_mj.studies.waves.task import scene_of
 from tensegrity_mj.thesis import drawing
 from tensegrity_mj.thesis.appendix_c.beams import STUDIES, BeamRun
 from tensegrity_mj.thesis.chapter7.measures7 import SHOWN, SOFT, grid
-from tensegrity_mj.thesis.drawing import AllRuns
+from tensegrity_mj.thesis.drawing import AllRuns, Figure
 from tensegrity_mj.thesis.experiments import TITLES
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 STUDY = "waves"
 MARGIN = 1.5  # m, of the surface beyond the tower's ends
