@@ -137,8 +137,7 @@ def held_in_waves(
     member("end", end, BeamEnd)
     member("weight", weight, BeamWeight)
     depth = positive("submergence", submergence, "m")
-    structure = _held(tower.structure, end)
-    structure = structure.placed(structure.positions - [0.0, 0.0, depth])
+    structure = _held(tower.structure, end).moved(translation=(0.0, 0.0, -depth))
     forces = _weights_in_water(structure, water)
     loads = tuple(Load(key, (0.0, 0.0, force)) for key, force in forces.items())
     # Without water and gravity: statics has no water, and under it buoyancy and weight are constant.

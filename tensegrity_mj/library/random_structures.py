@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
@@ -248,27 +248,6 @@ def random_rotation(rng: np.random.Generator) -> Array:
     q, r = np.linalg.qr(rng.normal(size=(3, 3)))
     q = q * np.sign(np.diag(r))
     return q if np.linalg.det(q) > 0 else -q
-
-
-def moved(structure: Structure, rotation: Array, shift: Array) -> Structure:
-    """The same structure, supports included, rotated about the origin and then shifted."""
-
-    def turned(vector: Sequence[float]) -> tuple[float, float, float]:
-        x, y, z = (rotation @ np.array(vector)).tolist()
-        return (x, y, z)
-
-    def turned_support(support: Support) -> Support:
-        rows = tuple(turned(row) for row in support.directions)
-        return Support(support.sigma, rows, None, None if support.plane is None else turned(support.plane))
-
-    return replace(
-        structure,
-        nodes={name: (rotation @ np.array(p) + shift).tolist() for name, p in structure.nodes.items()},
-        rods=tuple(replace(rod, support=turned_support(rod.support)) for rod in structure.rods),
-        point_masses=tuple(
-            replace(p, plane=None if p.plane is None else turned(p.plane)) for p in structure.point_masses
-        ),
-    )
 
 
 def _random_support(

@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.basics.arrays import Array, IntArray, dot, norm
-from tensegrity_mj.basics.checks import sequence_of
+from tensegrity_mj.basics.checks import checked, real_array, sequence_of
 from tensegrity_mj.basics.fields import field, value
-from tensegrity_mj.basics.kinds import Kind, Wrong, choice, names, parts, printable_name, text, vector
+from tensegrity_mj.basics.kinds import Kind, Wrong, choice, direction, names, parts, printable_name, text, vector
 from tensegrity_mj.errors import StructureError
+from tensegrity_mj.model.composition import mapped, merged, rotation_matrix
 from tensegrity_mj.model.members import LIMITS, PRESTRESS, PointMass, Rod, String, Support, Vector
 from tensegrity_mj.model.node_indices import array_of_shape, index_pairs
 from tensegrity_mj.model.section import Section
@@ -187,6 +188,48 @@ class Structure:
             raise StructureError(f"with_sections: {len(chosen)} sections for {len(self.rods)} rods; give one a rod")
         rods = (replace(rod, section=section) for rod, section in zip(self.rods, chosen, strict=True))
         return replace(self, rods=tuple(rods))
+
+    def moved(self, rotation: Any = None, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Structure:
+        """The structure rotated about the origin and then translated, supports, planes and fixed nodes with it.
+
+        Args:
+            rotation: a vector (3,) [rad], along the axis and as long as the angle (right hand), a matrix (3, 3), or
+                `scipy.spatial.transform.Rotation`; None for none.
+            translation: (3,) [m].
+
+        Raises:
+            OptionError: for what is no rotation or no vector.
+        """
+        shift = real_array("moved: translation", translation, (3,), "m", scalar=False)
+        return mapped(self, rotation_matrix(rotation), shift)
+
+    def mirrored(self, plane: ArrayLike, through: ArrayLike = (0.0, 0.0, 0.0)) -> Structure:
+        """The mirror image, with the same names, in a plane of normal `plane` (3,) through a point (3,) [m].
+
+        Raises:
+            OptionError: for a normal of no length, or what is no vector.
+        """
+        normal = np.array(checked("mirrored: plane", plane, direction()))
+        normal /= np.linalg.norm(normal)
+        distance = float(normal @ real_array("mirrored: through", through, (3,), "m", scalar=False))
+        return mapped(self, np.eye(3) - 2 * np.outer(normal, normal), 2 * distance * normal)
+
+    def merged(self, other: Structure, join: Mapping[str, str] | bool = False, prefix: str = "") -> Structure:
+        """Both structures in one, under the name of this one.
+
+        A rod, string or point mass of the other that is the same as one of this structure, between the same nodes and
+        with the same numbers, is there once; so half a structure and its mirror image share what lies in the plane.
+
+        Args:
+            other: the other structure.
+            join: which of its nodes become nodes of this one that stand at the same place: a map of its names to those
+                here, True for all that stand where one of this structure does, False for none.
+            prefix: what its other names begin with here.
+
+        Raises:
+            StructureError: for names that both have, nodes to be joined that are apart, and members that do not fit.
+        """
+        return merged(self, other, join, prefix)
 
     @cached_property
     def node_names(self) -> tuple[str, ...]:

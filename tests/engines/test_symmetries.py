@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 
 import tensegrity_mj as tmj
-from tensegrity_mj.library.random_structures import moved, random_rotation, random_scene, random_structure
+from tensegrity_mj.library.random_structures import random_rotation, random_scene, random_structure
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.members import PointMass, String
 from tensegrity_mj.model.scene import Scene
@@ -75,7 +75,7 @@ def test_a_turned_and_shifted_experiment_moves_the_same_way(engine, planar: bool
     rng = np.random.default_rng(seed)
     rotation, shift = random_rotation(rng), rng.uniform(-2, 2, 3)
     elsewhere = Scene(
-        moved(scene.structure, rotation, shift),
+        scene.structure.moved(rotation, shift),
         gravity=vector(rotation @ scene.gravity),
         initial_nodes=scene.nodes0 @ rotation.T + shift,
         initial_velocities=scene.velocities0 @ rotation.T,

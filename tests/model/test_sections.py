@@ -15,7 +15,6 @@ from scipy.integrate import quad
 import tensegrity_mj as tmj
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.errors import FormatError, StructureError
-from tensegrity_mj.library.random_structures import moved
 from tensegrity_mj.model.members import Rod, String
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
@@ -165,7 +164,7 @@ def test_with_strengths() -> None:
 
 
 def test_a_moved_structure_keeps_them() -> None:
-    turned = moved(pair(), np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.array([1.0, 2, 3]))
+    turned = pair().moved(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]), np.array([1.0, 2, 3]))
     assert [rod.section for rod in turned.rods] == [PIPE, None]
     assert [s.strength for s in turned.strings] == [None, 25.0]
 

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tensegrity_mj.errors import StructureError
-from tensegrity_mj.library.random_structures import moved, random_rotation, random_structure
+from tensegrity_mj.library.random_structures import random_rotation, random_structure
 from tensegrity_mj.model.members import PointMass, Rod, String, Support, null_space_basis
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure
@@ -467,7 +467,7 @@ def test_random_structures_are_valid_at_any_size_and_place(seed: int, planar: bo
     rng = np.random.default_rng(seed)
     size = 10.0**scale
     structure = random_structure(rng, rods=3, planar=planar, own_planes=0.5, fixed_nodes=2, point_masses=1, size=size)
-    turned = moved(structure, random_rotation(rng), size * rng.normal(size=3))
+    turned = structure.moved(random_rotation(rng), size * rng.normal(size=3))
     np.testing.assert_allclose(turned.rod_lengths, structure.rod_lengths, rtol=1e-12)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space
 
 import tensegrity_mj as tmj
-from tensegrity_mj.library.random_structures import moved, random_scene, random_structure
+from tensegrity_mj.library.random_structures import random_scene, random_structure
 from tensegrity_mj.library.tower import tower
 from tensegrity_mj.library.truss_arm import truss_arm
 from tensegrity_mj.linearization.differences import central, reach_of
@@ -284,7 +284,7 @@ def test_forces_of_redundant_rods_are_the_least() -> None:
     scene = truss_arm()
     structure = scene.structure
     turned = np.array([[0.8, 0.0, -0.6], [0.0, 1.0, 0.0], [0.6, 0.0, 0.8]])
-    rotated = moved(structure, turned, np.array([3.0, -2.0, 5.0]))
+    rotated = structure.moved(turned, np.array([3.0, -2.0, 5.0]))
     loads = np.zeros((len(structure.nodes), 3))
     loads[-1, 2] = -20.0
     down = tuple((turned @ np.array(scene.gravity)).tolist())

@@ -1,0 +1,134 @@
+"""Structures at other places, mirror images of them, and two in one: what `Structure.moved` and others are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import real_array
+from tensegrity_mj.errors import OptionError, StructureError
+from tensegrity_mj.model.members import PointMass, Rod, String, Support
+from tensegrity_mj.model.structure_checks import CONSTRAINT_TOLERANCE, names_of, size_of, unknown_node
+
+if TYPE_CHECKING:
+    from tensegrity_mj.model.structure import Structure
+
+
+def rotation_matrix(rotation: Any) -> Array:
+    """(3, 3) of a rotation vector (3,) [rad], a matrix (3, 3) or SciPy's `Rotation`; None turns nothing.
+
+    Raises:
+        OptionError: for what is none of these.
+    """
+    if rotation is None:
+        return np.eye(3)
+    given = rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation
+    if np.shape(given) != (3, 3):
+        from scipy.spatial.transform import Rotation  # slow to load
+
+        vector = real_array("rotation", given, (3,), "rad, or a matrix (3, 3)", scalar=False)
+        return np.asarray(Rotation.from_rotvec(np.array(vector)).as_matrix())
+    matrix = real_array("rotation", given, (3, 3))
+    if np.abs(matrix.T @ matrix - np.eye(3)).max() > CONSTRAINT_TOLERANCE or np.linalg.det(matrix) < 0:
+        raise OptionError(
+            f"rotation = {matrix.tolist()}; its columns must be orthogonal, of length 1 and right-handed (mirror images"
+            " are made by mirrored)"
+        )
+    return matrix
+
+
+def mapped(structure: Structure, matrix: Array, shift: Array) -> Structure:
+    """The structure with its nodes at `matrix` x + `shift`, an orthogonal matrix (3, 3) and (3,) [m]; supports too."""
+
+    def turned(row: ArrayLike) -> Any:
+        return tuple((matrix @ np.asarray(row)).tolist())
+
+    def plane_of(held: Support | PointMass) -> Any:
+        return None if held.plane is None else turned(held.plane)
+
+    def support_of(rod: Rod) -> Support:
+        rows = rod.support.directions
+        if len(rows) < 3:  # three rows hold a point whichever way they look
+            rows = tuple(turned(row) for row in rows)
+        return Support(rod.support.sigma, rows, None, plane_of(rod.support))  # r̄ is what the nodes give
+
+    places = (structure.positions @ matrix.T + shift).tolist()
+    return replace(
+        structure,
+        nodes=dict(zip(structure.nodes, places, strict=True)),
+        rods=tuple(replace(rod, support=support_of(rod)) for rod in structure.rods),
+        point_masses=tuple(replace(point, plane=plane_of(point)) for point in structure.point_masses),
+    )
+
+
+def merged(one: Structure, other: Structure, join: Mapping[str, str] | bool, prefix: str) -> Structure:
+    """See `Structure.merged`."""
+    if one.string_law is not other.string_law:
+        raise StructureError(
+            f"merged: the string law of '{one.name}' is {one.string_law.value}, that of '{other.name}' "
+            f"{other.string_law.value}; both must have the same: replace(structure, string_law=...)"
+        )
+    joined = dict(join) if isinstance(join, Mapping) else _meeting(one, other) if join else {}
+    names = {name: joined.get(name, f"{prefix}{name}") for name in other.nodes}
+    new = {names[name]: place for name, place in other.nodes.items() if name not in joined}
+    if twice := [name for name in new if name in one.nodes]:
+        raise StructureError(
+            f"merged: both have nodes {names_of(twice)}; give the names of the other a prefix, as in merged(other, "
+            "prefix='b_'), and join nodes that are to be one"
+        )
+    for name, own in joined.items():
+        for node, structure in ((name, other), (own, one)):
+            if node not in structure.nodes:
+                raise StructureError(f"merged: join, in '{structure.name}': {unknown_node(node, structure)}")
+        away = np.subtract(one.nodes[own], other.nodes[name])
+        if np.linalg.norm(away) > CONSTRAINT_TOLERANCE * max(size_of(one), size_of(other)):
+            raise StructureError(
+                f"merged: join: node '{name}' is {np.linalg.norm(away):.3g} m from '{own}'; joined nodes stand at one "
+                f"place: other.moved(translation={away.tolist()}) is there"
+            )
+
+    def renamed(member: Any) -> Any:
+        if isinstance(member, PointMass):
+            return replace(member, node=names[member.node])
+        return replace(member, name=prefix + member.name, nodes=tuple(names[node] for node in member.nodes))
+
+    members: dict[str, Any] = {}
+    for kind in ("rods", "strings", "point_masses"):
+        known = {_nameless(member) for member in getattr(one, kind)}
+        added = [renamed(member) for member in getattr(other, kind)]
+        members[kind] = (*getattr(one, kind), *(member for member in added if _nameless(member) not in known))
+    fixed = (*one.fixed_nodes, *(names[node] for node in other.fixed_nodes))
+    return replace(one, nodes={**one.nodes, **new}, fixed_nodes=tuple(dict.fromkeys(fixed)), **members)
+
+
+def _meeting(one: Structure, other: Structure) -> dict[str, str]:
+    """Nodes of the other that stand where one of this structure does -> that one."""
+    from scipy.spatial import KDTree
+
+    limit = CONSTRAINT_TOLERANCE * max(size_of(one), size_of(other))
+    gaps, rows = KDTree(one.positions).query(other.positions)
+    pairs = zip(other.nodes, rows.tolist(), (gaps <= limit).tolist(), strict=True)
+    return {name: one.node_names[row] for name, row, meets in pairs if meets}
+
+
+def _nameless(member: Any) -> Any:
+    """What is equal for two members that differ in names alone, or in what means the same.
+
+    A string has no direction, a normal and a row of D none either, and r̄ is what the nodes give.
+    """
+
+    def unsigned(row: Any) -> Any:
+        return None if row is None else max(row, tuple(-x for x in row))
+
+    if isinstance(member, String):
+        return replace(member, name="any", nodes=tuple(sorted(member.nodes)))  # type: ignore[arg-type]
+    if isinstance(member, PointMass):
+        return replace(member, plane=unsigned(member.plane))
+    held = member.support
+    support = Support(held.sigma, tuple(map(unsigned, held.directions)), None, unsigned(held.plane))
+    return replace(member, name="any", support=support)
