@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution
 from typing import Any, Protocol
@@ -22,7 +23,7 @@ from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.moved_supports import check_motions_until
 from tensegrity_mj.model.redundancy import approached
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.vibration.step_warnings import may_be_the_step, warn_before_run
 
 
@@ -100,6 +101,22 @@ def simulate(
             run.reports["stability"]["along_the_run"] = "not looked at; vibration.step_warnings.explain_warnings does"
     run.provenance.update(provenance_of(request))
     return run
+
+
+def simulate_as_far(
+    scene: Scene, controller: Law | Callable[..., ArrayLike] | None, engine: Engine | None, **options: Any
+) -> Trajectory:
+    """`simulate`, with its options; a run that diverges as far as it came, its status DIVERGED, with the reason.
+
+    Raises:
+        TensegrityError: as `simulate`; DivergenceError where nothing was recorded.
+    """
+    try:
+        return simulate(scene, controller, engine, **options)
+    except DivergenceError as error:
+        if not isinstance(error.trajectory, Trajectory):
+            raise
+        return replace(error.trajectory, status=Status.DIVERGED, message=str(error))
 
 
 def request_for(

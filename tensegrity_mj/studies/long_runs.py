@@ -13,7 +13,6 @@ import os
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from tensegrity_mj.basics.checks import positive, whole
 from tensegrity_mj.basics.files import made_folder
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.engines.reference.dae import DAE
-from tensegrity_mj.errors import DivergenceError, OptionError
+from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.load import load_scene
 from tensegrity_mj.library.random_structures import random_velocities
 from tensegrity_mj.model import rods
@@ -32,7 +31,7 @@ from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.energy import energy_exchanged
 from tensegrity_mj.runs.trajectory import Status, Trajectory
-from tensegrity_mj.simulation import simulate, versions
+from tensegrity_mj.simulation import simulate_as_far, versions
 from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.extremes.pace import pace
 from tensegrity_mj.studies.long_runs_page import QUANTITIES
@@ -63,16 +62,9 @@ RESOLVED = 1e-14  # a departure below it is none
 
 @dataclass(frozen=True, eq=False)
 class LongRuns(Report):
-    """Finished long runs.
+    """Finished long runs."""
 
-    Attributes:
-        ...: those of `Report`.
-        seconds: how long they took; not part of the data.
-    """
-
-    seconds: float = 0.0
-
-    NAME = "drift"
+    NAME, PAGE = "drift", "tensegrity_mj.studies.long_runs_page:write_long_runs_page"
 
     @property
     def text(self) -> str:
@@ -88,12 +80,6 @@ class LongRuns(Report):
             lines += [*aligned([["", *marks, "growth"], *cells], numbers=True), ""]
         lines += [f"{row['method']}: {row['reason']}" for row in self.data["rows"] if row["reason"]]
         return "\n".join(lines).rstrip()
-
-    def save_page(self, path: str | os.PathLike[str]) -> Path:
-        """Write the page (.html); returns its path."""
-        from tensegrity_mj.studies.long_runs_page import write_long_runs_page
-
-        return write_long_runs_page(path, self.data)
 
 
 def long_runs(
@@ -194,17 +180,10 @@ def marks_of(steps: int) -> list[int]:
 def run_long(point: dict[str, Any]) -> dict[str, Any]:
     """The task: one long run, by `method`, of `scene` (TOML), so many `steps` of `timestep` [s]."""
     scene, steps, h = scene_from_toml(point["scene"]), point["steps"], point["timestep"]
-    reason = ""
-    try:
-        run = simulate(
-            scene, None, engine_of(point["method"], h), duration=steps * h, output_interval=steps // ROWS * h
-        )
-        if run.status is not Status.COMPLETED:
-            reason = run.message
-    except DivergenceError as error:
-        if not isinstance(error.trajectory, Trajectory):
-            raise
-        run, reason = error.trajectory, str(error)
+    run = simulate_as_far(
+        scene, None, engine_of(point["method"], h), duration=steps * h, output_interval=steps // ROWS * h
+    )
+    reason = "" if run.status is Status.COMPLETED else run.message
     return {"method": point["method"], "reason": reason, **measured(run, h, steps)}
 
 

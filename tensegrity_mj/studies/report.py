@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any, ClassVar, Self
 
 from tensegrity_mj.basics.files import replacing
@@ -18,16 +19,20 @@ class Report:
     Attributes:
         data: everything, as plain values, the same each time but for what is timed.
         folder: where it is kept, or None.
+        seconds: how long it took, where that is measured; not part of the data.
     """
 
     data: dict[str, Any]
     folder: Path | None = None
+    seconds: float = 0.0
 
     NAME: ClassVar[str]  # of the files in the folder
+    PAGE: ClassVar[str]  # module:function that writes the page of data, imported when there is one to write
 
     def save_page(self, path: str | os.PathLike[str]) -> Path:
         """Write the page (.html); returns its path."""
-        raise NotImplementedError
+        written: Path = resolve_name(self.PAGE)(path, self.data)
+        return written
 
     def kept(self) -> Self:
         """The report, written into its folder where it has one: data as .json, and the page."""

@@ -17,15 +17,15 @@ from tensegrity_mj.controllers.specs import own_of, spec_of
 from tensegrity_mj.controllers.table import LAWS, built_in
 from tensegrity_mj.dynamics.native.law import Law
 from tensegrity_mj.engines.table import engine_settings
-from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
+from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.library.load import load_scene
 from tensegrity_mj.library.named import is_family_call
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.writing import scene_to_toml
-from tensegrity_mj.runs.trajectory import Status, Trajectory
-from tensegrity_mj.simulation import simulate, versions
+from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.simulation import simulate_as_far, versions
 from tensegrity_mj.studies.attempt import WithFiles
 from tensegrity_mj.studies.axes import Choice, Draw, Grid, Together, Vary
 from tensegrity_mj.studies.known_elements import elements_of, know_elements
@@ -218,19 +218,14 @@ def simulate_point(point: dict[str, Any]) -> dict[str, Any] | WithFiles:
     """The task of a sweep: simulate one point, and return its measures."""
     draft = drafted(point).apply(point["parameters"])
     scene = draft.plant or draft.scene
-    try:
-        run = simulate(
-            scene,
-            draft.make_law(),
-            draft.make_engine(),
-            actuation=draft.make_actuation(),
-            on_infeasible=draft.on_infeasible,
-            output_interval=draft.output_interval,
-        )
-    except DivergenceError as error:
-        if error.trajectory is None:
-            raise
-        run = replace(cast(Trajectory, error.trajectory), status=Status.DIVERGED, message=str(error))
+    run = simulate_as_far(
+        scene,
+        draft.make_law(),
+        draft.make_engine(),
+        actuation=draft.make_actuation(),
+        on_infeasible=draft.on_infeasible,
+        output_interval=draft.output_interval,
+    )
     values = measure(run)
     return WithFiles(values, {TRAJECTORY: _content(run)}) if point["keep_trajectories"] else values
 

@@ -127,7 +127,7 @@ def test_a_page_of_runs_that_have_no_numbers_is_written(tmp_path: Path, monkeypa
     def refuse(scene: tmj.Scene, *_: object, **__: object) -> None:
         raise OptionError("it cannot")
 
-    monkeypatch.setattr(module, "simulate", refuse)
+    monkeypatch.setattr(module, "simulate_as_far", refuse)
     result = long_runs("prism", 1000, methods=["ode"], folder=tmp_path, workers=HERE)
     assert result.data["rows"][0]["reason"] == "it cannot"
     assert "ode: it cannot" in result.text

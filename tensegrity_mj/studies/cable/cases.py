@@ -6,7 +6,7 @@ import functools
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -16,8 +16,9 @@ from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.basics.fields import field, value
-from tensegrity_mj.engines.table import engine_settings
-from tensegrity_mj.errors import DivergenceError, OptionError
+from tensegrity_mj.basics.jsontext import plain_values
+from tensegrity_mj.engines.table import engine_settings, make_engine
+from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cable import Excitation, Start
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.moved_supports import velocities_with_supports
@@ -25,7 +26,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.trajectory import Status, Trajectory
-from tensegrity_mj.simulation import simulate, versions
+from tensegrity_mj.simulation import simulate_as_far, versions
 from tensegrity_mj.studies.cable.amplitude import response_amplitude
 from tensegrity_mj.studies.cable.chain import Chain
 from tensegrity_mj.studies.cable.modal import HangingChain
@@ -33,12 +34,12 @@ from tensegrity_mj.studies.cable.spectrum import spectrum
 from tensegrity_mj.studies.cable.whirling import whirl
 from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.many import RunOptions, Study, run_many
-from tensegrity_mj.studies.parameters import Draft
 from tensegrity_mj.vibration.stepping import Scheme
 
 DIRECTION = (0.0, 1.0, 0.0)  # of the thesis' in-line excitation
 DURATION, INTERVAL = 45.0, 0.02  # s
 SPECTRUM = 2.0  # Hz, up to which spectra are kept
+OWN = ("frequency", "excitation", "amplitude", "start", "seed")  # of a case, in its point
 AXES = ("in-plane", "out-of-plane", "vertical")
 # h ω of the largest stable step of each scheme, for undamped oscillations; MuJoCo's discrete has none of this kind.
 STABLE = {Scheme.RUNGE_KUTTA: math.sqrt(8.0), Scheme.SEMI_IMPLICIT: 2.0, Scheme.VELOCITY_IMPLICIT: 2.0}
@@ -286,11 +287,7 @@ def point_of(case: Case, scene: str) -> dict[str, Any]:
     engine, options = engine_settings(case.engine)
     return {
         "scene": scene,
-        "frequency": case.frequency,
-        "excitation": case.excitation.value,
-        "amplitude": case.amplitude,
-        "start": case.start.value,
-        "seed": case.seed,
+        **plain_values(case, *OWN),
         "engine": {"name": engine, "options": options},
         "direction": list(case.direction),
     }
@@ -298,29 +295,14 @@ def point_of(case: Case, scene: str) -> dict[str, Any]:
 
 def case_of(point: Mapping[str, Any]) -> Case:
     """The case of a point of `run_cases`."""
-    scene = _scene(point["scenes"][point["scene"]])
-    engine = Draft(scene, engine=point["engine"]["name"], engine_options=dict(point["engine"]["options"])).make_engine()
-    x, y, z = point["direction"]
-    return Case(
-        scene,
-        point["frequency"],
-        Excitation(point["excitation"]),
-        point["amplitude"],
-        Start(point["start"]),
-        point["seed"],
-        engine,
-        (x, y, z),
-    )
+    engine = make_engine(point["engine"]["name"], dict(point["engine"]["options"]))
+    own = {name: point[name] for name in OWN}
+    return Case(_scene(point["scenes"][point["scene"]]), engine=engine, direction=point["direction"], **own)
 
 
 def simulated(case: Case, duration: float = DURATION, interval: float = INTERVAL) -> Trajectory:
     """The run of a case; one that diverges, as far as it came."""
-    try:
-        return simulate(case.excited(), None, case.engine, duration=duration, output_interval=interval)
-    except DivergenceError as error:
-        if not isinstance(error.trajectory, Trajectory):
-            raise
-        return replace(error.trajectory, status=Status.DIVERGED, message=str(error))
+    return simulate_as_far(case.excited(), None, case.engine, duration=duration, output_interval=interval)
 
 
 def measures_of(case: Case, run: Trajectory, markers: Sequence[float]) -> dict[str, Any]:

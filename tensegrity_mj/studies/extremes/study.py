@@ -7,7 +7,6 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from tensegrity_mj.basics.checks import whole
@@ -33,16 +32,9 @@ LEAST_RIGHT, MOST_FALSE_REFUSALS = 0.6, 0.05
 
 @dataclass(frozen=True, eq=False)
 class Extremes(Report):
-    """A finished study; docs/extremes.md explains the keys of its `data`.
+    """A finished study; docs/extremes.md explains the keys of its `data`."""
 
-    Attributes:
-        ...: those of `Report`.
-        seconds: how long it took; not part of the data.
-    """
-
-    seconds: float = 0.0
-
-    NAME = "extremes"
+    NAME, PAGE = "extremes", "tensegrity_mj.studies.extremes.page:write_extremes_page"
 
     @property
     def passed(self) -> bool:
@@ -54,12 +46,6 @@ class Extremes(Report):
         """The table, for a terminal."""
         table = [list(self.data["table"][0]), *(list(row.values()) for row in self.data["table"])]
         return "\n".join([*aligned(table, numbers=True), "", *self.data["summary"]])
-
-    def save_page(self, path: str | os.PathLike[str]) -> Path:
-        """Write the page (.html); returns its path."""
-        from tensegrity_mj.studies.extremes.page import write_extremes_page
-
-        return write_extremes_page(path, self.data)
 
 
 def mixture(runs: int, kinds: Sequence[Kind]) -> list[Kind]:

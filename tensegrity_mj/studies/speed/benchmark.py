@@ -20,6 +20,7 @@ import mujoco
 
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.fields import field, refused, value
+from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.mujoco.clock import profiler_off
@@ -93,11 +94,7 @@ def run_benchmark(options: Benchmark, report: Callable[[str], None] = lambda tex
     return {
         "settings": {
             "scenes": [scene.name for scene in options.scenes],
-            "repeats": options.repeats,
-            "timestep": options.timestep,
-            "sample": options.sample,
-            "simulations": options.simulations,
-            "threads": list(options.threads),
+            **plain_values(options, "repeats", "timestep", "sample", "simulations", "threads"),
         },
         "machine": {"processor": platform.machine(), "cores": os.cpu_count(), "versions": versions()},
         "timing": timing,

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -75,20 +76,17 @@ def compared(
         seed=SEED,
     )
     ratio = _ratio(found.limit, measured.limit, measured.largest)
+    agrees = ratio is not None and abs(ratio - 1) <= AGREEMENT
     return {
         "predicted": _finite(found.limit),
         "measured": _finite(measured.limit),
         "largest": measured.largest,
         "ratio": ratio,
-        "agrees": ratio is not None and abs(ratio - 1) <= AGREEMENT,
-        "cause": "" if ratio is not None and abs(ratio - 1) <= AGREEMENT else why(found, measured.reason),
+        "agrees": agrees,
+        "cause": "" if agrees else why(found, measured.reason),
         "runs": measured.runs,
         "failure": measured.reason,
-        "omega": found.omega,
-        "rod": found.rod,
-        "rod_share": found.rod_share,
-        "string": found.string,
-        "string_share": found.string_share,
+        **plain_values(found, "omega", "rod", "rod_share", "string", "string_share"),
     }
 
 

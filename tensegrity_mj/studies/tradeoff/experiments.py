@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.dynamics.native.law import NativeLaw
 from tensegrity_mj.model.actuation import Actuation, Mode
 from tensegrity_mj.model.scene import Scene
@@ -67,16 +68,9 @@ class Experiment:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
-        return {
-            "key": self.key,
-            "title": self.title,
-            "loop": self.loop.value,
-            "actuation": self.actuation.mode.value,
-            "period": self.actuation.period,
-            "duration": self.duration,
-            "interval": self.interval,
-            "note": self.note,
-        }
+        own = plain_values(self, "key", "title", "loop")
+        how = {"actuation": self.actuation.mode.value, "period": self.actuation.period}
+        return {**own, **how, **plain_values(self, "duration", "interval", "note")}
 
 
 def closed_loops(scene: Scene, law: Any, native: NativeLaw, options: TradeoffOptions) -> list[Experiment]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable
 from typing import Any
 
-from tensegrity_mj.basics.checks import positive, whole
+from tensegrity_mj.basics import kinds
+from tensegrity_mj.basics.fields import field, item_of, refused, value
 from tensegrity_mj.basics.jsontext import plain_values
+from tensegrity_mj.basics.kinds import Kind
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import Mode
@@ -25,7 +26,27 @@ class Loop(enum.Enum):
     CLOSED = "closed"
 
 
-@dataclass(frozen=True)
+def _some(known: Iterable[Any], enumeration: str = "") -> Kind:
+    """One at least of what is known, in its order."""
+    members = tuple(known)
+    allowed = ", ".join(f"{enumeration}.{one.name}" if enumeration else one for one in members)
+
+    def plain(value: Any) -> tuple[Any, ...]:
+        given = kinds.sequence(value)
+        if not given or not all(one in members for one in given):
+            raise kinds.Wrong(f" = {value!r}; name at least one of {allowed}")
+        return tuple(one for one in members if one in given)
+
+    return Kind(plain)
+
+
+def _falling(unit: str = "") -> Kind:
+    """Numbers > 0, the largest first."""
+    numbers = kinds.many(kinds.positive(unit), "numbers")
+    return numbers._replace(plain=lambda value: tuple(sorted(set(numbers.plain(value)), reverse=True)))
+
+
+@value("tradeoff", OptionError)
 class TradeoffOptions:
     """What is swept.
 
@@ -42,41 +63,22 @@ class TradeoffOptions:
         budget: of a run's right-hand sides, weighed by strings; see `settings.most_evaluations`.
     """
 
-    loops: Sequence[Loop] = tuple(Loop)
-    engines: Sequence[str] = field(default_factory=lambda: tuple(ENGINES))
-    actuations: Sequence[Mode] = tuple(Mode)
-    periods: Sequence[float] = PERIODS
-    families: Sequence[str] = ()
-    steps: Sequence[float] | None = None
-    tolerances: Sequence[float] | None = None
-    duration: float | None = None
-    repeats: int = REPEATS
-    budget: float = BUDGET
+    loops: tuple[Loop, ...] = field(_some(Loop, "Loop"), default=tuple(Loop))
+    engines: tuple[str, ...] = field(_some(ENGINES), factory=lambda: tuple(ENGINES))
+    actuations: tuple[Mode, ...] = field(_some(Mode, "Mode"), default=tuple(Mode))
+    periods: tuple[float, ...] = field(_falling("s"), default=PERIODS)
+    families: tuple[str, ...] = field(kinds.many(kinds.printable_name("a text such as 'RK4'"), "texts"), default=())
+    steps: tuple[float, ...] | None = field(_falling("s"), default=None, none="None for the grid's")
+    tolerances: tuple[float, ...] | None = field(_falling(), default=None, none="None for the usual ones")
+    duration: float | None = field(kinds.positive("s"), default=None, none="None for the scene's")
+    repeats: int = field(kinds.whole(1), default=REPEATS)
+    budget: float = field(kinds.positive(), default=BUDGET)
 
-    def __post_init__(self) -> None:
-        for name, kind in (("loops", Loop), ("actuations", Mode)):
-            given = tuple(dict.fromkeys(getattr(self, name)))
-            if not given or not all(isinstance(one, kind) for one in given):
-                allowed = ", ".join(f"{kind.__name__}.{one.name}" for one in kind)
-                raise OptionError(f"tradeoff: {name} = {getattr(self, name)!r}; name at least one of {allowed}")
-            object.__setattr__(self, name, tuple(one for one in kind if one in given))
-        if not self.engines or not all(one in ENGINES for one in self.engines):
-            raise OptionError(f"tradeoff: engines = {self.engines!r}; name at least one of {', '.join(ENGINES)}")
-        object.__setattr__(self, "engines", tuple(one for one in ENGINES if one in self.engines))
-        for name, unit in (("periods", "s"), ("steps", "s"), ("tolerances", "")):
-            given = getattr(self, name)
-            if given is not None:
-                numbers = {positive(f"tradeoff: {name}", one, unit) for one in given}
-                object.__setattr__(self, name, tuple(sorted(numbers, reverse=True)))
+    def __attrs_post_init__(self) -> None:
         if not self.periods and any(mode is not Mode.CONTINUOUS for mode in self.actuations):
             object.__setattr__(self, "actuations", (Mode.CONTINUOUS,))
-        if any(not isinstance(word, str) or not word.strip() for word in self.families):
-            raise OptionError(f"tradeoff: families = {self.families!r}; each must be a text such as 'RK4'")
-        object.__setattr__(self, "families", tuple(self.families))
-        if self.duration is not None:
-            object.__setattr__(self, "duration", positive("tradeoff: duration", self.duration, "s"))
-        whole("tradeoff: repeats", self.repeats, 1)
-        object.__setattr__(self, "budget", positive("tradeoff: budget", self.budget))
+        if not all(word.strip() for word in self.families):
+            raise refused(self, f"families = {self.families!r}; each must be a text such as 'RK4'")
 
     def wants(self, family: str) -> bool:
         """Whether a family is swept."""
@@ -85,8 +87,4 @@ class TradeoffOptions:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
-        return plain_values(
-            self,
-            *("loops", "engines", "actuations", "periods", "families", "steps", "tolerances", "duration", "repeats"),
-            "budget",
-        )
+        return plain_values(self, *item_of(type(self)).keys)

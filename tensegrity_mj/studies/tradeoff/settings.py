@@ -7,7 +7,6 @@ sides, weighed by strings and joints, so that what is run does not depend on how
 
 from __future__ import annotations
 
-import enum
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass
@@ -40,13 +39,6 @@ FLOPS = 100  # of linear algebra that cost as much as a string in a right-hand s
 LEAST_RADAU = 50  # steps; where the budget has fewer, Radau is left out
 RESTART = 13  # right-hand sides that DOP853 needs for a stretch between two control samples
 HELD = 2  # times the budget where the law is sampled, which then costs nothing at most right-hand sides
-
-
-class Extent(enum.Enum):
-    """How much of an engine is swept."""
-
-    FULL = "full"  # all integrators, methods, tolerances and drift treatments
-    LEAN = "lean"  # for sampled laws: no Radau, no drift treatments, half of the tolerances
 
 
 @dataclass(frozen=True)
@@ -143,7 +135,6 @@ class SettingsSweep:
         tolerances: rtol in place of `TOLERANCES`; atol is a hundredth of it.
         law: whose cost is counted; None: none.
         budget: of right-hand sides of a run, weighed by strings; see `most_evaluations`.
-        extent: see `Extent`; by default LEAN where the law is sampled.
 
     Raises:
         OptionError: for steps or tolerances that an engine cannot have.
@@ -158,7 +149,6 @@ class SettingsSweep:
     tolerances: Sequence[float] | None = None
     law: NativeLaw | None = None
     budget: float = BUDGET
-    extent: Extent | None = None
 
     def __call__(self) -> list[Setting]:
         own = {"mujoco": self._of_mujoco, "dae": self._of_reference, "ode": self._of_reference}
@@ -202,7 +192,7 @@ class SettingsSweep:
         from tensegrity_mj.engines.reference.ode import ODE
 
         total, most, period = self._total, self._most, self.period
-        lean = (self.extent or (Extent.FULL if period is None else Extent.LEAN)) is Extent.LEAN
+        lean = period is not None  # sampled laws: no Radau, no drift treatments, half of the tolerances
         rtols = sorted(TOLERANCES[::2] if lean else TOLERANCES, reverse=True)
         if self.tolerances is not None:
             rtols = sorted(self.tolerances, reverse=True)

@@ -44,18 +44,12 @@ Data = dict[str, Any]
 class Tradeoff(Report):
     """A finished study; everything but data["timing"] is the same each time."""
 
-    NAME = "tradeoff"
+    NAME, PAGE = "tradeoff", "tensegrity_mj.studies.tradeoff.page:write_tradeoff_page"
 
     @property
     def sentences(self) -> list[str]:
         """What to use for which accuracy, by the wall times measured here."""
         return sentences(self.data)
-
-    def save_page(self, path: str | os.PathLike[str]) -> Path:
-        """Write the HTML page; returns its path."""
-        from tensegrity_mj.studies.tradeoff.page import write_tradeoff_page
-
-        return write_tradeoff_page(path, self.data)
 
     def save_figure(self, path: str | os.PathLike[str]) -> Path:
         """Write the diagram, error against wall time, as .png, .svg or .pdf; returns its path."""

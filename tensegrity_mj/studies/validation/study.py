@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from pathlib import Path
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -39,18 +38,12 @@ DATA, PAGE, RUNS = "validation.json", "validation.html", "runs"  # what a folder
 class Validation(Report):
     """A finished report; docs/validate.md explains the keys of its `data`."""
 
-    NAME = "validation"
+    NAME, PAGE = "validation", "tensegrity_mj.studies.validation.page:write_validation_page"
 
     @property
     def summary(self) -> list[str]:
         """What it comes to, in sentences."""
         return list(self.data["summary"])
-
-    def save_page(self, path: str | os.PathLike[str]) -> Path:
-        """Write the page (.html); returns its path."""
-        from tensegrity_mj.studies.validation.page import write_validation_page
-
-        return write_validation_page(path, self.data)
 
 
 @dataclass(frozen=True, eq=False)
