@@ -8,6 +8,7 @@ import math
 import os
 import sys
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -130,24 +131,32 @@ def run_demo(out: str | os.PathLike[str] = "results", scene: str = "prism", *, p
         trajectory.save(path)
 
     report("2/4 Plotting")
+    import mediapy  # noqa: F401  (brings IPython, which matplotlib looks at: not in two threads at once)
+
     from tensegrity_mj.pictures import plots
 
     pictures = {what: folder / f"{name}-{what}.png" for what in PLOTS}
     files |= {f"plot of the {what}": path for what, path in pictures.items()}
-    plots.plot_run([run, reference], pictures["runs"])
-    plots.plot_paths([run, reference], pictures["paths"])
-    plots.plot_comparison(comparisons[TIMESTEP], pictures["differences"], runs=[run, reference])
 
-    report("3/4 Filming")
-    video, no_video = folder / f"{name}.mp4", ""
-    try:
-        from tensegrity_mj.pictures.video import render
+    def plot() -> None:
+        plots.plot_run([run, reference], pictures["runs"])
+        plots.plot_paths([run, reference], pictures["paths"])
+        plots.plot_comparison(comparisons[TIMESTEP], pictures["differences"], runs=[run, reference])
 
-        files["video"] = render(run, video, other=reference, progress=progress)
-    except MissingLibraryError as error:
-        no_video = f"No video: {error}"
-        report(no_video)
-        video.unlink(missing_ok=True)  # of an earlier run, which it would not belong to
+    # Beside the film, most of whose time passes in OpenGL and in ffmpeg.
+    with ThreadPoolExecutor(1) as beside:
+        plotted = beside.submit(plot)
+        report("3/4 Filming")
+        video, no_video = folder / f"{name}.mp4", ""
+        try:
+            from tensegrity_mj.pictures.video import render
+
+            files["video"] = render(run, video, other=reference, progress=progress)
+        except MissingLibraryError as error:
+            no_video = f"No video: {error}"
+            report(no_video)
+            video.unlink(missing_ok=True)  # of an earlier run, which it would not belong to
+        plotted.result()
 
     report("4/4 Writing the report")
     demo = Demo(run, reference, comparisons[TIMESTEP], agreement, files, no_video)

@@ -5,6 +5,7 @@ Figures are made without pyplot: nothing global is touched, no window opens, and
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Iterable
 from pathlib import Path
@@ -181,9 +182,19 @@ def save_figure(figure: Figure, path: PathLike) -> Path:
         wanted = paper.chosen()
         if wanted is not None:
             wanted.dress(figure)
+        dpi = DPI if wanted is None else paper.DPI
+        if destination.suffix.lower() == ".png":
+            print_png(figure, part, dpi)
+            return destination
         with rc_context({"pdf.fonttype": 42}):  # TrueType, the kind that journals want
-            figure.savefig(part, dpi=DPI if wanted is None else paper.DPI, metadata=metadata)
+            figure.savefig(part, dpi=dpi, metadata=metadata)
     return destination
+
+
+def print_png(figure: Figure, to: PathLike | io.BytesIO, dpi: float) -> None:
+    """Write pixels as `Figure.savefig` does, which draws a figure with a layout twice."""
+    figure.dpi = dpi
+    figure.canvas.print_png(to)  # type: ignore[attr-defined]
 
 
 def saved(figure: Figure, path: PathLike | None) -> Figure:

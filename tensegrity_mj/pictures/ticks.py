@@ -7,12 +7,14 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from matplotlib.ticker import Formatter, FuncFormatter, NullFormatter, ScalarFormatter
+from matplotlib.ticker import Formatter, FuncFormatter, NullFormatter, NullLocator, ScalarFormatter
 
 from tensegrity_mj.basics.units import power_of, unit_with
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+MOST_DECADES = 4
 
 _UNIT = re.compile(r"\[([^\[\]]+)\]$")
 
@@ -53,8 +55,13 @@ def prefix_ticks(panel: Axes) -> None:
 
 
 def _write_out(axis: Any) -> None:
-    """Numbers of a logarithmic axis in full, 1.4 and not 1.4 x 10^0, where it spans less than two decades near 1."""
+    """Numbers of a logarithmic axis in full, 1.4 and not 1.4 x 10^0, where it spans less than two decades near 1.
+
+    Beyond `MOST_DECADES` it has no marks within decades: they run together, and take most of a figure's time.
+    """
     low, high = axis.get_view_interval()
+    if high > 10.0**MOST_DECADES * low:
+        axis.set_minor_locator(NullLocator())
     if low >= 1e-3 and high <= 1e4 and high < 100.0 * low:
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         few = FuncFormatter(lambda value, _: f"{value:g}") if high < 10.0 * low else NullFormatter()

@@ -92,7 +92,8 @@ def test_a_comparison_shows_itself_in_six_lines():
 
 def test_a_comparison_with_a_table_shows_what_the_table_has():
     run = cone_run(engine="MuJoCo RK4")
-    table = tmj.runs.Table("motion.csv", run.time, ("tip",), run.nodes[:, [run.scene.structure.node_index["tip"]]])
+    tip = run.nodes[:, [run.scene.structure.node_index["tip"]]]
+    table = tmj.runs.Table(run.time, ("tip",), tip, name="motion.csv")
     lines = repr(tmj.compare(run, table)).splitlines()
     assert [line.split()[0] for line in lines] == ["between", "time", "motion", "beyond"]
     assert lines[0] == "between MuJoCo RK4 and motion.csv"
