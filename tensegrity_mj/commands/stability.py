@@ -54,12 +54,12 @@ def _write(folder: Path, data: dict[str, Any], small: bool) -> Path:
 
     with replacing(folder / "stability.json") as part:
         part.write_text(to_json(data) + "\n", encoding="utf-8")
-    for name, picture in figures.pictures(data).items():
+    for name, (figure, _) in figures.pictures(data).items():
         if small:
             with replacing(folder / f"{name}.png") as part:
-                picture.figure.savefig(part, dpi=SMALL_DPI, format="png")
+                figure.savefig(part, dpi=SMALL_DPI, format="png")
         else:
-            save_figure(picture.figure, folder / f"{name}.png")
+            save_figure(figure, folder / f"{name}.png")
     return page.write(folder / "index.html", data)
 
 

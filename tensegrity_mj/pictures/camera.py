@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.elements.waves import Sea
 
 FIELD_OF_VIEW = 30.0  # degrees, vertical; narrow, so that parallel members look parallel
 AZIMUTH, ELEVATION = 125.0, -18.0  # degrees, in MuJoCo's sense; the azimuth is only the first that is considered
@@ -129,6 +130,17 @@ def broadside(points: Array, waves: tuple[float, ...]) -> float | None:
     azimuth = math.degrees(math.atan2(right[0], -right[1]))
     # Round angles: what lies all but along an axis is seen square on its water, too.
     return BROADSIDE_TURN * round(azimuth / BROADSIDE_TURN) % 360.0
+
+
+def clearest(
+    points: Array, corners: Array, sea: Sea | None, azimuth: float | None = None, elevation: float | None = None
+) -> Camera:
+    """As `direction`; over water from the side, waves passing from left to right, and low."""
+    if sea is not None:
+        highest = sea.direction[np.argsort(-sea.amplitude, kind="stable")]
+        azimuth = broadside(points, tuple(highest.tolist())) if azimuth is None else azimuth
+        elevation = AFLOAT if elevation is None else elevation
+    return direction(points, corners, azimuth, elevation)
 
 
 def corners_of(pairs: NDArray[np.int64], nodes: Array) -> Array:

@@ -8,7 +8,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.engines.mujoco.mjcf_frames import rotation_to
 from tensegrity_mj.model.elements.waves import Sea
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.camera import AFLOAT, Camera, broadside, corners_of, direction, fit
+from tensegrity_mj.pictures.camera import Camera, clearest, corners_of, fit
 from tensegrity_mj.pictures.camera_path import CameraPath
 from tensegrity_mj.pictures.motion import Motion
 from tensegrity_mj.pictures.painter import Sizes, slack_curves
@@ -72,7 +72,8 @@ class Framing:
         extent = max(float(np.linalg.norm(np.ptp(nodes, axis=0))), 1e-9)
         self.sizes = [Sizes.of(m.structure, extent) for m in self.motions]
         margin = max(max(float(np.max(s.rod, initial=0.0)), 1.8 * s.support, s.point_mass) for s in self.sizes)
-        camera = self._direction(nodes)
+        sea = next((sea for sea in self.seas if sea is not None), None)
+        camera = clearest(nodes, self._corners(), sea, view.azimuth, view.elevation)
         if self.view.distance is not None:
             camera = Camera(camera.azimuth, camera.elevation, distance=self.view.distance)
         self.cell = palette.round_up(extent / 15.0, (1.0, 2.0, 5.0))
@@ -108,16 +109,6 @@ class Framing:
         corners = self._grid_corners()
         seen.append(np.broadcast_to(corners, (KEYS, *corners.shape)))
         return CameraPath.of(self.camera, times, np.concatenate(seen, axis=1), margin, aspect)
-
-    def _direction(self, nodes: Array) -> Camera:
-        """Of the camera, which sees waves pass from the side."""
-        azimuth, elevation = self.view.azimuth, self.view.elevation
-        sea = next((sea for sea in self.seas if sea is not None), None)
-        if sea is not None:
-            highest = sea.direction[np.argsort(-sea.amplitude, kind="stable")]
-            azimuth = broadside(nodes, tuple(highest.tolist())) if azimuth is None else azimuth
-            elevation = AFLOAT if elevation is None else elevation
-        return direction(nodes, self._corners(), azimuth, elevation)
 
     def _plan_water(self, nodes: Array, clouds: list[tuple[Array, Array]], extent: float) -> tuple[Array, Array]:
         """Where the water lies; its corners (8, 3) [m], or none, as far as they are framed, and as far as drawn."""

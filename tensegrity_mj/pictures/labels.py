@@ -17,6 +17,7 @@ from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.camera import Camera
 
 Font = Any  # ImageFont.FreeTypeFont, or Pillow's own where matplotlib's fonts are missing
+Symbol = Callable[[ImageDraw.ImageDraw, int, int], None]  # draws itself, so wide and so tall
 FINE = 4  # small symbols are drawn this much larger and shrunk, which smooths their edges
 
 
@@ -133,20 +134,17 @@ class Labels:
         top = self.height - self.footer + round(0.2 * self.size)
         if legend.tension is not None:
             x = self._scale(picture, legend.tension, x, top) + round(1.6 * self.pad)
-        entries: list[tuple[str, Callable[[ImageDraw.ImageDraw, int, int], None]]] = []
-        if legend.slack:
-            entries.append(("slack string", _draw_slack))
-        if legend.target:
-            entries.append(("target", _draw_target))
-        if legend.fixed:
-            entries.append(("fixed", _draw_box(palette.SUPPORT)))
-        if legend.guided:
-            entries.append(("guided", _draw_box(palette.GUIDE)))
-        if legend.water:
-            entries.append(("water", _draw_water))
-        if legend.grid is not None:
-            entries.append((f"grid {quantity(legend.grid, 'm')}", _draw_grid))
-        for text, symbol in entries:
+        entries: list[tuple[object, str, Symbol]] = [
+            (legend.slack, "slack string", _draw_slack),
+            (legend.target, "target", _draw_target),
+            (legend.fixed, "fixed", _draw_box(palette.SUPPORT)),
+            (legend.guided, "guided", _draw_box(palette.GUIDE)),
+            (legend.water, "water", _draw_water),
+            (legend.grid, f"grid {quantity(legend.grid or 0.0, 'm')}", _draw_grid),
+        ]
+        for there, text, symbol in entries:
+            if not there:
+                continue
             wide, tall = 2 * self.size, self.size
             if x + wide + self.pad // 2 + _width(font, text) > self.width - self.pad:
                 break
@@ -224,7 +222,7 @@ def _draw_target(draw: ImageDraw.ImageDraw, wide: int, tall: int) -> None:
     draw.rounded_rectangle((0, 0.3 * tall, wide - 1, 0.75 * tall), radius=0.22 * tall, fill=palette.to_bytes(color))
 
 
-def _draw_box(color: palette.Color) -> Callable[[ImageDraw.ImageDraw, int, int], None]:
+def _draw_box(color: palette.Color) -> Symbol:
     def draw_box(draw: ImageDraw.ImageDraw, wide: int, tall: int) -> None:
         half = 0.38 * tall
         middle = (wide - half - 1, 0.5 * tall)
@@ -251,14 +249,7 @@ def _draw_water(draw: ImageDraw.ImageDraw, wide: int, tall: int) -> None:
     draw.line(points, fill=palette.to_bytes(palette.WATER_LINE), width=FINE, joint="curve")
 
 
-def _paste(
-    picture: Image.Image,
-    symbol: Callable[[ImageDraw.ImageDraw, int, int], None],
-    left: int,
-    top: int,
-    wide: int,
-    tall: int,
-) -> None:
+def _paste(picture: Image.Image, symbol: Symbol, left: int, top: int, wide: int, tall: int) -> None:
     """Draw a symbol with smooth edges."""
     large = Image.new("RGB", (FINE * wide, FINE * tall), palette.to_bytes(palette.BACKGROUND))
     symbol(ImageDraw.Draw(large), FINE * wide, FINE * tall)

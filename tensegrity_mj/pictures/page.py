@@ -23,6 +23,7 @@ from tensegrity_mj.basics.files import checked, replacing
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.pictures.figure import print_png
 from tensegrity_mj.runs.comparison import Comparison
 from tensegrity_mj.runs.differences import DIFFERENCES
 from tensegrity_mj.runs.trajectory import Trajectory
@@ -31,7 +32,7 @@ from tensegrity_mj.runs.verdicts import verdict
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["Picture", "Section", "Table", "write_page", "write_report", "write_sections"]
+__all__ = ["Picture", "Section", "Table", "pictures_and_tables", "write_report", "write_sections"]
 
 PathLike = str | os.PathLike[str]
 IMAGE_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
@@ -59,6 +60,11 @@ class Table:
     rows: Sequence[Sequence[object]]
     note: str = ""
     folded: bool = False
+
+    @classmethod
+    def of(cls, title: str, columns: Mapping[str, str], records: Iterable[Mapping[str, Any]], **more: Any) -> Table:
+        """A row for each record: what it has under the keys of `columns`, whose values are the heads."""
+        return cls(title, [*columns.values()], [[one.get(key) for key in columns] for one in records], **more)
 
 
 @dataclass(frozen=True)
@@ -118,29 +124,12 @@ class Report:
         if self.comparison is not None:
             sections.append(Section("How far the two are apart", parts=[_agreement(self.comparison)]))
         sections.append(Section("What came out", parts=[_runs(self.runs)]))
-        sections += _pictures_and_tables((), self.tables)
+        sections += pictures_and_tables((), self.tables)
         sections.append(Section("Everything that was recorded", parts=[_details(run) for run in self.runs]))
         return write_sections(self.path, self.title or scene.name, "", sections, "report", opening=opening)
 
 
 write_report = function_of(Report)
-
-
-def write_page(
-    path: PathLike,
-    title: str,
-    *,
-    introduction: str = "",
-    pictures: Iterable[Picture] = (),
-    tables: Iterable[Table] = (),
-    opening: Sequence[str] = (),
-) -> Path:
-    """Write a page of pictures and tables in the same style, about many runs or none; returns its path.
-
-    Raises:
-        OptionError: a picture that is missing or of another kind, a path that cannot be written.
-    """
-    return write_sections(path, title, introduction, _pictures_and_tables(pictures, tables), opening=opening)
 
 
 def write_sections(
@@ -183,7 +172,7 @@ def _part(part: Picture | Table | str) -> str:
     return (f"<h3>{escape(part.title)}</h3>" if part.title else "") + body
 
 
-def _pictures_and_tables(pictures: Iterable[Picture], tables: Iterable[Table]) -> list[Section]:
+def pictures_and_tables(pictures: Iterable[Picture], tables: Iterable[Table]) -> list[Section]:
     """The pictures in one section, and each table in one of its own."""
     shown = list(pictures)
     plots = [Section("Plots", parts=shown)] if shown else []
@@ -317,7 +306,7 @@ def _picture(picture: Picture) -> str:
         data = _read(source, "picture")
     else:
         buffer = io.BytesIO()
-        picture.figure.savefig(buffer, format="png", dpi=120)
+        print_png(picture.figure, buffer, 120)
         kind, data = "image/png", buffer.getvalue()
     caption = f"<figcaption>{escape(picture.caption)}</figcaption>" if picture.caption else ""
     return f'<figure><img alt="{escape(picture.caption)}" src="{data_url(kind, data)}">{caption}</figure>'

@@ -17,7 +17,7 @@ import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,7 +95,7 @@ def render(
         )
     films = [Motion.of(run)] + ([] if other is None else [Motion.of(other)])
     times = frame_times(min(m.start for m in films), max(m.end for m in films), fps, speed)
-    with Stage(films[0], films[1] if len(films) > 1 else None, layout, shown) as stage, replacing(destination) as part:
+    with Stage(films[0], films[-1] if films[1:] else None, layout, shown) as stage, replacing(destination) as part:
         _encode(stage, times, part, fps, progress)
     return ShownFile(destination)
 
@@ -114,9 +114,7 @@ def frames(
     Raises:
         OptionError, MissingLibraryError: as `render`.
     """
-    first = Motion.of(run)
-    second = None if other is None else Motion.of(other)
-    with Stage(first, second, layout, View(**view)) as stage:
+    with _stage(run, other, layout, view) as stage:
         for time in frame_times(stage.start, stage.end, fps, speed):
             yield stage.frame(time).copy()
 
@@ -137,7 +135,7 @@ def render_frame(
         OptionError: a time outside the run, or what `render` refuses.
         MissingLibraryError: no OpenGL.
     """
-    with Stage(Motion.of(source), None if other is None else Motion.of(other), layout, View(**view)) as stage:
+    with _stage(source, other, layout, view) as stage:
         return stage.frame(stage.moment(time)).copy()
 
 
@@ -155,14 +153,9 @@ def picture(
     Raises:
         OptionError, MissingLibraryError: as `render_frame`; also for a path that cannot be written.
     """
-    from PIL import Image as PillowImage
-
     destination = checked(path, (".png",), "picture")
     view.setdefault("quality", Quality.BEST)
-    pixels = render_frame(source, time, other=other, layout=layout, **view)
-    with replacing(destination) as part:
-        PillowImage.fromarray(pixels).save(part, optimize=True)
-    return ShownFile(destination)
+    return _saved(render_frame(source, time, other=other, layout=layout, **view), destination)
 
 
 def png_of(scene: Scene) -> bytes | None:
@@ -199,8 +192,6 @@ def still(
         OptionError: a time outside the run, dots for more pixels than can be drawn, a path that cannot be written.
         MissingLibraryError: no OpenGL.
     """
-    from PIL import Image as PillowImage
-
     destination = checked(path, (".png",), "still")
     if not (math.isfinite(dpi) and dpi > 0.0):
         raise OptionError(f"dpi={dpi!r}: it must be a finite number > 0")
@@ -209,15 +200,24 @@ def still(
     options |= {**view, "text": False}
     if "size" not in view and not MIN_SIZE <= options["size"][1] <= options["size"][0] <= MAX_SIZE:
         raise OptionError(f"dpi={dpi:g}: a width of 181 mm has {wide} pixels; at most {MAX_SIZE} can be drawn")
-    second = None if other is None else Motion.of(other)
-    with Stage(Motion.of(source), second, Layout.OVERLAY, View(**options)) as stage:
+    with _stage(source, other, Layout.OVERLAY, options) as stage:
         pixels = stage.cut_out(stage.moment(time))
     seen = np.argwhere(pixels[..., 3] > 0)
     if len(seen):
         (top, left), (bottom, right) = seen.min(axis=0), seen.max(axis=0) + 1
         pixels = pixels[top:bottom, left:right]
+    return _saved(pixels, destination, dpi=(dpi, dpi))
+
+
+def _stage(source: Trajectory | Scene, other: Trajectory | None, layout: Layout, view: ViewOptions) -> Stage:
+    return Stage(Motion.of(source), None if other is None else Motion.of(other), layout, View(**view))
+
+
+def _saved(pixels: Image, destination: Path, **more: Any) -> Path:
+    from PIL import Image as PillowImage
+
     with replacing(destination) as part:
-        PillowImage.fromarray(pixels).save(part, optimize=True, dpi=(dpi, dpi))
+        PillowImage.fromarray(pixels).save(part, optimize=True, **more)
     return ShownFile(destination)
 
 

@@ -13,9 +13,9 @@ import warnings
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import tensegrity_mj.engines.mujoco  # noqa: F401  (refuses an environment in which MuJoCo cannot be imported)
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import MissingLibraryError
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.motion import Motion
@@ -82,7 +82,10 @@ def play(run: Trajectory, speed: float = 1.0, *, thickness: bool = False) -> Non
     import mujoco
     import mujoco.viewer
 
-    model, player = _empty_model(motion), Player(motion.start, motion.end, speed)
+    points = motion.nodes.reshape(-1, 3)
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, size = 0.5 * (low + high), float(np.linalg.norm(high - low))  # [m] of all that the run passes through
+    model, player = _empty_model(motion, middle, size), Player(motion.start, motion.end, speed)
     before = set(threading.enumerate())
     try:
         window = mujoco.viewer.launch_passive(
@@ -91,7 +94,10 @@ def play(run: Trajectory, speed: float = 1.0, *, thickness: bool = False) -> Non
     except RuntimeError as error:
         raise MissingLibraryError(f"MuJoCo's viewer cannot open a window: {error}") from error
     try:
-        _show(window, model, motion, player, thickness)
+        window.cam.lookat[:] = middle
+        window.cam.distance, window.cam.azimuth, window.cam.elevation = 1.8 * size, 130.0, -20.0
+        painter = Painter(model, scene=window.user_scn)
+        _show(window, painter, motion, Sizes.of(motion.structure, size), player, thickness)
     finally:
         window.close()
         # Its thread still draws: Python must not end, and take the window system away, before it has.
@@ -163,12 +169,9 @@ class Player:
         return f"{min(self.time, self.end):.3f} of {self.end:g} s, {state}"
 
 
-def _show(window: Any, model: Any, motion: Motion, player: Player, thickness: bool) -> None:
+def _show(window: Any, painter: Painter, motion: Motion, sizes: Sizes, player: Player, thickness: bool) -> None:
     """Replay the run in an open window, drawn as in films: into the viewer's own list of shapes."""
-    scale, extent = palette.TensionScale.of(motion.tensions), _extent(motion)[1]
-    sizes = Sizes.of(motion.structure, extent)
-    painter = Painter(model, scene=window.user_scn)
-    _point_camera(window.cam, motion)
+    scale = palette.TensionScale.of(motion.tensions)
     before = time.monotonic()
     while window.is_running():
         now = time.monotonic()
@@ -188,11 +191,10 @@ def _show(window: Any, model: Any, motion: Motion, player: Player, thickness: bo
         time.sleep(FRAME)
 
 
-def _empty_model(motion: Motion) -> Any:
+def _empty_model(motion: Motion, middle: Array, size: float) -> Any:
     import mujoco
 
-    center, size = _extent(motion)
-    text = " ".join(f"{x:.9g}" for x in center)
+    text = " ".join(f"{x:.9g}" for x in middle)
     return mujoco.MjModel.from_xml_string(
         f'<mujoco><statistic center="{text}" extent="{size:.9g}"/>'
         '<visual><headlight ambient="0.5 0.5 0.5" diffuse="0.5 0.5 0.5"/></visual>'
@@ -207,17 +209,3 @@ def _floor(motion: Motion) -> str:
         return ""
     place, up = (" ".join(f"{x:.9g}" for x in v) for v in motion.floor)
     return f'<worldbody><geom type="plane" pos="{place}" zaxis="{up}" size="0 0 1" rgba="0.8 0.82 0.84 1"/></worldbody>'
-
-
-def _point_camera(camera: Any, motion: Motion) -> None:
-    center, size = _extent(motion)
-    camera.lookat[:] = center
-    camera.distance = 1.8 * size
-    camera.azimuth, camera.elevation = 130.0, -20.0
-
-
-def _extent(motion: Motion) -> tuple[NDArray[np.float64], float]:
-    """Centre and diagonal [m] of all that the run passes through."""
-    points = motion.nodes.reshape(-1, 3)
-    low, high = points.min(axis=0), points.max(axis=0)
-    return (low + high) / 2, float(np.linalg.norm(high - low))

@@ -25,7 +25,7 @@ from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.errors import MissingPackageError, printable
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.camera import AFLOAT, Camera, broadside, corners_of, direction
+from tensegrity_mj.pictures.camera import clearest, corners_of
 from tensegrity_mj.pictures.framing import BLOWN_UP, DEEP, FAR
 from tensegrity_mj.pictures.motion import Motion
 from tensegrity_mj.pictures.painter import SLACKNESS, Sizes
@@ -279,15 +279,9 @@ def _eye(motion: Motion, half: Array) -> Array:
     least.
     """
     nodes = motion.nodes[:: max(1, len(motion.nodes) // 50)]
-    points, sea = nodes.reshape(-1, 3), motion.sea
-    if sea is None:
-        pairs = np.concatenate([motion.structure.rod_nodes, motion.structure.string_nodes])
-        corners = corners_of(pairs[:: 1 + len(pairs) // 150], nodes[:: max(1, len(nodes) // 6)])
-        camera = direction(points, corners, None, None)
-    else:
-        highest = sea.direction[np.argsort(-sea.amplitude, kind="stable")]
-        azimuth = broadside(points, tuple(highest.tolist()))
-        camera = Camera(direction(points, np.zeros((1, 0, 2, 3)), azimuth, AFLOAT).azimuth, AFLOAT)
+    pairs = np.concatenate([motion.structure.rod_nodes, motion.structure.string_nodes])
+    corners = corners_of(pairs[:: 1 + len(pairs) // 150], nodes[:: max(1, len(nodes) // 6)])
+    camera = clearest(nodes.reshape(-1, 3), corners, motion.sea)
     corners = np.array(np.meshgrid(*[[-0.5, 0.5]] * 3)).reshape(3, -1).T * half / np.max(half)
     right, up, forward = camera.axes @ corners.T
     depth = np.maximum(np.abs(right) / (ASPECT * HALF_VIEW), np.abs(up) / HALF_VIEW) - forward

@@ -13,7 +13,7 @@ from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import COLUMN, GREY, MAX_LEGEND, frame, line_style, new_figure
 from tensegrity_mj.pictures.page import Picture
 from tensegrity_mj.studies.measures import MEASURES
-from tensegrity_mj.studies.table import Row, as_number, parameter_label, shown
+from tensegrity_mj.studies.table import Row, as_number, measure_label, parameter_label, shown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,7 +68,7 @@ def _lines(rows: Sequence[Row], name: str, other: Sequence[str], measure: str) -
         if len(x) > len(places):
             panel.plot(x, y, color=color, lw=0, marker=".", ms=3, alpha=0.5)
     _scales(panel)
-    frame(panel, "", _axis(rows, name), _label(measure), legend=1 < len(groups) <= MAX_LEGEND)
+    frame(panel, "", _axis(rows, name), measure_label(measure), legend=1 < len(groups) <= MAX_LEGEND)
     return figure
 
 
@@ -83,7 +83,7 @@ def _dots(rows: Sequence[Row], over: Sequence[str], other: Sequence[str], measur
             color = palette.color_of(number)
             panel.plot(x, y, color=color, lw=0, marker="o", ms=4, alpha=0.8, label=figure_text(label) or None)
         _scales(panel)
-        unit = _label(measure) if panel is panels[0] else ""
+        unit = measure_label(measure) if panel is panels[0] else ""
         frame(panel, "", _axis(rows, name), unit, legend=1 < len(groups) <= MAX_LEGEND)
     return figure
 
@@ -123,7 +123,7 @@ def _maps(rows: Sequence[Row], names: Sequence[str], other: Sequence[str], measu
         panel.set_title(figure_text(label), fontsize=9)
         panel.tick_params(labelsize=8, color=GREY)
     bar = figure.colorbar(mesh, ax=list(panels))
-    bar.set_label(_label(measure), fontsize=9)
+    bar.set_label(measure_label(measure), fontsize=9)
     bar.ax.tick_params(labelsize=8)
     return figure
 
@@ -155,11 +155,6 @@ def _grouped(rows: Sequence[Row], names: Sequence[str]) -> dict[str, list[Row]]:
 def _axis(rows: Sequence[Row], name: str) -> str:
     scaled = any(str(row.parameters[name]).startswith("*") for row in rows)
     return figure_text(parameter_label(name)) + (" (factor)" if scaled else "")
-
-
-def _label(measure: str) -> str:
-    unit = MEASURES[measure].unit
-    return measure.replace("_", " ") + (f" [{unit}]" if unit else "")
 
 
 def _scales(panel: Axes) -> None:

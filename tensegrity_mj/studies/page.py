@@ -11,13 +11,22 @@ from typing import Any, cast
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.pictures.findings import Finding, Mark, mark_of, opening_of
-from tensegrity_mj.pictures.page import Table, write_page
+from tensegrity_mj.pictures.page import Table, pictures_and_tables, write_sections
 from tensegrity_mj.studies.axes import Together
 from tensegrity_mj.studies.figures import figures
 from tensegrity_mj.studies.many import Study
 from tensegrity_mj.studies.measures import MEASURES, USUAL
 from tensegrity_mj.studies.sweep import Sweep
-from tensegrity_mj.studies.table import Row, as_number, check_measures, counts, parameter_label, rows_of, shown
+from tensegrity_mj.studies.table import (
+    Row,
+    as_number,
+    check_measures,
+    counts,
+    measure_label,
+    parameter_label,
+    rows_of,
+    shown,
+)
 
 MOST_ROWS = 1000
 LONG = 12  # rows beyond which the table is folded
@@ -48,23 +57,18 @@ def write_sweep_page(path: str | os.PathLike[str], sweep: Sweep, study: Study, m
         ]
         for number, row in enumerate(rows[:MOST_ROWS])
     ]
-    heads = ["", *map(parameter_label, sweep.parameters), "status", *(_head(name) for name in measures), "reason"]
+    heads = ["", *map(parameter_label, sweep.parameters), "status", *map(measure_label, measures), "reason"]
     note = (
         f"The first {MOST_ROWS} of {len(rows)} points; the others are in result.json." if len(rows) > MOST_ROWS else ""
     )
     meanings = [[name, MEASURES[name].meaning, MEASURES[name].unit] for name in measures]
-    return write_page(
-        path,
-        f"Sweep of {scene.name}",
-        introduction=scene.source,
-        opening=opening,
-        pictures=list(figures(rows, axes, drawn, measures)),
-        tables=[
-            Table("Points", heads, lines, note, folded=len(lines) > LONG),
-            Table("What was kept", ["measure", "meaning", "unit"], meanings, folded=True),
-            Table("What was held fixed", ["", ""], _fixed(sweep, study), folded=True),
-        ],
-    )
+    tables = [
+        Table("Points", heads, lines, note, folded=len(lines) > LONG),
+        Table("What was kept", ["measure", "meaning", "unit"], meanings, folded=True),
+        Table("What was held fixed", ["", ""], _fixed(sweep, study), folded=True),
+    ]
+    sections = pictures_and_tables(figures(rows, axes, drawn, measures), tables)
+    return write_sections(path, f"Sweep of {scene.name}", scene.source, sections, opening=opening)
 
 
 def _verdict(name: str, rows: Sequence[Row]) -> str:
@@ -101,11 +105,6 @@ def _findings(rows: Sequence[Row], axes: Sequence[Any], measures: Sequence[str])
         mark = Mark.GOOD if len(found) == len(rows) else Mark.LIMITED
         text = f"{head}: {low} everywhere." if low == high else ""
         yield Finding(mark, text or f"{head}: from {low}{at[0]} to {high}{at[1]}.")
-
-
-def _head(name: str) -> str:
-    unit = MEASURES[name].unit
-    return name.replace("_", " ") + (f" [{unit}]" if unit else "")
 
 
 def _fixed(sweep: Sweep, study: Study) -> list[list[Any]]:

@@ -10,7 +10,7 @@ from tensegrity_mj.basics.files import replacing
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.pictures.figure import frame, new_figure
 from tensegrity_mj.pictures.findings import Finding, opening_of
-from tensegrity_mj.pictures.page import Picture, Table, write_page
+from tensegrity_mj.pictures.page import Picture, Table, pictures_and_tables, write_sections
 from tensegrity_mj.studies.promise import DATA, PAGE, Promise
 
 if TYPE_CHECKING:
@@ -35,7 +35,6 @@ def write_promise(folder: str | os.PathLike[str], found: Promise) -> Path:
     place = Path(folder)
     with replacing(place / DATA) as part:
         Path(part).write_text(to_json(found.to_dict(), indent=1) + "\n", encoding="utf-8")
-    rows = [[row.get(name) for name in COLUMNS] for row in found.rows]
     which = ("number", "broken", "experiment", "engine")
     failures = [[*(row.get(name, "") for name in which), *_why(row)] for row in found.failures]
     silent = [[row["number"], row["outcome"], row.get("cause", "")] for row in found.rows if row.get("cause")]
@@ -48,7 +47,7 @@ def write_promise(folder: str | os.PathLike[str], found: Promise) -> Path:
         Table("The promise", ["", ""], [line[:2] for line in found.summary]),
         Table("Promises broken", broken, failures),
         Table("Not measured", ["", "outcome", "cause"], silent),
-        Table("All experiments", list(COLUMNS.values()), rows, folded=True),
+        Table.of("All experiments", COLUMNS, found.rows, folded=True),
     ]
     kept, cost = found.fractions["within_if_met"], found.fractions["cost"]["median"]
     verdict = (
@@ -57,8 +56,8 @@ def write_promise(folder: str | os.PathLike[str], found: Promise) -> Path:
     )
     opening = opening_of(verdict, [Finding(mark, f"{name}: {text}") for name, text, mark in found.summary if mark])
     title, introduction = "What an accuracy promises, measured", f"Experiments drawn with seed {found.seed}."
-    shown = [table for table in tables if table.rows]
-    return write_page(place / PAGE, title, introduction=introduction, pictures=pictures, tables=shown, opening=opening)
+    sections = pictures_and_tables(pictures, [table for table in tables if table.rows])
+    return write_sections(place / PAGE, title, introduction, sections, opening=opening)
 
 
 def _why(row: dict[str, Any]) -> list[Any]:

@@ -80,3 +80,9 @@ def shown(value: Any) -> str:
 def parameter_label(path: str) -> str:
     """A path for people: what is clear without it is left out."""
     return path.removeprefix("structure.")
+
+
+def measure_label(name: str) -> str:
+    """A measure for people, with its unit."""
+    unit = MEASURES[name].unit
+    return name.replace("_", " ") + (f" [{unit}]" if unit else "")

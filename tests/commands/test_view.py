@@ -21,7 +21,8 @@ from analytic_runs import cone_motion, cone_run
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.pictures import palette, viewer
-from tensegrity_mj.pictures.painter import SLACK_SEGMENTS
+from tensegrity_mj.pictures.motion import Motion
+from tensegrity_mj.pictures.painter import SLACK_SEGMENTS, Painter, Sizes
 
 
 @pytest.fixture
@@ -135,6 +136,13 @@ def test_what_is_played_looks_as_in_films(windows: SimpleNamespace, tmp_path: Pa
     radii = [size[0] for _, size, _ in windows.frames[0][0][1:4]]
     assert radii[1] / radii[0] == pytest.approx((0.33 + 2.67 * 0.5) / 0.33, rel=1e-5)
     assert radii[2] / radii[0] == pytest.approx(3.0 / 0.33, rel=1e-5)
+
+
+def test_a_window_without_room_shows_what_it_can() -> None:
+    motion, model = Motion.of(cone_run()), mujoco.MjModel.from_xml_string("<mujoco/>")
+    painter = Painter(model, scene=mujoco.MjvScene(model, maxgeom=3))
+    painter.structure(motion, motion.pose(0.0), Sizes.of(motion.structure, 1.0), palette.TensionScale(1.0))
+    assert painter.finish().ngeom == 3  # of a rod and three strings
 
 
 def test_keys_pause_step_and_change_the_speed(windows: SimpleNamespace, tmp_path: Path) -> None:

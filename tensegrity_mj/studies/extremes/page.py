@@ -58,11 +58,10 @@ def write_extremes_page(path: str | os.PathLike[str], data: dict[str, Any]) -> P
 
 
 def _counts(title: str, rows: Sequence[dict[str, Any]]) -> Table:
-    heads = list(rows[0])
-    return Table(title, ["", *heads[1:]], [[row[head] for head in heads] for row in rows], folded=len(rows) > 8)
+    first, *others = rows[0]
+    return Table.of(title, {first: "", **{head: head for head in others}}, rows, folded=len(rows) > 8)
 
 
 def _runs(found: Sequence[dict[str, Any]]) -> Table:
-    shown = [one | {"kind": Kind[one["kind"]].value} for one in found]
-    rows = [[one.get(key) for key in COLUMNS] for one in shown]
-    return Table("Each of them", list(COLUMNS.values()), rows, folded=len(found) > 20)
+    runs = [{**one, "kind": Kind[one["kind"]].value} for one in found]
+    return Table.of("Each of them", COLUMNS, runs, folded=len(found) > 20)

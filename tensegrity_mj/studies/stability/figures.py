@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.figure import COLUMN, common_legend, frame, grid_of_panels, new_figure
+from tensegrity_mj.pictures.figure import COLUMN, common_legend, frame, grid_of_panels
 from tensegrity_mj.studies.stability.cases import AXES
 from tensegrity_mj.studies.stability.engines import NAMES, TITLES
 
@@ -19,31 +19,25 @@ if TYPE_CHECKING:
 Data = Mapping[str, Any]
 
 
-class Drawn(NamedTuple):
-    """A figure and its caption."""
-
-    figure: Figure
-    caption: str
-
-
 COLORS = dict(zip(NAMES, palette.CYCLE, strict=True))
 MARKERS = dict(zip(NAMES, "osD^vPX", strict=True))
 WITH_ZERO = ("damping", "prestress")
 
 
-def pictures(data: Data) -> dict[str, Drawn]:
-    """All figures that the data has, by name."""
+def pictures(data: Data) -> dict[str, tuple[Figure, str]]:
+    """All figures that the data has, by name, with their captions."""
     found = {}
     if data.get("maps") and _mapped(data):
-        found["maps"] = Drawn(
+        found["maps"] = (
             maps(data),
             "Lines: predicted. Marks: measured. The largest stable step over 2/ω of each structure. A line without "
             "marks: stable at all steps that were tried, up to 300 of 2/ω for discrete and 100 for the others.",
         )
-        found["heat"] = Drawn(heat(data), "The predicted limit over 2/ω of every engine and map, as a colour.")
+        found["heat"] = (heat(data), "The predicted limit over 2/ω of every engine and map, as a colour.")
     if data.get("random") and any(row["values"] for row in data["random"]["rows"]):
-        found["random"] = Drawn(
-            scatter(data), "Random taut structures: predicted against measured limits, and their differences."
+        found["random"] = (
+            scatter(data),
+            "Random taut structures: predicted against measured limits, and their differences.",
         )
     return found
 
@@ -123,8 +117,7 @@ def heat(data: Data) -> Figure:
 
 def scatter(data: Data) -> Figure:
     """Predicted against measured, and the distribution of their differences."""
-    figure = new_figure(2.4 * COLUMN, 1.05 * COLUMN)
-    left, right = figure.subplots(1, 2)
+    figure, (left, right) = grid_of_panels(2, 2, 1.2 * COLUMN, 1.05 * COLUMN)
     allowed = data["random"]["summary"]["allowed"]
     for name in data["engines"]:
         x, y, parts = [], [], []

@@ -18,6 +18,15 @@ from tensegrity_mj.studies.stability.engines import TITLES
 Data = Mapping[str, Any]
 
 CLOSE = 0.1  # of the measured step
+POINTS = {
+    "property": "property",
+    "value": "value",
+    "engine": "engine",
+    "predicted": "predicted [s]",
+    "measured": "measured [s]",
+    "ratio": "ratio",
+    "cause": "cause of the difference",
+}
 HEADS = ("", "predicted [s]", "measured [s]", "predicted / measured", "over 2/ω", "rod or mass", "string", "remark")
 
 
@@ -72,29 +81,14 @@ def sections(data: Data) -> Iterator[Section]:
         "At rest", (f"The base of the maps: {data['base']['text']}.",), [Table("", HEADS, list(_rows(data["base"])))]
     )
     if data.get("maps"):
-        rows = [
-            [
-                AXES[row["axis"]][0],
-                row["value"],
-                TITLES[name],
-                one["predicted"],
-                one["measured"],
-                one["ratio"],
-                one["cause"],
-            ]
+        points = [
+            {"property": AXES[row["axis"]][0], "value": row["value"], "engine": TITLES[name], **one}
             for row in data["maps"]
             if row["values"] is not None
             for name, one in row["values"]["engines"].items()
         ]
-        heads = ("property", "value", "engine", "predicted [s]", "measured [s]", "ratio", "cause of the difference")
-        yield Section(
-            "Maps",
-            (),
-            [
-                *(shown[name] for name in ("maps", "heat") if name in shown),
-                Table("Every point", heads, rows, folded=True),
-            ],
-        )
+        drawn = [shown[name] for name in ("maps", "heat") if name in shown]
+        yield Section("Maps", (), [*drawn, Table.of("Every point", POINTS, points, folded=True)])
     for name, title in (("random", "Random taut structures"), ("joined", "Random structures whose rods share nodes")):
         if data.get(name):
             yield _agreement(title, data[name], [shown[name]] if name in shown else [])

@@ -10,7 +10,7 @@ import numpy as np
 
 from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.figure import COLUMN, GREY, frame, line_style, new_figure
+from tensegrity_mj.pictures.figure import COLUMN, GREY, common_legend, frame, line_style, new_figure
 from tensegrity_mj.pictures.page import Picture
 from tensegrity_mj.studies.validation.findings import left_promise
 from tensegrity_mj.studies.validation.sentences import title
@@ -170,7 +170,6 @@ def _map(engine: str, rows: Any) -> Iterator[Picture]:
     columns = 2
     lines = math.ceil(len(names) / columns)
     figure = new_figure(columns * 1.25 * COLUMN, lines * 0.8 * COLUMN)
-    used: dict[str, Any] = {}
     for number, name in enumerate(names):
         panel = figure.add_subplot(lines, columns, number + 1, projection="mollweide")
         for outcome, color in OUTCOME_COLORS.items():
@@ -184,11 +183,11 @@ def _map(engine: str, rows: Any) -> Iterator[Picture]:
                 places = np.arctan2(b[:, 1], b[:, 0]), np.arcsin(np.clip(b[:, 2], -1, 1))
                 face = "none" if hollow else color
                 key = f"{outcome}, V not as promised" if hollow else outcome
-                used[key] = panel.scatter(*places, s=16, facecolors=face, edgecolors=color, lw=1.0, label=key)
+                panel.scatter(*places, s=16, facecolors=face, edgecolors=color, lw=1.0, label=key)
         panel.set_title(figure_text(name), fontsize=9)
         panel.grid(color=palette.GRID, lw=0.5)
         panel.set_xticklabels([])
         panel.tick_params(labelsize=6)
-    figure.legend(used.values(), used.keys(), loc="outside lower center", ncols=len(used), fontsize=8, frameon=False)
+    common_legend(figure, figure.axes)
     caption = f"Initial directions of the rod ({title(engine)}), laws side by side"
     yield Picture(figure, f"{caption}: Mollweide's projection, +x in the middle, +y to the right, +z up.")
