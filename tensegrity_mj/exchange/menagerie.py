@@ -11,7 +11,6 @@ import copy
 import os
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from tensegrity_mj.basics.files import checked, replacing
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_frames import numbers
 from tensegrity_mj.engines.mujoco.mjcf_tree import distinct
+from tensegrity_mj.exchange.mjcf_text import remarks
 from tensegrity_mj.model.scene import Scene
 
 # put_model of mujoco-warp 4.0.0 refuses a model with the first, and knows none of the others.
@@ -51,9 +51,7 @@ def save_menagerie(scene: Scene, path: str | os.PathLike[str], warp: bool = Fals
         model.with_name("scene.xml" if model.stem != "scene" else "scene_with_floor.xml"), (".xml",), "MJCF"
     )
     root = ET.fromstring(scene_to_mjcf(scene), ET.XMLParser(target=ET.TreeBuilder(insert_comments=True)))
-    notes = [
-        f"{one.strip()}." for comment in root if not isinstance(comment.tag, str) for one in _losses(comment.text or "")
-    ]
+    notes = remarks(root)
     _rename(root)
     if warp:
         for flag in root.iter("flag"):
@@ -69,10 +67,6 @@ def save_menagerie(scene: Scene, path: str | os.PathLike[str], warp: bool = Fals
         with replacing(place) as part:
             part.write_text(ET.tostring(element, encoding="unicode") + "\n", encoding="utf-8", newline="\n")
     return [model, around], notes
-
-
-def _losses(text: str) -> Sequence[str]:
-    return [sentence for sentence in text.strip().rstrip(".").split(". ") if "not in this file" in sentence]
 
 
 def _rename(root: ET.Element) -> None:

@@ -37,15 +37,16 @@ MEMBER_COLUMNS = ("name", "kind", "i", "j", "group", "mass", "radius", *SECTION,
 WORDS = ("name", "kind", "i", "j", "group", "fixed")
 
 
-def partner(path: Path) -> Path:
-    """The table of members beside a table of nodes, or the other way about.
+def pair_of(path: Path) -> tuple[Path, Path]:
+    """The tables of nodes and of members, of which one is given.
 
     Raises:
         OptionError: if the name ends in neither.
     """
-    for own, other in (("nodes", "members"), ("members", "nodes")):
+    for own in ("nodes", "members"):
         if path.stem.endswith(own):
-            return path.with_name(f"{path.stem.removesuffix(own)}{other}{path.suffix}")
+            start = path.stem.removesuffix(own)
+            return path.with_stem(f"{start}nodes"), path.with_stem(f"{start}members")
     raise OptionError(f"{path}: the name must end in nodes.csv (and that of its members in members.csv, beside it)")
 
 
@@ -56,8 +57,7 @@ def read(path: Path, options: ImportOptions) -> Draft:
         FormatError: for what is wrong in a line of them.
         OptionError: for a name that ends neither in nodes.csv nor in members.csv.
     """
-    other = partner(path)
-    nodes, members = (path, other) if path.stem.endswith("nodes") else (other, path)
+    nodes, members = pair_of(path)
     name = nodes.stem.removesuffix("nodes").rstrip("_-. ") or nodes.resolve().parent.name
     draft = Draft(name, f"CSV, {nodes.name}")
     for row in _rows(nodes, NODE_COLUMNS):
@@ -78,10 +78,8 @@ def read(path: Path, options: ImportOptions) -> Draft:
         for end in "ij":
             if row.text(end) not in draft.nodes:
                 raise row.fail(end, f"the name of a node{closest(row.text(end), draft.nodes)}: {names_of(draft.nodes)}")
-        ends, section = (
-            [row.data.pop("i"), row.data.pop("j")],
-            {key: row.data.pop(key) for key in SECTION if key in row.data},
-        )
+        ends = [row.data.pop(end) for end in "ij"]
+        section = {key: row.data.pop(key) for key in SECTION if key in row.data}
         row.data.pop("kind")
         given = {"mass": options.rod_mass, "radius": options.rod_radius, "section": section or None}
         given = given if kind == "rod" else {key: getattr(options, key) for key in ("stiffness", "damping")}
@@ -147,9 +145,7 @@ def save_csv(scene: Scene, path: str | os.PathLike[str]) -> tuple[list[Path], li
     """
     from tensegrity_mj.exchange.losses import left_out
 
-    given = Path(path)
-    other = partner(given)
-    nodes, members = (given, other) if given.stem.endswith("nodes") else (other, given)
+    nodes, members = pair_of(Path(path))
     structure = scene.structure
     held, notes = held_axes(structure)
     masses = {point.node: point.mass for point in structure.point_masses}

@@ -118,10 +118,8 @@ def _path_of(what: Any, nodes: ArrayLike | None, time: ArrayLike | None, velocit
     if times.ndim != 1 or not len(times) or np.any(np.diff(times) <= 0):
         raise OptionError("time must be an array (T,) of increasing times [s]")
     shape = (len(times), count, 3)
-    moved, rates = (
-        real_array("nodes", nodes, shape, "m", scalar=False),
-        real_array("velocities", velocities, shape, "m/s", scalar=False),
-    )
+    moved = real_array("nodes", nodes, shape, "m", scalar=False)
+    rates = real_array("velocities", velocities, shape, "m/s", scalar=False)
     return Path(what.name, what, times, moved, rates, np.full(len(what.strings), np.inf))
 
 

@@ -93,8 +93,10 @@ def _energy_from_nowhere(run: Trajectory, dampers_as_recorded: bool) -> tuple[in
     given_back = np.maximum.accumulate(run.dissipation) - run.dissipation
     gained = run.energy_balance + (given_back if dampers_as_recorded else -run.dissipation)
     if run.provenance["actuation"]["mode"] == Mode.CONTINUOUS.value and np.any(run.winch_work):
-        # Winch work by parts contains the strings' work itself, which grows with whatever garbage there is.
-        bound, given = GAIN_BOUND, _energy_at_work(run)
+        # Winch work by parts contains the strings' work itself, which grows with whatever garbage there is: held
+        # against what was exchanged, or what strings hold at the start or bent joints at any time, if that is more.
+        stored = np.maximum.accumulate(np.maximum(np.abs(run.element_energy), run.string_energy[0]))
+        bound, given = GAIN_BOUND, np.maximum(energy_exchanged(run), stored)
     else:
         bound, given = WINCH_BOUND if np.any(run.winch_work) else ENERGY_BOUND, _energy_given(run)
     floor = _energy_round_off(run)
@@ -147,12 +149,6 @@ def _energy_given(run: Trajectory) -> Array:
     for term in (run.winch_work, run.external_work, run.gravity_energy - run.gravity_energy[0]):
         given += np.maximum.accumulate(np.abs(term))
     return given
-
-
-def _energy_at_work(run: Trajectory) -> Array:
-    """(T,) [J]: `energy_exchanged`, or what strings hold at the start or bent joints at any time, if that is more."""
-    stored = np.maximum.accumulate(np.maximum(np.abs(run.element_energy), run.string_energy[0]))
-    return np.asarray(np.maximum(energy_exchanged(run), stored))
 
 
 def energy_exchanged(run: Trajectory) -> Array:

@@ -24,7 +24,11 @@ def verdict(runs: Sequence[Trajectory], comparison: Comparison | None = None) ->
     For example: "MuJoCo and the DAE agree to 1.4 nm over 10 s; the target is met to 4.5 mm."
     """
     names = names_of(runs)
-    parts = [f"{name} ended early: {_ending(run)}" for name, run in zip(names, runs, strict=True) if _early(run)]
+    parts = []
+    for name, run in zip(names, runs, strict=True):
+        if run.status is not Status.COMPLETED:
+            when = f" at t = {quantity(float(run.time[-1]), 's')}" if len(run.time) else ""
+            parts.append(f"{name} ended early: {run.status.value}{when}")
     if comparison is not None:
         parts.append(_agreement(" and ".join(names[:2]), runs[0], comparison))
     aim = next((text for run in runs if (text := _target(run))), "")
@@ -49,14 +53,6 @@ def names_of(runs: Sequence[Trajectory]) -> list[str]:
 def size_of(run: Trajectory) -> float:
     """Diagonal of the structure's box at the start [m]."""
     return float(np.linalg.norm(np.ptp(run.nodes[0], axis=0))) if len(run.time) else math.nan
-
-
-def _early(run: Trajectory) -> bool:
-    return run.status is not Status.COMPLETED
-
-
-def _ending(run: Trajectory) -> str:
-    return f"{run.status.value} at t = {quantity(float(run.time[-1]), 's')}" if len(run.time) else run.status.value
 
 
 def _agreement(names: str, run: Trajectory, comparison: Comparison) -> str:
