@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 import tensegrity_mj.library as library
-from tensegrity_mj import runs
+from tensegrity_mj import pictures, runs
 from tensegrity_mj.commands.common import PLOT_SUFFIXES, Outcome, number, output_file, table
 from tensegrity_mj.errors import OptionError
 
@@ -45,9 +45,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         progress=True,
     )
     if out:
-        from tensegrity_mj.pictures.plots import plot_clearance
-
-        plot_clearance(found, out)
+        pictures.plots.plot_clearance(found, out)
     closest = found.closest
     data = found.to_dict() | {"closest": None if closest is None else asdict(closest), "out": out}
     return Outcome(data, describe(found) + (f"\nwritten  {out}" if out else ""))

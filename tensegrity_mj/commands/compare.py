@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import tensegrity_mj.library as library
-from tensegrity_mj import runs
+from tensegrity_mj import pictures, runs
 from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.commands import experiment
@@ -85,10 +85,8 @@ def execute(options: argparse.Namespace) -> Outcome:
         numbers["tolerances"] = {name: comparison.tolerance_of(name) for name in comparison.NAMES}
         numbers["verdict"] = verdict([first, second], comparison)
         if plot:
-            from tensegrity_mj.pictures.plots import plot_comparison
-
             with for_paper(options.paper):
-                plot_comparison(comparison, plot, runs=[first, second])
+                pictures.plots.plot_comparison(comparison, plot, runs=[first, second])
     # Two files are compared with success whatever became of their runs, which first_status and second_status give.
     worst = max((first, second), key=lambda run: code_of_status(run.status))
     data = {
@@ -147,13 +145,11 @@ def _compared(first: Run, second: Run, options: argparse.Namespace) -> runs.Comp
 
 def _with_table(first: Run, second: Run, options: argparse.Namespace, plot: Path | None) -> Outcome:
     """Compare a run with a table of another program."""
-    from tensegrity_mj.pictures.plots import plot_comparison
-
     found = _compared(first, second, options)
     assert isinstance(found, runs.TableComparison)
     if plot:
         with for_paper(options.paper):
-            plot_comparison(found, plot)
+            pictures.plots.plot_comparison(found, plot)
     if found.missing_nodes:
         warn(f"nodes of the run that the table does not have: {', '.join(found.missing_nodes)}")
     for node in found.unknown_nodes:

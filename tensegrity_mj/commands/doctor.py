@@ -95,13 +95,12 @@ def check_package(name: str, specifier: str) -> Check:
     """One package: whether it is installed in a version that fits the specifier, such as ">=4.0,<5"."""
     from packaging.specifiers import SpecifierSet
 
+    remedy = f'python -m pip install "{name}{specifier}"'
     try:
         version = metadata.version(name)
     except metadata.PackageNotFoundError:
-        remedy = f'python -m pip install "{name}{specifier}"'
         return Check(name, False, "not installed", "everything", remedy=remedy)
     if not SpecifierSet(specifier).contains(version, prereleases=True):
-        remedy = f'python -m pip install "{name}{specifier}"'
         return Check(name, False, f"{version}, needed: {specifier}", "everything", remedy=remedy)
     return Check(name, True, version, "everything")
 
@@ -157,14 +156,12 @@ def check_ffmpeg() -> Check:
 
 def check_display() -> Check:
     """Whether there is a display for MuJoCo's interactive viewer."""
-    remedy = "run where there is a desktop (or ssh -X); files and videos need none"
-    if sys.platform != "linux":
-        return Check("display", True, sys.platform, "view, run --view", required=False)
-    for name in ("WAYLAND_DISPLAY", "DISPLAY"):
-        if os.environ.get(name):
-            return Check("display", True, f"{name}={os.environ[name]}", "view, run --view", required=False)
-    found = "neither DISPLAY nor WAYLAND_DISPLAY is set"
-    return Check("display", False, found, "view, run --view", required=False, remedy=remedy)
+    names = ("WAYLAND_DISPLAY", "DISPLAY")
+    found = next((f"{name}={os.environ[name]}" for name in names if os.environ.get(name)), "")
+    found = found if sys.platform == "linux" else sys.platform
+    remedy = "" if found else "run where there is a desktop (or ssh -X); files and videos need none"
+    missing = "neither DISPLAY nor WAYLAND_DISPLAY is set"
+    return Check("display", bool(found), found or missing, "view, run --view", required=False, remedy=remedy)
 
 
 def _probed(key: str) -> Check:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import tensegrity_mj.library as library
-from tensegrity_mj import model, runs
+from tensegrity_mj import model, pictures, runs
 from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import (
     PLOT_SUFFIXES,
@@ -69,22 +69,16 @@ def execute(options: argparse.Namespace) -> Outcome:
     if not len(run.time):  # it diverged where it began: there is nothing to draw
         video = plot = web = None
     if plot:
-        from tensegrity_mj.pictures.plots import plot_run
-
         with for_paper(options.paper):
-            plot_run(run, plot)
+            pictures.plots.plot_run(run, plot)
     if video:
         from tensegrity_mj.pictures.video import render
 
         render(run, video, progress=True, **film_of(options))
     if web:
-        from tensegrity_mj.pictures.web import make_web_page
-
-        make_web_page(run).save(web)
+        pictures.make_web_page(run).save(web)
     if options.view and len(run.time):
-        from tensegrity_mj.pictures.viewer import play
-
-        play(run, options.speed or 1.0, thickness=bool(options.thickness))
+        pictures.play(run, options.speed or 1.0, thickness=bool(options.thickness))
     for warning in run.reports.get("warnings", []):
         warn(warning)
     data = summary(run) | {"out": out, "video": video, "plot": plot, "web": web}

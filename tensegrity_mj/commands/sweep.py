@@ -149,12 +149,9 @@ def values_of(text: str, what: str) -> list[Any]:
     first, last, count = _float(parts[0], what), _float(parts[1], what), int(parts[2])
     if kind == "log" and not (first > 0 and last > 0):
         raise OptionError(f"{what}: both ends of a logarithmic range must be > 0")
-    steps = [number / (count - 1) for number in range(count)]
-    if kind == "linear":
-        found = [first + (last - first) * step for step in steps]
-    else:
-        found = [first * (last / first) ** step for step in steps]
-    found[-1] = last
+    steps = [number / (count - 1) for number in range(count - 1)]
+    found = [first + (last - first) * step if kind == "linear" else first * (last / first) ** step for step in steps]
+    found.append(last)
     return [value_of(f"*{value!r}") for value in found] if scaled else found
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import tensegrity_mj.library as library
-from tensegrity_mj import model, runs, studies
+from tensegrity_mj import model, pictures, runs, studies
 from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import Outcome, code_of_status, output_file, refuse
@@ -45,7 +45,7 @@ def execute(options: argparse.Namespace) -> Outcome:
 
 
 def _write_page(options: argparse.Namespace, recorded: bool) -> Outcome:
-    from tensegrity_mj.pictures.web import make_web_page, plotly_script
+    from tensegrity_mj.pictures.web import plotly_script
 
     out = output_file(options.web, "--web", (".html", ".htm")) if options.web else None
     plotly_script()
@@ -55,7 +55,7 @@ def _write_page(options: argparse.Namespace, recorded: bool) -> Outcome:
     out = out or output_file(f"{name}.html", "--web", (".html",))
     if isinstance(source, model.Scene) and options.still is None:
         source = _simulated(options, source)
-    page = make_web_page(source)
+    page = pictures.make_web_page(source)
     page.save(out)
     data = {"status": "ok", "out": out, "frames": page.frames, "interval": page.interval}
     if recorded or isinstance(source, model.Scene):
