@@ -66,6 +66,11 @@ def node_difference(a: Trajectory, b: Trajectory) -> float:
     return largest if math.isfinite(largest) else math.inf
 
 
+def way_of(nodes: Array) -> float:
+    """How far a node came from its start [m], the most of all, of nodes (T, N, 3)."""
+    return float(np.max(np.linalg.norm(nodes - nodes[:1], axis=-1), initial=0.0))
+
+
 def common_times(a: Array, b: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Indices into two rising series of times (T,) [s] where they agree within `SAME_TIME`."""
     if not (len(a) and len(b)):

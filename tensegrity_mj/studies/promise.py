@@ -13,12 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from tensegrity_mj.basics.checks import whole
 from tensegrity_mj.errors import TensegrityError
 from tensegrity_mj.pictures.findings import Mark
-from tensegrity_mj.runs.convergence import node_difference
+from tensegrity_mj.runs.convergence import node_difference, way_of
 from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.studies.many import Study, run_many
 from tensegrity_mj.studies.promise_experiments import Kind
@@ -59,7 +57,7 @@ def measure(point: Mapping[str, Any]) -> dict[str, Any]:
         "chosen": report["chosen"],
         "runs": report["total_cost"]["runs"],
         "evaluations": report["total_cost"]["evaluations"],
-        "moved": float(np.max(np.linalg.norm(run.nodes - run.nodes[0], axis=-1))),
+        "moved": way_of(run.nodes),
     }
     if run.status is not Status.COMPLETED:
         return row | {"outcome": "stopped", "cause": run.message}

@@ -16,7 +16,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.library.random_structures import random_structure, random_velocities
-from tensegrity_mj.model.actuation import Actuation
+from tensegrity_mj.model.actuation import Actuation, Mode
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.studies.extremes.pace import pace
@@ -82,10 +82,9 @@ def draw(seed: int, number: int, kind: Kind = Kind.RANDOM) -> Experiment:
     actuation = Actuation.continuous()
     if law is not None:
         period = float(rng.choice([0.005, 0.01, 0.02]))
-        mode = int(rng.integers(3))
-        if mode:
-            make = Actuation.hold_force_density if mode == 1 else Actuation.hold_rest_length
-            actuation = make(period)
+        mode = (Mode.CONTINUOUS, Mode.HOLD_FORCE_DENSITY, Mode.HOLD_REST_LENGTH)[int(rng.integers(3))]
+        if mode is not Mode.CONTINUOUS:
+            actuation = Actuation(mode, period)
             words += f", {actuation.mode.value} {period:g} s"
     return Experiment(scene, law, actuation, engine, _request(accuracy), f"shipped: {words}, {duration:g} s")
 

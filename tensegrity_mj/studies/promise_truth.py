@@ -72,11 +72,10 @@ class Yardsticks(NamedTuple):
 
 
 class Setting(NamedTuple):
-    """One point of the sweep: the engine, the least number of evaluations that it can take, its samples [s]."""
+    """One point of the sweep: the engine, and the least number of evaluations that it can take."""
 
     engine: Any
     least: float
-    interval: float
 
 
 def truth_of(experiment: Experiment, request: Request, like: Trajectory) -> Truth:
@@ -118,7 +117,7 @@ def _refined(
     kind: Any, experiment: Experiment, request: Request, spacing: float, other: Trajectory, wanted: float
 ) -> Trajectory | None:
     """RK4 with ever finer steps, until it is as near as wanted [m] to another run; the nearest, or None."""
-    steps = Steps.of(_sampled(request, spacing), FINE / max(_fastest(request), 1e-300))
+    steps = Steps.of(replace(request, output_interval=spacing), FINE / max(_fastest(request), 1e-300))
     located = can_locate(request.scene.structure)
     k, best, least = 1, None, math.inf
     while 4 * steps.count(k) <= MOST_EVALUATIONS:
@@ -141,10 +140,6 @@ def _fastest(request: Request) -> float:
     return max(rates.turn, rates.decay)
 
 
-def _sampled(request: Request, interval: float) -> Request:
-    return replace(request, output_interval=interval)
-
-
 def cheapest_of(experiment: Experiment, request: Request, truth: Truth, most: float) -> Yardsticks:
     """The cheapest settings, among those that cost at most that many evaluations.
 
@@ -155,14 +150,14 @@ def cheapest_of(experiment: Experiment, request: Request, truth: Truth, most: fl
     lucky: Cheapest | None = None
     for settings in _sweeps(experiment, request, spacing):
         candidate: Cheapest | None = None
-        for engine, least, interval in settings:
+        for engine, least in settings:
             # Without a candidate, what costs more than the cheapest so far cannot become cheaper.
             allowed = adequate.evaluations if adequate and not candidate else most
             allowed = min(allowed, FINER * candidate.evaluations if candidate else allowed)
             if least > allowed:
                 break
             try:
-                run = _simulate(experiment, engine, interval)
+                run = _simulate(experiment, engine, spacing)
             except TensegrityError:
                 candidate = None
                 continue
@@ -181,12 +176,12 @@ def cheapest_of(experiment: Experiment, request: Request, truth: Truth, most: fl
     return Yardsticks(adequate, lucky)
 
 
-def _sweeps(experiment: Experiment, request: Request, sampled_each: float) -> Iterator[Iterator[Setting]]:
+def _sweeps(experiment: Experiment, request: Request, spacing: float) -> Iterator[Iterator[Setting]]:
     """For each method its settings from coarse to fine."""
-    steps = Steps.of(_sampled(request, sampled_each), COARSE / max(_fastest(request), 1e-300))
+    steps = Steps.of(replace(request, output_interval=spacing), COARSE / max(_fastest(request), 1e-300))
 
     def fixed(make: Any, evaluations: int) -> Iterator[Setting]:
-        return (Setting(make(steps.step(k)), evaluations * steps.count(k), sampled_each) for k in DIVISIONS)
+        return (Setting(make(steps.step(k)), evaluations * steps.count(k)) for k in DIVISIONS)
 
     if experiment.engine == "MuJoCo":
         for integrator in (Integrator.RK4, Integrator.EULER, Integrator.IMPLICITFAST, Integrator.DISCRETE):
@@ -197,7 +192,7 @@ def _sweeps(experiment: Experiment, request: Request, sampled_each: float) -> It
     for located in (True, False):
         yield fixed(lambda step, split=located: kind(method=Method.RK4, timestep=step, locate_slack=split), 4)
     for method in (Method.DOP853, Method.RADAU):
-        yield (Setting(kind(method=method, rtol=tol, atol=1e-2 * tol), 0.0, sampled_each) for tol in TOLERANCES)
+        yield (Setting(kind(method=method, rtol=tol, atol=1e-2 * tol), 0.0) for tol in TOLERANCES)
 
 
 def _simulate(experiment: Experiment, engine: Any, interval: float) -> Trajectory:

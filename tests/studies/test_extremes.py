@@ -20,7 +20,7 @@ from tensegrity_mj.cli import main
 from tensegrity_mj.errors import ControllerError, DivergenceError, OptionError, StructureError
 from tensegrity_mj.library.random_structures import random_structure
 from tensegrity_mj.model.actuation import Mode
-from tensegrity_mj.runs.convergence import Estimate
+from tensegrity_mj.runs.convergence import Estimate, way_of
 from tensegrity_mj.studies.extremes import laws, naive, task
 from tensegrity_mj.studies.extremes.experiment import Experiment, Kind
 from tensegrity_mj.studies.extremes.kinds import draw
@@ -36,7 +36,6 @@ from tensegrity_mj.studies.extremes.verdicts import (
     judge_end,
     judge_error,
     lacks,
-    way_of,
 )
 from tensegrity_mj.studies.long_runs import conservative
 from tensegrity_mj.studies.workers import Backend, Workers
@@ -470,7 +469,7 @@ def test_a_reference_is_of_another_formulation_and_reports_its_doubt(engine: str
     assert reference is not None
     assert reference.run is not None
     assert reference.run.engine.startswith(other)
-    assert 0 < reference.doubt < 1e-4 * way_of(reference.run)
+    assert 0 < reference.doubt < 1e-4 * way_of(reference.run.nodes)
 
 
 @pytest.mark.parametrize("engine", ["dae rk4", "rk4", "ode dop853"])
@@ -507,7 +506,7 @@ def test_the_estimate_of_a_run_with_kinks_claims_no_high_order(
     kinked = estimate(setup, replace(smooth, tensions=kinks), 1e-5, 1e-6)
     assert kinked.value == pytest.approx(2 * math.sqrt(1e-11), rel=1e-6)
     # Nor where the coarsest run is off by more than a thousandth of the way.
-    far = 2e-3 * way_of(smooth)
+    far = 2e-3 * way_of(smooth.nodes)
     assert estimate(setup, smooth, far, far / 16).value == pytest.approx(2 * far / 4, rel=1e-6)
     # Tolerances that make the very same steps: no less than the tolerance is claimed.
     _, adaptive = next(setups_of("dae dop853"))

@@ -133,10 +133,11 @@ def test_a_setting_is_adequate_only_with_all_finer_ones(monkeypatch: pytest.Monk
         {1.5: 7.0, 5.0: 0.9, 7.0: 0.1},  # dearer, though adequate
     )
 
-    def run(_: Any, errors: Any, work: float) -> Any:
+    def run(_: Any, engine: Any, spacing: float) -> Any:
+        errors, work = engine
         return SimpleNamespace(status=tmj.Status.COMPLETED, error=errors[work], cost={"evaluations": work})
 
-    settings = [[promise_truth.Setting(errors, work, work) for work in errors] for errors in methods]
+    settings = [[promise_truth.Setting((errors, work), work) for work in errors] for errors in methods]
     monkeypatch.setattr(promise_truth, "_sweeps", lambda *_: settings)
     monkeypatch.setattr(promise_truth, "_simulate", run)
     monkeypatch.setattr(promise_truth, "node_difference", lambda made, _: made.error)

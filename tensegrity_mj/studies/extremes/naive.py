@@ -15,11 +15,11 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.engines.mujoco.engine import MuJoCo
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities
-from tensegrity_mj.runs.convergence import Estimate
+from tensegrity_mj.runs.convergence import Estimate, way_of
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.runs.variables import VARIABLES
 from tensegrity_mj.studies.extremes.setups import OUTPUTS, Attempt, Setup, caught
-from tensegrity_mj.studies.extremes.verdicts import USEFUL, way_of
+from tensegrity_mj.studies.extremes.verdicts import USEFUL
 
 
 def applies(setup: Setup) -> bool:
@@ -31,7 +31,7 @@ def applies(setup: Setup) -> bool:
 
 def claim(run: Trajectory) -> Estimate:
     """What is expected of such a run: no more than what any run must be to be of use."""
-    return Estimate(USEFUL * way_of(run), True, "a script of one's own estimates nothing")
+    return Estimate(USEFUL * way_of(run.nodes), True, "a script of one's own estimates nothing")
 
 
 def attempt(setup: Setup, engine: MuJoCo) -> Attempt:

@@ -115,12 +115,7 @@ def attempt(setup: Setup, engine: Any) -> Attempt:
     """Run a setup with an engine; whatever it raises is the result."""
     experiment = setup.experiment
     interval, period = setup.duration / OUTPUTS, setup.duration / SAMPLES
-    makers: dict[Mode, Callable[[], Actuation]] = {
-        Mode.CONTINUOUS: Actuation.continuous,
-        Mode.HOLD_FORCE_DENSITY: lambda: Actuation.hold_force_density(period),
-        Mode.HOLD_REST_LENGTH: lambda: Actuation.hold_rest_length(period),
-    }
-    actuation = makers[experiment.mode]()
+    actuation = Actuation(experiment.mode, None if experiment.mode is Mode.CONTINUOUS else period)
 
     def run() -> Trajectory:
         return simulate(

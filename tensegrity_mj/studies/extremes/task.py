@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.errors import TensegrityError
-from tensegrity_mj.runs.convergence import Estimate, estimate_error, node_difference
+from tensegrity_mj.runs.convergence import Estimate, estimate_error, node_difference, way_of
 from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.studies.extremes import naive
 from tensegrity_mj.studies.extremes.experiment import Kind
@@ -25,7 +25,6 @@ from tensegrity_mj.studies.extremes.verdicts import (
     judge_end,
     judge_error,
     lacks,
-    way_of,
 )
 
 CLEARLY_WITHIN = 0.9  # of the stability limit at the start: a step beyond it may be stopped
@@ -93,7 +92,7 @@ def _estimate(setup: Setup, own: Attempt) -> Estimate:
     known = [(one.run, factor) for one, factor in zip(coarser, COARSER, strict=False) if one.run is not None]
     series, factors = [*(run for run, _ in known), own.run], [*(factor for _, factor in known), COARSER[-1]]
     gaps = [node_difference(one, other) for one, other in itertools.pairwise(series)]
-    regular = setup.fixed and not has_kinks(own.run) and gaps[0] <= CLOSE * way_of(own.run)
+    regular = setup.fixed and not has_kinks(own.run) and gaps[0] <= CLOSE * way_of(own.run.nodes)
     if regular:
         return estimate_error(series, factors, setup.order)
     # Where strings go slack or taut, where tolerances steer, and where the coarsest run is far off, differences fall

@@ -11,7 +11,7 @@ import numpy as np
 
 from tensegrity_mj.errors import ControllerError, DivergenceError, TensegrityError
 from tensegrity_mj.runs import convergence
-from tensegrity_mj.runs.convergence import Estimate
+from tensegrity_mj.runs.convergence import Estimate, way_of
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.runs.variables import LAW_REPORTS, VARIABLES
 from tensegrity_mj.studies.extremes.setups import Attempt
@@ -89,7 +89,7 @@ def judge_error(attempt: Attempt, estimate: Estimate, error: float, doubt: float
         doubt: how far off the reference may be itself [m].
     """
     assert attempt.run is not None
-    way, extent = way_of(attempt.run), extent_of(attempt.run)
+    way, extent = way_of(attempt.run.nodes), extent_of(attempt.run)
     if not estimate.settled:
         return Judgement(Verdict.WARNED, f"its error estimate does not settle: {estimate.reason}")
     if estimate.value > USEFUL * way + ROUND_OFF * extent:
@@ -112,7 +112,7 @@ def is_hidden(attempt: Attempt, error: float, doubt: float) -> bool:
     """Whether a run alone, without an estimate of its error, completed without a warning and is plainly wrong."""
     if attempt.run is None or attempt.run.status is not Status.COMPLETED or attempt.warned or math.isnan(error):
         return False
-    return error - doubt > USEFUL * way_of(attempt.run) + ROUND_OFF * extent_of(attempt.run)
+    return error - doubt > USEFUL * way_of(attempt.run.nodes) + ROUND_OFF * extent_of(attempt.run)
 
 
 def has_kinks(run: Trajectory) -> bool:
@@ -131,10 +131,3 @@ def not_finite(run: Trajectory) -> str:
 def extent_of(run: Trajectory) -> float:
     """Largest coordinate [m], which is what round-off is relative to."""
     return float(np.max(np.abs(run.nodes), initial=0.0))
-
-
-def way_of(run: Trajectory) -> float:
-    """How far a node came from its start [m], the most of all."""
-    if not len(run.time):
-        return 0.0
-    return float(np.linalg.norm(run.nodes - run.nodes[0], axis=-1).max(initial=0.0))

@@ -232,18 +232,14 @@ def _reasons(scene: Scene, limit: float | None) -> list[str]:
         if contact.rods:
             found.append("contact and constraint rows: the scene's rods may touch each other")
         found.append("exact diagonal of the constraints' inertia: so that each contact obeys the stated law")
-    if np.any(structure.damping > 0):
-        found.append("a callback for the string law: the damper of a slack string must not act")
-    if scene.loads:
-        found.append("a callback for external forces: the scene has loads")
-    if scene.resistance is not None:
-        found.append("a callback for what resists motion: the scene has resistance")
-    if scene.water is not None:
-        found.append(
-            "a callback for water, which finds each rod's acceleration with its added mass: the scene has water"
-        )
-    if scene.breaks:
-        found.append("a callback for breaking strings")
+    callbacks = (
+        (np.any(structure.damping > 0), "the string law: the damper of a slack string must not act"),
+        (scene.loads, "external forces: the scene has loads"),
+        (scene.resistance, "what resists motion: the scene has resistance"),
+        (scene.water, "water, which finds each rod's acceleration with its added mass: the scene has water"),
+        (scene.breaks, "breaking strings"),
+    )
+    found += [f"a callback for {what}" for there, what in callbacks if there]
     if scene.control is not None:
         found.append(f"a callback for the control law '{scene.control.law}'")
     if limit is not None and limit < EXPLICIT_STEP:

@@ -12,6 +12,7 @@ from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.dynamics.native.law import NativeLaw
 from tensegrity_mj.model.actuation import Actuation, Mode
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.runs.convergence import way_of
 from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
 from tensegrity_mj.studies.tradeoff.settings import recording_interval, time_text
 
@@ -104,11 +105,6 @@ def extent_of(nodes: Any) -> float:
     return float(np.linalg.norm(np.ptp(first, axis=0)))
 
 
-def motion_of(nodes: Any) -> float:
-    """Largest distance of a node from where it began [m], of nodes (T, N, 3)."""
-    return float(np.max(np.linalg.norm(nodes - nodes[:1], axis=-1), initial=0.0))
-
-
 def stays(nodes: Any) -> bool:
     """Whether nothing moves that could be measured."""
-    return not motion_of(nodes) > STILL * extent_of(nodes)
+    return not way_of(nodes) > STILL * extent_of(nodes)

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tensegrity_mj.studies.tradeoff.experiments import Experiment, motion_of
+from tensegrity_mj.runs.convergence import way_of
+from tensegrity_mj.studies.tradeoff.experiments import Experiment
 from tensegrity_mj.studies.tradeoff.measurement import Attempt, Ended, Motion, attempt
 from tensegrity_mj.studies.tradeoff.settings import (
     DOP853_STAGES,
@@ -170,7 +171,7 @@ def _facts(
         "own_error": None if differences is None else max(one["difference"] for one in differences.values()),
         "looser": None if differences is None else differences["looser"],
         "second_formulation": None if differences is None else differences.get("second_formulation"),
-        "motion": None if run is None else motion_of(run.nodes),
+        "motion": None if run is None else way_of(run.nodes),
         # At how many of the recorded times; None for a scene without contact.
         "touches": None if run is None or "contact" not in run.reports else _touches(run),
         "reason": reason,
