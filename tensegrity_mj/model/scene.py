@@ -29,6 +29,7 @@ from tensegrity_mj.model.redundancy import Redundancy, redundancy
 from tensegrity_mj.model.scene_checks import check_scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
+from tensegrity_mj.model.whole import STILL, Whole
 
 
 @value("scene {name!r}")
@@ -137,6 +138,19 @@ class Scene:
             row = self.structure.node_index[load.node]
             forces[row] += np.array(load.force) * np.cos(load.angular_frequency * time + load.phase)
         return forces
+
+    def moving(self, velocity: Vector = STILL, angular_velocity: Vector = STILL, center: Vector | None = None) -> Scene:
+        """A copy that starts with a velocity of the whole besides that of its nodes, as `scene.whole` of a file.
+
+        Args:
+            velocity: of the center [m/s].
+            angular_velocity: about the center [rad/s], in the world frame.
+            center: a point of space [m]; the centre of mass by default.
+
+        Raises:
+            SceneError: where supports, planes or fixed nodes do not let the whole move so.
+        """
+        return Whole(velocity=velocity, angular_velocity=angular_velocity, center=center).start(self)
 
     def with_(self, **changes: object) -> Scene:
         """A copy with some attributes changed; validated like a new one."""

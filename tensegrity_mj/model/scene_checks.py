@@ -35,7 +35,8 @@ def check_scene(scene: Scene) -> None:
     check_motions(scene)
     start = {motion.support: motion.at(0.0) for motion in scene.motions}
     check_configuration(structure, scene.nodes0, "initial_nodes", {name: d[0] for name, d in start.items()})
-    _check_initial_velocities(scene, {name: d[1] for name, d in start.items()})
+    rates = {name: d[1] for name, d in start.items()}
+    check_velocities(structure, scene.nodes0, scene.velocities0, rates, "initial_velocities")
     _check_no_vanishing_string(scene)
     _check_loads(scene)
     _check_breaks(scene)
@@ -163,10 +164,10 @@ def check_configuration(
         )
 
 
-def _check_initial_velocities(scene: Scene, moved: Mapping[str, Array]) -> None:
+def check_velocities(
+    structure: Structure, nodes: Array, velocities: Array, moved: Mapping[str, Array], where: str
+) -> None:
     """Raise SceneError unless velocities keep all constraints; `moved` are the velocities (3,) of moved supports."""
-    structure, nodes, velocities = scene.structure, scene.nodes0, scene.velocities0
-    where = "initial_velocities"
     limit = CONSTRAINT_TOLERANCE * max(float(np.abs(array).max(initial=0.0)) for array in (velocities, *moved.values()))
     if limit == 0.0:
         return

@@ -29,6 +29,7 @@ from tensegrity_mj.model.text import keys as format_keys
 from tensegrity_mj.model.text.reading import scene_from_toml, structure_from_toml
 from tensegrity_mj.model.text.sources import scene_names
 from tensegrity_mj.model.text.writing import save_scene, save_structure, scene_to_toml, structure_to_toml
+from tensegrity_mj.model.whole import Whole
 from tensegrity_mj.statics.self_stress import SelfStress
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -563,7 +564,7 @@ def test_every_key_is_documented() -> None:
     document = DOCUMENT.read_text(encoding="utf-8")
     groups = [value for name, value in vars(format_keys).items() if name.endswith("_KEYS") and isinstance(value, tuple)]
     keys = {key for group in [*groups, *format_keys.SUPPORT_KEYS.values()] for key in group}
-    todo: list[type] = [Structure, Scene]
+    todo: list[type] = [Structure, Scene, Whole]
     for cls in todo:
         for key, one in item_of(cls).keys.items():
             if cls is not Scene or key in format_keys.SCENE_KEYS:

@@ -10,10 +10,11 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import item_of
 from tensegrity_mj.errors import FormatError
+from tensegrity_mj.model.composition import rotation_matrix
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
-from tensegrity_mj.model.text.codec import read_key
+from tensegrity_mj.model.text.codec import read, read_key
 from tensegrity_mj.model.text.keys import (
     CURVE_KEYS,
     MOST_POSITIONS,
@@ -23,17 +24,27 @@ from tensegrity_mj.model.text.keys import (
     WAYPOINT_KEYS,
 )
 from tensegrity_mj.model.text.table import Table
+from tensegrity_mj.model.whole import Whole
 
 
 def scene_of(top: Table, structure: Structure) -> Scene:
-    """The scene of a file, with the structure that it names."""
+    """The scene of a file, with the structure that it names, which stands and starts as `whole` says."""
     table = top.inside("scene", SCENE_KEYS) if "scene" in top.data else Table({}, top.where, "scene", SCENE_KEYS)
+    whole = read(Whole, table.inside("whole")) if "whole" in table.data else None
+    placed = structure if whole is None else structure.moved(whole.rotation, whole.translation)
     keys, given = item_of(Scene).keys, {}
     for key in SCENE_KEYS:
-        if key in table.data:
+        if key in table.data and key in keys:
             by_node = BY_NODE.get(key)
-            given[key] = by_node(table, structure) if by_node else read_key(keys[key], table, key)
-    return Scene(structure=structure, name=top.text("name"), source=top.text("source", ""), **given)
+            # What belongs to the world, such as a target, knows the structure where it stands.
+            known = structure if key in ("initial_nodes", "initial_velocities") else placed
+            given[key] = by_node(table, known) if by_node else read_key(keys[key], table, key)
+    if whole is not None:
+        turn = rotation_matrix(whole.rotation).T
+        shifts = {"initial_nodes": np.array(whole.translation), "initial_velocities": np.zeros(3)}
+        given |= {key: given[key] @ turn + shift for key, shift in shifts.items() if key in given}
+    scene = Scene(structure=placed, name=top.text("name"), source=top.text("source", ""), **given)
+    return scene if whole is None else whole.start(scene)
 
 
 def _initial_nodes(scene: Table, structure: Structure) -> Array:
