@@ -82,6 +82,16 @@ def content_of(path: Path, most_bytes: int) -> bytes:
     return content
 
 
+def said_in_comments(text: str) -> dict[str, Any]:
+    """What lines such as `# step = 0.01` say, as TOML; comments that are none say nothing to a program."""
+    found: dict[str, Any] = {}
+    for line in text.splitlines():
+        if line.startswith("#"):
+            with contextlib.suppress(tomllib.TOMLDecodeError):
+                found |= tomllib.loads(line[1:])
+    return found
+
+
 def table_beside(module: str) -> dict[str, Any]:
     """What the TOML file of the same name beside a module holds, of its `__file__`: data that belongs to the module."""
     return tomllib.loads(Path(module).with_suffix(".toml").read_text(encoding="utf-8"))

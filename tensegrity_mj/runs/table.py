@@ -14,7 +14,8 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import real_array
-from tensegrity_mj.basics.files import content_of
+from tensegrity_mj.basics.files import content_of, said_in_comments
+from tensegrity_mj.basics.jsontext import from_exact_json
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.runs.netcdf import opened
 
@@ -44,6 +45,7 @@ class Table:
         velocities: (T, K, 3) [m/s], or None.
         tensions: (T,) [N] of strings by their names.
         name: what it is called, such as the name of its file.
+        header: what the file says of itself, such as the `step` that it was computed with [s].
 
     Raises:
         OptionError: where shapes do not fit, times do not rise or two nodes have the same name.
@@ -55,6 +57,7 @@ class Table:
     velocities: Array | None = None
     tensions: dict[str, Array] = field(default_factory=dict)
     name: str = "table"
+    header: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         count = np.size(self.time)
@@ -96,8 +99,8 @@ def _read_csv(source: Path) -> dict[str, Any]:
         text = content_of(source, MOST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise FormatError(f"{source}: no text in UTF-8 ({error.reason} at byte {error.start}); {FORM}") from None
-    rows = csv.reader(text.splitlines())
-    header = [name.strip() for name in next(rows, [])]
+    rows = csv.reader("" if line.startswith("#") else line for line in text.splitlines())
+    header = [name.strip() for name in next(filter(None, rows), [])]
     if "time" not in header or len(set(header)) < len(header):
         raise FormatError(f"{source}: there is no column 'time', or one twice; {FORM}")
     long = {"node", "x"} <= set(header)
@@ -131,7 +134,8 @@ def _read_csv(source: Path) -> dict[str, Any]:
     moved = moved.reshape(len(times), len(seen), len(columns))
     pulls = {name.removesuffix(".tension"): np.array([found[time, name][0] for time in times]) for name in strings}
     velocities = moved[..., 3:] if fast else None
-    return {"time": times, "nodes": seen, "positions": moved[..., :3], "velocities": velocities, "tensions": pulls}
+    data = {"time": times, "nodes": seen, "positions": moved[..., :3], "velocities": velocities, "tensions": pulls}
+    return data | {"header": said_in_comments(text)}
 
 
 def _number(source: Path, line: int, column: str, text: str) -> float:
@@ -159,8 +163,11 @@ def _read_netcdf(source: Path) -> dict[str, Any]:
         values = {name: _variable(source, held[name], *VARIABLES[name]) for name in VARIABLES if name in held}
         pulls = zip(_names(held["string"]), values["tensions"].T, strict=True) if "tensions" in values else ()
         tensions, nodes = dict(pulls), _names(held["node"])
+        # Of a run, what it was computed with.
+        said = from_exact_json(str(file.attrs.get("provenance", "{}"))).get("engine", {}).get("timestep")
+        step = file.attrs.get("step", said)
     moved = {"positions": values["nodes"], "velocities": values.get("velocities")}
-    return {"time": values["time"], "nodes": nodes, "tensions": tensions, **moved}
+    return {"time": values["time"], "nodes": nodes, "tensions": tensions, **moved, "header": {"step": step}}
 
 
 def _variable(source: Path, variable: Any, dimensions: tuple[str, ...], units: tuple[str, ...]) -> Array:
