@@ -1,4 +1,4 @@
-"""Compare two runs: two engines on one scene, or two files, one of which may be a table of another program."""
+"""Compare two runs: two engines on one scene, or two files; or tables of other programs with a scene's reference."""
 
 from __future__ import annotations
 
@@ -33,6 +33,10 @@ from tensegrity_mj.runs.differences import DIFFERENCES, UNITS
 if TYPE_CHECKING:
     Run = runs.Trajectory | runs.Table
 
+OF_SIMULATIONS = (
+    *("engine", "reference", "duration", "output-interval", *experiment.ENGINE_OPTIONS),
+    *("law", *experiment.LAW_OPTIONS, *experiment.ACTUATION_OPTIONS),
+)
 # Numbers of a comparison, in words and with units, for people.
 WORDS = {f"max_{name}": (f"largest {words}", unit) for name, (words, _, unit) in DIFFERENCES.items()}
 WORDS["rms_node_error"] = ("RMS node error", "m")
@@ -47,7 +51,10 @@ def tolerance(text: str) -> tuple[str, float]:
 
 
 def execute(options: argparse.Namespace) -> Outcome:
-    """Simulate twice, or read two files, and compare."""
+    """Simulate twice, or read two files, and compare; or score tables."""
+    if options.score:
+        return _scored(options)
+    refuse(options, ("steps",), "belongs to --score")
     plot = output_file(options.plot, "--plot", PLOT_SUFFIXES)
     if plot is None:
         refuse(options, ("paper",), "needs --plot FILE.pdf")
@@ -169,6 +176,32 @@ def _with_table(first: Run, second: Run, options: argparse.Namespace, plot: Path
     return Outcome(data, table(rows))
 
 
+def _scored(options: argparse.Namespace) -> Outcome:
+    """Score tables against the reference of a scene, the largest step first."""
+    from tensegrity_mj.runs.scoring import observed_orders, reference_of, score
+    from tensegrity_mj.runs.table import read_table
+
+    refuse(options, (*OF_SIMULATIONS, "tolerance", "out", "plot", "paper"), "means nothing with --score")
+    scene, *paths = options.inputs
+    given = options.steps or [None] * len(paths)
+    if not paths or len(given) != len(paths):
+        raise OptionError(
+            f"compare {' '.join(options.inputs)}: --score takes a scene, tables, and as many --steps or none"
+        )
+    reference = reference_of(scene)
+    found = [score(reference, read_table(path), step) for path, step in zip(paths, given, strict=True)]
+    found.sort(key=lambda one: -(one.step or 0.0))
+    rows = [("error bar", quantity(found[0].error_bar, "m")), ("motion", quantity(found[0].motion, "m"))]
+    tables = []
+    for one, order in zip(found, [None, *observed_orders(found)], strict=True):
+        tables.append({**vars(one), "judged": one.judged, "verdict": one.verdict, "order": order})
+        step = "" if one.step is None else f", step {quantity(one.step, 's')}"
+        fall = "" if order is None else f", order {order:.2f}"
+        rows.append((one.table, f"{quantity(one.error, 'm')} at {one.node}, {quantity(one.time, 's')}{step}{fall}"))
+    data = {"status": "ok", "scene": scene, "reference": reference.header, "tables": tables}
+    return Outcome(data, "\n\n".join(["\n".join(one.verdict for one in found), table(rows)]))
+
+
 def _engines(options: argparse.Namespace) -> tuple[str, str]:
     """The names of the two engines."""
     first = options.engine or "mujoco"
@@ -211,9 +244,7 @@ def _read(options: argparse.Namespace) -> tuple[Run, Run]:
 
     if len(options.inputs) != 2:
         raise OptionError(f"compare {' '.join(options.inputs)}: give two files, not {len(options.inputs)}")
-    engines = ("engine", "reference", "duration", "output-interval", *experiment.ENGINE_OPTIONS)
-    control = ("law", *experiment.LAW_OPTIONS, *experiment.ACTUATION_OPTIONS)
-    refuse(options, (*engines, *control), "belongs to a simulation; two files are only read")
+    refuse(options, OF_SIMULATIONS, "belongs to a simulation; two files are only read")
     refuse(options, ("out",), "writes simulated runs; two files are only read")
     first, second = (runs.read_table(path) if is_table(path) else runs.Trajectory.load(path) for path in options.inputs)
     return first, second

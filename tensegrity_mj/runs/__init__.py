@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from tensegrity_mj.runs.comparison import compare as compare
     from tensegrity_mj.runs.flow_regime import FlowNumbers as FlowNumbers
     from tensegrity_mj.runs.flow_regime import flow_numbers as flow_numbers
+    from tensegrity_mj.runs.scoring import Score as Score
+    from tensegrity_mj.runs.scoring import observed_orders as observed_orders
+    from tensegrity_mj.runs.scoring import reference_of as reference_of
+    from tensegrity_mj.runs.scoring import score as score
     from tensegrity_mj.runs.table import Table as Table
     from tensegrity_mj.runs.table import read_table as read_table
     from tensegrity_mj.runs.trajectory import Status as Status

@@ -73,7 +73,7 @@ def test_laws_and_scenes_are_inside_the_package(names: list[str]) -> None:
     expected = {
         f"tensegrity_mj/{path.relative_to(ROOT)}"
         for path in [*(ROOT / "controllers").glob("*.py"), *(ROOT / "models").rglob("*.*")]
-        if path.suffix in {".py", ".toml", ".xml", ".md", ".png"} and "__pycache__" not in path.parts
+        if path.suffix in {".py", ".toml", ".xml", ".md", ".png", ".csv"} and "__pycache__" not in path.parts
     }
     assert any(name.endswith(".toml") for name in expected)
     assert expected <= set(names)

@@ -18,6 +18,12 @@ def scene_names() -> list[str]:
     return sorted(folder.name for folder in folders if folder.joinpath("scene.toml").is_file())
 
 
+def pack_names() -> list[str]:
+    """Names of the scenes of the benchmark pack (docs/benchmark.md): "pack/free", ..."""
+    folders = importlib.resources.files("tensegrity_mj.models").joinpath("pack").iterdir()
+    return sorted(f"pack/{folder.name}" for folder in folders if folder.joinpath("scene.toml").is_file())
+
+
 def find(name_or_path: str | os.PathLike[str]) -> tuple[str, str, Path]:
     """The text of a file or of a scene of the package, what to call it, and the folder it stands in; or FormatError."""
     given = os.fspath(name_or_path) if isinstance(name_or_path, (str, os.PathLike)) else None
@@ -25,8 +31,9 @@ def find(name_or_path: str | os.PathLike[str]) -> tuple[str, str, Path]:
         raise FormatError(
             f"scene = {name_or_path!r}; it must be the name of a scene, the path of a .toml file, or a family's call"
         )
-    if isinstance(name_or_path, str) and not given.endswith(".toml") and not set(given) & {"/", os.sep}:
-        if given not in scene_names():
+    named = isinstance(name_or_path, str) and not given.endswith(".toml") and not set(given) & {"/", os.sep}
+    if named or given in pack_names():
+        if named and given not in scene_names():
             raise FormatError(
                 f"unknown scene '{given}'{closest(given, scene_names())}; known: {', '.join(scene_names())}; "
                 "the path of a .toml file works too, and so does a call of a family, as 'tower(stages=10)'"

@@ -1,0 +1,52 @@
+"""The benchmark pack as a folder for other programs: each scene as TOML, tables and MJCF, with its reference."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from tensegrity_mj.basics.files import made_folder, replacing, said_in_comments
+from tensegrity_mj.basics.units import quantity
+from tensegrity_mj.engines.mujoco.mjcf import save_mjcf
+from tensegrity_mj.exchange.tables import save_csv
+from tensegrity_mj.model.text.reading import scene_from_toml
+from tensegrity_mj.model.text.sources import find, pack_names, read
+
+KEPT = ("scene.toml", "reference.csv")
+README = """# Benchmark pack of tensegrity_mj
+
+Each folder is a scene: `scene.toml` (all of it), `nodes.csv` and `members.csv` (structure, start), `scene.xml` (MJCF),
+`reference.csv`, where the nodes are [m] over time [s], with its error bar. SI units, z up. docs/benchmark.md of the
+project has the equations. Score a table of the same columns, of your own program:
+
+    tensegrity-mj compare free my_table.csv --score
+
+| scene | what it is | gravity | of the tables | error bar |
+|---|---|---|---|---|
+"""
+
+
+def save_pack(folder: str | os.PathLike[str]) -> list[Path]:
+    """Write the whole pack, and a README; returns the paths of all files.
+
+    Raises:
+        OptionError: where no folder can be made.
+        FormatError: if a file cannot be written.
+    """
+    files, text = [made_folder(folder) / "README.md"], README
+    for name in pack_names():
+        scene_text, where, source = find(name)
+        scene, own = scene_from_toml(scene_text, where), made_folder(files[0].parent / source.name)
+        for kept in KEPT:
+            with replacing(own / kept) as part:
+                part.write_text(read(source / kept), encoding="utf-8")
+        save_mjcf(scene, own / "scene.xml")
+        tables, notes = save_csv(scene, own / "nodes.csv")
+        files += [own / "scene.xml", *tables, *(own / kept for kept in KEPT)]
+        said = said_in_comments(read(source / KEPT[1]))
+        absent = "; ".join(note for note in notes if "gravity" not in note) or "-"
+        bar, weight = quantity(said["error"], "m", 2), f"{abs(scene.gravity[2]):g} m/s²"
+        text += f"| {source.name} | {said['about']} | {weight} | {absent} | {bar} |\n"
+    with replacing(files[0]) as part:
+        part.write_text(text, encoding="utf-8")
+    return files

@@ -1,0 +1,220 @@
+"""Scores of tables: references that second formulations find again, orders, verdicts, and tables that are refused."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+import truth
+
+import tensegrity_mj as tmj
+from tensegrity_mj.cli import main
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.text.sources import pack_names
+from tensegrity_mj.runs import Table, observed_orders, read_table, reference_of, score
+
+ROOT = Path(__file__).resolve().parents[2]
+NAMES = [name.removeprefix("pack/") for name in pack_names()]
+every_scene = pytest.mark.parametrize("name", NAMES)
+
+
+@pytest.fixture
+def references(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """scripts/references.py."""
+    monkeypatch.syspath_prepend(ROOT / "scripts")
+    import references
+
+    return references
+
+
+def table_of(name: str, nodes: np.ndarray, step: float | None = None) -> Table:
+    names = tuple(tmj.load_scene(f"pack/{name}").structure.node_names)
+    return Table(reference_of(name).time, names, nodes, name="mine", header={} if step is None else {"step": step})
+
+
+def test_there_are_the_eight() -> None:
+    assert set(NAMES) == {"free", "pinned", "class_k", "slack", "damped", "closed_loop", "contact", "water"}
+
+
+@every_scene
+def test_references_begin_at_the_scenes_start_and_the_page_has_their_error_bars(name: str) -> None:
+    reference, scene = reference_of(name), tmj.load_scene(f"pack/{name}")
+    np.testing.assert_allclose(reference.time, np.linspace(0, scene.duration, 51), rtol=1e-15)
+    np.testing.assert_allclose(reference.positions[0], scene.nodes0, rtol=0, atol=1e-15)
+    page = (ROOT / "docs" / "benchmark.md").read_text(encoding="utf-8")
+    row = re.search(rf"^\| `{name}` \|.*\| {scene.duration:g} s \|.*\| ([-\de.]+) m \|$", page, re.MULTILINE)
+    assert row is not None
+    assert float(row[1]) == reference.header["error"]
+
+
+@pytest.mark.slow
+@every_scene
+def test_a_second_formulation_finds_the_reference_within_its_error_bar(name: str, references: ModuleType) -> None:
+    """Those that the bars were made of: the ODE, the DAE's full equations, the equations of the page."""
+    found = score(reference_of(name), table_of(name, references.second(name)[1]))
+    assert found.judged == "exact", found.verdict
+
+
+def test_stedy_finds_the_free_prism() -> None:
+    """Another group's program, to its own error: its distance from itself at a hundredth of the accuracy."""
+    data, reference = truth.load("stedy_prism_free_undamped"), reference_of("free")
+    names = tuple(f"n{number}" for number in range(1, 7))
+    found = score(reference, Table(data["t"], names, data["pos"]))
+    assert found.error <= data["selfconv_maxdpos"] + reference.header["error"]
+
+
+@pytest.mark.study
+def test_mujoco_finds_the_contact_within_its_error_bar(references: ModuleType) -> None:
+    nodes = references.simulated("contact", tmj.MuJoCo(1e-6))
+    assert score(reference_of("contact"), table_of("contact", nodes)).judged == "exact"
+
+
+@pytest.mark.slow
+@every_scene
+def test_one_percent_more_mass_is_wrong(name: str, references: ModuleType) -> None:
+    """At tolerances of which the error, below 1e-6 m, is nothing beside that."""
+    if name in references.OWN:
+        nodes = references.by_own_equations(name, 1e-9, mass=1.01)
+    else:
+        scene = tmj.load_scene(f"pack/{name}")
+        rods = [replace(rod, mass=1.01 * rod.mass) for rod in scene.structure.rods]
+        heavier = scene.with_(structure=replace(scene.structure, rods=rods))
+        nodes = tmj.simulate(heavier, None, tmj.DAE(rtol=1e-9), output_interval=scene.duration / 50).nodes
+    found = score(reference_of(name), table_of(name, nodes))
+    assert found.judged == "wrong", found.verdict
+    assert f"wrong: {found.error * 1e3:.3g} mm off" in found.verdict
+
+
+def test_the_command_scores_runs_and_tables_of_three_steps(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """RK4 has the order 4; a quarter is left for the terms of higher order."""
+    monkeypatch.chdir(tmp_path)
+    scene = tmj.load_scene("pack/pinned")
+    for step, suffix in ((1e-3, "nc"), (2e-3, "csv"), (4e-3, "csv")):
+        run = tmj.simulate(scene, None, tmj.MuJoCo(step), output_interval=0.06)
+        run.save(f"{step:g}.{suffix}")
+    assert main("compare pinned 0.001.nc --score".split()) == 0
+    assert "0.001.nc is right to" in capsys.readouterr().out
+    line = "compare pack/pinned 0.001.nc 0.002.csv 0.004.csv --score"
+    assert main(f"{line} --steps 1e-3 2e-3 4e-3 --json".split()) == 0
+    found = json.loads(capsys.readouterr().out)
+    coarse, middle, fine = found["tables"]
+    assert [one["table"] for one in found["tables"]] == ["0.004.csv", "0.002.csv", "0.001.nc"]
+    assert coarse["error"] > middle["error"] > fine["error"] > found["reference"]["error"]
+    assert coarse["order"] is None
+    assert [middle["order"], fine["order"]] == pytest.approx([4, 4], abs=0.25)
+    assert (fine["judged"], fine["times"], fine["step"]) == ("close", [51, 51], 1e-3)
+    # Of the two tables without a step in them nothing is known but their errors.
+    assert main(f"{line} --json".split()) == 0
+    assert {one["order"] for one in json.loads(capsys.readouterr().out)["tables"]} == {None}
+
+
+def test_a_table_says_its_step_and_may_have_other_times_and_fewer_nodes(tmp_path: Path) -> None:
+    reference = reference_of("slack")
+    tip = reference.positions[:, reference.nodes.index("tip")] + [0.0, 1e-6, 0.0]
+    rows = [
+        f"{time!r},{','.join(map(repr, at))}" for time, at in zip(reference.time.tolist(), tip.tolist(), strict=True)
+    ]
+    rows.insert(1, "0.01,9,9,9")  # between two times of the reference
+    (tmp_path / "mine.csv").write_text(
+        "# step = 5e-4\n# by hand = ?\n\ntime,tip.x,tip.y,tip.z\n" + "\n".join(rows[:12])
+    )
+    found = score(reference, read_table(tmp_path / "mine.csv"))
+    assert found.error == pytest.approx(1e-6, rel=1e-6)  # 1 of the table, 1e-16 of positions of 1 m
+    assert (found.step, found.times, found.span) == (5e-4, (11, 51), (0.0, 0.4))
+    assert found.judged == "close"
+    assert "over 0 to 0.4 s (11 of 51 times)." in found.verdict
+
+
+def test_orders_are_those_of_errors_above_the_error_bar() -> None:
+    reference = reference_of("pinned")
+    bar = reference.header["error"]
+    tables = [
+        table_of("pinned", reference.positions + error * np.array([1.0, 0.0, 0.0]), step)
+        for step, error in ((4e-3, 9e-3), (2e-3, 1e-3), (1e-3, 2 * bar), (5e-4, bar / 2), (5e-4, bar / 2))
+    ]
+    scores = [score(reference, one) for one in tables]
+    assert [one.judged for one in scores] == ["wrong", "close", "close", "exact", "exact"]
+    assert "within the error bar" in scores[3].verdict
+    assert observed_orders(scores) == [
+        pytest.approx(np.log2(9), rel=1e-6),
+        pytest.approx(np.log2(1e-3 / (2 * bar)), rel=1e-4),
+        None,
+        None,
+    ]
+
+
+GOOD = "time,tip.x,tip.y,tip.z\n0,0.6,0,0.8\n0.06,0.6,0,0.8\n0.12,0.6,0,0.8\n"
+BAD = {
+    "tipp.x": ("tip.", "tipp.", "mine.csv: there is no node 'tipp' (did you mean 'tip'?)"),
+    "no z": (",tip.z", ",tip.w", "there is no column 'tip.z'"),
+    "no time": ("time", "t", "there is no column 'time'"),
+    "a node that moves": ("tip.", "foot.", "mine.csv: there is no node 'tip', which moves in the reference"),
+    "nan": ("0.06,0.6", "0.06,nan", "line 3: tip.x is 'nan'; it must be a finite number"),
+    "a gap": ("0.06,0.6", "0.06,", "mine.csv: 'tip' has no position at t = 0.06 s"),
+    "beyond": ("0.12", "3.06", "mine.csv: t = 3.06 s is beyond the end; the reference has 51 times, from 0 to 3 s"),
+    "a time left out": ("0.06", "0.07", "mine.csv: there is no row at t = 0.06 s, a time of the reference"),
+    "one time": ("0.06,0.6,0,0.8\n0.12", "0.13", "mine.csv: it has 1 of the reference's times, two are needed"),
+    "a bad step": ("time", '# step = "small"\ntime', "mine.csv: step = 'small'; it must be a finite number > 0"),
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_bad_tables_are_refused_in_a_line(
+    what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    old, new, message = BAD[what]
+    assert old in GOOD
+    Path("mine.csv").write_text(GOOD.replace(old, new))
+    assert main("compare pinned mine.csv --score".split()) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("compare prism mine.csv --score", "there is no reference; scenes that have one: pack/class_k, "),
+        ("compare fre mine.csv --score", "unknown scene 'fre'"),
+        ("compare pinned --score", "--score takes a scene, tables, and as many --steps or none"),
+        ("compare pinned mine.csv --score --steps 1e-3 1e-4", "as many --steps or none"),
+        ("compare pinned mine.csv --score --steps 0", "--steps: 0: it must be > 0"),
+        ("compare pinned mine.csv --score --duration 1", "--duration means nothing with --score"),
+        ("compare pinned --steps 1e-3", "--steps belongs to --score"),
+        ("compare pinned none.csv --score", "none.csv: no such file"),
+    ],
+)
+def test_bad_lines_are_refused(
+    line: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mine.csv").write_text(GOOD)
+    assert main(line.split()) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
+
+
+def test_a_scene_of_ones_own_may_have_a_reference(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.toml"
+    tmj.save_scene(tmj.load_scene("pack/pinned"), scene)
+    table = tmp_path / "reference.csv"
+    for bad in ("", "# error = 0.0\n", '# error = "small"\n', "# error = nan\n"):
+        table.write_text(bad + GOOD)
+        with pytest.raises(OptionError, match=r"reference\.csv: error = .* must be a finite number > 0"):
+            reference_of(scene)
+    table.write_text("# error = 1e-3\n" + GOOD)
+    with pytest.raises(OptionError, match=r"reference\.csv: nothing moves in the reference"):
+        score(reference_of(scene), read_table(table))
+    table.write_text("# error = 1e-3\n" + GOOD.replace("0.12,0.6", "0.12,0.5"))
+    assert score(reference_of(scene), read_table(table)).judged == "exact"
+    with pytest.raises(OptionError, match="step = -1"):
+        score(reference_of(scene), read_table(table), -1)
