@@ -25,7 +25,12 @@ def value_text(value: object) -> str:
         text = repr(value)
     except ValueError:  # Python writes no integers of more than some thousand digits
         text = f"an integer of {value.bit_length()} bits" if isinstance(value, int) else f"a {type(value).__name__}"
-    return text if len(text) <= 100 else f"{text[:97]}..."
+    return shortened(text, 100)
+
+
+def shortened(text: str, most: int) -> str:
+    """The text, or of a long one the beginning."""
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def file_name(text: str) -> str:
@@ -53,9 +58,7 @@ def figure_text(text: str, most: int = 120) -> str:
 
     Longer texts are cut. It may stand beside formulas of our own, but not directly before one.
     """
-    shown = printable(text)
-    shown = shown if len(shown) <= most else f"{shown[: most - 3]}..."
-    shown = shown.replace("$", r"\$")
+    shown = shortened(printable(text), most).replace("$", r"\$")
     # Labels that begin with an underscore stay out of legends.
     return rf"$\_${shown[1:]}" if shown.startswith("_") else shown
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.files import content_of
+from tensegrity_mj.basics.texts import shortened
 from tensegrity_mj.errors import FormatError, printable
 from tensegrity_mj.exchange.draft import Draft
 from tensegrity_mj.exchange.matlab import Variables, draft_of
@@ -366,7 +367,7 @@ class _Evaluator:
 
 def _shortened(text: str) -> str:
     line = printable(" ".join(text.replace("$", "'...'").split()))
-    return line if len(line) <= MOST_SHOWN else f"{line[: MOST_SHOWN - 3]}..."
+    return shortened(line, MOST_SHOWN)
 
 
 def _first(unread: list[str]) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.texts import shortened
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import printable
 from tensegrity_mj.runs.differences import DIFFERENCES
@@ -45,11 +46,7 @@ def rows_of(run: Trajectory) -> list[tuple[str, str]]:
         ("status", run.status.value + (f": {run.message}" if run.message else "")),
         ("errors", error),
     ]
-    return [(name, _short(printable(text))) for name, text in rows]
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= MOST_LETTERS else f"{text[: MOST_LETTERS - 3]}..."
+    return [(name, shortened(printable(text), MOST_LETTERS)) for name, text in rows]
 
 
 def rows_of_comparison(comparison: Comparison) -> list[tuple[str, str]]:
@@ -107,9 +104,8 @@ def _svg(time: Array, values: Array, names: list[str], title: str) -> str:
         points = " ".join(f"{x:.1f},{y:.1f}" for x, y in zip(across, down[:, number], strict=True))
         color, y = COLORS[place], EDGE * (place + 1.5)
         parts.append(f'<polyline points="{points}" fill="none" stroke="{color}"/>')
-        parts.append(
-            f'<text x="{WIDTH - RIGHT + 8}" y="{y}" fill="{color}">{escape(_short(printable(names[number])))}</text>'
-        )
+        name = escape(shortened(printable(names[number]), MOST_LETTERS))
+        parts.append(f'<text x="{WIDTH - RIGHT + 8}" y="{y}" fill="{color}">{name}</text>')
     label, right = f'x="{LEFT - 6}" text-anchor="end"', f'x="{WIDTH - RIGHT}" text-anchor="end"'
     parts += [
         f'<text x="{LEFT}" y="{EDGE - 6}">{title}</text>',

@@ -6,6 +6,7 @@ import json
 import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -71,6 +72,21 @@ def test_what_warp_refuses_is_left_out_and_said(name: str, tmp_path: Path) -> No
     bits = mujoco.mjtDisableBit
     assert not model.opt.disableflags & (bits.mjDSBL_AUTORESET | bits.mjDSBL_MIDPHASE)
     assert model.opt.enableflags == 0
+
+
+@pytest.mark.slow
+def test_the_guide_to_mjx_runs_as_printed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("mujoco.mjx", reason="the extra jax is not installed")
+    monkeypatch.chdir(tmp_path)
+    page = Path(__file__).parents[2] / "docs" / "exchange.md"
+    (block,) = re.findall(r"```py\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    names: dict[str, Any] = {}
+    exec(compile(block, "docs/exchange.md", "exec"), names)
+    model, data = names["model"], names["data"]
+    for _ in range(300):
+        mujoco.mj_step(model, data)
+    # Single precision: each of 300 steps rounds coordinates of 1 m at most to 6e-8, which velocities carry along.
+    np.testing.assert_allclose(names["state"].qpos, data.qpos, atol=300 * 6e-8)
 
 
 def test_names_without_spaces_stay_different(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from tensegrity_mj.basics.texts import shortened
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.pictures.findings import Finding, Mark, opening_of
 from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
@@ -159,7 +160,7 @@ def rows(experiment: Data, timing: Data) -> list[Sequence[object]]:
         if one["status"] == "refused":
             if (one["family"], one["reason"]) not in said:
                 said.add((one["family"], one["reason"]))
-                found.append((one["family"], "", *[None] * 7, f"refused: {_short(one['reason'])}"))
+                found.append((one["family"], "", *[None] * 7, f"refused: {shortened(one['reason'], MOST_LETTERS)}"))
             continue
         found.append(
             (
@@ -181,12 +182,8 @@ def rows(experiment: Data, timing: Data) -> list[Sequence[object]]:
 def remark(point: Data) -> str:
     """What a point's numbers alone do not show."""
     if point["error"] is None:
-        return f"{point['status']}: {_short(point['reason'])}"
+        return f"{point['status']}: {shortened(point['reason'], MOST_LETTERS)}"
     notes = ["at the reference's floor"] if point["at_reference_floor"] else []
     if not point["repeatable"]:
         notes.append("not the same at each run")
     return ", ".join(notes)
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= MOST_LETTERS else f"{text[: MOST_LETTERS - 3]}..."
