@@ -17,7 +17,7 @@ not import the enums; tests compare both.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -65,12 +65,8 @@ def _settings(row: Row, module: ModuleType) -> Row:
     if "several" in row:
         row |= {"nargs": "+", "choices": (choices := row.pop("several")), "help": f"of {', '.join(choices)} (all)"}
     if "type" in row:
-        row["type"] = _type(row["type"], module)
+        homes = (module, experiment, common)
+        row["type"] = next((getattr(one, row["type"]) for one in homes if hasattr(one, row["type"])), int)
     if isinstance(row.get("metavar"), list):
         row["metavar"] = tuple(row["metavar"])
     return row
-
-
-def _type(name: str, module: ModuleType) -> Callable[[str], Any]:
-    found: Any = next((getattr(one, name) for one in (module, experiment, common) if hasattr(one, name)), int)
-    return found

@@ -52,11 +52,12 @@ def execute(options: argparse.Namespace) -> Outcome:
 
 def describe(model: Linearization) -> str:
     """The model for people."""
+    largest = float(abs(model.residual[len(model.coordinates) :]).max(initial=0.0))
     rows = [
         ("engine", model.engine),
         ("state", f"{len(model.A)} numbers, at t = {model.time:g} s"),
         ("inputs", f"{model.B.shape[1]} ({model.inputs.value})"),
-        ("equilibrium", "yes" if model.is_equilibrium else "no: accelerations up to " + number(_largest(model))),
+        ("equilibrium", "yes" if model.is_equilibrium else "no: accelerations up to " + number(largest)),
         ("fastest growth", number(float(model.eigenvalues.real.max(initial=-math.inf)), "1/s")),
     ]
     frequencies, damping = model.frequencies, model.damping_ratios
@@ -68,10 +69,6 @@ def describe(model: Linearization) -> str:
         rows.append(("", f"and {len(frequencies) - MOST_LINES} more (--json)"))
     rows += [("note", warning) for warning in model.warnings]
     return table(rows)
-
-
-def _largest(model: Linearization) -> float:
-    return float(abs(model.residual[len(model.coordinates) :]).max(initial=0.0))
 
 
 def _state_of(options: argparse.Namespace, node_names: list[str]) -> dict[str, Any]:

@@ -39,7 +39,10 @@ def execute(options: argparse.Namespace) -> Outcome:
     web = output_file(options.web, "--web", (".html", ".htm"))
     distinct({"--replay": Path(options.replay) if options.replay else None, "--out": out})
     experiment.refuse_options_of_other_engines(options, (options.engine,))
-    _check_replay(options)
+    if options.replay is None:
+        refuse(options, ("replay-quantity",), "needs --replay FILE.nc")
+    else:
+        refuse(options, ("law", *experiment.LAW_OPTIONS), "means nothing in a replay, which has no control law")
     experiment.check_control(options)
     if video:
         experiment.require_off_screen_opengl()
@@ -143,13 +146,6 @@ def _flow(found: dict[str, Any]) -> str:
     count = found["segments"]
     text += f"; {count['count']} segments a rod" + (", chosen" if count["chosen"] else ", given")
     return "; ".join([text, *found["notes"]])
-
-
-def _check_replay(options: argparse.Namespace) -> None:
-    if options.replay is None:
-        refuse(options, ("replay-quantity",), "needs --replay FILE.nc")
-    else:
-        refuse(options, ("law", *experiment.LAW_OPTIONS), "means nothing in a replay, which has no control law")
 
 
 def _replay_of(options: argparse.Namespace) -> tuple[Any, model.Actuation, float | None]:

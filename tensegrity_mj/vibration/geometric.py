@@ -12,8 +12,10 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.model.elements.element import forces_of
+from tensegrity_mj.model.elements.resistance import BendingDamping, BendingStiffness
+from tensegrity_mj.model.elements.water import Water
 from tensegrity_mj.vibration.bodies import SLOTS
-from tensegrity_mj.vibration.resistance import bending_pulls, fluid_forces
+from tensegrity_mj.vibration.resistance import bending_pulls
 from tensegrity_mj.vibration.state import State
 
 ROUND_OFF = 1e-14  # of the forces on a rod's ends
@@ -64,11 +66,10 @@ def geometric_of_rods(state: State, pulls: Array) -> tuple[Array, Array]:
 
 
 def _forces_on_nodes(state: State, pulls: Array) -> Array:
-    """(N, 3) [N] of loads, fluids, elements and strings."""
-    scene, nodes = state.scene, state.nodes
-    forces = np.array(scene.nodal_forces(state.time)) if scene.loads else np.zeros_like(nodes)
-    forces += fluid_forces(scene, nodes, state.velocities)
-    forces += forces_of(scene.elements, scene, state.time, nodes, state.velocities)
+    """(N, 3) [N] of loads, fluids, elements and strings: of bent joints and of water there is more than forces."""
+    scene = state.scene
+    acting = [one for one in scene.effects if not isinstance(one, (BendingStiffness, BendingDamping, Water))]
+    forces = forces_of(acting, scene, state.time, state.nodes, state.velocities)
     i, j = scene.structure.string_nodes.T
     np.add.at(forces, i, pulls)
     np.subtract.at(forces, j, pulls)

@@ -93,9 +93,7 @@ def _bounds(model: Vibration) -> Bounds:
 
 def amplification_matrix(model: Vibration, scheme: Scheme, step: float) -> Array:
     """(2n, 2n): what a step makes of (y, ẏ). Dense, for models of moderate size."""
-    K, D = _dense(model.material + model.geometric), _dense(model.damper)
-    if model.law is not None:
-        K, D = K + model.law.stiffness, D + model.law.damping
+    K, D = _dense_matrices(model)
     n, h = model.size, step
     one, zero = np.eye(n), np.zeros((n, n))
     if scheme is Scheme.RUNGE_KUTTA:
@@ -120,10 +118,7 @@ def amplification_matrix(model: Vibration, scheme: Scheme, step: float) -> Array
 
 def system_matrix(model: Vibration) -> Array:
     """A (2n, 2n) of ẋ = A x, x = (y, ẏ). Dense."""
-    K, D = _dense(model.material + model.geometric), _dense(model.damper)
-    if model.law is not None:
-        K, D = K + model.law.stiffness, D + model.law.damping
-    n = model.size
+    n, (K, D) = model.size, _dense_matrices(model)
     return np.block([[np.zeros((n, n)), np.eye(n)], [-K, -D]])
 
 
@@ -135,6 +130,12 @@ def largest_frequency(model: Vibration) -> float:
 def polynomial(z: Any) -> Any:
     """R(z) of classical Runge-Kutta."""
     return 1 + z * (1 + z / 2 * (1 + z / 3 * (1 + z / 4)))
+
+
+def _dense_matrices(model: Vibration) -> tuple[Array, Array]:
+    """K and D, with what a law adds."""
+    K, D = _dense(model.material + model.geometric), _dense(model.damper)
+    return (K, D) if model.law is None else (K + model.law.stiffness, D + model.law.damping)
 
 
 def _dense(matrix: Any) -> Array:

@@ -7,24 +7,15 @@ derivative of drag is left out: it grows with the speed of the fluid past a rod,
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.model.elements.element import slopes_of
-from tensegrity_mj.model.elements.resistance import bending_joints, resisting_forces
+from tensegrity_mj.model.elements.resistance import bending_joints
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.vibration.blocks import Blocks
-
-
-def fluid_forces(scene: Scene, nodes: Array, velocities: Array) -> Array:
-    """(N, 3) [N] of viscous forces and drag on the nodes."""
-    resistance = scene.resistance
-    if resistance is None or (resistance.viscous == 0 and resistance.drag is None):
-        return np.zeros_like(nodes)
-    return resisting_forces(scene.with_(resistance=replace(resistance, bending=None)), nodes, velocities)
 
 
 def bending_pulls(scene: Scene, b: Array) -> Array:

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 
 import tensegrity_mj as tmj
 from tensegrity_mj.engines.reference.dae import DAE, Drift, Solver
-from tensegrity_mj.engines.reference.integrate import integrate
+from tensegrity_mj.engines.reference.engine import integrate
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.reference.ode import ODE
 from tensegrity_mj.model.members import Support

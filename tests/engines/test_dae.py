@@ -13,7 +13,7 @@ import pytest
 import tensegrity_mj as tmj
 from tensegrity_mj.dynamics.kernels import Members, accelerations, place_nodes
 from tensegrity_mj.dynamics.records import StructureRecords
-from tensegrity_mj.engines.reference.integrate import integrate
+from tensegrity_mj.engines.reference.engine import integrate
 from tensegrity_mj.library.random_structures import random_scene, random_structure
 from tensegrity_mj.model import rods
 

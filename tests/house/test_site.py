@@ -88,7 +88,7 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
 def test_the_paper_cites_what_is_there_and_its_numbers_are_the_readmes() -> None:
     text = (ROOT / "paper.md").read_text(encoding="utf-8")
     entries = set(re.findall(r"^@\w+\{(\w+),", (ROOT / "paper.bib").read_text(encoding="utf-8"), re.MULTILINE))
-    assert set(re.findall(r"\[@(\w+)\]", text)) == entries
+    assert set(re.findall(r"[\[ ]@(\w+)(?=[\];])", text)) == entries
     measured = text.partition("# What was measured")[2].partition("**Size and speed.**")[0]
     flat = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
     numbers = re.findall(

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from tensegrity_mj.errors import InfeasibleError, OptionError, StructureError
 from tensegrity_mj.library.load import load_scene
 from tensegrity_mj.library.random_structures import (
-    moved,
     random_configuration,
     random_rotation,
     random_structure,
@@ -380,7 +379,7 @@ def test_moving_the_whole_changes_nothing(seed: int) -> None:
     else:
         structure = braced_prism(float(rng.uniform(0.5, 1.5)))
     # Leaving 17 digits, the nodes are in equilibrium to 1e-16 times the shift; singular values need some 10 times.
-    turned = moved(structure, random_rotation(rng), rng.normal(size=3))
+    turned = structure.moved(random_rotation(rng), rng.normal(size=3))
     before, after = self_stress(structure), self_stress(turned)
     np.testing.assert_allclose(after.singular_values, before.singular_values, rtol=1e-12, atol=1e-14)
     assert (after.mechanisms, after.rigid_motions) == (before.mechanisms, before.rigid_motions)

@@ -11,8 +11,6 @@ from tensegrity_mj.engines.accuracy.rates import rates_along, rates_at_start
 from tensegrity_mj.engines.accuracy.search import Way, can_locate, find, fixed_step_way, round_off
 from tensegrity_mj.engines.accuracy.steps import FEWEST_STEPS
 from tensegrity_mj.engines.driving import DEFAULT_INTERVAL
-from tensegrity_mj.engines.reference.integrate import integrate
-from tensegrity_mj.engines.reference.integration import IntegratedRun
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.runs.trajectory import Trajectory
@@ -32,7 +30,7 @@ def run_accurately(
     accuracy: float,
     request: Request,
     with_method: Callable[..., Any],
-    prepared: Callable[[Any, Request], IntegratedRun],
+    made: Callable[[Any, Request], Trajectory],
 ) -> Trajectory:
     """The run of a request whose largest node error is at most `accuracy` [m], as far as it can be known.
 
@@ -40,7 +38,7 @@ def run_accurately(
         accuracy: [m].
         request: the run.
         with_method: the engine's options with these: method, and timestep or rtol and atol.
-        prepared: the run of options and request.
+        made: the run of options and request.
 
     Raises:
         TensegrityError: what the finest runs raised, where no step was fine enough.
@@ -50,7 +48,7 @@ def run_accurately(
 
     def fixed(step: float, adapted: Request) -> Trajectory:
         options = with_method(method=Method.RK4, timestep=step, locate_slack=located)
-        return integrate(prepared(options, adapted))
+        return made(options, adapted)
 
     def longest(run: Trajectory) -> float:
         return rates_along(run, request).resolving_step(request.duration, RK4_ORDER)
@@ -71,7 +69,7 @@ def run_accurately(
         sampled = replace(request, output_interval=interval)
 
         def run(rtol: float) -> Trajectory:
-            return integrate(prepared(with_method(method=method, rtol=rtol, atol=ATOL * rtol), sampled))
+            return made(with_method(method=method, rtol=rtol, atol=ATOL * rtol), sampled)
 
         ladder = Ladder(
             name=method.value,

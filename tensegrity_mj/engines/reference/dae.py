@@ -7,25 +7,23 @@ ledger, integrated beside it. MuJoCo takes no part.
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import field, value
-from tensegrity_mj.basics.kinds import choice, flag, positive, whole
+from tensegrity_mj.basics.kinds import choice, positive
 from tensegrity_mj.dynamics.linked import LinkedRecords
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.views import Fields
 from tensegrity_mj.dynamics.records import StructureRecords
-from tensegrity_mj.engines.accuracy.option import ACCURACY
 from tensegrity_mj.engines.reference import dae_kernels as dae
 from tensegrity_mj.engines.reference.engine import ReferenceEngine
 from tensegrity_mj.engines.reference.equations import WORK
 from tensegrity_mj.engines.reference.integration import Equations, IntegratedRun
-from tensegrity_mj.engines.reference.memory import working_bytes
-from tensegrity_mj.engines.reference.method import ATOL, RTOL, Method, check_options, describe_method, stepping_of
+from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.request import Accelerations, Request
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import ENGINES
@@ -59,56 +57,43 @@ class DAE(ReferenceEngine):
     """Options of the reference engine.
 
     Attributes:
-        method: see `Method`.
-        rtol, atol: tolerances of the error-controlled methods.
-        timestep: [s], of RK4 only.
+        method, rtol, atol, timestep, max_steps, accuracy, locate_slack: see `Options`.
         drift: see `Drift`; the drift is reported whatever is chosen. By default NORMALIZE with fixed steps, where it
             costs a few per cent and keeps long runs sound, and MONITOR with an error-controlled method.
         solver: see `Solver`.
         baumgarte_frequency, baumgarte_damping: ω [rad/s] and ζ of k_p = ω², k_d = 2 ζ ω.
-        max_steps: of the error-controlled methods, before the run is given up.
-        accuracy: [m] largest node error over the run, from 1e-10 to 1e-2, in place of method, tolerances and step,
-            which it chooses for each run (docs/accuracy.md).
-        locate_slack: of RK4 only, whether steps are split at the instants where strings go slack or taut, so that it
-            keeps its order of 4 there (docs/accuracy.md).
     """
 
     descriptor = ENGINES["dae"]
 
-    method: Method = field(choice(Method), default=Method.DOP853)
-    rtol: float = field(RTOL, default=1e-10)
-    atol: float = field(ATOL, default=1e-12)
-    timestep: float | None = field(positive("s"), default=None, none="None")
     drift: Drift = field(choice(Drift), default=None, none="None")  # never None once made
     solver: Solver = field(choice(Solver), default=Solver.JOINTS)
     baumgarte_frequency: float = field(positive("rad/s"), default=10.0)
     baumgarte_damping: float = field(positive(), default=1.0)
-    max_steps: int = field(whole(1), default=1_000_000)
-    accuracy: float | None = field(ACCURACY, default=None, none="None")
-    locate_slack: bool = field(flag(), default=False)
 
     def __attrs_post_init__(self) -> None:
-        check_options(self)
+        super().__attrs_post_init__()
         if self.drift is None:
             object.__setattr__(self, "drift", Drift.NORMALIZE if self.method is Method.RK4 else Drift.MONITOR)
 
     def __str__(self) -> str:
         solver = "" if self.solver is Solver.JOINTS else f", solver: {self.solver.value}"
-        return f"DAE {describe_method(self)}, drift: {self.drift.value}{solver}"
+        return f"DAE {self._described()}, drift: {self.drift.value}{solver}"
 
     @property
     def stepping(self) -> Stepping:
         """How it steps, for small motions."""
         if self.drift is not Drift.BAUMGARTE:
-            return stepping_of(self)
+            return super().stepping
         # s² + k_d s + k_p = 0 of the stabilized constraints.
         omega, zeta = self.baumgarte_frequency, self.baumgarte_damping
         root = complex(zeta * zeta - 1) ** 0.5
-        return stepping_of(self, (omega * (-zeta + root), omega * (-zeta - root)))
+        constraints = (omega * (-zeta + root), omega * (-zeta - root))
+        return replace(super().stepping, constraints=constraints)
 
     def working_bytes(self, scene: Scene) -> int:
         """Bytes of state, stages and matrices."""
-        return working_bytes(self.method, LinkedRecords.of(scene.structure).nq)
+        return self._bytes(LinkedRecords.of(scene.structure).nq)
 
     def accelerations(self, request: Request) -> Accelerations:
         """Node accelerations of the equations that `run` integrates."""

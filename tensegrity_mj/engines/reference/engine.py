@@ -6,16 +6,18 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from tensegrity_mj.engines.reference.integrate import integrate
+from tensegrity_mj.basics.fields import value
+from tensegrity_mj.engines.reference.adaptive import ErrorControlled
 from tensegrity_mj.engines.reference.integration import IntegratedRun
+from tensegrity_mj.engines.reference.method import Method, Options
 from tensegrity_mj.engines.request import Request
+from tensegrity_mj.errors import OptionError
 from tensegrity_mj.runs.trajectory import Trajectory
 
 
-class ReferenceEngine:
+@value(error=OptionError)
+class ReferenceEngine(Options):
     """DAE and ODE: options with an `accuracy` or without, and a run that is prepared before it is integrated."""
-
-    accuracy: float | None
 
     def _prepared(self, request: Request) -> tuple[IntegratedRun, Any]:
         """A run that is ready to start, and the records of its structure."""
@@ -32,4 +34,9 @@ class ReferenceEngine:
         from tensegrity_mj.engines.reference.accuracy import run_accurately
 
         plain: Any = partial(replace, self, accuracy=None)
-        return run_accurately(self.accuracy, request, plain, lambda options, made: options.prepared(made))
+        return run_accurately(self.accuracy, request, plain, lambda options, made: integrate(options.prepared(made)))
+
+
+def integrate(run: IntegratedRun) -> Trajectory:
+    """The whole run: fixed steps of RK4, or a method that controls its error."""
+    return run.fixed_steps() if run.options.method is Method.RK4 else ErrorControlled(run).integrate()

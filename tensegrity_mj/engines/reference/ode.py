@@ -7,21 +7,20 @@ A run that comes to a pole stops there with `Status.SINGULAR`.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import field, value
-from tensegrity_mj.basics.kinds import choice, flag, positive, whole, within
+from tensegrity_mj.basics.kinds import within
 from tensegrity_mj.dynamics.minimal import MinimalRecords, node_accelerations
 from tensegrity_mj.dynamics.native.plant import Plant
-from tensegrity_mj.engines.accuracy.option import ACCURACY
 from tensegrity_mj.engines.reference import ode_kernels as ode
 from tensegrity_mj.engines.reference.engine import ReferenceEngine
 from tensegrity_mj.engines.reference.equations import WORK
 from tensegrity_mj.engines.reference.integration import Equations, IntegratedRun
-from tensegrity_mj.engines.reference.memory import working_bytes
-from tensegrity_mj.engines.reference.method import ATOL, RTOL, Method, check_options, describe_method, stepping_of
 from tensegrity_mj.engines.request import Accelerations, Request
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import ENGINES
@@ -35,44 +34,27 @@ class ODE(ReferenceEngine):
     """Options of the minimal ODE engine.
 
     Attributes:
-        method: see `Method`.
-        rtol, atol: tolerances of the error-controlled methods.
-        timestep: [s], of RK4 only.
-        max_steps: of the error-controlled methods, before the run is given up.
+        method, rtol, atol, timestep, max_steps, accuracy, locate_slack: see `Options`.
         least_sine: sin φ at which a run stops. A rod that passes a pole at this distance has θ̇ = ω / sin φ, so that an
             error ε of φ becomes one of ε / sin φ of its velocity. With the round-off of φ near π, ε = π 2.2e-16, the
             default leaves 7e-13; with atol for ε, least_sine >= atol / rtol keeps rtol.
-        accuracy: [m] largest node error over the run, from 1e-10 to 1e-2, in place of method, tolerances and step,
-            which it chooses for each run (docs/accuracy.md).
-        locate_slack: of RK4 only, whether steps are split at the instants where strings go slack or taut, so that it
-            keeps its order of 4 there (docs/accuracy.md).
     """
 
     descriptor = ENGINES["ode"]
 
-    method: Method = field(choice(Method), default=Method.DOP853)
-    rtol: float = field(RTOL, default=1e-10)
-    atol: float = field(ATOL, default=1e-12)
-    timestep: float | None = field(positive("s"), default=None, none="None")
-    max_steps: int = field(whole(1), default=1_000_000)
     least_sine: float = field(within(1e-8, 0.5), default=1e-3)
-    accuracy: float | None = field(ACCURACY, default=None, none="None")
-    locate_slack: bool = field(flag(), default=False)
-
-    def __attrs_post_init__(self) -> None:
-        check_options(self)
 
     def __str__(self) -> str:
-        return f"ODE {describe_method(self)}"
+        return f"ODE {self._described()}"
 
     @property
     def stepping(self) -> Stepping:
         """How it steps, for small motions."""
-        return stepping_of(self, polar=True)
+        return replace(super().stepping, polar=True)
 
     def working_bytes(self, scene: Scene) -> int:
         """Bytes of state, stages and matrices."""
-        return working_bytes(self.method, MinimalRecords.of(scene.structure).nq)
+        return self._bytes(MinimalRecords.of(scene.structure).nq)
 
     def accelerations(self, request: Request) -> Accelerations:
         """Node accelerations r̈ and b̈ = W β̈ + Ẇ β̇ of the equations that `run` integrates."""

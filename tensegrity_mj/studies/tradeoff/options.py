@@ -27,12 +27,11 @@ class Loop(enum.Enum):
 
 
 def _some(known: Iterable[Any], enumeration: str = "") -> Kind:
-    """One at least of what is known, in its order."""
-    members = tuple(known)
-    allowed = ", ".join(f"{enumeration}.{one.name}" if enumeration else one for one in members)
+    """One at least of what is known at the time, in its order."""
 
     def plain(value: Any) -> tuple[Any, ...]:
-        given = kinds.sequence(value)
+        members, given = tuple(known), kinds.sequence(value)
+        allowed = ", ".join(f"{enumeration}.{one.name}" if enumeration else one for one in members)
         if not given or not all(one in members for one in given):
             raise kinds.Wrong(f" = {value!r}; name at least one of {allowed}")
         return tuple(one for one in members if one in given)
