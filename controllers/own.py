@@ -22,7 +22,8 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from tensegrity_mj.basics.checks import checked
-from tensegrity_mj.basics.kinds import Wrong, typed
+from tensegrity_mj.basics.hints import typed
+from tensegrity_mj.basics.kinds import Wrong
 from tensegrity_mj.basics.texts import closest, unknown, value_text
 from tensegrity_mj.errors import OptionError, TensegrityError
 

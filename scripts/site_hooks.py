@@ -62,6 +62,7 @@ def on_files(files: Files, config: Any) -> Files:
         made[f"notebooks/{path.stem}.md"] = site_pages.notebook(path)
     for name, text in made.items():
         files.append(File.generated(config, name, content=text))
+    files.append(File.generated(config, "schema.json", content=site_pages.schema()))
     for film in sorted(site_pages.FILMS.glob("*.mp4")):
         files.append(File.generated(config, f"films/{film.name}", abs_src_path=str(film)))
     return files

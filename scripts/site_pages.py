@@ -4,6 +4,7 @@
     commands()      every command and option, from the parser's own tables
     api()           one page a room of the package: the names of its face, whose docstrings mkdocstrings shows
     notebook(path)  the cells of a notebook
+    schema()        the JSON Schema of scene files
 
 `python scripts/site_pages.py --films` films every scene whose film is missing or old, into build/films/.
 """
@@ -45,6 +46,13 @@ ROOMS = (
 def scenes() -> list[str]:
     """The names of the scenes that come with the package."""
     return sorted(path.parent.name for path in MODELS.glob("*/scene.toml"))
+
+
+def schema() -> str:
+    """The JSON Schema of scene files, which editors may take from the site."""
+    from tensegrity_mj.model import format_schema
+
+    return json.dumps(format_schema(), indent=1, ensure_ascii=False)
 
 
 # The gallery

@@ -21,8 +21,9 @@ from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform, get_
 import attrs
 import numpy as np
 
+from tensegrity_mj.basics.hints import typed
 from tensegrity_mj.basics.installed import installed, load
-from tensegrity_mj.basics.kinds import Kind, Wrong, or_none, typed
+from tensegrity_mj.basics.kinds import Kind, Wrong, or_none
 from tensegrity_mj.errors import SceneError, TensegrityError
 
 T = TypeVar("T")

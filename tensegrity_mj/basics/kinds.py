@@ -9,9 +9,10 @@ from __future__ import annotations
 import enum
 import math
 import numbers
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any, NamedTuple, get_args, get_origin
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -39,6 +40,7 @@ class Kind(NamedTuple):
         many: whether it is a tuple of such values, an array of tables.
         single: whether it is one number, truth value or member of an enum, which a sweep may set.
         row: whether it is three numbers, which a sweep may set, too, or one of.
+        schema: what a file must hold for it, as JSON Schema.
     """
 
     plain: Callable[[Any], Any]
@@ -49,6 +51,16 @@ class Kind(NamedTuple):
     many: bool = False
     single: bool = False
     row: bool = False
+    schema: Mapping[str, Any] = MappingProxyType({})
+
+
+def list_schema(items: Mapping[str, Any], size: int | None = None) -> dict[str, Any]:
+    """The JSON Schema of a list, of so many items or any number of them."""
+    return {"type": "array", "items": dict(items)} | ({} if size is None else {"minItems": size, "maxItems": size})
+
+
+NUMBER: dict[str, Any] = {"type": "number"}  # words of JSON Schema
+TEXT: dict[str, Any] = {"type": "string"}
 
 
 def not_allowed(value: Any, allowed: str) -> Wrong:
@@ -80,17 +92,18 @@ def number_in(value: Any, allowed: str, test: Callable[[float], bool]) -> float:
     return number
 
 
-def number(allowed: str, test: Callable[[float], bool]) -> Kind:
-    """A finite number that passes a test; `allowed` says in words which do."""
-    return Kind(lambda value: number_in(value, allowed, test), "a number", is_number, float, single=True)
+def number(allowed: str, test: Callable[[float], bool], **limits: float | bool) -> Kind:
+    """A finite number that passes a test; `allowed` says in words which do, and `limits` in words of JSON Schema."""
+    schema = {**NUMBER, "description": allowed, **limits}
+    return Kind(lambda value: number_in(value, allowed, test), "a number", is_number, float, single=True, schema=schema)
 
 
 def positive(unit: str = "") -> Kind:
-    return number(f"> 0 {unit}".rstrip(), lambda x: x > 0)
+    return number(f"> 0 {unit}".rstrip(), lambda x: x > 0, minimum=0, exclusiveMinimum=True)
 
 
 def not_negative(unit: str = "") -> Kind:
-    return number(f">= 0 {unit}".rstrip(), lambda x: x >= 0)
+    return number(f">= 0 {unit}".rstrip(), lambda x: x >= 0, minimum=0)
 
 
 def finite(unit: str = "") -> Kind:
@@ -98,7 +111,8 @@ def finite(unit: str = "") -> Kind:
 
 
 def within(low: float, high: float, unit: str = "") -> Kind:
-    return number(f"within [{low:g}, {high:g}]{unit and f' [{unit}]'}", lambda x: low <= x <= high)
+    words = f"within [{low:g}, {high:g}]{unit and f' [{unit}]'}"
+    return number(words, lambda x: low <= x <= high, minimum=low, maximum=high)
 
 
 def whole(least: int, most: int | None = None) -> Kind:
@@ -111,7 +125,8 @@ def whole(least: int, most: int | None = None) -> Kind:
             raise not_allowed(value, allowed)
         return int(value)
 
-    return Kind(plain, "an integer", lambda value: type(value) is int, single=True)
+    schema = {"type": "integer", "minimum": least} | ({} if most is None else {"maximum": most})
+    return Kind(plain, "an integer", lambda value: type(value) is int, single=True, schema=schema)
 
 
 def flag() -> Kind:
@@ -120,7 +135,7 @@ def flag() -> Kind:
             raise not_allowed(value, "True or False")
         return bool(value)
 
-    return Kind(plain, "true or false", lambda value: isinstance(value, bool), single=True)
+    return Kind(plain, "true or false", lambda value: isinstance(value, bool), single=True, schema={"type": "boolean"})
 
 
 def text() -> Kind:
@@ -131,7 +146,7 @@ def text() -> Kind:
             raise not_allowed(value, "a text that UTF-8 can hold") from None
         return str(value)
 
-    return Kind(plain, "a text in quotes", is_text)
+    return Kind(plain, "a text in quotes", is_text, schema=TEXT)
 
 
 def printable_name(what: str = "a non-empty string of printable characters") -> Kind:
@@ -142,7 +157,7 @@ def printable_name(what: str = "a non-empty string of printable characters") -> 
             raise not_allowed(value, what)
         return str(value)
 
-    return Kind(plain, "a text in quotes", is_text)
+    return Kind(plain, "a text in quotes", is_text, schema={**TEXT, "minLength": 1})
 
 
 def member_of(of: type[enum.Enum], text: str) -> Any:
@@ -163,7 +178,7 @@ def choice(of: type[enum.Enum]) -> Kind:
         raise Wrong(f" = {value_text(value)}{meant}; it must be one of {', '.join(map(str, of))}, or its text")
 
     need = " or ".join(f'"{item}"' for item in values)
-    return Kind(plain, need, lambda value: is_text(value) and value in values, of, single=True)
+    return Kind(plain, need, lambda value: is_text(value) and value in values, of, single=True, schema={"enum": values})
 
 
 def vector(unit: str = "m") -> Kind:
@@ -178,7 +193,8 @@ def vector(unit: str = "m") -> Kind:
             pass
         raise not_allowed(value, f"three finite numbers{unit and f' [{unit}]'} of at most {LARGEST:g}")
 
-    return Kind(plain, "three numbers [x, y, z]", is_row, row=True)
+    schema = {**list_schema(NUMBER, 3), "description": f"[x, y, z]{unit and f' in {unit}'}"}
+    return Kind(plain, "three numbers [x, y, z]", is_row, row=True, schema=schema)
 
 
 def direction() -> Kind:
@@ -212,7 +228,8 @@ def rows(width: int = 0, need: str = "") -> Kind:
         return tuple(map(tuple, array.tolist())) if width else tuple(array.tolist())
 
     need = need or ("rows of three numbers" if width else "a list of numbers")
-    return Kind(plain, need, lambda value: is_list(value, is_row if width else is_number))
+    schema = list_schema(list_schema(NUMBER, 3) if width else NUMBER)
+    return Kind(plain, need, lambda value: is_list(value, is_row if width else is_number), schema=schema)
 
 
 def each(need: str, **of: Kind) -> Kind:
@@ -233,7 +250,8 @@ def each(need: str, **of: Kind) -> Kind:
                 raise Wrong(f": {name}{wrong}") from None
         return tuple(found)
 
-    return Kind(plain, need, lambda value: is_list(value, is_number) and len(value) == len(of))
+    fits = partial(is_list, valid=is_number)
+    return Kind(plain, need, lambda value: fits(value) and len(value) == len(of), schema=list_schema(NUMBER, len(of)))
 
 
 def array(shape: str) -> Kind:
@@ -254,7 +272,7 @@ def names(of: str) -> Kind:
     """Any number of names of members or nodes."""
     each = printable_name(f"the name of a {of}").plain
     fits = partial(is_list, valid=is_text)
-    return Kind(lambda value: tuple_of(each, value), "a list of names in quotes", fits)
+    return Kind(lambda value: tuple_of(each, value), "a list of names in quotes", fits, schema=list_schema(TEXT))
 
 
 def pair(of: str) -> Kind:
@@ -271,7 +289,8 @@ def pair(of: str) -> Kind:
         found: tuple[str, ...] = some.plain(given)
         return found
 
-    return Kind(plain, "a list of two names in quotes", lambda value: some.fits(value) and len(value) == 2)
+    need, schema = "a list of two names in quotes", list_schema(TEXT, 2)
+    return Kind(plain, need, lambda value: some.fits(value) and len(value) == 2, schema=schema)
 
 
 def many(kind: Kind, need: str) -> Kind:
@@ -281,6 +300,7 @@ def many(kind: Kind, need: str) -> Kind:
         need,
         partial(is_list, valid=kind.fits),
         lambda value: [kind.load(item) for item in value],
+        schema=list_schema(kind.schema),
     )
 
 
@@ -328,25 +348,6 @@ def sequence(value: Any) -> tuple[Any, ...]:
     raise not_allowed(value, "a sequence (a list or tuple, of one item too)")
 
 
-def typed(hint: Any) -> Kind:
-    """The kind of values of a type, as a type hint has it: what is not of it is refused, and no more."""
-    inner = get_args(hint)
-    if type(None) in inner and len(inner) == 2:
-        return or_none(typed(next(one for one in inner if one is not type(None))))
-    if hint in PLAIN_TYPES:
-        return PLAIN_TYPES[hint]
-    if isinstance(hint, type) and issubclass(hint, enum.Enum):
-        return choice(hint)
-    if hasattr(hint, "__item__"):
-        return part(hint)
-    if get_origin(hint) is tuple and len(inner) == 2 and inner[1] is ... and hasattr(inner[0], "__item__"):
-        return parts(inner[0])
-    raise Wrong(
-        f" is of type {hint}; a file can hold float, int, bool, str, enums, value classes, tuples of three floats, "
-        "tuples of any number of these, of floats, of texts or of values, and each of them or None"
-    )
-
-
 def or_none(kind: Kind) -> Kind:
     """The same, or None, for which a file has no key."""
     return kind._replace(plain=lambda value: None if value is None else kind.plain(value))
@@ -373,15 +374,3 @@ def is_list(value: Any, valid: Callable[[Any], bool]) -> bool:
 def is_row(value: Any) -> bool:
     """Whether it is a list of three numbers."""
     return is_list(value, is_number) and len(value) == 3
-
-
-PLAIN_TYPES: dict[Any, Kind] = {
-    float: finite(),
-    int: whole(-(2**63), 2**63 - 1),
-    bool: flag(),
-    str: text(),
-    tuple[float, float, float]: vector(""),
-    tuple[float, ...]: rows(),
-    tuple[str, ...]: many(text(), "a list of texts in quotes"),
-    tuple[tuple[float, float, float], ...]: rows(3),
-}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
 
 def execute(options: argparse.Namespace) -> Outcome:
     """List, or describe one."""
+    if options.schema:
+        schema = model.format_schema()
+        return Outcome(schema, json.dumps(schema, indent=1, ensure_ascii=False))
     if options.scene is not None:
         details = describe(library.load_scene(options.scene), timing=not options.no_timing)
         return Outcome(details, _text(details))

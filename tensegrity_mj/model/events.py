@@ -112,4 +112,6 @@ class ControlSpec:
     """
 
     law: str = field(_law_name())
-    options: Mapping[str, OptionValue] = field(Kind(_options, "a table", is_table), factory=dict)
+    options: Mapping[str, OptionValue] = field(
+        Kind(_options, "a table", is_table, schema={"type": "object"}), factory=dict
+    )

@@ -31,6 +31,7 @@ Vector = tuple[float, float, float]
 
 PRESTRESS = ("rest_length", "tension", "force_density")  # of a string, at most one of them
 LIMITS = ("max_force_density", "min_rest_length", "winch_speed")  # of a string
+LENGTH = number("a finite number > 0 m", lambda x: x > 0, minimum=0, exclusiveMinimum=True)
 GROUP = printable_name("the name of a group, a non-empty string of printable characters")
 
 
@@ -162,7 +163,7 @@ class String:
     nodes: tuple[str, str] = field(pair("node"))
     stiffness: float = field(positive("N/m"))
     damping: float = field(not_negative("N s/m"), default=0.0)
-    rest_length: float | None = field(number("a finite number > 0 m", lambda x: x > 0), default=None, none="absent")
+    rest_length: float | None = field(LENGTH, default=None, none="absent")
     tension: float | None = field(not_negative("N"), default=None, none="absent")
     force_density: float | None = field(not_negative("N/m"), default=None, none="absent")
     max_force_density: float | None = field(positive("N/m"), default=None, none="absent")

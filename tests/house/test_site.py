@@ -77,6 +77,7 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
         command, cwd=ROOT, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True
     )
     assert build.returncode == 0, build.stderr
+    assert '"$schema"' in (tmp_path / "site" / "schema.json").read_text(encoding="utf-8")
     assert "simulate" in (tmp_path / "site" / "api" / "index.html").read_text(encoding="utf-8")
     assert (tmp_path / "site" / "scenes" / "prism.html").exists()
     # No page loads anything from elsewhere.
@@ -89,7 +90,7 @@ def test_the_paper_cites_what_is_there_and_its_numbers_are_the_readmes() -> None
     text = (ROOT / "paper.md").read_text(encoding="utf-8")
     entries = set(re.findall(r"^@\w+\{(\w+),", (ROOT / "paper.bib").read_text(encoding="utf-8"), re.MULTILINE))
     assert set(re.findall(r"[\[ ]@(\w+)(?=[\];])", text)) == entries
-    measured = text.partition("# What was measured")[2].partition("**Size and speed.**")[0]
+    measured = text.partition("# Accuracy, size and speed")[2].partition("**Speed.**")[0]
     flat = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
     numbers = re.findall(
         r"\d+\.\d+e-\d+|\d{3,} of \d{3,}|median of [\d.]+|\d+ were right|\d+ warned|\d+ of \d+ random", measured

@@ -27,6 +27,7 @@ from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 from tensegrity_mj.model.text import keys as format_keys
 from tensegrity_mj.model.text.reading import scene_from_toml, structure_from_toml
+from tensegrity_mj.model.text.schema import format_schema
 from tensegrity_mj.model.text.sources import scene_names
 from tensegrity_mj.model.text.writing import save_scene, save_structure, scene_to_toml, structure_to_toml
 from tensegrity_mj.model.whole import Whole
@@ -572,7 +573,14 @@ def test_every_key_is_documented() -> None:
                 todo += [one.kind.part] if one.kind.part not in (None, Target, Support, Element) else []
     assert len(keys) > 30
     rows = set(re.findall(r"^\| `(\w+)`", document, re.MULTILINE))
-    assert rows == keys
+    assert rows == keys == keys_in(format_schema())
+
+
+def keys_in(schema: object) -> set[str]:
+    """All keys of tables that a JSON Schema knows."""
+    inside = schema.values() if isinstance(schema, dict) else schema if isinstance(schema, list) else ()
+    own = schema.get("properties", {}) if isinstance(schema, dict) else {}
+    return set(own).union(*map(keys_in, inside))
 
 
 def test_the_documented_python_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
