@@ -1,10 +1,11 @@
 """The calls at the top of the package, where texts become objects, once: inside there are objects alone.
 
-    tmj.simulate("prism", "lyapunov", "dae", on_infeasible="passive")
+    tmj.simulate("prism", "lyapunov", "dae", on_infeasible="passive", integrator="rk4", timestep=1e-3)
 
 A scene is given by what `load_scene` takes, a law by what `controllers.from_scene` takes (a name, path.py:name or
-module:name; the scene's options hold), an engine by its name with its defaults, an enum by the text of its value. What
-a function does and raises stands in the room that it comes from; the signatures here add the texts.
+module:name; the scene's options hold), an engine by its name and its options ("mujoco" where there are options alone;
+`integrator` is the `method` of DAE and ODE), an enum by the text of its value. What a function does and raises stands
+in the room that it comes from; the signatures here add the texts.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj import controllers, simulation
 from tensegrity_mj.basics.checks import choice_from
+from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.dynamics.native.law import Command, Law
-from tensegrity_mj.engines.table import make_engine
+from tensegrity_mj.engines.table import make_engine, option_names
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.load import load_scene
 from tensegrity_mj.linearization import linearizing
@@ -45,18 +47,21 @@ def with_texts(function: Callable[..., Any]) -> Callable[[Callable[P, R]], Calla
     """
 
     def decorate(signature: Callable[P, R]) -> Callable[P, R]:
-        parameters = inspect.signature(signature)
+        parameters, name = inspect.signature(signature), signature.__name__
+        *own, _ = parameters.parameters
 
         @functools.wraps(signature)
         def call(*args: P.args, **options: P.kwargs) -> R:
             try:
                 given = parameters.bind(*args, **options).arguments
             except TypeError as error:
-                takes = f"it takes {', '.join(parameters.parameters)}"
-                raise TypeError(f"{signature.__name__}() {error}; {takes}") from None
+                raise TypeError(f"{name}() {error}; it takes {', '.join(own)}, and options of the engine") from None
+            if (options := given.pop("engine_options", {})) or isinstance(given.get("engine"), str):
+                given["engine"] = _engine(name, own, given.get("engine"), options)
             return function(**_objects(given))
 
-        call.__doc__ = f"{inspect.getdoc(function)}\n\nScenes, laws, engines and enums may be texts: see `{__name__}`."
+        texts = "Scenes, laws, engines and enums may be texts, with options of the engine by their names"
+        call.__doc__ = f"{inspect.getdoc(function)}\n\n{texts}: see `{__name__}`."
         return call
 
     return decorate
@@ -78,8 +83,6 @@ def _objects(given: dict[str, Any]) -> dict[str, Any]:
             controllers.from_scene(scene, law) if isinstance(law, str) else law
             for scene, law in zip(given["scenes"], each, strict=True)
         ]
-    if isinstance(given.get("engine"), str):
-        given["engine"] = make_engine(given["engine"], {})
     for name, kind in {"on_infeasible": OnInfeasible, "inputs": Command}.items():
         if isinstance(given.get(name), str):
             given[name] = choice_from(name, kind, given[name])
@@ -90,6 +93,25 @@ def _objects(given: dict[str, Any]) -> dict[str, Any]:
             raise OptionError(f"actuation = {given['actuation']!r}: it needs the time between samples: use {use}")
         given["actuation"] = Actuation(mode)
     return given
+
+
+def _engine(call: str, own: list[str], engine: Any, options: dict[str, Any]) -> Any:
+    """The engine of a name with these options, of a call whose other parameters are `own`."""
+    if engine is not None and not isinstance(engine, str):
+        raise OptionError(
+            f"{call}: {', '.join(options)}: the engine has been made with its options; leave these out, or give the "
+            f'engine by its name, as engine="dae"'
+        )
+    has = option_names(name := "mujoco" if engine is None else engine)
+    if "integrator" in options and "method" in has:
+        if "method" in options:
+            raise OptionError(f"{call}: integrator and method are one option of engine {name}; leave one of them out")
+        options = {"method" if key == "integrator" else key: value for key, value in options.items()}
+    for key in options:
+        if key not in has:
+            what = f"argument of {call}, nor option of engine {name},"
+            raise TypeError(f"{call}(): {unknown(key, [*own, *has], what)}")
+    return make_engine(name, options)
 
 
 def _scene(given: Any) -> Any:
@@ -107,6 +129,7 @@ def simulate(
     on_infeasible: OnInfeasible | str = OnInfeasible.STOP,
     output_interval: float | None = None,
     progress: bool = False,
+    **engine_options: Any,
 ) -> Trajectory:
     raise NotImplementedError
 
@@ -122,6 +145,7 @@ def linearize(
     law: AnyLaw = None,
     time: float = 0.0,
     inputs: Command | str = Command.REST_LENGTH,
+    **engine_options: Any,
 ) -> Linearization:
     raise NotImplementedError
 
@@ -138,6 +162,7 @@ def stable_step(
     rest_lengths: ArrayLike | None = None,
     time: float = 0.0,
     run: Trajectory | None = None,
+    **engine_options: Any,
 ) -> stable_steps.StableStep:
     raise NotImplementedError
 
@@ -154,12 +179,18 @@ def simulate_many(
     output_interval: float | None = None,
     threads: int = 0,
     progress: bool = False,
+    **engine_options: Any,
 ) -> ensemble.Ensemble:
     raise NotImplementedError
 
 
 @with_texts(ensemble.law_in)
 def law_in(
-    scene: AnyScene, law: AnyLaw, engine: Any = None, *, on_infeasible: OnInfeasible | str = OnInfeasible.STOP
+    scene: AnyScene,
+    law: AnyLaw,
+    engine: Any = None,
+    *,
+    on_infeasible: OnInfeasible | str = OnInfeasible.STOP,
+    **engine_options: Any,
 ) -> AbstractContextManager[Any]:
     raise NotImplementedError

@@ -124,7 +124,7 @@ def option_names(name: str) -> list[str]:
 
 
 def make_engine(name: str, options: Mapping[str, Any]) -> Any:
-    """The engine with these options, plain values: of those that are enums, the words.
+    """The engine with these options, plain values: of those that are enums, the words (or the members).
 
     Raises:
         OptionError: for an option that it has not, or a value that the option cannot have.
@@ -138,7 +138,7 @@ def make_engine(name: str, options: Mapping[str, Any]) -> Any:
         if option not in known:
             raise OptionError(f"engine.{option}: {unknown(option, known, f'option of engine {name}')}")
         default = getattr(usual, option)
-        is_word = isinstance(default, enum.Enum)
+        is_word = isinstance(default, enum.Enum) and not isinstance(value, type(default))
         chosen[option] = choice_from(f"engine.{option}", type(default), value) if is_word else value
     return kind(**chosen)
 

@@ -28,7 +28,9 @@ INSIDE: dict[str, Any] = {
 
 @pytest.mark.parametrize("name", INSIDE)
 def test_signatures_and_docs_are_those_of_the_functions_inside(name: str) -> None:
-    ours, inside = (inspect.signature(one).parameters for one in (getattr(tmj, name), INSIDE[name]))
+    ours, inside = (dict(inspect.signature(one).parameters) for one in (getattr(tmj, name), INSIDE[name]))
+    options = ours.pop("engine_options")
+    assert options.kind is options.VAR_KEYWORD
     assert list(ours) == list(inside)
     for own, other in zip(ours.values(), inside.values(), strict=True):
         assert (own.kind, own.default) == (other.kind, other.default)
@@ -65,6 +67,25 @@ def test_texts_give_what_objects_give(pinned_rod: Any, tmp_path: Path) -> None:
         assert model.opt.timestep == tmj.MuJoCo().timestep
 
 
+@pytest.mark.parametrize("engine", ["mujoco", "dae", "ode", None])
+def test_an_engine_of_a_name_takes_options_and_one_spelling_of_its_integrator(engine: str | None, prism: Any) -> None:
+    text = tmj.simulate("prism", None, engine, duration=0.02, integrator="rk4", timestep=1e-3)
+    kinds: dict[str | None, Any] = {"dae": tmj.DAE, "ode": tmj.ODE}
+    made = kinds[engine](method="rk4", timestep=1e-3) if engine in kinds else tmj.MuJoCo(1e-3, "rk4")
+    assert np.array_equal(text.nodes, simulation.simulate(prism, None, made, duration=0.02).nodes)
+    assert text.provenance["engine"]["timestep"] == 1e-3
+
+
+def test_options_of_engines_reach_every_call(pinned_rod: Any) -> None:
+    euler = tmj.MuJoCo(2e-3, tmj.Integrator.EULER)
+    many = tmj.simulate_many(["pinned_rod"], integrator=tmj.Integrator.EULER, timestep=2e-3, duration=0.02)
+    assert np.array_equal(many[0].nodes, simulation.simulate(pinned_rod, None, euler, duration=0.02).nodes)
+    assert tmj.stable_step("pinned_rod", "mujoco", integrator="euler").scheme is euler.stepping.scheme
+    assert "Euler" in tmj.linearize("pinned_rod", integrator="euler").engine
+    with tmj.law_in("pinned_rod", "lyapunov", timestep=2e-3) as model:
+        assert model.opt.timestep == 2e-3
+
+
 def test_options_of_engines_take_texts() -> None:
     assert tmj.MuJoCo(integrator="euler") == tmj.MuJoCo(integrator=tmj.Integrator.EULER)
     assert tmj.DAE(method="radau", drift="normalize").method is tmj.Method.RADAU
@@ -98,10 +119,38 @@ def test_options_of_engines_take_texts() -> None:
             r"'rado'.*it must be one of Method.DOP853, Method.RADAU",
         ),
         (
-            lambda: tmj.simulate("prism", integrator="rk4"),
+            lambda: tmj.simulate("prism", duraton=1.0),
             TypeError,
-            r"simulate\(\) got an unexpected .* takes scene",
+            r"no argument of simulate, nor option of engine mujoco, 'duraton' \(did you mean 'duration'\?\)",
         ),
+        (
+            lambda: tmj.simulate("prism", engine="dae", timstep=1.0),
+            TypeError,
+            r"dae, 'timstep' \(did you mean 'timestep'",
+        ),
+        (
+            lambda: tmj.simulate("prism", engine="mujoco", method="rk4"),
+            TypeError,
+            r"mujoco, 'method'; allowed: .*integrator",
+        ),
+        (lambda: tmj.simulate("prism", engine="", timestep=1e-3), OptionError, r"there is no engine ''"),
+        (lambda: tmj.simulate("prism", integrator="rk5"), OptionError, r"'rk5' \(did you mean 'rk4'\?\)"),
+        (
+            lambda: tmj.simulate("prism", engine="dae", integrator="rk4"),
+            OptionError,
+            "DAE: timestep = None: Method.RK4",
+        ),
+        (
+            lambda: tmj.simulate("prism", engine="dae", integrator="rk4", method="rk4"),
+            OptionError,
+            "integrator and method are one option of engine dae",
+        ),
+        (
+            lambda: tmj.simulate("prism", engine=tmj.DAE(), integrator="rk4"),
+            OptionError,
+            'by its name, as engine="dae"',
+        ),
+        (lambda: tmj.simulate(), TypeError, r"missing .* 'scene'; it takes scene, .*, and options of the engine"),
         # Inside there are objects alone.
         (lambda: INSIDE["simulate"]("prism"), OptionError, "use a Scene"),
         (lambda: INSIDE["simulate"](tmj.load_scene("prism"), on_infeasible="stop"), OptionError, "one of OnInfeasible"),
