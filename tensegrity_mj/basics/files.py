@@ -130,6 +130,17 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
         yield from _replaced(destination)
 
 
+def write_text(path: str | os.PathLike[str], text: str) -> Path:
+    """Write a text file in UTF-8, as a whole or not at all (`replacing`); returns the path.
+
+    Raises:
+        FormatError: if the file cannot be written.
+    """
+    with replacing(path) as part:
+        part.write_text(text, encoding="utf-8", newline="\n")
+    return Path(path)
+
+
 def _replaced(destination: Path) -> Iterator[Path]:
     temporary = None
     try:

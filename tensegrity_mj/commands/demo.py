@@ -15,7 +15,7 @@ from typing import Any
 
 import tensegrity_mj.library as library
 from tensegrity_mj import engines, runs
-from tensegrity_mj.basics.files import replacing
+from tensegrity_mj.basics.files import write_text
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.commands.common import Outcome, code_of_status, number, output_folder, table
@@ -212,5 +212,4 @@ def _write_numbers(demo: Demo, path: Path) -> None:
         "comparison": demo.comparison.to_dict(),
         "agreement": demo.agreement_data(),
     }
-    with replacing(path) as part:
-        part.write_text(to_json(data, indent=2) + "\n", encoding="utf-8")
+    write_text(path, to_json(data, indent=2) + "\n")

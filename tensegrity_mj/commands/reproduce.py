@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tensegrity_mj import studies
+from tensegrity_mj.basics.files import write_text
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.commands.common import ExitCode, Outcome, output_file
 
@@ -37,7 +38,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         draw=not options.no_figures,
     )
     if table is not None:
-        page.write(table, page.markdown(found.rows))
+        write_text(table, page.markdown(found.rows))
     files = {what: str(path.absolute()) for what, path in found.files.items()}
     data = {
         "status": "unexplained" if found.unexplained else "completed",

@@ -47,19 +47,14 @@ def execute(options: argparse.Namespace) -> Outcome:
 
 
 def _write(folder: Path, data: dict[str, Any], small: bool) -> Path:
-    from tensegrity_mj.basics.files import replacing
+    from tensegrity_mj.basics.files import write_text
     from tensegrity_mj.basics.jsontext import to_json
     from tensegrity_mj.pictures.figure import save_figure
     from tensegrity_mj.studies.stability import figures, page
 
-    with replacing(folder / "stability.json") as part:
-        part.write_text(to_json(data) + "\n", encoding="utf-8")
+    write_text(folder / "stability.json", to_json(data) + "\n")
     for name, (figure, _) in figures.pictures(data).items():
-        if small:
-            with replacing(folder / f"{name}.png") as part:
-                figure.savefig(part, dpi=SMALL_DPI, format="png")
-        else:
-            save_figure(figure, folder / f"{name}.png")
+        save_figure(figure, folder / f"{name}.png", SMALL_DPI if small else None)
     return page.write(folder / "index.html", data)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
-from tensegrity_mj.basics.files import replacing
+from tensegrity_mj.basics.files import write_text
 from tensegrity_mj.basics.texts import closest, file_name
 from tensegrity_mj.errors import FormatError, OptionError, SceneError, StructureError, printable
 from tensegrity_mj.exchange.draft import Draft
@@ -62,9 +62,7 @@ class Imported:
         Raises:
             FormatError: if the file cannot be written.
         """
-        with replacing(path) as part:
-            part.write_text(self.to_toml(), encoding="utf-8", newline="\n")
-        return Path(path)
+        return write_text(path, self.to_toml())
 
 
 def import_scene(

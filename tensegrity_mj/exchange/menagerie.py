@@ -17,7 +17,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from tensegrity_mj.basics.files import checked, replacing
+from tensegrity_mj.basics.files import checked, write_text
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_frames import numbers
 from tensegrity_mj.engines.mujoco.mjcf_tree import distinct
@@ -64,8 +64,7 @@ def save_menagerie(scene: Scene, path: str | os.PathLike[str], warp: bool = Fals
     outer = _scene_around(root, model.name)
     for element, place in ((root, model), (outer, around)):
         ET.indent(element)
-        with replacing(place) as part:
-            part.write_text(ET.tostring(element, encoding="unicode") + "\n", encoding="utf-8", newline="\n")
+        write_text(place, ET.tostring(element, encoding="unicode") + "\n")
     return [model, around], notes
 
 

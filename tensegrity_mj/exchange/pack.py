@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from tensegrity_mj.basics.files import made_folder, replacing, said_in_comments
+from tensegrity_mj.basics.files import made_folder, said_in_comments, write_text
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.engines.mujoco.mjcf import save_mjcf
 from tensegrity_mj.exchange.tables import save_csv
@@ -38,8 +38,7 @@ def save_pack(folder: str | os.PathLike[str]) -> list[Path]:
         scene_text, where, source = find(name)
         scene, own = scene_from_toml(scene_text, where), made_folder(files[0].parent / source.name)
         for kept in KEPT:
-            with replacing(own / kept) as part:
-                part.write_text(read(source / kept), encoding="utf-8")
+            write_text(own / kept, read(source / kept))
         save_mjcf(scene, own / "scene.xml")
         tables, notes = save_csv(scene, own / "nodes.csv")
         files += [own / "scene.xml", *tables, *(own / kept for kept in KEPT)]
@@ -47,6 +46,5 @@ def save_pack(folder: str | os.PathLike[str]) -> list[Path]:
         absent = "; ".join(note for note in notes if "gravity" not in note) or "-"
         bar, weight = quantity(said["error"], "m", 2), f"{abs(scene.gravity[2]):g} m/s²"
         text += f"| {source.name} | {said['about']} | {weight} | {absent} | {bar} |\n"
-    with replacing(files[0]) as part:
-        part.write_text(text, encoding="utf-8")
+    write_text(files[0], text)
     return files

@@ -167,8 +167,11 @@ def line_style(number: int) -> str:
     return RUN_STYLES[number % len(RUN_STYLES)]
 
 
-def save_figure(figure: Figure, path: PathLike) -> Path:
+def save_figure(figure: Figure, path: PathLike, dpi: float | None = None) -> Path:
     """Write a figure as .png, .pdf or .svg, as a whole or not at all; returns the path.
+
+    Args:
+        dpi: dots an inch; by default what the screen, or a paper, wants.
 
     Raises:
         OptionError: a path that cannot be written.
@@ -182,7 +185,7 @@ def save_figure(figure: Figure, path: PathLike) -> Path:
         wanted = paper.chosen()
         if wanted is not None:
             wanted.dress(figure)
-        dpi = DPI if wanted is None else paper.DPI
+        dpi = dpi or (DPI if wanted is None else paper.DPI)
         if destination.suffix.lower() == ".png":
             print_png(figure, part, dpi)
             return destination

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tensegrity_mj.basics.files import checked, replacing
+from tensegrity_mj.basics.files import checked, write_text
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import OptionError
@@ -156,9 +156,7 @@ def write_sections(
         parts.append(f"<h2>{escape(section.title)}</h2>")
         parts += [f"<p>{escape(text)}</p>" for text in section.text]
         parts += [_part(part) for part in section.parts]
-    with replacing(destination) as part:
-        part.write_text(page_of(title, parts), encoding="utf-8")
-    return destination
+    return write_text(destination, page_of(title, parts))
 
 
 def _part(part: Picture | Table | str) -> str:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.files import checked, replacing
+from tensegrity_mj.basics.files import checked, write_text
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.errors import MissingPackageError, printable
 from tensegrity_mj.model.scene import Scene
@@ -59,10 +59,7 @@ class WebPage:
         Raises:
             OptionError: a path that cannot be written.
         """
-        destination = checked(path, (".html", ".htm"), "page")
-        with replacing(destination) as part:
-            part.write_text(self.text, encoding="utf-8")
-        return destination
+        return write_text(checked(path, (".html", ".htm"), "page"), self.text)
 
     def describe(self) -> str:
         """How many frames were chosen, and how large the page is."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.checks import member, real_array, whole
-from tensegrity_mj.basics.files import made_folder, replacing
+from tensegrity_mj.basics.files import made_folder, write_text
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.errors import InfeasibleError, OptionError
@@ -144,8 +144,7 @@ class StaticStudy:
             OptionError: where nothing can be written.
         """
         place = made_folder(folder)
-        with replacing(place / DATA) as part:
-            part.write_text(to_json({"status": self.status, **self.to_dict()}, indent=1) + "\n", encoding="utf-8")
+        write_text(place / DATA, to_json({"status": self.status, **self.to_dict()}, indent=1) + "\n")
         self.save_page(place / PAGE)
         return place
 

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tensegrity_mj.basics.files import replacing
+from tensegrity_mj.basics.files import write_text
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.pictures.figure import frame, new_figure
 from tensegrity_mj.pictures.findings import Finding, opening_of
@@ -33,8 +33,7 @@ COLUMNS = {
 def write_promise(folder: str | os.PathLike[str], found: Promise) -> Path:
     """Write promise.json and promise.html; returns the page's path."""
     place = Path(folder)
-    with replacing(place / DATA) as part:
-        Path(part).write_text(to_json(found.to_dict(), indent=1) + "\n", encoding="utf-8")
+    write_text(place / DATA, to_json(found.to_dict(), indent=1) + "\n")
     which = ("number", "broken", "experiment", "engine")
     failures = [[*(row.get(name, "") for name in which), *_why(row)] for row in found.failures]
     silent = [[row["number"], row["outcome"], row.get("cause", "")] for row in found.rows if row.get("cause")]

@@ -8,7 +8,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, ClassVar, Self
 
-from tensegrity_mj.basics.files import replacing
+from tensegrity_mj.basics.files import write_text
 from tensegrity_mj.basics.jsontext import to_json
 
 
@@ -37,7 +37,6 @@ class Report:
     def kept(self) -> Self:
         """The report, written into its folder where it has one: data as .json, and the page."""
         if self.folder is not None:
-            with replacing(self.folder / f"{self.NAME}.json") as part:
-                part.write_text(to_json(self.data, indent=1) + "\n", encoding="utf-8")
+            write_text(self.folder / f"{self.NAME}.json", to_json(self.data, indent=1) + "\n")
             self.save_page(self.folder / f"{self.NAME}.html")
         return self

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from html import escape
-from pathlib import Path
 from typing import Any
 
-from tensegrity_mj.basics.files import replacing
 from tensegrity_mj.pictures.page import data_url, page_of, table_of
 from tensegrity_mj.thesis.drawing import ThesisFigure
 from tensegrity_mj.thesis.experiments import TITLES, EngineName
@@ -222,9 +220,3 @@ def _ledger(rows: Sequence[Row], engines: Sequence[EngineName]) -> str:
             f"<td><b>{escape(row.verdict.value)}</b>{cause}</td></tr>"
         )
     return f'<div class="table"><table>{"".join(lines)}</table></div>'
-
-
-def write(path: Path, text: str) -> None:
-    """Write a text file as a whole or not at all."""
-    with replacing(path) as part:
-        part.write_text(text, encoding="utf-8")

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.files import made_folder
+from tensegrity_mj.basics.files import made_folder, write_text
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.pictures.figure import save_figure
@@ -118,7 +118,7 @@ def reproduce(
     runs = _run_lines([name for name in names if name not in WHOLES], moving, computed)
     runs += _run_lines([name for name in names if name in WHOLES], engines, computed)
     note = "" if disturbance is None else f"In error: {disturbance}."
-    page.write(folder / PAGE, page.html(rows, engines, pictures, runs, note))
+    write_text(folder / PAGE, page.html(rows, engines, pictures, runs, note))
     data = {
         "thesis": page.THESIS,
         "disturbance": None if disturbance is None else disturbance.plain,
@@ -128,7 +128,7 @@ def reproduce(
         "runs": runs,
         "figures": {figure.number: {"page": figure.page, "title": figure.title} for figure in chosen},
     }
-    page.write(folder / DATA, to_json(data, indent=1) + "\n")
+    write_text(folder / DATA, to_json(data, indent=1) + "\n")
     return Reproduction(rows, computed, {"page": folder / PAGE, "data": folder / DATA, **files})
 
 

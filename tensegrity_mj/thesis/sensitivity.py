@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tensegrity_mj.basics.files import made_folder, replacing
+from tensegrity_mj.basics.files import made_folder, write_text
 from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.thesis.catalog import selected
 from tensegrity_mj.thesis.chapter3.series import SERIES
@@ -93,8 +93,7 @@ def sensitivity(
     order = {row.id: number for number, row in enumerate(selected(())[1])}
     table["rows"] = {name: table["rows"][name] for name in sorted(table["rows"], key=lambda one: order.get(one, -1))
                      if name in order}  # fmt: skip
-    with replacing(file) as part:
-        part.write_text(json.dumps(table, ensure_ascii=False, indent=1) + "\n", encoding="utf-8")
+    write_text(file, json.dumps(table, ensure_ascii=False, indent=1) + "\n")
     return dict(table)
 
 

@@ -61,13 +61,10 @@ def save_mjcf(scene: Scene, path: str | os.PathLike[str], timestep: float = 1e-3
         OptionError: for another suffix, or a place where no file can be written.
         FormatError: where writing fails all the same.
     """
-    from tensegrity_mj.basics.files import checked, replacing
+    from tensegrity_mj.basics.files import checked, write_text
 
     destination = checked(path, (".xml",), "MJCF")
-    text = scene_to_mjcf(scene, timestep, integrator)
-    with replacing(destination) as part:
-        part.write_text(text, encoding="utf-8", newline="\n")
-    return destination
+    return write_text(destination, scene_to_mjcf(scene, timestep, integrator))
 
 
 def scene_to_mjcf(scene: Scene, timestep: float = 1e-3, integrator: str = "RK4") -> str:

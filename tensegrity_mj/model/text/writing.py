@@ -15,7 +15,7 @@ import tomli_w
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import checked
 from tensegrity_mj.basics.fields import item_of
-from tensegrity_mj.basics.files import replacing
+from tensegrity_mj.basics.files import write_text
 from tensegrity_mj.basics.kinds import part
 from tensegrity_mj.errors import FormatError, SceneError
 from tensegrity_mj.model.scene import Scene
@@ -184,12 +184,10 @@ def _value(value: Any) -> str:
 
 
 def _write(path: str | os.PathLike[str], text: str) -> Path:
-    content = text.encode()
-    if len(content) > MOST_BYTES:
+    size = len(text.encode())
+    if size > MOST_BYTES:
         raise FormatError(
-            f"{path}: the text has {len(content) / 1e6:.3g} MB, and files of more than {MOST_BYTES / 1e6:g} MB are not "
+            f"{path}: the text has {size / 1e6:.3g} MB, and files of more than {MOST_BYTES / 1e6:g} MB are not "
             "read back: save a smaller structure"
         )
-    with replacing(path) as part:
-        part.write_bytes(content)
-    return Path(path)
+    return write_text(path, text)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from tensegrity_mj.basics.files import checked, made_folder, replacing
+from tensegrity_mj.basics.files import checked, made_folder, replacing, write_text
 from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.studies.tradeoff import sentence
@@ -45,9 +45,7 @@ def write_docs(folder: str | os.PathLike[str], studies: Sequence[Data]) -> list[
             _write_picture(picture, data)
             written.append(picture)
         text = replaced(text, name, part(data, picture is not None), str(text_path))
-    with replacing(text_path) as new:
-        new.write_text(text, encoding="utf-8")
-    return [*written, text_path]
+    return [*written, write_text(text_path, text)]
 
 
 def replaced(text: str, name: str, own: str, where: str) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import field, value
-from tensegrity_mj.basics.files import replacing
+from tensegrity_mj.basics.files import write_text
 from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.basics.kinds import choice, each, finite, flag, many, positive, text, whole
 from tensegrity_mj.errors import FormatError, OptionError, TensegrityError
@@ -223,8 +223,7 @@ def _timed(cases: Sequence[Case], found: SeriesRun, path: Path) -> tuple[float, 
         interval = step * max(1, round(0.1 / step))
         spent = [simulated(case, interval=interval).cost["wall_time"] for _ in range(2)] if right else [float("nan")]
         times.append(min(spent))
-    with replacing(path) as part:
-        part.write_text(to_exact_json({"wall_time": times}) + "\n", encoding="utf-8")
+    write_text(path, to_exact_json({"wall_time": times}) + "\n")
     return tuple(times)
 
 
