@@ -128,13 +128,14 @@ def _legend_below(panel: Axes, handles: list[Any], labels: list[str], size: floa
     panel.legend(handles, labels, fontsize=size, **look)
 
 
-def common_legend(figure: Figure, panels: Iterable[Axes]) -> None:
-    """One legend below the panels, each label once."""
+def common_legend(figure: Figure, panels: Iterable[Axes], most: int = 99, size: float = 8.0) -> None:
+    """One legend below the panels, each label once, at most so many beside one another, in letters of that size."""
     used: dict[str, Any] = {}
     for panel in panels:
         for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             used.setdefault(label, handle)
-    figure.legend(used.values(), used.keys(), loc="outside lower center", ncols=len(used), fontsize=8, frameon=False)
+    look: dict[str, Any] = {"ncols": min(most, len(used)), "fontsize": size, "frameon": False}
+    figure.legend(used.values(), used.keys(), loc="outside lower center", **look)
 
 
 def note(panel: Axes, text: str) -> None:

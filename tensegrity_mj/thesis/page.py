@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
+from tensegrity_mj.basics import texts
 from tensegrity_mj.pictures.page import data_url, page_of, table_of
 from tensegrity_mj.thesis.drawing import ThesisFigure
 from tensegrity_mj.thesis.experiments import TITLES, EngineName
@@ -15,6 +16,7 @@ from tensegrity_mj.thesis.statement import Class
 from tensegrity_mj.thesis.tables import FOLDER
 
 THESIS = "A. S. Wroldsen, Modelling and Control of Tensegrity Structures, NTNU 2007:190"
+CLASSES = ("class", "rows", "come out", "differ", "cannot be judged")  # heads of `_class_rows`
 # Classes of the page's rows.
 KINDS = {
     Verdict.UNJUDGED: "open",
@@ -96,7 +98,7 @@ def markdown(rows: Sequence[Row]) -> str:
         (FOLDER / "introduction.md").read_text(encoding="utf-8"),
         f"**{summary(rows)}.**",
         "",
-        *_class_table(rows),
+        *texts.markdown_table(CLASSES, _class_rows(rows)),
         "",
         _notices(rows),
         "",
@@ -106,8 +108,7 @@ def markdown(rows: Sequence[Row]) -> str:
         title = f"Chapter {chapter}" if chapter.isdigit() else f"Appendix {chapter}"
         columns = list(dict.fromkeys(engine for row in own for engine in row.cells))
         heads = ["row", "class", "where", "what", "thesis", *(TITLES[one] for one in columns), "verdict", "notices"]
-        lines += [f"## {title}", "", "| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
-        lines += [markdown_row(row, columns) for row in own]
+        lines += [f"## {title}", "", *texts.markdown_table(heads, [_cells(row, columns) for row in own])]
         causes = dict.fromkeys((row.cause, row.verdict) for row in own if row.cause)
         if causes:
             lines += ["", "Why rows differ, or cannot be judged:", ""]
@@ -136,31 +137,33 @@ def _notices(rows: Sequence[Row]) -> str:
     )
 
 
-def _class_table(rows: Sequence[Row]) -> list[str]:
-    """Rows by class and verdict."""
-    lines = ["| class | rows | come out | differ | cannot be judged |", "|---|---|---|---|---|"]
+def _class_rows(rows: Sequence[Row]) -> list[list[str]]:
+    """Rows by class and verdict, under the heads `CLASSES`."""
+    lines = []
     for name, found in counts_by_class(rows).items():
         differ = found[Verdict.DIFFERS.value] + found[Verdict.UNEXPLAINED.value]
         values = (found["rows"], found[Verdict.REPRODUCED.value], differ, found[Verdict.UNJUDGED.value])
-        lines.append(f"| {name} | " + " | ".join(map(str, values)) + " |")
+        lines.append([name, *map(str, values)])
     return lines
 
 
 def markdown_row(row: Row, engines: Sequence[EngineName] | None = None) -> str:
     """One line of the table, with a column for each engine; for those that the row has by default."""
+    return texts.markdown_row(_cells(row, list(row.cells) if engines is None else engines))
+
+
+def _cells(row: Row, engines: Sequence[EngineName]) -> list[str]:
     statement = row.statement
-    values = value_texts(row, list(row.cells) if engines is None else engines)
     where = f"{statement.place}, p. {statement.page}"
     head = [f"`{statement.id}`", statement.kind.value, where, statement.says, statement.stated]
-    cells = [*head, *values, row.verdict.value, noticed(statement)]
-    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+    return [*head, *value_texts(row, engines), row.verdict.value, noticed(statement)]
 
 
 def value_texts(row: Row, engines: Sequence[EngineName]) -> list[str]:
     """Our value and its unit in each engine; a dash where there is none."""
     statement = row.statement
-    texts = [value_text(statement, row.cells[one].value) if one in row.cells else "–" for one in engines]
-    return [with_unit(text, statement.unit) for text in texts]
+    values = [value_text(statement, row.cells[one].value) if one in row.cells else "–" for one in engines]
+    return [with_unit(text, statement.unit) for text in values]
 
 
 def with_unit(text: str, unit: str) -> str:
@@ -187,8 +190,7 @@ def html(
     parts = [f"<h1>The thesis, reproduced</h1><p>{escape(THESIS)}</p>"]
     if note:
         parts.append(f'<p class="note">{escape(note)}</p>')
-    heads, _, *classes = [line.strip("| ").split(" | ") for line in _class_table(rows)]
-    parts += [f"<p>{escape(summary(rows))}.</p>", table_of(heads, classes), _ledger(rows, engines)]
+    parts += [f"<p>{escape(summary(rows))}.</p>", table_of(CLASSES, _class_rows(rows)), _ledger(rows, engines)]
     if figures:
         parts.append("<h2>Figures</h2>")
     for figure, content in figures:

@@ -379,7 +379,7 @@ def test_failed_points_are_drawn_and_listed(tmp_path: Path) -> None:
     assert x == data["experiments"][0]["points"][0]["evaluations"]
     experiment = data["experiments"][0]
     first = rows(experiment, data["timing"]["experiments"][experiment["key"]])[0]
-    assert first[-1] == "diverged: energy came from nowhere"
+    assert first["remark"] == "diverged: energy came from nowhere"
 
 
 # ------------------------------------------------------------------------------------------------- the whole study

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from tensegrity_mj.basics.files import checked, made_folder, replacing, write_text
-from tensegrity_mj.basics.texts import file_name
+from tensegrity_mj.basics.texts import file_name, markdown_table
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.studies.tradeoff import sentence
 from tensegrity_mj.studies.tradeoff.figure import Cost, diagram, has_diagram
@@ -75,8 +75,7 @@ def part(data: Data, has_picture: bool) -> str:
     if budget != BUDGET:
         lines += [f"With `--budget {budget:.0e}`.".replace("e+0", "e"), ""]
     held, references = [], []
-    for experiment in data["experiments"]:
-        timing = data["timing"]["experiments"][experiment["key"]]
+    for experiment, timing in sentence.with_timing(data):
         title = experiment["title"]
         references.append(f"- {title} ({experiment['duration']:g} s): {sentence.reference_sentence(experiment)}.")
         if experiment["note"]:
@@ -86,18 +85,11 @@ def part(data: Data, has_picture: bool) -> str:
             continue
         if not timing["advice"]:
             continue
-        lines += [f"{title[:1].upper()}{title[1:]}:", "", *_table(experiment, timing), ""]
+        table = markdown_table(sentence.ADVICE, sentence.advice_rows(experiment, timing))
+        lines += [f"{title[:1].upper()}{title[1:]}:", "", *table, ""]
     if held:
         lines += ["What is held between control samples:", "", *held, ""]
     return "\n".join([*lines, "References:", "", *references])
-
-
-def _table(experiment: Data, timing: Data) -> list[str]:
-    lines = ["| error at most | fastest here | fewest right-hand sides |", "|---|---|---|"]
-    for one, other in zip(timing["advice"], experiment["by_right_hand_sides"]["advice"], strict=True):
-        cells = [sentence.metres(one["tolerance"]), sentence.advice_alone(one), sentence.advice_alone(other)]
-        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    return lines
 
 
 def _write_picture(path: Path, data: Data) -> None:

@@ -5,14 +5,15 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.pictures import palette
-from tensegrity_mj.pictures.figure import GREY, frame, new_figure
-from tensegrity_mj.studies.tradeoff.sentence import metres
+from tensegrity_mj.pictures.figure import GREY, common_legend, frame, grid_of_panels
+from tensegrity_mj.studies.tradeoff.sentence import metres, with_timing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,6 +28,7 @@ COLUMNS = 4
 LEGEND_ROW, LEGEND_COLUMN = 0.2, 2.0  # inches
 LEAST = 1e-16  # m: errors of nothing at all are drawn here
 TOP = 0.955  # of a panel's height: where runs without an error stand
+CROSS: Any = {"ls": "none", "marker": "x", "ms": 5, "mew": 1.4}  # how these are drawn
 
 
 class Cost(enum.Enum):
@@ -36,8 +38,7 @@ class Cost(enum.Enum):
     RIGHT_HAND_SIDES = "right-hand sides"
 
 
-@dataclass(frozen=True)
-class Style:
+class Style(NamedTuple):
     """How a family is drawn."""
 
     color: tuple[float, float, float]
@@ -68,8 +69,7 @@ ONLY_TREATED = (", monitor", ", normalize", ", Baumgarte")
 DRIFT = "drift treatments"
 
 
-@dataclass(frozen=True)
-class Panel:
+class Panel(NamedTuple):
     """One experiment, or a part of its families."""
 
     experiment: Data
@@ -83,59 +83,47 @@ def has_diagram(data: Data) -> bool:
     return any(one["reference"]["engine"] is not None for one in data["experiments"])
 
 
-def diagram(data: Data, cost: Cost, experiments: Sequence[str] | None = None) -> Figure:
-    """The diagram of a study's data.
+def diagram(data: Data, cost: Cost) -> Figure:
+    """The diagram of a study's data, of all experiments that have a reference.
 
     Args:
         cost: the horizontal axis.
-        experiments: keys of those that are drawn; all that have a reference by default.
 
     Raises:
         OptionError: where there is nothing to draw.
     """
-    panels = _panels(data, experiments)
+    panels = _panels(data)
     if not panels:
         raise OptionError(
             f"scene '{data['scene']['name']}': no experiment has a reference, so there are no errors to draw"
         )
     columns = min(COLUMNS, len(panels)) if len(panels) not in (5, 6) else 3
-    rows = math.ceil(len(panels) / columns)
-    handles = _handles(panels)
-    width = max(columns, 2) * PANEL[0]
-    across = int(width / LEGEND_COLUMN)
-    legend = LEGEND_ROW * math.ceil(len(handles) / across)
-    figure = new_figure(width, rows * PANEL[1] + legend + 0.3)
-    grid = figure.subplots(rows, columns, squeeze=False).ravel()
-    for place, panel in zip(grid, panels, strict=False):
+    across = int(max(columns, 2) * PANEL[0] / LEGEND_COLUMN)
+    legend = LEGEND_ROW * math.ceil((len({name for panel in panels for name in panel.families}) + 4) / across)
+    width = PANEL[0] if columns > 1 else 2 * PANEL[0]
+    figure, places = grid_of_panels(len(panels), columns, width, PANEL[1], legend + 0.3)
+    for place, panel in zip(places, panels, strict=True):
         _draw(place, panel, cost)
-    limits = [place.get_xlim() for place, _ in zip(grid, panels, strict=False)]
-    for number, place in enumerate(grid):
-        if number >= len(panels):
-            place.set_axis_off()
-            continue
-        place.set_xlim(min(low for low, _ in limits), max(high for _, high in limits))
+    limits = np.array([place.get_xlim() for place in places])
+    for number, place in enumerate(places):
+        place.set_xlim(limits[:, 0].min(), limits[:, 1].max())
         if number % columns == 0:
             place.set_ylabel("largest node error [m]", fontsize=8)
         if number + columns >= len(panels):
             place.set_xlabel(cost.value, fontsize=8)
-    figure.legend(handles=handles, loc="outside lower center", fontsize=7.5, frameon=False, ncols=across)
+    common_legend(figure, places, across, 7.5)
     law = data["law"] and (data["law"]["description"] or {}).get("law", data["law"]["from"])
     name = data["scene"]["name"] + (f", law {law}" if law else "")
     figure.suptitle(f"{figure_text(name)}: error and cost", fontsize=10)
     return figure
 
 
-def _panels(data: Data, experiments: Sequence[str] | None) -> list[Panel]:
+def _panels(data: Data) -> list[Panel]:
     found = []
-    drawn = [
-        one
-        for one in data["experiments"]
-        if one["reference"]["engine"] is not None and (not experiments or one["key"] in experiments)
-    ]
+    drawn = [pair for pair in with_timing(data) if pair[0]["reference"]["engine"] is not None]
     # Treatments of drift are compared where the law is at work, if there is one.
-    unheld = [one["key"] for one in drawn if one["actuation"] == "continuous"]
-    for experiment in drawn:
-        timing = data["timing"]["experiments"][experiment["key"]]
+    unheld = [one["key"] for one, _ in drawn if one["actuation"] == "continuous"]
+    for experiment, timing in drawn:
         run = [one for one in experiment["points"] if one["status"] != "refused"]
         names = list(dict.fromkeys(one["family"] for one in run))
         treated = [name for name in names if name.endswith(ONLY_TREATED)]
@@ -159,89 +147,61 @@ def costs(experiment: Data, timing: Data, cost: Cost) -> list[float | None]:
 
 
 def _draw(place: Axes, panel: Panel, cost: Cost) -> None:
-    experiment, reference = panel.experiment, panel.experiment["reference"]
-    spent = [math.nan if value is None else value for value in costs(experiment, panel.timing, cost)]
-    own = reference["own_error"]
-    drawn: list[float] = []
-    front = panel.timing["front"] if cost is Cost.WALL_TIME else experiment["by_right_hand_sides"]["front"]
-    shown = [number for number in front if experiment["points"][number]["family"] in panel.families]
-    place.plot(
-        [spent[number] for number in shown],
-        [max(experiment["points"][number]["error"], LEAST) for number in shown],
-        color=(0.78, 0.80, 0.83), lw=6, solid_capstyle="round", solid_joinstyle="round", zorder=1,
-    )  # fmt: skip
+    experiment = panel.experiment
+    own = experiment["reference"]["own_error"]
+    spent = np.array(costs(experiment, panel.timing, cost), float)  # NaN where there is none
+    errors = np.maximum(np.array([one["error"] for one in experiment["points"]], float), LEAST)
+    failed = np.isnan(errors)
+    families = np.array([one["family"] for one in experiment["points"]])
     for family in panel.families:
-        style = STYLES.get(family, Style(GREY, "x"))
-        members = [number for number, one in enumerate(experiment["points"]) if one["family"] == family]
-        known = [number for number in members if experiment["points"][number]["error"] is not None]
-        x = [spent[number] for number in known]
-        y = [max(experiment["points"][number]["error"], LEAST) for number in known]
-        drawn += y
+        style, members = STYLES.get(family, Style(GREY, "x")), families == family
         place.plot(
-            x, y, color=style.color, ls=style.line, lw=0.9, marker=style.marker, ms=3.4,
-            mfc="white" if style.hollow else style.color, mew=0.8, zorder=3,
+            spent[members & ~failed], errors[members & ~failed], color=style.color, ls=style.line, lw=0.9,
+            marker=style.marker, ms=3.4, mfc="white" if style.hollow else style.color, mew=0.8, zorder=3, label=family,
         )  # fmt: skip
-        lost = [spent[number] for number in members if experiment["points"][number]["error"] is None]
+        lost = spent[members & failed]
         place.plot(
-            lost, [TOP] * len(lost), color=style.color, ls="none", marker="x", ms=5, mew=1.4, in_layout=False,
-            transform=place.get_xaxis_transform(), zorder=4,
+            lost, [TOP] * len(lost), color=style.color, in_layout=False, transform=place.get_xaxis_transform(),
+            zorder=4, **CROSS,
         )  # fmt: skip
+    shown = np.isin(families, panel.families)
+    if np.any(shown & failed):
+        place.plot([], [], color=GREY, label="unstable or failed", **CROSS)
+    front = panel.timing["front"] if cost is Cost.WALL_TIME else experiment["by_right_hand_sides"]["front"]
+    best = [number for number in front if shown[number]]
+    place.plot(
+        spent[best], errors[best], color=(0.78, 0.80, 0.83), lw=6, solid_capstyle="round", solid_joinstyle="round",
+        zorder=1, label="Pareto front",
+    )  # fmt: skip
     place.set_xscale("log")
     place.set_yscale("log")
-    low = min([own or LEAST, *drawn], default=LEAST)
-    high = max([*drawn, low * 10], default=1.0)
-    place.set_ylim(max(low, LEAST) / 30, high * 300)
+    drawn = errors[shown & ~failed]
+    low = float(drawn.min(initial=own or LEAST))
+    place.set_ylim(max(low, LEAST) / 30, float(drawn.max(initial=10 * low)) * 300)
     _lines(place, experiment, own)
     frame(place, panel.title, legend=False, small=1.0)
 
 
 def _lines(place: Axes, experiment: Data, own: float | None) -> None:
     """The reference's own error as a band, and the modelling floor as a line."""
-    if own:
-        place.axhspan(LEAST / 1e4, own, color=(0.93, 0.93, 0.95), lw=0, zorder=0)
-        place.text(
-            0.02, 0.02, f"reference known to {metres(own)}", fontsize=6.5, color=palette.FAINT_TEXT, va="bottom",
-            transform=place.transAxes, in_layout=False,
-        )  # fmt: skip
     floor = experiment["modelling_floor"]
     if floor is not None and floor["distance"]:
-        place.axhline(floor["distance"], color=palette.WARNING, lw=1.0, ls=(0, (4, 2)), zorder=2)
+        place.axhline(
+            floor["distance"], color=palette.WARNING, lw=1.0, ls=(0, (4, 2)), zorder=2, label="modelling floor"
+        )
         place.text(
             0.985, floor["distance"], f"modelling floor {metres(floor['distance'])}", fontsize=6.5,
             color=palette.WARNING, va="bottom", ha="right", transform=place.get_yaxis_transform(),
             bbox={"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 0.6}, zorder=5,
             in_layout=False,
         )  # fmt: skip
-
-
-def _handles(panels: Sequence[Panel]) -> list[Any]:
-    """What the legend holds."""
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    names = [name for name in STYLES if any(name in panel.families for panel in panels)]
-    handles: list[Any] = [
-        Line2D(
-            [],
-            [],
-            color=STYLES[name].color,
-            ls=STYLES[name].line,
-            lw=1.1,
-            marker=STYLES[name].marker,
-            ms=4,
-            mfc="white" if STYLES[name].hollow else STYLES[name].color,
-            label=name,
-        )
-        for name in names
-    ]
-    every = [one for panel in panels for one in panel.experiment["points"] if one["family"] in panel.families]
-    if any(one["error"] is None for one in every):
-        handles.append(Line2D([], [], color=GREY, ls="none", marker="x", ms=5, mew=1.4, label="unstable or failed"))
-    handles.append(Line2D([], [], color=(0.78, 0.80, 0.83), lw=6, label="Pareto front"))
-    if any(panel.experiment["modelling_floor"] for panel in panels):
-        handles.append(Line2D([], [], color=palette.WARNING, lw=1.0, ls=(0, (4, 2)), label="modelling floor"))
-    handles.append(Patch(color=(0.93, 0.93, 0.95), label="below the reference's own error"))
-    return handles
+    if own:
+        below = "below the reference's own error"
+        place.axhspan(LEAST / 1e4, own, color=(0.93, 0.93, 0.95), lw=0, zorder=0, label=below)
+        place.text(
+            0.02, 0.02, f"reference known to {metres(own)}", fontsize=6.5, color=palette.FAINT_TEXT, va="bottom",
+            transform=place.transAxes, in_layout=False,
+        )  # fmt: skip
 
 
 def _title(experiment: Data) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,18 +17,18 @@ from tensegrity_mj.studies.tradeoff.figure import Cost, diagram, has_diagram
 
 Data = Mapping[str, Any]
 
-HEADS = (
-    "engine",
-    "step or tolerance",
-    "largest error [m]",
-    "error at the end [m]",
-    "wall time [s]",
-    "x real time",
-    "steps",
-    "right-hand sides",
-    "memory [MB]",
-    "remark",
-)
+COLUMNS = {
+    "family": "engine",
+    "knob": "step or tolerance",
+    "error": "largest error [m]",
+    "final_error": "error at the end [m]",
+    "wall_time": "wall time [s]",
+    "real_time_factor": "x real time",
+    "steps": "steps",
+    "evaluations": "right-hand sides",
+    "megabytes": "memory [MB]",
+    "remark": "remark",
+}
 USUAL = 1e-6  # m, the accuracy that the verdict is about
 MOST_LETTERS = 160  # of a reason
 
@@ -53,8 +53,8 @@ def write_tradeoff_page(path: str | os.PathLike[str], data: Data) -> Path:
 
 def _verdict(data: Data) -> str:
     """What is fastest for a usual accuracy of the first experiment that has advice."""
-    for experiment in data["experiments"]:
-        advice = [one for one in data["timing"]["experiments"][experiment["key"]]["advice"] if one["text"]]
+    for _, timing in sentence.with_timing(data):
+        advice = [one for one in timing["advice"] if one["text"]]
         if advice:
             one = min(advice, key=lambda one: abs(math.log(one["tolerance"] / USUAL)))
             best = sentence.advice_alone(one)
@@ -64,7 +64,7 @@ def _verdict(data: Data) -> str:
 
 def _findings(data: Data) -> Iterator[Finding]:
     """How sure each experiment's reference is, and what holding a control costs."""
-    for experiment in data["experiments"]:
+    for experiment, timing in sentence.with_timing(data):
         reference, title = experiment["reference"], experiment["title"]
         head = title[:1].upper() + title[1:]
         if reference["engine"] is None:
@@ -74,9 +74,8 @@ def _findings(data: Data) -> Iterator[Finding]:
         own = "" if reference["own_error"] is None else f", known to {quantity(reference['own_error'], 'm', 2)}"
         confirmed = "no second formulation confirms it" if second is None else f"{second['engine']} confirms it"
         yield Finding(Mark.LIMITED if second is None else Mark.GOOD, f"{head}{own}: {confirmed}.")
-        floor = data["timing"]["experiments"][experiment["key"]]["floor"]
-        if floor is not None:
-            yield Finding(Mark.LIMITED, f"{floor[:1].upper()}{floor[1:]}.")
+        if timing["floor"] is not None:
+            yield Finding(Mark.LIMITED, f"{timing['floor'][:1].upper()}{timing['floor'][1:]}.")
 
 
 def _sections(data: Data) -> Iterator[Section]:
@@ -87,13 +86,12 @@ def _sections(data: Data) -> Iterator[Section]:
         ]
         yield Section("Work and precision", (), pictures)
     yield Section("What to use", (), list(_advice(data)))
-    for experiment in data["experiments"]:
-        timing = data["timing"]["experiments"][experiment["key"]]
+    for experiment, timing in sentence.with_timing(data):
         run = f"{experiment['duration']:g} s, recorded each {experiment['interval']:g} s."
         parts = [Table("Reference", ("", ""), _reference(experiment))]
         if experiment["reference"]["engine"] is not None:
             title = f"All {len(experiment['points'])} settings"
-            parts.append(Table(title, HEADS, rows(experiment, timing), folded=True))
+            parts.append(Table.of(title, COLUMNS, rows(experiment, timing), folded=True))
         text = [run, *sentence.remarks(experiment, data["scene"].get("duration", experiment["duration"]))]
         yield Section(experiment["title"][:1].upper() + experiment["title"][1:], text, parts)
     versions = [[name, value] for name, value in data["versions"].items()]
@@ -107,28 +105,15 @@ def _sections(data: Data) -> Iterator[Section]:
 
 def _advice(data: Data) -> Iterator[Table]:
     floors = []
-    for experiment in data["experiments"]:
-        timing = data["timing"]["experiments"][experiment["key"]]
+    for experiment, timing in sentence.with_timing(data):
         if timing["floor"] is not None:
             floors.append((experiment["title"], timing["floor"].partition(": ")[2]))
-        else:
-            pairs = zip(timing["advice"], experiment["by_right_hand_sides"]["advice"], strict=True)
-            facts = [
-                (sentence.metres(one["tolerance"]), sentence.advice_alone(one), sentence.advice_alone(other))
-                for one, other in pairs
-            ]
-            title = experiment["title"][:1].upper() + experiment["title"][1:]
-            heads = ("error at most", "fastest here", "fewest right-hand sides")
-            yield Table(title, heads, facts, "" if facts else _nothing(experiment))
+            continue
+        facts = sentence.advice_rows(experiment, timing)
+        title = experiment["title"][:1].upper() + experiment["title"][1:]
+        yield Table(title, sentence.ADVICE, facts, "" if facts else sentence.why_none(experiment))
     if floors:
         yield Table("Held controls", ("", "what no smaller step cures, and what is fine enough"), floors)
-
-
-def _nothing(experiment: Data) -> str:
-    """Why there is no advice."""
-    if experiment["reference"]["engine"] is None:
-        return sentence.reference_sentence(experiment)
-    return sentence.stillness(experiment)
 
 
 def _reference(experiment: Data) -> list[tuple[str, object]]:
@@ -152,30 +137,18 @@ def _reference(experiment: Data) -> list[tuple[str, object]]:
     return facts
 
 
-def rows(experiment: Data, timing: Data) -> list[Sequence[object]]:
-    """The table of all settings; a family that fails for one reason throughout is one row."""
-    found: list[Sequence[object]] = []
-    said: set[tuple[str, str]] = set()
+def rows(experiment: Data, timing: Data) -> list[Data]:
+    """The table of all settings; a family that is refused for one reason throughout is one row."""
+    found: list[Data] = []
     for one, clocked in zip(experiment["points"], timing["points"], strict=True):
         if one["status"] == "refused":
-            if (one["family"], one["reason"]) not in said:
-                said.add((one["family"], one["reason"]))
-                found.append((one["family"], "", *[None] * 7, f"refused: {shortened(one['reason'], MOST_LETTERS)}"))
+            row: Data = {"family": one["family"], "knob": "", "remark": remark(one)}
+            if row not in found:
+                found.append(row)
             continue
-        found.append(
-            (
-                one["family"],
-                one["knob"],
-                one["error"],
-                one["final_error"],
-                clocked["wall_time"] if one["error"] is not None else None,
-                clocked["real_time_factor"],
-                one["steps"],
-                one["evaluations"],
-                None if one["memory"] is None else one["memory"] / 1e6,
-                remark(one),
-            )
-        )
+        wall = clocked["wall_time"] if one["error"] is not None else None
+        memory = None if one["memory"] is None else one["memory"] / 1e6
+        found.append({**one, **clocked, "wall_time": wall, "megabytes": memory, "remark": remark(one)})
     return found
 
 

@@ -24,15 +24,11 @@ def sentences(data: Data) -> list[str]:
     """
     found = []
     noted: dict[str, list[str]] = {}
-    for experiment in data["experiments"]:
-        own = data["timing"]["experiments"][experiment["key"]]
+    for experiment, own in sentence.with_timing(data):
         if own["floor"] is not None:
             found.append(own["floor"])
-        elif experiment["reference"]["engine"] is None:
-            found.append(f"{experiment['title']}: {sentence.reference_sentence(experiment)}")
-            continue
         elif not own["advice"]:
-            found.append(f"{experiment['title']}: {sentence.stillness(experiment)}")
+            found.append(f"{experiment['title']}: {sentence.why_none(experiment)}")
             continue
         else:
             found += [f"{experiment['title']}: {one['text']}" for one in own["advice"]]

@@ -11,11 +11,17 @@ from tensegrity_mj.studies.tradeoff.settings import power_text
 Data = Mapping[str, Any]
 ENOUGH = 0.1  # of a modelling floor: a smaller numerical error buys nothing
 ALIKE = 1.25  # wall times that differ by less are the same to a clock
+ADVICE = ("error at most", "fastest here", "fewest right-hand sides")
 
 
 def label(point: Data) -> str:
     """A point's setting for people."""
     return f"{point['family']}, {point['knob']}"
+
+
+def with_timing(data: Data) -> list[tuple[Data, Data]]:
+    """The experiments of a study's data, each with what a clock measured of it."""
+    return [(one, data["timing"]["experiments"][one["key"]]) for one in data["experiments"]]
 
 
 def bounds(experiment: Data) -> list[float | None]:
@@ -47,6 +53,12 @@ def advice_alone(advised: Data) -> str:
     """A sentence of `advice` without its head, which names the accuracy."""
     head = f"for {power_text(advised['tolerance'])} m"
     return str(advised["text"]).removeprefix(head).removeprefix(" use ").removeprefix(": ")
+
+
+def advice_rows(experiment: Data, timing: Data) -> list[tuple[str, str, str]]:
+    """What to use for which accuracy, by wall time and by right-hand sides, under the heads `ADVICE`."""
+    pairs = zip(timing["advice"], experiment["by_right_hand_sides"]["advice"], strict=True)
+    return [(metres(one["tolerance"]), advice_alone(one), advice_alone(other)) for one, other in pairs]
 
 
 def floor_sentence(experiment: Data, costs: Sequence[float | None], timing: Sequence[Data] | None = None) -> str | None:
@@ -82,8 +94,10 @@ def remarks(experiment: Data, whole: float) -> list[str]:
     return found
 
 
-def stillness(experiment: Data) -> str:
-    """Why there is no advice where there is a reference: the motion is too small for any accuracy to be chosen."""
+def why_none(experiment: Data) -> str:
+    """Why there is no advice: no reference, or a motion that is too small for any accuracy to be chosen."""
+    if experiment["reference"]["engine"] is None:
+        return reference_sentence(experiment)
     return (
         f"no node moves by more than {metres(experiment['reference']['motion'])} in {experiment['duration']:g} s, so "
         "that there is no accuracy to choose a setting for: run longer, or start where something moves"
