@@ -15,17 +15,16 @@ from typing import Any
 
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.thesis import drawing
-from tensegrity_mj.thesis.appendix_c import figures_c, figures_c2
+from tensegrity_mj.thesis.appendix_c import figures_c
 from tensegrity_mj.thesis.chapter3 import figures3
 from tensegrity_mj.thesis.chapter4 import figures4
-from tensegrity_mj.thesis.chapter7 import figures7, figures7_waves
+from tensegrity_mj.thesis.chapter7 import figures7
 from tensegrity_mj.thesis.drawing import ThesisFigure
 from tensegrity_mj.thesis.statement import Statement
 from tensegrity_mj.thesis.tables import FOLDER, all_statements
 
 MODULES: Mapping[str, ModuleType] = {
-    module.__name__.rpartition(".")[2]: module
-    for module in (drawing, figures3, figures4, figures7, figures7_waves, figures_c, figures_c2)
+    module.__name__.rpartition(".")[2]: module for module in (drawing, figures3, figures4, figures7, figures_c)
 }
 
 

@@ -48,11 +48,6 @@ def translation_errors(run: Trajectory) -> Array:
     return np.linalg.norm(points(run) - points(run, aims(run)), axis=-1)
 
 
-def errors(run: Trajectory) -> Array:
-    """‖e_b‖ of every rod, then ‖e_r‖ of every rod: (T, 2R)."""
-    return np.hstack([rotation_errors(run), translation_errors(run)])
-
-
 def since(run: Trajectory, time: float, values: Array) -> Array:
     """The part of the values from a time on."""
     return values[run.time >= time - 1e-9]
@@ -63,9 +58,9 @@ def at(run: Trajectory, time: float, values: Array) -> Array:
     return values[int(np.argmin(np.abs(run.time - time)))]
 
 
-def peak(run: Trajectory, start: float = 0.0) -> float:
-    """Largest u of all strings from a time on."""
-    return float(since(run, start, run.force_densities).max())
+def peak(run: Trajectory) -> float:
+    """Largest u of all strings."""
+    return float(run.force_densities.max())
 
 
 def decay_error(run: Trajectory, decay_rate: float) -> float:

@@ -9,10 +9,10 @@ import numpy as np
 
 import tensegrity_mj as tmj
 from tensegrity_mj.studies.engine_names import engine_of
-from tensegrity_mj.studies.waves.task import scene_of
 from tensegrity_mj.thesis.appendix_c.beams import STUDIES
+from tensegrity_mj.thesis.appendix_c.tower_wave_tasks import scene_of
 
-Tower = Mapping[str, Any]  # arguments of `tower_in_waves`, as in `task`
+Tower = Mapping[str, Any]  # arguments of `tower_in_waves`, as in `tower_wave_tasks`
 CASES = STUDIES["waves"].points
 GRID: Mapping[str, Tower] = {
     label: {key: value for key, value in case["tower"].items() if key != "duration"} for label, case in CASES.items()

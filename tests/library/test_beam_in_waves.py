@@ -27,7 +27,7 @@ from tensegrity_mj.simulation import request_for
 from tensegrity_mj.statics import find_equilibrium, linear_systems
 from tensegrity_mj.statics.modes import mass_matrix
 from tensegrity_mj.thesis import page
-from tensegrity_mj.thesis.appendix_c import beam_wave_tasks, measures_c2
+from tensegrity_mj.thesis.appendix_c import beam_wave_tasks, measures_c
 from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, HEIGHTS, STUDIES, BeamRun, wave_label
 from tensegrity_mj.thesis.catalog import FIGURES
 from tensegrity_mj.thesis.experiments import EngineName
@@ -332,12 +332,12 @@ def run_of(heights: tuple[float, ...], swing: Any) -> BeamRun:
 
 def test_rows_judge_what_the_sentences_say() -> None:
     like_the_figure = run_of((2.0, 4.0, 6.0), lambda n, height: height - 0.1 * n * (height - 4.0))
-    assert measures_c2.swings_grow(like_the_figure, (2.0, 4.0, 6.0))
-    assert not measures_c2.swings_grow(like_the_figure, (6.0, 4.0))
-    assert [measures_c2.falls(like_the_figure, height) for height in (2.0, 4.0, 6.0)] == [False, False, True]
-    assert measures_c2.largest_swing(like_the_figure) == 6.0
+    assert measures_c.swings_grow(like_the_figure, (2.0, 4.0, 6.0))
+    assert not measures_c.swings_grow(like_the_figure, (6.0, 4.0))
+    assert [measures_c.falls(like_the_figure, height) for height in (2.0, 4.0, 6.0)] == [False, False, True]
+    assert measures_c.largest_swing(like_the_figure) == 6.0
     made = BeamRun("", "", {"x": {"in_water": [9.0, 9.0, math.sqrt(2 * math.pi * G / 21.0)]}})
-    assert measures_c2.resonant_height(made, "x", 1) == pytest.approx(3.0)  # a wave of 21 m is 3 m high
+    assert measures_c.resonant_height(made, "x", 1) == pytest.approx(3.0)  # a wave of 21 m is 3 m high
 
 
 def test_figure_c8_is_drawn_from_both_readings() -> None:

@@ -30,11 +30,10 @@ from tensegrity_mj.runs.deformation import (
 )
 from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.sweep import Sweep
-from tensegrity_mj.studies.waves.task import scene_of
 from tensegrity_mj.studies.workers import Backend, Workers
 from tensegrity_mj.thesis import page
 from tensegrity_mj.thesis.appendix_c.beams import BeamRun
-from tensegrity_mj.thesis.appendix_c.tower_wave_tasks import in_waves
+from tensegrity_mj.thesis.appendix_c.tower_wave_tasks import in_waves, scene_of
 from tensegrity_mj.thesis.catalog import STATEMENTS
 from tensegrity_mj.thesis.chapter7.measures7 import label_of
 from tensegrity_mj.thesis.experiments import EngineName

@@ -105,12 +105,12 @@ def test_measures_of_made_up_amplitudes() -> None:
     relative[np.isclose(f, 0.95), 1, 1] = 5.0
     relative[np.isclose(f, 1.20), 1, 0] = 3.0
     run = made_up(relative)
-    assert measures3.first_peak(run, 10) == 0.35
-    assert measures3.second_peak(run, 10) == 0.90
+    assert measures3.peak_input(run, 10, False) == 0.35
+    assert measures3.peak_input(run, 10, True) == 0.90
     assert measures3.ratio(run, 10) == 2.0
     assert measures3.ratio(run, 5) == 1.0
-    assert measures3.out_over_in(run, 10, True) == pytest.approx(5.0 / 6.0)
-    assert measures3.out_over_in(run, 10, False) == pytest.approx(1.0 / 12.0)
+    assert [measures3.largest(run, 10, axis, True) for axis in (0, 1)] == [6.0, 5.0]
+    assert [measures3.largest(run, 10, axis, False) for axis in (0, 1)] == [12.0, 1.0]
     assert measures3.violence(run) == 3.0
     assert measures3.largest(run, 10, 0) == 12.0
 

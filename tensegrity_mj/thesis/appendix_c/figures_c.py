@@ -1,4 +1,4 @@
-"""The figures of appendix C.1, drawn again: the beam before and after form-finding, and its stiffness."""
+"""The figures of appendix C, drawn again: the beam and its stiffness (C.1), and how much beams swing in waves (C.2)."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.library.thesis_towers import TABLE_C2
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import GREY, new_figure
 from tensegrity_mj.thesis import drawing
-from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, BY_STIFFNESS, BeamRun
-from tensegrity_mj.thesis.appendix_c.measures_c import buckling, initial, stiffness
+from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, BY_STIFFNESS, HEIGHTS, BeamRun, wave_label
+from tensegrity_mj.thesis.appendix_c.measures_c import amplitude, buckling, initial, stiffness
 from tensegrity_mj.thesis.drawing import AllRuns, Figure
 from tensegrity_mj.thesis.experiments import EngineName
 
@@ -22,6 +23,11 @@ PANELS = (
     (BY_PRESTRESS, "(b) varying prestress, constant spring stiffness"),
 )
 CROSSES = 6.5  # size of MuJoCo's marks
+AXES = ((0.0, 9.0), (0.0, 3.0))  # m, of figure C.8
+READINGS = (
+    ("beam-waves", HEIGHTS, "(a) half of a beam, waves as in the text"),
+    ("beam-waves-doubled", tuple(2 * height for height in HEIGHTS), "(b) clamped beam, waves twice as high"),
+)
 
 
 def _curve(panel: Any, run: BeamRun, label: str, color: Any, text: str | None, style: str = "-") -> None:
@@ -99,4 +105,28 @@ def configuration(all_runs: AllRuns) -> Figure:
         side.set_xlim(-0.5, 30.5)
         side.set_ylim(-2.0, 2.0)
     drawing.note(figure, f"{SHOWN}; statics with elastic rods; rods black, strings green")
+    return figure
+
+
+def oscillation(all_runs: AllRuns) -> Figure:
+    """Figure C.8 in two readings: how much beams swing, over the wave height."""
+    figure, (panels,) = drawing.panels(1, 2, height=3.6, width=4.4)
+    confirmed = False
+    for panel, (study, heights, title) in zip(panels, READINGS, strict=True):
+        drawing.thesis_axis(panel, *AXES[1])
+        runs = [found[study] for found in all_runs.values() if study in found][:2]
+        for color, beam in zip(palette.CYCLE, BY_PRESTRESS, strict=False):
+            name = f"{beam}, {TABLE_C2[beam].stress / 1e6:g} MPa"
+            swings = [amplitude(runs[0], beam, height) for height in heights]
+            panel.plot(heights, swings, color=color, lw=1.3, marker=".", label=name)
+            for run in runs[1:]:
+                there = [height for height in heights if wave_label(beam, height) in run.values]
+                confirmed = confirmed or bool(there)
+                swings = [amplitude(run, beam, height) for height in there]
+                drawing.circles(panel, there, swings, color=color, size=CROSSES, width=1.0)
+        drawing.finish(panel, title, "oscillation amplitude [m]", "wave height [m]")
+        panel.set_xlim(*AXES[0])
+        panel.set_ylim(bottom=0.0)
+    circles = "; circles: the other engine" if confirmed else ""
+    drawing.note(figure, f"the stage that swings most{circles}; pale: the thesis' axis")
     return figure

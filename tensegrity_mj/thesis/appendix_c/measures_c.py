@@ -1,22 +1,25 @@
-"""What the rows of appendix C.1 measure on its beams: stiffness [kN/m], stress [MPa], buckling, slack strings."""
+"""What the rows of appendix C measure on its beams.
+
+C.1: stiffness [kN/m], stress [MPa], buckling, slack strings. C.2: how much beams swing in waves, whose amplitude is the
+largest of any stage along the waves, half the distance from its lowest to its highest place.
+"""
 
 from __future__ import annotations
 
 import itertools
 import math
 from collections.abc import Sequence
-from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.library.beam_in_waves import GRAVITY, STEEPNESS
 from tensegrity_mj.library.thesis_towers import appendix_beam
-from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.thesis.appendix_c.beam_tasks import INITIAL_LENGTH
-from tensegrity_mj.thesis.appendix_c.beams import BeamRun
+from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, BeamRun, wave_label
 
 DROPPED = 0.5  # of the stiffness at zero load: below it, a beam has buckled
 
@@ -145,14 +148,9 @@ def apart(run: BeamRun, beam: str) -> float:
 # ------------------------------------------------------------------------------------------------------- the model
 
 
-@cache
-def _scene() -> Scene:
-    return appendix_beam("TB1", form_found=False)
-
-
 def beam_structure() -> Structure:
     """TB1 as it is laid out."""
-    return _scene().structure
+    return appendix_beam("TB1", form_found=False).structure
 
 
 def _section() -> Section:
@@ -198,14 +196,30 @@ def changed_at(run: BeamRun, label: str, deformation: float) -> float:
     return float(np.interp(deformation, run.of(label, "w"), K) - K[0])
 
 
-# --------------------------------------------------------------------------------------------------------- buckling
+# -------------------------------------------------------------------------------------------------- beams in waves
 
 
-def buckling_deformation(run: BeamRun, label: str) -> float:
-    """[m]"""
-    return buckling(run, label).deformation
+def amplitude(run: BeamRun, beam: str, height: float) -> float:
+    """[m] of the stage that swings most along the waves."""
+    return float(run.of(wave_label(beam, height), "along").max())
 
 
-def buckling_load(run: BeamRun, label: str) -> float:
-    """[kN]"""
-    return buckling(run, label).load
+def swings_grow(run: BeamRun, heights: Sequence[float]) -> bool:
+    """Whether every beam swings more in higher waves."""
+    return all(rises([amplitude(run, beam, height) for height in heights]) for beam in BY_PRESTRESS)
+
+
+def falls(run: BeamRun, height: float) -> bool:
+    """Whether beams swing less the more they are prestressed."""
+    return rises([-amplitude(run, beam, height) for beam in BY_PRESTRESS])
+
+
+def largest_swing(run: BeamRun) -> float:
+    """[m] of all that were run."""
+    return max(float(np.max(values["along"])) for values in run.values.values())
+
+
+def resonant_height(run: BeamRun, label: str, pair: int) -> float:
+    """[m] of the wave whose frequency is that of a pair of bending motions in water, counted from 0."""
+    omega = float(run.of(label, "in_water")[2 * pair])
+    return STEEPNESS * 2 * math.pi * GRAVITY / omega**2

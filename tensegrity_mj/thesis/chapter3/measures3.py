@@ -16,7 +16,6 @@ from tensegrity_mj.library.cable import (
     marker_weights,
     pendulum_frequency,
 )
-from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.thesis.chapter3.series import SeriesRun
 
 # Hz: between the first two eigenfrequencies, and where the second one is felt, by amplitude or whirling.
@@ -35,11 +34,6 @@ def element_frequencies(elements: int) -> tuple[float, float, float]:
     return fastening, rope, load
 
 
-def cable_structure(run: SeriesRun) -> Structure:
-    """Of the first case."""
-    return run.cases.cases[0].scene.structure
-
-
 def markers_off() -> float:
     """Largest distance [m] of a marker of Table 3.2 from a node of the model of 13 elements."""
     places = marker_weights(13) @ arc_lengths(13) - FASTENING_LENGTH
@@ -54,16 +48,10 @@ def marker(run: SeriesRun, number: int, axis: int = 0) -> Array:
     return run.marker(number, axis)
 
 
-def second_peak(run: SeriesRun, marker: int) -> float:
-    """Input frequency of the largest in-plane amplitude above `BETWEEN`."""
+def peak_input(run: SeriesRun, marker: int, second: bool) -> float:
+    """Input frequency of the largest in-plane amplitude above `BETWEEN`, or below it."""
     f = run.cases.frequencies
-    return float(f[np.argmax(np.where(f > BETWEEN, run.marker(marker), 0.0))])
-
-
-def first_peak(run: SeriesRun, marker: int) -> float:
-    """The same below it."""
-    f = run.cases.frequencies
-    return float(f[np.argmax(np.where(f < BETWEEN, run.marker(marker), 0.0))])
+    return float(f[np.argmax(np.where(f > BETWEEN if second else f < BETWEEN, run.marker(marker), 0.0))])
 
 
 def about(run: SeriesRun, second: bool) -> NDArray[np.bool_]:
@@ -83,11 +71,6 @@ def ratio(run: SeriesRun, marker: int, axis: int = 0) -> float:
     return largest(run, marker, axis, False) / largest(run, marker, axis, True)
 
 
-def out_over_in(run: SeriesRun, marker: int, second: bool) -> float:
-    """Largest out-of-plane over largest in-plane amplitude about an eigenfrequency."""
-    return largest(run, marker, 1, second) / largest(run, marker, 0, second)
-
-
 def has(peaks: tuple[float, ...], low: float, high: float) -> bool:
     """Whether a peak is in a range [Hz], or `BESIDE` it."""
     return any(low - BESIDE <= peak <= high + BESIDE for peak in peaks)
@@ -95,11 +78,7 @@ def has(peaks: tuple[float, ...], low: float, high: float) -> bool:
 
 def other_peaks(run: SeriesRun, marker: int, frequency: float) -> int:
     """How many main peaks there are besides the largest at an input frequency [Hz]."""
-    return len(run.peaks(marker)[_at(run, frequency)]) - 1
-
-
-def _at(run: SeriesRun, frequency: float) -> int:
-    return int(np.argmin(np.abs(run.cases.frequencies - frequency)))
+    return len(run.peaks(marker)[int(np.argmin(np.abs(run.cases.frequencies - frequency)))]) - 1
 
 
 def input_part(run: SeriesRun, marker: int) -> float:
@@ -128,14 +107,9 @@ def out_of_plane_peaks(run: SeriesRun, marker: int) -> float:
     return min(peaks[0] for peaks, yes in zip(run.peaks(marker, 1), whirling, strict=True) if yes)
 
 
-def largest_step(run: SeriesRun) -> float:
-    """Largest step [s] that was found."""
-    return max(one.step for one in run.steps)
-
-
-def drift_at_steps(run: SeriesRun) -> float:
-    """Largest drift at the steps that were found."""
-    return max(one.drift for one in run.steps)
+def found_steps(run: SeriesRun, name: str) -> Array:
+    """(S,) a number of every `FoundStep`; NaN where none was found."""
+    return np.array([getattr(one, name) for one in run.steps])
 
 
 def drift_trend(run: SeriesRun) -> float:
@@ -162,9 +136,3 @@ def drift_falls(run: SeriesRun) -> bool:
     """Whether the drift of the models that ran falls with the number of elements."""
     drift = run.cases.drift[~np.isnan(run.cases.drift)]
     return len(drift) > 1 and bool(drift[-1] < drift[0])
-
-
-def step_grows(run: SeriesRun) -> bool:
-    """Whether the step with the allowed drift grows from 49 elements on."""
-    steps = [one.step for one in run.steps if one.elements >= 49]
-    return bool(steps[-1] > steps[0])

@@ -16,12 +16,6 @@ from tensegrity_mj.thesis import measures
 SEEN = 0.02  # of a rod: the width of a drawn line
 
 
-def start_off(run: Trajectory) -> float:
-    """Largest difference of b(0) from the printed (1, -√2, √2)/√5."""
-    printed = np.array([1.0, -math.sqrt(2.0), math.sqrt(2.0)]) / math.sqrt(5.0)
-    return float(np.abs(measures.directions(run)[0, 0] - printed).max())
-
-
 def coordinates_go_astray(run: Trajectory) -> bool:
     """V falls all the time, and yet the error of some coordinate grows for a while."""
     error = np.abs(measures.directions(run) - measures.directions(run, measures.aims(run)))
