@@ -23,6 +23,7 @@ from tensegrity_mj import controllers, simulation
 from tensegrity_mj.basics.checks import choice_from
 from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.dynamics.native.law import Command, Law
+from tensegrity_mj.engines.request import AcceleratingEngine
 from tensegrity_mj.engines.table import make_engine, option_names
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.load import load_scene
@@ -137,7 +138,7 @@ def simulate(
 @with_texts(linearizing.linearize)
 def linearize(
     scene: AnyScene,
-    engine: linearizing.LinearizableEngine | str | None = None,
+    engine: AcceleratingEngine | str | None = None,
     *,
     nodes: ArrayLike | None = None,
     velocities: ArrayLike | None = None,

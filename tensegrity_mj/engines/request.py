@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from tensegrity_mj.basics.arrays import Array
@@ -17,11 +17,11 @@ class Request:
 
     scene: Scene
     law: NativeLaw
-    actuation: Actuation
-    on_infeasible: OnInfeasible
-    duration: float
-    output_interval: float | None
-    progress: bool
+    actuation: Actuation = field(default_factory=Actuation.continuous)
+    on_infeasible: OnInfeasible = OnInfeasible.STOP
+    duration: float = 1.0
+    output_interval: float | None = None
+    progress: bool = False
 
     @property
     def sampled(self) -> bool:
@@ -40,6 +40,14 @@ class Accelerations(Protocol):
     def __call__(
         self, time: float, nodes: Array, velocities: Array, rest_lengths: Array | None = None
     ) -> tuple[Array, Array]: ...
+
+
+class AcceleratingEngine(Protocol):
+    """An engine that gives the accelerations of the nodes."""
+
+    def accelerations(self, request: Request) -> Accelerations:
+        """See `Accelerations`."""
+        ...
 
 
 def cost_of_law(request: Request) -> dict[str, float]:

@@ -37,7 +37,6 @@ round-off is 4e-12 relative to k, and 1e-10 s of the accelerations. At a kink it
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -46,7 +45,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import finite, member, real_array
 from tensegrity_mj.dynamics.native.law import Command, Law, native_law
 from tensegrity_mj.dynamics.native.plant import break_times
-from tensegrity_mj.engines.request import Accelerations, Request
+from tensegrity_mj.engines.request import AcceleratingEngine, Request
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import check_engine
 from tensegrity_mj.errors import OptionError
@@ -56,25 +55,14 @@ from tensegrity_mj.linearization.element_states import ElementStates
 from tensegrity_mj.linearization.law import SetRestLengths
 from tensegrity_mj.linearization.model import Linearization
 from tensegrity_mj.linearization.strings import KeptStrings
-from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.model.elements.contact import overlaps
 from tensegrity_mj.model.elements.element import state_names
 from tensegrity_mj.model.scene import Scene
 
-__all__ = ["Chart", "LinearizableEngine", "Linearization", "linearize"]
-
-
-class LinearizableEngine(Protocol):
-    """An engine that gives the accelerations of the nodes."""
-
-    def accelerations(self, request: Request) -> Accelerations:
-        """See `engines.run.Accelerations`."""
-        ...
-
 
 def linearize(
     scene: Scene,
-    engine: LinearizableEngine | None = None,
+    engine: AcceleratingEngine | None = None,
     *,
     nodes: ArrayLike | None = None,
     velocities: ArrayLike | None = None,
@@ -140,16 +128,7 @@ def linearize(
         rest = np.array(structure.rest_lengths) if loop is None else loop(scene.nodes0, scene.velocities0)
     strings = KeptStrings(structure, scene, rest, broken, inputs, PAIRS * STEP * reach, reach)
     elements = ElementStates(scene)
-    request = Request(
-        elements.scene,
-        native_law(None, structure),
-        Actuation.continuous(),
-        OnInfeasible.STOP,
-        1.0,
-        None,
-        progress=False,
-    )
-    field = engine.accelerations(request)
+    field = engine.accelerations(Request(elements.scene, native_law(None, structure)))
 
     def motion(delta: Array, rate: Array, change: Array, states: Array = elements.start) -> tuple[Array, Array]:
         """Node positions (3N,) and (δ̈, ṡ) (n + S,) at δ, δ̇, a change of the inputs, and states of elements."""

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.engines.request import AcceleratingEngine
 from tensegrity_mj.linearization.linearizing import linearize
-from tensegrity_mj.statics.engines import AcceleratingEngine, engine_equilibrium
+from tensegrity_mj.statics.engines import engine_equilibrium
 from tensegrity_mj.statics.modes import Modes
 from tensegrity_mj.statics.standalone import require_rigid_and_free, standalone_scene
 from tensegrity_mj.statics.state import StaticState

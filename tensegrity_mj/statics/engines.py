@@ -14,7 +14,6 @@ against it, so that it stays on the near side of the energy's least value on its
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,13 +21,12 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import real_array, whole
 from tensegrity_mj.dynamics.native.law import native_law
-from tensegrity_mj.engines.request import Accelerations, Request
+from tensegrity_mj.engines.request import AcceleratingEngine, Request
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import check_engine
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.linearization.differences import reach_of
-from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.model.rods import kinetic_energy
 from tensegrity_mj.model.scene import Scene
 
@@ -43,14 +41,6 @@ TRIALS = 40
 ESCAPES = 6
 KICK = 1e-2  # of the shortest member, along a motion that nothing holds back
 UNSTABLE = 1e-6  # of the largest ∂a/∂δ
-
-
-class AcceleratingEngine(Protocol):
-    """An engine that gives the accelerations of the nodes."""
-
-    def accelerations(self, request: Request) -> Accelerations:
-        """See `engines.run.Accelerations`."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,10 +101,7 @@ class AtRest:
 
     def __init__(self, scene: Scene, engine: AcceleratingEngine) -> None:
         self.scene, self.engine, self.evaluations = scene, engine, 0
-        nothing = native_law(None, scene.structure)
-        self.field = engine.accelerations(
-            Request(scene, nothing, Actuation.continuous(), OnInfeasible.STOP, 1.0, None, progress=False)
-        )
+        self.field = engine.accelerations(Request(scene, native_law(None, scene.structure)))
         self.still = np.zeros_like(scene.nodes0)
         self.reach = reach_of(scene.structure, scene.nodes0)
 

@@ -40,9 +40,8 @@ from tensegrity_mj.statics.state import StaticState
 from tensegrity_mj.statics.strength import MemberCheck, TrajectoryCheck, check_state, check_trajectory
 
 if TYPE_CHECKING:
+    from tensegrity_mj.engines.request import AcceleratingEngine
     from tensegrity_mj.statics.engine_check import EngineCheck
-    from tensegrity_mj.statics.engines import AcceleratingEngine
-
 
 DATA, PAGE = "statics.json", "statics.html"  # what a folder holds
 

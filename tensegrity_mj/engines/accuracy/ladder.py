@@ -52,11 +52,6 @@ class Rung:
     failure: TensegrityError | None = None
 
 
-def any_step(run: Trajectory) -> float:
-    """The longest step that resolves a run, where a method controls its error itself."""
-    return math.inf
-
-
 @dataclass
 class Ladder:
     """The runs of one method so far.
@@ -70,7 +65,8 @@ class Ladder:
         fit: the nearest setting that can be run, not coarser than a given one.
         floor: [m], below which differences are round-off.
         least: the finest setting that can be run.
-        resolving: the longest step [s] that resolves a run's motion; runs of longer ones are no evidence.
+        resolving: the longest step [s] that resolves a run's motion; runs of longer ones are no evidence. Any, where a
+            method controls its error itself.
         located: whether its steps end where strings go slack or taut, so that these do not lower its order.
         dead: why it is given up, or "".
     """
@@ -83,7 +79,7 @@ class Ladder:
     fit: Callable[[float], float]
     floor: float
     least: float
-    resolving: Callable[[Trajectory], float] = any_step
+    resolving: Callable[[Trajectory], float] = lambda run: math.inf
     located: bool = False
     rungs: list[Rung] = field(default_factory=list)
     differences: list[float] = field(default_factory=list)

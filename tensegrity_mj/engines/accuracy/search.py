@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.engines.accuracy.ladder import FIRST_STEP, HALF, STRIKES, Ladder, Rung
+from tensegrity_mj.engines.accuracy.rates import Rates, rates_along
 from tensegrity_mj.engines.accuracy.steps import Steps
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import ControllerError, DivergenceError, OptionError, TensegrityError
@@ -50,9 +51,9 @@ def fixed_step_way(
     name: str,
     order: int,
     evaluations: int,
-    longest: float,
+    resolving: Callable[[Rates], float],
+    start: Rates,
     request: Request,
-    resolving: Callable[[Trajectory], float],
     make: Callable[[float, Request], Trajectory],
     located: bool = False,
 ) -> Way:
@@ -61,13 +62,13 @@ def fixed_step_way(
     Args:
         name, order: of the method.
         evaluations: a step.
-        longest: step [s] that resolves the motion at the start.
+        resolving: the longest step [s] that resolves motions of such rates.
+        start: the rates at the start.
         request: of the run.
-        resolving: the same of a run.
         make: the run with a step [s].
         located: whether steps are split where strings go slack or taut.
     """
-    steps = Steps.of(request, ROOM * HALF * longest)
+    steps = Steps.of(request, ROOM * HALF * resolving(start))
 
     def run(step: float) -> Trajectory:
         k = steps.divisions(step)
@@ -83,7 +84,7 @@ def fixed_step_way(
         fit=lambda step: steps.step(steps.divisions(step)),
         floor=round_off(request),
         least=LEAST_STEP * request.duration,
-        resolving=resolving,
+        resolving=lambda run: resolving(rates_along(run, request)),
         located=located,
     )
     split = {"locate_slack": True} if located else {}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from tensegrity_mj.engines.accuracy.rates import Rates, rates_along, rates_at_start
+from tensegrity_mj.engines.accuracy.rates import Rates, rates_at_start
 from tensegrity_mj.engines.accuracy.search import Way, can_locate, find, fixed_step_way
 from tensegrity_mj.engines.mujoco.settings import Integrator
 from tensegrity_mj.engines.request import Request
@@ -55,9 +55,9 @@ def _way(integrator: Integrator, start: Rates, request: Request, engine: Callabl
         integrator.value,
         order,
         engine(integrator=integrator).stages,
-        longest(start),
+        longest,
+        start,
         request,
-        lambda run: longest(rates_along(run, request)),
         make,
         located,
     )

@@ -8,7 +8,7 @@ from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import choice, flag, positive
 from tensegrity_mj.engines.accuracy.option import ACCURACY, check_accuracy
 from tensegrity_mj.engines.mujoco.prepared import give_back, prepared
-from tensegrity_mj.engines.mujoco.settings import _WORDS, SCHEMES, Integrator
+from tensegrity_mj.engines.mujoco.settings import SCHEMES, WORDS, Integrator
 from tensegrity_mj.engines.request import Accelerations, Request
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
@@ -76,7 +76,7 @@ class MuJoCo:
     @property
     def word(self) -> str:
         """MuJoCo's own word for the integrator."""
-        return _WORDS[self.integrator]
+        return WORDS.get(self.integrator, self.integrator.value)
 
     @property
     def stepping(self) -> Stepping:

@@ -22,7 +22,7 @@ CALLBACK = "void(int64, int64)"  # of an mjModel and an mjData
 active_table = own_integer(ACTIVE)
 
 
-_lock = threading.Lock()
+_lock = threading.Lock()  # held while a run of ours is under way
 
 
 @c_function(CALLBACK, "the callback of MuJoCo's steps: strings, law, loads, energy")
@@ -51,17 +51,12 @@ def _installable(callback: CFunction) -> tuple[Any, Any]:
 _OWN: list[Any] = []  # callbacks of this package's
 
 
-def is_installed() -> bool:
-    """Whether a run of ours is under way."""
-    return _lock.locked()
-
-
 def refuse_other_callbacks() -> None:
     """Raise OptionError where a control callback that is not of this package is installed."""
     import mujoco
 
     other = mujoco.get_mjcb_control()
-    if other is not None and not is_installed() and not any(other is own for own in _OWN):
+    if other is not None and not _lock.locked() and not any(other is own for own in _OWN):
         raise OptionError(
             "a control callback of your own is installed, and MuJoCo has one for the whole process: take it out with "
             "mujoco.set_mjcb_control(None)"

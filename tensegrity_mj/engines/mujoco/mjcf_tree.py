@@ -83,11 +83,6 @@ class BodyTree:
     normals: Array
 
     @property
-    def moved_axes(self) -> list[Array]:
-        """Directions (3, m) along which motions drive supports."""
-        return [joint.moved for joint in self.joints] + [axes for _, axes in self.moved_nodes]
-
-    @property
     def depth(self) -> int:
         """How many bodies hang on each other at most."""
         depths = np.zeros(len(self.order), int)
@@ -179,7 +174,9 @@ def joint_coordinates(scene: Scene, tree: BodyTree, nodes: Array, velocities: Ar
     now, built = _frames(scene, nodes), tree.built
     # ω = b × ḃ: no spin about the axis.
     spins = np.cross(now[:, :, 2], (velocities[pairs[:, 1]] - velocities[pairs[:, 0]]) / lengths[:, None])
-    angles = _angles(tree.normals, built[:, :, 2], now[:, :, 2])
+    # By how much each direction has turned about its normal, within (-π, π].
+    before, after = built[:, :, 2], now[:, :, 2]
+    angles = np.arctan2(np.sum(tree.normals * np.cross(before, after), axis=1), np.sum(before * after, axis=1))
     for number in tree.order:
         joint = tree.joints[number]
         parent, rotation, spin = joint.parent, now[number], spins[number]
@@ -224,11 +221,6 @@ def _frames(scene: Scene, nodes: Array) -> Array:
     pairs = scene.structure.rod_nodes
     along = nodes[pairs[:, 1]] - nodes[pairs[:, 0]]
     return rotations_to(along / np.linalg.norm(along, axis=1)[:, None])
-
-
-def _angles(normals: Array, before: Array, after: Array) -> Array:
-    """(R,): by how much each direction has turned about its normal, within (-π, π]."""
-    return np.arctan2(np.sum(normals * np.cross(before, after), axis=1), np.sum(before * after, axis=1))
 
 
 def distinct(names: Iterable[str], taken: set[str]) -> list[str]:

@@ -25,10 +25,4 @@ SCHEMES = {
     Integrator.DISCRETE: Scheme.LINEARLY_IMPLICIT,
 }
 
-_WORDS = {
-    Integrator.EULER: "Euler",
-    Integrator.IMPLICITFAST: "implicitfast",
-    Integrator.IMPLICIT: "implicit",
-    Integrator.RK4: "RK4",
-    Integrator.DISCRETE: "discrete",
-}
+WORDS = {Integrator.EULER: "Euler", Integrator.RK4: "RK4"}  # MuJoCo's own; those of the others are their values

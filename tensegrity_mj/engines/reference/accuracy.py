@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from tensegrity_mj.engines.accuracy.ladder import LEAST_TOLERANCE, Ladder
-from tensegrity_mj.engines.accuracy.rates import rates_along, rates_at_start
+from tensegrity_mj.engines.accuracy.rates import Rates, rates_at_start
 from tensegrity_mj.engines.accuracy.search import Way, can_locate, find, fixed_step_way, round_off
 from tensegrity_mj.engines.accuracy.steps import FEWEST_STEPS
 from tensegrity_mj.engines.driving import DEFAULT_INTERVAL
@@ -50,19 +50,11 @@ def run_accurately(
         options = with_method(method=Method.RK4, timestep=step, locate_slack=located)
         return made(options, adapted)
 
-    def longest(run: Trajectory) -> float:
-        return rates_along(run, request).resolving_step(request.duration, RK4_ORDER)
+    def longest(rates: Rates) -> float:
+        return rates.resolving_step(request.duration, RK4_ORDER)
 
-    rk4 = fixed_step_way(
-        Method.RK4.value,
-        RK4_ORDER,
-        RK4_STAGES,
-        start.resolving_step(request.duration, RK4_ORDER),
-        request,
-        longest,
-        fixed,
-        located,
-    )
+    name = Method.RK4.value
+    rk4 = fixed_step_way(name, RK4_ORDER, RK4_STAGES, longest, start, request, fixed, located)
 
     def controlled(method: Method, first_cost: float) -> Way:
         interval = request.output_interval or min(DEFAULT_INTERVAL, request.duration / FEWEST_STEPS)

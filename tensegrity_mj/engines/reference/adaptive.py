@@ -120,7 +120,7 @@ class ErrorControlled:
             return self._stopped(Status.INFEASIBLE)
         except (_Singular, _Outside):
             return self._stopped(Status.SINGULAR)
-        self._record_at_end()
+        self._record(self.t, self.y, while_before=math.inf)
         run = self.run.finish(
             self.times, self.rows[:-1], Status.COMPLETED, "", self.clock.seconds, switches=self.switches
         )
@@ -334,9 +334,6 @@ class ErrorControlled:
                 evaluate_law(self.table, t)  # for its margin and V; what it holds stays held
             observe(y, self.table, self.rows[self.next])
             self.next += 1
-
-    def _record_at_end(self) -> None:
-        self._record(self.t, self.y, while_before=math.inf)
 
     def _stopped(self, status: Status) -> Trajectory:
         """What was recorded, and the state at which the run stopped."""

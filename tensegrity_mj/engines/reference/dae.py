@@ -7,8 +7,8 @@ ledger, integrated beside it. MuJoCo takes no part.
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -112,8 +112,8 @@ class DAE(ReferenceEngine):
         require(self, scene)
         solver = self.solver if scene.structure.rods else Solver.JOINTS  # point masses alone have no matrix
         alone = scene.structure.class_number <= 1 and not scene.motions and solver is Solver.JOINTS
-        model = _rods_alone(request) if alone else _rods_linked(request, solver)
-        plant, records, nq = model.plant, model.records, model.records.nq
+        plant, records, equations = _rods_alone(request) if alone else _rods_linked(request, solver)
+        nq = records.nq
         baumgarte = self.drift is Drift.BAUMGARTE
         kp = self.baumgarte_frequency**2 if baumgarte else 0.0
         kd = 2 * self.baumgarte_damping * self.baumgarte_frequency if baumgarte else 0.0
@@ -121,34 +121,13 @@ class DAE(ReferenceEngine):
         y = np.zeros(2 * nq + (1 if scene.motions else 0) + WORK)
         y[:nq] = records.coordinates(scene.nodes0)
         y[nq : 2 * nq] = records.coordinates(scene.velocities0)
-        run = IntegratedRun(
-            "DAE",
-            self,
-            request,
-            plant,
-            y,
-            Equations(
-                rates=model.rates,
-                place=model.place,
-                project=model.project if self.drift is Drift.NORMALIZE else 0,
-                multipliers=model.multipliers,
-                keep=model.keep,
-            ),
-        )
-        return run, records
+        if self.drift is not Drift.NORMALIZE:
+            equations = replace(equations, project=0)
+        return IntegratedRun("DAE", self, request, plant, y, equations), records
 
 
-@dataclass(frozen=True)
-class _Model:
-    """A plant with what the compiled functions of a model read, and these."""
-
-    plant: Plant
-    records: StructureRecords | LinkedRecords
-    rates: int
-    place: int
-    project: int
-    multipliers: Array
-    keep: tuple[Any, ...]
+# A plant with what the compiled functions of a model read, its records, and these functions.
+_Model: TypeAlias = tuple[Plant, StructureRecords | LinkedRecords, Equations]
 
 
 def _plant(request: Request, fields: Fields) -> Plant:
@@ -159,15 +138,14 @@ def _rods_alone(request: Request) -> _Model:
     """Class 1, supports at rest: each rod's equations by themselves."""
     plant, records = _plant(request, dae.RODS), StructureRecords.of(request.scene.structure)
     plant.set(rods=records.rods, point_count=len(records.points), points=records.points)
-    return _Model(
-        plant,
-        records,
-        (dae.dae_wet_rates if plant["wet_rods"] else dae.dae_rates).address,
-        dae.dae_place.address,
-        dae.dae_normalize.address,
-        np.zeros(len(records.rods)),
-        (records,),
+    equations = Equations(
+        rates=(dae.dae_wet_rates if plant["wet_rods"] else dae.dae_rates).address,
+        place=dae.dae_place.address,
+        project=dae.dae_normalize.address,
+        multipliers=np.zeros(len(records.rods)),
+        keep=(records,),
     )
+    return plant, records, equations
 
 
 def _check_masses(structure: Structure) -> None:
@@ -202,12 +180,11 @@ def _rods_linked(request: Request, solver: Solver) -> _Model:
         plant["tree"] = tree.address
         full = linked.full_wet_rates if plant["wet_rods"] else linked.full_rates
         rates = full if solver is Solver.FULL else linked.dense_rates
-    return _Model(
-        plant,
-        records,
-        rates.address,
-        linked.linked_place.address,
-        linked.linked_project.address,
-        np.zeros(len(records.rods) + (linked.EXTRA if closures else 0)),
-        tuple(keep),
+    equations = Equations(
+        rates=rates.address,
+        place=linked.linked_place.address,
+        project=linked.linked_project.address,
+        multipliers=np.zeros(len(records.rods) + (linked.EXTRA if closures else 0)),
+        keep=tuple(keep),
     )
+    return plant, records, equations
