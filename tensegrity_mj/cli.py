@@ -88,6 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             parser.error(f"name a command: {', '.join(parser.commands)}")
         with _stdout_to_stderr(), _warnings_in_one_line():
             outcome: Outcome = options.execute(options)
+            print(*map(printable, outcome.notes), sep="\n", end="\n" if outcome.notes else "")
         answer = to_json(outcome.data) if as_json else printable(outcome.text, keep="\n")
     except UsageError as error:
         return _fail(ExitCode.BAD_INPUT, str(error), as_json)

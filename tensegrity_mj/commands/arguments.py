@@ -19,7 +19,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Sequence
 from functools import cache
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -27,7 +26,6 @@ from tensegrity_mj.basics.files import table_beside
 from tensegrity_mj.commands import common, experiment
 from tensegrity_mj.engines.table import ENGINES
 
-SHARED = str(Path(__file__).with_name("shared"))
 Row = dict[str, Any]
 
 
@@ -53,7 +51,7 @@ def _read(module: str) -> dict[str, Any]:
 
 def _expanded(rows: Sequence[Row]) -> Iterator[Row]:
     for row in rows:
-        yield from _expanded(_read(SHARED)[row["use"]]) if "use" in row else [dict(row)]
+        yield from _expanded(common.SHARED[row["use"]]) if "use" in row else [dict(row)]
 
 
 def _settings(row: Row, module: ModuleType) -> Row:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from tensegrity_mj.basics.files import checked, made_folder
+from tensegrity_mj.basics.files import checked, made_folder, table_beside
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.errors import OptionError, printable
 
@@ -34,28 +34,19 @@ class ExitCode(enum.IntEnum):
     INTERRUPTED = 130
 
 
+SHARED = table_beside(str(Path(__file__).with_name("shared")))
+EXIT_CODES: str = SHARED["exit_codes"]
 PLOT_SUFFIXES = (".png", ".pdf", ".svg")
-
-EXIT_CODES = """\
-exit codes:
-  0    success
-  1    an error in the program itself (with a traceback); reproduce: rows that differ otherwise than recorded
-  2    bad usage or bad input
-  3    infeasible: the control law or the problem has no admissible solution
-  4    the simulation diverged
-  5    a library, a program or a display that is needed is missing
-  6    the engine's coordinates cannot hold the motion (the ODE at a pole): use another engine
-  130  interrupted
-"""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command found out: `data` for --json, `text` for people."""
+    """What a command found out: `data` for --json, `text` for people, and `notes`, a line each on stderr."""
 
     data: dict[str, Any] = field(default_factory=dict)
     text: str = ""
     code: ExitCode = ExitCode.SUCCESS
+    notes: Sequence[str] = ()
 
 
 def code_of_status(status: Status) -> ExitCode:
@@ -66,6 +57,11 @@ def code_of_status(status: Status) -> ExitCode:
         "diverged": ExitCode.DIVERGED,
         "singular": ExitCode.SINGULAR,
     }[status.value]
+
+
+def wrote(folder: Path | None, page: str) -> tuple[str, ...]:
+    """The note of a page that was written into a folder, where there is one."""
+    return () if folder is None else (f"wrote {folder / page}",)
 
 
 def table(rows: Sequence[tuple[str, str]]) -> str:

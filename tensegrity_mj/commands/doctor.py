@@ -61,10 +61,10 @@ def examine() -> list[Check]:
         check_python(),
         *check_packages(),
         check_dm_control(),
-        check_compiler(),
-        check_numba_cache(),
+        probed("compiler"),
+        probed("cache"),
         check_opengl(),
-        check_ffmpeg(),
+        probed("ffmpeg"),
         check_display(),
     ]
 
@@ -111,47 +111,19 @@ def check_dm_control() -> Check:
 
     missing = missing_for_dm_control()
     if not missing:
-        return _probed("dm_control")
+        return probed("dm_control")
     name, needed_for = CHECKS["dm_control"]["name"], CHECKS["dm_control"]["needed_for"]
     found = f"not installed: {', '.join(missing)}"
     return Check(name, False, found, needed_for, required=False, remedy=how_to_install(missing))
 
 
-def check_compiler() -> Check:
-    """Whether numba compiles and runs a function on this processor."""
-    return _probed("compiler")
-
-
-def check_numba_cache() -> Check:
-    """Whether compiled functions can be kept between runs; without it every start compiles again."""
-    return _probed("cache")
-
-
 def check_opengl() -> Check:
     """Which OpenGL the renderer finds and opens (see `opengl.choose_backend`)."""
-    check, chosen = _probed("opengl"), os.environ.get("MUJOCO_GL")
+    check, chosen = probed("opengl"), os.environ.get("MUJOCO_GL")
     if not chosen:
         return check
     remedy = f"unset MUJOCO_GL, which allows no other kind than {chosen}; then, {check.remedy}"
     return replace(check, found=f"{check.found} (MUJOCO_GL={chosen})", remedy="" if check.works else remedy)
-
-
-def check_ffmpeg() -> Check:
-    """Whether there is an ffmpeg that writes H.264."""
-    remedy = "python -m pip install --force-reinstall imageio-ffmpeg"
-    try:
-        import imageio_ffmpeg
-
-        program = imageio_ffmpeg.get_ffmpeg_exe()
-        answer = subprocess.run(
-            [program, "-hide_banner", "-encoders"], capture_output=True, text=True, timeout=PROBE_TIMEOUT, check=True
-        )
-    except (ImportError, OSError, RuntimeError, subprocess.SubprocessError) as error:
-        return Check("ffmpeg", False, f"{type(error).__name__}: {error}", "video", remedy=remedy)
-    if "264" not in answer.stdout:
-        remedy = "set IMAGEIO_FFMPEG_EXE to an ffmpeg with H.264, or unset it to use the one that comes along"
-        return Check("ffmpeg", False, f"{program} has no encoder for H.264", "video", remedy=remedy)
-    return Check("ffmpeg", True, program, "video")
 
 
 def check_display() -> Check:
@@ -164,7 +136,7 @@ def check_display() -> Check:
     return Check("display", bool(found), found or missing, "view, run --view", required=False, remedy=remedy)
 
 
-def _probed(key: str) -> Check:
+def probed(key: str) -> Check:
     """What the probe of a row of `CHECKS` finds."""
     row = CHECKS[key]
     works, found = _run_probe(row["probe"])

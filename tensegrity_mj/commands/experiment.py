@@ -163,10 +163,10 @@ def require_off_screen_opengl() -> None:
     Raises:
         MissingLibraryError: with what is missing and how to get it.
     """
-    from tensegrity_mj.commands.doctor import check_ffmpeg, check_opengl
+    from tensegrity_mj.commands.doctor import check_opengl, probed
     from tensegrity_mj.errors import MissingLibraryError
 
-    for check in (check_opengl(), check_ffmpeg()):
+    for check in (check_opengl(), probed("ffmpeg")):
         if not check.works:
             raise MissingLibraryError(
                 f"video needs {check.name}, which does not work here ({check.found}): {check.remedy}"

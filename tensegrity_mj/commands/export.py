@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 import tensegrity_mj.exchange as exchange
 import tensegrity_mj.library as library
 from tensegrity_mj import model, runs
 from tensegrity_mj.commands.common import Outcome, output_file, refuse
-from tensegrity_mj.errors import printable
 
 SUFFIXES = (".xml", ".toml", ".csv", ".mat", ".stl")
 OF_RUNS = (".csv", ".mat")  # of a run: its data, not those of its scene
@@ -51,8 +49,6 @@ def execute(options: argparse.Namespace) -> Outcome:
         save_mjcf(scene, out)
     else:
         files, notes = exchange.save_menagerie(scene, out, warp=getattr(options, "for") == "warp")
-    for note in notes:
-        print(f"note: {printable(note)}", file=sys.stderr)
     data = {"status": "ok", "scene": scene.name, "out": out}
     more = {"files": files, "notes": notes} if notes or len(files) > 1 else {}
-    return Outcome(data | more, "\n".join(str(file) for file in files))
+    return Outcome(data | more, "\n".join(map(str, files)), notes=[f"note: {note}" for note in notes])

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 
 import tensegrity_mj.exchange as exchange
 from tensegrity_mj.commands.common import Outcome, output_file
-from tensegrity_mj.errors import printable
 
 GIVEN = ("unit", "stiffness", "damping", "rod_mass", "rod_radius", "node_mass")
 
@@ -20,8 +18,6 @@ def execute(options: argparse.Namespace) -> Outcome:
     found.save(out)
     structure = found.scene.structure
     counts = {"nodes": len(structure.nodes), "rods": len(structure.rods), "strings": len(structure.strings)}
-    for note in found.notes:
-        print(f"note: {printable(note)}", file=sys.stderr)
     data = {"status": "ok", "scene": found.scene.name, "out": out, "format": found.format, "notes": list(found.notes)}
     text = f"{out}: {', '.join(f'{count} {what}' for what, count in counts.items())}"
-    return Outcome(data | counts, text)
+    return Outcome(data | counts, text, notes=[f"note: {note}" for note in found.notes])

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
 
 from tensegrity_mj import studies
-from tensegrity_mj.commands.common import Outcome
-from tensegrity_mj.errors import OptionError
+from tensegrity_mj.commands.common import Outcome, wrote
 
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run the report."""
-    if options.seed < 0:
-        raise OptionError(f"--seed {options.seed}: it must be an integer >= 0")
     from tensegrity_mj.studies.validation.study import DATA, PAGE
 
     report = studies.validate(
@@ -34,5 +30,4 @@ def execute(options: argparse.Namespace) -> Outcome:
     lines = list(report.summary)
     if report.folder is not None:
         lines.append(f"All of it: {report.folder / PAGE} and {report.folder / DATA}.")
-        print(f"wrote {report.folder / PAGE}", file=sys.stderr)
-    return Outcome(dict(report.data), "\n".join(lines))
+    return Outcome(dict(report.data), "\n".join(lines), notes=wrote(report.folder, PAGE))

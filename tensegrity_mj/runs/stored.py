@@ -22,6 +22,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.netcdf import opened, write_netcdf
 from tensegrity_mj.runs.variables import (
     DICTIONARIES,
+    LABELS,
     LAW_REPORTS,
     STATES,
     VARIABLES,
@@ -38,13 +39,6 @@ if TYPE_CHECKING:
 FORMAT = 2
 CONVENTIONS = "CF-1.11"
 MOST_PACKED = 1032  # bytes that one byte of a file may stand for: the most that its compression, deflate, achieves
-LABELS = {
-    "node": "names of the nodes",
-    "axis": "axes of the world frame, right-handed, z up",
-    "string": "names of the strings",
-    "rod": "names of the rods",
-    "element_state": "states of the elements, in their order",
-}
 
 
 def variables_in_file(run: Trajectory) -> Variables:

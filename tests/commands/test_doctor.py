@@ -10,13 +10,11 @@ import pytest
 from tensegrity_mj.commands import doctor
 from tensegrity_mj.commands.doctor import (
     CHECKS,
-    check_compiler,
     check_display,
-    check_ffmpeg,
-    check_numba_cache,
     check_opengl,
     check_package,
     examine,
+    probed,
 )
 from tensegrity_mj.dynamics.native import kept
 
@@ -33,7 +31,7 @@ def test_this_machine_has_what_simulation_needs() -> None:
 
 def test_every_failure_names_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "_run_probe", lambda code: (False, "broken on purpose"))
-    for check in (check_compiler(), check_opengl()):
+    for check in (probed("compiler"), check_opengl()):
         assert not check.works
         assert "broken on purpose" in check.found
         assert check.remedy
@@ -86,7 +84,7 @@ def test_a_probe_that_dies_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_ffmpeg_that_cannot_be_run_is_reported(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(tmp_path / "none"))
-    check = check_ffmpeg()
+    check = probed("ffmpeg")
     assert not check.works
     assert check.remedy
 
@@ -96,7 +94,7 @@ def test_ffmpeg_without_h264_is_reported(monkeypatch: pytest.MonkeyPatch, tmp_pa
     fake.write_text("#!/bin/sh\necho ' V....D mpeg4'\n")
     fake.chmod(fake.stat().st_mode | stat.S_IXUSR)
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", str(fake))
-    check = check_ffmpeg()
+    check = probed("ffmpeg")
     assert not check.works
     assert "H.264" in check.found
 
@@ -127,18 +125,18 @@ def test_where_the_doctor_says_the_numba_cache_is_there_it_is(monkeypatch: pytes
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "not" / "yet"))
-    assert Path(check_numba_cache().found).parent == tmp_path / "not" / "yet"
+    assert Path(probed("cache").found).parent == tmp_path / "not" / "yet"
     for none in ("", str(tmp_path / "file")):
         monkeypatch.setenv("NUMBA_CACHE_DIR", none)
-        check = check_numba_cache()
+        check = probed("cache")
         assert check.works, check.found
         assert Path(check.found) == beside
     monkeypatch.setitem(CHECKS["cache"], "probe", READ_ONLY_TREE + CHECKS["cache"]["probe"])
-    check = check_numba_cache()
+    check = probed("cache")
     assert check.works, check.found
     assert Path(check.found).parent == tmp_path / "cache" / "tensegrity-mj"
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    check = check_numba_cache()
+    check = probed("cache")
     assert not check.works
     assert check.found
     assert "NUMBA_CACHE_DIR" in check.remedy

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 
 from tensegrity_mj import studies
-from tensegrity_mj.commands.common import Outcome
+from tensegrity_mj.commands.common import Outcome, wrote
 
 
 def execute(options: argparse.Namespace) -> Outcome:
@@ -23,6 +22,5 @@ def execute(options: argparse.Namespace) -> Outcome:
         workers=studies.Workers(options.workers),
         progress=True,
     )
-    if result.folder is not None:
-        print(f"wrote {result.folder / PAGE}", file=sys.stderr)
-    return Outcome(result.data | {"timing": {"seconds": result.seconds}}, result.text)
+    data = result.data | {"timing": {"seconds": result.seconds}}
+    return Outcome(data, result.text, notes=wrote(result.folder, PAGE))

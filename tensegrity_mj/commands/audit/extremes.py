@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import sys
 
 from tensegrity_mj import studies
-from tensegrity_mj.commands.common import ExitCode, Outcome
+from tensegrity_mj.commands.common import ExitCode, Outcome, wrote
 
 
 def execute(options: argparse.Namespace) -> Outcome:
@@ -23,10 +22,9 @@ def execute(options: argparse.Namespace) -> Outcome:
         workers=studies.Workers(options.workers),
         progress=True,
     )
-    if report.folder is not None:
-        print(f"wrote {report.folder / PAGE}", file=sys.stderr)
     # Parts of the demands are meant for the whole mixture only: nothing undetected holds for any part.
     undetected = report.data["table"][-1]["undetected"]
     passed = report.passed if options.kinds is None else undetected == 0
     code = ExitCode.SUCCESS if passed or options.autoreset else ExitCode.PROGRAM_ERROR
-    return Outcome(report.data | {"timing": {"seconds": report.seconds}}, report.text, code)
+    data = report.data | {"timing": {"seconds": report.seconds}}
+    return Outcome(data, report.text, code, wrote(report.folder, PAGE))

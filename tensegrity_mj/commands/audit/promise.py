@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from typing import Any
 
 from tensegrity_mj import studies
@@ -25,7 +24,5 @@ def execute(options: argparse.Namespace) -> Outcome:
         progress=True,
     )
     data: dict[str, Any] = found.to_dict() | {"status": "completed", "folder": options.out}
-    if options.out is not None:
-        page = write_promise(options.out, found)
-        print(f"wrote {page}", file=sys.stderr)
-    return Outcome(data, table([line[:2] for line in found.summary]))
+    notes = () if options.out is None else (f"wrote {write_promise(options.out, found)}",)
+    return Outcome(data, table([line[:2] for line in found.summary]), notes=notes)
