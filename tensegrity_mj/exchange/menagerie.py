@@ -147,33 +147,22 @@ def _scene_around(root: ET.Element, file: str) -> ET.Element:
     """The scene that includes the model, with what of the model is scenery moved into it."""
     world, statistic = root.find("worldbody"), root.find("statistic")
     assert world is not None
-    outer = ET.Element("mujoco", model=f"{root.get('model')}_scene")
-    ET.SubElement(outer, "include", file=file)
+    outer = ET.parse(Path(__file__).with_suffix(".xml")).getroot()
+    scenery = outer.find("worldbody")
+    assert scenery is not None
+    outer.set("model", f"{root.get('model')}_scene")
+    outer.insert(0, ET.Element("include", file=file))
     if statistic is not None:
         root.remove(statistic)
-        outer.append(statistic)
-    visual = ET.SubElement(outer, "visual")
-    ET.SubElement(visual, "headlight", diffuse="0.6 0.6 0.6", ambient="0.3 0.3 0.3", specular="0 0 0")
-    ET.SubElement(visual, "global", azimuth="120", elevation="-20")
-    asset = ET.SubElement(outer, "asset")
-    sky = {"type": "skybox", "builtin": "gradient", "rgb1": "0.3 0.5 0.7", "rgb2": "0 0 0"}
-    ET.SubElement(asset, "texture", {**sky, "width": "512", "height": "3072"})
-    checks = {"type": "2d", "name": "ground", "builtin": "checker", "rgb1": "0.2 0.3 0.4", "rgb2": "0.1 0.2 0.3"}
-    ET.SubElement(asset, "texture", {**checks, "width": "300", "height": "300"})
-    ET.SubElement(
-        asset, "material", name="ground", texture="ground", texuniform="true", texrepeat="5 5", reflectance="0.2"
-    )
-    scenery = ET.SubElement(outer, "worldbody")
+        outer.insert(1, statistic)
     for element in [one for one in world if one.tag == "light" or (one.tag == "geom" and one.get("type") == "plane")]:
         world.remove(element)
         if element.tag == "geom":
             element.attrib.pop("rgba", None)
             element.set("material", "ground")
         scenery.append(copy.copy(element))
-    center = (
-        np.array([float(x) for x in statistic.get("center", "0 0 0").split()]) if statistic is not None else np.zeros(3)
-    )
-    extent = float(statistic.get("extent", "1")) if statistic is not None else 1.0
+    place = {} if statistic is None else statistic.attrib
+    center, extent = np.array([*map(float, place.get("center", "0 0 0").split())]), float(place.get("extent", "1"))
     camera = {"name": "side", "pos": numbers(center + extent * np.array([0.0, -2.0, 0.3])), "xyaxes": "1 0 0 0 0.15 1"}
     ET.SubElement(scenery, "camera", camera)
     return outer

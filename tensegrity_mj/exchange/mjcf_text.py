@@ -7,24 +7,12 @@ from pathlib import Path
 
 import mujoco
 
-from tensegrity_mj.basics.files import content_of
+from tensegrity_mj.basics.files import content_of, table_beside
 from tensegrity_mj.errors import FormatError
 
 MOST_BYTES = 10_000_000
-REFUSED = {
-    "include": "it names another file",
-    "attach": "it names another file",
-    "model": "it names another file",
-    "replicate": "it stands for many copies",
-    "composite": "it stands for many bodies",
-    "flexcomp": "it stands for many bodies",
-    "plugin": "it is code",
-    "extension": "it is code",
-}
-# What changes no motion of rods and tendons, or is too large for a file of its size: pictures, sensors, memory.
-DROPPED = ("asset", "visual", "sensor", "custom", "size", "deformable", "statistic")
-DROPPED_ATTRIBUTES = ("material", "discardvisual", "fusestatic")
-SHAPES_OF_FILES = ("mesh", "hfield", "sdf")
+LEFT_OUT = table_beside(__file__)
+REFUSED: dict[str, str] = LEFT_OUT["refused"]
 
 
 def compiled(path: Path) -> tuple[mujoco.MjModel, list[str]]:
@@ -50,15 +38,15 @@ def compiled(path: Path) -> tuple[mujoco.MjModel, list[str]]:
                 parent.remove(element)
             elif tag in REFUSED and not (tag == "model" and parent is not root and parent.tag != "asset"):
                 raise FormatError(f"{path}: <{tag}>: {REFUSED[tag]}; import what MuJoCo saves of the compiled model")
-            elif parent is root and tag in DROPPED:
+            elif parent is root and tag in LEFT_OUT["dropped"]:
                 parent.remove(element)
             elif tag == "geom" and (
-                element.get("type") in SHAPES_OF_FILES or element.get("mesh") or element.get("hfield")
+                element.get("type") in LEFT_OUT["shapes_of_files"] or element.get("mesh") or element.get("hfield")
             ):
                 parent.remove(element)
                 kind = element.get("type", "mesh")
                 notes.append(f"geom '{element.get('name', '')}' is a {kind}, whose file is not read: left out")
-            for name in DROPPED_ATTRIBUTES:
+            for name in LEFT_OUT["dropped_attributes"]:
                 element.attrib.pop(name, None)
     try:
         return mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode")), notes

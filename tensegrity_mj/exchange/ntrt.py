@@ -19,6 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.files import table_beside
 from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.exchange.draft import Draft
@@ -30,21 +31,9 @@ from tensegrity_mj.model.structure_checks import names_of
 MOST_DEPTH, MOST_FILES, MOST_PARTS = 16, 100, 10_000  # substructures within each other; files; structures in all
 SAME = 1e-9  # of the size: nodes nearer than this are one point, as pairs of NTRT are by coordinates
 ATTRIBUTES = ("path", "rotation", "translation", "scale", "offset")
-# What builders have by default (src/yamlbuilder/TensegrityModel.h).
-ROD = {"radius": 0.5, "density": 1.0}
-CABLE = {"stiffness": 1000.0, "damping": 10.0, "pretension": 0.0, "min_rest_length": 0.1, "target_velocity": 100.0}
-BOX = {"width": 1.0, "height": 1.0, "density": 1.0}
-SPHERE = {"radius": 0.5, "density": 1.0}
-BUILDERS: dict[str, Mapping[str, float]] = {
-    "tgRodInfo": ROD,
-    "tgBoxInfo": BOX,
-    "tgSphereInfo": SPHERE,
-    "tgBasicActuatorInfo": CABLE,
-    "tgBasicContactCableInfo": CABLE,
-    "tgKinematicActuatorInfo": CABLE,
-    "tgKinematicContactCableInfo": CABLE,
-}
-CABLES = tuple(name for name, defaults in BUILDERS.items() if defaults is CABLE)
+_DEFAULTS = table_beside(__file__)
+CABLES: tuple[str, ...] = tuple(_DEFAULTS["cables"])
+BUILDERS: dict[str, dict[str, float]] = _DEFAULTS["rigid"] | dict.fromkeys(CABLES, _DEFAULTS["cable"])
 Builder = tuple[str, dict[str, float]]  # a class and its numbers
 
 
@@ -108,12 +97,7 @@ class Composer:
 
     def __init__(self) -> None:
         self.files: dict[Path, Words] = {}
-        self.builders: dict[str, Builder] = {
-            "rod": ("tgRodInfo", dict(ROD)),
-            "string": ("tgBasicActuatorInfo", dict(CABLE)),
-            "box": ("tgBoxInfo", dict(BOX)),
-            "sphere": ("tgSphereInfo", dict(SPHERE)),
-        }
+        self.builders: dict[str, Builder] = {tag: (kind, BUILDERS[kind]) for tag, kind in _DEFAULTS["tags"].items()}
         self.parts = 0
         self.unused: dict[str, None] = {}
 

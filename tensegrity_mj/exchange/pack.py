@@ -13,17 +13,6 @@ from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.sources import find, pack_names, read
 
 KEPT = ("scene.toml", "reference.csv")
-README = """# Benchmark pack of tensegrity_mj
-
-Each folder is a scene: `scene.toml` (all of it), `nodes.csv` and `members.csv` (structure, start), `scene.xml` (MJCF),
-`reference.csv`, where the nodes are [m] over time [s], with its error bar. SI units, z up. docs/benchmark.md of the
-project has the equations. Score a table of the same columns, of your own program:
-
-    tensegrity-mj compare free my_table.csv --score
-
-| scene | what it is | gravity | of the tables | error bar |
-|---|---|---|---|---|
-"""
 
 
 def save_pack(folder: str | os.PathLike[str]) -> list[Path]:
@@ -33,7 +22,8 @@ def save_pack(folder: str | os.PathLike[str]) -> list[Path]:
         OptionError: where no folder can be made.
         FormatError: if a file cannot be written.
     """
-    files, text = [made_folder(folder) / "README.md"], README
+    files = [made_folder(folder) / "README.md"]
+    text = Path(__file__).with_suffix(".md").read_text(encoding="utf-8")
     for name in pack_names():
         scene_text, where, source = find(name)
         scene, own = scene_from_toml(scene_text, where), made_folder(files[0].parent / source.name)

@@ -82,7 +82,8 @@ def test_every_command_explains_itself(command: str, capsys: pytest.CaptureFixtu
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_example_parses(command: str) -> None:
     examples = words_of(COMMANDS[command])["examples"]
-    lines = [shlex.split(line, comments=True) for line in examples.splitlines() if "tensegrity-mj " in line]
+    calls = [line.partition(" > ")[0] for line in examples.splitlines() if "tensegrity-mj " in line]
+    lines = [shlex.split(call, comments=True) for call in calls]
     assert lines
     for words in lines:
         assert build_parser().parse_args(words[1:]).command == command
@@ -743,7 +744,7 @@ def test_demo_refuses_before_it_works(tmp_path: Path, capsys: pytest.CaptureFixt
 def test_observed_orders() -> None:
     from tensegrity_mj.commands.demo import observed_orders
 
-    table = [(h, 3.0 * h**4, 0.0) for h in (0.1, 0.05, 0.01)]
+    table = [{"timestep": h, "max_node_error": 3.0 * h**4} for h in (0.1, 0.05, 0.01)]
     first, *others = observed_orders(table)
     assert first is None
     assert others == pytest.approx([4.0, 4.0], rel=1e-12)
