@@ -214,6 +214,10 @@ def water_text(water: model.Water, segments: SegmentCount) -> str:
     for wave in water.waves:
         size = f"{wave.wavelength:g} m long" if wave.wavelength is not None else f"{wave.angular_frequency:g} rad/s"
         parts.append(f"waves of {2 * wave.amplitude:g} m, {size}, towards {math.degrees(wave.direction):.4g}°")
+    if (sea := water.sea) is not None:
+        size = f"{sea.spectrum.value} sea of H_s = {sea.significant_height:g} m and T_p = {sea.peak_period:g} s"
+        which = f"{sea.components} components, seed {sea.seed}"
+        parts.append(f"{size}, {which}, towards {math.degrees(sea.direction):.4g}°")
     if any(water.current):
         parts.append(f"current {water.current} m/s")
     tangential = f" and {water.tangential_drag:g} along rods" if water.tangential_drag else ""

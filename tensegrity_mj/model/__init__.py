@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.model.elements.resistance import Bending as Bending
     from tensegrity_mj.model.elements.resistance import Drag as Drag
     from tensegrity_mj.model.elements.resistance import Resistance as Resistance
+    from tensegrity_mj.model.elements.spectra import IrregularSea as IrregularSea
     from tensegrity_mj.model.elements.water import Water as Water
     from tensegrity_mj.model.elements.water import Weights as Weights
     from tensegrity_mj.model.elements.waves import AboveLevel as AboveLevel

@@ -5,7 +5,8 @@ the moving rod meets it: that is what its drag and its added mass depend on. The
 is that of a structure that is held, gives the other pair.
 
     Rn = u d / ν        C_d = 1.2 and the like are those of subcritical flow, Rn <= 2e5
-    KC = u T / d        T the period of the component with the fastest orbits where the rod is; §7.2.2 assumes 15 to 45
+    KC = u T / d        T the period of the component with the fastest orbits where the rod is, that of the peak in an
+                        irregular sea; §7.2.2 assumes 15 to 45
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.elements.water import diameters, sea_of, segments_of
+from tensegrity_mj.model.elements.waves import AboveLevel
 from tensegrity_mj.runs.trajectory import Trajectory
 
 LARGEST_REYNOLDS = 2e5
@@ -80,7 +82,8 @@ def flow_numbers(run: Trajectory) -> FlowNumbers:
     period = np.full(R, np.nan)
     moved = orbits.max(axis=1, initial=0.0) > 0
     if moved.any():
-        period[moved] = 2 * np.pi / sea.frequency[orbits[moved].argmax(axis=1)]
+        peak = None if water.sea is None else water.sea.peak_period
+        period[moved] = peak or 2 * np.pi / sea.frequency[orbits[moved].argmax(axis=1)]
     numbers = [(speed * d / water.viscosity, speed * period / d) for speed in (met, undisturbed)]
     return FlowNumbers(*numbers[0], *numbers[1], _notes(run, *numbers[0]))
 
@@ -110,19 +113,34 @@ def _beyond_linear_theory(run: Trajectory) -> list[str]:
     if np.any(steepness > STEEPEST):
         worst = int(steepness.argmax())
         notes.append(
-            f"waves[{worst}] is {steepness[worst] / np.pi:.3g} of its length high; waves above 1/7 break, and linear "
-            "theory does not hold for them"
+            f"{_component(run, worst)} is {steepness[worst] / np.pi:.3g} of its length high; waves above 1/7 break, "
+            "and linear theory does not hold for them"
         )
     if np.any(sea.amplitude > HIGHEST * sea.depth):
         worst = int(sea.amplitude.argmax())
         notes.append(
-            f"waves[{worst}] has an amplitude of {sea.amplitude[worst]:g} m in {sea.depth:g} m of water; waves higher "
-            "than 0.78 of the depth break, and linear theory does not hold for them"
+            f"{_component(run, worst)} has an amplitude of {sea.amplitude[worst]:g} m in {sea.depth:g} m of water; "
+            "waves higher than 0.78 of the depth break, and linear theory does not hold for them"
         )
+    water, crest = run.scene.water, float(np.max(sea.number, initial=0.0))
+    if water is not None and water.sea is not None and water.above is AboveLevel.EXPONENTIAL:
+        crest *= water.sea.significant_height
+        if crest > 1:
+            notes.append(
+                f"the sea's shortest component has k H_s = {crest:.3g}, so that its velocities are exaggerated "
+                'in crests above the still surface: give above = "constant"'
+            )
     lowest = float(run.nodes[..., 2].min(initial=0.0))
     if lowest < -sea.depth:
         notes.append(f"a node is at z = {lowest:.3g} m, below the bottom at {-sea.depth:g} m, which nothing here stops")
     return notes
+
+
+def _component(run: Trajectory, number: int) -> str:
+    """What messages call a component of the water."""
+    assert run.scene.water is not None
+    own = len(run.scene.water.waves)
+    return f"waves[{number}]" if number < own else f"component {number - own} of the sea"
 
 
 def _of(chosen: NDArray[np.bool_]) -> str:

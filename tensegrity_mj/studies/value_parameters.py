@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from dataclasses import is_dataclass, replace
 from typing import Any
 
+from attrs import NOTHING
+
 from tensegrity_mj.basics.checks import choice_from, finite
 from tensegrity_mj.basics.fields import item_of, kind_of
 from tensegrity_mj.basics.kinds import Kind
@@ -56,6 +58,8 @@ def changed(now: Any, parts: Sequence[str], path: str, what: str, value: Any) ->
     no_more(which, (), path)
     if kind.part is not None:
         # A part that there is not begins with its defaults, where it has some for all.
+        if held is None and any(one.default is NOTHING for one in item_of(kind.part).keys.values()):
+            raise OptionError(f"{path}: {what} has no {name}")
         new = changed(kind.part() if held is None else held, others, path, name, value)
     elif kind.row:
         new = vector_from(path, value, axis_of(others, path), held)

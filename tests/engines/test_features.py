@@ -38,7 +38,11 @@ def moved() -> tmj.Scene:
     return hung().with_(motions=(pivot, node))
 
 
-def in_water(depth: float = 3.0, weights: tmj.model.Weights = tmj.model.Weights.RIGID) -> tmj.Scene:
+def in_water(
+    depth: float = 3.0,
+    weights: tmj.model.Weights = tmj.model.Weights.RIGID,
+    sea: tmj.model.IrregularSea | None = None,
+) -> tmj.Scene:
     """Two rods in a sea of waves of 0.6 m, joined by taut strings: at 3 m below the surface they stay under water."""
     places = {"a": (0, 0, 0.0), "b": (1, 0, -0.2), "c": (0.2, 1, -0.5), "d": (1.1, 1.2, -0.1)}
     nodes = {name: (x, y, z - depth) for name, (x, y, z) in places.items()}
@@ -46,7 +50,7 @@ def in_water(depth: float = 3.0, weights: tmj.model.Weights = tmj.model.Weights.
     ends = (("a", "c"), ("b", "d"), ("a", "d"), ("b", "c"))
     strings = tuple(tmj.String(f"s{n}", pair, 60.0, 2.0, rest_length=0.1) for n, pair in enumerate(ends))
     waves = (tmj.Wave(0.4, 9.0, direction=0.3), tmj.Wave(0.2, 5.0, direction=1.5, phase=0.7))
-    water = tmj.Water(1025.0, None, waves, (0.3, -0.2, 0.0), 1.2, 0.1, 0.7, segments=5, weights=weights)
+    water = tmj.Water(1025.0, None, waves, (0.3, -0.2, 0.0), 1.2, 0.1, 0.7, segments=5, weights=weights, sea=sea)
     structure = tmj.Structure("wet", nodes, rods, strings)
     return tmj.Scene(structure, gravity=(0, 0, -9.81), water=water)
 
@@ -95,6 +99,10 @@ FEATURES = {
     "states of elements": Feature(dashed, lambda scene: scene.with_(elements=())),
     "water": Feature(in_water, in_air),
     "water, Hermite": Feature(lambda: in_water(weights=tmj.model.Weights.HERMITE), in_air),
+    # Of this seed, the water stands still against no segment, where |u| u bends and RK4 falls to its third order.
+    "irregular sea": Feature(
+        lambda: in_water(sea=tmj.model.IrregularSea("jonswap", 0.8, 3.0, seed=2, components=12)), lambda _: in_water()
+    ),
     "surface": Feature(lambda: in_water(depth=0.2), in_air),
     "contact": Feature(
         lambda: tmj.load_scene("prism_drop"), lambda scene: scene.with_(contact=None), 1, False, (1e-3, 5e-4)

@@ -39,8 +39,9 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import field, refused, value
-from tensegrity_mj.basics.kinds import choice, not_negative, parts, positive, vector, whole
+from tensegrity_mj.basics.kinds import choice, not_negative, part, parts, positive, vector, whole
 from tensegrity_mj.model.elements.element import Element
+from tensegrity_mj.model.elements.spectra import IrregularSea
 from tensegrity_mj.model.elements.waves import AboveLevel, Sea, Wave
 from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.structure import Structure
@@ -90,6 +91,7 @@ class Water(Element):
         diameter: d [m] of every rod, > 0; None for twice each rod's own radius.
         above: the waves' fields above the still surface, see `AboveLevel`.
         viscosity: kinematic, ν [m²/s], > 0, of which Reynolds numbers are made and nothing else; sea water at 15 °C.
+        sea: an irregular sea, superposed on the waves; None for none.
     """
 
     density: float = field(positive("kg/m³"), default=1025.0)
@@ -105,6 +107,7 @@ class Water(Element):
     diameter: float | None = field(positive("m"), default=None, none="None for twice each rod's radius")
     above: AboveLevel = field(choice(AboveLevel), default=AboveLevel.EXPONENTIAL)
     viscosity: float = field(positive("m²/s"), default=1.19e-6)
+    sea: IrregularSea | None = field(part(IrregularSea), default=None, none="None")
 
     adds_mass = True
     vectorized = True
@@ -125,6 +128,11 @@ class Water(Element):
         return water_forces(scene, time, nodes, np.zeros_like(nodes))[1]
 
     @property
+    def components(self) -> tuple[Wave, ...]:
+        """The waves and those of the sea."""
+        return self.waves if self.sea is None else (*self.waves, *self.sea.waves)
+
+    @property
     def inertia_coefficient(self) -> float:
         """C_M."""
         return 1 + self.added_mass if self.inertia is None else self.inertia
@@ -134,7 +142,7 @@ def sea_of(scene: Scene) -> Sea:
     """The waves and the current of a scene that has water."""
     water = scene.water
     assert water is not None
-    return Sea.of(water.waves, -scene.gravity[2], water.depth, water.current, water.above)
+    return Sea.of(water.components, -scene.gravity[2], water.depth, water.current, water.above)
 
 
 def diameters(structure: Structure, water: Water) -> Array:
@@ -284,5 +292,5 @@ def check_water(scene: Scene) -> None:
             f"gravity = {scene.gravity!r}; the still surface is z = 0, so that gravity must be (0, 0, -g) with g >= 0: "
             "turn the scene",
         )
-    if water.waves and z == 0:
+    if water.components and z == 0:
         raise refused(water, "there are waves without gravity, which makes them: give the scene gravity (0, 0, -g)")
