@@ -51,6 +51,13 @@ def test_a_small_study(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert sorted(figures.pictures(data)) == ["heat", "maps", "random"]
 
 
+def test_the_page_of_a_step_without_a_limit(tmp_path: Path) -> None:
+    # Prestress holds none of the T-bar's motions alone, so that `discrete` is stable at any step.
+    assert main(["stability", "tbar", "--engines", "discrete", "--out", str(tmp_path)]) == 0
+    page = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "MuJoCo discrete: predicted none, measured none up to " in page
+
+
 @pytest.mark.parametrize(
     "wrong", [["nowhere"], ["prism", "--random", "0"], ["prism", "--seed", "-1"], ["prism", "--maps", "colour"]]
 )

@@ -25,7 +25,7 @@ from tensegrity_mj.studies.stability import measure
 from tensegrity_mj.studies.stability.cases import AXES, base_structure, random_points, structure_of, varied
 from tensegrity_mj.studies.stability.engines import NAMES
 from tensegrity_mj.studies.stability.measure import measured_limit
-from tensegrity_mj.studies.stability.study import AGREEMENT, compared, steps_for
+from tensegrity_mj.studies.stability.study import AGREEMENT, at_rest, steps_for
 from tensegrity_mj.vibration import stable_step as inside
 from tensegrity_mj.vibration.bodies import Bodies
 from tensegrity_mj.vibration.bounds import HALF_DISC, bounds_at
@@ -489,7 +489,7 @@ def test_predicted_and_measured_limits_agree_on_random_structures(seed: int, nam
     structure = random_taut_structure(
         np.random.default_rng(seed), rods=1 + seed % 3, planar=seed == 5, damping_ratio=(0.0, damping)
     )
-    found = compared(Scene(structure), name)
+    found = at_rest(Scene(structure), name)
     assert found["agrees"], found
     # Bisection stops at 0.5 %, and growth is seen from 0.1 % on: see `measure`.
     assert found["ratio"] == pytest.approx(1.0, abs=0.02)
@@ -514,7 +514,7 @@ def test_dampers_that_pull_harder_in_the_stages_than_between_steps_do_not_hide_t
             "damping_ratio": 8.901227397289132,
         }
     )  # fmt: skip
-    assert compared(Scene(structure), "dae")["ratio"] == pytest.approx(1.0, abs=0.01)
+    assert at_rest(Scene(structure), "dae")["ratio"] == pytest.approx(1.0, abs=0.01)
 
 
 def test_fewer_steps_of_large_structures_still_find_the_limit() -> None:
@@ -541,9 +541,9 @@ def test_a_motion_that_is_large_from_the_first_sample_on_is_not_taken_for_a_stab
         )
 
     monkeypatch.setattr(measure, "_run", run(1.01 * measure.FAR * amplitude * 100))
-    assert "grew to" in measure._why_unstable(scene, tmj.MuJoCo(1e-3), None, True, 1e-3, 100, 0)
+    assert "grew to" in measure._why_unstable(scene, tmj.MuJoCo(1e-3), True, 100)
     monkeypatch.setattr(measure, "_run", run(0.99 * measure.FAR * amplitude * 100))
-    assert measure._why_unstable(scene, tmj.MuJoCo(1e-3), None, True, 1e-3, 100, 0) == ""
+    assert measure._why_unstable(scene, tmj.MuJoCo(1e-3), True, 100) == ""
 
 
 # The structures ----------------------------------------------------------------------------------------------
@@ -610,7 +610,7 @@ def test_points_of_random_structures_are_the_same_each_time_and_no_two_alike() -
 def test_what_differs_is_explained() -> None:
     # Strings without tension pull during half of a motion: measured is what no linear model shows.
     structure = tmj.load_scene("cross").structure
-    found = compared(Scene(structure), "euler")
+    found = at_rest(Scene(structure), "euler")
     assert abs(found["ratio"] - 1) > AGREEMENT
     assert "edge of slackness" in found["cause"]
 

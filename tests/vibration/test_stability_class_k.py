@@ -36,8 +36,10 @@ from tensegrity_mj.model.members import Rod, String, Support
 from tensegrity_mj.model.motion import Harmonic
 from tensegrity_mj.model.moved_supports import velocities_with_supports
 from tensegrity_mj.model.rods import lumped_masses, string_forces
+from tensegrity_mj.statics.balance import balance
+from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.studies.engine_names import engine_of
-from tensegrity_mj.studies.stability.cases import is_at_rest, joined_points, joined_scene, scene_at_rest
+from tensegrity_mj.studies.stability.cases import joined_points, joined_scene, scene_at_rest
 from tensegrity_mj.studies.stability.study import at_rest
 from tensegrity_mj.vibration.bodies import Bodies
 from tensegrity_mj.vibration.bounds import bounds_at
@@ -602,7 +604,7 @@ def test_points_of_joined_structures_are_trees_and_loops_at_rest() -> None:
     assert points == joined_points(20, 3)[:12]
     assert points != joined_points(12, 4)
     scenes = [joined_scene(point) for point in points]
-    assert all(scene.structure.class_number > 1 and is_at_rest(scene) for scene in scenes)
+    assert all(scene.structure.class_number > 1 and balance(StaticModel.of(scene)).is_equilibrium for scene in scenes)
     assert {bool(spanning_forest(scene.structure).closures) for scene in scenes} == {True, False}
     assert {scene.structure.rods[0].support.plane is None for scene in scenes} == {True, False}
 
@@ -621,7 +623,7 @@ def test_a_run_of_a_damped_tree_warns_by_its_own_limit() -> None:
 def test_scenes_at_rest_are_in_equilibrium() -> None:
     for name in ("cable", "suspended_cable", "net", "truss_arm", "dbar"):
         scene, text = scene_at_rest(tmj.load_scene(name))
-        assert is_at_rest(scene)
+        assert balance(StaticModel.of(scene)).is_equilibrium
         assert ("dead loads" in text) == (name in ("truss_arm", "dbar"))
         assert not scene.motions
         assert not scene.velocities0.any()
@@ -631,7 +633,7 @@ def test_scenes_at_rest_are_in_equilibrium() -> None:
     pulls = np.maximum(0, structure.stiffness * (structure.string_lengths(scene.nodes0) - structure.rest_lengths))
     total = string_forces(structure, scene.nodes0, pulls) + lumped_masses(structure)[:, None] * np.array(GRAVITY)
     np.testing.assert_allclose(scene.nodal_forces(0.0), -total, atol=1e-12)
-    assert not is_at_rest(scene.with_(loads=()))
+    assert not balance(StaticModel.of(scene.with_(loads=()))).is_equilibrium
 
 
 def test_the_study_of_a_scene_of_class_k() -> None:

@@ -19,6 +19,8 @@ from tensegrity_mj.model.strings import elastic_tension
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.text.reading import structure_from_toml
 from tensegrity_mj.model.text.writing import structure_to_toml
+from tensegrity_mj.statics.balance import balance
+from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.self_stress import prestress
 
 # Of the base: a string's stiffness [N/m], and the elongation u/k of the string that is pulled most.
@@ -27,7 +29,6 @@ PRESTRAIN = 0.02
 TENSION = 10.0  # [N/m] the largest u while stiffness is varied
 LOOSE = -0.05  # u/k of a slack string
 SUBSTITUTE_SEED = 1
-AT_REST = 1e-9  # of gravity, or of what strings do: an acceleration of an equilibrium
 
 # Axis: (label, values of the study, values of a quick one).
 AXES: dict[str, tuple[str, tuple[float, ...], tuple[float, ...]]] = {
@@ -60,7 +61,7 @@ def scene_at_rest(scene: Scene) -> tuple[Scene, str]:
         text += f", {int(edge.sum())} strings without tension stretched by {PRESTRAIN:.0%}"
     resistance = None if scene.resistance is None else replace(scene.resistance, wind=(0.0, 0.0, 0.0))
     still = Scene(structure, name=scene.name, gravity=scene.gravity, resistance=resistance)
-    if is_at_rest(still):
+    if balance(StaticModel.of(still)).is_equilibrium:
         return still, text
     tensions = elastic_tension(structure.stiffness, lengths, structure.rest_lengths)
     pushes = string_forces(structure, structure.positions, tensions)
@@ -68,19 +69,6 @@ def scene_at_rest(scene: Scene) -> tuple[Scene, str]:
     pushes = pushes + resisting_forces(still, structure.positions, np.zeros_like(structure.positions))
     loads = tuple(Load(name, tuple(-row)) for name, row in zip(structure.nodes, pushes, strict=True) if row.any())
     return still.with_(loads=loads), text + ", dead loads in balance with its weight and its strings"
-
-
-def is_at_rest(scene: Scene) -> bool:
-    """Whether a scene without velocities stays where it is."""
-    from tensegrity_mj.vibration.small_motions import vibration
-
-    still = np.zeros_like(scene.nodes0)
-    model = vibration(scene, scene.nodes0, still, scene.structure.rest_lengths)
-    moved = model.motion(model.acceleration)
-    # What the weight alone and the strings alone would do, each on a free node.
-    pulls = np.abs(model.tension).max(initial=0.0) * model.bodies.mobilities.max(initial=0.0)
-    scale = float(np.linalg.norm(scene.gravity)) + float(pulls)
-    return bool(np.abs(moved).max(initial=0.0) <= AT_REST * scale)
 
 
 def base_structure(scene: Scene) -> tuple[Structure, str]:
@@ -197,43 +185,41 @@ def joined_scene(point: Mapping[str, Any]) -> Scene:
 
 def joined_points(count: int, seed: int, most_rods: int = 12) -> list[dict[str, Any]]:
     """Points of random trees and loops, drawn as those of `random_points`."""
-    points = []
-    for number in range(count):
-        rng = np.random.default_rng([seed, number, 1])
-        points.append(
-            {
-                "kind": "joined",
-                "seed": int(rng.integers(2**31)),
-                "rods": int(rng.integers(2, most_rods + 1)),
-                "loops": int(rng.choice([0, 0, 1, 2])),
-                "planar": bool(rng.uniform() < 0.5),
-                "pinned": bool(rng.uniform() < 0.7),
-                "stiffness": float(np.exp(rng.uniform(np.log(1e2), np.log(1e6)))),
-                "prestrain": [1e-3, float(np.exp(rng.uniform(np.log(1e-2), np.log(0.3))))],
-                "damping_ratio": float(rng.choice([0.0, np.exp(rng.uniform(np.log(1e-2), np.log(3.0)))])),
-            }
-        )
-    return points
+    return [
+        {
+            "kind": "joined",
+            "seed": int(rng.integers(2**31)),
+            "rods": int(rng.integers(2, most_rods + 1)),
+            "loops": int(rng.choice([0, 0, 1, 2])),
+            "planar": bool(rng.uniform() < 0.5),
+            "pinned": bool(rng.uniform() < 0.7),
+            "stiffness": _over_decades(rng, 1e2, 1e6),
+            "prestrain": [1e-3, _over_decades(rng, 1e-2, 0.3)],
+            "damping_ratio": float(rng.choice([0.0, _over_decades(rng, 1e-2, 3.0)])),
+        }
+        for rng in (np.random.default_rng([seed, number, 1]) for number in range(count))
+    ]
 
 
 def random_points(count: int, seed: int, most_rods: int = 30) -> list[dict[str, Any]]:
     """Points of random taut structures: sizes, masses, stiffness, prestress and damping drawn over decades."""
-    points = []
-    for number in range(count):
-        rng = np.random.default_rng([seed, number])
-        points.append(
-            {
-                "kind": "random",
-                "seed": int(rng.integers(2**31)),
-                "rods": int(np.floor(np.exp(rng.uniform(0.0, np.log(most_rods + 1))))),
-                "planar": bool(rng.uniform() < 0.5),
-                "mass_ratio": float(np.exp(rng.uniform(0.0, np.log(1e4)))),
-                "stiffness": float(np.exp(rng.uniform(np.log(1e2), np.log(1e7)))),
-                "prestrain": [1e-4, float(np.exp(rng.uniform(np.log(1e-3), np.log(0.5))))],
-                "damping_ratio": float(rng.choice([0.0, np.exp(rng.uniform(np.log(1e-2), np.log(10.0)))])),
-            }
-        )
-    return points
+    return [
+        {
+            "kind": "random",
+            "seed": int(rng.integers(2**31)),
+            "rods": int(_over_decades(rng, 1.0, most_rods + 1)),
+            "planar": bool(rng.uniform() < 0.5),
+            "mass_ratio": _over_decades(rng, 1.0, 1e4),
+            "stiffness": _over_decades(rng, 1e2, 1e7),
+            "prestrain": [1e-4, _over_decades(rng, 1e-3, 0.5)],
+            "damping_ratio": float(rng.choice([0.0, _over_decades(rng, 1e-2, 10.0)])),
+        }
+        for rng in (np.random.default_rng([seed, number]) for number in range(count))
+    ]
+
+
+def _over_decades(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def map_points(base: Structure, axes: tuple[str, ...], quick: bool, most_rods: int) -> list[dict[str, Any]]:
@@ -274,10 +260,6 @@ def _stretched(structure: Structure, factor: float) -> Structure:
     planar = all(rod.support.plane is not None for rod in structure.rods)
     axis = int(np.argmax(np.ptp(nodes, axis=0))) if planar else 2
     nodes[:, axis] *= factor
-    x, y, z = nodes.T.tolist()
     rods = tuple(replace(rod, support=replace(rod.support, values=None)) for rod in structure.rods)
-    strings = tuple(replace(s, rest_length=None, tension=None, force_density=None) for s in structure.strings)
-    moved = replace(
-        structure, nodes=dict(zip(structure.nodes, zip(x, y, z, strict=True), strict=True)), strings=strings, rods=rods
-    )
+    moved = replace(structure.with_strings(rest_length=None), rods=rods).placed(nodes)
     return _with_densities(moved, _densities(structure))

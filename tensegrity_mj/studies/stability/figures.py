@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import COLUMN, common_legend, frame, grid_of_panels
 from tensegrity_mj.studies.stability.cases import AXES
@@ -66,22 +68,22 @@ def _engines(data: Data) -> list[str]:
     return [name for name in NAMES if any(row["values"] and name in row["values"]["engines"] for row in data["maps"])]
 
 
-def _line(panel: Axes, axis: str, rows: Any, name: str, width: float) -> None:
-    x, predicted, measured = [], [], []
+def _over(rows: Sequence[Data], name: str, key: str) -> Array:
+    """(T,) limits of an engine over 2/ω: ∞ for none, NaN in rows that do not have the engine."""
+    found = []
     for row in rows:
-        one = row["values"]["engines"].get(name)
-        if one is None:
-            continue
-        unit = 2 / one["omega"]
-        x.append(row["value"])
-        predicted.append(np.nan if one["predicted"] is None else one["predicted"] / unit)
-        measured.append(np.nan if one["measured"] is None else one["measured"] / unit)
+        one = row["values"]["engines"].get(name) if row["values"] else None
+        found.append(math.nan if one is None else math.inf if one[key] is None else one[key] * one["omega"] / 2)
+    return np.array(found)
+
+
+def _line(panel: Axes, axis: str, rows: Any, name: str, width: float) -> None:
+    x = np.array([row["value"] for row in rows])
     color = COLORS[name]
-    panel.plot(x, predicted, color=color, lw=width, alpha=0.75, label=TITLES[name])
-    panel.plot(x, measured, MARKERS[name], color=color, ms=3 + width, mfc="none", mew=1.2)
-    positive = [value for value in x if value > 0]
-    if axis in WITH_ZERO and positive:
-        panel.set_xscale("symlog", linthresh=min(positive))
+    panel.plot(x, _over(rows, name, "predicted"), color=color, lw=width, alpha=0.75, label=TITLES[name])
+    panel.plot(x, _over(rows, name, "measured"), MARKERS[name], color=color, ms=3 + width, mfc="none", mew=1.2)
+    if axis in WITH_ZERO and x.max() > 0:
+        panel.set_xscale("symlog", linthresh=x[x > 0].min())
     else:
         panel.set_xscale("log")
     panel.set_yscale("log")
@@ -96,14 +98,8 @@ def heat(data: Data) -> Figure:
     image = None
     for panel, axis in zip(panels, axes, strict=True):
         rows = [row for row in data["maps"] if row["axis"] == axis and row["values"] is not None]
-        table = np.full((len(names), len(rows)), np.nan)
-        for column, row in enumerate(rows):
-            for line, name in enumerate(names):
-                one = row["values"]["engines"].get(name)
-                if one is not None:
-                    table[line, column] = np.inf if one["predicted"] is None else one["predicted"] * one["omega"] / 2
-        shown = np.where(np.isinf(table), 300.0, table)
-        image = panel.imshow(shown, aspect="auto", norm=LogNorm(0.01, 300.0), cmap="cividis")
+        table = np.array([_over(rows, name, "predicted") for name in names])
+        image = panel.imshow(np.minimum(table, 300.0), aspect="auto", norm=LogNorm(0.01, 300.0), cmap="cividis")
         panel.set_yticks(range(len(names)), [TITLES[name] for name in names], fontsize=7)
         every = max(1, len(rows) // 5)
         ticks = list(range(0, len(rows), every))
@@ -118,19 +114,13 @@ def heat(data: Data) -> Figure:
 def scatter(data: Data) -> Figure:
     """Predicted against measured, and the distribution of their differences."""
     figure, (left, right) = grid_of_panels(2, 2, 1.2 * COLUMN, 1.05 * COLUMN)
-    allowed = data["random"]["summary"]["allowed"]
+    rows, allowed = data["random"]["rows"], data["random"]["summary"]["allowed"]
     for name in data["engines"]:
-        x, y, parts = [], [], []
-        for row in data["random"]["rows"]:
-            one = row["values"]["engines"].get(name) if row["values"] else None
-            if one is None or one["predicted"] is None or one["measured"] is None:
-                continue
-            x.append(one["measured"] * one["omega"] / 2)
-            y.append(one["predicted"] * one["omega"] / 2)
-            parts.append(abs(one["ratio"] - 1))
-        left.loglog(x, y, MARKERS[name], color=COLORS[name], ms=4, mfc="none", label=TITLES[name])
-        parts.sort()
-        if parts:
+        x, y = (_over(rows, name, key) for key in ("measured", "predicted"))
+        known = np.isfinite(x) & np.isfinite(y)
+        left.loglog(x[known], y[known], MARKERS[name], color=COLORS[name], ms=4, mfc="none", label=TITLES[name])
+        parts = np.sort(np.abs(y[known] / x[known] - 1))
+        if len(parts):
             share = (np.arange(len(parts)) + 1) / len(parts)
             right.step(np.maximum(parts, 1e-5), share, where="post", color=COLORS[name], lw=1.3, label=TITLES[name])
     span = left.get_xlim()

@@ -22,9 +22,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from tensegrity_mj.dynamics.native.law import Law, native_law
+from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import DivergenceError, TensegrityError
 from tensegrity_mj.library.random_structures import random_velocities
@@ -38,10 +37,8 @@ GROWTH = 10.0
 AMPLITUDE = 1e-11  # of the structure's size, moved in a step; less where strings are stretched by little
 STRETCH_PART = 1e-4  # of the smallest stretch that is at least moved in a step
 DAMPER_PART = 1e-2  # of its tension that a string's damper pulls with at first, at most
-SPRING_SLACK, DAMPER_SLACK = (
-    0.5,
-    0.1,
-)  # of its tension: changes of a string's spring and damper that are no longer small
+# Of its tension: changes of a string's spring and damper that are no longer small.
+SPRING_SLACK, DAMPER_SLACK = 0.5, 0.1
 FAR = 100.0  # times what the random velocities make in all the steps: no linear motion goes there
 LEAST = 1e-13  # of its size: the smallest motion a step
 FLOOR = 3e-10  # of its size: distances of round-off, and of the solver of `discrete`
@@ -49,6 +46,7 @@ SAMPLES = 200  # of a run
 FIRST = 0.02  # of 2/ω: where the search begins
 PRECISION = 0.005  # of the limit
 LOOK_AGAIN = (0.6, 0.85)
+SEED = 0  # of the perturbations
 
 
 @dataclass(frozen=True)
@@ -73,11 +71,9 @@ def measured_limit(
     engine_of: Callable[[float], Any],
     omega: float,
     *,
-    law: Law | Callable[..., ArrayLike] | None = None,
     equilibrium: bool = True,
     steps: int = STEPS,
     most: float = 100.0,
-    seed: int = 0,
 ) -> MeasuredLimit:
     """The largest stable step, by doubling and bisection.
 
@@ -85,11 +81,9 @@ def measured_limit(
         scene: its start is what is perturbed.
         engine_of: an engine for a step [s].
         omega: [1/s] sets where the search begins (0.02 of 2/ω) and ends; no more than an order of magnitude.
-        law: in the loop.
         equilibrium: whether the unperturbed motion is rest; else it is simulated too.
         steps: of each run.
         most: of 2/ω: the largest step that is tried.
-        seed: of the perturbation.
     """
     unit = 2 / omega
     runs = 0
@@ -98,7 +92,7 @@ def measured_limit(
     def stable(step: float) -> bool:
         nonlocal runs, reason
         runs += 1
-        found = _why_unstable(scene, engine_of(step), law, equilibrium, step, steps, seed)
+        found = _why_unstable(scene, engine_of(step), equilibrium, steps)
         if found:
             reason = found
         return not found
@@ -122,27 +116,27 @@ def measured_limit(
         low, high = 0.0, worse[0]
 
 
-def _why_unstable(scene: Scene, engine: Any, law: Any, equilibrium: bool, step: float, steps: int, seed: int) -> str:
-    """How a perturbation grows at this step, or "" where it does not."""
+def _why_unstable(scene: Scene, engine: Any, equilibrium: bool, steps: int) -> str:
+    """How a perturbation grows at the engine's step, or "" where it does not."""
+    step = engine.timestep
     size = float(np.ptp(scene.nodes0, axis=0).max(initial=0.0)) or 1.0
-    rng = np.random.default_rng(seed)
     structure = scene.structure
     lengths = structure.string_lengths(scene.nodes0)
     stretch = lengths - structure.rest_lengths
     tight = stretch > 1e-11 * lengths  # below, the perturbation itself would make it slack
     amplitude = AMPLITUDE
-    if law is None and tight.any():
+    if tight.any():
         elastic = structure.stiffness[tight] * stretch[tight]
         with np.errstate(divide="ignore"):
             moved = DAMPER_PART * elastic / (2 * structure.damping[tight]) * step  # both ends move; ∞ without a damper
         small = min(STRETCH_PART * stretch[tight].min(), moved.min()) / size
         amplitude = float(np.clip(small, LEAST, AMPLITUDE))
-    push = random_velocities(rng, structure, scene.nodes0, amplitude * size / step)
+    push = random_velocities(np.random.default_rng(SEED), structure, scene.nodes0, amplitude * size / step)
     if structure.class_number > 1:
         push = velocities_with_supports(structure, scene.nodes0, (), push)
     try:
-        run = _run(scene.with_(initial_velocities=scene.velocities0 + push), engine, law, step, steps)
-        calm = None if equilibrium else _run(scene, engine, law, step, steps)
+        run = _run(scene.with_(initial_velocities=scene.velocities0 + push), engine, steps)
+        calm = None if equilibrium else _run(scene, engine, steps)
     except DivergenceError as error:
         return f"diverged by {error.time / step:.0f} steps"
     except TensegrityError as error:
@@ -156,7 +150,7 @@ def _why_unstable(scene: Scene, engine: Any, law: Any, equilibrium: bool, step: 
     largest = float(distance.max())
     if largest > FAR * amplitude * steps * size:
         return f"grew to {largest:.3g} m within {steps} steps"
-    if law is None and equilibrium:
+    if equilibrium:
         spring = structure.stiffness * np.abs(structure.string_lengths(run.nodes) - lengths)
         damper = structure.damping * np.abs(structure.string_rates(run.nodes, run.velocities))
         change = np.maximum(spring / SPRING_SLACK, damper / DAMPER_SLACK).max(axis=0)
@@ -166,20 +160,14 @@ def _why_unstable(scene: Scene, engine: Any, law: Any, equilibrium: bool, step: 
         return ""
     if equilibrium:
         # Slow growth may be that of the round-off in the equilibrium's own forces: the unperturbed run shows it.
-        return _why_unstable(scene, engine, law, False, step, steps, seed)
+        return _why_unstable(scene, engine, False, steps)
     return f"grew {last / max(first, FLOOR * size):.3g} times from the first quarter of {steps} steps to the last"
 
 
-def _run(scene: Scene, engine: Any, law: Any, step: float, steps: int) -> Trajectory:
-    request = Request(
-        scene,
-        native_law(law, scene.structure),
-        Actuation.continuous(),
-        OnInfeasible.STOP,
-        steps * step,
-        max(1, steps // SAMPLES) * step,
-        False,
-    )
+def _run(scene: Scene, engine: Any, steps: int) -> Trajectory:
+    law, actuation, step = native_law(None, scene.structure), Actuation.continuous(), engine.timestep
+    interval = max(1, steps // SAMPLES) * step
+    request = Request(scene, law, actuation, OnInfeasible.STOP, steps * step, interval, False)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # what MuJoCo says of runs that are meant to go wrong
         return engine.run(request)

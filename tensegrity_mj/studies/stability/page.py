@@ -17,7 +17,6 @@ from tensegrity_mj.studies.stability.engines import TITLES
 
 Data = Mapping[str, Any]
 
-CLOSE = 0.1  # of the measured step
 POINTS = {
     "property": "property",
     "value": "value",
@@ -52,11 +51,12 @@ def _findings(data: Data) -> Iterator[Finding]:
     """An engine each, then the random structures."""
     for name, one in data["base"]["engines"].items():
         if one["ratio"]:
-            close = abs(one["ratio"] - 1.0) <= CLOSE
-            both = [quantity(one[key], "s") for key in ("predicted", "measured")]
-            text = f"{TITLES[name]}: predicted {both[0]}, measured {both[1]}"
+            tried = f"none up to {quantity(one['largest'], 's')}"
+            predicted = "none" if one["predicted"] is None else quantity(one["predicted"], "s")
+            measured = tried if one["measured"] is None else quantity(one["measured"], "s")
+            text = f"{TITLES[name]}: predicted {predicted}, measured {measured}"
             cause = f" ({one['cause']})" if one["cause"] else ""
-            yield Finding(Mark.GOOD if close else Mark.LIMITED if cause else Mark.BAD, f"{text}{cause}.")
+            yield Finding(Mark.GOOD if one["agrees"] else Mark.LIMITED if cause else Mark.BAD, f"{text}{cause}.")
     for name, words in (("random", "taut structures"), ("joined", "structures whose rods share nodes")):
         if data.get(name):
             total = data[name]["summary"]

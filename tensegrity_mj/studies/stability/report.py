@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
@@ -100,15 +101,8 @@ class StabilityStudy:
         points = map_points(base.structure, tuple(self.maps), self.quick, most)
         mapped = [name for name in self.engines if name in MAPPED] or list(self.engines)
         rows = self._limits("maps", "maps", points, mapped)
-        return [
-            {
-                "axis": row["point"]["axis"],
-                "value": row["point"]["value"],
-                "values": row["values"],
-                "reason": row["reason"],
-            }
-            for row in rows
-        ]
+        keys = ("axis", "value", "values", "reason")
+        return [{key: (row["point"] | row)[key] for key in keys} for row in rows]
 
     def _drawn(self, name: str, points: Sequence[dict[str, Any]]) -> dict[str, Any]:
         """The limits of structures that were drawn by chance."""
@@ -200,9 +194,11 @@ def describe(data: dict[str, Any]) -> list[str]:
         rows.append((TITLES[name], predicted, measured, ratio, f"{over}  {one['cause']}"))
     lines += aligned(rows)
     if "maps" in data:
-        points = [one for row in data["maps"] if row["values"] for one in row["values"]["engines"].values()]
-        lines += ["", f"maps: {sum(one['agrees'] for one in points)} of {len(points)} points agree within 10 %"]
-        lines += [f"  {axis}: {count} differ: {cause}" for axis, cause, count in _differences(data["maps"])]
+        known = [(row["axis"], row["values"]["engines"]) for row in data["maps"] if row["values"]]
+        points = [(axis, one) for axis, engines in known for one in engines.values()]
+        lines += ["", f"maps: {sum(one['agrees'] for _, one in points)} of {len(points)} points agree within 10 %"]
+        causes = Counter((axis, one["cause"]) for axis, one in points if not one["agrees"])
+        lines += [f"  {axis}: {count} differ: {cause}" for (axis, cause), count in sorted(causes.items())]
     for name, title in (("random", "random taut structures"), ("joined", "random structures whose rods share nodes")):
         if name in data:
             lines += ["", *_agreement(f"{title} (seed {data[name]['seed']})", data[name])]
@@ -220,16 +216,6 @@ def _agreement(title: str, part: dict[str, Any]) -> list[str]:
     if part["failed"]:
         lines.append(f"  {part['failed']} structures could not be computed (see the data)")
     return lines
-
-
-def _differences(rows: Sequence[Any]) -> list[tuple[str, str, int]]:
-    counts: dict[tuple[str, str], int] = {}
-    for row in rows:
-        for one in row["values"]["engines"].values() if row["values"] else ():
-            if not one["agrees"]:
-                key = (row["axis"], one["cause"])
-                counts[key] = counts.get(key, 0) + 1
-    return [(axis, cause, count) for (axis, cause), count in sorted(counts.items())]
 
 
 def _seconds(value: float | None) -> str:

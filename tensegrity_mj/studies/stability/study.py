@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,7 +12,6 @@ import numpy as np
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.stability.cases import joined_scene, structure_of
 from tensegrity_mj.studies.stability.engines import NAMES, simulates
@@ -24,33 +24,15 @@ AGREEMENT = 0.1  # of the measured limit
 # Rods above which runs have fewer steps. A hundred still resolve the limit to 1 %: beyond it by ε a motion of 1e-11 of
 # the size, which must pass 3e-9 to count, grows by exp(100 · 7 ε) in Runge-Kutta's runs and by more in the others'.
 FEWER = ((100, 100), (30, 300))
-SEED = 0  # of the perturbations
 
 
 def limits_at(point: Mapping[str, Any]) -> dict[str, Any]:
-    """What `run_many` computes: a structure's limits, {engine: {...}} (see `compared`); none of the ODE if joined."""
-    if point["kind"] == "joined":
-        scene = joined_scene(point)
-        found = {name: at_rest(scene, name) for name in point["engines"] if simulates(name, scene)}
-        return _limits(scene.structure, found)
-    structure = structure_of(point)
-    scene = Scene(structure)
-    steps = steps_for(len(structure.rods))
-    return _limits(structure, {name: compared(scene, name, steps=steps) for name in point["engines"]})
-
-
-def _limits(structure: Structure, found: dict[str, Any]) -> dict[str, Any]:
+    """What `run_many` computes: a structure's limits, {engine: {...}} (see `at_rest`); none of the ODE if joined."""
+    scene = joined_scene(point) if point["kind"] == "joined" else Scene(structure_of(point))
+    found = {name: at_rest(scene, name) for name in point["engines"] if simulates(name, scene)}
     omega = next((one["omega"] for one in found.values()), None)
-    return {"rods": len(structure.rods), "strings": len(structure.strings), "omega": omega, "engines": found}
-
-
-def at_rest(scene: Scene, name: str) -> dict[str, Any]:
-    """`compared` of a scene that stands still.
-
-    With rods that close loops the motion without a perturbation is simulated, too: MuJoCo's constraints settle first.
-    """
-    closed = bool(spanning_forest(scene.structure).closures)
-    return compared(scene, name, equilibrium=not closed, steps=steps_for(len(scene.structure.rods)))
+    counts = {"rods": len(scene.structure.rods), "strings": len(scene.structure.strings)}
+    return {**counts, "omega": omega, "engines": found}
 
 
 def steps_for(rods: int) -> int:
@@ -58,22 +40,19 @@ def steps_for(rods: int) -> int:
     return next((steps for above, steps in FEWER if rods > above), STEPS)
 
 
-def compared(
-    scene: Scene, name: str, *, law: Any = None, equilibrium: bool = True, steps: int = STEPS
-) -> dict[str, Any]:
-    """Predicted and measured limit of one engine; null is no limit up to `largest`."""
-    found = stable_step(scene, engine_of(name, 1.0), law=law)
-    most = MOST.get(name, USUAL_MOST)
-    omega = found.omega or 1.0
+def at_rest(scene: Scene, name: str) -> dict[str, Any]:
+    """Predicted and measured limit of one engine for a scene that stands still; null is no limit up to `largest`.
+
+    With rods that close loops the motion without a perturbation is simulated, too: MuJoCo's constraints settle first.
+    """
+    found = stable_step(scene, engine_of(name, 1.0))
     measured = measured_limit(
         scene,
         lambda step: engine_of(name, step),
-        omega,
-        law=law,
-        equilibrium=equilibrium,
-        steps=steps,
-        most=most,
-        seed=SEED,
+        found.omega or 1.0,
+        equilibrium=not spanning_forest(scene.structure).closures,
+        steps=steps_for(len(scene.structure.rods)),
+        most=MOST.get(name, USUAL_MOST),
     )
     ratio = _ratio(found.limit, measured.limit, measured.largest)
     agrees = ratio is not None and abs(ratio - 1) <= AGREEMENT
@@ -108,10 +87,7 @@ def summary(outcomes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Of all points and engines: how many agree, and the causes of the others."""
     rows = [one for values in outcomes for one in values["engines"].values()]
     ratios = np.array([one["ratio"] for one in rows if one["ratio"] is not None])
-    causes: dict[str, int] = {}
-    for one in rows:
-        if not one["agrees"]:
-            causes[one["cause"]] = causes.get(one["cause"], 0) + 1
+    causes = Counter(one["cause"] for one in rows if not one["agrees"])
     structures = [all(one["agrees"] for one in values["engines"].values()) for values in outcomes]
     by_engine = {}
     for name in NAMES:
