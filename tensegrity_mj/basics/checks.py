@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -98,6 +99,21 @@ def choice_from(path: str, kind: type[enum.Enum], value: Any) -> Any:
     words = [str(one.value) for one in kind]
     meant = closest(value, words) if isinstance(value, str) else ""
     raise OptionError(f"{path} = {value!r}{meant}; allowed: {', '.join(words)}")
+
+
+def names_from(what: str, given: Sequence[str] | None, known: Sequence[str]) -> list[str]:
+    """The names that are chosen of those that there are, each once; all of them for None.
+
+    Raises:
+        OptionError: for a name of nothing, or none at all.
+    """
+    names = list(known if given is None else [given] if isinstance(given, str) else given)
+    for name in names:
+        if name not in known:
+            raise OptionError(f"{what}: there is no {name!r}; allowed: {', '.join(known)}")
+    if not names:
+        raise OptionError(f"{what}: name at least one of {', '.join(known)}")
+    return list(dict.fromkeys(names))
 
 
 # Nodes of a family's scene. Laid out by formulas, so many take some ten seconds; where an equilibrium is found first,

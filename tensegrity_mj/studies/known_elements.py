@@ -1,7 +1,8 @@
-"""Elements of a scene in the processes of a study, which have seen no call that has registered their classes."""
+"""Scenes in the processes of a study, which have seen no call that has registered the classes of their elements."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from importlib import import_module
 from typing import Any
@@ -10,6 +11,7 @@ from tensegrity_mj.basics.fields import kind_of, register, registered
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.elements.element import Element
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.text.reading import scene_from_toml
 
 
 def elements_of(scene: Scene) -> dict[str, Any]:
@@ -37,3 +39,9 @@ def know_elements(places: Mapping[str, str]) -> None:
                 f"elements: kind '{kind}' is the class {name} of {module}, which another process cannot import: define "
                 "it in a module, or run the study in this process"
             ) from error
+
+
+@functools.lru_cache(maxsize=16)
+def scene_of(text: str) -> Scene:
+    """The scene of a text, which many points of a study share."""
+    return scene_from_toml(text, where="the scene of the study")

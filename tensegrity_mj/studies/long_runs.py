@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import positive, whole
+from tensegrity_mj.basics.checks import names_from, positive, whole
 from tensegrity_mj.basics.files import made_folder
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.engines.reference.dae import DAE
@@ -113,10 +113,7 @@ def long_runs(
     if not isinstance(steps, int) or isinstance(steps, bool) or steps < LEAST_STEPS or steps % ROWS:
         raise OptionError(f"steps = {steps!r}; it must be a multiple of {ROWS}, at least {LEAST_STEPS}")
     whole("seed", seed, 0)
-    chosen = list(METHODS if methods is None else methods)
-    for name in chosen:
-        if name not in METHODS:
-            raise OptionError(f"methods: there is no {name!r}; allowed: {', '.join(METHODS)}")
+    chosen = names_from("methods", methods, METHODS)
     free = conservative(scene, seed)
     h = default_step(free) if timestep is None else positive("timestep", timestep, "s")
     place = None if folder is None else made_folder(folder)
@@ -191,10 +188,7 @@ def measured(run: Trajectory, h: float, steps: int) -> dict[str, Any]:
     """For each quantity: the largest up to each mark that the run reached, its growth, and its course."""
     scale = float(energy_exchanged(run)[-1]) if len(run.time) else 0.0
     energy = run.kinetic_energy + run.gravity_energy + run.string_energy
-    b, b_rate = (
-        (second - first) / run.scene.structure.rod_lengths[:, None]
-        for first, second in (rods.ends(run.scene.structure, run.nodes), rods.ends(run.scene.structure, run.velocities))
-    )
+    b, b_rate = (rods.directions(run.scene.structure, rows) for rows in (run.nodes, run.velocities))
     courses = {
         "energy": np.abs(energy - energy[:1]) / (scale or 1.0),
         "length": np.abs(np.sum(b * b, axis=-1) - 1).max(axis=1, initial=0.0),

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
+from tensegrity_mj.basics.texts import shortened
 from tensegrity_mj.errors import OptionError
 
 
@@ -75,9 +76,5 @@ def difference(ours: Any, theirs: Any, where: str = "") -> str | None:
         return None
     if isinstance(ours, str) and isinstance(theirs, str) and "\n" in ours + theirs:
         return difference(ours.splitlines(), theirs.splitlines(), f"{where}, lines") or f"{where} has other line ends"
-    return f"{where} is {_short(theirs)} there and {_short(ours)} here"
-
-
-def _short(value: Any) -> str:
-    text = to_exact_json(value)
-    return text if len(text) <= 80 else f"{text[:77]}..."
+    there, here = (shortened(to_exact_json(value), 80) for value in (theirs, ours))
+    return f"{where} is {there} there and {here} here"

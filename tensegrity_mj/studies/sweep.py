@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -22,13 +21,12 @@ from tensegrity_mj.library.load import load_scene
 from tensegrity_mj.library.named import is_family_call
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.simulation import simulate_as_far, versions
 from tensegrity_mj.studies.attempt import WithFiles
 from tensegrity_mj.studies.axes import Choice, Draw, Grid, Together, Vary
-from tensegrity_mj.studies.known_elements import elements_of, know_elements
+from tensegrity_mj.studies.known_elements import elements_of, know_elements, scene_of
 from tensegrity_mj.studies.many import Study, run_many
 from tensegrity_mj.studies.measures import measure
 from tensegrity_mj.studies.parameter_values import encoded
@@ -234,7 +232,7 @@ def drafted(common: Mapping[str, Any]) -> Draft:
     """The experiment of what all points of a sweep share."""
     know_elements(common.get("elements", {}))
     return Draft(
-        scene=_scene(common["scene"]),
+        scene=scene_of(common["scene"]),
         family=common.get("family", ""),
         law_spec=common["law"],
         own_laws=common.get("own_laws", {}),
@@ -245,11 +243,6 @@ def drafted(common: Mapping[str, Any]) -> Draft:
         on_infeasible=OnInfeasible(common["on_infeasible"]),
         output_interval=common["output_interval"],
     )
-
-
-@functools.lru_cache(maxsize=8)
-def _scene(text: str) -> Scene:
-    return scene_from_toml(text, where="the scene of the sweep")
 
 
 def _content(run: Trajectory) -> bytes:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 import os
 from collections.abc import Mapping, Sequence
@@ -20,10 +19,10 @@ from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.engines.table import engine_settings, make_engine
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cable import Excitation, Start
+from tensegrity_mj.model import rods
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.moved_supports import velocities_with_supports
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate_as_far, versions
@@ -33,6 +32,7 @@ from tensegrity_mj.studies.cable.modal import HangingChain
 from tensegrity_mj.studies.cable.spectrum import spectrum
 from tensegrity_mj.studies.cable.whirling import whirl
 from tensegrity_mj.studies.engine_names import engine_of
+from tensegrity_mj.studies.known_elements import scene_of
 from tensegrity_mj.studies.many import RunOptions, Study, run_many
 from tensegrity_mj.vibration.stepping import Scheme
 
@@ -297,7 +297,7 @@ def case_of(point: Mapping[str, Any]) -> Case:
     """The case of a point of `run_cases`."""
     engine = make_engine(point["engine"]["name"], dict(point["engine"]["options"]))
     own = {name: point[name] for name in OWN}
-    return Case(_scene(point["scenes"][point["scene"]]), engine=engine, direction=point["direction"], **own)
+    return Case(scene_of(point["scenes"][point["scene"]]), engine=engine, direction=point["direction"], **own)
 
 
 def simulated(case: Case, duration: float = DURATION, interval: float = INTERVAL) -> Trajectory:
@@ -335,8 +335,7 @@ def measures_of(case: Case, run: Trajectory, markers: Sequence[float]) -> dict[s
 
 def drift_of(run: Trajectory) -> float:
     """Largest | ‖b_i‖ - 1 | over rods and recorded times."""
-    pairs = run.scene.structure.rod_nodes
-    b = (run.nodes[:, pairs[:, 1]] - run.nodes[:, pairs[:, 0]]) / run.scene.structure.rod_lengths[:, None]
+    b = rods.directions(run.scene.structure, run.nodes)
     return float(np.abs(np.linalg.norm(b, axis=-1) - 1.0).max(initial=0.0))
 
 
@@ -351,8 +350,3 @@ def _axes(scene: Scene, direction: Sequence[float]) -> tuple[Array, Array, Array
     if abs(float(along @ up)) > 1e-9:
         raise OptionError(f"case: direction = {direction!r}; it must be horizontal")
     return along, np.cross(along, up), up
-
-
-@functools.lru_cache(maxsize=16)
-def _scene(text: str) -> Scene:
-    return scene_from_toml(text, where="the scene of a cable study")

@@ -33,16 +33,11 @@ GAIN_NAMES = {"decay_rate": "δ"}
 
 def of_section(section: str, data: Data) -> Iterator[Picture]:
     """The figures of a section."""
-    maker = {
-        "nominal": _nominal,
-        "sampling": _sampling,
-        "gains": _gains,
-        "noise": _noise,
-        "delay": _delay,
-        "starts": _starts,
-    }.get(section)
-    if maker is not None:
-        yield from maker(data)
+    makers = {"nominal": _nominal, "sampling": _sampling, "gains": _gains, "starts": _starts}
+    if section in makers:
+        yield from makers[section](data)
+    elif section in AGAINST:
+        yield from _against(data[section], *AGAINST[section])
 
 
 def _nominal(data: Data) -> Iterator[Picture]:
@@ -109,21 +104,17 @@ def _gains(data: Data) -> Iterator[Picture]:
     yield Picture(figure, f"Trends of the gains ({title(engine)}); runs that never settle are left out.")
 
 
-def _noise(data: Data) -> Iterator[Picture]:
-    yield from _against(
-        data["noise"],
+# Sections whose final errors are drawn against facts: each fact, one that must be absent, and the axis; the caption.
+AGAINST: dict[str, Any] = {
+    "noise": (
         (
             ("position_std", "velocity_std", "noise of positions [m]"),
             ("velocity_std", "position_std", "of velocities [m/s]"),
         ),
         "What sensor noise leaves of the target error.",
-    )
-
-
-def _delay(data: Data) -> Iterator[Picture]:
-    yield from _against(
-        data["delay"], (("samples", "", "delay [samples]"),), "What a delay leaves of the target error."
-    )
+    ),
+    "delay": ((("samples", "", "delay [samples]"),), "What a delay leaves of the target error."),
+}
 
 
 def _against(section: Data, panels: Any, caption: str) -> Iterator[Picture]:

@@ -16,6 +16,7 @@ from tensegrity_mj.engines.reports import DECAY_WARNING
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.studies.attempt import DONE
+from tensegrity_mj.studies.validation.measures import value_at
 from tensegrity_mj.studies.validation.sections import SECTIONS, Case, Setup
 from tensegrity_mj.studies.validation.sentences import GOOD, STOPPED, Data, summary
 
@@ -26,7 +27,8 @@ STANDING = 0.05  # part of the way to the target that the fastest node would go 
 TREND = 0.01  # part by which a quantity must change to have a trend
 OUTCOMES = ("converged", "off target", "still moving", "mirrored", *STOPPED, "failed", "completed")
 
-STATEMENTS = table_beside(__file__)["statements"]  # of §5.6
+TABLE = table_beside(__file__)
+STATEMENTS = TABLE["statements"]  # of §5.6
 
 
 def findings(setup: Setup, pairs: Sequence[tuple[Case, Mapping[str, Any]]]) -> Data:
@@ -63,7 +65,7 @@ def row(setup: Setup, case: Case, outcome: Mapping[str, Any], tolerance: float) 
     base: Data = {"label": case.label, **case.facts}
     if outcome["status"] != DONE:
         reason = f"{outcome['error']}: {outcome['reason']}"
-        return base | {"outcome": "failed", "end_time": None, "message": reason, **dict.fromkeys(_NUMBERS)}
+        return base | {"outcome": "failed", "end_time": None, "message": reason, **_numbers({})}
     values = outcome["values"]
     base |= {
         "outcome": judged(values, tolerance, setup.duration),
@@ -73,43 +75,11 @@ def row(setup: Setup, case: Case, outcome: Mapping[str, Any], tolerance: float) 
     return base | _numbers(values)
 
 
-_NUMBERS = (
-    "final_error",
-    "settling_10",
-    "settling_2",
-    "peak_force_density",
-    "peak_tension",
-    "peak_compression",
-    "rms_force_density",
-    "switching_rate",
-    "smallest_margin",
-    "winch_done",
-    "decay_error",
-)
-
-
 def _numbers(values: Mapping[str, Any]) -> Data:
-    if "peaks" not in values:  # diverged
-        return dict.fromkeys(_NUMBERS)
-    error, peaks, margin, V = (values[key] or {} for key in ("error", "peaks", "margin", "lyapunov"))
-
-    def peak(name: str) -> float | None:
-        return None if peaks[name] is None else peaks[name]["value"]
-
-    numbers = (
-        error.get("final"),
-        error.get("settling_10"),
-        error.get("settling_2"),
-        peak("force_density"),
-        peak("tension"),
-        peak("compression"),
-        peaks["rms_force_density"],
-        values["switching"]["rate"],
-        margin.get("smallest"),
-        values["winch"]["done"],
-        V.get("decay_error") if V.get("promised_rate") is not None else None,
-    )
-    return dict(zip(_NUMBERS, numbers, strict=True))
+    """The main numbers of a run by their names; None for each that it has not: a run that diverged has none."""
+    found = {name: value_at(values, keys) for name, keys in TABLE["numbers"].items()}
+    promised = value_at(values, ("lyapunov", "promised_rate"))
+    return found | ({"decay_error": None} if promised is None else {})
 
 
 def judged(values: Mapping[str, Any], tolerance: float, duration: float) -> str:

@@ -5,6 +5,7 @@ Everything is of the recorded samples: a run is recorded at every control sample
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,6 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.target import target_nodes
 from tensegrity_mj.model import rods
-from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.runs.winches import winch_increments
 
@@ -50,6 +50,13 @@ def of_run(run: Trajectory, promised_rate: float | None = None, floor: ArrayLike
         "energy_residual": run.energy_residual,
         "warnings": list(run.reports.get("warnings", [])),
     }
+
+
+def value_at(values: Any, keys: Sequence[str]) -> Any:
+    """What stands among values at the end of these keys; None where one of them is not there."""
+    for key in keys:
+        values = None if values is None else values.get(key)
+    return values
 
 
 def target_error(run: Trajectory) -> Values | None:
@@ -92,13 +99,8 @@ def arrival(run: Trajectory) -> Values:
     if run.scene.target is None:
         return {"speed": speed, "alignment": None}
     aims = target_nodes(run.scene.structure, run.scene.target, run.time[-1:])[0]
-    now, aim = (_directions(run.scene.structure, nodes) for nodes in (run.nodes[-1], aims))
+    now, aim = (rods.directions(run.scene.structure, nodes) for nodes in (run.nodes[-1], aims))
     return {"speed": speed, "alignment": np.sum(now * aim, axis=-1).tolist()}
-
-
-def _directions(structure: Structure, nodes: Array) -> Array:
-    first, second = rods.ends(structure, nodes)
-    return (second - first) / structure.rod_lengths[:, None]
 
 
 def lyapunov(run: Trajectory, promised_rate: float | None) -> Values | None:

@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from tensegrity_mj.basics.files import table_beside
+from tensegrity_mj.basics.texts import shortened
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.pictures.findings import Finding, Mark, mark_of, opening_of
 from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.studies.validation import figures
+from tensegrity_mj.studies.validation.measures import value_at
 from tensegrity_mj.studies.validation.sections import SECTIONS
 from tensegrity_mj.studies.validation.sentences import GOOD, title
 
@@ -131,7 +133,7 @@ def _engine(section: str, engine: str, part: Data) -> Iterator[Table]:
         return
     columns = TABLE["shown"].get(section, TABLE["usual"])
     rows = [
-        [_whole(one["label"]), _whole(one["outcome"]), *(one.get(column) for column in columns[1:]), _reason(one)]
+        [*map(_whole, (one["label"], one["outcome"])), *map(one.get, columns[1:]), shortened(one["message"] or "", 160)]
         for one in part["rows"]
     ]
     if not any(row[-1] for row in rows):
@@ -143,11 +145,6 @@ def _engine(section: str, engine: str, part: Data) -> Iterator[Table]:
 
 def _percent(part: float | None) -> str:
     return "–" if part is None else f"{part:.0%}"
-
-
-def _reason(one: Data) -> str:
-    text = str(one["message"] or "")
-    return text if len(text) <= 160 else f"{text[:157]}..."
 
 
 def _values(one: Data) -> list[str]:
@@ -183,11 +180,7 @@ def _nominal(data: Data) -> Section:
 
 
 def _value(one: Data, *keys: str) -> Any:
-    value: Any = one
-    for key in keys:
-        if value is None:
-            return None
-        value = value.get(key)
+    value = value_at(one, keys)
     if isinstance(value, Mapping) and {"value", "time"} <= set(value):
         member = f"{value['of']}, " if "of" in value else ""
         return f"{value['value']:.4g} ({member}{value['time']:.4g} s)"

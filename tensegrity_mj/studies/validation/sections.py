@@ -18,7 +18,6 @@ from tensegrity_mj.engines.table import ENGINES, option_names
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.studies.validation import laws
 
 TABLE = table_beside(__file__)
 SECTIONS: dict[str, str] = TABLE["sections"]
@@ -162,38 +161,28 @@ def _gains(setup: Setup, engine: str) -> Iterator[Case]:
 
 def _mass(setup: Setup, engine: str) -> Iterator[Case]:
     structure = setup.scene.structure
-    members = {f"rods[{rod.name}]": rod.mass for rod in structure.rods}
-    members |= {f"point_masses[{point.node}]": point.mass for point in structure.point_masses}
-    yield from _off(setup, engine, "mass", members, "mass", 1)
+    members = {f"rods[{rod.name}].mass": rod.mass for rod in structure.rods}
+    members |= {f"point_masses[{point.node}].mass": point.mass for point in structure.point_masses}
+    yield from _off(setup, engine, "mass", members, 1)
 
 
 def _stiffness(setup: Setup, engine: str) -> Iterator[Case]:
-    members = {f"strings[{string.name}]": string.stiffness for string in setup.scene.structure.strings}
-    yield from _off(setup, engine, "stiffness", members, "stiffness", 2)
+    members = {f"strings[{string.name}].stiffness": string.stiffness for string in setup.scene.structure.strings}
+    yield from _off(setup, engine, "stiffness", members, 2)
 
 
-def _off(
-    setup: Setup, engine: str, section: str, members: Mapping[str, float], number: str, key: int
-) -> Iterator[Case]:
-    """All members' numbers off by ±20 %, and each by a random part of it."""
-    if not members:
-        return
-    for factor in (1 - OFF, 1 + OFF):
-        settings = {f"plant.{member}.{number}": value * factor for member, value in members.items()}
-        facts = {"factor": factor}
-        yield Case(section, f"all × {factor:g}", setup.usual(engine) | {"settings": settings}, facts)
-    if len(members) < 2:
-        return
-    for draw in range(setup.extent.random_plants):
-        factors = setup.generator(key, draw).uniform(1 - OFF, 1 + OFF, len(members))
-        settings = {
-            f"plant.{member}.{number}": value * float(factor)
-            for (member, value), factor in zip(members.items(), factors, strict=True)
-        }
-        facts = {"factors": factors.tolist()}
-        yield Case(
-            section, f"each by up to ±{OFF:.0%}, draw {draw + 1}", setup.usual(engine) | {"settings": settings}, facts
-        )
+def _off(setup: Setup, engine: str, section: str, numbers: Mapping[str, float], key: int) -> Iterator[Case]:
+    """All these numbers of members off by ±20 %, and each by a random part of it."""
+    off: list[tuple[str, list[float], dict[str, Any]]] = []
+    if numbers:
+        off += [(f"all × {f:g}", [f] * len(numbers), {"factor": f}) for f in (1 - OFF, 1 + OFF)]
+    for draw in range(setup.extent.random_plants if len(numbers) > 1 else 0):
+        factors = setup.generator(key, draw).uniform(1 - OFF, 1 + OFF, len(numbers)).tolist()
+        off.append((f"each by up to ±{OFF:.0%}, draw {draw + 1}", factors, {"factors": factors}))
+    for label, factors, facts in off:
+        pairs = zip(numbers.items(), factors, strict=True)
+        settings = {f"plant.{path}": value * factor for (path, value), factor in pairs}
+        yield Case(section, label, setup.usual(engine) | {"settings": settings}, facts)
 
 
 def _noise(setup: Setup, engine: str) -> Iterator[Case]:
@@ -231,7 +220,7 @@ def _gravity(setup: Setup, engine: str) -> Iterator[Case]:
     else:
         levels = [(f"{g:g} m/s²", np.array([0.0, 0.0, -g])) for g in setup.extent.gravity]
     for label, vector in levels:
-        for known in (False, True) if laws.knows_gravity(setup.law) else (False,):
+        for known in (False, True) if specs.has_option(setup.law, "gravity") else (False,):
             facts = {"gravity": vector.tolist(), "known_to_the_law": known}
             words = f"{label}, {'known' if known else 'unknown'} to the law"
             yield Case("gravity", words, setup.usual(engine) | {"gravity": [vector.tolist(), known]}, facts)

@@ -14,13 +14,8 @@ from tensegrity_mj.studies.validation.sections import Setup
 
 Data = dict[str, Any]
 
-
 STOPPED = ("infeasible", "singular", "diverged")
-
-
 TOLERATED = ("mass", "stiffness", "noise", "delay", "breaks", "gravity")
-
-
 GOOD = ("converged", "completed")  # the latter where there is no target
 
 
@@ -144,13 +139,9 @@ def _sampling_sentences(setup: Setup, section: str, part: Data) -> list[str]:
             against = "" if part["reference"] == "continuous" else " against the finest period"
             sentences.append(f"{mode} at {1e3 * near['period']:g} ms costs {near['node_error']:.2g} m{against}")
         if bad:
-            what = f"{mode} does not do at {', '.join(_milliseconds(one) for one in bad)}"
-            sentences.append(f"{what} ({_outcomes(bad)})")
+            periods = ", ".join(f"{1e3 * one['period']:g} ms" for one in bad)
+            sentences.append(f"{mode} does not do at {periods} ({_outcomes(bad)})")
     return [f"{text[0].upper()}{text[1:]}." for text in sentences]
-
-
-def _milliseconds(one: Data) -> str:
-    return f"{1e3 * one['period']:g} ms"
 
 
 def _gain_sentences(setup: Setup, section: str, part: Data) -> list[str]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from tensegrity_mj.basics.checks import positive, whole
+from tensegrity_mj.basics.checks import names_from, positive, whole
 from tensegrity_mj.basics.files import made_folder
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.controllers import specs
@@ -98,7 +98,7 @@ class Validate:
         made = specs.make(spec, scene)
         description = plain(specs.describe(spec, made, scene), "what the law says of itself")
         setup = self._setup(scene, made)
-        chosen = _names("sections", self.sections, tuple(SECTIONS))
+        chosen = names_from("sections", self.sections, tuple(SECTIONS))
         chosen = [name for name in SECTIONS if name == "nominal" or name in chosen]
         todo = cases(setup, chosen)
         place = None if self.folder is None else made_folder(self.folder)
@@ -152,21 +152,11 @@ class Validate:
 validate = function_of(Validate)
 
 
-def _names(what: str, given: Sequence[str] | None, known: Sequence[str]) -> list[str]:
-    names = list(known if given is None else [given] if isinstance(given, str) else given)
-    for name in names:
-        if name not in known:
-            raise OptionError(f"{what}: there is no {name!r}; allowed: {', '.join(known)}")
-    if not names:
-        raise OptionError(f"{what}: name at least one of {', '.join(known)}")
-    return list(dict.fromkeys(names))
-
-
 def _engines(scene: Scene, given: Sequence[str] | None) -> list[str]:
     able = engines_for(scene)
     if len(able) != 1:
-        return _names("engines", given, tuple(ENGINES))
-    names = _names("engines", able if given is None else given, tuple(ENGINES))
+        return names_from("engines", given, tuple(ENGINES))
+    names = names_from("engines", able if given is None else given, tuple(ENGINES))
     others = [name for name in names if name not in able]
     if others:
         raise OptionError(f"engines: {', '.join(others)}: {only_one(scene)}: leave them out, or validate another scene")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import functools
+import dataclasses
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -11,17 +11,18 @@ import numpy as np
 
 from tensegrity_mj.controllers import specs
 from tensegrity_mj.controllers.degraded import Delayed, Noisy
+from tensegrity_mj.controllers.gains import Gains
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.errors import DivergenceError
 from tensegrity_mj.model.actuation import Actuation, Mode
 from tensegrity_mj.model.events import Break
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.simulation import simulate
+from tensegrity_mj.studies.known_elements import scene_of
 from tensegrity_mj.studies.nominal import NominalWinches
 from tensegrity_mj.studies.parameters import Draft
-from tensegrity_mj.studies.validation import laws, measures
+from tensegrity_mj.studies.validation import measures
 
 ROWS = 64 * 2**20  # bytes of recorded rows at most
 TICK = 0.01  # s: what control periods, durations and break times are multiples or parts of
@@ -59,7 +60,7 @@ def run_point(point: dict[str, Any]) -> dict[str, Any]:
     if case["gravity"] is not None:
         gravity, known = case["gravity"]
         plant = plant.with_(gravity=tuple(gravity))
-        law = laws.with_gravity(law, gravity) if known else law
+        law = dataclasses.replace(law, gravity=tuple(gravity)) if known else law
     if case["breaks"]:
         plant = plant.with_(breaks=tuple(Break(name, time) for name, time in case["breaks"]))
     if case["nodes"] is not None:
@@ -92,12 +93,6 @@ def run_point(point: dict[str, Any]) -> dict[str, Any]:
     return values
 
 
-@functools.lru_cache(maxsize=4)
-def scene_of(text: str) -> Scene:
-    """The scene under test."""
-    return scene_from_toml(text, where="the scene under test")
-
-
 def recording_interval(scene: Scene, base: float, duration: float) -> float:
     """The least multiple of `base` that divides `TICK` and keeps rows within `ROWS`; else the larger of both."""
     width = 6 * len(scene.structure.nodes) + 3 * len(scene.structure.strings) + len(scene.structure.rods) + 8
@@ -128,5 +123,25 @@ def kept_nodes(run: Trajectory, duration: float) -> dict[str, Any]:
 def _law(case: Mapping[str, Any], nominal: Scene) -> Any:
     law = specs.make(case["law"] or case["spec"], nominal)
     if case["gain"] is not None:
-        law = laws.with_gain(law, nominal, *case["gain"])
+        law = with_gain(law, nominal, *case["gain"])
     return law
+
+
+def with_gain(law: Any, scene: Scene, gain: str, factor: float) -> Any:
+    """The law with one of X, Y, Z of all rods, or its decay rate, times a factor.
+
+    Raises:
+        OptionError: if gains so scaled are not positive definite.
+    """
+    if gain == "decay_rate":
+        return dataclasses.replace(law, decay_rate=law.decay_rate * factor)
+    names = [rod.name for rod in scene.structure.rods] + [point.node for point in scene.structure.point_masses]
+
+    def scaled(given: Any) -> Any:
+        every = given if isinstance(given, Mapping) else dict.fromkeys(names, given)
+        own = {name: every.get(name, Gains()) for name in names}
+        return {
+            name: dataclasses.replace(g, **{gain: np.asarray(getattr(g, gain)) * factor}) for name, g in own.items()
+        }
+
+    return dataclasses.replace(law, translation=scaled(law.translation), rotation=scaled(law.rotation))
