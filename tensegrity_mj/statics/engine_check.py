@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -43,10 +42,6 @@ class EngineCheck:
     frequency_error: float
     evaluations: int
     warnings: tuple[str, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """As plain values."""
-        return {**vars(self), "frequencies": self.frequencies.tolist()}
 
     def describe(self) -> str:
         """In words."""

@@ -6,7 +6,7 @@ import warnings
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import eigh, qr
+from scipy.linalg import eigh
 from scipy.sparse.linalg import LinearOperator, MatrixRankWarning, eigsh, splu
 
 from tensegrity_mj.basics.arrays import Array
@@ -99,34 +99,6 @@ def projected(model: StaticModel, x: Array, lengths: Array) -> Array | None:
     return x if best <= 1e-12 else None
 
 
-def reduced_stiffness(model: StaticModel, x: Array, forces: Array) -> sparse.csr_array:
-    """Zᵀ (∇²Π + Σ N ∇²L + Cᵀ (EA/ℓ) C) Z (q, q) [N/m]; rigid rods' lengths are not in it."""
-    return sparse.csr_array(Linearized(model, x, 0.0, forces).stiffness)
-
-
-def held_lengths(model: StaticModel, x: Array) -> sparse.csr_array:
-    """(rigid rods, q): how the lengths of rigid rods change."""
-    return sparse.csr_array(Linearized(model, x, 0.0, np.zeros(len(model.rod_lengths))).held_lengths)
-
-
-def tangent_basis(model: StaticModel, x: Array, without: Array | None = None) -> Array:
-    """Orthonormal motions (q, t) of the free coordinates that keep rigid rods' lengths, across the given (3N, p)."""
-    return _tangent_basis(Linearized(model, x, 0.0, np.zeros(len(model.rod_lengths))), without)
-
-
-def _tangent_basis(at: Linearized, without: Array | None) -> Array:
-    Z, held = at.Z, at.held_lengths
-    rows = [held if isinstance(held, np.ndarray) else held.toarray()]
-    if without is not None and without.shape[1]:
-        rows.append((Z.T @ without).T)
-    matrix = np.vstack(rows)
-    if not len(matrix):
-        return np.eye(Z.shape[1])
-    Q, R, _ = qr(matrix.T, mode="full", pivoting=True)
-    size = np.abs(np.diag(R))
-    return np.asarray(Q[:, int(np.sum(size > RANK * size.max(initial=0.0))) :])
-
-
 def lowest_stiffness(at: Linearized, count: int = 1, without: Array | None = None) -> tuple[Array, Array]:
     """The lowest eigenvalues (m,) [N/m], m <= count, ascending, of the stiffness on admissible motions, and these.
 
@@ -135,7 +107,7 @@ def lowest_stiffness(at: Linearized, count: int = 1, without: Array | None = Non
     """
     model, Z, K = at.model, at.Z, at.stiffness
     if Z.shape[1] <= DENSE:
-        T = _tangent_basis(at, without)
+        T = at.tangent_basis(without)
         if not T.shape[1]:
             return np.zeros(0), np.zeros((len(at.x), 0))
         K = T.T @ (K @ T)

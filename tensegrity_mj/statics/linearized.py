@@ -9,10 +9,11 @@ from functools import cached_property
 
 import numpy as np
 from scipy import sparse
+from scipy.linalg import qr
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.statics.boundary import Matrix
-from tensegrity_mj.statics.model import StaticModel
+from tensegrity_mj.statics.model import RANK, StaticModel
 
 
 class Linearized:
@@ -71,6 +72,19 @@ class Linearized:
     def held_lengths(self) -> Matrix:
         """(rigid rods, q): how the lengths of rigid rods change."""
         return self.free_slopes[np.flatnonzero(self.model.compliance == 0)]
+
+    def tangent_basis(self, without: Array | None = None) -> Array:
+        """Orthonormal motions (q, t) of free coordinates that keep rigid rods' lengths, across the given (3N, p)."""
+        held = self.held_lengths
+        rows = [held if isinstance(held, np.ndarray) else held.toarray()]
+        if without is not None and without.shape[1]:
+            rows.append((self.Z.T @ without).T)
+        matrix = np.vstack(rows)
+        if not len(matrix):
+            return np.eye(self.Z.shape[1])
+        Q, R, _ = qr(matrix.T, mode="full", pivoting=True)
+        size = np.abs(np.diag(R))
+        return np.asarray(Q[:, int(np.sum(size > RANK * size.max(initial=0.0))) :])
 
     @cached_property
     def by_parameter(self) -> tuple[Array, Array]:

@@ -6,7 +6,6 @@ import enum
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,10 +50,6 @@ class Use:
             f"{kind} '{self.member}' is at {100 * self.utilisation:.4g} % of its {self.criterion.value} limit{when}: "
             f"{self.force:.5g} N of {self.limit:.5g} N"
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        """As plain values."""
-        return {**vars(self), "criterion": self.criterion.value}
 
 
 @dataclass(frozen=True)
@@ -159,6 +154,12 @@ class MemberLoads:
         """(T,): whether some member is beyond its limit."""
         parts = [np.any(use > 1.0, axis=1) for use in (self.yielding, self.buckling, self.breaking)]
         return np.asarray(np.logical_or.reduce(parts))
+
+    @property
+    def first_exceeded(self) -> Use | None:
+        """The largest use in the first row in which a member is beyond its limit, or None."""
+        row = int(np.argmax(self.exceeded))
+        return self.largest(row, row + 1)[0] if self.exceeded.any() else None
 
 
 def _numbers(values: Iterable[float | None]) -> Array:

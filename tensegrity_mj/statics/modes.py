@@ -124,9 +124,8 @@ class Modes:
             "nodes": list(self.state.model.structure.node_names),
             **plain_values(self, "squares", "frequencies", "unstable", "loose", "growth"),
             "neutral": self.neutral.shape[1],
-            "complete": self.complete,
             "shapes": self.shapes.T.tolist(),
-            "effective_masses": self.effective_masses.tolist(),
+            **plain_values(self, "complete", "effective_masses"),
         }
 
 
@@ -176,9 +175,8 @@ def natural_modes(state: StaticState, count: int | None = None) -> Modes:
 
 def _dense(state: StaticState, M: sparse.csr_array, wanted: int | None) -> tuple[Array, Array, float, int]:
     """ω², shapes, the largest ω² and the number of all modes."""
-    model, Z = state.model, state.model.boundary.Z
-    T = linear_systems.tangent_basis(model, state.x)
-    neutral = state.neutral_motions
+    at, Z, neutral = state.linearized, state.model.boundary.Z, state.neutral_motions
+    T = at.tangent_basis()
     if neutral.shape[1]:
         # Of the admissible motions those that are M-orthogonal to neutral ones.
         Q, _ = qr(T.T @ (Z.T @ (M @ neutral)), mode="full")
@@ -186,7 +184,7 @@ def _dense(state: StaticState, M: sparse.csr_array, wanted: int | None) -> tuple
     n = T.shape[1]
     if not n:
         return np.zeros(0), np.zeros((len(state.x), 0)), 0.0, 0
-    K = T.T @ (linear_systems.reduced_stiffness(model, state.x, state.rod_forces) @ T)
+    K = T.T @ (at.stiffness @ T)
     mass = T.T @ ((Z.T @ M @ Z) @ T)
     last = n if wanted is None else min(wanted, n)
     squares, vectors = eigh(0.5 * (K + K.T), 0.5 * (mass + mass.T))
@@ -196,11 +194,9 @@ def _dense(state: StaticState, M: sparse.csr_array, wanted: int | None) -> tuple
 
 def _sparse(state: StaticState, M: sparse.csr_array, wanted: int) -> tuple[Array, Array, float, int]:
     """The same by shift and invert, with rods' lengths and neutral motions as constraints."""
-    model, Z = state.model, state.model.boundary.Z
-    K = linear_systems.reduced_stiffness(model, state.x, state.rod_forces)
+    at, Z, neutral = state.linearized, state.model.boundary.Z, state.neutral_motions
+    K, rows = sparse.csr_array(at.stiffness), [sparse.csr_array(at.held_lengths)]
     mass = sparse.csr_array(Z.T @ M @ Z)
-    rows = [linear_systems.held_lengths(model, state.x)]
-    neutral = state.neutral_motions
     if neutral.shape[1]:
         pushed = sparse.csr_array((Z.T @ (M @ neutral)).T)
         rows.append(pushed / float(np.abs(pushed.data).max()))
@@ -217,7 +213,7 @@ def _sparse(state: StaticState, M: sparse.csr_array, wanted: int) -> tuple[Array
         squares, vectors = linear_systems.nearest_pairs(K, mass, C, shift, scale, last)
     except ArpackNoConvergence as error:
         raise InfeasibleError(
-            f"natural modes of '{model.scene.name}' were not found: {error}; request fewer (count=...)"
+            f"natural modes of '{state.model.scene.name}' were not found: {error}; request fewer (count=...)"
         ) from error
     return squares, _signed(np.asarray(Z @ vectors)), largest, free
 

@@ -64,9 +64,8 @@ def _verdict(study: StaticStudy) -> str:
     name, state = study.model.scene.name, study.state
     if state is None:
         return f"No equilibrium of {name} was found: {study.failure}."
-    moved = float(np.max(np.linalg.norm(state.nodes - study.model.scene.nodes0, axis=1)))
     kind = "in stable equilibrium" if state.is_stable else "in equilibrium, but not in a stable one"
-    return f"{name} is {kind}; its nodes are up to {quantity(moved, 'm', 2)} from where they start."
+    return f"{name} is {kind}; its nodes are up to {quantity(study.moved, 'm', 2)} from where they start."
 
 
 def _findings(study: StaticStudy) -> list[Finding]:

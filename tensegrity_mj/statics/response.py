@@ -78,17 +78,11 @@ class Response:
     @property
     def first_violation(self) -> Use | None:
         """The largest use at the first point where a member is beyond its limit; its `time` is the parameter."""
-        over = self.members.exceeded
-        if not over.any():
-            return None
-        row = int(np.argmax(over))
-        return self.members.largest(row, row + 1)[0]
+        return self.members.first_exceeded
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values."""
-        path = self.path
-        first = self.first_violation
-        violation = None if first is None else {key: value for key, value in first.to_dict().items() if key != "time"}
+        path, first = self.path, plain(self.first_violation)
         return {
             "end": path.end.value,
             "points": len(path.states),
@@ -110,7 +104,7 @@ class Response:
                 for critical in path.criticals
             ],
             "slack_events": plain(self.slack_events),
-            "first_violation": None if first is None else {"parameter": first.time, **(violation or {})},
+            "first_violation": first and {"parameter": first.pop("time"), **first},
         }
 
 

@@ -95,6 +95,11 @@ class StaticState:
         """[J] of strings, elastic rods, bent joints, weights and loads (the latter two from the model's start)."""
         return self.model.energy(self.x, self.parameter) + self.model.rod_energy(self.x)
 
+    @property
+    def linearized(self) -> Linearized:
+        """The equations of equilibrium and their derivatives here."""
+        return Linearized(self.model, self.x, self.parameter, self.rod_forces)
+
     @cached_property
     def neutral_motions(self) -> Array:
         """(3N, p) orthonormal: motions of the whole as one body that nothing resists."""
@@ -113,17 +118,16 @@ class StaticState:
 
     def softest(self, count: int = 6) -> tuple[Array, Array]:
         """The lowest eigenvalues (m,) [N/m] of the stiffness, and their motions (3N, m), neutral ones left out."""
-        at = Linearized(self.model, self.x, self.parameter, self.rod_forces)
-        return linear_systems.lowest_stiffness(at, count, self.neutral_motions)
+        return linear_systems.lowest_stiffness(self.linearized, count, self.neutral_motions)
 
     def stiffness(self) -> Array:
         """K (t, t) [N/m] on the motions of `motions()`."""
-        T = linear_systems.tangent_basis(self.model, self.x)
-        return np.asarray(T.T @ (linear_systems.reduced_stiffness(self.model, self.x, self.rod_forces) @ T))
+        T = (at := self.linearized).tangent_basis()
+        return np.asarray(T.T @ (at.stiffness @ T))
 
     def motions(self) -> Array:
         """(3N, t) orthonormal: all motions that supports, holds and rigid rods admit, to first order."""
-        return np.asarray(self.model.boundary.Z @ linear_systems.tangent_basis(self.model, self.x))
+        return np.asarray(self.model.boundary.Z @ self.linearized.tangent_basis())
 
     def scene(self, name: str | None = None) -> Scene:
         """The scene that starts here at rest, with these nodes as its structure's reference; strings keep their L0.

@@ -220,12 +220,8 @@ def check_trajectory(run: Trajectory, *, slack_below: float = 0.0) -> Trajectory
     structure, times = run.scene.structure, run.time[:count]
     lengths = _rod_lengths(structure, run.nodes[:count])
     loads = MemberLoads(structure, run.rod_force_densities[:count] * lengths, lengths, run.tensions[:count], times)
-    first = None
-    if loads.exceeded.any():
-        row = int(np.argmax(loads.exceeded))
-        first = loads.largest(row, row + 1)[0]
     slack = _slack_intervals(run, times, loads.tensions <= threshold)
-    return TrajectoryCheck(loads, tuple(loads.largest()), first, slack)
+    return TrajectoryCheck(loads, tuple(loads.largest()), loads.first_exceeded, slack)
 
 
 def _slack_intervals(run: Trajectory, times: Array, slack: NDArray[np.bool_]) -> tuple[SlackInterval, ...]:

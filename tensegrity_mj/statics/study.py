@@ -349,25 +349,21 @@ def _edge_notes(state: StaticState) -> list[str]:
 
 
 def _notes(model: StaticModel) -> tuple[str, ...]:
-    scene = model.scene
-    notes = []
-    if scene.control is not None:
-        notes.append("the control law is left out: strings have their own rest lengths")
-    if scene.contact is not None:
-        notes.append("contact is left out")
-    if scene.motions:
-        notes.append("supports that move stand where they are at t = 0")
-    if callable(scene.loads) or any(load.angular_frequency for load in scene.loads):
-        notes.append("loads that vary are those at t = 0")
+    scene, still = model.scene, np.zeros_like(model.start)
+    varying = callable(scene.loads) or any(load.angular_frequency for load in scene.loads)
     others = (one for one in scene.effects if one.work is not Work.STORED and one.label != "loads")
-    still = np.zeros_like(model.start)
     pushing = [one.label for one in others if np.any(forces_of([one], scene, 0.0, model.start, still))]
-    if pushing:
-        notes.append(f"elements without energy push as they do at the start, at rest: {', '.join(pushing)}")
-    if any(one.adds_mass for one in scene.effects):
-        notes.append("frequencies leave the mass that water adds out")
-    if model.bends is not None:
-        notes.append("states of self-stress, mechanisms and what stiffens them leave the joints' bending stiffness out")
-    if scene.breaks:
-        notes.append("strings that are to break later are whole")
-    return tuple(notes)
+    wet = any(one.adds_mass for one in scene.effects)
+    notes = {
+        "the control law is left out: strings have their own rest lengths": scene.control is not None,
+        "contact is left out": scene.contact is not None,
+        "supports that move stand where they are at t = 0": bool(scene.motions),
+        "loads that vary are those at t = 0": varying,
+        f"elements without energy push as they do at the start, at rest: {', '.join(pushing)}": bool(pushing),
+        "frequencies leave the mass that water adds out": wet,
+        "states of self-stress, mechanisms and what stiffens them leave the joints' bending stiffness out": (
+            model.bends is not None
+        ),
+        "strings that are to break later are whole": bool(scene.breaks),
+    }
+    return tuple(note for note, holds in notes.items() if holds)

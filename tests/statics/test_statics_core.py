@@ -20,7 +20,8 @@ from tensegrity_mj.model.rigidity import equilibrium_residual, free_motions
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.statics import Hold, Rods, StaticModel, StaticState, find_equilibrium, follow, linear_systems, relax
+from tensegrity_mj.statics import Hold, Rods, StaticModel, StaticState, find_equilibrium, follow, relax
+from tensegrity_mj.statics.linearized import Linearized
 
 Array = NDArray[np.float64]
 EPS = float(np.finfo(float).eps)
@@ -97,7 +98,7 @@ def test_gradient_and_hessian_are_derivatives_of_the_energy(case: int | str, rod
     assert case == "cable" or case == "net" or not slack.all()
     forces = model.gradient(x, parameter)
     K = model.hessian(x, N).toarray()
-    stiff = linear_systems.reduced_stiffness(model, x, model.rod_forces_from_lengths(x, N))
+    stiff = Linearized(model, x, 0.0, model.rod_forces_from_lengths(x, N)).stiffness
     Z = model.boundary.Z.toarray()
     # Round-off of energies and forces, in units of force and stiffness.
     tension = float(
@@ -146,7 +147,7 @@ def test_free_motions_are_those_of_another_assembly(case: int | str) -> None:
     Z, G = model.boundary.Z.toarray(), model.boundary.rows
     assert np.abs(Z.T @ Z - np.eye(Z.shape[1])).max() < 1e-14 * len(Z)
     assert np.abs(G @ Z).max(initial=0.0) < 1e-14 * len(Z)
-    ours = Z @ linear_systems.tangent_basis(model, model.start.ravel())
+    ours = Z @ Linearized(model, model.start.ravel(), 0.0, np.zeros(len(model.rod_lengths))).tangent_basis()
     theirs = free_motions(model.structure)
     assert np.linalg.matrix_rank(theirs) == ours.shape[1]
     # Orthonormal columns and unit motions of members: 1e-9 is the tolerance of both ranks.
