@@ -24,7 +24,7 @@ from tensegrity_mj.model.actuation import OnInfeasible
 from tensegrity_mj.model.elements.water import sea_of
 from tensegrity_mj.model.elements.waves import Wave
 from tensegrity_mj.simulation import request_for
-from tensegrity_mj.statics import find_equilibrium, linear_systems
+from tensegrity_mj.statics import find_equilibrium
 from tensegrity_mj.statics.modes import mass_matrix
 from tensegrity_mj.thesis import page
 from tensegrity_mj.thesis.appendix_c import beam_wave_tasks, measures_c
@@ -149,9 +149,8 @@ def linear_motion(scene: tmj.Scene, amplitude: float, times: np.ndarray) -> np.n
     A mode of frequency w that is at rest at first does Re f/(w² - ω²) (e^{iωt} - cos wt - i ω/w sin wt).
     """
     state = find_equilibrium(scene.with_(water=None, gravity=(0, 0, 0), loads=()))
-    model, Z = state.model, state.model.boundary.Z
-    T = linear_systems.tangent_basis(model, state.x)
-    K = T.T @ (linear_systems.reduced_stiffness(model, state.x, state.rod_forces) @ T)
+    Z = state.model.boundary.Z
+    T, K = state.linearized.tangent_basis(), state.stiffness()
     M = mass_matrix(scene.structure).toarray()
     k = 2 * math.pi / WAVELENGTH
     omega = math.sqrt(G * k)
@@ -297,7 +296,7 @@ def test_the_matrix_of_added_mass_is_what_the_water_answers() -> None:
     pulled = scene.with_(loads=(*scene.loads, tmj.model.Load(node, (0.0, 700.0, -300.0))))  # type: ignore[misc]
     a = accelerations(pulled, tmj.DAE()).ravel()
     state = find_equilibrium(scene.with_(water=None, gravity=(0, 0, 0), loads=()))
-    moves = state.model.boundary.Z @ linear_systems.tangent_basis(state.model, state.x)
+    moves = state.motions()
     f = np.zeros(a.size)
     f[-3:] = (0.0, 700.0, -300.0)
     added = beam_wave_tasks.added_mass_matrix(scene)

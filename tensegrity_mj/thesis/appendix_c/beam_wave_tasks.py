@@ -24,7 +24,7 @@ from tensegrity_mj.model.elements.waves import angular_frequency
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.simulation import simulate
-from tensegrity_mj.statics import find_equilibrium, linear_systems
+from tensegrity_mj.statics import find_equilibrium
 from tensegrity_mj.statics.modes import mass_matrix
 from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.thesis.disturbance import disturbance_of, disturbed
@@ -96,9 +96,7 @@ def modes(point: dict[str, Any]) -> dict[str, Any]:
     """
     scene = scene_of(point)
     state = find_equilibrium(scene.with_(water=None, gravity=(0.0, 0.0, 0.0), loads=()))
-    basis = linear_systems.tangent_basis(state.model, state.x)
-    K = basis.T @ (linear_systems.reduced_stiffness(state.model, state.x, state.rod_forces) @ basis)
-    moves = np.asarray(state.model.boundary.Z @ basis)  # (3N, n)
+    K, moves = state.stiffness(), state.motions()
     dry = mass_matrix(scene.structure).toarray()
     wet = dry + added_mass_matrix(scene)
     in_air = eigh(0.5 * (K + K.T), moves.T @ dry @ moves, eigvals_only=True)
