@@ -116,7 +116,7 @@ class Canvas:
 
         self._mujoco = mujoco
         self._stack = contextlib.ExitStack()
-        self._pixels: Image = np.empty((0, 0, 3), np.uint8)
+        self._pixels: Image = np.empty((0, 0, 4), np.uint8)
         model.vis.global_.offwidth = width
         model.vis.global_.offheight = height
         self.backend = choose_backend()
@@ -142,13 +142,18 @@ class Canvas:
         self._stack.close()
 
     def draw(self, scene: Any, width: int, height: int) -> Image:
-        """Draw the MjvScene; returns pixels (height, width, 3), bottom row first, valid until the next call."""
-        rectangle = self._mujoco.MjrRect(0, 0, width, height)
-        if self._pixels.shape != (height, width, 3):
-            self._pixels = np.empty((height, width, 3), np.uint8)
+        """Draw the MjvScene; returns pixels (height, width, 4), bottom row first, valid until the next call.
+
+        The fourth byte is what OpenGL blends of opacities, 0 where nothing was drawn. The buffer holds all four: read
+        without the fourth, as MuJoCo does, they take five times as long.
+        """
+        from OpenGL.raw.GL.VERSION.GL_1_0 import GL_RGBA, GL_UNSIGNED_BYTE, glReadPixels
+
+        if self._pixels.shape != (height, width, 4):
+            self._pixels = np.empty((height, width, 4), np.uint8)
         with self._opengl.as_current():
-            self._mujoco.mjr_render(rectangle, scene, self._context)
-            self._mujoco.mjr_readPixels(self._pixels, None, rectangle, self._context)
+            self._mujoco.mjr_render(self._mujoco.MjrRect(0, 0, width, height), scene, self._context)
+            glReadPixels(0, 0, width, height, GL_RGBA, GL_UNSIGNED_BYTE, ctypes.c_void_p(self._pixels.ctypes.data))
         return self._pixels
 
     def _free(self) -> None:

@@ -23,6 +23,7 @@ from tensegrity_mj.pictures.surface import Surface
 from tensegrity_mj.pictures.traces import MAX_PIECES, Traces
 
 SLACK_SEGMENTS = 12
+TRANSLUCENT = 0.41  # opacity of all members that are; one for all, see `shrink.behind`
 SLACKNESS = 1e-6  # of its length: below, a slack string looks straight anyway
 
 # An almost empty model: it lends MuJoCo's renderer its lights and its settings. Drawn without multisampling, shadow,
@@ -60,8 +61,8 @@ class Look(enum.Enum):
         """Colour of rods, and of all members of a ghost."""
         color, alpha = {
             Look.SOLID: (palette.ROD, 1.0),
-            Look.GHOST: (palette.GHOST, 0.45),
-            Look.TARGET: (palette.TARGET, 0.38),
+            Look.GHOST: (palette.GHOST, TRANSLUCENT),
+            Look.TARGET: (palette.TARGET, TRANSLUCENT),
         }[self]
         return _rgba(color, alpha)
 
@@ -177,7 +178,7 @@ class Painter:
         return self.scene
 
     def background(self, camera: Camera, reach: float, backdrop: palette.Color) -> None:
-        """A plate behind everything, in one colour (it costs far less than MuJoCo's sky), as the first geom."""
+        """A plate behind everything, in one colour, as the first geom; for pictures with water, see `shrink.behind`."""
         # Emission outshines the lights a thousand times, so that the colour comes out the same everywhere.
         color = np.array([*(c / 1000.0 for c in backdrop), 1.0], np.float32)
         right, up, forward = camera.axes

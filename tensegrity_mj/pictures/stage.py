@@ -20,6 +20,7 @@ from tensegrity_mj.pictures.labels import Labels, Legend, Name
 from tensegrity_mj.pictures.motion import Motion, Pose
 from tensegrity_mj.pictures.opengl import MAX_BUFFER, Canvas, choose_backend
 from tensegrity_mj.pictures.painter import (
+    TRANSLUCENT,
     Look,
     Painter,
     geoms_needed,
@@ -117,14 +118,16 @@ class Stage:
 
     def frame(self, time: float) -> Image:
         """The picture (H, W, 3) at `time` [s], which is clipped to the run; it is overwritten by the next call."""
-        from tensegrity_mj.pictures.shrink import shrink
+        from tensegrity_mj.pictures.shrink import behind, shrink
 
+        # Water has opacities of its own, and so a plate behind everything.
+        background = behind(palette.to_bytes(self._backdrop), TRANSLUCENT if self._surface is None else 0.0)
         moment = min(max(time, self.start), self.end)
         for index, port in enumerate(self._ports):
             scene = self._compose(index, moment)
             pixels = self._canvas.draw(scene, *self._drawn_size(port))
             part = self._frame[port.top : port.top + port.height, port.left : port.left + port.width]
-            shrink(pixels, self._factor, part)
+            shrink(pixels, self._factor, part, background)
         if self.view.text and len(self.motions[0].time) > 1:
             self._labels.clock(self._frame, self._clock_text(moment))
         return self._frame
@@ -249,7 +252,8 @@ class Stage:
             self._draw_fixed(painter, motion, camera)
             painter.keep()
             self._drawn[index] = 0
-        painter.background(camera, self.framing.reach, self._backdrop)
+        if self._surface is not None:
+            painter.background(camera, self.framing.reach, self._backdrop)
         painter.traces(traces, self._drawn[index], done, self._colors[index])
         self._drawn[index] = done
         for row, (times, points) in traces.corners.items():
@@ -259,7 +263,8 @@ class Stage:
         return painter.finish()
 
     def _draw_fixed(self, painter: Painter, motion: Motion, camera: Camera) -> None:
-        painter.background(camera, self.framing.reach, self._backdrop)
+        if self._surface is not None:
+            painter.background(camera, self.framing.reach, self._backdrop)
         shift = np.zeros(3)
         if self.framing.follow:
             moved = np.array(camera.look_at) - np.array(self.framing.camera.look_at)

@@ -29,7 +29,7 @@ from tensegrity_mj.pictures.motion import Motion
 from tensegrity_mj.pictures.painter import Painter, geoms_needed, make_model
 from tensegrity_mj.pictures.sag import slack_arcs
 from tensegrity_mj.pictures.shade import patches
-from tensegrity_mj.pictures.shrink import shrink
+from tensegrity_mj.pictures.shrink import behind, shrink
 from tensegrity_mj.pictures.stage import Stage
 from tensegrity_mj.pictures.traces import MAX_PIECES, Traces, simplify
 from tensegrity_mj.pictures.video import frame_times, frames, picture, render, render_frame, still
@@ -236,25 +236,66 @@ def test_the_tension_scale_ends_at_a_round_number_and_does_not_follow_a_peak():
     assert np.array_equal(palette.tension_colors([7.0]), [high])
 
 
+BACKDROP = (248, 249, 250)
+
+
+def drawn(height: int, width: int) -> np.ndarray:
+    """Pixels of any colour that cover all that is behind them."""
+    pixels = np.random.default_rng(height).integers(0, 256, (height, width, 4), dtype=np.uint8)
+    pixels[..., 3] = 255
+    return pixels
+
+
 def test_shrinking_by_two_thirds_shares_the_middle():
-    source = np.random.default_rng(0).integers(0, 256, (18, 12, 3), dtype=np.uint8)
+    source = drawn(18, 12)
     result = np.empty((12, 8, 3), np.uint8)
-    shrink(source, 1.5, result)
+    shrink(source, 1.5, result, behind(BACKDROP, 0.4))
     # Every pixel twice in each direction, then blocks of 3 x 3: each takes its share of the pixels it covers.
-    fine = np.repeat(np.repeat(source[::-1].astype(int), 2, axis=0), 2, axis=1)
+    fine = np.repeat(np.repeat(source[::-1, :, :3].astype(int), 2, axis=0), 2, axis=1)
     sums = fine.reshape(12, 3, 8, 3, 3).sum(axis=(1, 3))
     assert np.array_equal(result, (sums + 4) // 9)
 
 
 @pytest.mark.parametrize("factor", [1, 2, 3])
 def test_shrinking_averages_blocks_and_turns_the_picture(factor):
-    source = np.random.default_rng(factor).integers(0, 256, (12 * factor, 10 * factor, 3), dtype=np.uint8)
+    source = drawn(12 * factor, 10 * factor)
+    # Some places that nothing covers, alone and in whole blocks, are those of the background.
+    empty = np.random.default_rng(factor).random(source.shape[:2]) < 0.3
+    empty[: 4 * factor, 2 * factor : 7 * factor] = True
+    source[empty] = 0
+    seen = np.where(empty[..., None], BACKDROP, source[..., :3])
     frame = np.zeros((20, 30, 3), np.uint8)
-    shrink(source, factor, frame[4:16, 7:17])
-    blocks = source[::-1].reshape(12, factor, 10, factor, 3).sum(axis=(1, 3), dtype=int)
+    shrink(source, factor, frame[4:16, 7:17], behind(BACKDROP, 0.4))
+    blocks = seen[::-1].reshape(12, factor, 10, factor, 3).sum(axis=(1, 3), dtype=int)
     assert np.array_equal(frame[4:16, 7:17], (blocks + factor**2 // 2) // factor**2)
     frame[4:16, 7:17] = 0
     assert not frame.any()
+
+
+@pytest.mark.parametrize("factor", [1, 1.5, 2, 3])
+@pytest.mark.parametrize("alpha", [0.25, 0.41, 0.6])
+@pytest.mark.parametrize("layers", [1, 2, 3, 6])
+def test_translucent_layers_let_the_background_through_as_if_it_had_been_there(factor, alpha, layers):
+    # OpenGL blends all four numbers, c and A, into alpha c + (1 - alpha) what was there, and alpha² + (1 - alpha) A.
+    color = np.array([40.0, 110.0, 230.0])
+    for below, opacity in ((np.zeros(3), 0.0), (np.array([90.0, 20.0, 10.0]), 1.0)):
+        direct = np.array(BACKDROP) if opacity == 0.0 else below
+        for _ in range(layers):
+            below, direct = (alpha * color + (1 - alpha) * one for one in (below, direct))
+            opacity = alpha**2 + (1 - alpha) * opacity
+        pixel = np.round([*below, 255.0 * opacity]).astype(np.uint8)
+        source = np.tile(pixel, (int(6 * factor), int(6 * factor), 1))
+        result = np.empty((6, 6, 3), np.uint8)
+        shrink(source, factor, result, behind(BACKDROP, alpha))
+        # A is rounded by 1/2, which moves the background's share of up to 250 by 250/255 1/(2 alpha); colours and the
+        # sum are rounded by 1/2 each, and so is the share.
+        assert np.abs(result.astype(float) - direct).max() <= 250.0 / 255.0 / (2.0 * alpha) + 1.5
+
+
+def test_what_has_a_plate_behind_it_lets_nothing_through():
+    table = behind(BACKDROP, 0.0)
+    assert np.array_equal(table[0], BACKDROP)
+    assert not table[1:].any()
 
 
 # ------------------------------------------------------------------------------------------ frames
