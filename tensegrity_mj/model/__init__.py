@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.model.events import Break as Break
     from tensegrity_mj.model.events import ControlSpec as ControlSpec
     from tensegrity_mj.model.events import Load as Load
+    from tensegrity_mj.model.ground import Ground as Ground
     from tensegrity_mj.model.members import PointMass as PointMass
     from tensegrity_mj.model.members import Rod as Rod
     from tensegrity_mj.model.members import String as String
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.model.strings import StringLaw as StringLaw
     from tensegrity_mj.model.structure import Structure as Structure
     from tensegrity_mj.model.target import Target as Target
+    from tensegrity_mj.model.text.records import load_ground as load_ground
     from tensegrity_mj.model.text.schema import format_schema as format_schema
     from tensegrity_mj.model.text.writing import save_scene as save_scene
     from tensegrity_mj.model.text.writing import save_structure as save_structure

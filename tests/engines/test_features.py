@@ -38,6 +38,12 @@ def moved() -> tmj.Scene:
     return hung().with_(motions=(pivot, node))
 
 
+def shaken() -> tmj.Scene:
+    """By a record of noise whose times are those of steps."""
+    record = np.random.default_rng(3).normal(0.0, 3.0, (20, 3))
+    return tmj.model.Ground(0.02 * np.arange(1, 21), record).shake(hung())
+
+
 def in_water(
     depth: float = 3.0,
     weights: tmj.model.Weights = tmj.model.Weights.RIGID,
@@ -94,6 +100,7 @@ FEATURES = {
     "dampers": Feature(hung, lambda scene: scene.with_(structure=scene.structure.with_strings(damping=0.0))),
     "loads": Feature(loaded, lambda scene: scene.with_(loads=())),
     "moved supports": Feature(moved, lambda scene: scene.with_(motions=())),
+    "ground": Feature(shaken, lambda scene: scene.with_(motions=())),
     "breaks": Feature(lambda: hung().with_(breaks=(tmj.model.Break("s1", 0.2),)), lambda scene: scene.with_(breaks=())),
     "resistance": Feature(lambda: hung().with_(resistance=RESISTANCE), lambda _: hung()),
     "states of elements": Feature(dashed, lambda scene: scene.with_(elements=())),

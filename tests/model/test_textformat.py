@@ -552,13 +552,14 @@ def test_the_documented_files_load(tmp_path: Path) -> None:
         assert scene_from_toml(scene_to_toml(scene)) == scene
 
 
-def test_the_documented_fragments_fit_into_a_file() -> None:
+def test_the_documented_fragments_fit_into_a_file(tmp_path: Path) -> None:
+    (tmp_path / "el_centro.csv").write_text("time,ax\n0,0\n1,0.1\n", encoding="utf-8")
     base = scene_to_toml(Scene(plain()))
     for text in blocks("toml"):
         if not text.startswith("format"):
             assert "scene" in tomllib.loads(text)
             head = base[: base.index("[scene]")]
-            scene_from_toml(head + text, "docs/format.md")
+            scene_from_toml(head + text, "docs/format.md", tmp_path)
 
 
 def test_every_key_is_documented() -> None:

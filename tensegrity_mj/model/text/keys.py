@@ -25,7 +25,9 @@ TUBE_KEYS = ("outer_radius", "wall", "elasticity_modulus", "yield_stress")
 # In the order in which they are written: those of a line each, and those with a section of their own.
 SCENE_LINES = ("gravity", "duration", "loads", "breaks", "motions", "contact", "resistance", "elements")
 SCENE_SECTIONS = ("water", "initial_nodes", "initial_velocities", "target", "control")
-SCENE_KEYS = (*SCENE_LINES, *SCENE_SECTIONS, "whole")  # which is written as what it makes of nodes
+# Those that are written as what they make, of nodes and of motions.
+SCENE_KEYS = (*SCENE_LINES, *SCENE_SECTIONS, "whole", "ground")
+GROUND_KEYS = ("file", "baseline", "scale")
 TARGET_KEYS = ("nodes", "waypoints", "times", "values", "rates", "accelerations", "shapes")
 CURVE_KEYS = TARGET_KEYS[2:]
 SHAPE_KEYS = ("parameter", "nodes")

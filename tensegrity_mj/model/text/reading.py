@@ -30,12 +30,12 @@ def scene_from_toml(
     Args:
         text: the text.
         where: what error messages call it.
-        folder: what a `structure = "other.toml"` in it is relative to; without one it is refused.
+        folder: what a `structure = "other.toml"` and a record in it are relative to; without one they are refused.
         families: what reads a `structure = "tower(stages=3)"` in it; without one that is the path of a file.
     """
     top = _top(text, where)
     structure = _read_structure(top, folder, families)
-    return _validated(where, lambda: scene_of(top, structure))
+    return _validated(where, lambda: scene_of(top, structure, folder))
 
 
 def structure_from_toml(

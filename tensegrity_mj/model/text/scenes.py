@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,24 +12,30 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import item_of
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.composition import rotation_matrix
+from tensegrity_mj.model.ground import Ground
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
-from tensegrity_mj.model.text.codec import read, read_key
+from tensegrity_mj.model.text.codec import built, read, read_key
 from tensegrity_mj.model.text.keys import (
     CURVE_KEYS,
+    GROUND_KEYS,
     MOST_POSITIONS,
     SCENE_KEYS,
     SHAPE_KEYS,
     TARGET_KEYS,
     WAYPOINT_KEYS,
 )
+from tensegrity_mj.model.text.records import load_ground
 from tensegrity_mj.model.text.table import Table
 from tensegrity_mj.model.whole import Whole
 
 
-def scene_of(top: Table, structure: Structure) -> Scene:
-    """The scene of a file, with the structure that it names, which stands and starts as `whole` says."""
+def scene_of(top: Table, structure: Structure, folder: Path | None = None) -> Scene:
+    """The scene of a file, with the structure that it names, which stands and starts as `whole` says.
+
+    Its records are in files relative to a folder.
+    """
     table = top.inside("scene", SCENE_KEYS) if "scene" in top.data else Table({}, top.where, "scene", SCENE_KEYS)
     whole = read(Whole, table.inside("whole")) if "whole" in table.data else None
     placed = structure if whole is None else structure.moved(whole.rotation, whole.translation)
@@ -44,7 +51,17 @@ def scene_of(top: Table, structure: Structure) -> Scene:
         shifts = {"initial_nodes": np.array(whole.translation), "initial_velocities": np.zeros(3)}
         given |= {key: given[key] @ turn + shift for key, shift in shifts.items() if key in given}
     scene = Scene(structure=placed, name=top.text("name"), source=top.text("source", ""), **given)
+    if "ground" in table.data:
+        scene = _shaken(table.inside("ground", GROUND_KEYS), folder, scene)
     return scene if whole is None else whole.start(scene)
+
+
+def _shaken(table: Table, folder: Path | None, scene: Scene) -> Scene:
+    keys, name = item_of(Ground).keys, table.text("file")
+    if folder is None:
+        raise table.fail("file", "in a file: a text on its own has no folder that a path could be relative to")
+    given = {key: read_key(keys[key], table, key) for key in GROUND_KEYS[1:] if key in table.data}
+    return built(table, Ground, lambda: load_ground(folder / name, **given).shake(scene))
 
 
 def _initial_nodes(scene: Table, structure: Structure) -> Array:

@@ -17,6 +17,7 @@ from attrs import NOTHING
 from tensegrity_mj.basics.fields import Key, item_of
 from tensegrity_mj.basics.kinds import NUMBER, TEXT, list_schema, positive, vector
 from tensegrity_mj.model.elements.element import Element
+from tensegrity_mj.model.ground import Ground
 from tensegrity_mj.model.members import Support
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.section import Section
@@ -24,6 +25,7 @@ from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 from tensegrity_mj.model.text.keys import (
     FORMAT,
+    GROUND_KEYS,
     SCENE_KEYS,
     SHAPE_KEYS,
     SUPPORT_KEYS,
@@ -47,6 +49,7 @@ def format_schema() -> dict[str, Any]:
     structure["groups"] = {"type": "object", "additionalProperties": _table(shared["rods"] | shared["strings"])}
     scene = _keys(Scene, parts, [key for key in SCENE_KEYS if not key.startswith("initial_")])
     scene |= {"initial_nodes": NODES, "initial_velocities": NODES, "whole": _part(Whole, parts)}
+    scene["ground"] = _table({"file": TEXT} | _keys(Ground, parts, GROUND_KEYS), ["file"])
     file = {
         "format": {"enum": [FORMAT]},
         "name": TEXT,
