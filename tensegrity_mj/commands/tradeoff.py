@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import tensegrity_mj.library as library
+from tensegrity_mj.basics.fields import item_of
 from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.commands.common import Outcome
 from tensegrity_mj.errors import OptionError
@@ -49,16 +50,8 @@ def execute(options: argparse.Namespace) -> Outcome:
 
 
 def _options(options: argparse.Namespace) -> TradeoffOptions:
-    from tensegrity_mj.model.actuation import Mode
-    from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
+    from tensegrity_mj.studies.tradeoff.options import TradeoffOptions
 
-    given: dict[str, Any] = {
-        name: getattr(options, name)
-        for name in ("engines", "families", "periods", "steps", "tolerances", "duration", "repeats", "budget")
-        if getattr(options, name) is not None
-    }
-    if options.loops is not None:
-        given["loops"] = [Loop(name) for name in options.loops]
-    if options.actuations is not None:
-        given["actuations"] = [Mode(name.replace("-", " ")) for name in options.actuations]
+    fields = item_of(TradeoffOptions).keys
+    given = {name: value for name, value in vars(options).items() if name in fields and value is not None}
     return TradeoffOptions(**given)

@@ -32,7 +32,6 @@ from tensegrity_mj.studies.tradeoff.settings import (
     most_evaluations,
     recording_interval,
     sweep_settings,
-    time_text,
 )
 from tensegrity_mj.studies.tradeoff.study import tradeoff
 
@@ -134,19 +133,11 @@ def test_the_sweep_covers_every_integrator_and_keeps_its_budget() -> None:
     most = most_evaluations(scene)
     for one in found["mujoco"]:
         assert one.engine.stages * scene.duration / one.engine.timestep <= most * (1 + 1e-9)  # type: ignore[union-attr]
-    labels = [one.label for kind in ENGINES for one in found[kind]]
+    labels = [sentence.label(one.to_dict()) for kind in ENGINES for one in found[kind]]
     assert len(set(labels)) == len(labels)
     assert "MuJoCo RK4, 10 ms" in labels
     sampled = sweep_settings(scene, "mujoco", period=1e-2)
     assert max(one.engine.timestep for one in sampled) == 1e-2  # type: ignore[union-attr]
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [(0.1, "0.1 s"), (2.0, "2 s"), (0.05, "50 ms"), (1e-3, "1 ms"), (2e-4, "200 µs"), (1e-7, "1e-07 s")],
-)
-def test_times_are_short(seconds: float, text: str) -> None:
-    assert time_text(seconds) == text
 
 
 def test_options_that_make_no_sense_are_refused() -> None:

@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.jsontext import plain_values
+from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.dynamics.native.law import NativeLaw
 from tensegrity_mj.model.actuation import Actuation, Mode
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.convergence import way_of
 from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
-from tensegrity_mj.studies.tradeoff.settings import recording_interval, time_text
+from tensegrity_mj.studies.tradeoff.settings import recording_interval
 
 STILL = 1e-6  # of the structure's extent: a motion below it is none
 WORDS = {Mode.HOLD_FORCE_DENSITY: "force density held", Mode.HOLD_REST_LENGTH: "rest length held"}
@@ -60,7 +62,7 @@ class Experiment:
             return "open loop"
         if self.actuation.period is None:
             return "closed loop, law at every stage"
-        return f"closed loop, {WORDS[self.actuation.mode]} for {time_text(self.actuation.period)}"
+        return f"closed loop, {WORDS[self.actuation.mode]} for {quantity(self.actuation.period, 's', 4)}"
 
     @property
     def interval(self) -> float:
@@ -99,12 +101,7 @@ def open_loop(scene: Scene, options: TradeoffOptions, start: Mapping[str, Any] |
     return Experiment(moved, None, None, Actuation.continuous(), total, note)
 
 
-def extent_of(nodes: Any) -> float:
-    """Size of what the nodes (..., N, 3) take up [m]: the diagonal of their box at the first time."""
-    first = np.asarray(nodes).reshape(-1, *np.shape(nodes)[-2:])[0]
-    return float(np.linalg.norm(np.ptp(first, axis=0)))
-
-
-def stays(nodes: Any) -> bool:
-    """Whether nothing moves that could be measured."""
-    return not way_of(nodes) > STILL * extent_of(nodes)
+def stays(nodes: Array) -> bool:
+    """Whether nothing moves that could be measured, of nodes (T, N, 3) [m]."""
+    extent = np.linalg.norm(np.ptp(nodes[0], axis=0))  # the diagonal of their box at first
+    return not way_of(nodes) > STILL * extent

@@ -26,15 +26,14 @@ class Loop(enum.Enum):
     CLOSED = "closed"
 
 
-def _some(known: Iterable[Any], enumeration: str = "") -> Kind:
+def _some(known: Iterable[Any], one: Kind) -> Kind:
     """One at least of what is known at the time, in its order."""
 
     def plain(value: Any) -> tuple[Any, ...]:
-        members, given = tuple(known), kinds.sequence(value)
-        allowed = ", ".join(f"{enumeration}.{one.name}" if enumeration else one for one in members)
-        if not given or not all(one in members for one in given):
-            raise kinds.Wrong(f" = {value!r}; name at least one of {allowed}")
-        return tuple(one for one in members if one in given)
+        given = kinds.tuple_of(one.plain, value)
+        if not given or not all(item in known for item in given):
+            raise kinds.Wrong(f" = {value!r}; name at least one of {', '.join(map(str, known))}")
+        return tuple(item for item in known if item in given)
 
     return Kind(plain)
 
@@ -62,9 +61,9 @@ class TradeoffOptions:
         budget: of a run's right-hand sides, weighed by strings; see `settings.most_evaluations`.
     """
 
-    loops: tuple[Loop, ...] = field(_some(Loop, "Loop"), default=tuple(Loop))
-    engines: tuple[str, ...] = field(_some(ENGINES), factory=lambda: tuple(ENGINES))
-    actuations: tuple[Mode, ...] = field(_some(Mode, "Mode"), default=tuple(Mode))
+    loops: tuple[Loop, ...] = field(_some(Loop, kinds.choice(Loop)), default=tuple(Loop))
+    engines: tuple[str, ...] = field(_some(ENGINES, kinds.text()), factory=lambda: tuple(ENGINES))
+    actuations: tuple[Mode, ...] = field(_some(Mode, kinds.choice(Mode)), default=tuple(Mode))
     periods: tuple[float, ...] = field(_falling("s"), default=PERIODS)
     families: tuple[str, ...] = field(kinds.many(kinds.printable_name("a text such as 'RK4'"), "texts"), default=())
     steps: tuple[float, ...] | None = field(_falling("s"), default=None, none="None for the grid's")

@@ -17,16 +17,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tensegrity_mj.runs.convergence import way_of
-from tensegrity_mj.studies.tradeoff.experiments import Experiment
+from tensegrity_mj.studies.tradeoff.experiments import Experiment, stays
 from tensegrity_mj.studies.tradeoff.measurement import Attempt, Ended, Motion, attempt
-from tensegrity_mj.studies.tradeoff.settings import (
-    DOP853_STAGES,
-    grid_of_steps,
-    most_evaluations,
-)
+from tensegrity_mj.studies.tradeoff.settings import DOP853_STAGES, grid_of_steps, most_evaluations
 
 if TYPE_CHECKING:
-    from tensegrity_mj.runs.trajectory import Trajectory
     from tensegrity_mj.studies.tradeoff.settings import AnyEngine
 
 GENEROUS = 5  # times the budget of a run of the sweep
@@ -50,6 +45,11 @@ class Reference:
 
     motion: Motion | None
     facts: dict[str, Any]
+
+    @property
+    def stays(self) -> bool:
+        """Whether it is of something that does not move."""
+        return self.motion is not None and stays(self.motion.nodes)
 
     @property
     def own_error(self) -> float:
@@ -83,12 +83,13 @@ def find_reference(experiment: Experiment, budget: float, run: Run | None = None
             (tight, made), (loose, other) = found
             assert made.motion is not None
             assert other.motion is not None
-            differences = {"looser": {"engine": str(loose), "difference": _largest(made.motion, other.motion)}}
+            apart = float(made.motion.distance(other.motion).max())
+            differences = {"looser": {"engine": str(loose), "difference": apart}}
             for engine in second(tight):
                 also = noted(engine)
                 if also.motion is not None:
-                    difference = _largest(made.motion, also.motion)
-                    differences["second_formulation"] = {"engine": str(engine), "difference": difference}
+                    apart = float(made.motion.distance(also.motion).max())
+                    differences["second_formulation"] = {"engine": str(engine), "difference": apart}
                     break
             return Reference(made.motion, _facts(str(tight), made, differences, "", tried))
     reasons = dict.fromkeys(one["reason"] for one in tried)
@@ -146,14 +147,6 @@ def _two(engines: list[AnyEngine], run: Run) -> list[tuple[AnyEngine, Attempt]]:
     return [done[number] for number in order]
 
 
-def _largest(a: Motion, b: Motion) -> float:
-    return float(a.distance(b).max())
-
-
-def _touches(run: Trajectory) -> int:
-    return sum(count > 0 for count in run.reports["contact"]["touching"])
-
-
 def _facts(
     engine: str | None,
     made: Attempt | None,
@@ -162,8 +155,10 @@ def _facts(
     tried: list[dict[str, str]],
 ) -> dict[str, Any]:
     run = None if made is None else made.run
-    fastest = None
+    fastest = touches = None
     if run is not None:
+        if "contact" in run.reports:
+            touches = sum(count > 0 for count in run.reports["contact"]["touching"])
         at = int(np.argmax(run.kinetic_energy))
         fastest = {"time": float(run.time[at]), "nodes": run.nodes[at], "velocities": run.velocities[at]}
     return {
@@ -173,7 +168,7 @@ def _facts(
         "second_formulation": None if differences is None else differences.get("second_formulation"),
         "motion": None if run is None else way_of(run.nodes),
         # At how many of the recorded times; None for a scene without contact.
-        "touches": None if run is None or "contact" not in run.reports else _touches(run),
+        "touches": touches,
         "reason": reason,
         "tried": tried,
         "fastest": fastest,

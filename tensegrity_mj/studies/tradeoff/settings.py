@@ -7,12 +7,14 @@ sides, weighed by strings and joints, so that what is run does not depend on how
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.basics.functions import function_of
+from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.dynamics.native.law import NativeLaw
 from tensegrity_mj.engines.table import ENGINES, engine_class, engine_settings
 from tensegrity_mj.errors import OptionError
@@ -55,11 +57,6 @@ class Setting:
     family: str
     knob: str
 
-    @property
-    def label(self) -> str:
-        """Both, for people."""
-        return f"{self.family}, {self.knob}"
-
     def to_dict(self) -> dict[str, Any]:
         """Plain values: the engine's name and its options."""
         name, options = engine_settings(self.engine)
@@ -78,11 +75,8 @@ def recording_interval(duration: float) -> float:
                 continue
             if duration / interval > 1000 and interval < MOST_INTERVAL:
                 return duration / 100
-            try:
-                whole_ratio(duration, interval, "duration over the interval")
-            except OptionError:
-                continue
-            return interval
+            if divides(duration, interval):
+                return interval
     return duration / 100
 
 
@@ -173,7 +167,7 @@ class SettingsSweep:
         from tensegrity_mj.engines.mujoco.settings import Integrator
 
         return [
-            Setting(MuJoCo(step, integrator), f"MuJoCo {MuJoCo(step, integrator).word}", time_text(step))
+            Setting(MuJoCo(step, integrator), f"MuJoCo {MuJoCo(step, integrator).word}", quantity(step, "s", 4))
             for integrator in Integrator
             for step in self._steps(MuJoCo(1.0, integrator).stages)
         ]
@@ -182,7 +176,7 @@ class SettingsSweep:
         """Of an engine of which nothing more is known than that it has a time step."""
         row = ENGINES[self.engine]
         return [
-            Setting(engine_class(self.engine)(timestep=step, **row.fixed_step), row.title, time_text(step))
+            Setting(engine_class(self.engine)(timestep=step, **row.fixed_step), row.title, quantity(step, "s", 4))
             for step in self._steps(1)
         ]
 
@@ -209,7 +203,7 @@ class SettingsSweep:
                 name += f", {'Baumgarte' if drift is Drift.BAUMGARTE else drift.value}"
             if method is Method.RK4:
                 steps = self._steps(4)
-                found += [Setting(engine(method=method, timestep=h, **own), name, time_text(h)) for h in steps]
+                found += [Setting(engine(method=method, timestep=h, **own), name, quantity(h, "s", 4)) for h in steps]
                 continue
             limit = radau_steps(self.scene, self.law, self.budget) if radau else int(most / DOP853_STAGES)
             restarts = 0.0 if period is None else total / period * RESTART
@@ -226,14 +220,6 @@ class SettingsSweep:
 sweep_settings = function_of(SettingsSweep)
 
 
-def time_text(seconds: float) -> str:
-    """A time for people: 10 ms, 0.1 s, 20 µs."""
-    for unit, size in (("s", 1.0), ("ms", 1e-3), ("µs", 1e-6)):
-        if seconds >= size * (0.1 if unit == "s" else 1.0) * (1 - 1e-9):
-            return f"{seconds / size:.4g} {unit}"
-    return f"{seconds:.4g} s"
-
-
 def power_text(value: float) -> str:
     """A tolerance for people: 1e-9."""
     digits, exponent = f"{value:.2e}".split("e")
@@ -246,10 +232,8 @@ def _parts() -> Iterator[int]:
             yield digit * 10**power
 
 
-def divides(period: float, step: float) -> bool:
+def divides(time: float, step: float) -> bool:
     """Whether a time is a whole number of steps."""
-    try:
-        whole_ratio(period, step, "period over the step")
-    except OptionError:
-        return False
-    return True
+    with contextlib.suppress(OptionError):
+        return whole_ratio(time, step, "time over the step") > 0
+    return False

@@ -6,7 +6,7 @@ import contextlib
 import math
 import os
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.plain import plain
 from tensegrity_mj.studies.report import Report
 from tensegrity_mj.studies.tradeoff import bench, sentence
-from tensegrity_mj.studies.tradeoff.experiments import Experiment, closed_loops, open_loop, stays
+from tensegrity_mj.studies.tradeoff.experiments import Experiment, closed_loops, open_loop
 from tensegrity_mj.studies.tradeoff.measurement import Ended, Motion, attempt, record
 from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
 from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, Reference, find_reference
@@ -108,7 +108,8 @@ def tradeoff(
         "options": chosen.to_dict(),
         "versions": versions(),
     }
-    with _place(folder) as place, bench.opened(place / RUNS, study, progress) as kept:
+    place = tempfile.TemporaryDirectory() if folder is None else contextlib.nullcontext(made_folder(folder))
+    with place as kept_in, bench.opened(Path(kept_in) / RUNS, study, progress) as kept:
         found = _measure(scene, made, chosen, kept)
     data: Data = {
         "format": FORMAT,
@@ -125,15 +126,6 @@ def tradeoff(
         **found,
     }
     return Tradeoff(data, None if folder is None else Path(folder)).kept()
-
-
-@contextlib.contextmanager
-def _place(folder: str | os.PathLike[str] | None) -> Iterator[Path]:
-    if folder is None:
-        with tempfile.TemporaryDirectory() as temporary:
-            yield Path(temporary)
-        return
-    yield made_folder(folder)
 
 
 # ---------------------------------------------------------------------------------------------------- references
@@ -196,7 +188,7 @@ def _open(
     """The open loop and its reference: from the scene's start or, if nothing moves there, from a state of the law's."""
     experiment, reference = _shortened(open_loop(scene, options, None), options, kept)
     starts = [one.facts["fastest"] for one in closed if one.motion is not None]
-    if reference.motion is None or not stays(reference.motion.nodes):
+    if not reference.stays:
         return experiment, reference
     if starts:
         with contextlib.suppress(SceneError):  # a state that has drifted is no start
@@ -223,14 +215,10 @@ def _shortened(experiment: Experiment, options: TradeoffOptions, kept: bench.Ben
             tried = replace(experiment, duration=shorter, note=f"{experiment.note} {note}".strip())
         reference = _reference(tried, options, kept)
         found.append((tried, reference))
-        if reference.own_error <= GOOD * (reference.facts["motion"] or 0.0) or _at_rest(reference):
+        if _uncertainty(reference) <= GOOD or reference.stays:
             return tried, reference
     # None is good: the one that is known best, the longer of equals.
     return min(found, key=lambda one: _uncertainty(one[1]))
-
-
-def _at_rest(reference: Reference) -> bool:
-    return reference.motion is not None and stays(reference.motion.nodes)
 
 
 def _uncertainty(reference: Reference) -> float:
