@@ -19,7 +19,6 @@ import ctypes
 import statistics
 import time
 import warnings
-import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
@@ -63,6 +62,7 @@ PARTS = {
     ),
 }
 REST = "integration and the rest"
+_NO_CONTACT = mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
 THE_SCENE, CONTACT = "", "contact, before anything touches"
 
 
@@ -101,8 +101,7 @@ class StepTiming:
 
 def measure(scene: Scene, rounds: int = ROUNDS) -> StepTiming:
     """Measure a scene; about a second. The steps are short enough for the scene to be stable: that costs nothing."""
-    texts = {THE_SCENE: scene_to_mjcf(scene), **variants(scene)}
-    models = {name: mujoco.MjModel.from_xml_string(text) for name, text in texts.items()}
+    models = {THE_SCENE: mujoco.MjModel.from_xml_string(scene_to_mjcf(scene)), **variants(scene)}
     limit = np.inf
     with contextlib.suppress(StructureError):  # of rods that share nodes there is no linear model
         limit = float(stable_step(scene.with_(contact=None), MuJoCo()).limit)
@@ -240,115 +239,92 @@ def _clock() -> tuple[Any, Any]:
 # Variants of a scene's model, by what they have more (for contact that is there: less).
 
 
-def variants(scene: Scene) -> dict[str, str]:
-    """MJCF of the scene with one thing changed, by what it is; those that would change nothing are left out."""
-    found = {}
-    for what, edit in _EDITS.items():
-        root = ET.fromstring(scene_to_mjcf(scene))
-        if edit(root, scene):
-            found[what] = ET.tostring(root, encoding="unicode")
-    return found
+def variants(scene: Scene) -> dict[str, mujoco.MjModel]:
+    """The scene's model with one thing changed, by what it is; those that would change nothing are left out."""
+    text = scene_to_mjcf(scene)
+    specs = {what: mujoco.MjSpec.from_string(text) for what in _EDITS}
+    return {what: specs[what].compile() for what, edit in _EDITS.items() if edit(specs[what], scene)}
 
 
-def _part(root: ET.Element, path: str) -> ET.Element:
-    found = root.find(path)
-    assert found is not None, path
-    return found
+def _switch_contact(spec: Any, contype: int, conaffinity: int) -> None:
+    spec.option.disableflags &= ~_NO_CONTACT  # joints that close loops have switched constraints on already
+    for geom in spec.geoms:
+        geom.contype, geom.conaffinity = contype, conaffinity
 
 
-def _switch_contact(root: ET.Element, contype: int, conaffinity: int) -> None:
-    flag = _part(root, "option/flag")
-    for name in ("contact", "constraint"):  # joints that close loops have switched the second on already
-        flag.attrib.pop(name, None)
-    for geom in root.iter("geom"):
-        geom.set("contype", str(contype))
-        geom.set("conaffinity", str(conaffinity))
-
-
-def _with_floor(root: ET.Element, scene: Scene) -> bool:
+def _with_floor(spec: Any, scene: Scene) -> bool:
     """Contact with a floor far below."""
     if scene.contact is not None:
         return False
-    _switch_contact(root, 0, 1)
+    _switch_contact(spec, 0, 1)
     depth = 100.0 * max(1.0, float(np.abs(scene.nodes0).max()))
-    world = _part(root, "worldbody")
-    ET.SubElement(world, "geom", type="plane", pos=f"0 0 {-depth!r}", size="0 0 1", contype="1", conaffinity="0")
+    plane = mujoco.mjtGeom.mjGEOM_PLANE
+    spec.worldbody.add_geom(type=plane, pos=[0, 0, -depth], size=[0, 0, 1], contype=1, conaffinity=0)
     return True
 
 
-def _with_rods(root: ET.Element, scene: Scene) -> bool:
+def _with_rods(spec: Any, scene: Scene) -> bool:
     """Contact between rods, where they are apart."""
     if scene.contact is not None or len(scene.structure.rods) < 2:
         return False
     if np.any(rod_gaps(scene.structure, scene.nodes0)[1] <= 0):
         return False
-    _switch_contact(root, 1, 1)
+    _switch_contact(spec, 1, 1)
     return True
 
 
-def _without_contact(root: ET.Element, scene: Scene) -> bool:
-    flag = _part(root, "option/flag")
-    flag.set("contact", "disable")
-    flag.set("constraint", "disable")
+def _without_contact(spec: Any, scene: Scene) -> bool:
+    spec.option.disableflags |= _NO_CONTACT
     return scene.contact is not None
 
 
-def _with_spatial_joints(root: ET.Element, scene: Scene) -> bool:
+def _with_spatial_joints(spec: Any, scene: Scene) -> bool:
     """Ball and free joints where rods stay in a plane."""
-    changed = False
-    for body in root.iter("body"):
-        joints = body.findall("joint")
-        if any(joint.get("type") == "hinge" for joint in joints):
-            changed = True
-            for joint in joints:
-                if joint.get("type") == "hinge":
-                    joint.set("type", "ball")
-                    del joint.attrib["axis"]
-            if len(joints) == 3:  # two slides and a hinge: free in the plane
-                for joint in joints:
-                    body.remove(joint)
-                body.insert(0, ET.Element("freejoint"))
-    return changed
+    hinges = [joint for joint in spec.joints if joint.type == mujoco.mjtJoint.mjJNT_HINGE]
+    for joint in hinges:
+        joint.type = mujoco.mjtJoint.mjJNT_BALL
+        if len(joint.parent.joints) == 3:  # two slides and a hinge: free in the plane
+            _set_free(spec, joint.parent)
+    return bool(hinges)
 
 
-def _with_sensors(root: ET.Element, scene: Scene) -> bool:
+def _set_free(spec: Any, body: Any) -> None:
+    for joint in body.joints:
+        spec.delete(joint)
+    body.add_freejoint()
+
+
+def _with_sensors(spec: Any, scene: Scene) -> bool:
     """The tension of each string as a sensor."""
-    sensors = ET.SubElement(root, "sensor")
+    kinds = {"type": mujoco.mjtSensor.mjSENS_TENDONACTFRC, "objtype": mujoco.mjtObj.mjOBJ_TENDON}
     for string in scene.structure.strings:
-        ET.SubElement(sensors, "tendonactuatorfrc", tendon=string.name)
+        spec.add_sensor(**kinds, objname=string.name)
     return bool(scene.structure.strings)
 
 
-def _with_rows(root: ET.Element, scene: Scene) -> bool:
+def _with_rows(spec: Any, scene: Scene) -> bool:
     """Pinned rods that are free bodies tied to the world by constraint rows."""
-    flag = _part(root, "option/flag")
-    flag.attrib.pop("constraint", None)
-    bodies = root.findall("worldbody/body")
-    pinned = [
-        body
-        for body, rod in zip(bodies, scene.structure.rods, strict=False)
-        if rod.support.translation_basis.shape[1] == 0
-    ]
-    equality = ET.SubElement(root, "equality")
+    spec.option.disableflags &= ~mujoco.mjtDisableBit.mjDSBL_CONSTRAINT.value
+    pairs = zip(spec.worldbody.bodies, scene.structure.rods, strict=False)
+    pinned = [body for body, rod in pairs if rod.support.translation_basis.shape[1] == 0]
+    kinds = {"type": mujoco.mjtEq.mjEQ_CONNECT, "objtype": mujoco.mjtObj.mjOBJ_BODY}
     for body in pinned:
-        for joint in body.findall("joint"):
-            body.remove(joint)
-        body.insert(0, ET.Element("freejoint"))
-        ET.SubElement(equality, "connect", body1=body.get("name", ""), anchor="0 0 0")
+        _set_free(spec, body)
+        spec.add_equality(**kinds, name1=body.name, data=np.zeros(mujoco.mjNEQDATA))  # at its own origin
     return bool(pinned)
 
 
-def _with_gravity(root: ET.Element, scene: Scene) -> bool:
-    _part(root, "option").set("gravity", "0 0 -9.81")
+def _with_gravity(spec: Any, scene: Scene) -> bool:
+    spec.option.gravity = (0, 0, -9.81)
     return not any(scene.gravity)
 
 
-def _with_energy(root: ET.Element, scene: Scene) -> bool:
-    _part(root, "option/flag").set("energy", "enable")
+def _with_energy(spec: Any, scene: Scene) -> bool:
+    spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
     return True
 
 
-_EDITS: dict[str, Callable[[ET.Element, Scene], bool]] = {
+_EDITS: dict[str, Callable[[Any, Scene], bool]] = {
     CONTACT: _without_contact,
     "contact with a floor, without a touch": _with_floor,
     "contact between rods, without a touch": _with_rods,
