@@ -27,9 +27,9 @@ def to_json(data: Any, indent: int | None = None) -> str:
     return _text(_plain(data, lambda value: None), indent)
 
 
-def to_exact_json(data: Any) -> str:
+def to_exact_json(data: Any, indent: int | None = None) -> str:
     """As `to_json`, but NaN and infinity become objects such as {"$float": "nan"}, which `from_exact_json` reads."""
-    return _text(_plain(data, lambda value: {NOT_FINITE: repr(value)}))
+    return _text(_plain(data, lambda value: {NOT_FINITE: repr(value)}), indent)
 
 
 def from_exact_json(text: str) -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import signal
 import sys
@@ -157,8 +156,7 @@ def run_many(
             name, tuple(given), tuple(outcomes[key] for key in keys), shared, facts, place, computed=len(missing)
         )
         if place is not None:
-            text = json.dumps(json.loads(to_exact_json(result.to_dict())), ensure_ascii=False, indent=1)
-            store.write(place / store.RESULT, f"{text}\n".encode())
+            store.write(place / store.RESULT, f"{to_exact_json(result.to_dict(), indent=1)}\n".encode())
     return result
 
 

@@ -45,12 +45,8 @@ from tensegrity_mj.engines.table import ENGINES, engine_class, make_engine, opti
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.studies.parameter_values import Scaled as Scaled
-from tensegrity_mj.studies.parameter_values import decoded as decoded
-from tensegrity_mj.studies.parameter_values import encoded as encoded
-from tensegrity_mj.studies.parameter_values import number_from, scaled
+from tensegrity_mj.studies.parameter_values import Scaled, decoded, number_from, scaled
 from tensegrity_mj.studies.scene_parameters import MEMBERS, changed_scene
-from tensegrity_mj.studies.scene_parameters import member_names as member_names
 from tensegrity_mj.studies.value_parameters import MEMBER
 
 # Changes of one point are made in this order, so that what belongs together does not depend on how they were given.

@@ -10,7 +10,6 @@ result.json    all points in their order with their outcomes, once all are finis
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 from collections.abc import Iterator, Mapping
 from io import FileIO
@@ -142,7 +141,7 @@ def _compare(folder: Path, study: dict[str, Any]) -> None:
     path = folder / STUDY
     ours = {"format": FORMAT, **study}
     if not path.exists():
-        write(path, (json.dumps(json.loads(to_exact_json(ours)), ensure_ascii=False, indent=1) + "\n").encode())
+        write(path, f"{to_exact_json(ours, indent=1)}\n".encode())
         return
     try:
         theirs = from_exact_json(path.read_text(encoding="utf-8"))

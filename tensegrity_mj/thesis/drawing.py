@@ -60,8 +60,8 @@ def panels(rows: int, columns: int, height: float = PANEL[1], width: float = PAN
     return figure, figure.subplots(rows, columns, squeeze=False)
 
 
-def versions_of(all_runs: AllRuns, name: str) -> list[tuple[EngineName, Trajectory]]:
-    """The runs of an experiment, of two engines at most."""
+def versions_of(all_runs: AllRuns, name: str) -> list[tuple[EngineName, Any]]:
+    """The runs of an experiment, or of a series, of two engines at most."""
     return [(engine, runs[name]) for engine, runs in all_runs.items() if name in runs][:2]
 
 

@@ -20,7 +20,7 @@ from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.thesis import page
 from tensegrity_mj.thesis.appendix_c.beams import STUDIES
 from tensegrity_mj.thesis.catalog import selected
-from tensegrity_mj.thesis.chapter3.series import SERIES, run_series
+from tensegrity_mj.thesis.chapter3.series import SERIES
 from tensegrity_mj.thesis.disturbance import Disturbance
 from tensegrity_mj.thesis.drawing import ThesisFigure
 from tensegrity_mj.thesis.experiments import OF_MOTION, EngineName, experiment_of
@@ -149,9 +149,17 @@ def compute_runs(
     how: dict[str, Any] = {"disturbance": disturbance, "workers": workers, "progress": progress}
     moving = [one for one in engines if one in OF_MOTION]
     computed = run_experiments([name for name in names if name not in WHOLES], moving, place, **how)
-    found, failures = run_series([name for name in names if name in WHOLES], engines, place, among=WHOLES, **how)
-    runs = {engine: {**computed.runs.get(engine, {}), **found[engine]} for engine in engines}
-    return Computed(runs, {**computed.failures, **failures})
+    runs: dict[EngineName, dict[str, Any]] = {engine: {**computed.runs.get(engine, {})} for engine in engines}
+    failures = dict(computed.failures)
+    able = [(WHOLES[name], one) for name in names if name in WHOLES for one in engines if one in WHOLES[name].engines]
+    for whole, engine in able:
+        try:
+            runs[engine][whole.name] = whole.compute(engine, place, workers, progress, disturbance)
+        except OptionError:
+            raise
+        except TensegrityError as error:
+            failures[engine, whole.name] = str(error)
+    return Computed(runs, failures)
 
 
 def _run_lines(names: Sequence[str], engines: Sequence[EngineName], computed: Computed) -> list[dict[str, Any]]:

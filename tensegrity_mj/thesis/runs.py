@@ -147,12 +147,12 @@ def stamp(name: str, engine: EngineName, disturbance: Disturbance | None) -> dic
 
 
 @functools.cache
-def code_digest() -> str:
-    """A digest of the sources that decide what a run is: engines, laws, and what they stand on."""
+def code_digest(others: tuple[str, ...] = ()) -> str:
+    """A digest of the sources that decide what a run is: engines, laws, what they stand on; and others by patterns."""
     import tensegrity_mj.controllers as controllers
 
     package = Path(__file__).parents[1]
-    files = [path for name in CODE for path in sorted(package.glob(name))]
+    files = [path for name in (*CODE, *others) for path in sorted(package.glob(name))]
     files += sorted(Path(str(controllers.__file__)).parent.glob("*.py"))
     digest = hashlib.sha256()
     for path in files:

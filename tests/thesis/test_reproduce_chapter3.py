@@ -23,11 +23,11 @@ from tensegrity_mj.studies.workers import Backend, Workers
 from tensegrity_mj.thesis.catalog import FIGURES, STATEMENTS, selected
 from tensegrity_mj.thesis.chapter3 import measures3, series
 from tensegrity_mj.thesis.chapter3.measures3 import element_frequencies
-from tensegrity_mj.thesis.chapter3.series import SERIES, SeriesRun, run_series
+from tensegrity_mj.thesis.chapter3.series import SERIES, SeriesRun
 from tensegrity_mj.thesis.experiments import EXPERIMENTS, EngineName
 from tensegrity_mj.thesis.ledger import Verdict, judge
 from tensegrity_mj.thesis.page import counts, markdown, summary
-from tensegrity_mj.thesis.reproduction import reproduce
+from tensegrity_mj.thesis.reproduction import WHOLES, compute_runs, reproduce
 from tensegrity_mj.thesis.runs import Computed
 from tensegrity_mj.thesis.statement import Class
 
@@ -62,8 +62,9 @@ def test_rows_without_a_long_series(tmp_path: Path) -> None:
     """The model's data, both starts, the fixed step: every row as it must be, in both engines, and kept."""
     rows = [one for one in ROWS.values() if one.needs and set(one.needs) <= {"starts", "fixed-step"}]
     names = ("starts", "fixed-step")
-    runs, failures = run_series(names, BOTH, tmp_path, workers=HERE)
-    assert failures == {}
+    computed = compute_runs(names, BOTH, tmp_path, workers=HERE)
+    runs = computed.runs
+    assert computed.failures == {}
     assert set(runs[EngineName.MUJOCO]) == {"starts"}  # which drifts nowhere: it has no constraint
     judged = {one.statement.id: one for one in judge(rows, Computed(runs))}
     verdicts = {name: row.verdict for name, row in judged.items()}
@@ -72,14 +73,14 @@ def test_rows_without_a_long_series(tmp_path: Path) -> None:
     assert Verdict.UNEXPLAINED not in verdicts.values()
     assert judged["3.3.3-rope"].cells[EngineName.MUJOCO].value == pytest.approx(0.1419)
     assert judged["3.12-axis"].cells[EngineName.MUJOCO].verdict is Verdict.UNJUDGED
-    again, _ = run_series(("starts",), (EngineName.DAE,), tmp_path, workers=HERE)
+    again = compute_runs(("starts",), (EngineName.DAE,), tmp_path, workers=HERE).runs
     assert again[EngineName.DAE]["starts"].cases.study.computed == 0
 
 
 def test_a_case_that_fails_leaves_no_row_reproduced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A sweep with a case that ran away is no sweep: rows say so, with the case."""
-    monkeypatch.setitem(series.SERIES, "starts", replace(SERIES["starts"], timestep=0.05))  # type: ignore[attr-defined]
-    runs, _ = run_series(("starts",), (EngineName.DAE,), tmp_path, workers=HERE)
+    monkeypatch.setitem(WHOLES, "starts", replace(SERIES["starts"], timestep=0.05))  # type: ignore[attr-defined]
+    runs = compute_runs(("starts",), (EngineName.DAE,), tmp_path, workers=HERE).runs
     (row,) = judge([ROWS["3.3.3-length"]], Computed(runs))
     assert row.verdict is Verdict.UNEXPLAINED
     assert "2 of 2 cases" in row.cause
@@ -256,7 +257,7 @@ def test_all_rows_of_chapter_3_are_reproduced_or_explained(tmp_path: Path) -> No
     for row in found.rows:
         assert lines[row.statement.id] == page.markdown_row(row)
     # The cause of 3.4-f1-from: the input from which on a frequency is a main peak moves with the threshold.
-    runs, _ = run_series(("in-line", "circular"), (EngineName.DAE,), tmp_path / "runs", workers=HERE)
+    runs = compute_runs(("in-line", "circular"), (EngineName.DAE,), tmp_path / "runs", workers=HERE).runs
     moved = set()
     for name, marker, low, high in (("in-line", 10, 0.27, 0.36), ("in-line", 5, 0.8, 1.0), ("circular", 10, 0.8, 1.02)):
         run = runs[EngineName.DAE][name]

@@ -19,10 +19,10 @@ from tensegrity_mj.thesis import page
 from tensegrity_mj.thesis.appendix_c import beam_tasks, beams, measures_c
 from tensegrity_mj.thesis.appendix_c.beams import BY_PRESTRESS, STUDIES, BeamRun
 from tensegrity_mj.thesis.catalog import FIGURES, STATEMENTS
-from tensegrity_mj.thesis.chapter3.series import SERIES, run_series
+from tensegrity_mj.thesis.chapter3.series import SERIES
 from tensegrity_mj.thesis.experiments import EXPERIMENTS, EngineName
 from tensegrity_mj.thesis.ledger import Verdict, judge
-from tensegrity_mj.thesis.reproduction import reproduce
+from tensegrity_mj.thesis.reproduction import WHOLES, compute_runs, reproduce
 from tensegrity_mj.thesis.runs import Computed
 
 DOC = Path(__file__).resolve().parents[2] / "docs" / "reproduction.md"
@@ -92,11 +92,11 @@ def test_slack_and_spread() -> None:
 
 def test_no_beam_that_failed_leaves_a_row_reproduced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(
-        beams.STUDIES,  # type: ignore[arg-type]
+        WHOLES,  # type: ignore[arg-type]
         "broken",
         beams.BeamStudy("broken", "", {"x": {"beam": "TB8"}}, {EngineName.STATICS: beam_tasks.tension}),
     )
-    runs, _ = run_series(["broken"], BOTH, tmp_path, workers=HERE, among=beams.STUDIES)
+    runs = compute_runs(["broken"], BOTH, tmp_path, workers=HERE).runs
     run = runs[EngineName.STATICS]["broken"]
     assert "TB8" in run.message
     assert EngineName.MUJOCO not in {engine for engine, names in runs.items() if names}

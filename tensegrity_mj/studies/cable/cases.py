@@ -6,7 +6,6 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
@@ -261,13 +260,7 @@ def run_cases(
     }
     options: RunOptions = {"label": "cables", **how}
     options["identity"] = {"versions": versions(), **(how.get("identity") or {})}
-    study = run_many(
-        measure_case,
-        points,
-        None if folder is None else Path(folder),
-        common=common,
-        **options,
-    )
+    study = run_many(measure_case, points, folder, common=common, **options)
     return CaseResults(tuple(cases), np.array(markers, float), study)
 
 

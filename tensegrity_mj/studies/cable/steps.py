@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Unpack
 
 from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.model.text.writing import scene_to_toml
@@ -25,8 +24,7 @@ from tensegrity_mj.studies.cable.cases import (
     simulated,
 )
 from tensegrity_mj.studies.engine_names import engine_of
-from tensegrity_mj.studies.many import run_many
-from tensegrity_mj.studies.workers import Workers
+from tensegrity_mj.studies.many import RunOptions, run_many
 from tensegrity_mj.vibration.stepping import Scheme
 
 LARGEST = 0.1  # s, the largest step tried
@@ -61,9 +59,7 @@ def steps_within(
     folder: str | os.PathLike[str] | None = None,
     *,
     duration: float = DURATION,
-    identity: Mapping[str, Any] | None = None,
-    workers: Workers | None = None,
-    progress: bool = False,
+    **how: Unpack[RunOptions],
 ) -> list[FoundStep]:
     """The largest step of each case with which the DAE's RK4, without any treatment of drift, keeps within a drift.
 
@@ -72,9 +68,9 @@ def steps_within(
     Args:
         cases: their engines do not count.
         drift: allowed, of a rod's length.
-        folder, workers, progress: see `run_many`.
+        folder: see `run_many`.
         duration: of a run [s].
-        identity: see `run_many`.
+        how: identity, workers, progress and label, see `run_many`.
 
     Raises:
         OptionError: as `run_many`.
@@ -85,21 +81,11 @@ def steps_within(
         {"scenes": {"scene": scene_to_toml(case.scene)}, **point_of(replace(case, engine=plain), "scene")}
         for case in cases
     ]
-    study = run_many(
-        find_step,
-        points,
-        None if folder is None else Path(folder),
-        common={"drift": drift, "duration": duration},
-        identity={"versions": versions(), **(identity or {})},
-        workers=workers,
-        progress=progress,
-        label="steps",
-    )
-    lost = {"step": math.nan, "drift": math.nan, "limit": math.nan, "beyond": math.nan, "runs": 0}
-    return [
-        FoundStep(**outcome.get("values", {"elements": len(case.scene.structure.rods), **lost}))
-        for case, outcome in zip(cases, study.outcomes, strict=True)
-    ]
+    options: RunOptions = {"label": "steps", **how}
+    options["identity"] = {"versions": versions(), **(how.get("identity") or {})}
+    study = run_many(find_step, points, folder, common={"drift": drift, "duration": duration}, **options)
+    lost = [FoundStep(len(case.scene.structure.rods), math.nan, math.nan, math.nan, math.nan, 0) for case in cases]
+    return [replace(one, **outcome.get("values", {})) for one, outcome in zip(lost, study.outcomes, strict=True)]
 
 
 def find_step(point: dict[str, Any]) -> dict[str, Any]:
@@ -118,27 +104,20 @@ def find_step(point: dict[str, Any]) -> dict[str, Any]:
 
     # Beyond the limit nothing holds; so the fewest steps that can do are those of the limit, or of the largest step.
     few = max(1, math.ceil(duration / min(limit, LARGEST)))
-    beyond = math.nan
+    found = FoundStep(len(case.scene.structure.rods), math.nan, math.nan, limit, math.nan, 0)
     if drift(few) > allowed:
         low, more = few, RESOLUTION
         # Most are just beyond: in motion the chain pulls harder than at rest, and its fastest oscillation is faster.
         while drift(high := math.ceil(low * (1 + more))) > allowed:
             low, more = high, 2 * more
             if low * SMALLEST > few:
-                return _found(case, math.nan, math.nan, limit, drift(low), len(tried))
+                return asdict(replace(found, beyond=_known(drift(low)), runs=len(tried)))
         while high - low > max(1, RESOLUTION * low):
             middle = (low + high) // 2
             low, high = (middle, high) if drift(middle) > allowed else (low, middle)
-        few, beyond = high, drift(low)
-    return _found(case, duration / few, drift(few), limit, beyond, len(tried))
+        few, found = high, replace(found, beyond=_known(drift(low)))
+    return asdict(replace(found, step=duration / few, drift=drift(few), runs=len(tried)))
 
 
-def _found(case: Case, step: float, drift: float, limit: float, beyond: float, runs: int) -> dict[str, Any]:
-    return {
-        "elements": len(case.scene.structure.rods),
-        "step": step,
-        "drift": drift,
-        "limit": limit,
-        "beyond": beyond if math.isfinite(beyond) else math.nan,
-        "runs": runs,
-    }
+def _known(drift: float) -> float:
+    return drift if math.isfinite(drift) else math.nan

@@ -84,7 +84,7 @@ def found(point: dict[str, Any]) -> dict[str, Any]:
         "nodes": state.nodes.tolist(),
         "rods": structure.rod_nodes.tolist(),
         "strings": structure.string_nodes.tolist(),
-        "stiffness": _against_the_top(structure.node_index, _stiffness(state)).tolist(),
+        "stiffness": _guided(structure.node_index, np.eye(state.nodes.size), _stiffness(state)).tolist(),
     }
 
 
@@ -97,15 +97,6 @@ def _stiffness(state: StaticState) -> Array:
 
 def _places(index: dict[str, int], names: Sequence[str]) -> NDArray[np.int64]:
     return np.array([3 * index[name] + k for name in names for k in range(3)])
-
-
-def _against_the_top(index: dict[str, int], K: Array) -> Array:
-    """(3, 3): the force on the top for its displacement, the base held, all other nodes where they balance."""
-    base, top = _places(index, BASE), _places(index, TOP)
-    free = np.setdiff1d(np.arange(len(K)), np.concatenate([base, top]))
-    left = K[np.ix_(top, top)] - K[np.ix_(top, free)] @ np.linalg.solve(K[np.ix_(free, free)], K[np.ix_(free, top)])
-    together = np.tile(np.eye(3), (3, 1))
-    return np.asarray(together.T @ left @ together)
 
 
 def confirmed(point: dict[str, Any]) -> dict[str, Any]:
@@ -137,7 +128,10 @@ def confirmed(point: dict[str, Any]) -> dict[str, Any]:
 
 
 def _guided(index: dict[str, int], moves: Array, K: Array) -> Array:
-    """(3, 3) as `_against_the_top`, in coordinates (n,) that move the nodes by `moves` (3N, n)."""
+    """(3, 3): the force on the top for its displacement, the base held, all other nodes where they balance.
+
+    K is of coordinates (n,) that move the nodes by `moves` (3N, n).
+    """
     held = moves[np.concatenate([_places(index, BASE), _places(index, TOP)])]
     count, n = held.shape
     wanted = np.vstack([np.zeros((9, 3)), np.tile(np.eye(3), (3, 1))])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-import hashlib
 import time
 import tomllib
 from collections.abc import Callable, Mapping
@@ -28,6 +26,7 @@ Values = Mapping[str, Any]
 BY_PRESTRESS = ("TB1", "TB2", "TB3", "TB4")
 BY_STIFFNESS = ("TB1", "TB5", "TB6*", "TB7*")  # of equal prestress, the springs ever stiffer
 HEIGHTS = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)  # m, of the waves of C.2's text
+SOURCES = ("statics/*.py", "thesis/appendix_c/beam_tasks.py")  # what decides what these studies find, besides engines
 FILE = Path(__file__).parents[1] / "tables" / "studies.toml"
 MODULES = {"beam_tasks": beam_tasks, "beam_wave_tasks": beam_wave_tasks, "tower_wave_tasks": tower_wave_tasks}
 
@@ -94,7 +93,7 @@ class BeamStudy:
         chosen = self.of_mujoco if engine is EngineName.MUJOCO and self.of_mujoco else tuple(self.points)
         error = {} if disturbance is None else {"disturbance": disturbance.plain}
         points = [{**self.points[label], "engine": engine.value, **error} for label in chosen]
-        identity = {"code": statics_digest(self.sources), "versions": versions()}
+        identity = {"code": code_digest((*SOURCES, *self.sources)), "versions": versions()}
         study = run_many(
             self.tasks[engine],
             points,
@@ -116,18 +115,6 @@ class BeamStudy:
             status, message = Status.DIVERGED, text + study.outcomes[first]["reason"]
         cost = {"wall_time": time.perf_counter() - started}
         return BeamRun(self.name, engine.value, values, cost=cost, status=status, message=message)
-
-
-@functools.cache
-def statics_digest(others: tuple[str, ...] = ()) -> str:
-    """A digest of the sources that decide what these studies find, and of others by their patterns."""
-    package = Path(__file__).parents[2]
-    digest = hashlib.sha256(code_digest().encode())
-    names = ("thesis/appendix_c/beam_tasks.py",)
-    more = (path for pattern in others for path in sorted(package.glob(pattern)))
-    for path in (*sorted(package.glob("statics/*.py")), *(package / name for name in names), *more):
-        digest.update(path.name.encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()
 
 
 def tower_label(topology: str, stiffness: float, measure: float) -> str:

@@ -15,7 +15,7 @@ from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import GREY, new_figure
 from tensegrity_mj.thesis import drawing
 from tensegrity_mj.thesis.chapter3.measures3 import element_frequencies
-from tensegrity_mj.thesis.chapter3.series import ELEMENTS, FINE_STEP, SHOWN, SeriesRun
+from tensegrity_mj.thesis.chapter3.series import ELEMENTS, FINE_STEP, SHOWN
 from tensegrity_mj.thesis.drawing import BLUE, GREEN, RED, AllRuns, Figure
 from tensegrity_mj.thesis.experiments import TITLES
 
@@ -24,13 +24,8 @@ INPUT, NUMBER = "input frequency [Hz]", "number of elements"
 SECONDS_NOTE = "times are those of this machine"
 
 
-def _series(all_runs: AllRuns, name: str) -> list[tuple[str, SeriesRun]]:
-    """(engine's title, its run) of the engines that have a series, two at most."""
-    return [(TITLES[engine], runs[name]) for engine, runs in all_runs.items() if name in runs][:2]
-
-
 def _note(figure: Figure, all_runs: AllRuns, name: str, extra: str = "") -> None:
-    titles = [title for title, _ in _series(all_runs, name)]
+    titles = [TITLES[engine] for engine, _ in drawing.versions_of(all_runs, name)]
     text = f"filled: {titles[0]}" + (f"; circles around them: {titles[1]}" if len(titles) > 1 else "")
     drawing.note(figure, "; ".join(part for part in (text, extra) if part))
 
@@ -40,7 +35,7 @@ def psd(all_runs: AllRuns) -> Figure:
     figure = new_figure(6.4, 3.6)
     panel: Any = figure.subplots()
     for name, color, label in (("in-line", RED, "lab frame"), ("in-line-moving", BLUE, "moving frame")):
-        run = _series(all_runs, name)[0][1]
+        run = drawing.first_of(all_runs, name)
         number = int(np.argmin(np.abs(run.cases.frequencies - 0.7)))
         density = run.cases.densities[number, SHOWN.index(10), 0]
         panel.plot(run.cases.spectral_frequencies, density, color=color, lw=1.2, label=f"at rest in the {label}")
@@ -51,7 +46,7 @@ def psd(all_runs: AllRuns) -> Figure:
     panel.set_ylim(1e-7, 3.0)
     title = "Marker 10, in-plane, in-line 0.70 Hz; dotted: the peaks that are picked"
     drawing.finish(panel, title, "PSD [m²/Hz]", "frequency [Hz]")
-    drawing.note(figure, _series(all_runs, "in-line")[0][0])
+    drawing.note(figure, TITLES[drawing.versions_of(all_runs, "in-line")[0][0]])
     return figure
 
 
@@ -61,7 +56,7 @@ def responses(all_runs: AllRuns, names: Sequence[str], marker: int, axis: int, l
     drawing.thesis_axis(top, 0.0, last_tick)
     styles = ((names[1], BLUE, "s", 3.2, "moving frame"), (names[0], RED, "o", 4.0, "lab frame"))
     for name, color, mark, size, label in styles:
-        for number, (_, run) in enumerate(_series(all_runs, name)):
+        for number, (_, run) in enumerate(drawing.versions_of(all_runs, name)):
             f = run.cases.frequencies
             if number == 0:
                 top.plot(
@@ -109,7 +104,7 @@ def _over_elements(panel: Any, x: Sequence[float], y: Any, title: str, unit: str
 def fixed_step(all_runs: AllRuns) -> Figure:
     """Figure 3.12: wall time and drift at one step."""
     figure, ((left, right),) = drawing.panels(1, 2, height=3.4, width=4.4)
-    run = _series(all_runs, "fixed-step")[0][1]
+    run = drawing.first_of(all_runs, "fixed-step")
     _over_elements(left, ELEMENTS, run.seconds, "(a) Wall time of 45 s at h = 0.01 s", "time [s]")
     _over_elements(right, ELEMENTS, run.cases.drift, "(b) Drift, largest $|\\|b_i\\| - 1|$", "relative drift")
     for panel in (left, right):
@@ -128,7 +123,7 @@ def fixed_step(all_runs: AllRuns) -> Figure:
 def fixed_drift(all_runs: AllRuns) -> Figure:
     """Figure 3.13: wall time and step at one drift."""
     figure, ((left, right),) = drawing.panels(1, 2, height=3.4, width=4.4)
-    run = _series(all_runs, "fixed-drift")[0][1]
+    run = drawing.first_of(all_runs, "fixed-drift")
     steps = [one for one in run.steps if np.isfinite(one.step)]
     counts = [one.elements for one in steps]
     _over_elements(left, counts, run.seconds, "(a) Wall time of 45 s", "time [s]")
@@ -144,7 +139,7 @@ def fixed_drift(all_runs: AllRuns) -> Figure:
 def drift(all_runs: AllRuns) -> Figure:
     """Figure 3.14: wall time and drift over the frequency."""
     figure, ((left, right),) = drawing.panels(1, 2, height=3.4, width=4.4)
-    run = _series(all_runs, "drift")[0][1]
+    run = drawing.first_of(all_runs, "drift")
     f = run.cases.frequencies
     left.plot(f, run.seconds, color=BLUE, marker="o", ms=4, lw=1.0)
     left.set_ylim(bottom=0.0)
@@ -169,7 +164,7 @@ def refined(all_runs: AllRuns) -> Figure:
     drawing.thesis_axis(panel, 0.0, 18.0)
     marks = ((13, "k", "o"), (25, BLUE, "^"), (37, GREEN, "s"), (49, RED, "p"), (61, PURPLE, "h"))
     for count, color, mark in marks:
-        run = _series(all_runs, "in-line" if count == 13 else f"in-line-{count}")[0][1]
+        run = drawing.first_of(all_runs, "in-line" if count == 13 else f"in-line-{count}")
         label = f"{count} elements"
         panel.plot(
             run.cases.frequencies, run.marker(10), color=color, marker=mark, ms=5, mfc="none", lw=0.8, label=label

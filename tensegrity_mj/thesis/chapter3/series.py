@@ -19,14 +19,22 @@ from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.files import write_text
 from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.basics.kinds import choice, each, finite, flag, many, positive, text, whole
-from tensegrity_mj.errors import FormatError, OptionError, TensegrityError
+from tensegrity_mj.errors import FormatError
 from tensegrity_mj.library.cable import FASTENING_LENGTH, MARKERS, Excitation, Start, cable, refined
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.codec import read
 from tensegrity_mj.model.text.table import Table
 from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.simulation import versions
-from tensegrity_mj.studies.cable.cases import COARSENESS, Case, CaseResults, default_step, run_cases, simulated
+from tensegrity_mj.studies.cable.cases import (
+    COARSENESS,
+    Case,
+    CaseResults,
+    default_step,
+    point_of,
+    run_cases,
+    simulated,
+)
 from tensegrity_mj.studies.cable.frequencies import engine_frequencies
 from tensegrity_mj.studies.cable.spectrum import Spectrum, peaks_of, picked
 from tensegrity_mj.studies.cable.steps import FoundStep, steps_within
@@ -166,7 +174,12 @@ class Series:
         cases = [replace(case, scene=disturbed(case.scene, disturbance, ROPE)) for case in self.cases(engine)]
         error = {} if disturbance is None else {"disturbance": disturbance.plain}
         identity |= error
-        what = [identity, versions(), self.oscillations, [_identity(case) for case in cases]]
+        what = [
+            identity,
+            versions(),
+            self.oscillations,
+            [point_of(case, str(len(case.scene.structure.rods))) for case in cases],
+        ]
         place = place_of(folder, self.name, engine, what)
         how: dict[str, Any] = {"identity": identity, "workers": workers, "progress": progress}
         found = SeriesRun(self.name, engine.value)
@@ -227,14 +240,6 @@ def _timed(cases: Sequence[Case], found: SeriesRun, path: Path) -> tuple[float, 
     return tuple(times)
 
 
-def _identity(case: Case) -> dict[str, Any]:
-    return {
-        "elements": len(case.scene.structure.rods),
-        "settings": [case.frequency, case.excitation.value, case.amplitude, case.start.value, case.seed],
-        "engine": repr(case.engine),
-    }
-
-
 def hanging(elements: int) -> Scene:
     """The cable at rest."""
     return cable(elements, excitation=Excitation.NONE)
@@ -256,35 +261,3 @@ def read_series(path: Path) -> dict[str, Series]:
 
 
 SERIES: Mapping[str, Series] = read_series(FILE)
-
-
-def run_series(
-    names: Sequence[str],
-    engines: Sequence[EngineName],
-    folder: Path,
-    *,
-    workers: Workers | None = None,
-    progress: bool = False,
-    among: Mapping[str, Any] = SERIES,
-    disturbance: Disturbance | None = None,
-) -> tuple[dict[EngineName, dict[str, Any]], dict[tuple[EngineName, str], str]]:
-    """All these series in those of the engines that compute them, and why some could not be.
-
-    Args:
-        folder: exists; each series has a folder in it.
-        among: the series (or studies of beams) by name.
-        disturbance: of what is run.
-    """
-    runs: dict[EngineName, dict[str, Any]] = {engine: {} for engine in engines}
-    failures: dict[tuple[EngineName, str], str] = {}
-    for name in names:
-        for engine in engines:
-            if engine not in among[name].engines:
-                continue
-            try:
-                runs[engine][name] = among[name].compute(engine, folder, workers, progress, disturbance)
-            except OptionError:
-                raise
-            except TensegrityError as error:
-                failures[engine, name] = str(error)
-    return runs, failures
