@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from tensegrity_mj.runs.deformation import deformation, is_tower, rod_forces
 from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.studies.plain import value_at
 
 
 class Measure(NamedTuple):
@@ -61,16 +63,13 @@ def _mean_rod_force(run: Trajectory) -> Any:
 USUAL = ("final_error", "max_force_density", "min_margin", "energy_residual")
 
 
-def _report(name: str) -> Callable[[Trajectory], Any]:
-    return lambda run: run.reports.get(name)
+def _at(part: str, *keys: str) -> Callable[[Trajectory], Any]:
+    """What stands at the end of these keys in a run's reports, or its cost."""
+    return lambda run: value_at(getattr(run, part), keys)
 
 
-def _cost(name: str) -> Callable[[Trajectory], Any]:
-    return lambda run: run.cost.get(name)
-
-
-def _below(name: str) -> Callable[[Trajectory], Any]:
-    return lambda run: run.reports.get("nonpositive_rest_lengths", {}).get(name)
+_report, _cost = partial(_at, "reports"), partial(_at, "cost")
+BELOW = "nonpositive_rest_lengths"  # a report
 
 
 LAW = "as the law defines"
@@ -91,8 +90,8 @@ MEASURES: dict[str, Measure] = {
     "decay_error": Measure("", "largest relative error of V against V(0) exp(-δt)", _report("decay_error")),
     "energy_residual": Measure("J", "largest error of the energy balance", lambda run: run.energy_residual),
     "drift": Measure("", "largest error of bᵀb = 1", _report("drift")),
-    "nonpositive_rest_lengths": Measure("", "recorded samples with a rest length <= 0", _below("samples")),
-    "nonpositive_since": Measure("s", "when the first was, at any step", _below("first_time")),
+    "nonpositive_rest_lengths": Measure("", "recorded samples with a rest length <= 0", _report(BELOW, "samples")),
+    "nonpositive_since": Measure("s", "when the first was, at any step", _report(BELOW, "first_time")),
     "holding_ratio": Measure("", "largest ratio of what holding adds to the load", _report("largest_holding_ratio")),
     "steps": Measure("", "steps of the integrator", _cost("steps")),
     "evaluations": Measure("", "evaluations of the right-hand side", _cost("evaluations")),

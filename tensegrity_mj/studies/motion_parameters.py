@@ -55,55 +55,45 @@ def with_motions(scene: Scene, which: str | None, others: Sequence[str], path: s
 
 def _with_amplitude(path: str, axis: int | None, value: Any, motion: Motion) -> Motion:
     """A factor is of all that the motion makes, data too; a number is the length of all amplitudes, or a component."""
-    if isinstance(value, Scaled):
-        changed: dict[str, Any] = {
-            key: tuple(vector_from(path, value, axis, row) for row in getattr(motion, key))
-            for key in ("displacements", "velocities", "accelerations")
-        }
-        harmonics = [replace(h, amplitude=vector_from(path, value, axis, h.amplitude)) for h in motion.harmonics]
-        return replace(motion, harmonics=tuple(harmonics), **changed)
-    _no_data(path, motion)
     rows = [item.amplitude for item in motion.harmonics]
-    if axis is None and not isinstance(value, Sequence):
+    changed: dict[str, Any] = {}
+    if isinstance(value, Scaled):
+        for key in ("displacements", "velocities", "accelerations"):
+            changed[key] = tuple(vector_from(path, value, axis, row) for row in getattr(motion, key))
+    else:
+        _no_data(path, motion)
+    if axis is None and not isinstance(value, (Sequence, Scaled)):
         new = finite(path, value)
         now = _one(path, motion, "lengths of amplitudes", [math.hypot(*row) for row in rows])
         if now == 0:
             raise OptionError(
                 f"{path} = {value!r}: an amplitude of zero has no direction; give a list of three numbers"
             )
-        amplitudes = [_times(new / now, row) for row in rows]
-    else:
-        if axis is None:
-            _one(path, motion, "amplitudes", rows)
-        else:
-            _one(path, motion, "components of amplitudes", [row[axis] for row in rows])
-        amplitudes = [vector_from(path, value, axis, row) for row in rows]
-    harmonics = [replace(h, amplitude=row) for h, row in zip(motion.harmonics, amplitudes, strict=True)]
-    return replace(motion, harmonics=tuple(harmonics))
+        return _with(motion, "amplitude", [_times(new / now, row) for row in rows])
+    if not changed and axis is None:
+        _one(path, motion, "amplitudes", rows)
+    elif not changed and axis is not None:
+        _one(path, motion, "components of amplitudes", [row[axis] for row in rows])
+    return _with(motion, "amplitude", [vector_from(path, value, axis, row) for row in rows], **changed)
 
 
 def _with_frequency(path: str, unit: float, value: Any, motion: Motion) -> Motion:
     """A factor is one of the pace of all that the motion makes, data too; what stands still goes on standing."""
-    moving = [item.angular_frequency for item in motion.harmonics if item.angular_frequency]
-    if isinstance(value, Scaled):
-        pace = value.factor
-        if motion.times and pace <= 0:
-            raise OptionError(f"{path} = {value}: the motion of '{motion.support}' has data; their pace must be > 0")
-    else:
+    omegas = [item.angular_frequency for item in motion.harmonics]
+    moving = [omega for omega in omegas if omega]
+    if not isinstance(value, Scaled):
         _no_data(path, motion)
         new = unit * finite(path, value)
         if moving:
             _one(path, motion, "frequencies", moving)
-    harmonics = []
-    for item in motion.harmonics:
-        omega = item.angular_frequency * pace if isinstance(value, Scaled) else new
-        still = moving and not item.angular_frequency
-        harmonics.append(item if still else replace(item, angular_frequency=omega))
-    if not motion.times:
-        return replace(motion, harmonics=tuple(harmonics))
-    return replace(
+        return _with(motion, "angular_frequency", [new if omega or not moving else omega for omega in omegas])
+    pace = value.factor
+    if motion.times and pace <= 0:
+        raise OptionError(f"{path} = {value}: the motion of '{motion.support}' has data; their pace must be > 0")
+    return _with(
         motion,
-        harmonics=tuple(harmonics),
+        "angular_frequency",
+        [omega * pace if omega else omega for omega in omegas],
         times=tuple(time / pace for time in motion.times),
         velocities=tuple(_times(pace, row) for row in motion.velocities),
         accelerations=tuple(_times(pace**2, row) for row in motion.accelerations),
@@ -118,8 +108,13 @@ def _with_phase(path: str, value: Any, motion: Motion) -> Motion:
         raise OptionError(f"{path}: nothing of the motion of '{motion.support}' has a frequency")
     now = _one(path, motion, "phases", moving)
     new = number_from(path, value, now)
-    harmonics = (replace(h, phase=new) if h.angular_frequency else h for h in motion.harmonics)
-    return replace(motion, harmonics=tuple(harmonics))
+    return _with(motion, "phase", [new if h.angular_frequency else h.phase for h in motion.harmonics])
+
+
+def _with(motion: Motion, name: str, values: Sequence[Any], **changed: Any) -> Motion:
+    """The motion with these values of a part of its harmonics, and what else is changed."""
+    harmonics = (replace(h, **{name: value}) for h, value in zip(motion.harmonics, values, strict=True))
+    return replace(motion, harmonics=tuple(harmonics), **changed)
 
 
 def _no_data(path: str, motion: Motion) -> None:

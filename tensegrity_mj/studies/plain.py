@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -45,6 +45,13 @@ def _check(value: Any, what: str) -> None:
             f"{what} is of type {type(value).__name__}; it must be a plain value: a number, a text, a truth value, "
             "None, or lists and dicts of them"
         )
+
+
+def value_at(values: Any, keys: Sequence[str]) -> Any:
+    """What stands among values at the end of these keys; None where one of them is not there."""
+    for key in keys:
+        values = None if values is None else values.get(key)
+    return values
 
 
 def canonical(value: Any) -> str:

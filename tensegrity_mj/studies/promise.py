@@ -20,9 +20,11 @@ from tensegrity_mj.runs.convergence import node_difference, way_of
 from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.studies.many import Study, run_many
 from tensegrity_mj.studies.promise_experiments import Kind
+from tensegrity_mj.studies.report import Report
 from tensegrity_mj.studies.workers import Workers
 
-DATA, PAGE = "promise.json", "promise.html"
+Values = Mapping[str, Any]
+
 WITHIN, BEYOND = 0.995, 3.0  # what is promised: the part that is within the request, and that none is so far beyond
 UNKNOWN = 0.05  # most of the experiments may have references that differ
 IDLE = 10.0  # a run that moves by less than so many times its request is no trial of it
@@ -86,56 +88,34 @@ def measure(point: Mapping[str, Any]) -> dict[str, Any]:
     return row | {"outcome": "measured"}
 
 
-@dataclass(frozen=True)
-class Promise:
-    """The study of the promise.
+@dataclass(frozen=True, eq=False)
+class Promise(Report):
+    """The study of the promise; `rows` of its data are one an experiment, as `measure` returns it, or "failed"."""
 
-    Attributes:
-        rows: one an experiment, as `measure` returns it, or with outcome "failed".
-        seed: of the experiments.
-        folder: where it is kept, or None.
-        kind: what was drawn from.
-    """
+    NAME, PAGE = "promise", "tensegrity_mj.studies.promise_page:write_promise_page"
 
-    rows: tuple[dict[str, Any], ...]
-    seed: int
-    folder: Path | None
-    kind: Kind = Kind.RANDOM
-
-    @property
-    def fractions(self) -> dict[str, Any]:
-        """The four promises, each with what it was measured on."""
-        known = [row for row in self.rows if row["outcome"] == "measured"]
-        smooth = [row for row in known if row["smooth"]]
-        met = [row for row in known if row["met"]]
-        return {
-            "runs": len(self.rows),
-            "outcomes": {name: sum(row["outcome"] == name for row in self.rows) for name in OUTCOMES},
-            "within": _part(row["error"] <= row["requested"] for row in known),
-            "within_if_met": _part(row["error"] <= row["requested"] for row in met),
-            "silently_beyond": [row["number"] for row in met if row["error"] > BEYOND * row["requested"]],
-            "estimate_below_error": _part(row["estimate"] < row["error"] for row in known if row["settled"]),
-            "cost": _ratios(row["cost_ratio"] for row in met if "cost_ratio" in row),
-            "cost_of": {
-                name: _ratios(row["cost_ratio"] for row in met if row["engine"] == name and "cost_ratio" in row)
-                for name in sorted({row["engine"] for row in met})
-            },
-            "cost_by_luck": _ratios(row["lucky_ratio"] for row in met if "lucky_ratio" in row),
-            "unsettled_smooth": _part(not row["settled"] for row in smooth),
-            "unmet": _part(not row["met"] for row in known),
-            "idle": _part(row["moved"] <= IDLE * row["requested"] for row in known),
-            "no_truth": _part(row["outcome"] == "no truth" for row in self.rows),
+    @classmethod
+    def of(cls, rows: Sequence[Values], seed: int, kind: Kind = Kind.RANDOM, folder: Path | None = None) -> Promise:
+        """The study of experiments' rows, with the seed of these and what they were drawn from."""
+        data = {
+            "seed": seed,
+            "kind": kind.value,
+            "promised": {"within": WITHIN, "beyond": BEYOND, "unknown": UNKNOWN},
+            "fractions": fractions(rows),
+            "failures": [row["number"] for row in rows if _broken(row)],
+            "rows": list(rows),
         }
+        return cls(data, folder)
 
     @property
     def failures(self) -> list[dict[str, Any]]:
         """The experiments that broke a promise, each with why."""
-        return [row | {"broken": ", ".join(broken)} for row in self.rows if (broken := _broken(row))]
+        return [row | {"broken": ", ".join(broken)} for row in self.data["rows"] if (broken := _broken(row))]
 
     @property
     def summary(self) -> list[tuple[str, str, Mark | None]]:
         """The promises in words and numbers, each with what it means where there is an aim."""
-        now = self.fractions
+        now = self.data["fractions"]
 
         def part(name: str) -> str:
             one = now[name]
@@ -154,7 +134,7 @@ class Promise:
         within = mark(now["within_if_met"]["count"] >= WITHIN * now["within_if_met"]["of"], Mark.BAD)
         silent = len(now["silently_beyond"])
         return [
-            ("experiments", f"{now['runs']}, seed {self.seed}: {ended}", None),
+            ("experiments", f"{now['runs']}, seed {self.data['seed']}: {ended}", None),
             ("of which two references differ", f"{part('no_truth')}; at most {100 * UNKNOWN:g} %", known),
             (f"moved less than {IDLE:g} times the request", part("idle"), None),
             ("true error within the request, where met", f"{part('within_if_met')}; aim {100 * WITHIN:g} %", within),
@@ -167,19 +147,33 @@ class Promise:
             ("requests not met, reported so", part("unmet"), mark(not now["unmet"]["count"])),
         ]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Everything, as plain values."""
-        return {
-            "seed": self.seed,
-            "kind": self.kind.value,
-            "promised": {"within": WITHIN, "beyond": BEYOND, "unknown": UNKNOWN},
-            "fractions": self.fractions,
-            "failures": [row["number"] for row in self.failures],
-            "rows": list(self.rows),
-        }
-
 
 OUTCOMES = ("measured", "stopped", "no truth", "refused", "failed")
+
+
+def fractions(rows: Sequence[Values]) -> dict[str, Any]:
+    """The four promises, each with what it was measured on."""
+    known = [row for row in rows if row["outcome"] == "measured"]
+    smooth = [row for row in known if row["smooth"]]
+    met = [row for row in known if row["met"]]
+    return {
+        "runs": len(rows),
+        "outcomes": {name: sum(row["outcome"] == name for row in rows) for name in OUTCOMES},
+        "within": _part(row["error"] <= row["requested"] for row in known),
+        "within_if_met": _part(row["error"] <= row["requested"] for row in met),
+        "silently_beyond": [row["number"] for row in met if row["error"] > BEYOND * row["requested"]],
+        "estimate_below_error": _part(row["estimate"] < row["error"] for row in known if row["settled"]),
+        "cost": _ratios(row["cost_ratio"] for row in met if "cost_ratio" in row),
+        "cost_of": {
+            name: _ratios(row["cost_ratio"] for row in met if row["engine"] == name and "cost_ratio" in row)
+            for name in sorted({row["engine"] for row in met})
+        },
+        "cost_by_luck": _ratios(row["lucky_ratio"] for row in met if "lucky_ratio" in row),
+        "unsettled_smooth": _part(not row["settled"] for row in smooth),
+        "unmet": _part(not row["met"] for row in known),
+        "idle": _part(row["moved"] <= IDLE * row["requested"] for row in known),
+        "no_truth": _part(row["outcome"] == "no truth" for row in rows),
+    }
 
 
 def promise(
@@ -199,7 +193,7 @@ def promise(
     runs, seed = whole("runs", runs, 1), whole("seed", seed, 0)
     points = [{"seed": seed, "number": number, "kind": kind.value} for number in range(runs)]
     study = run_many(measure, points, folder, workers=workers, progress=progress, label="promise")
-    return Promise(_rows(study), seed, None if folder is None else Path(folder), kind)
+    return Promise.of(_rows(study), seed, kind, None if folder is None else Path(folder)).kept()
 
 
 def _rows(study: Study) -> tuple[dict[str, Any], ...]:

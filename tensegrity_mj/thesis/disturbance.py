@@ -138,10 +138,9 @@ def _scaled(scene: Scene, factor: float) -> Scene:
     rods = tuple(_scaled_support(rod, factor) for rod in structure.rods)
     nodes = dict(zip(structure.nodes, (factor * structure.positions).tolist(), strict=True))
     changes: dict[str, Any] = {"structure": replace(structure, nodes=nodes, rods=rods)}
-    if scene.initial_nodes is not None:
-        changes["initial_nodes"] = factor * np.asarray(scene.initial_nodes)
-    if scene.initial_velocities is not None:
-        changes["initial_velocities"] = factor * np.asarray(scene.initial_velocities)
+    for name in ("initial_nodes", "initial_velocities"):
+        if getattr(scene, name) is not None:
+            changes[name] = factor * np.asarray(getattr(scene, name))
     if scene.target is not None:
         changes["target"] = _scaled_target(scene.target, factor)
     return scene.with_(**changes)
@@ -157,5 +156,4 @@ def _scaled_support(rod: Rod, factor: float) -> Rod:
 def _scaled_target(target: Target, factor: float) -> Target:
     if target.along is None:
         return Target.path(target.times, factor * np.asarray(target.nodes))
-    along = target.along
-    return replace(target, along=replace(along, shapes=factor * np.asarray(along.shapes)))
+    return replace(target, along=replace(target.along, shapes=factor * np.asarray(target.along.shapes)))

@@ -17,9 +17,8 @@ from multipliers import nodes_of
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.studies import promise_truth
-from tensegrity_mj.studies.promise import BEYOND, Promise, measure
+from tensegrity_mj.studies.promise import BEYOND, Promise, fractions, measure
 from tensegrity_mj.studies.promise_experiments import Kind, draw
-from tensegrity_mj.studies.promise_page import write_promise
 
 
 def row(number: int, **changes: Any) -> dict[str, Any]:
@@ -61,7 +60,7 @@ ROWS = (
 
 
 def test_how_promises_are_counted() -> None:
-    found = Promise(ROWS, 1, None).fractions
+    found = fractions(ROWS)
     assert found["runs"] == 9
     assert found["outcomes"] == {"measured": 6, "stopped": 1, "no truth": 1, "refused": 0, "failed": 1}
     assert (found["within"]["count"], found["within"]["of"]) == (3, 6)
@@ -78,7 +77,7 @@ def test_how_promises_are_counted() -> None:
 
 
 def test_failures_are_listed_with_what_they_broke() -> None:
-    broken = {one["number"]: one["broken"] for one in Promise(ROWS, 1, None).failures}
+    broken = {one["number"]: one["broken"] for one in Promise.of(ROWS, 1).failures}
     assert broken == {
         1: "beyond",
         2: "beyond 3 times, reported as met",
@@ -88,7 +87,7 @@ def test_failures_are_listed_with_what_they_broke() -> None:
 
 
 def test_nothing_measured_is_no_division_by_zero() -> None:
-    found = Promise(ROWS[6:], 1, None).fractions
+    found = fractions(ROWS[6:])
     assert math.isnan(found["within"]["fraction"])
     assert math.isnan(found["cost"]["median"])
 
@@ -189,16 +188,15 @@ def test_the_references_agree_with_a_third_coding() -> None:
 
 
 def test_the_page_and_the_data(tmp_path: Path) -> None:
-    page = write_promise(tmp_path, Promise(ROWS, 1, tmp_path))
-    text = page.read_text(encoding="utf-8")
+    Promise.of(ROWS, 1, folder=tmp_path).kept()
+    text = (tmp_path / "promise.html").read_text(encoding="utf-8")
     assert "at a pole" in text
     assert "beyond 3 times, reported as met" in text
     # The verdict, then findings, the worst first: rows 0 and 4 of the four that report so are met; 3, 3, 7 their costs.
     assert "2 of 4 accuracies reported as met were met, at a median of 3 times" in text
     marks = re.findall(r'class="mark (\w+)', text)
     assert marks == ["bad", "bad", "limited", "limited", "limited"]
-    (tmp_path / "kept").mkdir()
-    first = write_promise(tmp_path / "kept", Promise(ROWS[:1], 1, tmp_path)).read_text(encoding="utf-8")
+    first = Promise.of(ROWS[:1], 1).save_page(tmp_path / "kept.html").read_text(encoding="utf-8")
     assert re.findall(r'class="mark (\w+)', first) == ["good"] * 5
     assert "Promises broken" not in first
     data = json.loads((tmp_path / "promise.json").read_text(encoding="utf-8"))
@@ -220,7 +218,7 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
 def test_the_promise_holds_on_a_few(kind: Kind) -> None:
     """Not the study itself, which takes half an hour of a core."""
     rows = [{"number": n, **measure({"seed": 21, "number": n, "kind": kind.value})} for n in range(3, 12)]
-    found = Promise(tuple(rows), 21, None, kind).fractions
+    found = fractions(rows)
     assert found["outcomes"]["failed"] == found["outcomes"]["refused"] == 0
     assert found["silently_beyond"] == []
     assert found["within_if_met"]["fraction"] == 1.0

@@ -268,7 +268,7 @@ def test_the_summary_says_what_a_user_can_act_on(report: Any) -> None:
         "Tolerates a delay of up to 1 sample of 5 ms (infeasible at 1.5 s with more)."
     )
     assert say(delay, "delay", "diverged", "converged", "converged", **one_two_three) == (
-        "Does not tolerate a delay of 1 × 5 ms (diverged at 1.5 s)."
+        "Does not tolerate a delay of 1 sample of 5 ms (diverged at 1.5 s)."
     )
     breaks = _break_sentences
     assert say(breaks, "breaks", "converged", "infeasible", "mirrored", string=["s1", "s2", "s3"]) == (

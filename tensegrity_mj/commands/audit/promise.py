@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from tensegrity_mj import studies
-from tensegrity_mj.commands.common import Outcome, table
+from tensegrity_mj.commands.common import Outcome, table, wrote
 
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run the study."""
     from tensegrity_mj.studies.promise import promise
     from tensegrity_mj.studies.promise_experiments import Kind
-    from tensegrity_mj.studies.promise_page import write_promise
 
     found = promise(
         options.runs,
@@ -23,6 +21,5 @@ def execute(options: argparse.Namespace) -> Outcome:
         workers=studies.Workers(options.workers),
         progress=True,
     )
-    data: dict[str, Any] = found.to_dict() | {"status": "completed", "folder": options.out}
-    notes = () if options.out is None else (f"wrote {write_promise(options.out, found)}",)
-    return Outcome(data, table([line[:2] for line in found.summary]), notes=notes)
+    data = found.data | {"status": "completed", "folder": options.out}
+    return Outcome(data, table([line[:2] for line in found.summary]), notes=wrote(found.folder, "promise.html"))

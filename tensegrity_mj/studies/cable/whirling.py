@@ -60,7 +60,9 @@ def whirl(
         raise OptionError(f"whirl: a window of {length:g} s fits less than twice into {t[-1] - t[0]:g} s")
     velocity = np.gradient(motion, t, axis=1) if rates is None else np.stack([np.asarray(one, float) for one in rates])
     amplitude = _amplitudes(t, motion, length, count)
-    return Whirl(_growth(amplitude, length), _gain(amplitude[1]), _turning(t, motion, velocity))
+    out = amplitude[1]
+    gain = float(out.max() / out[0]) if out[0] > 0 else float("nan")
+    return Whirl(_growth(amplitude, length), gain, _turning(t, motion, velocity))
 
 
 def _amplitudes(t: Array, motion: Array, length: float, count: int) -> Array:
@@ -79,10 +81,6 @@ def _growth(amplitude: Array, length: float) -> float:
     if len(small) < 3:
         return float("nan")
     return float(np.polyfit(small * length, np.log(out[small]), 1)[0])
-
-
-def _gain(out: Array) -> float:
-    return float(out.max() / out[0]) if out[0] > 0 else float("nan")
 
 
 def _turning(t: Array, motion: Array, velocity: Array) -> float:

@@ -16,7 +16,7 @@ from tensegrity_mj.engines.reports import DECAY_WARNING
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.studies.attempt import DONE
-from tensegrity_mj.studies.validation.measures import value_at
+from tensegrity_mj.studies.plain import value_at
 from tensegrity_mj.studies.validation.sections import SECTIONS, Case, Setup
 from tensegrity_mj.studies.validation.sentences import GOOD, STOPPED, Data, summary
 

@@ -5,7 +5,6 @@ Everything is of the recorded samples: a run is recorded at every control sample
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -50,13 +49,6 @@ def of_run(run: Trajectory, promised_rate: float | None = None, floor: ArrayLike
         "energy_residual": run.energy_residual,
         "warnings": list(run.reports.get("warnings", [])),
     }
-
-
-def value_at(values: Any, keys: Sequence[str]) -> Any:
-    """What stands among values at the end of these keys; None where one of them is not there."""
-    for key in keys:
-        values = None if values is None else values.get(key)
-    return values
 
 
 def target_error(run: Trajectory) -> Values | None:

@@ -13,8 +13,8 @@ from tensegrity_mj.basics.texts import shortened
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.pictures.findings import Finding, Mark, mark_of, opening_of
 from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
+from tensegrity_mj.studies.plain import value_at
 from tensegrity_mj.studies.validation import figures
-from tensegrity_mj.studies.validation.measures import value_at
 from tensegrity_mj.studies.validation.sections import SECTIONS
 from tensegrity_mj.studies.validation.sentences import GOOD, title
 

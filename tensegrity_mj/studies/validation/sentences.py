@@ -176,13 +176,8 @@ def _noise_sentences(setup: Setup, section: str, part: Data) -> list[str]:
 
 def _delay_sentences(setup: Setup, section: str, part: Data) -> list[str]:
     own = sorted(part["rows"], key=lambda one: one["samples"])
-    good = _first_good(own)
-    if good is None:
-        first = f"{own[0]['samples']} × {1e3 * setup.period:g} ms ({_outcomes(own[:1])})"
-        return [f"Does not tolerate a delay of {first}."]
-    more = " (more was not tried)" if good is own[-1] else f" ({_outcomes([own[own.index(good) + 1]])} with more)"
-    samples = "1 sample" if good["samples"] == 1 else f"{good['samples']} samples"
-    return [f"Tolerates a delay of up to {samples} of {1e3 * setup.period:g} ms{more}."]
+    counts = ["1 sample" if one["samples"] == 1 else f"{one['samples']} samples" for one in own]
+    return [_tolerated(own, [f"{count} of {1e3 * setup.period:g} ms" for count in counts], "a delay")]
 
 
 def _break_sentences(setup: Setup, section: str, part: Data) -> list[str]:
@@ -241,22 +236,11 @@ def _tolerated(own: Sequence[Data], amounts: Sequence[str], what: str) -> str:
     """Up to which amount, one a row and growing, runs converge."""
     if not own:
         return ""
-    good = _first_good(own)
-    if good is None:
+    good = next((place for place, one in enumerate(own) if one["outcome"] not in GOOD), len(own))  # the first ones
+    if not good:
         return f"Does not tolerate {what} of {amounts[0]} ({_outcomes(own[:1])})."
-    last = own.index(good)
-    more = " (more was not tried)" if good is own[-1] else f" ({_outcomes([own[last + 1]])} with more)"
-    return f"Tolerates {what} of up to {amounts[last]}{more}."
-
-
-def _first_good(own: Sequence[Data]) -> Data | None:
-    """The last row before the first that does not converge."""
-    best = None
-    for one in own:
-        if one["outcome"] not in GOOD:
-            break
-        best = one
-    return best
+    more = f" ({_outcomes([own[good]])} with more)" if good < len(own) else " (more was not tried)"
+    return f"Tolerates {what} of up to {amounts[good - 1]}{more}."
 
 
 def _listed(rows: Sequence[Data]) -> str:

@@ -36,9 +36,3 @@ def candidate_in_angles_off(run: Trajectory, number: int) -> float:
     mixed = rate * np.sin(phi) * (np.cos(phi) if number == 3 else 1.0)
     turning = 0.75 * (np.sin(phi) * way.theta_rate) ** 2
     return float(np.abs(first + mixed + 0.75 * rate**2 + turning - run.lyapunov).max())
-
-
-def controls_apart(run: Trajectory, other: Trajectory) -> float:
-    """RMS difference of the u from those of another run, over the RMS of these."""
-    difference = np.linalg.norm(run.force_densities - other.force_densities)
-    return float(difference / np.linalg.norm(other.force_densities))
