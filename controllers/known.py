@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.checks import real_array
+from tensegrity_mj.basics.checks import instance, real_array
 from tensegrity_mj.dynamics.native.elements import native_element
 from tensegrity_mj.dynamics.native.pointers import address_of
 from tensegrity_mj.errors import OptionError
@@ -90,8 +90,7 @@ def set_model(law: Any) -> None:
     Raises:
         OptionError, SceneError: for what cannot be its model.
     """
-    if not isinstance(law.structure, Structure):
-        raise OptionError(f"structure = {law.structure!r}; use a Structure (scene.structure)")
+    instance("structure", law.structure, Structure, "use a Structure (scene.structure)")
     if law.target is None:
         raise OptionError("target = None: the law needs a target; give node positions (N, 3) or a Target")
     target = law.target if isinstance(law.target, Target) else Target.set_point(law.target)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import finite, positive
+from tensegrity_mj.basics.checks import finite, instance, positive
 from tensegrity_mj.controllers.lyapunov import Lyapunov
 from tensegrity_mj.controllers.projection import Projection
 from tensegrity_mj.controllers.quadratic_terms import Onto
@@ -119,8 +119,7 @@ def angles(run: Trajectory, rod: str | None = None) -> Angles:
     Raises:
         OptionError: no such rod, no target, or one that moves.
     """
-    if not isinstance(run, Trajectory):
-        raise OptionError(f"run = {run!r}; use a Trajectory, as of simulate or Trajectory.load")
+    instance("run", run, Trajectory, "use a Trajectory, as of simulate or Trajectory.load")
     structure = run.scene.structure
     number = _rod_number(structure, rod)
     aim = target_positions(structure, run.scene.target, run.time)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import finite, member, real_array, sequence_of
+from tensegrity_mj.basics.checks import finite, instance, member, real_array, sequence_of
 from tensegrity_mj.controllers.allocation_options import Allocation, Sum, WhenInfeasible
 from tensegrity_mj.controllers.limits import StringLimits
 from tensegrity_mj.controllers.quadratic_program import NO_POINT, SETTLED, Program, columns_of, maximize_dual
@@ -56,10 +56,8 @@ class Allocator:
     """
 
     def __init__(self, allocation: Allocation, structure: Structure, equations: Sequence[Equation]) -> None:
-        if not isinstance(allocation, Allocation):
-            raise OptionError(f"allocation = {allocation!r}; use Allocation(...)")
-        if not isinstance(structure, Structure):
-            raise OptionError(f"structure = {structure!r}; use a Structure (scene.structure)")
+        instance("allocation", allocation, Allocation, "use Allocation(...)")
+        instance("structure", structure, Structure, "use a Structure (scene.structure)")
         if not isinstance(allocation.respect_limits, (bool, np.bool_)):
             raise OptionError(f"respect_limits = {allocation.respect_limits!r}; allowed: True, False")
         member("on_infeasible", allocation.on_infeasible, WhenInfeasible)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from tensegrity_mj.basics.checks import instance
 from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.controllers.known import KnownWater
 from tensegrity_mj.controllers.own import OwnLaw, found, is_own, named
@@ -27,8 +28,7 @@ def from_scene(scene: Scene, law: str | None = None, **overrides: Any) -> Any:
         OptionError: if there is no law or an unknown one, no target, no string, or an option that the law has not; if
             a law of your own cannot be made.
     """
-    if not isinstance(scene, Scene):
-        raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
+    instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
     where = f"scene '{scene.name}'"
     if law is None and scene.control is None:
         raise OptionError(

@@ -121,19 +121,14 @@ def _code_of_error(error: TensegrityError) -> ExitCode:
     return next((code for kind, code in kinds.items() if isinstance(error, kind)), ExitCode.BAD_INPUT)
 
 
-_STATUS = {
-    ExitCode.INFEASIBLE: "infeasible",
-    ExitCode.DIVERGED: "diverged",
-    ExitCode.INTERRUPTED: "interrupted",
-}
+_STATUSES = (ExitCode.INFEASIBLE, ExitCode.DIVERGED, ExitCode.INTERRUPTED)
 
 
 def _fail(code: ExitCode, message: str, as_json: bool) -> int:
     message = printable_message(message)
     print(f"tensegrity-mj: {message}", file=sys.stderr)
     if as_json:
-        data: dict[str, Any] = {"status": _STATUS.get(code, "error"), "error": message}
-        _print(to_json(data))
+        _print(to_json({"status": code.name.lower() if code in _STATUSES else "error", "error": message}))
     return int(code)
 
 

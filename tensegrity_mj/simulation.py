@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics import interrupts
-from tensegrity_mj.basics.checks import member, positive
+from tensegrity_mj.basics.checks import instance, member, positive
 from tensegrity_mj.dynamics.native.law import Law, native_law
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.engines.requirements import require
@@ -72,8 +72,7 @@ def simulate(
         ControllerError: when the law fails or returns something that is no control.
         SceneError: where a support's motion, given as data, ends on its way within the run.
     """
-    if not isinstance(scene, Scene):
-        raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
+    instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
     if engine is None:
         from tensegrity_mj.engines.mujoco.engine import MuJoCo
 
@@ -135,8 +134,7 @@ def request_for(
         SceneError: where a support's motion, given as data, ends on its way within the run.
     """
     actuation = actuation or Actuation.continuous()
-    if not isinstance(actuation, Actuation):
-        raise OptionError(f"actuation = {actuation!r}; use Actuation.continuous() or one of the hold modes")
+    instance("actuation", actuation, Actuation, "use Actuation.continuous() or one of the hold modes")
     member("on_infeasible", on_infeasible, OnInfeasible)
     total = scene.duration if duration is None else duration
     total = positive("duration", total, "s")

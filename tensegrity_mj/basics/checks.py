@@ -91,6 +91,12 @@ def member(what: str, value: Any, kind: type[enum.Enum]) -> None:
         raise OptionError(f"{what} = {value_text(value)}; it must be one of {', '.join(map(str, kind))}")
 
 
+def instance(what: str, value: Any, of: type, remedy: str) -> None:
+    """Raise OptionError unless the value is of a class; `remedy` says what to give."""
+    if not isinstance(value, of):
+        raise OptionError(f"{what} = {value_text(value)}; {remedy}")
+
+
 def choice_from(path: str, kind: type[enum.Enum], value: Any) -> Any:
     """The member of an enum with that value, in which - may stand for spaces; OptionError where there is none."""
     found = kinds.member_of(kind, value) if isinstance(value, str) else None

@@ -51,12 +51,7 @@ class Outcome:
 
 def code_of_status(status: Status) -> ExitCode:
     """The exit code of a run that ended with a status."""
-    return {
-        "completed": ExitCode.SUCCESS,
-        "infeasible": ExitCode.INFEASIBLE,
-        "diverged": ExitCode.DIVERGED,
-        "singular": ExitCode.SINGULAR,
-    }[status.value]
+    return ExitCode.SUCCESS if status.value == "completed" else ExitCode[status.name]
 
 
 def wrote(folder: Path | None, page: str) -> tuple[str, ...]:

@@ -92,12 +92,8 @@ def law_option(text: str) -> tuple[str, Any]:
 
 def actuation_of(options: argparse.Namespace) -> model.Actuation:
     """What is held between control samples."""
-    match options.actuation:
-        case "hold-force-density":
-            return model.Actuation.hold_force_density(options.control_period)
-        case "hold-rest-length":
-            return model.Actuation.hold_rest_length(options.control_period)
-    return model.Actuation.continuous()
+    held = options.actuation
+    return model.Actuation.continuous() if held is None else model.Actuation(held, options.control_period)
 
 
 def simulated(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import tensegrity_mj.library as library
 from tensegrity_mj import model
 from tensegrity_mj.basics.files import table_beside
+from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.commands.common import Outcome, number, table
 
 if TYPE_CHECKING:
@@ -78,26 +79,12 @@ def describe(scene: model.Scene, timing: bool = False) -> dict[str, Any]:
         "valid": True,
         "nodes": dict(structure.nodes),
         "rods": [
-            {
-                "name": rod.name,
-                "nodes": rod.nodes,
-                "mass": rod.mass,
-                "length": float(length),
-                "support": support_text(rod),
-                "sigma": rod.support.sigma,
-                "group": rod.group,
-            }
+            plain_values(rod, "name", "nodes", "mass", "group")
+            | {"length": float(length), "support": support_text(rod), "sigma": rod.support.sigma}
             for rod, length in zip(structure.rods, structure.rod_lengths, strict=True)
         ],
         "strings": [
-            {
-                "name": string.name,
-                "nodes": string.nodes,
-                "stiffness": string.stiffness,
-                "damping": string.damping,
-                "rest_length": float(rest_length),
-                "group": string.group,
-            }
+            plain_values(string, "name", "nodes", "stiffness", "damping", "group") | {"rest_length": float(rest_length)}
             for string, rest_length in zip(structure.strings, structure.rest_lengths, strict=True)
         ],
         "fixed_nodes": structure.fixed_nodes,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import tensegrity_mj.library as library
 from tensegrity_mj import model, runs, statics
@@ -27,6 +26,8 @@ from tensegrity_mj.errors import OptionError
 
 MATERIALS = ("aluminium", "steel", "uhmwpe")  # names of statics.materials, in small letters
 count = partial(whole, most=10_000)
+Vector = tuple[float, float, float]
+AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 SECONDS = 2.0  # of a mode's video a period
 
 
@@ -59,7 +60,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         rods=statics.Rods(options.rods),
         search=statics.Search(options.method),
         loads=loads or None,
-        holds=_holds(options.hold or ()),
+        holds=[statics.Hold(*one) for one in options.hold or ()],
         broken=options.broken or (),
         rest_lengths=dict(options.rest_length) if options.rest_length else None,
         path=options.path,
@@ -81,7 +82,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         sized_scene = scene.with_(structure=study.sizing.structure, initial_nodes=None, initial_velocities=None)
         model.save_scene(sized_scene, sized)
     if video is not None and study.modes is not None:
-        _film(study, mode, video)
+        _film(study.modes, mode, video)
     written = [path for path in (folder, saved, sized, video) if path is not None and path.exists()]
     lines = table([*study.describe(), *(("written", str(path)) for path in written)])
     files = {"out": folder, "saved_scene": saved, "saved_sized": sized, "mode_video": video}
@@ -89,12 +90,10 @@ def execute(options: argparse.Namespace) -> Outcome:
     return Outcome(data, lines, ExitCode.SUCCESS if study.state is not None else ExitCode.INFEASIBLE)
 
 
-def _film(study: statics.StaticStudy, mode: int, video: Path) -> None:
+def _film(modes: statics.Modes, mode: int, video: Path) -> None:
     from tensegrity_mj.pictures.video import render
 
-    if study.modes is None:
-        return
-    motion = statics.mode_trajectory(study.modes, mode - 1)
+    motion = statics.mode_trajectory(modes, mode - 1)
     period = float(motion.time[-1]) / 2
     render(motion, video, speed=period / SECONDS, traces=False, target=False, progress=True)
 
@@ -111,14 +110,6 @@ def _video(options: argparse.Namespace) -> tuple[int, Path | None]:
     return int(number), output_file(name, "--mode-video", (".mp4",))
 
 
-def _holds(given: Any) -> list[statics.Hold]:
-    axes = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-    return [
-        statics.Hold(nodes, None if not letters else tuple(axes[letter] for letter in letters), moved)
-        for nodes, letters, moved in given
-    ]
-
-
 def _sizes(options: argparse.Namespace) -> statics.Materials | None:
     if options.size is None:
         return None
@@ -129,7 +120,7 @@ def _sizes(options: argparse.Namespace) -> statics.Materials | None:
 # ------------------------------------------------------------------------------------------------- argparse types
 
 
-def _three(text: str, example: str) -> tuple[float, float, float]:
+def _three(text: str, example: str) -> Vector:
     parts = text.split(",")
     if len(parts) != 3:
         raise argparse.ArgumentTypeError(f"{text!r}: write three numbers, for example {example}")
@@ -137,7 +128,7 @@ def _three(text: str, example: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def vector(text: str) -> tuple[str, tuple[float, float, float]]:
+def vector(text: str) -> tuple[str, Vector]:
     """argparse type: a node and a force on it."""
     name, equals, value = text.partition("=")
     if not equals or not name:
@@ -153,8 +144,8 @@ def length(text: str) -> tuple[str, float]:
     return name, positive(value)
 
 
-def hold(text: str) -> tuple[tuple[str, ...], str, tuple[float, float, float]]:
-    """argparse type: nodes, letters of directions, and how far they are moved."""
+def hold(text: str) -> tuple[tuple[str, ...], tuple[Vector, ...] | None, Vector]:
+    """argparse type: nodes, the directions in which they are held (None: all), and how far they are moved."""
     where, equals, value = text.partition("=")
     names, _, letters = where.partition(":")
     nodes = tuple(names.split(","))
@@ -163,7 +154,8 @@ def hold(text: str) -> tuple[tuple[str, ...], str, tuple[float, float, float]]:
         raise argparse.ArgumentTypeError(
             f"{text!r}: write NODES[:DIRECTIONS][=X,Y,Z], for example t1,t2:xy or t1,t2:z=0,0,-0.1"
         )
-    return nodes, letters, _three(value, "t1:z=0,0,-0.1") if equals else (0.0, 0.0, 0.0)
+    directions = tuple(AXES[letter] for letter in letters)
+    return nodes, directions or None, _three(value, "t1:z=0,0,-0.1") if equals else (0.0, 0.0, 0.0)
 
 
 def materials(text: str) -> tuple[str, str]:

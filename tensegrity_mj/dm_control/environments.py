@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import member, positive, real_array
+from tensegrity_mj.basics.checks import instance, member, positive, real_array
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.dm_control.episodes import RandomStart, Reward, Termination
 from tensegrity_mj.dm_control.models import physics
@@ -74,8 +74,7 @@ class SceneEnvironment:
     def __call__(self) -> Environment:
         scene, action, start = self.scene, self.action, self.start
         reward, termination = self.reward, self.termination
-        if not isinstance(scene, Scene):
-            raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
+        instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
         member("action", action, Command)
         timestep = positive("timestep", self.timestep, "s")
         control_timestep = positive("control_timestep", self.control_timestep, "s")

@@ -149,20 +149,15 @@ def _assign(values: dict[str, Array], found: re.Match[str]) -> None:
 
 def _places(array: Array, index: list[Any]) -> Any:
     """What numpy takes for MATLAB's A(i, j), A(k) and A(rows, :), numbers from 1."""
-    if len(index) == 1:
-        rows = np.arange(array.size) if index[0] is None else index[0].astype(int).ravel() - 1
-        if (rows < 0).any() or (rows >= array.size).any():
-            raise Unknown("beyond the matrix")
-        return np.unravel_index(rows, array.shape, order="F")
-    if len(index) != 2:
+    if len(index) not in (1, 2):
         raise Unknown(f"{len(index)} indices")
     found = []
-    for one, size in zip(index, array.shape, strict=True):
+    for one, size in zip(index, array.shape if len(index) == 2 else (array.size,), strict=True):
         rows = np.arange(size) if one is None else one.astype(int).ravel() - 1
         if (rows < 0).any() or (rows >= size).any():
             raise Unknown("beyond the matrix")
         found.append(rows)
-    return np.ix_(*found)
+    return np.ix_(*found) if len(index) == 2 else np.unravel_index(found[0], array.shape, order="F")
 
 
 def _filled(value: float) -> Callable[..., Array]:

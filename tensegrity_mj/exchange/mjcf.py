@@ -180,10 +180,10 @@ class _Reader:
         dof = int(self.model.jnt_dofadr[joint])
         return bool(self.model.dof_armature[dof] > DRIVEN * self.model.body_mass.sum())
 
-    def _end_at(self, body: int, place: Array, what: str, near: float = NEAR) -> str:
+    def _end_at(self, body: int, place: Array, what: str) -> str:
         bar = self.bars[body]
         gaps = np.linalg.norm(bar.ends - place, axis=1)
-        if gaps.min() > near * bar.length:
+        if gaps.min() > NEAR * bar.length:
             raise self._wrong(body, f"{what} is {gaps.min():.3g} m from its nearer end; rods join at their ends")
         return bar.nodes[int(np.argmin(gaps))]
 
@@ -338,13 +338,12 @@ class _Reader:
             return {}
         found: dict[str, Any] = {}
         jacobian = np.zeros((3, model.nv))
-        for body, bar in self.bars.items():
-            for node, place in zip(bar.nodes, bar.ends, strict=True):
-                mujoco.mj_jac(model, self.data, jacobian, None, place, body)
-                found.setdefault(self._of(node), (jacobian @ self.data.qvel).tolist())
-        for body, node in self.points.items():
-            mujoco.mj_jac(model, self.data, jacobian, None, self.data.xpos[body], body)
-            found[self._of(node)] = (jacobian @ self.data.qvel).tolist()
+        places = [(self.data.xpos[body], body, node) for body, node in self.points.items()]
+        for bar in self.bars.values():
+            places += [(at, bar.body, node) for node, at in zip(bar.nodes, bar.ends, strict=True)]
+        for place, body, node in places:
+            mujoco.mj_jac(model, self.data, jacobian, None, place, body)
+            found.setdefault(self._of(node), (jacobian @ self.data.qvel).tolist())
         return found
 
     def _contact(self) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, positive, whole
+from tensegrity_mj.basics.checks import MOST_FOUND, check_nodes, instance, positive, whole
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
@@ -252,8 +252,7 @@ def _motions(
     excitation: Excitation, amplitude: float, frequency: float, motion: Motion | None, planar: bool
 ) -> tuple[Motion, ...]:
     if motion is not None:
-        if not isinstance(motion, Motion):
-            raise OptionError(f"cable: motion = {motion!r}; use Motion.in_line('{TOP}', ...) or another of its makers")
+        instance("cable: motion", motion, Motion, f"use Motion.in_line('{TOP}', ...) or another of its makers")
         if motion.support != TOP:
             raise OptionError(f"cable: the motion is that of '{motion.support}'; it must be that of '{TOP}'")
         return (motion,)

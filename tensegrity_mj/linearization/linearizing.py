@@ -42,7 +42,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import finite, member, real_array
+from tensegrity_mj.basics.checks import finite, instance, member, real_array
 from tensegrity_mj.dynamics.native.law import Command, Law, native_law
 from tensegrity_mj.dynamics.native.plant import break_times
 from tensegrity_mj.engines.request import AcceleratingEngine, Request
@@ -92,8 +92,7 @@ def linearize(
             depend on time. Leave motions out with scene.with_(motions=()).
         InfeasibleError, ControllerError: what the law says at the state.
     """
-    if not isinstance(scene, Scene):
-        raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
+    instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
     if engine is None:
         from tensegrity_mj.engines.mujoco.engine import MuJoCo
 

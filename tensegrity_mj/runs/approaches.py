@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -102,8 +102,4 @@ class Clearance:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, without `over_time`."""
-        return plain_values(
-            self,
-            *("name", "start", "end", "samples", "tolerance", "interpolation_error", "planar", "smallest", "below"),
-            *("events", "pairs"),
-        )
+        return plain_values(self, *(one.name for one in fields(self) if one.name not in ("time", "over_time")))

@@ -9,6 +9,7 @@ from typing import Any, Self, overload
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, norm
+from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.basics.texts import unknown, value_text
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.runs.convergence import common_times
@@ -181,14 +182,11 @@ def compare(
         OptionError: for what is no run or tolerance, where the structures differ, or where fewer than two times are
             common.
     """
-    if not isinstance(tolerance, (int, float)) or not (np.isfinite(tolerance) and tolerance > 0):
-        raise OptionError(f"tolerance = {tolerance!r}; it must be a finite number > 0")
+    limits = positive("tolerance", tolerance), dict(tolerances or {})
     for unit, most in (tolerances or {}).items():
         if unit not in UNITS:
             raise OptionError(unknown(unit, UNITS, "unit of a tolerance"))
-        if not isinstance(most, (int, float)) or not (np.isfinite(most) and most > 0):
-            raise OptionError(f"tolerances[{unit!r}] = {most!r}; it must be a finite number > 0")
-    limits = float(tolerance), dict(tolerances or {})
+        limits[1][unit] = positive(f"tolerances[{unit!r}]", most)
     if isinstance(first, Trajectory) and isinstance(second, Table):
         return _with_table(first, second, limits, (first.engine, second.name))
     if isinstance(first, Table) and isinstance(second, Trajectory):

@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import real_array, whole
+from tensegrity_mj.basics.checks import instance, real_array, whole
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.request import AcceleratingEngine, Request
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import check_engine
-from tensegrity_mj.errors import InfeasibleError, OptionError
+from tensegrity_mj.errors import InfeasibleError
 from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.linearization.differences import reach_of
 from tensegrity_mj.model.rods import kinetic_energy
@@ -85,8 +85,7 @@ def engine_equilibrium(
         SceneError: for a start that stretches a rod or breaks a support, and moved supports.
         InfeasibleError: where none is found.
     """
-    if not isinstance(scene, Scene):
-        raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
+    instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
     check_engine(engine, "accelerations")
     limit = whole("iterations", iterations, 1)
     require(None, scene, "engine_equilibrium")

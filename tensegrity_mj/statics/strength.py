@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import finite, real_array
+from tensegrity_mj.basics.checks import finite, instance, real_array
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.structure import Structure
@@ -179,8 +179,7 @@ def check_members(
     Raises:
         OptionError: for arrays of another shape, numbers that are not finite, or a rod whose ends coincide.
     """
-    if not isinstance(structure, Structure):
-        raise OptionError(f"structure = {structure!r}; it must be a Structure")
+    instance("structure", structure, Structure, "it must be a Structure")
     threshold = finite("slack_below", slack_below, " [N]")
     places = real_array("nodes", nodes, (len(structure.nodes), 3), "m", scalar=False)
     lengths = _rod_lengths(structure, places)
@@ -208,8 +207,7 @@ def check_trajectory(run: Trajectory, *, slack_below: float = 0.0) -> Trajectory
     Raises:
         OptionError: if it is no run, or one without samples.
     """
-    if not isinstance(run, Trajectory):
-        raise OptionError(f"run = {run!r}; it must be a Trajectory")
+    instance("run", run, Trajectory, "it must be a Trajectory")
     threshold = finite("slack_below", slack_below, " [N]")
     sound = [np.isfinite(part).all(axis=1) for part in (run.rod_force_densities, run.tensions)]
     sound.append(np.isfinite(run.nodes).all(axis=(1, 2)))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tensegrity_mj.basics.checks import member, real_array, whole
+from tensegrity_mj.basics.checks import instance, member, real_array, whole
 from tensegrity_mj.basics.files import made_folder, write_text
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.jsontext import to_json
@@ -244,8 +244,7 @@ class Analysis:
 
     def _model(self) -> StaticModel:
         scene = Scene(self.scene) if isinstance(self.scene, Structure) else self.scene
-        if not isinstance(scene, Scene):
-            raise OptionError(f"scene = {scene!r}; use a Scene or a Structure, as load_scene gives")
+        instance("scene", scene, Scene, "use a Scene or a Structure, as load_scene gives")
         return StaticModel.of(
             scene,
             rods=self.rods,
@@ -298,8 +297,7 @@ def _rest_lengths(structure: Structure, given: Mapping[str, float] | ArrayLike |
 
 
 def _sized(model: StaticModel, materials: Materials) -> Sizing:
-    if not isinstance(materials, Materials):
-        raise OptionError(f"materials = {materials!r}; use Materials(rods=STEEL, strings=STEEL)")
+    instance("materials", materials, Materials, "use Materials(rods=STEEL, strings=STEEL)")
     scene, structure = model.scene, model.structure
     if not np.all(model.stiffness > 0):
         raise OptionError("materials: strings that are to be sized are whole; leave broken ones out of the study")
@@ -315,8 +313,7 @@ def _sized(model: StaticModel, materials: Materials) -> Sizing:
 
 
 def _checked(run: Trajectory, structure: Structure) -> TrajectoryCheck:
-    if not isinstance(run, Trajectory):
-        raise OptionError(f"run = {run!r}; it must be a Trajectory")
+    instance("run", run, Trajectory, "it must be a Trajectory")
     own = run.scene.structure
     for what, theirs, ours in (
         ("nodes", own.node_names, structure.node_names),

@@ -9,6 +9,7 @@ from collections.abc import Generator, Iterator, Mapping
 from concurrent.futures import CancelledError
 from typing import Any
 
+from tensegrity_mj.basics.checks import instance
 from tensegrity_mj.errors import ClusterError, MissingLibraryError, OptionError
 from tensegrity_mj.studies.attempt import DIED, Answer, Task, attempt, unable
 
@@ -34,8 +35,7 @@ def connected(address: str | None, client: Any) -> Iterator[Any]:
         OptionError: if no scheduler answers at the address, or the client is none.
     """
     if client is not None:
-        if not isinstance(client, Client):
-            raise OptionError(f"workers: client = {client!r}; it must be a dask.distributed.Client")
+        instance("workers: client", client, Client, "it must be a dask.distributed.Client")
         yield client
         return
     try:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics import interrupts, kinds
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import checked, member
+from tensegrity_mj.basics.checks import checked, instance, member
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, NOT_FINITE, Law, NativeLaw
 from tensegrity_mj.engines.request import Request
@@ -193,8 +193,7 @@ def _checked(scenes: Any, engine: MuJoCo) -> list[Scene]:
         raise OptionError("scenes: give a list of at least one Scene")
     first = scenes[0]
     for number, scene in enumerate(scenes):
-        if not isinstance(scene, Scene):
-            raise OptionError(f"scenes[{number}] = {scene!r}; use a Scene, or load_scene(name or path)")
+        instance(f"scenes[{number}]", scene, Scene, "use a Scene, or load_scene(name or path)")
         require(engine, scene, "simulate_many", f"scenes[{number}]")
         for what in ("structure", "gravity"):
             if getattr(scene, what) is not getattr(first, what) and getattr(scene, what) != getattr(first, what):

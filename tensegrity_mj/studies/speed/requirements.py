@@ -21,7 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tensegrity_mj.errors import OptionError, StructureError
+from tensegrity_mj.basics.checks import instance
+from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -89,8 +90,7 @@ def requirements(scene: Scene, timing: bool = False) -> Requirements:
         OptionError: if it is no Scene.
         StructureError: for what MuJoCo cannot hold.
     """
-    if not isinstance(scene, Scene):
-        raise OptionError(f"scene = {scene!r}; use a Scene, or load_scene(name or path)")
+    instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
     import mujoco
 
     from tensegrity_mj.engines.mujoco.engine import MuJoCo
