@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.kinds import Kind, Wrong
-from tensegrity_mj.basics.texts import closest, value_text
+from tensegrity_mj.basics.texts import closest, unknown, value_text
 from tensegrity_mj.errors import OptionError, TensegrityError
 
 
@@ -95,6 +95,12 @@ def instance(what: str, value: Any, of: type, remedy: str) -> None:
     """Raise OptionError unless the value is of a class; `remedy` says what to give."""
     if not isinstance(value, of):
         raise OptionError(f"{what} = {value_text(value)}; {remedy}")
+
+
+def check_known(where: str, name: str, names: Collection[str], what: str) -> None:
+    """Raise OptionError, with the name that was probably meant, unless it is among those that there are of a kind."""
+    if name not in names:
+        raise OptionError(f"{where}: {unknown(str(name), names, what)}")
 
 
 def choice_from(path: str, kind: type[enum.Enum], value: Any) -> Any:

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import norm
-from tensegrity_mj.basics.checks import positive
-from tensegrity_mj.basics.texts import unknown
+from tensegrity_mj.basics.checks import check_known, positive
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.model.text.sources import find, pack_names
@@ -104,8 +103,7 @@ def score(reference: Table, table: Table, step: float | None = None) -> Score:
     if step is not None:
         step = positive(f"{table.name}: step", step, "[s]")
     for node in table.nodes:
-        if node not in reference.nodes:
-            raise OptionError(f"{table.name}: {unknown(node, reference.nodes, 'node')}")
+        check_known(table.name, node, reference.nodes, "node")
     moves = norm(reference.positions - reference.positions[0]).max(axis=0)
     if not moves.max() > 0:
         raise OptionError(f"{reference.name}: nothing moves in the reference, so that nothing can be scored by it")

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import check_known
 from tensegrity_mj.basics.files import checked, replacing
-from tensegrity_mj.basics.texts import unknown
-from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.elements.element import energy_of, state_names
 from tensegrity_mj.model.elements.resistance import bending_energy
 from tensegrity_mj.model.scene import Scene
@@ -154,8 +153,7 @@ class Trajectory:
 
     def _number(self, dimension: str, name: str) -> int:
         names = labels_of(self.scene)[dimension]
-        if name not in names:
-            raise OptionError(f"the run of '{self.scene.name}': {unknown(str(name), names, dimension)}")
+        check_known(f"the run of '{self.scene.name}'", name, names, dimension)
         return names.index(name)
 
     def to_xarray(self) -> xarray.Dataset:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from tensegrity_mj.basics.checks import finite
+from tensegrity_mj.basics.checks import check_known, finite
 from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.members import Vector
@@ -32,8 +32,7 @@ def with_motions(scene: Scene, which: str | None, others: Sequence[str], path: s
     if which is not None and which not in supports:
         raise OptionError(f"{path}: {unknown(which, supports, 'support with a motion')}")
     name = others[0] if others else ""
-    if name not in OF_MOTION:
-        raise OptionError(f"{path}: {unknown(name, OF_MOTION, 'part of a motion')}")
+    check_known(path, name, OF_MOTION, "part of a motion")
     if name != "amplitude":
         no_more(None, others[1:], path)
     for motion in scene.motions:

@@ -37,7 +37,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from tensegrity_mj.basics.checks import choice_from
+from tensegrity_mj.basics.checks import check_known, choice_from
 from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.controllers.own import Spec
 from tensegrity_mj.controllers.specs import make, own_of, spec_of
@@ -136,8 +136,7 @@ def _root(path: str) -> str:
     if not isinstance(path, str):
         raise OptionError(f"parameter {path!r}: it must be a text, such as law.decay_rate")
     root = path.partition(".")[0]
-    if root not in ORDER:
-        raise OptionError(f"{path}: {unknown(root, ORDER, 'kind of parameter')}")
+    check_known(path, root, ORDER, "kind of parameter")
     return root
 
 
@@ -231,7 +230,6 @@ def _set_engine(draft: Draft, option: str, path: str, value: Any) -> None:
             draft.engine, draft.engine_options = value, {}
         return
     known = dict.fromkeys(option for name in ENGINES for option in option_names(name))
-    if option not in known:
-        raise OptionError(f"{path}: {unknown(option, known, 'option of an engine')}")
+    check_known(path, option, known, "option of an engine")
     base = draft.engine_options.get(option)
     draft.engine_options[option] = scaled(path, value, base) if isinstance(value, Scaled) and base else value

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.checks import choice_from
+from tensegrity_mj.basics.checks import check_known, choice_from
 from tensegrity_mj.basics.fields import item_of
 from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.errors import OptionError
@@ -69,8 +69,7 @@ def changed_scene(scene: Scene, kind: str, rest: str, path: str, value: Any) -> 
     name, which = match["name"], match["which"]
     if kind == "structure":
         known: tuple[str, ...] = (*MEMBERS, "nodes", "string_law")
-        if name not in known:
-            raise OptionError(f"{path}: {unknown(name, known, 'part of a structure')}")
+        check_known(path, name, known, "part of a structure")
         if name in MEMBERS:
             return _with_members(scene, name, which, others, path, value)
         if name == "nodes":
@@ -78,8 +77,7 @@ def changed_scene(scene: Scene, kind: str, rest: str, path: str, value: Any) -> 
         no_more(which, others, path)
         law = choice_from(path, StringLaw, value)
         return scene.with_(structure=replace(scene.structure, string_law=law))
-    if name not in PARTS_OF_SCENE:
-        raise OptionError(f"{path}: {unknown(name, PARTS_OF_SCENE, 'part of a scene')}")
+    check_known(path, name, PARTS_OF_SCENE, "part of a scene")
     if name in ("initial_nodes", "initial_velocities"):
         number, axis = _node(scene, which, path), axis_of(others, path)
         rows = scene.nodes0 if name == "initial_nodes" else scene.velocities0
@@ -115,8 +113,7 @@ def _with_members(scene: Scene, kind: str, which: str | None, others: Sequence[s
     else:  # a name may hold commas itself
         words = [which] if which in meant else [name.strip() for name in which.split(",")]
     for word in words:
-        if word not in meant:
-            raise OptionError(f"{path}: {unknown(word, meant, MEMBERS[kind])}")
+        check_known(path, word, meant, MEMBERS[kind])
     chosen = [key for word in words for key in meant[word]]
     if not chosen:
         raise OptionError(f"{path}: structure '{structure.name}' has no {MEMBERS[kind]}")
@@ -180,8 +177,7 @@ def _with_break(scene: Scene, which: str | None, others: Sequence[str], path: st
     strings = _named(scene.structure.strings)
     if which is None or others != ["time"]:
         raise OptionError(f"{path}: write breaks[STRING].time, with a string of {', '.join(strings)}")
-    if which not in strings:
-        raise OptionError(f"{path}: {unknown(which, strings, 'string')}")
+    check_known(path, which, strings, "string")
     times = {event.string: event.time for event in scene.breaks}
     times[which] = number_from(path, value, times.get(which))
     return scene.with_(breaks=tuple(Break(string, time) for string, time in times.items()))
@@ -192,8 +188,7 @@ def _node(scene: Scene, which: str | None, path: str) -> int:
     names = scene.structure.node_names
     if which is None:
         raise OptionError(f"{path}: name a node in brackets: {', '.join(names)}")
-    if which not in names:
-        raise OptionError(f"{path}: {unknown(which, names, 'node')}")
+    check_known(path, which, names, "node")
     return scene.structure.node_index[which]
 
 
