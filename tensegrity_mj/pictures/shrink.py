@@ -59,6 +59,7 @@ def _average(source, background, result, height, width, step, doubled):  # type:
     through = octets(background, (256, 3))
     pairs = integers(source, (tall, max(wide // 2, 1)))
     area = 9 if doubled == 3 else taps * taps
+    half, share = area // 2, (2**24 + area - 1) // area  # to divide by an area < 256, exactly, without a division
     for i in range(height):
         first = tall - 1 - doubled * i // 2
         for j in range(width):
@@ -84,14 +85,17 @@ def _average(source, background, result, height, width, step, doubled):  # type:
                 out[place + 2] = min((blue + 2) >> 2, 255)
                 continue
             left = doubled * j // 2
-            for k in range(3):
-                total = area // 2
-                for a in range(taps):
-                    for b in range(taps):
-                        # For 3/2, of three pixels the middle one counts half in each of two results (all times two).
-                        down = 2 if doubled == 3 and (i + a) % 2 == 0 else 1
-                        across = 2 if doubled == 3 and (j + b) % 2 == 0 else 1
-                        pixel = pixels[first - a, left + b]
-                        total += down * across * (np.int64(pixel[k]) + np.int64(through[pixel[3], k]))
-                out[place + k] = min(total // area, 255)
+            red, green, blue = half, half, half
+            for a in range(taps):
+                # For 3/2, of three pixels the middle one counts half in each of two results (all times two).
+                down = 2 if doubled == 3 and (i + a) % 2 == 0 else 1
+                for b in range(taps):
+                    weight = 2 * down if doubled == 3 and (j + b) % 2 == 0 else down
+                    pixel = pixels[first - a, left + b]
+                    alpha = pixel[3]
+                    red += weight * (np.int64(pixel[0]) + through[alpha, 0])
+                    green += weight * (np.int64(pixel[1]) + through[alpha, 1])
+                    blue += weight * (np.int64(pixel[2]) + through[alpha, 2])
+            for k, total in enumerate((red, green, blue)):
+                out[place + k] = min((total * share) >> 24, 255)
     return 0
