@@ -57,6 +57,9 @@ def execute(options: argparse.Namespace) -> Outcome:
 
     scene = library.load_scene(options.scene)
     engine = experiment.engine_of(options.engine, options)
+    after = options.statistics
+    if after is not None and after >= (options.duration or scene.duration):
+        raise OptionError(f"--statistics {after:g}: the run ends before; make it longer, or begin earlier")
     if options.replay:
         law, actuation, duration = _replay_of(options)
     else:
@@ -85,7 +88,12 @@ def execute(options: argparse.Namespace) -> Outcome:
     for warning in run.reports.get("warnings", []):
         warn(warning)
     data = summary(run) | {"out": out, "video": video, "plot": plot, "web": web}
-    return Outcome(data, describe(data), code_of_status(run.status))
+    text = describe(data)
+    if after is not None:
+        found = {name: run.statistics(name, after) for name in ("tension", "rod_force")}
+        data["statistics"] = {"after": after, **{name: one.report() for name, one in found.items()}}
+        text = "\n\n".join([text, *map(repr, found.values())])
+    return Outcome(data, text, code_of_status(run.status))
 
 
 def summary(run: runs.Trajectory) -> dict[str, Any]:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.runs.scoring import observed_orders as observed_orders
     from tensegrity_mj.runs.scoring import reference_of as reference_of
     from tensegrity_mj.runs.scoring import score as score
+    from tensegrity_mj.runs.statistics import Statistics as Statistics
     from tensegrity_mj.runs.table import Table as Table
     from tensegrity_mj.runs.table import read_table as read_table
     from tensegrity_mj.runs.trajectory import Status as Status

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
+    from tensegrity_mj.runs.statistics import Statistics
+
 SUFFIXES = (".nc", ".csv", ".mat")  # of the files that a run is saved as
 
 
@@ -150,6 +152,12 @@ class Trajectory:
         """(T,) [N] along a rod by its name, negative in compression; OptionError where there is none."""
         number = self._number("rod", rod)
         return np.asarray(self.rod_force_densities[:, number] * self.scene.structure.rod_lengths[number])
+
+    def statistics(self, quantity: str = "tension", after: float = 0.0) -> Statistics:
+        """Means, deviations, extremes, significant responses and cycles, from a time on: see `runs.statistics`."""
+        from tensegrity_mj.runs.statistics import statistics
+
+        return statistics(self, quantity, after)
 
     def _number(self, dimension: str, name: str) -> int:
         names = labels_of(self.scene)[dimension]

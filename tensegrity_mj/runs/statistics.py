@@ -1,0 +1,148 @@
+"""Statistics of long runs: means, deviations, extremes, significant responses, and cycles by the rainflow method.
+
+    found = run.statistics("tension", after=100.0)
+    found.deviation, found.significant             # (K,) of the strings, `found.names`
+    found.cycles("s1")                             # (C, 3): range, mean and count of each cycle (ASTM E1049-85)
+
+Waves of a signal are counted from each crossing of its mean upwards to the next, as waves of the sea are; the
+significant response is the mean height, from the lowest to the highest value, of the highest third of them. Of a narrow
+spectrum that is four standard deviations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.texts import unknown
+from tensegrity_mj.basics.units import quantity as shown
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.runs.variables import AXES, labels_of
+
+if TYPE_CHECKING:
+    from tensegrity_mj.runs.trajectory import Trajectory
+
+UNITS = {"tension": "N", "rod_force": "N", "position": "m", "velocity": "m/s"}
+MOST_SHOWN = 8  # signals of a text
+MEASURES = ("mean", "deviation", "least", "greatest", "significant", "period")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Statistics:
+    """Statistics of K signals of a run.
+
+    Attributes:
+        quantity, unit: what the signals are.
+        names: (K,) of strings, of rods, or of nodes with their axis, such as "n1.x".
+        time: (T,) [s], two or more.
+        values: (T, K).
+        mean, deviation, least, greatest: (K,), the first two over time, also where samples are not even.
+        significant: (K,) mean height of the highest third of waves; NaN where there is no whole one.
+        period: (K,) [s] mean time between crossings of the mean upwards; NaN where there is no whole wave.
+    """
+
+    quantity: str
+    unit: str
+    names: tuple[str, ...]
+    time: Array
+    values: Array
+    mean: Array
+    deviation: Array
+    least: Array
+    greatest: Array
+    significant: Array
+    period: Array
+
+    @classmethod
+    def of(cls, quantity: str, unit: str, names: tuple[str, ...], time: Array, values: Array) -> Statistics:
+        """The statistics of signals (T, K) at times (T,) [s]."""
+        span = time[-1] - time[0]
+        mean = np.trapezoid(values, time, axis=0) / span
+        deviation = np.sqrt(np.trapezoid((values - mean) ** 2, time, axis=0) / span)
+        waves = np.array([_waves(time, signal) for signal in (values - mean).T]).reshape(-1, 2)
+        extremes = values.min(axis=0), values.max(axis=0)
+        return cls(quantity, unit, names, time, values, mean, deviation, *extremes, *waves.T)
+
+    def cycles(self, name: str) -> Array:
+        """(C, 3): range, mean and count (1 or 1/2) of each cycle of a signal, in the order in which they close.
+
+        Raises:
+            OptionError: where there is no such signal.
+        """
+        import rainflow
+
+        if name not in self.names:
+            raise OptionError(f"statistics of {self.quantity}: {unknown(str(name), self.names, 'signal')}")
+        series = self.values[:, self.names.index(name)].tolist()
+        return np.array([cycle[:3] for cycle in rainflow.extract_cycles(series)], float).reshape(-1, 3)
+
+    def equivalent_range(self, name: str, exponent: float, count: float = 1.0) -> float:
+        """The range that `count` cycles need to do the damage of all, Σ n rᵐ, m being the exponent of an S-N curve."""
+        ranges, _, counts = self.cycles(name).T
+        return float((counts @ ranges**exponent / count) ** (1 / exponent))
+
+    def report(self) -> dict[str, Any]:
+        """Plain values, for JSON, by the names of the signals; `cycles` is their number by the rainflow method."""
+        rows = {name: {one: float(getattr(self, one)[k]) for one in MEASURES} for k, name in enumerate(self.names)}
+        return {name: row | {"cycles": float(self.cycles(name)[:, 2].sum())} for name, row in rows.items()}
+
+    def lines(self) -> list[tuple[str, str]]:
+        """Name and words of those signals whose greatest magnitude is largest."""
+        largest = np.argsort(-np.maximum(np.abs(self.least), np.abs(self.greatest)), kind="stable")[:MOST_SHOWN]
+        return [(self.names[k], self._words(k)) for k in largest.tolist()]
+
+    def _words(self, k: int) -> str:
+        mean, deviation, least, greatest, significant = (
+            shown(float(getattr(self, one)[k]), self.unit) for one in MEASURES[:5]
+        )
+        count = self.cycles(self.names[k])[:, 2].sum()
+        return (
+            f"mean {mean}, deviation {deviation}, from {least} to {greatest}, significant {significant}, "
+            f"{count:g} cycles"
+        )
+
+    def __repr__(self) -> str:
+        head = f"{self.quantity} of {len(self.names)}, {self.time[0]:g} to {self.time[-1]:g} s"
+        return "\n".join([head, *(f"{name}: {words}" for name, words in self.lines())])
+
+
+def statistics(run: Trajectory, quantity: str = "tension", after: float = 0.0) -> Statistics:
+    """The statistics of what a run recorded from a time on.
+
+    Args:
+        run: recorded often enough for its fastest motion of interest; only samples count.
+        quantity: "tension", "rod_force" (negative in compression), "position" or "velocity".
+        after: [s], where it has settled.
+
+    Raises:
+        OptionError: for another quantity, and where fewer than two samples are left.
+    """
+    if quantity not in UNITS:
+        raise OptionError(f"statistics: {unknown(str(quantity), UNITS, 'quantity')}")
+    kept, labels = run.time >= after, labels_of(run.scene)
+    if kept.sum() < 2:
+        raise OptionError(f"statistics: after = {after!r} s leaves {kept.sum()} samples of the run; two are needed")
+    if quantity == "tension":
+        names, values = labels["string"], run.tensions
+    elif quantity == "rod_force":
+        names, values = labels["rod"], run.rod_force_densities * run.scene.structure.rod_lengths
+    else:
+        names = tuple(f"{node}.{axis}" for node in labels["node"] for axis in AXES)
+        values = (run.nodes if quantity == "position" else run.velocities).reshape(len(run.time), -1)
+    return Statistics.of(quantity, UNITS[quantity], names, run.time[kept], values[kept])
+
+
+def _waves(time: Array, signal: Array) -> tuple[float, float]:
+    """The significant height and the mean period of a signal (T,) about zero; NaN without a whole wave."""
+    starts = np.flatnonzero((signal[:-1] <= 0) & (signal[1:] > 0)) + 1
+    if len(starts) < 2:
+        return np.nan, np.nan
+    inside = signal[: starts[-1]]
+    heights = np.maximum.reduceat(inside, starts[:-1]) - np.minimum.reduceat(inside, starts[:-1])
+    highest = np.sort(heights)[-max(1, round(len(heights) / 3)) :]
+    before, after = starts - 1, starts
+    crossings = time[before] - signal[before] * (time[after] - time[before]) / (signal[after] - signal[before])
+    return float(highest.mean()), float((crossings[-1] - crossings[0]) / len(heights))
