@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.model.elements.water import diameters, sea_of, segments_of
+from tensegrity_mj.model.elements.water import diameters, samples_at_once, sea_of, segments_of
 from tensegrity_mj.model.elements.waves import AboveLevel
 from tensegrity_mj.runs.trajectory import Trajectory
 
@@ -27,7 +27,6 @@ LARGEST_REYNOLDS = 2e5
 KEULEGAN_CARPENTER = (15.0, 45.0)
 STEEPEST = np.pi / 7  # k A: a height of 1/7 of the length
 HIGHEST = 0.39  # A of the depth: a height of 0.78 of it
-_AT_ONCE = 200_000  # segments, whose places and velocities are held in memory together
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +67,7 @@ def flow_numbers(run: Trajectory) -> FlowNumbers:
     R = len(scene.structure.rods)
     d, sea = diameters(scene.structure, water), sea_of(scene)
     met, undisturbed, orbits = np.zeros(R), np.zeros(R), np.zeros((R, len(sea.amplitude)))
-    piece = max(1, _AT_ONCE // (R * scene.water_segments.count))
+    piece = samples_at_once(scene)
     for first in range(0, len(run.time), piece):
         rows = slice(first, first + piece)
         wet = segments_of(scene, run.time[rows], run.nodes[rows], run.velocities[rows])

@@ -25,7 +25,7 @@ from tensegrity_mj.runs.variables import AXES, labels_of
 if TYPE_CHECKING:
     from tensegrity_mj.runs.trajectory import Trajectory
 
-UNITS = {"tension": "N", "rod_force": "N", "position": "m", "velocity": "m/s"}
+UNITS = {"tension": "N", "rod_force": "N", "position": "m", "velocity": "m/s", "water_load": "N"}
 MOST_SHOWN = 8  # signals of a text
 MEASURES = ("mean", "deviation", "least", "greatest", "significant", "period")
 
@@ -36,7 +36,7 @@ class Statistics:
 
     Attributes:
         quantity, unit: what the signals are.
-        names: (K,) of strings, of rods, or of nodes with their axis, such as "n1.x".
+        names: (K,) of strings, of rods, or of nodes (rods, for loads of water) with their axis, such as "n1.x".
         time: (T,) [s], two or more.
         values: (T, K).
         mean, deviation, least, greatest: (K,), the first two over time, also where samples are not even.
@@ -114,7 +114,7 @@ def statistics(run: Trajectory, quantity: str = "tension", after: float = 0.0) -
 
     Args:
         run: recorded often enough for its fastest motion of interest; only samples count.
-        quantity: "tension", "rod_force" (negative in compression), "position" or "velocity".
+        quantity: "tension", "rod_force" (negative in compression), "position", "velocity" or "water_load".
         after: [s], where it has settled.
 
     Raises:
@@ -130,8 +130,10 @@ def statistics(run: Trajectory, quantity: str = "tension", after: float = 0.0) -
     elif quantity == "rod_force":
         names, values = labels["rod"], run.rod_force_densities * run.scene.structure.rod_lengths
     else:
-        names = tuple(f"{node}.{axis}" for node in labels["node"] for axis in AXES)
-        values = (run.nodes if quantity == "position" else run.velocities).reshape(len(run.time), -1)
+        members = labels["rod" if quantity == "water_load" else "node"]
+        names = tuple(f"{member}.{axis}" for member in members for axis in AXES)
+        vectors = {"position": lambda: run.nodes, "velocity": lambda: run.velocities, "water_load": run.water_loads}
+        values = vectors[quantity]().reshape(len(run.time), -1)
     return Statistics.of(quantity, UNITS[quantity], names, run.time[kept], values[kept])
 
 

@@ -47,21 +47,27 @@ def columns_of(run: Trajectory) -> tuple[list[str], Array]:
     return names, np.hstack(values)
 
 
-def to_xarray(run: Trajectory) -> xarray.Dataset:
-    """What `xarray.open_dataset` reads from the file of a run."""
+def to_xarray(run: Trajectory, water_loads: bool = False) -> xarray.Dataset:
+    """What `xarray.open_dataset` reads from the file of a run, and loads of water, where they are wanted."""
     xr = optional("xarray", "run.to_xarray()")
     held = {
         name: (dimensions, np.array(values), attributes)
         for name, (dimensions, values, attributes) in variables_in_file(run).items()
     }
+    if water_loads:
+        about = {"long_name": "force of the water on the rods, world frame", "units": "N"}
+        held["water_loads"] = (("time", "rod", "axis"), run.water_loads(), about)
     coordinates = {name: held.pop(name) for name in ("time", *labels_of(run.scene))}
     return xr.Dataset(held, coordinates, attributes_in_file(run))
 
 
-def to_dataframe(run: Trajectory) -> pandas.DataFrame:
-    """A row for each time, which is the index; columns as `columns_of` names them."""
+def to_dataframe(run: Trajectory, water_loads: bool = False) -> pandas.DataFrame:
+    """A row for each time, which is the index; columns as `columns_of` names them, and loads of water, where wanted."""
     pd = optional("pandas", "run.to_dataframe()")
     names, values = columns_of(run)
+    if water_loads:
+        names += [f"{rod.name}.water_{axis}" for rod in run.scene.structure.rods for axis in AXES]
+        values = np.hstack([values, run.water_loads().reshape(len(values), -1)])
     return pd.DataFrame(values[:, 1:], index=pd.Index(values[:, 0], name=names[0]), columns=names[1:])
 
 

@@ -153,6 +153,12 @@ class Trajectory:
         number = self._number("rod", rod)
         return np.asarray(self.rod_force_densities[:, number] * self.scene.structure.rod_lengths[number])
 
+    def water_loads(self) -> Array:
+        """(T, R, 3) [N]: the force of the water on each rod; see `runs.water_loads`, also for its error."""
+        from tensegrity_mj.runs.water_loads import water_loads
+
+        return water_loads(self)
+
     def statistics(self, quantity: str = "tension", after: float = 0.0) -> Statistics:
         """Means, deviations, extremes, significant responses and cycles, from a time on: see `runs.statistics`."""
         from tensegrity_mj.runs.statistics import statistics
@@ -164,25 +170,29 @@ class Trajectory:
         check_known(f"the run of '{self.scene.name}'", name, names, dimension)
         return names.index(name)
 
-    def to_xarray(self) -> xarray.Dataset:
+    def to_xarray(self, water_loads: bool = False) -> xarray.Dataset:
         """The run as `xarray.open_dataset` reads its file: `run.to_xarray().tensions.sel(string="s1")`.
+
+        With `water_loads`, it has those, too.
 
         Raises:
             MissingPackageError: where xarray is not installed.
         """
         from tensegrity_mj.runs.tables import to_xarray
 
-        return to_xarray(self)
+        return to_xarray(self, water_loads)
 
-    def to_dataframe(self) -> pandas.DataFrame:
+    def to_dataframe(self, water_loads: bool = False) -> pandas.DataFrame:
         """A row for each time [s], the index, and a column for each number: "n1.x", "s1.tension", "kinetic_energy".
+
+        With `water_loads`, there are "rod1.water_x" and so on, too.
 
         Raises:
             MissingPackageError: where pandas is not installed.
         """
         from tensegrity_mj.runs.tables import to_dataframe
 
-        return to_dataframe(self)
+        return to_dataframe(self, water_loads)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write NetCDF-4 (.nc), which `load` reads, or a table: .csv, or .mat for MATLAB; returns the path.

@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.model.scene import Scene
 
 MOST_SEGMENTS = 1000  # that may be given
+AT_ONCE = 200_000  # waves at segments
 
 # Of u, between the ends of a segment: below it, round-off of differences is more than the error of three points in u.
 NEARLY_LEVEL = 1e-5
@@ -216,6 +217,13 @@ class Segments:
     acceleration: Array
 
 
+def samples_at_once(scene: Scene) -> int:
+    """Samples of a run whose segments, with all waves there, are held in memory together."""
+    assert scene.water is not None
+    each = len(scene.structure.rods) * scene.water_segments.count * max(1, len(scene.water.components))
+    return max(1, AT_ONCE // each)
+
+
 def segments_of(scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Segments:
     """The wet parts of segments at times (...) [s], positions and velocities (..., N, 3) that go with them."""
     water, structure, sea = scene.water, scene.structure, sea_of(scene)
@@ -249,10 +257,20 @@ def water_forces(scene: Scene, time: Array | float, nodes: Array, velocities: Ar
     Returns:
         F⁰ (..., N, 3) [N] on the nodes, and α (..., R, 2, 2) [kg] of the rods; the whole is F_i⁰ - Σ_j α_ij P a_j.
     """
-    water, structure, out = scene.water, scene.structure, np.zeros_like(nodes)
-    alpha = np.zeros((*nodes.shape[:-2], len(structure.rods), 2, 2))
-    if water is None or not len(structure.rods):
-        return out, alpha
+    structure, out = scene.structure, np.zeros_like(nodes)
+    if scene.water is None or not len(structure.rods):
+        return out, np.zeros((*nodes.shape[:-2], len(structure.rods), 2, 2))
+    loads, alpha = rod_loads(scene, time, nodes, velocities)
+    for end in range(2):
+        for row, pair in enumerate(structure.rod_nodes):
+            out[..., pair[end], :] += loads[..., row, end, :]
+    return out, alpha
+
+
+def rod_loads(scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> tuple[Array, Array]:
+    """As `water_forces`, of a scene with water and rods: F⁰ (..., R, 2, 3) [N] on the ends of each rod, and α."""
+    water, structure = scene.water, scene.structure
+    assert water is not None
     wet = segments_of(scene, time, nodes, velocities)
     d, length = diameters(structure, water)[:, None], structure.rod_lengths[:, None] / scene.water_segments.count
     mass = water.density * np.pi * d**2 / 4 * length * wet.part
@@ -270,13 +288,12 @@ def water_forces(scene: Scene, time: Array | float, nodes: Array, velocities: Ar
     weights = shares(water.weights, wet.place)
     along = weights if water.weights is Weights.RIGID else (np.full_like(wet.place, 0.5),) * 2
     linear = (1 - wet.place, wet.place)
-    for end in range(2):
-        load = np.sum(weights[end][..., None] * normal + (along[end] * axial)[..., None] * wet.axes, axis=-2)
-        for row, pair in enumerate(structure.rod_nodes):
-            out[..., pair[end], :] += load[..., row, :]
-        for other in range(2):
-            alpha[..., end, other] = np.sum(water.added_mass * mass * weights[end] * linear[other], axis=-1)
-    return out, alpha
+    loads = [
+        np.sum(weights[end][..., None] * normal + (along[end] * axial)[..., None] * wet.axes, axis=-2)
+        for end in range(2)
+    ]
+    shared = [[np.sum(water.added_mass * mass * own * other, axis=-1) for other in linear] for own in weights]
+    return np.stack(loads, axis=-2), np.stack([np.stack(row, axis=-1) for row in shared], axis=-2)
 
 
 def check_water(scene: Scene) -> None:
