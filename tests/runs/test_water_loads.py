@@ -37,8 +37,8 @@ def test_a_rod_that_rises_has_the_load_that_lifts_it(engine: object) -> None:
 def test_in_waves_the_load_leaves_the_momentum_that_the_rod_has() -> None:
     """m v of a free rod's centre is ∫ (F - m g) dt, here by Simpson's rule over samples 5 ms apart.
 
-    Of motions of 1 m/s and forces of 300 N at 5 rad/s: the spline's slopes are off by h³/24 · 5⁴ m/s² = 3e-6 m/s², which
-    16 kg make 1e-4 N s of in 2 s, did they not cancel; Simpson's rule by h⁴/180 · 5⁴ · 300 N · 2 s = 1.3e-6 N s.
+    Of motions of 1 m/s and forces of 300 N at 5 rad/s: the spline's slopes are off by h³/24 · 5⁴ m/s² = 3e-6 m/s²,
+    which 16 kg make 1e-4 N s of in 2 s, did they not cancel; Simpson's rule by h⁴/180 · 5⁴ · 300 N · 2 s = 1.3e-6 N s.
     """
     waves = (tmj.Wave(0.5, 12.0, direction=0.6), tmj.Wave(0.2, 6.0, direction=2.0, phase=1.0))
     scene = rod(8.0, -4.0, waves=waves, current=(0.4, -0.2, 0.0), tangential_drag=0.1, segments=8)
