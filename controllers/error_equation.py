@@ -13,7 +13,8 @@ from tensegrity_mj.dynamics.kernels import rod_accelerations
 from tensegrity_mj.dynamics.native.compiling import njit
 from tensegrity_mj.dynamics.native.elements import known_forces
 from tensegrity_mj.dynamics.native.law import SOLVED
-from tensegrity_mj.dynamics.native.vectors import vector
+from tensegrity_mj.dynamics.native.strings import share, string_length
+from tensegrity_mj.dynamics.native.vectors import minus, row_of, times, vector
 from tensegrity_mj.dynamics.target import Aim, point_target, rod_target
 from tensegrity_mj.dynamics.wet_rods import wet_rod_accelerations
 
@@ -69,7 +70,7 @@ class Known(NamedTuple):
 
     Attributes:
         rods, points: `StructureRecords`.
-        string_nodes: (M, 2).
+        segments, ranges: (S, 2) their nodes, and (M, 2) those of each string.
         target: address of an `Aim`.
         gravity: (3,) [m/s²].
         effects: address of what acts besides, see `known_forces`; 0 for nothing.
@@ -78,7 +79,8 @@ class Known(NamedTuple):
 
     rods: Any
     points: Any
-    string_nodes: Any
+    segments: Any
+    ranges: Any
     target: int
     gravity: Any
     effects: int
@@ -93,7 +95,7 @@ def error_equation(t: float, nodes: Any, velocities: Any, known: Known, A: Any, 
         -1, or the number of a rod whose b, or whose target's b, is at a pole; -2 where what is known of failed.
     """
     rods, points, target, gains = known.rods, known.points, Aim(known.target), known.gains
-    gravity, effects, string_nodes = known.gravity, known.effects, known.string_nodes
+    gravity, effects, segments, ranges = known.gravity, known.effects, known.segments, known.ranges
     A[:] = 0.0
     count = len(rods)
     pull = np.zeros((count, 2, 5, 3))  # q̈ of each rod for a force on its first and on its second node
@@ -192,19 +194,21 @@ def error_equation(t: float, nodes: Any, velocities: Any, known: Known, A: Any, 
             if abs(d[i]) <= ROUND_OFF * gains[0, i] * size:
                 d[i] = 0.0
         at += point.nz
-    for m in range(len(string_nodes)):
-        for side in range(2):
-            node, other = string_nodes[m, side], string_nodes[m, 1 - side]
+    for m in range(len(ranges)):
+        length = string_length(nodes, segments, ranges[m])
+        for side in range(2 * ranges[m, 0], 2 * ranges[m, 1]):
+            node, other = segments[side // 2, side % 2], segments[side // 2, 1 - side % 2]
             a = owner[node, 0]
             if a < 0:
                 continue
+            span = minus(row_of(nodes, other), row_of(nodes, node))
+            span = times(share(length, span), span)
             for k in range(3):
-                s = nodes[other, k] - nodes[node, k]
                 if a < count:
                     for p in range(rods[a].nz + rods[a].nb - 1):
-                        A[start[a] + p, m] += pull[a, owner[node, 1], p, k] * s
+                        A[start[a] + p, m] += pull[a, owner[node, 1], p, k] * span[k]
                 else:
                     point = points[a - count]
                     for p in range(point.nz):
-                        A[start[a] + p, m] += point.E[k, p] * s / point.mass
+                        A[start[a] + p, m] += point.E[k, p] * span[k] / point.mass
     return -1

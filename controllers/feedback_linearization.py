@@ -169,7 +169,8 @@ class _Evaluation:
         self.known = Known(
             records.rods,
             records.points,
-            np.array(structure.string_nodes),
+            np.array(structure.paths.nodes),
+            np.array(structure.paths.ranges),
             self.target.address,
             np.array(law.gravity, float),
             self.effects.address,

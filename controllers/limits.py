@@ -11,27 +11,25 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.compiling import njit
+from tensegrity_mj.dynamics.native.strings import string_length
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.structure import Structure
 
 
 @njit
-def write_ceilings(nodes: Any, string_nodes: Any, limits: Any, out: Any) -> None:
+def write_ceilings(nodes: Any, segments: Any, ranges: Any, limits: Any, out: Any) -> None:
     """Write the ceilings at node positions (N, 3) into out (M,); limits are the rows of `StringLimits.packed`."""
-    for m in range(len(string_nodes)):
+    for m in range(len(ranges)):
         highest, k, shortest = limits[0, m], limits[1, m], limits[2, m]
         if shortest > -np.inf:
-            square = 0.0
-            for i in range(3):
-                s = nodes[string_nodes[m, 1], i] - nodes[string_nodes[m, 0], i]
-                square += s * s
-            highest = min(highest, max(k * (1.0 - shortest / np.sqrt(square)), 0.0))
+            length = string_length(nodes, segments, ranges[m])
+            highest = min(highest, max(k * (1.0 - shortest / length), 0.0))
         out[m] = highest
 
 
 @dataclass(frozen=True, eq=False)
 class StringLimits:
-    """Ceilings of the strings' force densities, min(u_max, k (1 - L0_min/‖s‖)) and at least 0.
+    """Ceilings of the strings' force densities, min(u_max, k (1 - L0_min/L)) and at least 0.
 
     A string shorter than its smallest rest length hangs slack, whence u = 0.
 
@@ -85,5 +83,6 @@ class StringLimits:
     def ceilings(self, nodes: Array) -> Array:
         """The largest admissible u (M,) [N/m] at node positions (N, 3) [m]."""
         out = np.empty(len(self.structure.strings))
-        write_ceilings(np.asarray(nodes, float), self.structure.string_nodes, self.packed, out)
+        paths = self.structure.paths
+        write_ceilings(np.asarray(nodes, float), paths.nodes, paths.ranges, self.packed, out)
         return out

@@ -90,7 +90,7 @@ def _evaluate(t: float, nodes_at: int, velocities_at: int, own: Any, command_at:
     else:
         limits = own.limits
         if own.bounds == OF_STATE:
-            write_ceilings(nodes, own.string_nodes, limits, ceiling)
+            write_ceilings(nodes, own.segments, own.ranges, limits, ceiling)
         else:
             for m in range(size):
                 ceiling[m] = limits[0, m]
@@ -210,7 +210,8 @@ class QuadraticLaw:
             "points": points,
             "gains": world_gains(self.gains, [*rods, *points]),
             "kind": {None: PLAIN, Onto.CURRENT: ONTO_CURRENT, Onto.TARGET: ONTO_TARGET}[self.projected_onto],
-            "string_nodes": own.string_nodes,
+            "segments": own.paths.nodes,
+            "ranges": own.paths.ranges,
             "target": self._packed_target.address,
             "standing": standing_targets(rods, points, self._packed_target),
             "gravity": self.gravity,

@@ -25,6 +25,7 @@ from tensegrity_mj.dynamics.kernels import rod_accelerations
 from tensegrity_mj.dynamics.native.elements import known_forces
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.pointers import floats, inlined, stack_doubles
+from tensegrity_mj.dynamics.native.strings import share, string_length
 from tensegrity_mj.dynamics.native.vectors import ZERO, apply, apply_transposed, dot, minus, plus, row_of, times, vector
 from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.dynamics.records import POINT, ROD
@@ -75,7 +76,9 @@ Known, pack_known = view_of(
     points=(POINT, "point_count"),
     gains=(WORLD_GAINS, "member_count"),
     kind="size",  # PLAIN, ONTO_CURRENT or ONTO_TARGET
-    string_nodes=("i8", "string_count", 2),
+    segment_count="size",
+    segments=("i8", "segment_count", 2),
+    ranges=("i8", "string_count", 2),
     target="size",  # address of an `Aim`: where it moves
     standing=("f8", "time_count", "member_count", 2, 3),  # and where it stands (`standing_targets`)
     gravity=("f8", 3),  # [m/s²]
@@ -200,10 +203,14 @@ def quadratic_terms(
     if effects != 0:
         for n in range(len(nodes)):
             beta += dot(row_of(influence, n), row_of(pushed, n))
-    for m in range(len(known.string_nodes)):
-        i, j = known.string_nodes[m, 0], known.string_nodes[m, 1]
-        s = minus(row_of(nodes, j), row_of(nodes, i))
-        f[m] = dot(minus(row_of(influence, j), row_of(influence, i)), s)
+    segments, ranges = known.segments, known.ranges
+    for m in range(len(ranges)):
+        length, total = string_length(nodes, segments, ranges[m]), 0.0
+        for p in range(ranges[m, 0], ranges[m, 1]):
+            i, j = segments[p, 0], segments[p, 1]
+            s = minus(row_of(nodes, j), row_of(nodes, i))
+            total += share(length, s) * dot(minus(row_of(influence, j), row_of(influence, i)), s)
+        f[m] = total
     return status, V_error, V_velocity, beta
 
 

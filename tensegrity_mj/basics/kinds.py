@@ -54,9 +54,10 @@ class Kind(NamedTuple):
     schema: Mapping[str, Any] = MappingProxyType({})
 
 
-def list_schema(items: Mapping[str, Any], size: int | None = None) -> dict[str, Any]:
-    """The JSON Schema of a list, of so many items or any number of them."""
-    return {"type": "array", "items": dict(items)} | ({} if size is None else {"minItems": size, "maxItems": size})
+def list_schema(items: Mapping[str, Any], size: int | None = None, more: bool = False) -> dict[str, Any]:
+    """The JSON Schema of a list, of so many items (with `more`, at least) or any number of them."""
+    found = {"type": "array", "items": dict(items)} | ({} if size is None else {"minItems": size})
+    return found if size is None or more else found | {"maxItems": size}
 
 
 NUMBER: dict[str, Any] = {"type": "number"}  # words of JSON Schema
@@ -275,22 +276,25 @@ def names(of: str) -> Kind:
     return Kind(lambda value: tuple_of(each, value), "a list of names in quotes", fits, schema=list_schema(TEXT))
 
 
-def pair(of: str) -> Kind:
-    """Two names of members or nodes."""
+def pair(of: str, more: bool = False) -> Kind:
+    """Two names of members or nodes, with `more` two at least."""
     some = names(of)
+    or_more = " or more" if more else ""
+
+    def fits(value: Any) -> bool:
+        return some.fits(value) and (len(value) == 2 or (more and len(value) > 2))
 
     def plain(value: Any) -> tuple[str, ...]:
         try:
             given = () if isinstance(value, (dict, set, frozenset)) else sequence(value)  # of no order
         except Wrong:
             given = ()
-        if len(given) != 2:
-            raise Wrong(f" = {value_text(shown(value))}; it must name two {of}s")
+        if len(given) < 2 or (len(given) > 2 and not more):
+            raise Wrong(f" = {value_text(shown(value))}; it must name two{or_more} {of}s")
         found: tuple[str, ...] = some.plain(given)
         return found
 
-    need, schema = "a list of two names in quotes", list_schema(TEXT, 2)
-    return Kind(plain, need, lambda value: some.fits(value) and len(value) == 2, schema=schema)
+    return Kind(plain, f"a list of two{or_more} names in quotes", fits, schema=list_schema(TEXT, 2, more))
 
 
 def many(kind: Kind, need: str) -> Kind:

@@ -120,12 +120,12 @@ class Draft:
     def _merge_strings(self) -> None:
         """One string between two nodes, and none along a rod: as structures have them."""
         along = {frozenset(rod.nodes): rod.name for rod in self.rods}
-        kept: dict[frozenset[str], String] = {}
+        kept: dict[tuple[str, ...], String] = {}
         for string in self.strings:
-            ends = frozenset(string.nodes)
-            if ends in along:
+            ends, rod = string.unordered, along.get(frozenset(string.nodes))
+            if rod is not None:
                 self.notes.append(
-                    f"string '{string.name}' runs along rod '{along[ends]}', so that its length cannot change: left out"
+                    f"string '{string.name}' runs along rod '{rod}', so that its length cannot change: left out"
                 )
             elif ends in kept:
                 first = kept[ends]
@@ -138,8 +138,8 @@ class Draft:
         self.strings = list(kept.values())
 
     def _length(self, string: String) -> float:
-        first, second = (np.asarray(self.nodes[name], float) for name in string.nodes)
-        return float(np.linalg.norm(second - first))
+        places = np.array([self.nodes[name] for name in string.nodes], float)
+        return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
 
     def _remove_unused_nodes(self) -> None:
         ends = [rod.nodes for rod in self.rods] + [string.nodes for string in self.strings]

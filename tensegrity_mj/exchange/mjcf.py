@@ -1,4 +1,4 @@
-"""Scenes from MJCF: capsules and cylinders as rods, spatial tendons between two sites as strings.
+"""Scenes from MJCF: capsules and cylinders as rods, spatial tendons through sites as strings.
 
 MuJoCo compiles the file (`mjcf_text`), and the scene is read from the model at its keyframe "home" or "start", or where
 it is built. Bodies that hang on each other by a ball or hinge joint at a rod's end, and rods that a `connect` holds

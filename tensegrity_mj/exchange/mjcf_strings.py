@@ -17,22 +17,23 @@ SITE = int(mujoco.mjtWrap.mjWRAP_SITE)
 
 
 def strings_of(model: mujoco.MjModel, data: mujoco.MjData, node_of: NodeOf, options: ImportOptions, out: Draft) -> None:
-    """Add a string for each tendon through two sites at ends of rods; note what else there is."""
+    """Add a string for each tendon through sites at nodes, two or more; note what else there is."""
     pulls = _pulls(model, data, out)
     unclipped = False
     for tendon in range(model.ntendon):
         name = model.tendon(tendon).name or f"tendon{tendon + 1}"
         start, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
-        if count != 2 or (model.wrap_type[start : start + 2] != SITE).any():
+        if (model.wrap_type[start : start + count] != SITE).any():
             out.notes.append(f"tendon '{name}' does not run straight from one site to another, and is left out")
             continue
-        sites = model.wrap_objid[start : start + 2].tolist()
+        sites = model.wrap_objid[start : start + count].tolist()
         nodes = [node_of(site) for site in sites]
         if None in nodes:
             site = model.site(sites[nodes.index(None)]).name
             out.notes.append(f"tendon '{name}' ends at site '{site}', which is at no end of a rod; it is left out")
             continue
-        _note_distance(data, sites, nodes, name, out)  # type: ignore[arg-type]
+        path = tuple(node or "" for node in nodes)
+        _note_distance(data, sites, path, name, out)
         k, pull, c, free = pulls.get(tendon, (0.0, 0.0, 0.0, False))
         spring = float(model.tendon_stiffness[tendon])
         slack, rest = model.tendon_lengthspring[tendon].tolist()
@@ -55,7 +56,7 @@ def strings_of(model: mujoco.MjModel, data: mujoco.MjData, node_of: NodeOf, opti
         if model.tendon_limited[tendon]:
             out.notes.append(f"the limits of the length of tendon '{name}' are left out")
         unclipped = unclipped or free
-        out.strings.append(String(name, (nodes[0] or "", nodes[1] or ""), k, c, rest_length=pull / k))
+        out.strings.append(String(name, path, k, c, rest_length=pull / k))
     if unclipped:
         out.settings["string_law"] = StringLaw.UNCLIPPED
 
@@ -80,7 +81,7 @@ def _pulls(model: mujoco.MjModel, data: mujoco.MjData, out: Draft) -> dict[int, 
     return found
 
 
-def _note_distance(data: mujoco.MjData, sites: list[int], nodes: list[str], name: str, out: Draft) -> None:
+def _note_distance(data: mujoco.MjData, sites: list[int], nodes: tuple[str, ...], name: str, out: Draft) -> None:
     for site, node in zip(sites, nodes, strict=True):
         gap = float(np.linalg.norm(data.site_xpos[site] - np.asarray(out.nodes[node])))
         if gap > 1e-6:

@@ -49,7 +49,7 @@ def shape(scene: Scene) -> Array:
         _capsule(nodes[pair[0]], nodes[pair[1]], rod.radius)
         for rod, pair in zip(structure.rods, structure.rod_nodes, strict=True)
     ]
-    parts += [_capsule(nodes[i], nodes[j], thin) for i, j in structure.string_nodes]
+    parts += [_capsule(nodes[i], nodes[j], thin) for i, j in structure.paths.nodes]
     for point in structure.point_masses:
         at = nodes[structure.node_index[point.node]]
         parts.append(_capsule(at, at, 4 * thin))

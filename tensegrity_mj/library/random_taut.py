@@ -237,9 +237,8 @@ def _with_densities(scene: Scene, nodes: Array, still: Array, u: Array, bodies: 
 
 def _forces(model: Vibration, u: Array) -> Array:
     """(n,) on the coordinates of the model."""
-    structure = model.scene.structure
-    i, j = structure.string_nodes.T
-    pull = (u * model.length)[:, None] * model.direction
+    i, j = model.scene.structure.string_nodes.T
+    pull = (u * model.length)[:, None] * model.segments.directions
     forces = np.zeros_like(model.nodes)
     np.add.at(forces, i, pull)
     np.subtract.at(forces, j, pull)

@@ -126,7 +126,7 @@ def _nameless(member: Any) -> Any:
         return None if row is None else max(row, tuple(-x for x in row))
 
     if isinstance(member, String):
-        return replace(member, name="any", nodes=tuple(sorted(member.nodes)))  # type: ignore[arg-type]
+        return replace(member, name="any", nodes=member.unordered)
     if isinstance(member, PointMass):
         return replace(member, plane=unsigned(member.plane))
     held = member.support

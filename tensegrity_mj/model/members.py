@@ -147,7 +147,10 @@ class Rod:
 
 @value("string {name!r}", StructureError)
 class String:
-    """A massless linear string between two nodes (thesis, Assumption 2.1; law in `strings`).
+    """A massless linear string between two nodes (thesis, Assumption 2.1; law in `strings`), or along a path of more.
+
+    `nodes` are those of its path, in order. It slides through those between its ends without friction, as over pulleys
+    of no size: it has one rest length, one tension, and the length of all its segments together (`string_paths`).
 
     At most one of `rest_length` [m], `tension` [N] and `force_density` [N/m] is given, the latter two at the
     structure's reference nodes; none of them means taut without tension there.
@@ -160,7 +163,7 @@ class String:
     """
 
     name: str = field(printable_name())
-    nodes: tuple[str, str] = field(pair("node"))
+    nodes: tuple[str, ...] = field(pair("node", more=True))
     stiffness: float = field(positive("N/m"))
     damping: float = field(not_negative("N s/m"), default=0.0)
     rest_length: float | None = field(LENGTH, default=None, none="absent")
@@ -176,6 +179,11 @@ class String:
         given = [name for name in PRESTRESS if getattr(self, name) is not None]
         if len(given) > 1:
             raise refused(self, f"{' and '.join(given)} are given; give at most one of them")
+
+    @property
+    def unordered(self) -> tuple[str, ...]:
+        """Its nodes, the same whichever of its ends comes first."""
+        return min(self.nodes, self.nodes[::-1])
 
 
 @value("point mass on node {node!r}", StructureError)

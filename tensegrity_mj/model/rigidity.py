@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.basics.arrays import Array, IntArray, norm
 from tensegrity_mj.model.members import null_space_basis
 from tensegrity_mj.model.node_indices import array_of_shape
 from tensegrity_mj.model.rods import lumped_masses
@@ -277,9 +277,11 @@ def count_rigid_motions(positions: Array, motions: Array) -> int:
 
 
 def _string_forces(structure: Structure, positions: Array) -> Array:
-    """Forces on the nodes (3N, M) of unit force densities: each end is pulled towards the other."""
-    pairs = structure.string_nodes
-    return nodal_forces(pairs, spans_at(pairs, positions), len(positions))
+    """Forces on the nodes (3N, M) of unit force densities T/L: the nodes of each segment are pulled together with T."""
+    paths = structure.paths
+    spans = paths.spans(positions)
+    pulls = spans * paths.shares(norm(spans))[:, None]
+    return np.asarray(paths.total(nodal_forces(paths.nodes, pulls, len(positions))))
 
 
 def loads_on(structure: Structure, gravity: ArrayLike | None, loads: ArrayLike | None) -> Array:

@@ -65,11 +65,11 @@ def gravity_energy(structure: Structure, nodes: Array, gravity: Array) -> Array:
 
 def string_forces(structure: Structure, nodes: Array, tensions: Array) -> Array:
     """Forces of the strings on the nodes [N], (..., N, 3), for tensions (..., M)."""
-    pairs = structure.string_nodes
-    s = nodes[..., pairs[:, 1], :] - nodes[..., pairs[:, 0], :]
-    pull = np.moveaxis(s * (tensions / norm(s))[..., None], -2, 0).copy()
+    paths = structure.paths
+    s = paths.spans(nodes)
+    pull = np.moveaxis(s * (tensions[..., paths.strings] / norm(s))[..., None], -2, 0).copy()
     forces = np.zeros((len(structure.nodes), *pull.shape[1:]))
-    for (i, j), one in zip(pairs.tolist(), pull, strict=True):
+    for (i, j), one in zip(paths.nodes.tolist(), pull, strict=True):
         forces[i] += one
         forces[j] -= one
     return np.ascontiguousarray(np.moveaxis(forces, 0, -2))

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tensegrity_mj.basics.arrays import Array, IntArray, dot, norm
+from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.basics.checks import checked, real_array, sequence_of
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import Kind, Wrong, choice, direction, names, parts, printable_name, text, vector
@@ -23,8 +23,9 @@ from tensegrity_mj.model.composition import mapped, merged, rotation_matrix
 from tensegrity_mj.model.members import LIMITS, PRESTRESS, PointMass, Rod, String, Support, Vector
 from tensegrity_mj.model.node_indices import array_of_shape, index_pairs
 from tensegrity_mj.model.section import Section
+from tensegrity_mj.model.string_paths import Paths
 from tensegrity_mj.model.strings import StringLaw
-from tensegrity_mj.model.structure_checks import check_structure
+from tensegrity_mj.model.structure_checks import check_structure, check_two_nodes
 
 T = TypeVar("T", bound=NDArray[Any])
 
@@ -282,12 +283,23 @@ class Structure:
     @cached_property
     def rod_nodes(self) -> IntArray:
         """Node rows (R, 2) of the rods."""
-        return self._pairs(self.rods)
+        pairs = [[self.node_index[name] for name in rod.nodes] for rod in self.rods]
+        return _readonly(np.array(pairs, np.int64).reshape(-1, 2))
+
+    @cached_property
+    def paths(self) -> Paths:
+        """The segments of the strings."""
+        return Paths.of([self.node_index[name] for name in string.nodes] for string in self.strings)
 
     @cached_property
     def string_nodes(self) -> IntArray:
-        """Node rows (M, 2) of the strings."""
-        return self._pairs(self.strings)
+        """Node rows (M, 2) of the strings, where none has more than two.
+
+        Raises:
+            StructureError: where one has.
+        """
+        check_two_nodes(self, "string_nodes (M, 2) has no room for it: use `paths`, which has the segments of strings")
+        return self.paths.nodes
 
     @cached_property
     def rod_lengths(self) -> Array:
@@ -338,20 +350,12 @@ class Structure:
         return _readonly(np.array(values, float))
 
     def string_lengths(self, nodes: Array) -> Array:
-        """‖s‖ [m] of every string for node positions (..., N, 3); shape (..., M)."""
-        pairs = self.string_nodes
-        return norm(nodes[..., pairs[:, 1], :] - nodes[..., pairs[:, 0], :])
+        """L [m] of every string for node positions (..., N, 3), ‖s‖ between two nodes; shape (..., M)."""
+        return self.paths.lengths(nodes)
 
     def string_rates(self, nodes: Array, velocities: Array) -> Array:
-        """d‖s‖/dt [m/s] for node positions and velocities (..., N, 3); shape (..., M)."""
-        pairs = self.string_nodes
-        s = nodes[..., pairs[:, 1], :] - nodes[..., pairs[:, 0], :]
-        rate = velocities[..., pairs[:, 1], :] - velocities[..., pairs[:, 0], :]
-        return dot(s, rate) / norm(s)
-
-    def _pairs(self, members: Sequence[Rod] | Sequence[String]) -> IntArray:
-        pairs = [[self.node_index[name] for name in member.nodes] for member in members]
-        return _readonly(np.array(pairs, np.int64).reshape(-1, 2))
+        """dL/dt [m/s] for node positions and velocities (..., N, 3); shape (..., M)."""
+        return self.paths.rates(nodes, velocities)
 
 
 def _readonly(array: T) -> T:

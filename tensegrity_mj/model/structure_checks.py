@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, norm
 from tensegrity_mj.basics.kinds import LARGEST, MAGNITUDES, SMALLEST, shown
 from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.errors import StructureError
@@ -85,7 +86,7 @@ def _check_joints(structure: Structure) -> dict[frozenset[str], str]:
         ends = frozenset(rod.nodes)
         if ends in along:
             raise StructureError(
-                f"rod '{rod.name}' joins {_ends_of(rod)} as rod '{along[ends]}' does: give one rod the mass of both"
+                f"rod '{rod.name}' joins {_nodes_of(rod)} as rod '{along[ends]}' does: give one rod the mass of both"
             )
         along[ends] = rod.name
     for first, *others in structure.clusters:
@@ -136,9 +137,12 @@ def _check_rods(structure: Structure, size: float) -> None:
 def _check_strings(structure: Structure, size: float, along: dict[frozenset[str], str]) -> None:
     for string in structure.strings:
         _check_ends(f"string '{string.name}'", string.nodes, structure)
-    lengths = structure.string_lengths(structure.positions)
-    _check_lengths("string", structure.strings, lengths, np.full(len(lengths), 1e-12 * size))
-    seen: dict[frozenset[str], str] = {}
+    paths = structure.paths
+    segments = norm(paths.spans(structure.positions))
+    pieces = [_Piece(string.name, pair) for string in structure.strings for pair in itertools.pairwise(string.nodes)]
+    _check_lengths("string", pieces, segments, np.full(len(segments), 1e-12 * size))
+    lengths = paths.total(segments)
+    seen: dict[tuple[str, ...], str] = {}
     for string, length in zip(structure.strings, lengths.tolist(), strict=True):
         for name, most, unit in (
             ("tension", string.stiffness * length, "N"),
@@ -151,37 +155,55 @@ def _check_strings(structure: Structure, size: float, along: dict[frozenset[str]
                     f"{length * (1 - value / most):.3g} m, by L0 = L (1 - u/k); it must be below {most:g} {unit} for a "
                     "rest length above zero: use a stiffer string, or less prestress"
                 )
-        ends = frozenset(string.nodes)
-        if ends in seen:
+        same = seen.setdefault(string.unordered, string.name)
+        if same != string.name:
             raise StructureError(
-                f"string '{string.name}' joins {_ends_of(string)} as string '{seen[ends]}' does: "
+                f"string '{string.name}' joins {_nodes_of(string)} as string '{same}' does: "
                 "remove one of them, or give one string their summed stiffness"
             )
-        seen[ends] = string.name
-        if ends in along:
+        rods = [along.get(frozenset(pair)) for pair in itertools.pairwise(string.nodes)]
+        if all(rods):
+            names = " and ".join(f"'{name}'" for name in dict.fromkeys(rods))
             raise StructureError(
-                f"string '{string.name}' runs along rod '{along[ends]}' ({_ends_of(string)}): "
+                f"string '{string.name}' runs along rod {names} ({_nodes_of(string)}): "
                 "its length cannot change; remove it"
             )
         # A string between two fixed points is harmless, and found in published data: it loads nothing that moves.
 
 
-def _check_lengths(kind: str, members: Sequence[Rod | String], lengths: Array, limits: Array) -> None:
+class _Piece(NamedTuple):
+    """A segment of a string, under the string's name."""
+
+    name: str
+    nodes: tuple[str, str]
+
+
+def check_two_nodes(structure: Structure, reason: str) -> None:
+    """Raise StructureError with the reason, if a string of the structure runs through more than two nodes."""
+    for string in structure.strings:
+        if len(string.nodes) > 2:
+            raise StructureError(f"string '{string.name}' runs through {len(string.nodes)} nodes: {reason}")
+
+
+def _check_lengths(kind: str, members: Sequence[Rod | _Piece], lengths: Array, limits: Array) -> None:
     """Raise StructureError unless lengths [m] are above the limits that round-off sets, and of magnitudes that fit."""
     wrong = ~((lengths > limits) & (lengths >= SMALLEST) & (lengths <= LARGEST))
     for row in np.flatnonzero(wrong)[:1]:
         member, length = members[row], lengths[row]
         need = f"{MAGNITUDES} m" if limits[row] < length else "longer than zero"
         raise StructureError(
-            f"{kind} '{member.name}' has length {length:.3g} m between {_ends_of(member)}; it must be {need}"
+            f"{kind} '{member.name}' has length {length:.3g} m between {_nodes_of(member)}; it must be {need}"
         )
 
 
-def _check_ends(what: str, nodes: tuple[str, str], structure: Structure) -> None:
+def _check_ends(what: str, nodes: tuple[str, ...], structure: Structure) -> None:
     for name in nodes:
         _check_known(what, name, structure)
-    if nodes[0] == nodes[1]:
+    if len(nodes) == 2 and nodes[0] == nodes[1]:
         raise StructureError(f"{what} starts and ends on node '{nodes[0]}'; it must join two different nodes")
+    for one, other in itertools.pairwise(nodes):
+        if one == other:
+            raise StructureError(f"{what} passes node '{one}' twice in a row; name it once there")
 
 
 def _check_unique(kind: str, names: Iterable[str]) -> None:
@@ -197,8 +219,8 @@ def _check_known(what: str, name: str, structure: Structure) -> None:
         raise StructureError(f"{what}: {unknown_node(name, structure)}")
 
 
-def _ends_of(member: Rod | String) -> str:
-    return f"'{member.nodes[0]}' and '{member.nodes[1]}'"
+def _nodes_of(member: Rod | String | _Piece) -> str:
+    return " and ".join(f"'{name}'" for name in member.nodes)
 
 
 def unknown_node(name: object, structure: Structure) -> str:

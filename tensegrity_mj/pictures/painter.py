@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, norm
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera
@@ -285,22 +285,22 @@ class Painter:
 
     def _strings(self, motion: Motion, pose: Pose, radii: Array, tension: palette.TensionScale, look: Look) -> None:
         """Taut strings straight, in the colour of their tension; slack ones as arcs of their length; no broken ones."""
-        pairs = motion.structure.string_nodes
-        if len(pairs) == 0:
+        paths = motion.structure.paths
+        if len(paths.nodes) == 0:
             return
         nodes = pose.nodes
         slack = slack_strings(motion.structure, pose) & ~pose.broken
-        rgba = np.ones((len(pairs), 4), np.float32)
+        rgba = np.ones((len(slack), 4), np.float32)
         rgba[:, :3] = tension.colors(pose.tensions)
         loose = _rgba(palette.SLACK, 1.0)
         if look is not Look.SOLID:
             rgba[:] = loose[:] = look.rgba
-        for row in np.flatnonzero(~slack & ~pose.broken):
-            i, j = pairs[row]
-            self._capsule(nodes[i], nodes[j], radii[row], rgba[row], look, 0.1)
-        for row, points in zip(
-            np.flatnonzero(slack), slack_curves(motion, pose, slack) if slack.any() else (), strict=True
-        ):
+        taut = ~slack & ~pose.broken
+        for (i, j), row in zip(paths.nodes, paths.strings, strict=True):
+            if taut[row]:
+                self._capsule(nodes[i], nodes[j], radii[row], rgba[row], look, 0.1)
+        rows = paths.strings[slack[paths.strings]]
+        for row, points in zip(rows, slack_curves(motion, pose, slack) if slack.any() else (), strict=True):
             for start, end in itertools.pairwise(points):
                 self._capsule(start, end, 0.75 * radii[row], loose, look, 0.1)
 
@@ -356,8 +356,8 @@ def plate_thickness(low: Array, high: Array) -> float:
 
 def geoms_needed(structure: Structure) -> int:
     """Most geoms that a structure can take: every string slack, and shadows of all."""
-    members = len(structure.rods) + len(structure.point_masses) + SLACK_SEGMENTS * len(structure.strings)
-    shadows = 2 * ((PIECES + 2) * len(structure.rods) + min(len(structure.strings), MOST_STRINGS))
+    members = len(structure.rods) + len(structure.point_masses) + SLACK_SEGMENTS * len(structure.paths.nodes)
+    shadows = 2 * ((PIECES + 2) * len(structure.rods) + min(len(structure.paths.nodes), MOST_STRINGS))
     return members + len(structure.rods) + len(structure.fixed_nodes) + shadows
 
 
@@ -368,11 +368,14 @@ def slack_strings(structure: Structure, pose: Pose) -> NDArray[np.bool_]:
 
 
 def slack_curves(motion: Motion, pose: Pose, slack: NDArray[np.bool_]) -> Array:
-    """Points (S, segments + 1, 3) [m] along the slack strings."""
-    pairs = motion.structure.string_nodes[slack]
+    """Points (S, pieces + 1, 3) [m] along the segments of slack strings, each with its share of the string's length."""
+    paths = motion.structure.paths
+    loose = slack[paths.strings]
+    pairs, strings = paths.nodes[loose], paths.strings[loose]
     start, end = pose.nodes[pairs[:, 0]], pose.nodes[pairs[:, 1]]
+    rest = pose.rest_lengths[strings] / paths.shares(norm(paths.spans(pose.nodes)))[loose]
     outward = 0.5 * (start + end) - pose.nodes.mean(axis=0)
-    return slack_arcs(start, end, pose.rest_lengths[slack], motion.down, outward, SLACK_SEGMENTS)
+    return slack_arcs(start, end, rest, motion.down, outward, SLACK_SEGMENTS)
 
 
 def supported_points(structure: Structure, nodes: Array) -> list[tuple[Array, int]]:

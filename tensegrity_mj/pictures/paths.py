@@ -82,8 +82,8 @@ def _draw(panel: Any, axes: list[int], run: Trajectory, aim: Array | None, numbe
         label = figure_text(run.engine.partition(",")[0] or run.scene.name)
         look = {"color": palette.color_of(2 * number), "ls": line_style(number), "lw": width}
         lines(run.nodes[:, moving].swapaxes(0, 1), label=label, **look)
-    if len(structure.string_nodes):
-        lines(end[structure.string_nodes], color=STRING, lw=0.7)
+    if len(structure.strings):
+        lines(end[structure.paths.nodes], color=STRING, lw=0.7)
     if aim is not None and len(structure.rod_nodes):
         lines(aim[-1, structure.rod_nodes], color=palette.TARGET, lw=4.0, alpha=0.5)
     if len(structure.rod_nodes):

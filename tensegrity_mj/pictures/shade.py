@@ -46,9 +46,10 @@ def patches(
     flat = nodes - heights[:, None] * up
     members = [(radius, PIECES, 1.0) for radius in radii.tolist()]
     pairs = structure.rod_nodes
-    if len(structure.strings) <= MOST_STRINGS:
-        members += [(string, 1, 0.6)] * len(structure.strings)
-        pairs = np.concatenate([pairs, structure.string_nodes])
+    segments = structure.paths.nodes
+    if len(segments) <= MOST_STRINGS:
+        members += [(string, 1, 0.6)] * len(segments)
+        pairs = np.concatenate([pairs, segments])
     along = flat[pairs[:, 1]] - flat[pairs[:, 0]]
     lengths = np.linalg.norm(along, axis=1)
     directions = along / np.maximum(lengths, 1e-300)[:, None]

@@ -132,7 +132,8 @@ def _data(motion: Motion, times: Array) -> dict[str, Any]:
     among = [np.interp(times, motion.time, one) for one in np.hstack([motion.tensions, motion.rest_lengths]).T]
     tensions, rest = np.split(np.array(among).reshape(-1, len(times)).T, 2, axis=1)
     box = _Box.of(motion, nodes, aims)
-    rows, held = structure.node_index, [rod for rod in structure.rods if len(rod.support.directions)]
+    paths, rows = structure.paths, structure.node_index
+    held = [rod for rod in structure.rods if len(rod.support.directions)]
     scale = palette.TensionScale.of(motion.tensions)
     ticks = np.linspace(0.0, scale.end, 5)
     slack = np.any(motion.rest_lengths > structure.string_lengths(motion.nodes) * (1.0 + SLACKNESS))
@@ -166,7 +167,7 @@ def _data(motion: Motion, times: Array) -> dict[str, Any]:
             [*map(int, pair), radius]
             for pair, radius in zip(structure.rod_nodes, Sizes.of(structure, box.extent).rod, strict=True)
         ],
-        "strings": structure.string_nodes,
+        "strings": [[*map(int, pair), int(row)] for pair, row in zip(paths.nodes, paths.strings, strict=True)],
         "breaks": motion.break_times,  # infinite, that is never, becomes null
         "supports": [
             *([rows[name], rows[name], 0.0] for name in structure.fixed_nodes),
@@ -276,7 +277,7 @@ def _eye(motion: Motion, half: Array) -> Array:
     least.
     """
     nodes = motion.nodes[:: max(1, len(motion.nodes) // 50)]
-    pairs = np.concatenate([motion.structure.rod_nodes, motion.structure.string_nodes])
+    pairs = np.concatenate([motion.structure.rod_nodes, motion.structure.paths.nodes])
     corners = corners_of(pairs[:: 1 + len(pairs) // 150], nodes[:: max(1, len(nodes) // 6)])
     camera = clearest(nodes.reshape(-1, 3), corners, motion.sea)
     corners = np.array(np.meshgrid(*[[-0.5, 0.5]] * 3)).reshape(3, -1).T * half / np.max(half)

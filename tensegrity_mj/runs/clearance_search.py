@@ -40,7 +40,7 @@ class Path:
 
 
 class ClearanceSearch:
-    """The elements of a path as the compiled searches want them; elements are the rods, then the strings."""
+    """The elements of a path as the compiled searches want them: the rods, then the strings' straight segments."""
 
     def __init__(self, path: Path, kinds: Sequence[Pairs], level: float, string_radius: float, margin: float) -> None:
         structure = path.structure
@@ -56,11 +56,12 @@ class ClearanceSearch:
         self.P = np.ascontiguousarray((positions - positions.mean(axis=1, keepdims=True)).transpose(1, 0, 2))
         self.V = np.ascontiguousarray((velocities - velocities.mean(axis=1, keepdims=True)).transpose(1, 0, 2))
         self.size = float(np.ptp(self.P.reshape(-1, 3), axis=0).max(initial=0.0))
-        self.nodes = np.concatenate([structure.rod_nodes, structure.string_nodes])
-        self.names = [rod.name for rod in structure.rods] + [string.name for string in structure.strings]
+        segments, strings = structure.paths.nodes, structure.paths.strings
+        self.nodes = np.concatenate([structure.rod_nodes, segments])
+        self.names = [rod.name for rod in structure.rods] + [structure.strings[row].name for row in strings]
         rods = len(structure.rods)
-        self.radii = np.array([rod.radius for rod in structure.rods] + [string_radius] * len(structure.strings))
-        self.until = np.concatenate([np.full(rods, np.inf), path.until])
+        self.radii = np.array([rod.radius for rod in structure.rods] + [string_radius] * len(segments))
+        self.until = np.concatenate([np.full(rods, np.inf), path.until[strings]])
         self.pairs, self.pair_kinds = _pairs(self.nodes, rods, kinds, self.until > self.time[0])
         self.way = np.zeros((len(self.nodes), len(self.time)))
         paths(self.P, self.V, self.time, self.nodes, self.way)

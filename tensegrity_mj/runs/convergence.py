@@ -124,16 +124,17 @@ def has_kinks(run: Trajectory) -> bool:
 def _slack_between(run: Trajectory) -> bool:
     """Whether a string that pulls at two samples in a row turned by more than a right angle and was slack on the way.
 
-    Its second node then passed its first one, as seen from there: on a straight line at less than the rest length.
+    Its second node then passed its first one, as seen from there: on a straight line at less than the rest length. Of
+    a path, any segment may have turned.
     """
-    first, second = run.scene.structure.string_nodes.T
-    spans, rest = run.nodes[:, second] - run.nodes[:, first], run.rest_lengths
+    paths = run.scene.structure.paths
+    spans, rest = paths.spans(run.nodes), run.rest_lengths
     before, moved = spans[:-1], np.diff(spans, axis=0)
-    turned = np.sum(before * spans[1:], axis=-1) < 0
+    turned = paths.total(np.sum(before * spans[1:], axis=-1) < 0)
     pulls = (run.tensions[:-1] > 0) & (run.tensions[1:] > 0)
     square = np.sum(moved * moved, axis=-1)
     part = np.clip(-np.sum(before * moved, axis=-1) / np.where(square > 0, square, 1.0), 0.0, 1.0)
-    nearest = np.linalg.norm(before + part[..., None] * moved, axis=-1)
+    nearest = paths.total(np.linalg.norm(before + part[..., None] * moved, axis=-1))
     return bool(np.any(turned & pulls & (nearest < np.minimum(rest[:-1], rest[1:]))))
 
 

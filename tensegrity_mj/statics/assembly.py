@@ -7,9 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.rigidity import Members, members_at, nodal_forces
+from tensegrity_mj.model.string_paths import Paths
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics.body_motions import lasting_motions
 from tensegrity_mj.statics.boundary import Boundary
@@ -25,7 +26,7 @@ class Assembly:
     Attributes:
         nodes: (N, 3) [m].
         whole: (M,) strings that are not broken.
-        members: lengths and directions (M + R).
+        members: lengths and directions of the strings' segments, and of the rods behind them (S + R).
         B: (M + R, q) how lengths change with the free coordinates of the boundary.
     """
 
@@ -39,13 +40,13 @@ class Assembly:
     @classmethod
     def of(cls, structure: Structure, boundary: Boundary, nodes: Array, whole: Flags) -> Assembly:
         """At nodes (N, 3); OptionError for a member without length."""
-        pairs = member_pairs(structure)
-        members = members_at(pairs, nodes)
-        if len(pairs) and members.lengths.min() == 0:
+        paths = member_paths(structure)
+        members = members_at(paths.nodes, nodes)
+        if len(paths.nodes) and members.lengths.min() == 0:
             names = [one.name for one in structure.strings] + [one.name for one in structure.rods]
-            name = names[int(members.lengths.argmin())]
+            name = names[int(paths.strings[members.lengths.argmin()])]
             raise OptionError(f"'{name}' has no length at these nodes, and so no direction: look at other nodes")
-        slopes = -nodal_forces(pairs, members.directions, len(nodes)).T
+        slopes = -paths.total(nodal_forces(paths.nodes, members.directions, len(nodes))).T
         slopes[: len(whole)][~whole] = 0.0
         B = np.asarray((boundary.Z.T @ slopes.T).T)
         return cls(structure, boundary, nodes, whole, members, B)
@@ -77,26 +78,26 @@ class Assembly:
 
     def forms(self, motions: Array) -> Array:
         """(M + R, k, k) [1/m] the same for 1 N in each member."""
-        pairs, (lengths, directions) = member_pairs(self.structure), self.members
+        paths, (lengths, directions) = member_paths(self.structure), self.members
         moved = motions.reshape(len(self.nodes), 3, -1)
-        apart = moved[pairs[:, 1]] - moved[pairs[:, 0]]
+        apart = moved[paths.nodes[:, 1]] - moved[paths.nodes[:, 0]]
         along = np.einsum("tx,txm->tm", directions, apart)
         square = np.einsum("txm,txn->tmn", apart, apart) - along[:, :, None] * along[:, None, :]
-        return np.asarray(square / lengths[:, None, None])
+        return np.asarray(paths.total(square / lengths[:, None, None], axis=0))
 
     def stress_matrix(self, forces: Array) -> Array:
         """(N, N) [N/m] of forces (M + R,) [N] of the members."""
-        pairs = member_pairs(self.structure)
-        density = forces / self.members.lengths
-        C = np.zeros((len(pairs), len(self.nodes)))
-        rows = np.arange(len(pairs))
-        C[rows, pairs[:, 0]], C[rows, pairs[:, 1]] = -1.0, 1.0
+        paths = member_paths(self.structure)
+        density = forces[paths.strings] / self.members.lengths
+        C = np.zeros((len(paths.nodes), len(self.nodes)))
+        rows = np.arange(len(paths.nodes))
+        C[rows, paths.nodes[:, 0]], C[rows, paths.nodes[:, 1]] = -1.0, 1.0
         return np.asarray(C.T @ (density[:, None] * C))
 
 
-def member_pairs(structure: Structure) -> IntArray:
-    """(M + R, 2) nodes of strings, and then of rods."""
-    return np.concatenate([structure.string_nodes, structure.rod_nodes])
+def member_paths(structure: Structure) -> Paths:
+    """The segments of M strings, and behind them R rods as strings of one segment each."""
+    return structure.paths.followed_by(structure.rod_nodes)
 
 
 def rank_of(values: Array) -> int:

@@ -59,7 +59,7 @@ def balance(model: StaticModel) -> Balance:
     gradient = model.gradient(x, 0.0)
     forces = linear_systems.rod_forces(model, x, gradient)
     left = -(Z @ (Z.T @ (gradient + model.rod_pulls(x, forces)))).reshape(-1, 3)
-    parts = (model.tensions(model.strings(x).lengths), forces, model.external(0.0), model.element_forces(x))
+    parts = (model.tensions(model.lengths(x)), forces, model.external(0.0), model.element_forces(x))
     largest = max(float(np.abs(part).max(initial=0.0)) for part in parts)
     sizes = np.linalg.norm(left, axis=1)
     threshold = max(BALANCED * largest, round_off(model, x, 0.0, forces))

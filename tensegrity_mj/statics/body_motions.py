@@ -78,7 +78,7 @@ def neutral_motions(model: StaticModel, x: Array, parameter: float = 1.0, rod_fo
     if G.shape[0]:
         inside = model.gradient(x, parameter)
         N = linear_systems.rod_forces(model, x, inside) if rod_forces is None else rod_forces
-        carried = np.concatenate([model.tensions(model.strings(x).lengths), N])
+        carried = np.concatenate([model.tensions(model.lengths(x)), N])
         scale = float(np.abs(carried).max(initial=0.0)) + largest
         held = inside + model.rod_pulls(x, N)
         if scale > 0:

@@ -173,7 +173,7 @@ def _descend(model: StaticModel, x: Array, parameter: float, limit: int) -> tupl
 
 def _energy_round_off(model: StaticModel, x: Array, forces: Array, parameter: float) -> float:
     """[J]: lengths have errors of EPS, which forces multiply."""
-    lengths = model.strings(x).lengths
+    lengths = model.lengths(x)
     strings = float(model.tensions(lengths) @ lengths) + float(np.abs(forces) @ model.rod_lengths)
     return EPS * (strings + float(np.abs(model.external(parameter)) @ np.abs(x - model.start.ravel())))
 
@@ -197,7 +197,7 @@ def _kicked(model: StaticModel, state: StaticState, motion: Array) -> Array:
 
 def _stuck(model: StaticModel, taken: int, size: float, x: Array, forces: Array, parameter: float) -> InfeasibleError:
     what = f"'{model.scene.name}': no equilibrium after {taken} steps: {size:.3g} N are left. "
-    pulls = float(model.tensions(model.strings(x).lengths).max(initial=0.0))
+    pulls = float(model.tensions(model.lengths(x)).max(initial=0.0))
     pulls += float(np.abs(model.external(parameter)).max(initial=0.0))
     if len(forces) and np.abs(forces).max() > STRAIGHT * pulls:
         worst = int(np.abs(forces).argmax())

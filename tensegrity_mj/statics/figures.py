@@ -46,7 +46,7 @@ def structure_figure(before: Array, state: StaticState) -> Figure:
     colors[state.slack] = palette.SLACK
     flat = state.nodes @ view.T
     _draw(panel, flat, structure.rod_nodes, [palette.ROD] * len(structure.rods), 2.6)
-    _draw(panel, flat, structure.string_nodes[whole], colors[whole], 1.1)
+    _draw_strings(panel, structure, flat, whole, colors, 1.1)
     if largest > 0:
         from matplotlib.cm import ScalarMappable
         from matplotlib.colors import ListedColormap, Normalize
@@ -162,7 +162,7 @@ def _shapes_figure(
     for panel, x, there, title in zip(panels, at, moved, titles, strict=False):
         _draw_plain(panel, structure, x @ view.T, whole, FAINT, 0.7)
         _draw(panel, there @ view.T, structure.rod_nodes, [palette.CYCLE[0]] * len(structure.rods), 1.8)
-        _draw(panel, there @ view.T, structure.string_nodes[whole], [palette.CYCLE[5]] * int(whole.sum()), 0.8)
+        _draw_strings(panel, structure, there @ view.T, whole, palette.CYCLE[5], 0.8)
         panel.set_title(title, fontsize=9)
         _space(panel)
     for panel in panels[len(shapes) :]:
@@ -210,7 +210,15 @@ def _draw(panel: Axes, flat: Array, pairs: Any, colors: Any, width: float) -> No
 
 def _draw_plain(panel: Axes, structure: Structure, flat: Array, whole: Any, color: Any, width: float) -> None:
     _draw(panel, flat, structure.rod_nodes, [color] * len(structure.rods), 2 * width)
-    _draw(panel, flat, structure.string_nodes[whole], [color] * int(whole.sum()), width)
+    _draw_strings(panel, structure, flat, whole, color, width)
+
+
+def _draw_strings(panel: Axes, structure: Structure, flat: Array, whole: Any, colors: Any, width: float) -> None:
+    """The whole ones of M strings, in one colour or one each."""
+    segments, strings = structure.paths.nodes, structure.paths.strings
+    drawn = whole[strings]
+    each = colors[strings[drawn]] if isinstance(colors, np.ndarray) else [colors] * int(drawn.sum())
+    _draw(panel, flat, segments[drawn], each, width)
 
 
 def _space(panel: Axes) -> None:

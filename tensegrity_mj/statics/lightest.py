@@ -114,11 +114,12 @@ class _Task:
     @cached_property
     def pulls(self) -> tuple[Array, Array]:
         """Forces on the nodes (3N, R) and (3N, M) of unit forces in members: each end is pulled to the other."""
-        nodes = self.structure.positions
-        return tuple(  # type: ignore[return-value]
+        nodes, paths = self.structure.positions, self.structure.paths
+        rods, segments = (
             nodal_forces(pairs, members_at(pairs, nodes).directions, len(nodes))
-            for pairs in (self.structure.rod_nodes, self.structure.string_nodes)
+            for pairs in (self.structure.rod_nodes, paths.nodes)
         )
+        return rods, paths.total(segments)
 
     @cached_property
     def weights(self) -> Array:

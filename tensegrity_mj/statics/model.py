@@ -243,16 +243,22 @@ class StaticModel:
 
     @cached_property
     def _blocks(self) -> tuple[IntArray, IntArray]:
-        return _block_places(np.concatenate([self.structure.string_nodes, self.structure.rod_nodes]))
+        paths, rods = self.structure.paths, self.structure.rod_nodes
+        first, second = (np.concatenate([paths.nodes[rows], rods]) for rows in paths.couples.T)
+        return _block_places(first, second)
 
     def _spans(self, x: Array) -> Array:
         return spans_at(self.structure.rod_nodes, x.reshape(-1, 3)).ravel()
 
     # ---------------------------------------------------------------------------------------------- at given nodes
 
-    def strings(self, x: Array) -> Members:
-        """Lengths and directions of the strings at x (3N,)."""
-        return members_at(self.structure.string_nodes, x.reshape(-1, 3))
+    def segments(self, x: Array) -> Members:
+        """Lengths and directions of the strings' segments at x (3N,)."""
+        return members_at(self.structure.paths.nodes, x.reshape(-1, 3))
+
+    def lengths(self, x: Array) -> Array:
+        """(M,) [m] of the strings."""
+        return np.asarray(self.structure.paths.total(self.segments(x).lengths))
 
     def rods(self, x: Array) -> Members:
         """Lengths and directions of the rods."""
@@ -268,7 +274,7 @@ class StaticModel:
 
     def energy(self, x: Array, parameter: float = 1.0) -> float:
         """Π [J] at x (3N,): strings, bent joints and external forces, without elastic rods."""
-        stretch = np.maximum(0.0, self.strings(x).lengths - self.rest_lengths)
+        stretch = np.maximum(0.0, self.lengths(x) - self.rest_lengths)
         bent = 0.0 if self.bends is None else 0.5 * float(np.sum((self.bends @ self._spans(x)) ** 2))
         # From the start, so that heavy things far from the origin leave digits for the rest.
         work = float(self.external(parameter) @ (x - self.start.ravel()))
@@ -284,8 +290,9 @@ class StaticModel:
     def gradient(self, x: Array, parameter: float = 1.0) -> Array:
         """∇Π (3N,) [N]."""
         out = -self.external(parameter)
-        lengths, directions = self.strings(x)
-        _add_spans(out, self.structure.string_nodes, self.tensions(lengths)[:, None] * directions)
+        paths, (lengths, directions) = self.structure.paths, self.segments(x)
+        tensions = self.tensions(paths.total(lengths))[paths.strings]
+        _add_spans(out, paths.nodes, tensions[:, None] * directions)
         if self.bends is not None:
             bent = self.bends.T @ (self.bends @ self._spans(x))
             _add_spans(out, self.structure.rod_nodes, bent.reshape(-1, 3))
@@ -318,11 +325,14 @@ class StaticModel:
 
     def _hessian_entries(self, x: Array, rod_forces: Array) -> tuple[Array, tuple[IntArray, IntArray]]:
         """What strings and rods add up to, and where; without bending."""
-        lengths, s = self.strings(x)
-        along = s[:, :, None] * s[:, None, :]
-        taut = np.where(lengths > self.rest_lengths, self.stiffness, 0.0)[:, None, None]
-        across = (self.tensions(lengths) / np.where(lengths > 0, lengths, 1.0))[:, None, None]
-        blocks = (taut - across) * along + across * np.eye(3)
+        paths, (parts, s) = self.structure.paths, self.segments(x)
+        lengths = paths.total(parts)
+        first, second = paths.couples.T
+        along = s[first, :, None] * s[second, None, :]
+        taut = np.where(lengths > self.rest_lengths, self.stiffness, 0.0)[paths.strings[first], None, None]
+        across = self.tensions(lengths)[paths.strings] / np.where(parts > 0, parts, 1.0)
+        turning = np.where(first == second, across[first], 0.0)[:, None, None]
+        blocks = (taut - turning) * along + turning * np.eye(3)
         lengths, b = self.rods(x)
         turned = (rod_forces / lengths)[:, None, None] * (np.eye(3) - b[:, :, None] * b[:, None, :])
         return np.concatenate([_block_values(blocks), _block_values(turned)]), self._blocks
@@ -374,12 +384,11 @@ def _add_spans(out: Array, pairs: IntArray, pulls: Array) -> None:
     np.subtract.at(places, pairs[:, 0], pulls)
 
 
-def _block_places(pairs: IntArray) -> tuple[IntArray, IntArray]:
-    """Rows and columns of the four blocks of (3, 3) of each member: ii, jj, ij, ji."""
-    i, j = 3 * pairs[:, 0], 3 * pairs[:, 1]
+def _block_places(first: IntArray, second: IntArray) -> tuple[IntArray, IntArray]:
+    """Rows and columns of the four blocks of (3, 3) that couple two spans, of a member or of two: ii, jj, ij, ji."""
     k, m = np.repeat(np.arange(3), 3), np.tile(np.arange(3), 3)
-    first, second = np.stack([i, j, i, j], axis=1), np.stack([i, j, j, i], axis=1)
-    return (first[:, :, None] + k).reshape(-1), (second[:, :, None] + m).reshape(-1)
+    rows, columns = 3 * first[:, [0, 1, 0, 1]], 3 * second[:, [0, 1, 1, 0]]
+    return (rows[:, :, None] + k).reshape(-1), (columns[:, :, None] + m).reshape(-1)
 
 
 def _block_values(blocks: Array) -> Array:

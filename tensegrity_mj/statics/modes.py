@@ -299,7 +299,7 @@ def _film(modes: Modes, number: int, time: Array, places: Array, rates: Array, a
         structure.rod_masses, structure.rod_lengths, np.array([rod.support.sigma for rod in structure.rods], float)
     )
     for row, (x, a) in enumerate(zip(places, accelerations, strict=True)):
-        lengths = model.strings(x).lengths
+        lengths = model.lengths(x)
         data["tensions"][row] = model.tensions(lengths)
         data["force_densities"][row] = data["tensions"][row] / np.where(lengths > 0, lengths, 1.0)
         N_rods = linear_systems.rod_forces(model, x, model.gradient(x, state.parameter) + modes.masses @ a)

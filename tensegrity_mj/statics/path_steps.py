@@ -91,7 +91,7 @@ class Walk:
         """The point so far ahead, around a corner: where strings that the tangent slackens, or pulls taut, are so."""
         model, t = self.model, at.tangent
         x, s, forces = at.state.x + arc * t.x, at.state.parameter + arc * t.s, at.state.rod_forces + arc * t.forces
-        slack = model.tensions(model.strings(x).lengths) <= 0
+        slack = model.tensions(model.lengths(x)) <= 0
         changed = np.flatnonzero(slack != at.state.slack)
         if not len(changed):
             return None
@@ -222,6 +222,6 @@ def zero(model: StaticModel) -> float:
 
 def _lengthening(model: StaticModel, x: Array, motion: Array) -> Array:
     """(M,): how strings lengthen in a motion (3N,)."""
-    i, j = model.structure.string_nodes.T
-    moved = motion.reshape(-1, 3)
-    return np.einsum("mk,mk->m", model.strings(x).directions, moved[j] - moved[i])
+    paths = model.structure.paths
+    along = np.einsum("mk,mk->m", model.segments(x).directions, paths.spans(motion.reshape(-1, 3)))
+    return np.asarray(paths.total(along))

@@ -32,10 +32,9 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import real_array
 from tensegrity_mj.basics.jsontext import plain, plain_values
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.model.rigidity import members_at
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.statics.assembly import Assembly, member_pairs, rank_of
+from tensegrity_mj.statics.assembly import Assembly, member_paths, rank_of
 from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.signs import Flags, can_pull, can_push, listed, obstacle
@@ -131,7 +130,7 @@ class Prestressability:
     @property
     def force_densities(self) -> Array:
         """(S, M + R) [N/m] of the states of self-stress."""
-        return np.asarray(self.self_stress / members_at(member_pairs(self.structure), self.nodes).lengths)
+        return np.asarray(self.self_stress / member_paths(self.structure).lengths(self.nodes))
 
     def describe(self) -> list[str]:
         """What there is to say, a sentence a line."""

@@ -114,7 +114,7 @@ def _masses(model: StaticModel, x: Array, forces: Array, parameter: float) -> Ar
     """(q,): above a quarter of what strings, and rods by their forces, resist a coordinate with (Gershgorin)."""
     Z = model.boundary.Z
     # Every string counts as taut: those that are slack may become so.
-    taut = model.with_(rest_lengths=np.minimum(model.rest_lengths, model.strings(x).lengths * (1 - 1e-9)))
+    taut = model.with_(rest_lengths=np.minimum(model.rest_lengths, model.lengths(x) * (1 - 1e-9)))
     K = Z.T @ taut.hessian(x, np.abs(forces)) @ Z
     rows = np.asarray(np.abs(sparse.csr_array(K)).sum(axis=1)).ravel()
     load = float(np.abs(model.external(parameter)).max(initial=0.0)) / model.scale[0]
@@ -122,7 +122,7 @@ def _masses(model: StaticModel, x: Array, forces: Array, parameter: float) -> Ar
 
 
 def _largest(model: StaticModel, x: Array, forces: Array, parameter: float) -> float:
-    tension = model.tensions(model.strings(x).lengths)
+    tension = model.tensions(model.lengths(x))
     parts = (tension, np.abs(forces), np.abs(model.external(parameter)))
     return max(float(part.max(initial=0.0)) for part in parts)
 

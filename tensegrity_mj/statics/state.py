@@ -47,7 +47,7 @@ class StaticState:
     @cached_property
     def lengths(self) -> Array:
         """(M,) [m] of the strings."""
-        return self.model.strings(self.x).lengths
+        return self.model.lengths(self.x)
 
     @cached_property
     def tensions(self) -> Array:

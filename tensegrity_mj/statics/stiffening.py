@@ -110,6 +110,8 @@ def super_stable(at: Assembly, states: Array, pulling: Flags, own: Array | None)
         return Verdict.NOT_APPLICABLE, "it is defined for structures without supports"
     if not pulling.any():
         return Verdict.NO, "no string can pull"
+    if len(at.structure.paths.nodes) > len(at.structure.strings):
+        return Verdict.NOT_APPLICABLE, "it is defined for strings of two nodes; one through more may change its shape"
     centered = at.nodes - at.nodes.mean(axis=0)
     _, spread, axes = np.linalg.svd(centered)
     d = int(np.sum(spread > RANK * spread[0]))

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.model.string_paths import Paths
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.vibration.bodies import SLOTS, Bodies
 from tensegrity_mj.vibration.joints import Joints
@@ -39,19 +40,29 @@ class Blocks:
         return float(sums[:bodies].max(initial=0.0))
 
 
-def spring_blocks(directions: Array, along: Array, across: Array) -> Array:
-    """(m, 3, 3) [N/m] of members of stiffness (m,) along unit vectors (m, 3), and (m,) across (force / length)."""
-    parallel = directions[:, :, None] * directions[:, None, :]
-    return np.asarray(along[:, None, None] * parallel + across[:, None, None] * (np.eye(3) - parallel))
+def spring_blocks(paths: Paths, directions: Array, along: Array, across: Array) -> Array:
+    """(P, 3, 3) [N/m] of strings of stiffness (M,) along segments of unit vectors (S, 3), and (S,) across (T/l).
+
+    A string has k (∇L)(∇L)ᵀ, which couples any two of its segments, and T times the Hessian of L: that of each alone.
+    """
+    first, second = paths.couples.T
+    parallel = directions[first, :, None] * directions[second, None, :]
+    stretching = along[paths.strings[first], None, None] * parallel
+    turning = np.where(first == second, across[first], 0.0)[:, None, None] * (np.eye(3) - parallel)
+    return np.asarray(stretching + turning)
 
 
 class Assembly:
-    """Matrices (n, n) of sums over strings of Xᵀ W X, with W (M, 3, 3), and of blocks."""
+    """Matrices (n, n) of sums over couples of segments of Xᵀ W X, with W (P, 3, 3), and of blocks."""
 
     def __init__(self, structure: Structure, bodies: Bodies, turned: Array, joints: Joints | None) -> None:
         self.B, self.joints = len(bodies.mass), joints
-        ends = [(p, turned[k], bodies.body[k]) for p, k in zip((1.0, -1.0), structure.string_nodes.T, strict=True)]
-        self._pairs = [(p * q * np.swapaxes(X, 1, 2), Y, a, b) for p, X, a in ends for q, Y, b in ends]
+        paths = structure.paths
+        first, second = (
+            [(p, turned[k], bodies.body[k]) for p, k in zip((1.0, -1.0), paths.nodes[rows].T, strict=True)]
+            for rows in paths.couples.T
+        )
+        self._pairs = [(p * q * np.swapaxes(X, 1, 2), Y, a, b) for p, X, a in first for q, Y, b in second]
 
     def sum(self, blocks: Blocks) -> Any:
         """The matrix of blocks of bodies."""
@@ -59,8 +70,9 @@ class Assembly:
 
     def __call__(self, weights: Array, blocks: Blocks | None = None, between: bool = True) -> Any:
         """The matrix, with blocks added; `between` bodies there is nothing of strings without that."""
-        pairs = self._pairs if between else self._pairs[::3]  # of each end with itself
-        found = [(X @ weights @ Y, rows, columns) for X, Y, rows, columns in pairs if weights.any()]
+        found = [(X @ weights @ Y, rows, columns) for X, Y, rows, columns in self._pairs if weights.any()]
+        if not between:
+            found = [(values[own], a[own], b[own]) for values, a, b in found for own in [a == b]]
         if blocks is not None:
             found.append((blocks.values, blocks.rows, blocks.columns))
         if not found:

@@ -51,33 +51,39 @@ class Bounds(NamedTuple):
 def bounds_at(scene: Scene, bodies: Bodies, nodes: Array, velocities: Array, rest_lengths: Array) -> Bounds:
     """Bounds at t = 0 and a state, (N, 3) [m] and [m/s], with rest lengths (M,) [m].
 
-    (a - b)² <= 2 a² + 2 b² makes a sum over bodies of the quadratic form of a string; the largest eigenvalue of a body
-    is at most the sum of those of its strings. A string that is fixed at one end has b = 0. Joints only lower them.
+    (Σ a)² <= n Σ a² of n terms makes a sum over bodies of the quadratic form of a string, along it with a term for
+    either end of each segment, across it for the two ends of one; the largest eigenvalue of a body is at most the sum
+    of those of its strings. An end that is fixed is no term. Joints only lower them.
     """
     structure = scene.structure
-    i, j = structure.string_nodes.T
+    paths = structure.paths
+    i, j = paths.nodes.T
     state = State(scene, bodies, nodes, velocities, 0.0)
-    length, s = state.strings
+    length, s = state.segments
     B = len(bodies.mass)
     ends_free = (bodies.body[i] < B).astype(float) + (bodies.body[j] < B)
+    free_along = paths.total(ends_free)
     mobility = bodies.mobilities
-    stretch = length - rest_lengths
-    pull = np.where(stretch >= 0, np.abs(structure.stiffness * stretch + structure.damping * state.rates), 0.0)
+    stretch = state.lengths - rest_lengths
+    pulls = np.where(stretch >= 0, np.abs(structure.stiffness * stretch + structure.damping * state.rates), 0.0)
+    pull = pulls[paths.strings]
     density = pull / np.where(length > 0, length, np.inf)
 
-    def largest(weight: Array) -> float:
-        each = ends_free * weight
+    def along(weight: Array) -> float:
+        return largest((free_along * weight)[paths.strings])
+
+    def largest(each: Array) -> float:
         bodies_of = np.concatenate([bodies.body[i], bodies.body[j]])
         values = np.concatenate([each * mobility[i], each * mobility[j]])
         return float(np.bincount(bodies_of, values, minlength=B + 1)[:B].max(initial=0.0))
 
     # Two directions across, and each rod's own part.
     blocks, _ = geometric_of_rods(state, s * pull[:, None])
-    rest, other = largest(2 * density) + float(np.abs(blocks).sum(axis=2).max(initial=0.0)), 0.0
+    rest, other = largest(ends_free * (2 * density)) + float(np.abs(blocks).sum(axis=2).max(initial=0.0)), 0.0
     stiff, lossy = state.resisting()
     rest += sum(part.row_sums(B) for part in stiff)
     other += sum(part.row_sums(B) for part in lossy)
-    return Bounds(largest(structure.stiffness), rest, largest(structure.damping), other)
+    return Bounds(along(structure.stiffness), rest, along(structure.damping), other)
 
 
 def _explicit_bound(stiffness: float, damper: float) -> float:

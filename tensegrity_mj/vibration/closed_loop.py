@@ -60,9 +60,9 @@ class LawAtStates:
         ahead, behind = answers.reshape(2, 2, len(moving), len(model.taut)).swapaxes(0, 1)
         slopes = np.zeros((2, len(model.taut), n))
         slopes[:, :, moving] = ((ahead - behind) / (2 * h[:, None])).swapaxes(1, 2)
-        i, j = model.scene.structure.string_nodes.T
+        paths = model.scene.structure.paths
         # How lengths change with y: its transpose takes tensions to forces.
-        stretch = np.einsum("mx,nmx->mn", model.direction, units[:, j] - units[:, i])
+        stretch = paths.total(np.einsum("mx,nmx->mn", model.segments.directions, paths.spans(units)), axis=0)
         if self.native.command is Command.FORCE_DENSITY:
             weight = np.where(model.taut, model.length, 0.0)
         else:

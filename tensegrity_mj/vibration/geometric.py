@@ -22,7 +22,7 @@ ROUND_OFF = 1e-14  # of the forces on a rod's ends
 
 
 def geometric_of_rods(state: State, pulls: Array) -> tuple[Array, Array]:
-    """(B, 5, 5) [1/s²] of every body, and ÿ (n,) [√kg m/s²], with pulls (M, 3) [N] of the strings on their first nodes.
+    """(B, 5, 5) [1/s²] of every body, and ÿ (n,) [√kg m/s²], with pulls (S, 3) [N] of segments on their first nodes.
 
     Each rod's (t_b - f r̈)·b on its turns.
     """
@@ -70,7 +70,7 @@ def _forces_on_nodes(state: State, pulls: Array) -> Array:
     scene = state.scene
     acting = [one for one in scene.effects if not isinstance(one, (BendingStiffness, BendingDamping, Water))]
     forces = forces_of(acting, scene, state.time, state.nodes, state.velocities)
-    i, j = scene.structure.string_nodes.T
+    i, j = scene.structure.paths.nodes.T
     np.add.at(forces, i, pulls)
     np.subtract.at(forces, j, pulls)
     return forces

@@ -11,7 +11,8 @@ With M = L Lᵀ the mass matrix of a body (m, f, J of (2.30)), (z, turns) = L⁻
     geometric = Σ T/L Xᵀ (1 - s sᵀ) X + Σ (t_b - f r̈)·b on the turns of each rod
     D = Σ c Xᵀ s sᵀ X
 
-X being the difference of a string's two nodes, t_b the generalized force on b (2.55): a rod's compression makes the
+X being the difference of a string's two nodes (of a path of more, Xᵀ s is the sum of its segments', and T/L stands for
+each segment with its own length), t_b the generalized force on b (2.55): a rod's compression makes the
 last term negative. It is the linear model of `linearization`, from closed forms, without what the velocities of the
 state do to it (centrifugal and gyroscopic terms), and away from an equilibrium without one term, of the accelerations
 of rods that are held at a point of σ ≠ 1/2 with translations left, that is not symmetric.
@@ -32,7 +33,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.rigidity import Members
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.string_paths import Paths
 from tensegrity_mj.model.strings import StringLaw, on_taut_side
 from tensegrity_mj.vibration.blocks import Assembly, Blocks, is_dense, spring_blocks
 from tensegrity_mj.vibration.bodies import SLOTS, Bodies
@@ -61,6 +64,7 @@ class Vibration:
         tension, length: (M,) [N], [m].
         stiffness: (M,) [N/m] of each string in this model: k, or u where force densities are held.
         damping: (M,) [N s/m].
+        segments: lengths (S,) and unit vectors (S, 3) of the strings' segments.
         turned: (N, 3, 5) X of each node, in the coordinates of its body.
         material, geometric, damper: the matrices K and D above, (n, n) [1/s²], [1/s²], [1/s].
         string_damper: (n, n) [1/s] the part of D that strings have: what MuJoCo's `discrete` integrator counts with.
@@ -79,7 +83,7 @@ class Vibration:
     at_edge: NDArray[np.bool_]
     tension: Array
     length: Array
-    direction: Array
+    segments: Members
     stiffness: Array
     damping: Array
     turned: Array
@@ -101,8 +105,14 @@ class Vibration:
     def seen(self) -> Any:
         """(n, n) [1/s²] the material stiffness that MuJoCo's `discrete` integrator counts with: of k, always."""
         k = np.where(self.taut, self.scene.structure.stiffness, 0.0)
-        assemble = Assembly(self.scene.structure, self.bodies, self.turned, self.joints)
-        return assemble(spring_blocks(self.direction, k, np.zeros(len(k))))
+        structure, directions = self.scene.structure, self.segments.directions
+        assemble = Assembly(structure, self.bodies, self.turned, self.joints)
+        return assemble(spring_blocks(structure.paths, directions, k, np.zeros(len(directions))))
+
+    @property
+    def pull_per_length(self) -> Array:
+        """(S,) [N/m] T/l of each segment: what it resists motions across it with."""
+        return _pull_per_length(self.scene.structure.paths, self.tension, self.segments)
 
     @property
     def is_dense(self) -> bool:
@@ -147,7 +157,7 @@ def vibration(
     structure = scene.structure
     bodies = bodies or Bodies.of(structure)
     state = State(scene, bodies, nodes, velocities, time)
-    length, s = state.strings
+    paths, length, s = structure.paths, state.lengths, state.segments.directions
     k = structure.stiffness
     taut, at_edge = on_taut_side(length, rest_lengths, broken)
     total = k * (length - rest_lengths) + structure.damping * state.rates
@@ -159,9 +169,9 @@ def vibration(
 
     joints, none = state.joints, np.zeros(len(s))
     assemble = Assembly(structure, bodies, state.motion.turned, joints)
-    rods, acceleration = geometric_of_rods(state, s * tension[:, None])
-    material = assemble(spring_blocks(s, stiffness, none))
-    dampers = spring_blocks(s, damping, none)
+    rods, acceleration = geometric_of_rods(state, s * tension[paths.strings, None])
+    material = assemble(spring_blocks(paths, s, stiffness, none))
+    dampers = spring_blocks(paths, s, damping, none)
     strings = damper = assemble(dampers)
     stiff, lossy = state.resisting()
     material = sum((assemble.sum(part) for part in stiff), material)
@@ -175,12 +185,14 @@ def vibration(
         at_edge=at_edge,
         tension=tension,
         length=length,
-        direction=s,
+        segments=state.segments,
         stiffness=stiffness,
         damping=damping,
         turned=state.motion.turned,
         material=material,
-        geometric=assemble(spring_blocks(s, none, tension / np.where(length > 0, length, 1.0)), own),
+        geometric=assemble(
+            spring_blocks(paths, s, np.zeros(len(k)), _pull_per_length(paths, tension, state.segments)), own
+        ),
         damper=damper,
         string_damper=strings,
         # In a tree of MuJoCo's bodies, which dampers an implicit integrator knows depends on the tree: `tree`.
@@ -188,3 +200,7 @@ def vibration(
         acceleration=acceleration,
         joints=joints,
     )
+
+
+def _pull_per_length(paths: Paths, tension: Array, segments: Members) -> Array:
+    return np.asarray(tension[paths.strings] / np.where(segments.lengths > 0, segments.lengths, 1.0))

@@ -241,10 +241,10 @@ def _leader(values: Array) -> tuple[int | None, float]:
 def _string_energies(model: Vibration, y: Array, limit: float) -> Array:
     """(M,) how much each string has to do with a motion: its elastic, geometric and damping work in a step."""
     moved = model.motion(y)
-    i, j = model.scene.structure.string_nodes.T
-    apart = moved[j] - moved[i]
-    along = np.sum(model.direction * apart, axis=1)
+    paths = model.scene.structure.paths
+    apart = paths.spans(moved)
+    along = np.sum(model.segments.directions * apart, axis=1)
     across = np.sum(apart * apart, axis=1) - along**2
-    density = model.tension / np.where(model.length > 0, model.length, 1.0)
+    turned = paths.total(model.pull_per_length * np.maximum(across, 0.0))
     damped = 2 * model.damping / limit if 0 < limit < math.inf else 0.0
-    return np.asarray((model.stiffness + damped) * along**2 + density * np.maximum(across, 0.0))
+    return np.asarray((model.stiffness + damped) * paths.total(along) ** 2 + turned)

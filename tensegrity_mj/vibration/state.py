@@ -30,15 +30,20 @@ class State:
         self.nodes, self.velocities = nodes, velocities
 
     @cached_property
-    def strings(self) -> Members:
-        """Lengths (M,) and unit vectors (M, 3) of the strings."""
-        return members_at(self.scene.structure.string_nodes, self.nodes)
+    def segments(self) -> Members:
+        """Lengths (S,) and unit vectors (S, 3) of the strings' segments."""
+        return members_at(self.scene.structure.paths.nodes, self.nodes)
+
+    @cached_property
+    def lengths(self) -> Array:
+        """(M,) [m] of the strings."""
+        return np.asarray(self.scene.structure.paths.total(self.segments.lengths))
 
     @cached_property
     def rates(self) -> Array:
         """(M,) [m/s] of the strings' lengths."""
-        i, j = self.scene.structure.string_nodes.T
-        return np.asarray(np.sum(self.strings.directions * (self.velocities[j] - self.velocities[i]), axis=1))
+        paths = self.scene.structure.paths
+        return np.asarray(paths.total(np.sum(self.segments.directions * paths.spans(self.velocities), axis=1)))
 
     @cached_property
     def motion(self) -> Motion:

@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from linked_scenes import everything_moves, suspended
+from linked_scenes import everything_moves, hung
 from maxwell import Maxwell
 from numpy.typing import NDArray
+from pulley_scenes import threaded
 
 import tensegrity_mj as tmj
 
@@ -24,13 +25,6 @@ RESISTANCE = tmj.Resistance(0.3, tmj.model.Bending(2.0, 0.1), tmj.model.Drag(1.1
 DURATION = 0.5  # s
 # What the reference's own tolerance leaves of motions of 1 m and energies of 10 J: some ten times rtol of each.
 FLOOR, ENERGY_FLOOR = 2e-11, 2e-10
-
-
-def hung() -> tmj.Scene:
-    """Six rods in a chain from a pin, on damped strings that stay taut: loops would cost MuJoCo's RK4 its order."""
-    scene = suspended(planar=False)
-    *others, last = scene.structure.rods
-    return scene.with_(structure=replace(scene.structure, rods=(*others, replace(last, support=tmj.Support.free()))))
 
 
 def moved() -> tmj.Scene:
@@ -76,6 +70,11 @@ def dashed() -> tmj.Scene:
     return scene.with_(elements=(Maxwell("n3", 60.0, 8.0, (float(x), float(y) + 0.1, float(z) - 0.2)),))
 
 
+def without_path(scene: tmj.Scene) -> tmj.Scene:
+    """Without its last string."""
+    return scene.with_(structure=replace(scene.structure, strings=scene.structure.strings[:-1]))
+
+
 @dataclass(frozen=True)
 class Feature:
     """One thing that acts.
@@ -98,6 +97,9 @@ class Feature:
 
 FEATURES = {
     "dampers": Feature(hung, lambda scene: scene.with_(structure=scene.structure.with_strings(damping=0.0))),
+    "paths": Feature(threaded, without_path),
+    "paths, moved supports": Feature(lambda: threaded(moved()), without_path),
+    "paths, water": Feature(lambda: threaded(in_water(), ("a", "c", "b", "d")), without_path),
     "loads": Feature(loaded, lambda scene: scene.with_(loads=())),
     "moved supports": Feature(moved, lambda scene: scene.with_(motions=())),
     "ground": Feature(shaken, lambda scene: scene.with_(motions=())),

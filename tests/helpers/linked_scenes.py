@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,3 +135,10 @@ def everything_moves(planar: bool) -> Scene:
             Motion.in_line("p", 0.1, 1.1, (0.3, 0, 1)),
         ),
     )
+
+
+def hung() -> Scene:
+    """Six rods in a chain from a pin, on damped strings that stay taut: loops would cost MuJoCo's RK4 its order."""
+    scene = suspended(planar=False)
+    *others, last = scene.structure.rods
+    return scene.with_(structure=replace(scene.structure, rods=(*others, replace(last, support=Support.free()))))

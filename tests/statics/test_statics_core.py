@@ -94,7 +94,7 @@ def test_gradient_and_hessian_are_derivatives_of_the_energy(case: int | str, rod
     reach = reach_of(model.structure, x.reshape(-1, 3))
     N = rng.normal(size=len(model.rod_lengths)) * 10
     parameter = 0.7
-    slack = model.strings(x).lengths < model.rest_lengths
+    slack = model.lengths(x) < model.rest_lengths
     assert case == "cable" or case == "net" or not slack.all()
     forces = model.gradient(x, parameter)
     K = model.hessian(x, N).toarray()
@@ -102,7 +102,7 @@ def test_gradient_and_hessian_are_derivatives_of_the_energy(case: int | str, rod
     Z = model.boundary.Z.toarray()
     # Round-off of energies and forces, in units of force and stiffness.
     tension = float(
-        np.sum(model.stiffness * model.strings(x).lengths) + np.abs(model.external(parameter)).sum() + np.abs(N).sum()
+        np.sum(model.stiffness * model.lengths(x)) + np.abs(model.external(parameter)).sum() + np.abs(N).sum()
     )
     rod = 0.0 if rods is Rods.RIGID else float(np.sum(model.rod_lengths / model.compliance))
     for _ in range(3):

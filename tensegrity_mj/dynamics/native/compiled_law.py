@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import member, state_of
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED, Command, NativeLaw, check_made_for
+from tensegrity_mj.dynamics.native.pointers import inlined
 from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.structure import Structure
@@ -22,9 +23,21 @@ _Own, _pack = view_of(
     node_count="size",
     string_count="size",
     parameter_count="size",
-    string_nodes=("i8", "string_count", 2),
+    segment_count="size",
+    segments=("i8", "segment_count", 2),
+    ranges=("i8", "string_count", 2),
     parameters=("f8", "parameter_count"),
 )
+
+
+@inlined
+def _pairs(own: Any) -> Any:
+    return own.segments
+
+
+@inlined
+def _paths(own: Any) -> Any:
+    return own.segments, own.ranges
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +46,10 @@ class CompiledLaw:
 
     The function is called as `function(time, nodes, velocities, string_nodes, parameters, command)`: time [s], node
     positions and velocities (N, 3), the two nodes of each string (M, 2), the parameters, and the array (M,) into which
-    it writes its command. It returns True, or False where it has no solution. It must neither keep nor create anything
-    that outlives the call: threads may run it at the same time.
+    it writes its command. Where a string runs through more than two nodes, `string_nodes` is a pair of arrays: the
+    nodes of all segments (S, 2), and the first segment of each string and the one behind its last (M, 2). It returns
+    True, or False where it has no solution. It must neither keep nor create anything that outlives the call: threads
+    may run it at the same time.
 
     Attributes:
         function: a `numba.njit` function, or a plain one, which is compiled here.
@@ -82,6 +97,7 @@ class CompiledLaw:
         given = self.function
         function: Any = given if hasattr(given, "py_func") else numba.njit(error_model="numpy")(given)
         adopt(function)
+        strings_of = _pairs if len(self.structure.paths.nodes) == len(self.structure.strings) else _paths
 
         def law(t, nodes, velocities, context, command, report):  # type: ignore[no-untyped-def]
             own = _Own(context)
@@ -89,7 +105,7 @@ class CompiledLaw:
                 t,
                 floats(nodes, (own.node_count, 3)),
                 floats(velocities, (own.node_count, 3)),
-                own.string_nodes,
+                strings_of(own),
                 own.parameters,
                 floats(command, own.string_count),
             )
@@ -113,7 +129,8 @@ class CompiledLaw:
         own = self.structure
         check_made_for(own, structure)
         compiled, _ = self._compiled
-        packed = _pack(node_count=len(own.nodes), string_nodes=own.string_nodes, parameters=self.parameters)
+        segments, ranges = own.paths.nodes, own.paths.ranges
+        packed = _pack(node_count=len(own.nodes), segments=segments, ranges=ranges, parameters=self.parameters)
         return NativeLaw(
             address=compiled.address,
             context=packed.address,
@@ -132,8 +149,9 @@ class CompiledLaw:
         own = self.structure
         time, nodes, velocities = state_of(time, nodes, velocities, len(own.nodes))
         command = np.zeros(len(own.strings))
-        pairs = np.array(own.string_nodes, np.int64)
-        if not self._compiled[1](time, nodes, velocities, pairs, np.asarray(self.parameters, float), command):
+        segments, ranges = np.array(own.paths.nodes), np.array(own.paths.ranges)
+        strings = segments if len(segments) == len(ranges) else (segments, ranges)
+        if not self._compiled[1](time, nodes, velocities, strings, np.asarray(self.parameters, float), command):
             raise InfeasibleError(f"the law has no solution at t = {time:.6g} s")
         return command
 

@@ -110,7 +110,8 @@ def around(inner: NativeLaw, function: Any, packed: Table) -> NativeLaw:
 
 def check_made_for(own: Structure, structure: Structure) -> None:
     """Raise OptionError unless a law's own structure has the nodes and strings of the plant's, in the same order."""
-    if (len(own.nodes), own.string_nodes.tolist()) != (len(structure.nodes), structure.string_nodes.tolist()):
+    one, other = ((len(s.nodes), s.paths.nodes.tolist(), s.paths.ranges.tolist()) for s in (own, structure))
+    if one != other:
         raise OptionError(
             f"the law was made for '{own.name}' with {len(own.nodes)} nodes and {len(own.strings)} strings; "
             f"'{structure.name}' has other nodes or strings"

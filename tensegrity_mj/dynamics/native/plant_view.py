@@ -15,13 +15,16 @@ NO_LAW, CONTINUOUS, HOLD_FORCE_DENSITY, HOLD_REST_LENGTH = range(4)  # modes
 PLANT: Fields = (
     ("node_count", "size"),
     ("string_count", "size"),
+    ("segment_count", "size"),
     ("rod_count", "size"),
     ("row_width", "size"),  # of what `write_row` writes
     ("nodes", ("f8", "node_count", 3)),
     ("velocities", ("f8", "node_count", 3)),
     ("forces", ("f8", "node_count", 3)),
     # Strings.
-    ("string_nodes", ("i8", "string_count", 2)),
+    ("segments", ("i8", "segment_count", 2)),  # their nodes, string by string
+    ("ranges", ("i8", "string_count", 2)),  # of each string's segments
+    ("segment_lengths", ("f8", "segment_count")),
     ("stiffness", ("f8", "string_count")),
     ("compliance", ("f8", "string_count")),  # 1/k
     ("damping", ("f8", "string_count")),

@@ -7,24 +7,39 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.dynamics.native.plant_view import PlantView
-from tensegrity_mj.dynamics.native.pointers import borrowing
+from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
+from tensegrity_mj.dynamics.native.vectors import dot, minus, row_of
 
 
 @borrowing
 def measure_strings(table: int) -> None:
     """Lengths and rates of the strings from the node positions and velocities."""
     plant = PlantView(table)
-    nodes, velocities, pairs = plant.nodes, plant.velocities, plant.string_nodes
-    lengths, rates = plant.lengths, plant.rates
-    for m in range(len(pairs)):
-        i, j = pairs[m, 0], pairs[m, 1]
-        square, dot = 0.0, 0.0
-        for x in range(3):
-            s = nodes[j, x] - nodes[i, x]
-            square += s * s
-            dot += s * (velocities[j, x] - velocities[i, x])
-        lengths[m] = np.sqrt(square)
-        rates[m] = dot / lengths[m] if square > 0.0 else 0.0
+    nodes, velocities, pairs, ranges = plant.nodes, plant.velocities, plant.segments, plant.ranges
+    lengths, rates, parts = plant.lengths, plant.rates, plant.segment_lengths
+    for m in range(len(ranges)):
+        length, rate = 0.0, 0.0
+        for p in range(ranges[m, 0], ranges[m, 1]):
+            i, j = pairs[p, 0], pairs[p, 1]
+            square, moves = 0.0, 0.0
+            for x in range(3):
+                s = nodes[j, x] - nodes[i, x]
+                square += s * s
+                moves += s * (velocities[j, x] - velocities[i, x])
+            parts[p] = np.sqrt(square)
+            length += parts[p]
+            rate += moves / parts[p] if square > 0.0 else 0.0
+        lengths[m], rates[m] = length, rate
+
+
+@borrowing
+def measure_segments(table: int) -> None:
+    """Lengths of the segments alone, where an engine has the strings' lengths from elsewhere."""
+    plant = PlantView(table)
+    nodes, pairs, parts = plant.nodes, plant.segments, plant.segment_lengths
+    for p in range(len(pairs)):
+        span = minus(row_of(nodes, pairs[p, 1]), row_of(nodes, pairs[p, 0]))
+        parts[p] = np.sqrt(dot(span, span))
 
 
 @borrowing
@@ -66,14 +81,35 @@ def string_energy(table: int) -> float:
 
 @borrowing
 def add_string_forces(table: int, forces: Any) -> None:
-    """Add the strings' pull to forces on the nodes (N, 3)."""
+    """Add the strings' pull to forces on the nodes (N, 3): the tension along each segment, by its measured length."""
     plant = PlantView(table)
-    nodes, pairs, lengths, tension = plant.nodes, plant.string_nodes, plant.lengths, plant.tensions
-    for m in range(len(pairs)):
-        if tension[m] != 0.0 and lengths[m] > 0.0:
-            i, j = pairs[m, 0], pairs[m, 1]
-            density = tension[m] / lengths[m]
-            for x in range(3):
-                pull = density * (nodes[j, x] - nodes[i, x])
-                forces[i, x] += pull
-                forces[j, x] -= pull
+    nodes, pairs, ranges = plant.nodes, plant.segments, plant.ranges
+    lengths, tension = plant.segment_lengths, plant.tensions
+    for m in range(len(ranges)):
+        if tension[m] == 0.0:
+            continue
+        for p in range(ranges[m, 0], ranges[m, 1]):
+            if lengths[p] > 0.0:
+                i, j = pairs[p, 0], pairs[p, 1]
+                density = tension[m] / lengths[p]
+                for x in range(3):
+                    pull = density * (nodes[j, x] - nodes[i, x])
+                    forces[i, x] += pull
+                    forces[j, x] -= pull
+
+
+@inlined
+def string_length(nodes: Any, segments: Any, limits: Any) -> float:
+    """L of the string whose segments (S, 2) are those between two rows (2,), at nodes (N, 3)."""
+    total = 0.0
+    for p in range(limits[0], limits[1]):
+        span = minus(row_of(nodes, segments[p, 1]), row_of(nodes, segments[p, 0]))
+        total += np.sqrt(dot(span, span))
+    return total
+
+
+@inlined
+def share(length: float, span: Any) -> float:
+    """L/l of a segment along `span`: a force density u = T/L of its string pulls it with u L/l times its span."""
+    square = dot(span, span)
+    return length / np.sqrt(square) if square > 0.0 else 1.0

@@ -102,7 +102,7 @@ def _turning(scene: Scene, nodes: Array, velocities: Array, tensions: Array) -> 
     if not len(structure.rods):
         return 0.0, 0.0
     at_nodes = np.zeros(nodes.shape[:2])
-    for string, ends in enumerate(structure.string_nodes):
+    for string, ends in zip(structure.paths.strings, structure.paths.nodes, strict=True):
         at_nodes[:, ends] += np.abs(tensions[:, string, None])
     rods, masses = structure.rod_nodes, structure.rod_masses
     weight = masses * float(np.linalg.norm(scene.gravity))
@@ -128,10 +128,11 @@ def string_rates(structure: Structure, nodes: Array) -> tuple[float, float]:
     I/m - 3 (I - bbᵀ)/m. Supports only take freedom away, and cannot raise a frequency (Cauchy's interlacing). By power
     iteration from a start that is the same each time.
     """
-    pairs = structure.string_nodes
+    paths = structure.paths
+    pairs, string = paths.nodes, paths.strings
     if not len(pairs):
         return 0.0, 0.0
-    span = nodes[pairs[:, 1]] - nodes[pairs[:, 0]]
+    span = paths.spans(nodes)
     along = span / np.maximum(np.linalg.norm(span, axis=1), 1e-300)[:, None]
     rods = structure.rod_nodes
     axes = nodes[rods[:, 1]] - nodes[rods[:, 0]]
@@ -156,15 +157,14 @@ def string_rates(structure: Structure, nodes: Array) -> tuple[float, float]:
     def largest(weights: Array) -> float:
         if not np.any(weights):
             return 0.0
-        root = np.sqrt(weights)[:, None] * along
-        x, value = np.cos(np.arange(len(pairs)) + 1.0), 0.0  # of no string's pattern
+        root = np.sqrt(weights)[string, None] * along
+        x, value = np.cos(np.arange(len(weights)) + 1.0), 0.0  # of no string's pattern
         for _ in range(ITERATIONS):
             x = x / max(float(np.linalg.norm(x)), 1e-300)
             forces = np.zeros_like(nodes)
-            np.add.at(forces, pairs[:, 1], root * x[:, None])
-            np.add.at(forces, pairs[:, 0], -root * x[:, None])
-            motion = moved(forces)
-            x = np.sum(root * (motion[pairs[:, 1]] - motion[pairs[:, 0]]), axis=1)
+            np.add.at(forces, pairs[:, 1], root * x[string, None])
+            np.add.at(forces, pairs[:, 0], -root * x[string, None])
+            x = paths.total(np.sum(root * paths.spans(moved(forces)), axis=1))
             value = float(np.linalg.norm(x))
         return value
 

@@ -19,7 +19,7 @@ from tensegrity_mj.dynamics.native.plant import write_row
 from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS
 from tensegrity_mj.dynamics.native.pointers import address, borrowing, copy, floats, inlined
 from tensegrity_mj.dynamics.native.resolution import resolve_stage, resolve_start
-from tensegrity_mj.dynamics.native.strings import tighten_strings
+from tensegrity_mj.dynamics.native.strings import measure_segments, tighten_strings
 from tensegrity_mj.dynamics.native.vectors import minus, row_of
 from tensegrity_mj.dynamics.native.watch import watch_strings
 from tensegrity_mj.engines.mujoco.contact import keep_stage, last_stage_work, spin_energy, write_state
@@ -212,6 +212,7 @@ def _support_power(table: int, now: Moment) -> float:
     run = RunView(table)
     if run.motion_count == 0:
         return 0.0
+    measure_segments(table)
     power = support_power(run)
     if now.one_stage and now.step > 0:
         run.work[2] += 0.5 * now.h * power

@@ -47,7 +47,10 @@ TABLE_SIZE = len(RUN)
 PARAMETERS = 10  # numbers that mjModel has for the gain and for the bias of each actuator
 OTHER_STRINGS, ANSWER_COUNT = 4, 5  # places of the answers, after those of a law's status
 # What a law alone writes of a run's table: room on the stack is lent to it.
-LENT = ("nodes", "velocities", "forces", "command", "rest", "force_range", "report", "tensions", "elastic", "moved")
+LENT = (
+    *("nodes", "velocities", "forces", "command", "rest", "force_range", "report", "tensions", "elastic", "moved"),
+    "segment_lengths",
+)
 GUIDE: dict[str, Any] = {
     # How a model is recognized: numbers of mjModel, each with where it is there.
     **{name: "size" for one in ("signature", "strings", "sites", "bodies", "userdata") for name in (one, f"{one}_at")},
@@ -55,7 +58,9 @@ GUIDE: dict[str, Any] = {
     "biases_at": "size",
     "ends_at": "size",
     "springs": ("f8", "strings", 4),
-    "ends": ("i8", "strings"),
+    "last_word": "size",
+    "end_words": "size",
+    "ends": ("i8", "end_words"),
     # Of an MjData: where it has what, and at which places of a run's table that belongs.
     "time_at": "size",
     "data_at": "size",  # of its userdata
@@ -98,13 +103,17 @@ def _is_ours(guide: Any, model: int) -> bool:
 def _has_our_strings(guide: Any, model: int) -> bool:
     """Whether the strings of a model tie the same sites in the same order, with the same springs and dampers."""
     springs, ends = guide.springs, guide.ends
-    M = len(ends)
+    M, words = len(springs), len(ends)
     gains = floats(_at(model, guide.gains_at), (M, PARAMETERS))
     biases = floats(_at(model, guide.biases_at), (M, PARAMETERS))
-    found = integers(_at(model, guide.ends_at), (M,))
+    found = integers(_at(model, guide.ends_at), (words,))
     same = True
+    for n in range(words - 1):
+        same &= ends[n] == found[n]
+    if words > 0:
+        same &= (ends[words - 1] ^ found[words - 1]) & guide.last_word == 0
     for m in range(M):
-        same &= gains[m, 0] == springs[m, 0] and ends[m] == found[m]
+        same &= gains[m, 0] == springs[m, 0]
         for k in range(3):
             same &= biases[m, k] == springs[m, 1 + k]
     return same
@@ -224,6 +233,7 @@ class Guide(Table):
         names = {name: name for name in OF_DATA} | ALIASES
         check_layout(model, data, (*names.values(), "userdata"))
         places = {name: place for place, (name, _) in enumerate(RUN)}
+        sites = np.array(model.wrap_objid, np.int32)
         fields = np.array([(places[name], offset("mjData", of)) for name, of in names.items()], np.int64)
         sizes = {"strings": "nu", "sites": "nsite", "bodies": "nbody", "userdata": "nuserdata"}
         self.set(
@@ -235,8 +245,9 @@ class Guide(Table):
             biases_at=offset("mjModel", "actuator_biasprm"),
             ends_at=offset("mjModel", "wrap_objid"),
             springs=np.column_stack([model.actuator_gainprm[:, :1], model.actuator_biasprm[:, :3]]),
-            # Two sites a tendon, two 32-bit numbers: one of 64 bits.
-            ends=np.array(model.wrap_objid, np.int32).view(np.int64),
+            # Sites are 32-bit numbers, two of them one of 64 bits; of the last, half may be beyond them.
+            ends=np.append(sites, np.zeros(len(sites) % 2, np.int32)).view(np.int64),
+            last_word=0xFFFFFFFF if len(sites) % 2 else -1,
             time_at=offset("mjData", "time"),
             data_at=offset("mjData", "userdata"),
             field_count=len(fields),

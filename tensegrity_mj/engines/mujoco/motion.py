@@ -74,19 +74,22 @@ def carried(run: Any) -> float:
 
 @borrowing
 def support_power(run: Any) -> float:
-    """-Σ [p d̈ + (M g·e + F) ḋ] [W], F of strings and elements."""
-    slides, masses, members, reach = run.driven, run.driven_masses, run.driven_nodes, run.driven_strings
+    """-Σ [p d̈ + (M g·e + F) ḋ] [W], F of strings, whose segments have been measured, and elements."""
+    slides, masses, members, reach = run.driven, run.driven_masses, run.driven_nodes, run.driven_segments
     nodes, velocities, forces, moved = run.nodes, run.velocities, run.forces, run.moved
-    pairs, tensions, lengths = run.string_nodes, run.tensions, run.lengths
+    pairs, ranges, tensions, lengths = run.segments, run.ranges, run.tensions, run.segment_lengths
     total = 0.0
     for s in range(len(slides)):
         slide = slides[s]
         force = slide.weight
-        for m in range(len(pairs)):
-            if reach[s, m] != 0.0 and tensions[m] != 0.0:
-                i, j = pairs[m, 0], pairs[m, 1]
-                pull = _along(slide.axis, nodes[j]) - _along(slide.axis, nodes[i])
-                force += reach[s, m] * tensions[m] / lengths[m] * pull
+        for m in range(len(ranges)):
+            if tensions[m] == 0.0:
+                continue
+            for p in range(ranges[m, 0], ranges[m, 1]):
+                if reach[s, p] != 0.0:
+                    start, end = nodes[pairs[p, 0]], nodes[pairs[p, 1]]
+                    pull = _along(slide.axis, end) - _along(slide.axis, start)
+                    force += reach[s, p] * tensions[m] / lengths[p] * pull
         if run.element_count > 0:
             for n in range(len(forces)):
                 if members[s, n] != 0.0:
@@ -140,7 +143,7 @@ class Supports:
         rods = [model.body(name).id for name in names.rods]
         sites = model.site_bodyid[[model.site(name).id for name in structure.node_names]]
         roots = model.body_rootid
-        N, M = len(structure.nodes), len(structure.strings)
+        N, paths = len(structure.nodes), structure.paths
         places: list[tuple[int, int, Array, int]] = []  # body, slides before the driven ones, axes, motion
         for number, motion in enumerate(scene.motions):
             for rod, joint in enumerate(tree.joints):
@@ -151,7 +154,7 @@ class Supports:
                     places.append((model.body(name).id, 0, axes, number))
         count = sum(axes.shape[1] for _, _, axes, _ in places)
         self.slides = np.zeros(count, SLIDE)
-        masses, members, reach = np.zeros((count, N)), np.zeros((count, N)), np.zeros((count, M))
+        masses, members, reach = np.zeros((count, N)), np.zeros((count, N)), np.zeros((count, len(paths.nodes)))
         at = 0
         for body, before, axes, number in places:
             origin = (start or scene).motions[number].at(0.0)[0]
@@ -162,7 +165,7 @@ class Supports:
                 slide["dof"] = model.body_dofadr[body] + before + k
                 slide["drive"] = model.dof_armature[slide["dof"]]
                 members[at] = roots[sites] == body
-                reach[at] = members[at][structure.string_nodes] @ [1.0, -1.0] if M else 0.0
+                reach[at] = members[at][paths.nodes] @ [1.0, -1.0]
                 for rod, pair in enumerate(structure.rod_nodes):
                     if roots[rods[rod]] == body:
                         masses[at, pair] += 0.5 * structure.rod_masses[rod]
@@ -173,7 +176,7 @@ class Supports:
             driven=self.slides,
             driven_masses=masses,
             driven_nodes=members,
-            driven_strings=reach,
+            driven_segments=reach,
             resets=1,
         )
 

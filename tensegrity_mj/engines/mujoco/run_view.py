@@ -77,7 +77,7 @@ RUN: Fields = (
     ("driven", (SLIDE, "driven_count")),
     ("driven_masses", ("f8", "driven_count", "node_count")),
     ("driven_nodes", ("f8", "driven_count", "node_count")),
-    ("driven_strings", ("f8", "driven_count", "string_count")),
+    ("driven_segments", ("f8", "driven_count", "segment_count")),
     ("resets", "size"),  # whether slides are put where they belong at the start of each step
     ("constrained", "size"),  # whether constraints may pull at them
     ("awaits_constraints", "state"),

@@ -24,7 +24,7 @@ import numpy as np
 
 from tensegrity_mj.dynamics.kernels import solve_with_pivots
 from tensegrity_mj.dynamics.native.pointers import borrowing, floats, inlined
-from tensegrity_mj.dynamics.native.strings import add_string_forces
+from tensegrity_mj.dynamics.native.strings import add_string_forces, measure_segments
 from tensegrity_mj.dynamics.native.vectors import dot, minus, plus, row_of, times
 from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.engines.mujoco.mjcf_bodies import Names
@@ -122,6 +122,7 @@ def add_mass(table: int) -> float:
         for x in range(3):
             pulls[n, x] = forces[n, x]
             held[n, x] = 0.0
+    measure_segments(table)
     add_string_forces(table, pulls)
     A, J = floats(room + 24 * N, (size, size + 1)), floats(room + 24 * N + 8 * size * (size + 1), (2, size, 3))
     added, M, axes, axis_rates = run.added, run.M, run.cdof, run.cdof_dot

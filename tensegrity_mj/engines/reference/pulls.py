@@ -50,10 +50,11 @@ def pulls_within(
 def _may_pull(table: int, step: float, before: Any, after: Any, near: Any) -> bool:
     """Mark in `near` (M,) the strings that are slack at both ends, and not too slack to have pulled within a step [s].
 
-    Both ends of a string may run at twice the speed of the step's ends, and have to come back again.
+    Both ends of a segment may run at twice the speed of the step's ends, and have to come back again.
     """
     plant = PlantView(table)
     rest, lengths, broken, velocities = plant.rest, plant.lengths, plant.broken, plant.velocities
+    ranges = plant.ranges
     M, fastest = len(rest), 0.0
     gaps = np.full(M, np.inf)
     for m in range(M):
@@ -69,7 +70,7 @@ def _may_pull(table: int, step: float, before: Any, after: Any, near: Any) -> bo
             fastest = max(fastest, v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
     any_near = False
     for m in range(M):
-        near[m] &= gaps[m] < 2.0 * np.sqrt(fastest) * step
+        near[m] &= gaps[m] < 2.0 * (ranges[m, 1] - ranges[m, 0]) * np.sqrt(fastest) * step
         any_near |= near[m]
     return any_near
 

@@ -13,9 +13,11 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.rigidity import members_at
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import elastic_tension
 from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.vibration.blocks import spring_blocks
 
 DENSE = 300  # coordinates up to which eigenvalues are computed whole
 ITERATIONS = 100  # of the power method beyond; it gives λmax to a few percent, which is enough to choose a step
@@ -45,16 +47,14 @@ def pace(scene: Scene, force_density: float = 0.0) -> Pace:
     """The rates of a scene; `force_density` [N/m] is the largest that a law will command of any string."""
     structure = scene.structure
     W = mobility(structure, scene.nodes0)
-    pairs = structure.string_nodes
-    spans = scene.nodes0[pairs[:, 1]] - scene.nodes0[pairs[:, 0]]
-    lengths = np.linalg.norm(spans, axis=1)
-    along = spans / lengths[:, None]
-    outer = along[:, :, None] * along[:, None, :]
-    tension = elastic_tension(structure.stiffness, lengths, structure.rest_lengths)
-    across = np.maximum(tension / lengths, force_density)
+    paths = structure.paths
+    lengths, along = members_at(paths.nodes, scene.nodes0)
+    tension = elastic_tension(structure.stiffness, paths.total(lengths), structure.rest_lengths)
+    held = force_density * paths.shares(lengths)
+    across = np.maximum(tension[paths.strings] / lengths, held)
     material = np.maximum(structure.stiffness, force_density)
-    K = _assembled(structure, material[:, None, None] * outer + across[:, None, None] * (np.eye(3) - outer))
-    C = _assembled(structure, structure.damping[:, None, None] * outer)
+    K = _assembled(structure, spring_blocks(paths, along, material, across))
+    C = _assembled(structure, spring_blocks(paths, along, structure.damping, 0.0 * across))
     first, second = (scene.velocities0[structure.rod_nodes[:, end]] for end in (0, 1))
     spins = np.linalg.norm(second - first, axis=1) / structure.rod_lengths
     return Pace(float(np.sqrt(_largest(W, K))), _largest(W, C), float(spins.max(initial=0.0)))
@@ -101,14 +101,15 @@ def _axes(plane: Any, b: Array) -> Array:
 
 
 def _assembled(structure: Structure, blocks: Array) -> Any:
-    """Σ over strings of (e_j - e_i) block (e_j - e_i)ᵀ, (3N, 3N) sparse, from blocks (M, 3, 3)."""
+    """Σ over couples of segments of (e_j - e_i) block (e_j - e_i)ᵀ, (3N, 3N) sparse, from blocks (P, 3, 3)."""
     from scipy import sparse
 
     size, axes = 3 * len(structure.nodes), np.arange(3)
     rows, columns, values = [], [], []
+    first, second = (structure.paths.nodes[row] for row in structure.paths.couples.T)
     for one, sign in ((0, -1.0), (1, 1.0)):
         for other, other_sign in ((0, -1.0), (1, 1.0)):
-            a, b = structure.string_nodes[:, one], structure.string_nodes[:, other]
+            a, b = first[:, one], second[:, other]
             rows.append(np.broadcast_to(3 * a[:, None, None] + axes[:, None], blocks.shape).ravel())
             columns.append(np.broadcast_to(3 * b[:, None, None] + axes, blocks.shape).ravel())
             values.append((sign * other_sign * blocks).ravel())
