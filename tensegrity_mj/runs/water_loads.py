@@ -7,13 +7,17 @@ their third derivative between samples h apart, and more at the ends of the run.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.elements.water import rod_loads, samples_at_once
-from tensegrity_mj.runs.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from tensegrity_mj.runs.trajectory import Trajectory
 
 
 def water_loads(run: Trajectory) -> Array:
