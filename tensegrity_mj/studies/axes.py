@@ -5,18 +5,30 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.checks import finite, positive
+from tensegrity_mj.basics import kinds
+from tensegrity_mj.basics.fields import field, refused, value
+from tensegrity_mj.basics.kinds import Kind, Wrong
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.studies.parameter_values import Scaled, encoded
 from tensegrity_mj.studies.plain import plain
 
+PATH = kinds.printable_name("a text, such as law.decay_rate")
 
-@dataclass(frozen=True)
+
+def _values(value: Any) -> tuple[Any, ...]:
+    if isinstance(value, (str, Mapping, Scaled)) or not hasattr(value, "__iter__"):
+        raise Wrong(f" = {value!r}; give a list of them")
+    listed = tuple(one if isinstance(one, Scaled) else plain(one, "values") for one in value)
+    if not listed:
+        raise Wrong(": give at least one value")
+    return listed
+
+
+@value("Vary {parameter}", OptionError)
 class Vary:
     """A parameter and the values that it takes.
 
@@ -25,57 +37,49 @@ class Vary:
         values: plain values, or `Scaled(factor)`.
     """
 
-    parameter: str
-    values: Sequence[Any]
-
-    def __post_init__(self) -> None:
-        _path("Vary", self.parameter)
-        values = _values(f"Vary {self.parameter}", self.values)
-        object.__setattr__(self, "values", tuple(values))
+    parameter: str = field(PATH)
+    values: Sequence[Any] = field(Kind(_values))
 
 
-@dataclass(frozen=True)
+@value("Together", OptionError)
 class Together:
     """Parameters that go through their values together, the first of each, the second of each, ..."""
 
-    axes: Sequence[Vary]
+    axes: Sequence[Vary] = field(kinds.parts(Vary, "a list of Vary(parameter, values)"))
 
-    def __post_init__(self) -> None:
-        axes = tuple(self.axes)
-        if not axes or not all(isinstance(axis, Vary) for axis in axes):
-            raise OptionError(f"Together: axes = {self.axes!r}; give a list of Vary(parameter, values)")
-        lengths = {axis.parameter: len(axis.values) for axis in axes}
+    def __attrs_post_init__(self) -> None:
+        if not self.axes:
+            raise refused(self, "axes = (); give a list of Vary(parameter, values)")
+        lengths = {axis.parameter: len(axis.values) for axis in self.axes}
         if len(set(lengths.values())) > 1:
             counts = ", ".join(f"{name}: {count}" for name, count in lengths.items())
-            raise OptionError(f"Together: parameters that go together need as many values each ({counts})")
-        object.__setattr__(self, "axes", axes)
+            raise refused(self, f"parameters that go together need as many values each ({counts})")
 
 
-@dataclass(frozen=True)
+@value("Uniform", OptionError)
 class Uniform:
     """Evenly between low and high."""
 
-    low: float
-    high: float
+    low: float = field(kinds.finite())
+    high: float = field(kinds.finite())
 
-    def __post_init__(self) -> None:
-        _interval("Uniform", self.low, self.high)
+    def __attrs_post_init__(self) -> None:
+        _check_order(self)
 
     def sample(self, generator: np.random.Generator) -> Any:
         """One draw."""
         return float(generator.uniform(self.low, self.high))
 
 
-@dataclass(frozen=True)
+@value("LogUniform", OptionError)
 class LogUniform:
     """Between low and high, both > 0, the logarithm evenly."""
 
-    low: float
-    high: float
+    low: float = field(kinds.positive())
+    high: float = field(kinds.positive())
 
-    def __post_init__(self) -> None:
-        positive("LogUniform: low", self.low)
-        _interval("LogUniform", self.low, self.high)
+    def __attrs_post_init__(self) -> None:
+        _check_order(self)
 
     def sample(self, generator: np.random.Generator) -> Any:
         """One draw."""
@@ -83,30 +87,28 @@ class LogUniform:
         return min(max(value, self.low), self.high)
 
 
-@dataclass(frozen=True)
+def _check_order(range_: Uniform | LogUniform) -> None:
+    if range_.low > range_.high:
+        raise refused(range_, f"low = {range_.low:g} is above high = {range_.high:g}; give the lower one first")
+
+
+@value("Normal", OptionError)
 class Normal:
     """Normally distributed."""
 
-    mean: float
-    deviation: float
-
-    def __post_init__(self) -> None:
-        finite("Normal: mean", self.mean)
-        positive("Normal: deviation", self.deviation)
+    mean: float = field(kinds.finite())
+    deviation: float = field(kinds.positive())
 
     def sample(self, generator: np.random.Generator) -> Any:
         """One draw."""
         return float(generator.normal(self.mean, self.deviation))
 
 
-@dataclass(frozen=True)
+@value("Choice", OptionError)
 class Choice:
     """One of some values, each as likely."""
 
-    values: Sequence[Any]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "values", tuple(_values("Choice", self.values)))
+    values: Sequence[Any] = field(Kind(_values))
 
     def sample(self, generator: np.random.Generator) -> Any:
         """One draw."""
@@ -116,7 +118,13 @@ class Choice:
 Distribution = Uniform | LogUniform | Normal | Choice
 
 
-@dataclass(frozen=True)
+def _distribution(value: Any) -> Distribution:
+    if not isinstance(value, Distribution):
+        raise Wrong(f" = {value!r}; use Uniform, LogUniform, Normal or Choice")
+    return value
+
+
+@value("Draw {parameter}", OptionError)
 class Draw:
     """A parameter and the distribution that it is drawn from.
 
@@ -126,17 +134,9 @@ class Draw:
         scaled: whether what is drawn is a factor on what the parameter was.
     """
 
-    parameter: str
-    distribution: Distribution
-    scaled: bool = False
-
-    def __post_init__(self) -> None:
-        _path("Draw", self.parameter)
-        if not isinstance(self.distribution, Distribution):
-            raise OptionError(
-                f"Draw {self.parameter}: distribution = {self.distribution!r}; "
-                "use Uniform, LogUniform, Normal or Choice"
-            )
+    parameter: str = field(PATH)
+    distribution: Distribution = field(Kind(_distribution))
+    scaled: bool = field(kinds.flag(), default=False)
 
     def sample(self, generator: np.random.Generator) -> Any:
         """One draw, as points hold it."""
@@ -144,7 +144,7 @@ class Draw:
         return encoded(Scaled(value)) if self.scaled else encoded(value)
 
 
-@dataclass(frozen=True)
+@value()
 class Grid:
     """Every combination of the axes, the last fastest, each with every sample of the draws.
 
@@ -152,11 +152,11 @@ class Grid:
     under equal conditions, and a larger study contains the smaller one.
     """
 
-    axes: Sequence[Vary | Together] = ()
-    draws: Sequence[Draw] = ()
-    samples: int = 1
-    seed: int | None = None
-    fixed: Mapping[str, Any] = field(default_factory=dict)
+    axes: Sequence[Vary | Together] = field(None, default=())
+    draws: Sequence[Draw] = field(None, default=())
+    samples: int = field(None, default=1)
+    seed: int | None = field(None, default=None)
+    fixed: Mapping[str, Any] = field(None, factory=dict)
 
     def points(self) -> Iterator[dict[str, Any]]:
         """Path -> value, as points hold it."""
@@ -179,22 +179,3 @@ class Grid:
         assert self.seed is not None
         generator = np.random.default_rng([self.seed, number])
         return {draw.parameter: draw.sample(generator) for draw in self.draws}
-
-
-def _path(what: str, parameter: Any) -> None:
-    if not isinstance(parameter, str) or not parameter:
-        raise OptionError(f"{what}: parameter = {parameter!r}; it must be a text, such as law.decay_rate")
-
-
-def _values(what: str, values: Any) -> list[Any]:
-    if isinstance(values, (str, Mapping, Scaled)) or not hasattr(values, "__iter__"):
-        raise OptionError(f"{what}: values = {values!r}; give a list of them")
-    listed = [value if isinstance(value, Scaled) else plain(value, what) for value in values]
-    if not listed:
-        raise OptionError(f"{what}: give at least one value")
-    return listed
-
-
-def _interval(what: str, low: Any, high: Any) -> None:
-    if not finite(f"{what}: low", low) <= finite(f"{what}: high", high):
-        raise OptionError(f"{what}: low = {low!r} is above high = {high!r}; give the lower one first")

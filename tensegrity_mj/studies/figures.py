@@ -93,19 +93,12 @@ def _maps(rows: Sequence[Row], names: Sequence[str], other: Sequence[str], measu
     groups = list(_grouped(rows, other).items())[:4]
     figure = new_figure(max(1.5, 1.35 * len(groups)) * COLUMN, 1.15 * COLUMN)
     panels = np.atleast_1d(figure.subplots(1, len(groups)))
-    x_all, y_all = (sorted({_numeric(row, name) for row in rows}) for name in names)
-    cells: list[Any] = []
+    places = [np.unique([as_number(row.parameters[name]) for row in rows]) for name in names]
+    cells = []
     for _, members in groups:
-        found: dict[tuple[int, int], list[float]] = {}
-        for row in members:
-            value = as_number(row.values.get(measure))
-            if value is not None and math.isfinite(value):
-                place = (y_all.index(_numeric(row, names[1])), x_all.index(_numeric(row, names[0])))
-                found.setdefault(place, []).append(value)
-        cell = np.full((len(y_all), len(x_all)), np.nan)
-        for place, values in found.items():
-            cell[place] = float(np.median(values))
-        cells.append(cell)
+        (x, values), (y, _) = (_numbers(members, name, measure) for name in names)
+        found = [[values[(x == across) & (y == up)] for across in places[0]] for up in places[1]]
+        cells.append(np.array([[np.median(one) if len(one) else np.nan for one in line] for line in found]))
     everything = np.concatenate([cell[np.isfinite(cell)] for cell in cells])
     from matplotlib.colors import LogNorm, Normalize
 
@@ -115,9 +108,9 @@ def _maps(rows: Sequence[Row], names: Sequence[str], other: Sequence[str], measu
     for number, (label, _) in enumerate(groups):
         panel = panels[number]
         mesh = panel.imshow(cells[number], origin="lower", aspect="auto", cmap="viridis", norm=norm)
-        for axis, values in ((panel.xaxis, x_all), (panel.yaxis, y_all)):
-            places = np.unique(np.linspace(0, len(values) - 1, min(len(values), 9)).astype(int))
-            axis.set_ticks(places, [f"{values[i]:.4g}" for i in places])
+        for axis, values in zip((panel.xaxis, panel.yaxis), places, strict=True):
+            marked = np.unique(np.linspace(0, len(values) - 1, min(len(values), 9)).astype(int))
+            axis.set_ticks(marked, [f"{values[i]:.4g}" for i in marked])
         panel.set_xlabel(_axis(rows, names[0]), fontsize=9)
         panel.set_ylabel(_axis(rows, names[1]) if number == 0 else "", fontsize=9)
         panel.set_title(figure_text(label), fontsize=9)
@@ -130,12 +123,6 @@ def _maps(rows: Sequence[Row], names: Sequence[str], other: Sequence[str], measu
 
 def _is_numeric(rows: Sequence[Row], name: str) -> bool:
     return all(as_number(row.parameters.get(name)) is not None for row in rows)
-
-
-def _numeric(row: Row, name: str) -> float:
-    number = as_number(row.parameters[name])
-    assert number is not None  # `_is_numeric` has looked
-    return number
 
 
 def _numbers(rows: Sequence[Row], name: str, measure: str) -> tuple[Any, Any]:

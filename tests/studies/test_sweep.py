@@ -323,7 +323,7 @@ def test_sweeps_that_cannot_be_are_refused(options: dict[str, Any], said: str) -
         (lambda: Together([]), "give a list of Vary"),
         (lambda: Together([Vary("a", [1]), Vary("b", [1, 2])]), "as many values each .a: 1, b: 2"),
         (lambda: Uniform(2, 1), "low = 2 is above high = 1"),
-        (lambda: LogUniform(0, 1), "low = 0"),
+        (lambda: LogUniform(0, 1), "low = 0.*must be > 0"),
         (lambda: Normal(0, 0), "deviation = 0"),
         (lambda: Choice([]), "at least one value"),
         (lambda: Draw("a", "uniform"), "use Uniform"),  # type: ignore[arg-type]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.library.random_structures import random_structure
+from tensegrity_mj.library.random_structures import random_structure, unit
 from tensegrity_mj.model.actuation import Mode, OnInfeasible
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -114,5 +114,4 @@ def ordinary(rng: Rng, **changes: Any) -> Structure:
 
 def direction(rng: Rng, size: int = 3) -> Array:
     """A unit vector, all directions equally likely."""
-    vector = rng.normal(size=size)
-    return np.asarray(vector / np.linalg.norm(vector))
+    return unit(rng.normal(size=size))

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.library.random_structures import (
     random_configuration,
     random_scene,
     random_structure,
     random_velocities,
+    unit,
 )
 from tensegrity_mj.model.actuation import Mode, OnInfeasible
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
@@ -90,7 +90,7 @@ def _negative_rest(rng: Rng) -> Experiment:
     facts = {"least L0/L": 1 - float(np.max(u / structure.stiffness))}
     scene = _scene(rng, structure)
     largest = float(u.max(initial=0.0))
-    return Experiment(scene, lambda duration: laws.Constant(u), force_density=largest, cycles=COLLAPSE, facts=facts)
+    return Experiment(scene, lambda duration: laws.Waving(u), force_density=largest, cycles=COLLAPSE, facts=facts)
 
 
 def _vanishing(rng: Rng) -> Experiment:
@@ -149,7 +149,9 @@ def _degenerate(rng: Rng) -> Experiment:
         facts["shape"] = "planar"
     else:
         structure = _collinear(rng)
-        line = np.array(structure.rods[0].support.directions or [_line(structure)])[-1]
+        line = np.array(
+            structure.rods[0].support.directions or [unit(structure.positions[-1] - structure.positions[0])]
+        )[-1]
         velocities = np.zeros((len(structure.nodes), 3))
         for pair in structure.rod_nodes:
             velocities[pair] = rng.uniform(-1, 1) * line
@@ -162,11 +164,6 @@ def _degenerate(rng: Rng) -> Experiment:
 def _spatial(support: Support) -> Support:
     """The same without a plane to turn in, and free to leave it."""
     return Support(support.sigma, support.directions, None, None)
-
-
-def _line(structure: Structure) -> Array:
-    span = structure.positions[-1] - structure.positions[0]
-    return np.asarray(span / np.linalg.norm(span))
 
 
 def _collinear(rng: Rng) -> Structure:
@@ -238,7 +235,7 @@ def _wild_law(rng: Rng) -> Experiment:
     scene = _scene(rng, structure)
     if rng.uniform() < 0.5:
         facts = {"u": size, "how": "constant"}
-        return Experiment(scene, lambda duration: laws.Constant(u), force_density=size, cycles=COLLAPSE, facts=facts)
+        return Experiment(scene, lambda duration: laws.Waving(u), force_density=size, cycles=COLLAPSE, facts=facts)
     low = float(rng.choice([0.0, -1.0, 0.5]))
     mode = Mode(str(rng.choice([Mode.HOLD_FORCE_DENSITY.value, Mode.HOLD_REST_LENGTH.value])))
     # A held rest length keeps the string's own stiffness, which then pulls with k (L - L0), L0 = L (1 - u/k).

@@ -54,16 +54,6 @@ class GoesWrong:
 
 
 @dataclass(frozen=True)
-class Constant:
-    """A constant u (M,) [N/m], however large."""
-
-    u: Array
-
-    def __call__(self, time: float, nodes: Array, velocities: Array) -> Array:
-        return self.u
-
-
-@dataclass(frozen=True)
 class Alternating:
     """u (M,) [N/m] and low · u by turns, a half period [s] each; it jumps, so it is run sampled."""
 
@@ -80,11 +70,11 @@ class Alternating:
 
 @dataclass(frozen=True)
 class Waving:
-    """u (M,) [N/m] times 1 + depth · sin(ω t + string number): smooth, and beyond [0, 1] where depth > 1."""
+    """u (M,) [N/m] times 1 + depth · sin(ω t + string number): smooth; beyond [0, 1] for depth > 1, constant for 0."""
 
     u: Array
-    depth: float
-    frequency: float
+    depth: float = 0.0
+    frequency: float = 0.0
 
     def __call__(self, time: float, nodes: Array, velocities: Array) -> Array:
         return np.asarray(self.u * (1 + self.depth * np.sin(self.frequency * time + np.arange(len(self.u)))))

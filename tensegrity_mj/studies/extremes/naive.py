@@ -17,7 +17,7 @@ from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities
 from tensegrity_mj.runs.convergence import Estimate, way_of
 from tensegrity_mj.runs.trajectory import Trajectory
-from tensegrity_mj.runs.variables import VARIABLES
+from tensegrity_mj.runs.variables import VARIABLES, sizes_of
 from tensegrity_mj.studies.extremes.setups import OUTPUTS, Attempt, Setup, caught
 from tensegrity_mj.studies.extremes.verdicts import USEFUL
 
@@ -74,9 +74,6 @@ def _run(setup: Setup, engine: MuJoCo) -> Trajectory:
 def _trajectory(setup: Setup, times: Array, nodes: Array) -> Trajectory:
     """Only the nodes are known; the rest is zero."""
     scene = setup.experiment.scene
-    sizes = {"time": len(times), "node": nodes.shape[1], "axis": 3}
-    sizes |= {"string": len(scene.structure.strings), "rod": len(scene.structure.rods)}
-    arrays: dict[str, Any] = {
-        name: np.zeros([sizes[dimension] for dimension in dimensions]) for name, (dimensions, _, _) in VARIABLES.items()
-    }
+    sizes = sizes_of(scene, len(times))
+    arrays: dict[str, Any] = {name: np.zeros([sizes[one] for one in own]) for name, (own, _, _) in VARIABLES.items()}
     return Trajectory(scene, **(arrays | {"time": times, "nodes": nodes}), engine="MuJoCo by hand, with autoreset")

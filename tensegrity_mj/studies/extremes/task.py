@@ -45,7 +45,7 @@ def run_extreme(point: dict[str, Any]) -> dict[str, Any]:
         setup = draw_setup(rng, kind)
     except TensegrityError as problem:  # before there is an engine
         missing = lacks(str(problem), on_the_way=False)
-        return values | _as_values(Judgement(Verdict.UNDETECTED if missing else Verdict.REFUSED, str(problem)))
+        return values | Judgement(Verdict.UNDETECTED if missing else Verdict.REFUSED, str(problem)).to_dict()
     values |= {
         "engine": setup.engine,
         "step": setup.step if setup.fixed else None,
@@ -57,29 +57,23 @@ def run_extreme(point: dict[str, Any]) -> dict[str, Any]:
     own = (naive.attempt if by_hand else attempt)(setup, setup.engine_at(setup.levels[-1]))
     early = judge_end(own, setup.duration)
     if early is not None:
-        return values | _as_values(early) | {"false refusal": _false_refusal(setup, early)}
+        return values | early.to_dict() | {"false refusal": _false_refusal(setup, early)}
     assert own.run is not None
     # A script of one's own has no estimate: it is held to the part of the way that any run may be off.
     estimate = naive.claim(own.run) if by_hand else _estimate(setup, own)
     reference = reference_of(setup)
     error, doubt = _distance(own, reference)
     judgement = judge_error(own, estimate, error, doubt)
-    return (
-        values
-        | _as_values(judgement)
-        | {
-            "bound": estimate.value,
-            "error": error,
-            "doubt": doubt,
-            "settled": estimate.settled,
-            "said by the estimate alone": judgement.verdict is Verdict.WARNED and not own.warned,
-            "hidden without the estimate": is_hidden(own, error, doubt),
-        }
-    )
-
-
-def _as_values(judgement: Judgement) -> dict[str, Any]:
-    return {"verdict": judgement.verdict.value, "cause": judgement.cause}
+    return {
+        **values,
+        **judgement.to_dict(),
+        "bound": estimate.value,
+        "error": error,
+        "doubt": doubt,
+        "settled": estimate.settled,
+        "said by the estimate alone": judgement.verdict is Verdict.WARNED and not own.warned,
+        "hidden without the estimate": is_hidden(own, error, doubt),
+    }
 
 
 def _estimate(setup: Setup, own: Attempt) -> Estimate:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.errors import ControllerError, DivergenceError, TensegrityError
 from tensegrity_mj.runs import convergence
 from tensegrity_mj.runs.convergence import Estimate, way_of
@@ -37,6 +38,10 @@ class Judgement:
 
     verdict: Verdict
     cause: str = ""
+
+    def to_dict(self) -> dict[str, str]:
+        """Plain values."""
+        return plain_values(self, "verdict", "cause")
 
 
 # What a message must have. A remedy says what to do, or what a value must be.

@@ -69,20 +69,16 @@ def result_of(
     }
     errors = [one["error"] for one in points]
     floor = own if math.isfinite(own) else 0.0
-    right_hand_sides = [one.get("evaluations") for one in points]
-    facts["by_right_hand_sides"] = {
-        "front": pareto(right_hand_sides, errors, floor),
-        "advice": sentence.advice(facts, right_hand_sides),
-        "floor": sentence.floor_sentence(facts, right_hand_sides),
-    }
-    walls = [one["wall_time"] for one in clocked]
-    timing = {
-        "points": clocked,
-        "front": pareto(walls, errors, floor),
-        "advice": sentence.advice(facts, walls, clocked),
-        "floor": sentence.floor_sentence(facts, walls, clocked),
-    }
-    return facts, timing
+
+    def by(costs: Sequence[float | None], timing: Sequence[Data] | None = None) -> Data:
+        return {
+            "front": pareto(costs, errors, floor),
+            "advice": sentence.advice(facts, costs, timing),
+            "floor": sentence.floor_sentence(facts, costs, timing),
+        }
+
+    facts["by_right_hand_sides"] = by([one.get("evaluations") for one in points])
+    return facts, {"points": clocked, **by([one["wall_time"] for one in clocked], clocked)}
 
 
 def _modelling_floor(experiment: Experiment, reference: Reference, continuous: Reference | None) -> Data | None:
