@@ -148,25 +148,6 @@ def arc_lengths(elements: int) -> Array:
     return np.round(along, 14)  # sums of printed decimals without their round-off
 
 
-def marker_weights(elements: int) -> Array:
-    """(10, K + 1): a marker's position is its row times the node positions (..., K + 1, 3).
-
-    Markers of Table 3.2 between two nodes are on the rod between them; for `refined` cables each is a node.
-    """
-    along = arc_lengths(elements)
-    weights = np.zeros((len(MARKERS), len(along)))
-    for row, place in enumerate(MARKERS):
-        s = FASTENING_LENGTH + place
-        nearest = int(np.argmin(np.abs(along - s)))
-        if abs(along[nearest] - s) < 1e-12:
-            weights[row, nearest] = 1.0
-            continue
-        k = int(np.searchsorted(along, s)) - 1
-        share = (s - along[k]) / (along[k + 1] - along[k])
-        weights[row, k : k + 2] = 1 - share, share
-    return weights
-
-
 @value("cable", OptionError, positional=1)
 class Cable:
     """A chain of rods that hangs from a moved point.

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import time
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, asdict, dataclass, field
+from dataclasses import KW_ONLY, asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from tensegrity_mj.errors import DivergenceError, FormatError
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import versions
-from tensegrity_mj.studies.many import run_many
+from tensegrity_mj.studies.many import RunOptions, run_many
 from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.thesis.disturbance import Disturbance, disturbance_of, disturbed
 from tensegrity_mj.thesis.experiments import EngineName, experiment_of, simulate_experiment
@@ -60,6 +61,36 @@ class StudyRun:
     status: Status = Status.COMPLETED
     message: str = ""
     time: Array = field(default_factory=lambda: np.zeros(1))
+
+
+class Whole:
+    """What is computed as a whole, of its own folder: a series of cables, or a study of beams."""
+
+    name: str
+
+    def compute(
+        self,
+        engine: EngineName,
+        folder: Path,
+        workers: Workers | None,
+        progress: bool,
+        disturbance: Disturbance | None = None,
+    ) -> Any:
+        """Its `StudyRun` in one engine; what the folder has of it is not computed again.
+
+        Args:
+            folder: where the folder of this one is made.
+            workers, progress: see `run_many`.
+            disturbance: of what is computed.
+        """
+        started = time.perf_counter()
+        how: RunOptions = {"workers": workers, "progress": progress, "label": f"{self.name}, {engine.value}"}
+        found = self.found(engine, folder, disturbance, how)
+        return replace(found, cost={"wall_time": time.perf_counter() - started})
+
+    def found(self, engine: EngineName, folder: Path, disturbance: Disturbance | None, how: RunOptions) -> StudyRun:
+        """The same, without its wall time."""
+        raise NotImplementedError
 
 
 def place_of(folder: Path, name: str, engine: EngineName, identity: Any) -> Path:

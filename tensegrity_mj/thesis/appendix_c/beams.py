@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,12 +13,11 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.simulation import versions
-from tensegrity_mj.studies.many import run_many
-from tensegrity_mj.studies.workers import Workers
+from tensegrity_mj.studies.many import RunOptions, run_many
 from tensegrity_mj.thesis.appendix_c import beam_tasks, beam_wave_tasks, tower_wave_tasks
 from tensegrity_mj.thesis.disturbance import Disturbance
 from tensegrity_mj.thesis.experiments import EngineName
-from tensegrity_mj.thesis.runs import StudyRun, code_digest, place_of
+from tensegrity_mj.thesis.runs import StudyRun, Whole, code_digest, place_of
 
 Values = Mapping[str, Any]
 
@@ -50,7 +48,7 @@ class BeamRun(StudyRun):
 
 
 @dataclass(frozen=True)
-class BeamStudy:
+class BeamStudy(Whole):
     """What is computed.
 
     Attributes:
@@ -74,35 +72,15 @@ class BeamStudy:
         """That compute it."""
         return tuple(self.tasks)
 
-    def compute(
-        self,
-        engine: EngineName,
-        folder: Path,
-        workers: Workers | None,
-        progress: bool,
-        disturbance: Disturbance | None = None,
-    ) -> BeamRun:
-        """Its values in one engine; what the folder has of it is not computed again.
-
-        Args:
-            folder: where the folder of this study is made.
-            workers, progress: see `run_many`.
-            disturbance: of the beams.
-        """
-        started = time.perf_counter()
+    def found(self, engine: EngineName, folder: Path, disturbance: Disturbance | None, how: RunOptions) -> BeamRun:
+        """Its values in one engine."""
         chosen = self.of_mujoco if engine is EngineName.MUJOCO and self.of_mujoco else tuple(self.points)
         error = {} if disturbance is None else {"disturbance": disturbance.plain}
         points = [{**self.points[label], "engine": engine.value, **error} for label in chosen]
         identity = {"code": code_digest((*SOURCES, *self.sources)), "versions": versions()}
-        study = run_many(
-            self.tasks[engine],
-            points,
-            place_of(folder, self.name, engine, [identity, points]),
-            identity=identity,
-            workers=workers,
-            progress=progress,
-            label=f"{self.name}, {engine.value}",
-        )
+        place = place_of(folder, self.name, engine, [identity, points])
+        how["identity"] = identity
+        study = run_many(self.tasks[engine], points, place, **how)
         values = {
             label: outcome["values"]
             for label, outcome in zip(chosen, study.outcomes, strict=True)
@@ -113,8 +91,7 @@ class BeamStudy:
             first = study.failed[0]
             text = f"{len(study.failed)} of {len(points)} beams, the first {chosen[first]}: "
             status, message = Status.DIVERGED, text + study.outcomes[first]["reason"]
-        cost = {"wall_time": time.perf_counter() - started}
-        return BeamRun(self.name, engine.value, values, cost=cost, status=status, message=message)
+        return BeamRun(self.name, engine.value, values, status=status, message=message)
 
 
 def tower_label(topology: str, stiffness: float, measure: float) -> str:

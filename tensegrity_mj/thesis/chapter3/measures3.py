@@ -11,9 +11,9 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.library.cable import (
     FASTENING_LENGTH,
     LOAD_LENGTH,
+    MARKERS,
     ROPE_LENGTH,
     arc_lengths,
-    marker_weights,
     pendulum_frequency,
 )
 from tensegrity_mj.thesis.chapter3.series import SeriesRun
@@ -36,8 +36,8 @@ def element_frequencies(elements: int) -> tuple[float, float, float]:
 
 def markers_off() -> float:
     """Largest distance [m] of a marker of Table 3.2 from a node of the model of 13 elements."""
-    places = marker_weights(13) @ arc_lengths(13) - FASTENING_LENGTH
-    return float(np.abs(places - 0.25 * np.arange(2, 12)).max())
+    away = np.abs(np.subtract.outer(MARKERS, arc_lengths(13) - FASTENING_LENGTH))
+    return float(away.min(axis=1).max())
 
 
 # ------------------------------------------------------------------------------------------------------ amplitudes

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -39,11 +38,10 @@ from tensegrity_mj.studies.cable.frequencies import engine_frequencies
 from tensegrity_mj.studies.cable.spectrum import Spectrum, peaks_of, picked
 from tensegrity_mj.studies.cable.steps import FoundStep, steps_within
 from tensegrity_mj.studies.engine_names import engine_of
-from tensegrity_mj.studies.many import run_many
-from tensegrity_mj.studies.workers import Workers
+from tensegrity_mj.studies.many import RunOptions, run_many
 from tensegrity_mj.thesis.disturbance import Disturbance, Quantity, disturbance_of, disturbed
 from tensegrity_mj.thesis.experiments import EngineName
-from tensegrity_mj.thesis.runs import StudyRun, code_digest, place_of
+from tensegrity_mj.thesis.runs import StudyRun, Whole, code_digest, place_of
 
 FILE = Path(__file__).parents[1] / "tables" / "series.toml"
 # Hz between the frequencies of §3.3.2: so far apart "some 240 simulations" (§3.5.5), ten of each, would have them.
@@ -103,7 +101,7 @@ class SeriesRun(StudyRun):
 
 
 @value("series {name!r}", FormatError)
-class Series:
+class Series(Whole):
     """What is run.
 
     Attributes:
@@ -153,39 +151,18 @@ class Series:
             ]
         return found
 
-    def compute(
-        self,
-        engine: EngineName,
-        folder: Path,
-        workers: Workers | None,
-        progress: bool,
-        disturbance: Disturbance | None = None,
-    ) -> SeriesRun:
-        """Its results in one engine; what the folder has of it is not computed again.
-
-        Args:
-            folder: where the folder of this series is made.
-            workers, progress: see `run_many`.
-            disturbance: of the cables.
-        """
-        started = time.perf_counter()
-        identity: dict[str, Any] = {"code": code_digest()}
-        label = f"{self.name}, {engine.value}"
+    def found(self, engine: EngineName, folder: Path, disturbance: Disturbance | None, how: RunOptions) -> SeriesRun:
+        """Its results in one engine."""
         cases = [replace(case, scene=disturbed(case.scene, disturbance, ROPE)) for case in self.cases(engine)]
         error = {} if disturbance is None else {"disturbance": disturbance.plain}
-        identity |= error
-        what = [
-            identity,
-            versions(),
-            self.oscillations,
-            [point_of(case, str(len(case.scene.structure.rods))) for case in cases],
-        ]
-        place = place_of(folder, self.name, engine, what)
-        how: dict[str, Any] = {"identity": identity, "workers": workers, "progress": progress}
+        identity = {"code": code_digest(), **error}
+        settings = [point_of(case, str(len(case.scene.structure.rods))) for case in cases]
+        place = place_of(folder, self.name, engine, [identity, versions(), self.oscillations, settings])
+        how["identity"] = identity
         found = SeriesRun(self.name, engine.value)
         if self.oscillations:
             points = [{"elements": K, "engine": engine.value, **error} for K in self.oscillations]
-            study = run_many(oscillations, points, place, label=label, **how)
+            study = run_many(oscillations, points, place, **how)
             own = [np.array(values) for values in study.values("frequencies")]
             found = replace(found, frequencies=dict(zip(self.oscillations, own, strict=True)))
         elif self.search:
@@ -193,14 +170,14 @@ class Series:
             pairs = [pair for pair in zip(cases, found.steps, strict=True) if math.isfinite(pair[1].step)]
             cases = [replace(case, engine=replace(case.engine, timestep=one.step)) for case, one in pairs]
         else:
-            found = replace(found, results=run_cases(cases, marker_places(disturbance), place, label=label, **how))
+            found = replace(found, results=run_cases(cases, marker_places(disturbance), place, **how))
         lost = [] if found.results is None or self.timed else found.results.failed
         if lost and found.results is not None:
             text = f"{len(lost)} of {len(cases)} cases, the first at {cases[lost[0]].frequency:g} Hz: "
             found = replace(found, status=Status.DIVERGED, message=text + found.results.messages[lost[0]])
         if self.timed:
             found = replace(found, seconds=_timed(cases, found, folder / f"{place.name}-timing.json"))
-        return replace(found, cost={"wall_time": time.perf_counter() - started})
+        return found
 
 
 def marker_places(disturbance: Disturbance | None) -> tuple[float, ...]:
