@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import names_from, positive, whole
 from tensegrity_mj.basics.files import made_folder
 from tensegrity_mj.basics.texts import aligned
@@ -198,7 +197,8 @@ def measured(run: Trajectory, h: float, steps: int) -> dict[str, Any]:
     for name, course in courses.items():
         largest = np.maximum.accumulate(course)
         reached = [mark for mark in marks_of(steps) if len(run.time) and run.time[-1] >= mark * h * (1 - 1e-9)]
-        found[name] = {str(mark): _up_to(run.time, largest, mark * h) for mark in reached}
+        rows = np.searchsorted(run.time, np.multiply(reached, h * (1 + 1e-9)), side="right") - 1
+        found[name] = {str(mark): float(largest[row]) for mark, row in zip(reached, rows, strict=True)}
         found["growth"][name] = growth([found[name][str(mark)] for mark in reached], reached)
     keep = np.unique(np.geomspace(1, max(2, len(run.time) - 1), 60).astype(int))
     keep = keep[keep < len(run.time)]
@@ -206,10 +206,6 @@ def measured(run: Trajectory, h: float, steps: int) -> dict[str, Any]:
         name: np.maximum.accumulate(course)[keep].tolist() for name, course in courses.items()
     }
     return found
-
-
-def _up_to(times: Array, largest: Array, time: float) -> float:
-    return float(largest[np.searchsorted(times, time * (1 + 1e-9), side="right") - 1])
 
 
 def growth(values: Sequence[float], steps: Sequence[int]) -> float | None:

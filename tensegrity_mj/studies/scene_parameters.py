@@ -117,7 +117,7 @@ def _with_members(scene: Scene, kind: str, which: str | None, others: Sequence[s
     chosen = [key for word in words for key in meant[word]]
     if not chosen:
         raise OptionError(f"{path}: structure '{structure.name}' has no {MEMBERS[kind]}")
-    known = _numbers_of(type(by_name[chosen[0]]))
+    known = [key for key, one in item_of(type(by_name[chosen[0]])).keys.items() if one.kind.single]
     if len(others) != 1 or others[0] not in known:
         given = others[0] if others else ""
         raise OptionError(f"{path}: {unknown(given, known, f'number of a {MEMBERS[kind]}')}")
@@ -194,8 +194,3 @@ def _node(scene: Scene, which: str | None, path: str) -> int:
 
 def _named(members: Iterable[Any]) -> dict[str, Any]:
     return {getattr(member, "name", None) or member.node: member for member in members}
-
-
-def _numbers_of(kind: type) -> list[str]:
-    """The fields of a member that are numbers."""
-    return [key for key, one in item_of(kind).keys.items() if one.kind.single]

@@ -65,7 +65,9 @@ class Workers:
         if self.backend is Backend.THIS_PROCESS:
             yield _here
         elif self.backend is Backend.PROCESSES:
-            yield partial(_processes, self.count or _cores())
+            from joblib import cpu_count
+
+            yield partial(_processes, self.count or int(cpu_count()))
         else:
             from tensegrity_mj.studies import cluster
 
@@ -152,12 +154,6 @@ def _run(
             for thread in () if ended else threading.enumerate():
                 if thread.name == "QueueFeederThread":
                     thread.join(FEEDER_WAIT)
-
-
-def _cores() -> int:
-    from joblib import cpu_count
-
-    return int(cpu_count())
 
 
 def workers_for(law: Spec | None, workers: Workers | None) -> Workers:

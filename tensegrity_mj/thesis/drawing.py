@@ -124,11 +124,13 @@ def thesis_axis(panel: Any, low: float, high: float) -> None:
     panel.axhspan(low, high, color=(0.12, 0.36, 0.78), alpha=0.05, lw=0)
 
 
-def engines_note(figure: Figure, all_runs: AllRuns, extra: str = "") -> None:
-    """Say below the panels which engine is which."""
-    names = [TITLES[engine] for engine in all_runs][:2]
-    text = f"lines: {names[0]}" + (f"; circles: {names[1]}" if len(names) > 1 else "")
-    note(figure, f"{text}{'; ' if extra else ''}{extra}")
+def engines_note(
+    figure: Figure, all_runs: AllRuns, extra: str = "", name: str = "", marks: Sequence[str] = ("lines", "circles")
+) -> None:
+    """Say below the panels which engine is which, of those that have what is named, and how each is drawn."""
+    engines = [TITLES[engine] for engine, runs in all_runs.items() if not name or name in runs]
+    drawn = [f"{mark}: {engine}" for mark, engine in zip(marks, engines, strict=False)]
+    note(figure, "; ".join([*drawn, *([extra] if extra else [])]))
 
 
 def note(figure: Figure, text: str, size: float = 8) -> None:

@@ -159,7 +159,7 @@ class CaseResults:
     @property
     def statuses(self) -> list[str]:
         """A run's status, "unstable step" where it was refused, or "failed"."""
-        return [outcome.get("values", {}).get("status", "failed") for outcome in self.study.outcomes]
+        return [status or "failed" for status in self.study.values("status")]
 
     @property
     def messages(self) -> list[str]:
@@ -202,10 +202,7 @@ class CaseResults:
     @property
     def spectral_frequencies(self) -> Array:
         """(F,) [Hz] of `densities`."""
-        for outcome in self.study.outcomes:
-            if "values" in outcome and outcome["values"]["status"] == Status.COMPLETED.value:
-                return np.array(outcome["values"]["frequencies"])
-        return np.zeros(0)
+        return next((np.array(one) for one in self.study.values("frequencies") if one is not None), np.zeros(0))
 
     @property
     def densities(self) -> Array:
@@ -214,8 +211,8 @@ class CaseResults:
 
     def _array(self, name: str, shape: tuple[int, ...]) -> Array:
         none = np.full(shape, np.nan)
-        values = [outcome.get("values", {}).get(name) for outcome in self.study.outcomes]
-        return np.array([none if one is None else np.array(one, float).reshape(shape) for one in values])
+        found = self.study.values(name)
+        return np.array([none if one is None else np.array(one, float).reshape(shape) for one in found])
 
 
 def run_cases(

@@ -94,11 +94,6 @@ class BeamStudy(Whole):
         return BeamRun(self.name, engine.value, values, status=status, message=message)
 
 
-def tower_label(topology: str, stiffness: float, measure: float) -> str:
-    """The name of a tower's values."""
-    return f"{topology} {stiffness / 1e3:g} kN/m {measure:g} m"
-
-
 def wave_label(beam: str, height: float) -> str:
     """The name of a beam's values in waves."""
     return f"{beam} {height:g} m"

@@ -21,13 +21,8 @@ from tensegrity_mj.thesis.experiments import TITLES
 
 PURPLE = palette.CYCLE[4]
 INPUT, NUMBER = "input frequency [Hz]", "number of elements"
+FILLED = ("filled", "circles around them")  # how engines are drawn
 SECONDS_NOTE = "times are those of this machine"
-
-
-def _note(figure: Figure, all_runs: AllRuns, name: str, extra: str = "") -> None:
-    titles = [TITLES[engine] for engine, _ in drawing.versions_of(all_runs, name)]
-    text = f"filled: {titles[0]}" + (f"; circles around them: {titles[1]}" if len(titles) > 1 else "")
-    drawing.note(figure, "; ".join(part for part in (text, extra) if part))
 
 
 def psd(all_runs: AllRuns) -> Figure:
@@ -77,7 +72,7 @@ def responses(all_runs: AllRuns, names: Sequence[str], marker: int, axis: int, l
     drawing.finish(bottom, "(b) Main peaks of the PSD (dashed: output = input)", "output frequency [Hz]", INPUT)
     for panel in (top, bottom):
         panel.set_xlim(0.0, 1.25)
-    _note(figure, all_runs, names[0], drawing.BAND)
+    drawing.engines_note(figure, all_runs, drawing.BAND, names[0], FILLED)
     return figure
 
 
@@ -116,7 +111,7 @@ def fixed_step(all_runs: AllRuns) -> Figure:
             )
     right.set_yscale("log")
     right.set_ylim(1e-4, 1.0)
-    _note(figure, all_runs, "fixed-step", SECONDS_NOTE)
+    drawing.engines_note(figure, all_runs, SECONDS_NOTE, "fixed-step", FILLED)
     return figure
 
 
@@ -132,7 +127,7 @@ def fixed_drift(all_runs: AllRuns) -> Figure:
     drawing.thesis_axis(right, 0.0, 0.025)
     right.set_ylim(bottom=0.0)
     right.legend(fontsize=7.5, frameon=False)
-    _note(figure, all_runs, "fixed-drift", f"{SECONDS_NOTE}; {drawing.BAND}")
+    drawing.engines_note(figure, all_runs, f"{SECONDS_NOTE}; {drawing.BAND}", "fixed-drift", FILLED)
     return figure
 
 
@@ -153,7 +148,7 @@ def drift(all_runs: AllRuns) -> Figure:
     drawing.finish(right, "(b) Drift, largest $|\\|b_i\\| - 1|$", "relative drift", INPUT)
     for panel in (left, right):
         panel.set_xlim(0.0, 1.4)
-    _note(figure, all_runs, "drift", SECONDS_NOTE)
+    drawing.engines_note(figure, all_runs, SECONDS_NOTE, "drift", FILLED)
     return figure
 
 
@@ -170,5 +165,5 @@ def refined(all_runs: AllRuns) -> Figure:
             run.cases.frequencies, run.marker(10), color=color, marker=mark, ms=5, mfc="none", lw=0.8, label=label
         )
     drawing.finish(panel, "Marker 10, in-plane, in-line excitation", "relative amplitude", INPUT)
-    _note(figure, all_runs, "in-line-25", drawing.BAND)
+    drawing.engines_note(figure, all_runs, drawing.BAND, "in-line-25", FILLED)
     return figure

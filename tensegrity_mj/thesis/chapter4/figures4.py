@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -72,30 +72,31 @@ def control_panels(
     tops: Sequence[float],
     sum_of: str,
     colors: Sequence[str] = (),
+    of_cells: bool = False,
 ) -> Figure:
-    """Figures 4.4, 4.9 and 4.10: controls of three cases, and their sums in blue, red and green.
+    """Figures 4.4 and 4.9 to 4.11: controls of three cases, or sums in each cell; and all sums in blue, red and green.
 
     Args:
         bounds: of the sums [N/m].
-        tops: of the thesis' axes of controls and of sums [N/m].
+        tops: of the thesis' axes of what is drawn of each case and of sums [N/m].
         colors: of `NAMED`, of the strings.
     """
     figure, grid = drawing.panels(2, 2)
-    chosen = [NAMED[color] for color in colors] or palette.CYCLE
-    for panel, name, bound in zip(grid.ravel()[:3], names, bounds, strict=True):
-        drawing.curves(panel, all_runs, name, lambda run: run.force_densities, chosen, lw=0.9)
+    sums, chosen, extra = grid[1, 1], [NAMED[color] for color in colors] or palette.CYCLE, drawing.BAND
+    if of_cells:
+        # Green: cells 1 and 39; blue: 2, 4 ... 38; red: 3, 5 ... 37.
+        chosen = [GREEN if k in (0, BEAM_CELLS - 1) else BLUE if k % 2 else RED for k in range(BEAM_CELLS)]
+        extra = "green: end cells, blue: even, red: odd; the pale band is the thesis' axis"
+    quantity = measures.cell_sums if of_cells else operator.attrgetter("force_densities")
+    for panel, name, bound, color in zip(grid.ravel()[:3], names, bounds, (BLUE, RED, GREEN), strict=True):
+        drawing.curves(panel, all_runs, name, quantity, chosen, lw=0.9)
         drawing.thesis_axis(panel, 0.0, tops[0])
         drawing.finish(panel, f"{sum_of} = {bound:g} N/m", "force density [N/m]")
-    _sums(grid[1, 1], all_runs, names, bounds, tops[1])
-    drawing.engines_note(figure, all_runs, drawing.BAND)
+        drawing.curves(sums, all_runs, name, measures.sums, (color,), labels=(f"{bound:g} N/m",))
+    drawing.thesis_axis(sums, 0.0, tops[1])
+    drawing.finish(sums, "Sum of controls", "force density [N/m]")
+    drawing.engines_note(figure, all_runs, extra)
     return figure
-
-
-def _sums(panel: Any, all_runs: AllRuns, names: Sequence[str], bounds: Sequence[float], total: float) -> None:
-    for name, bound, color in zip(names, bounds, (BLUE, RED, GREEN), strict=True):
-        drawing.curves(panel, all_runs, name, measures.sums, (color,), labels=(f"{bound:g} N/m",))
-    drawing.thesis_axis(panel, 0.0, total)
-    drawing.finish(panel, "Sum of controls", "force density [N/m]")
 
 
 def beam_parameters(all_runs: AllRuns, names: Sequence[str]) -> Figure:
@@ -112,18 +113,4 @@ def beam_parameters(all_runs: AllRuns, names: Sequence[str]) -> Figure:
     drawing.curves(length, all_runs, name, measures.describing_lengths, labels=labels)
     drawing.finish(length, "Six string lengths", "length [m]")
     drawing.engines_note(figure, all_runs)
-    return figure
-
-
-def cells(all_runs: AllRuns, names: Sequence[str], bounds: Sequence[float]) -> Figure:
-    """Figure 4.11: the sum in each cell in three cases, of these bounds [N/m], and of all of them."""
-    figure, grid = drawing.panels(2, 2)
-    # Green: cells 1 and 39; blue: 2, 4 ... 38; red: 3, 5 ... 37.
-    colors = [GREEN if k in (0, BEAM_CELLS - 1) else BLUE if k % 2 else RED for k in range(BEAM_CELLS)]
-    for panel, name, bound in zip(grid.ravel()[:3], names, bounds, strict=True):
-        drawing.curves(panel, all_runs, name, measures.cell_sums, colors, lw=0.9)
-        drawing.thesis_axis(panel, 0.0, 150.0)
-        drawing.finish(panel, f"Sum in each cell, $u_{{sum}}$ = {bound:g} N/m", "force density [N/m]")
-    _sums(grid[1, 1], all_runs, names, bounds, 3500.0)
-    drawing.engines_note(figure, all_runs, "green: end cells, blue: even, red: odd; the pale band is the thesis' axis")
     return figure

@@ -6,7 +6,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.library.thesis_towers import CHAPTER7_STAGES, PRESTRESS_MEASURES, STIFFNESSES
-from tensegrity_mj.thesis.appendix_c.beams import BeamRun, tower_label
+from tensegrity_mj.thesis.appendix_c.beams import BeamRun
 
 
 def label_of(stiffness: float, measure: float) -> str:
@@ -15,7 +15,7 @@ def label_of(stiffness: float, measure: float) -> str:
 
 
 FIRST, STAGES = 8, 3  # of the close view of figure 7.6: stages 8 to 10 of 15
-FORMED = tower_label("full", 10e3, 0.10)
+FORMED = f"full {label_of(10e3, 0.10)}"
 SOFT = label_of(STIFFNESSES[0], PRESTRESS_MEASURES[0])
 SHOWN = label_of(STIFFNESSES[2], PRESTRESS_MEASURES[0])  # of figure 7.8
 PERIODS = 3  # of the wave, at the end of each run
