@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import checked, positive
+from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.basics.kinds import not_negative, whole
 from tensegrity_mj.dynamics.native.compiling import c_function, njit
 from tensegrity_mj.dynamics.native.law import (
@@ -228,14 +229,8 @@ class Noisy(_Sampled):
 
     def describe(self) -> dict[str, Any]:
         """Plain values for the provenance of a run."""
-        return {
-            "law": "noisy",
-            "of": _description(self.law),
-            "position_std": self.position_std,
-            "velocity_std": self.velocity_std,
-            "seed": self.seed,
-            "period": self.period,
-        }
+        own = plain_values(self, "position_std", "velocity_std", "seed", "period")
+        return {"law": "noisy", "of": _description(self.law), **own}
 
 
 class Delayed(_Sampled):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import real_array
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.structure import Structure
 
@@ -106,12 +107,5 @@ def _semidefinite(value: ArrayLike, what: str) -> Array:
 
 
 def _matrix(value: ArrayLike, n: int, what: str) -> Array:
-    try:
-        array = np.array(value, float)
-    except (TypeError, ValueError):
-        array = np.array([np.nan])
-    if array.ndim == 0:
-        array = array * np.eye(n)
-    if array.shape != (n, n) or not np.all(np.isfinite(array)):
-        raise OptionError(f"gain {what} = {value!r}; it must be a finite number or a ({n}, {n}) matrix")
-    return array
+    matrix = real_array(f"gain {what}", value, (n, n))
+    return matrix * np.eye(n) if np.ndim(value) == 0 else matrix

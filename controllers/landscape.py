@@ -13,14 +13,15 @@ where pᵀḃ = -b_dᵀḃ = φ̇ sin φ for a projection onto b⊥, and cos φ 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import finite, instance, positive
+from tensegrity_mj.basics.checks import instance
+from tensegrity_mj.basics.fields import field, refused, value
+from tensegrity_mj.basics.kinds import not_negative, positive
 from tensegrity_mj.controllers.lyapunov import Lyapunov
 from tensegrity_mj.controllers.projection import Projection
 from tensegrity_mj.controllers.quadratic_terms import Onto
@@ -31,7 +32,7 @@ from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.trajectory import Trajectory
 
 
-@dataclass(frozen=True)
+@value(error=OptionError)
 class Landscape:
     """V of one rod about its set-point, in angles.
 
@@ -47,19 +48,14 @@ class Landscape:
     onto: Onto | None = None
     alpha: float = 1.0
     beta: float = 1.0
-    gamma: float = 1.5
-    stiffness: float = 0.0
+    gamma: float = field(positive(), default=1.5)
+    stiffness: float = field(not_negative(), default=0.0)
 
-    def __post_init__(self) -> None:
-        if self.onto is not None and not isinstance(self.onto, Onto):
-            raise OptionError(f"onto = {self.onto!r}; allowed: None, Onto.CURRENT, Onto.TARGET")
-        alpha, beta = finite("alpha", self.alpha), finite("beta", self.beta)
-        gamma, stiffness = positive("gamma", self.gamma), finite("stiffness", self.stiffness, " >= 0")
-        if not alpha * gamma > beta * beta or stiffness < 0:
-            raise OptionError(
-                f"alpha = {alpha:g}, beta = {beta:g}, gamma = {gamma:g}, stiffness = {stiffness:g}; they must have "
-                "alpha * gamma > beta² and stiffness >= 0"
-            )
+    def __attrs_post_init__(self) -> None:
+        alpha, beta, gamma = self.alpha, self.beta, self.gamma
+        if not alpha * gamma > beta * beta:
+            text = f"alpha = {alpha:g}, beta = {beta:g}, gamma = {gamma:g}; they must have alpha * gamma > beta²"
+            raise refused(self, text)
 
     @classmethod
     def of(cls, law: Lyapunov | Projection, rod: str | None = None) -> Landscape:

@@ -161,7 +161,8 @@ class Allocator:
     def _search(self, A: Array, d: Array) -> Array | None:
         """The optimal u, or None where there is none."""
         if self.linear is not None:
-            return self._simplex(A, d)
+            found, size = self._program(A, d, self.linear)
+            return np.clip(np.asarray(found.x, float) * size, self.lower, self.upper) if found.status == 0 else None
         if self.weight.ndim == 1:
             for start in (self._multipliers, np.zeros_like(self._multipliers)):
                 y = start.copy()
@@ -214,11 +215,6 @@ class Allocator:
     def _size(self, b: Array) -> float:
         """What to divide a problem by, so that its numbers are of the size of one."""
         return max(float(np.max(np.abs(b), initial=0.0)), float(np.max(self.lower, initial=0.0))) or 1.0
-
-    def _simplex(self, A: Array, d: Array) -> Array | None:
-        """The least fᵀu, by HiGHS."""
-        found, size = self._program(A, d, self.linear)
-        return np.clip(np.asarray(found.x, float) * size, self.lower, self.upper) if found.status == 0 else None
 
     def _program(self, A: Array, d: Array, cost: Any, slack: int = 0) -> tuple[Any, float]:
         """HiGHS' result for the least cost @ (u / size, x), and size; the `slack` x >= 0 take what is missed.
@@ -306,13 +302,9 @@ class Allocator:
 
 def _weight(weight: ArrayLike, M: int) -> Array:
     """H as its diagonal (M,), or full (M, M)."""
-    try:
-        H = np.array(weight)
-        H = np.zeros((0, 0, 0)) if np.iscomplexobj(H) else H.astype(float)
-    except (TypeError, ValueError):
-        H = np.zeros((0, 0, 0))
-    if H.shape == (M, M) and M > 1:
-        if not np.all(np.isfinite(H)) or not np.allclose(H, H.T, rtol=0, atol=1e-12 * np.abs(H).max()):
+    if M > 1 and np.shape(weight) == (M, M):
+        H = np.array(real_array("weight", weight, (M, M)))
+        if not np.allclose(H, H.T, rtol=0, atol=1e-12 * np.abs(H).max()):
             raise OptionError("weight: H must be finite and symmetric")
         smallest = float(np.linalg.eigvalsh(H)[0])
         if not smallest > 0:

@@ -29,21 +29,17 @@ def norm(value: Any, what: str) -> Any:
 
 def gains(value: Any, what: str) -> Gains | dict[str, Gains]:
     """Gains of all rods, or by the rod's name."""
-    if isinstance(value, Gains):
-        return value
-    if not isinstance(value, Mapping):
-        raise OptionError(f"{what} = {value!r}; it must be a table with X, Y, Z, or one by rod name")
-    if set(value) <= {"X", "Y", "Z"}:
+    if isinstance(value, Mapping) and not set(value) <= {"X", "Y", "Z"}:
+        return {name: _gains(entry, f"{what}.{name}") for name, entry in value.items()}
+    return _gains(value, what, ", or one by rod name")
+
+
+def _gains(value: Any, what: str, more: str = "") -> Gains:
+    if isinstance(value, Mapping) and set(value) <= {"X", "Y", "Z"}:
         return Gains(**value)
-    by_rod: dict[str, Gains] = {}
-    for name, entry in value.items():
-        if isinstance(entry, Gains):
-            by_rod[name] = entry
-        elif isinstance(entry, Mapping) and set(entry) <= {"X", "Y", "Z"}:
-            by_rod[name] = Gains(**entry)
-        else:
-            raise OptionError(f"{what}.{name} = {entry!r}; it must be a table with X, Y, Z")
-    return by_rod
+    if not isinstance(value, Gains):
+        raise OptionError(f"{what} = {value!r}; it must be a table with X, Y, Z{more}")
+    return value
 
 
 def one_of(kind: type[enum.Enum]) -> Reader:

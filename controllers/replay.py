@@ -176,17 +176,18 @@ class Replay:
 
     @cached_property
     def _spline(self) -> Any:
+        return self._spline_of(slice(None))
+
+    def _spline_of(self, which: slice) -> Any:
         from scipy.interpolate import CubicSpline
 
-        return CubicSpline(self.times, self.values, bc_type="not-a-knot")
+        return CubicSpline(self.times[which], self.values[which], bc_type="not-a-knot")
 
     def interpolation_error(self) -> float:
         """Largest error at every second time of a spline through the others: an upper estimate of the spline's own."""
-        from scipy.interpolate import CubicSpline
-
         if self.held or len(self.times) < 9:
             return 0.0
-        sparse = CubicSpline(self.times[::2], self.values[::2], bc_type="not-a-knot")
+        sparse = self._spline_of(slice(None, None, 2))
         inside = self.times[1::2] <= self.times[::2][-1]
         return float(np.max(np.abs(sparse(self.times[1::2][inside]) - self.values[1::2][inside]), initial=0.0))
 

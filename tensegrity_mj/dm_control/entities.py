@@ -181,30 +181,19 @@ class TensegrityEntity(composer.Entity):  # type: ignore[misc]
             physics.bind(self._load_actuators).ctrl = forces
 
 
+def _observed(name: str) -> Any:
+    """What the entity's method of that name reads, as an observable."""
+
+    def made(self: composer.Observables) -> Any:
+        return observable.Generic(getattr(self._entity, name))
+
+    made.__name__, made.__doc__ = name, getattr(TensegrityEntity, name).__doc__  # dm_control keeps it by its name
+    return define.observable(made)
+
+
 class TensegrityObservables(composer.Observables):  # type: ignore[misc]
     """What can be observed of a scene, in its own frame; SI units."""
 
-    @define.observable
-    def nodes(self) -> Any:
-        """Node positions (N, 3) [m]."""
-        return observable.Generic(self._entity.nodes)
-
-    @define.observable
-    def velocities(self) -> Any:
-        """Node velocities (N, 3) [m/s]."""
-        return observable.Generic(self._entity.velocities)
-
-    @define.observable
-    def string_lengths(self) -> Any:
-        """‖s‖ (M,) [m]."""
-        return observable.Generic(self._entity.string_lengths)
-
-    @define.observable
-    def rest_lengths(self) -> Any:
-        """L0 (M,) [m]."""
-        return observable.Generic(self._entity.rest_lengths)
-
-    @define.observable
-    def tensions(self) -> Any:
-        """T (M,) [N]."""
-        return observable.Generic(self._entity.tensions)
+    nodes, velocities = _observed("nodes"), _observed("velocities")
+    string_lengths, rest_lengths = _observed("string_lengths"), _observed("rest_lengths")
+    tensions = _observed("tensions")

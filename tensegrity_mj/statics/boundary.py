@@ -55,8 +55,12 @@ class Hold:
         if self.directions is None:
             return
         given: ArrayLike = self.directions
-        rows = np.atleast_2d(np.asarray(given, float)) if _is_numbers(given) else np.zeros((0, 3))
-        if rows.ndim != 2 or rows.shape[1:] != (3,) or not len(rows) or not np.all(np.linalg.norm(rows, axis=1) > 0):
+        try:
+            rows = np.atleast_2d(np.asarray(given, float))
+        except (TypeError, ValueError):
+            rows = np.zeros((0, 3))
+        sizes = np.linalg.norm(rows, axis=-1)
+        if rows.ndim != 2 or rows.shape[1:] != (3,) or not len(rows) or not np.all((sizes > 0) & np.isfinite(sizes)):
             raise OptionError(f"hold: directions = {given!r}; they must be vectors of three numbers, none of them zero")
         object.__setattr__(self, "directions", tuple((float(a), float(b), float(c)) for a, b, c in rows))
         if np.linalg.norm(moved - self.basis.T @ (self.basis @ moved)) > 1e-9 * max(
@@ -176,10 +180,3 @@ def _solve(G: sparse.csr_array, values: Array) -> tuple[sparse.csr_array, Array]
 def _grouped(labels: IntArray, count: int) -> list[IntArray]:
     """Which rows have each of the labels, from 0 on."""
     return np.split(np.argsort(labels, kind="stable"), np.cumsum(np.bincount(labels, minlength=count))[:-1])
-
-
-def _is_numbers(value: Any) -> bool:
-    try:
-        return bool(np.all(np.isfinite(np.asarray(value, float))))
-    except (TypeError, ValueError):
-        return False

@@ -147,9 +147,11 @@ def _least_distance(matrix: Array, lower: Array) -> Array | None:
     """
     from scipy.optimize import nnls
 
-    if not _is_feasible(matrix, lower):
-        return None
     size = matrix.shape[1]
+    if not size:
+        return np.zeros(0) if np.all(lower <= RANK_TOLERANCE) else None
+    if linear_program(np.zeros(size), -matrix, -lower, tolerance=None).status != 0:
+        return None
     if len(lower) == 0 or np.all(lower <= 0.0):
         return np.zeros(size)
     goal = np.zeros(size + 1)
@@ -157,12 +159,6 @@ def _least_distance(matrix: Array, lower: Array) -> Array | None:
     dual, _ = nnls(np.vstack([matrix.T, lower]), goal)
     rest = np.append(matrix.T @ dual, lower @ dual - 1.0)
     return -rest[:-1] / rest[-1]
-
-
-def _is_feasible(matrix: Array, lower: Array) -> bool:
-    if matrix.shape[1] == 0:
-        return bool(np.all(lower <= RANK_TOLERANCE))
-    return linear_program(np.zeros(matrix.shape[1]), -matrix, -lower, tolerance=None).status == 0
 
 
 def _why_infeasible(name: str, strings: list[str], states: BalancedStates, level: float, loaded: bool) -> str:
