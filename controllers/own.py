@@ -7,6 +7,7 @@ function or a class are options of the law, of the types that their annotations 
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import importlib
@@ -21,9 +22,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from tensegrity_mj.basics.checks import checked
-from tensegrity_mj.basics.hints import typed
-from tensegrity_mj.basics.kinds import Wrong
+from tensegrity_mj.basics.hints import fitted
 from tensegrity_mj.basics.texts import closest, unknown, value_text
 from tensegrity_mj.errors import OptionError, TensegrityError
 
@@ -120,12 +119,7 @@ class OwnLaw:
         values = {}
         for name, value in options.items():
             self.check(name)
-            try:
-                kind = typed(self._hints[name])
-            except (KeyError, Wrong):  # of no type, or of one that no text can hold
-                values[name] = value
-            else:
-                values[name] = checked(f"law {self.title}: {name}", value, kind)
+            values[name] = fitted(f"law {self.title}: {name}", value, self._hints.get(name))
         for name, one in self.options.items():
             if one.default is one.empty and name not in values:
                 raise OptionError(f"law {self.title}: option '{name}' is missing; it needs a value")
@@ -133,17 +127,13 @@ class OwnLaw:
 
     @cached_property
     def _hints(self) -> dict[str, Any]:
-        of = (
-            [self.found, inspect.getattr_static(self.found, "__init__")]
-            if isinstance(self.found, type)
-            else [self.found]
-        )
+        of = [self.found]
+        if isinstance(self.found, type):
+            of.append(inspect.getattr_static(self.found, "__init__"))
         hints: dict[str, Any] = {}
         for one in of:
-            try:
+            with contextlib.suppress(Exception):  # an annotation may be anything
                 hints |= get_type_hints(one)
-            except Exception:  # an annotation may be anything
-                hints |= {}
         return hints
 
 

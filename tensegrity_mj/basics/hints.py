@@ -5,6 +5,7 @@ from __future__ import annotations
 import enum
 from typing import Any, get_args, get_origin
 
+from tensegrity_mj.basics.checks import checked
 from tensegrity_mj.basics.kinds import (
     Kind,
     Wrong,
@@ -20,6 +21,7 @@ from tensegrity_mj.basics.kinds import (
     vector,
     whole,
 )
+from tensegrity_mj.errors import OptionError, TensegrityError
 
 PLAIN_TYPES: dict[Any, Kind] = {
     float: finite(),
@@ -31,6 +33,19 @@ PLAIN_TYPES: dict[Any, Kind] = {
     tuple[str, ...]: many(text(), "a list of texts in quotes"),
     tuple[tuple[float, float, float], ...]: rows(3),
 }
+
+
+def fitted(what: str, value: Any, hint: Any, error: type[TensegrityError] = OptionError) -> Any:
+    """The value of an argument as its type hint has it; as it is, where that is none, or of what no file can hold.
+
+    Raises:
+        TensegrityError: of that class, for a value of another type.
+    """
+    try:
+        kind = typed(hint)
+    except Wrong:
+        return value
+    return checked(what, value, kind, error)
 
 
 def typed(hint: Any) -> Kind:

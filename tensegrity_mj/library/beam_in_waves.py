@@ -27,6 +27,7 @@ from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import THESIS
 from tensegrity_mj.library.thesis_towers import appendix_beam
+from tensegrity_mj.library.tower import shared_fields
 from tensegrity_mj.model.elements.water import Water, diameters
 from tensegrity_mj.model.elements.waves import Wave
 from tensegrity_mj.model.events import Load
@@ -99,14 +100,7 @@ class BeamInWaves:
     def __call__(self) -> Scene:
         tower = appendix_beam(self.which, damping=self.damping, duration=self.duration, name=self.name)
         wave = Wave(0.5 * self.wave_height, self.wave_height / self.steepness, None, 0.5 * math.pi, self.phase)
-        water = Water(
-            waves=(wave,),
-            drag=self.drag,
-            tangential_drag=self.tangential_drag,
-            added_mass=self.added_mass,
-            inertia=self.inertia,
-            segments=self.segments,
-        )
+        water = Water(waves=(wave,), **shared_fields(Water, self))
         return held_in_waves(tower, water, self.submergence, self.end, self.weight).with_(
             source=f"{THESIS}, appendix C.2, pages 194-196"
         )

@@ -7,15 +7,14 @@ lists of them; options that are enums in Python are given by the text of their v
 from __future__ import annotations
 
 import ast
-import enum
 import inspect
 import re
-import types
 import typing
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
+from tensegrity_mj.basics.hints import fitted
 from tensegrity_mj.basics.installed import installed, load
 from tensegrity_mj.basics.texts import closest, value_text
 from tensegrity_mj.errors import FormatError
@@ -36,13 +35,6 @@ _HOME = {
 }
 MOST_LETTERS = 10_000  # of a call
 _CALL = re.compile(r"\s*[^\W\d]\w*\s*\(")
-_PLAIN = {float: "a number", int: "an integer", bool: "True or False", str: "a text in quotes", types.NoneType: "None"}
-_PLAIN[Any] = "a literal"
-PYTHON = "left to Python"
-
-
-class _Unfit(Exception):
-    """A value that is not of the kind that its parameter wants."""
 
 
 def family_names() -> list[str]:
@@ -97,8 +89,6 @@ def _builder(name: str, shown: str) -> Callable[..., Any]:
 def _arguments(name: str, call: ast.Call, builder: Callable[..., Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """The arguments of a call and of changes to it by name, as the family takes them."""
     parameters = inspect.signature(builder).parameters
-    # Any literal, where a family gives no type.
-    hints = dict.fromkeys(parameters, Any) | typing.get_type_hints(inspect.unwrap(builder))
     places = [key for key, one in parameters.items() if one.kind is one.POSITIONAL_OR_KEYWORD]
     if len(call.args) > len(places):
         raise FormatError(
@@ -121,7 +111,7 @@ def _arguments(name: str, call: ast.Call, builder: Callable[..., Any], changes: 
     known = given.keys() | changes.keys()
     missing = [key for key, one in parameters.items() if one.default is one.empty and key not in known]
     if missing:
-        raise FormatError(f"{name}: argument '{missing[0]}' is missing; it must be {_wanted(hints[missing[0]])}")
+        raise FormatError(f"{name}: argument '{missing[0]}' is missing; it needs a value")
     values = dict(changes)
     for key, node in given.items():
         if key in changes:
@@ -133,50 +123,8 @@ def _arguments(name: str, call: ast.Call, builder: Callable[..., Any], changes: 
                 f"{name}: {key} = {ast.unparse(node)} is no literal; write a number, a text in quotes, True, False, "
                 "None, or a tuple of them"
             ) from None
-    for key, value in values.items():
-        try:
-            values[key] = _fitted(value, hints[key])
-        except _Unfit:
-            raise FormatError(f"{name}: {key} = {value!r}; it must be {_wanted(hints[key])}") from None
-    return values
-
-
-def _fitted(value: Any, hint: Any) -> Any:
-    """The value as a parameter of that type takes it, or _Unfit."""
-    if hint is Any:
-        return value
-    if _is_union(hint):
-        for one in typing.get_args(hint):
-            try:
-                return _fitted(value, one)
-            except _Unfit:
-                continue
-        raise _Unfit
-    if typing.get_origin(hint) is tuple:
-        kinds = typing.get_args(hint)
-        if not isinstance(value, (tuple, list)) or len(value) != len(kinds):
-            raise _Unfit
-        return tuple(_fitted(item, kind) for item, kind in zip(value, kinds, strict=True))
-    if isinstance(hint, type) and issubclass(hint, enum.Enum):
-        for item in hint:
-            if type(value) is type(item.value) and value == item.value:
-                return item
-        raise _Unfit
-    if type(value) is hint or (hint is float and type(value) is int):
-        return value
-    raise _Unfit
-
-
-def _wanted(hint: Any) -> str:
-    """A type of parameters in words."""
-    if _is_union(hint):
-        return " or ".join(text for text in map(_wanted, typing.get_args(hint)) if text != PYTHON)
-    if typing.get_origin(hint) is tuple:
-        return f"({', '.join(_wanted(one) for one in typing.get_args(hint))})"
-    if isinstance(hint, type) and issubclass(hint, enum.Enum):
-        return " or ".join(repr(item.value) for item in hint)
-    return _PLAIN.get(hint, PYTHON)
-
-
-def _is_union(hint: Any) -> bool:
-    return typing.get_origin(hint) in (typing.Union, types.UnionType)
+    own = inspect.unwrap(builder)
+    if hasattr(own, "__item__"):  # of a value class, whose fields check what they are given
+        return values
+    hints = typing.get_type_hints(own)
+    return {key: fitted(f"{name}: {key}", value, hints.get(key), FormatError) for key, value in values.items()}

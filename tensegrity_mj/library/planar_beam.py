@@ -8,13 +8,14 @@ sector 2φ/3 and all others of φ/3, whose sides and diagonals are strings.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
+from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import MOST_NODES, check_nodes, finite, positive, sequence_of, whole
+from tensegrity_mj.basics.checks import MOST_NODES, check_nodes, positive, sequence_of
+from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.texts import value_text
 from tensegrity_mj.errors import OptionError
@@ -67,7 +68,7 @@ def cell_strings(cells: int) -> list[tuple[str, ...]]:
     ]
 
 
-@dataclass(frozen=True, eq=False)
+@value("planar_beam", OptionError)
 class PlanarBeam:
     """A beam of overlapping cells that bends from nearly straight into a circle, from rest to rest by one quintic in φ.
 
@@ -87,41 +88,29 @@ class PlanarBeam:
         OptionError, StructureError, SceneError: for parameters that make no such scene.
     """
 
-    cells: int = 39
-    rod_length: float = float(np.sqrt(2.0))
-    height: float = 1.0
-    angle: tuple[float, float | None] = (float(np.radians(0.01)), None)
+    cells: int = field(None, default=39)
+    rod_length: float = field(kinds.positive("m"), default=float(np.sqrt(2.0)))
+    height: float = field(kinds.positive("m"), default=1.0)
+    angle: tuple[float, float | None] = field(None, default=(float(np.radians(0.01)), None))
     rod_mass: float = 1.0
     stiffness: float = 2000.0
     minimum_sum: float | None = 1960.0
     minimum_cell_sum: float | None = None
     duration: float = 60.0
-    shapes: int = 18
+    shapes: int = field(kinds.whole(2), default=18)
     name: str = "planar_beam"
 
     def __call__(self) -> Scene:
-        if (
-            isinstance(self.cells, bool)
-            or not isinstance(self.cells, (int, np.integer))
-            or self.cells < 3
-            or self.cells % 2 == 0
-        ):
-            raise OptionError(f"planar_beam: cells = {value_text(self.cells)}; it must be an odd number >= 3")
-        check_nodes("planar_beam: cells", self.cells, 2 * (int(self.cells) + 1))
-        positive("planar_beam: height", self.height, "m")
-        if not positive("planar_beam: rod_length", self.rod_length, "m") > self.height:
-            raise OptionError(
-                f"planar_beam: rod_length = {self.rod_length!r} m; it must exceed the height of {self.height!r} m"
-            )
-        whole("planar_beam: shapes", self.shapes, 2)
-        check_nodes(
-            "planar_beam: shapes", self.shapes, 2 * (int(self.cells) + 1) * int(self.shapes), 10 * MOST_NODES
-        )  # in all of them
+        if not isinstance(self.cells, (int, np.integer)) or self.cells < 3 or self.cells % 2 == 0:
+            raise refused(self, f"cells = {value_text(self.cells)}; it must be an odd number >= 3")
+        nodes = 2 * (int(self.cells) + 1)
+        check_nodes("planar_beam: cells", self.cells, nodes)
+        if not self.rod_length > self.height:
+            raise refused(self, f"rod_length = {self.rod_length!r} m; it must exceed the height of {self.height!r} m")
+        check_nodes("planar_beam: shapes", self.shapes, nodes * self.shapes, 10 * MOST_NODES)  # in all of them
         pair = sequence_of("planar_beam: angle", self.angle, OptionError)
         if len(pair) != 2:
-            raise OptionError(
-                f"planar_beam: angle = {self.angle!r}; it must be two angles [rad], at the start and at the end"
-            )
+            raise refused(self, f"angle = {self.angle!r}; it must be two angles [rad], at the start and at the end")
         full = 6 * np.pi / (self.cells + 2)
         if full >= np.pi and None in pair:
             raise OptionError(
@@ -155,10 +144,9 @@ class PlanarBeam:
         )
         sums: list[list[object]] = []
         if self.minimum_sum is not None:
-            sums.append(["all", finite("planar_beam: minimum_sum", self.minimum_sum)])
+            sums.append(["all", self.minimum_sum])
         if self.minimum_cell_sum is not None:
-            value = finite("planar_beam: minimum_cell_sum", self.minimum_cell_sum)
-            sums += [[list(strings), value] for strings in cell_strings(self.cells)]
+            sums += [[list(strings), self.minimum_cell_sum] for strings in cell_strings(self.cells)]
         return Scene(
             structure,
             name=self.name,

@@ -165,8 +165,13 @@ tower = function_of(Tower)
 
 def tower_like(family: Any, **more: Any) -> Scene:
     """The tower with what another family has in fields of the same names, and with more."""
-    shared = {one.name for one in fields(Tower)} & {one.name for one in fields(family)}
-    return tower(**{name: getattr(family, name) for name in shared} | more)
+    return tower(**shared_fields(Tower, family) | more)
+
+
+def shared_fields(kind: type, family: Any) -> dict[str, Any]:
+    """What a family has in fields that a class has, too, by their names."""
+    names = {one.name for one in fields(kind)} & {one.name for one in fields(family)}
+    return {name: getattr(family, name) for name in names}
 
 
 def form_find(scene: Scene) -> Scene:

@@ -16,7 +16,7 @@ from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.cross import THESIS
 from tensegrity_mj.library.thesis_towers import CHAPTER7_STAGES, PRESTRESS_MEASURES, STIFFNESSES
-from tensegrity_mj.library.tower import Topology, tower_like
+from tensegrity_mj.library.tower import Topology, shared_fields, tower_like
 from tensegrity_mj.model.elements.water import Water, Weights
 from tensegrity_mj.model.elements.waves import Wave
 from tensegrity_mj.model.members import Vector
@@ -80,16 +80,7 @@ class TowerInWaves:
     def __call__(self) -> Scene:
         height = self.wave_height
         wave = Wave(0.5 * height, self.wavelength, None, self.direction, self.phase)
-        water = Water(
-            depth=self.water_depth,
-            waves=(wave,) if height else (),
-            current=self.current,
-            drag=self.drag,
-            tangential_drag=self.tangential_drag,
-            added_mass=self.added_mass,
-            segments=self.segments,
-            weights=self.weights,
-        )
+        water = Water(depth=self.water_depth, waves=(wave,) if height else (), **shared_fields(Water, self))
         scene = tower_like(self, origin=(0.0, 0.0, -self.start_depth), gravity=GRAVITY)
         return scene.with_(water=water, source=f"{THESIS}, section 7.2.3, pages 154-157")
 

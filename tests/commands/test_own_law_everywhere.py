@@ -365,7 +365,7 @@ def test_an_installed_family_is_called_by_commands_and_scene_files(
         assert (scene.name, scene.duration, scene.target) == ("mine", 1.0, None)
     for text, message in {
         "two_rod()": r"unknown family 'two_rod' \(did you mean 'two_rods'\?\)",
-        "two_rods(duration='long')": "duration = 'long'; it must be a number",
+        "two_rods(duration='long')": "duration = 'long'; it must be finite",
         "no_scene()": "no_scene: this family made 3; it must make a Scene",
     }.items():
         with pytest.raises(FormatError, match=message):

@@ -56,7 +56,7 @@ def test_commands_and_sweeps_call_it(capsys: pytest.CaptureFixture[str]) -> None
     words = ["plumb()", "--set", "scene.duration=0.1", "--backend", "this-process"]
     assert answer(capsys, "sweep", *words, "--vary", "family.length=1,2")["ended"] == {"completed": 2}
     assert main(["sweep", *words, "--vary", "family.length=1,-1"]) == 2
-    assert "plumb: length = -1; it must be a finite number > 0 m" in capsys.readouterr().err
+    assert "plumb: length = -1.0; it must be a finite number > 0 m" in capsys.readouterr().err
 
 
 def test_what_it_has_not_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
