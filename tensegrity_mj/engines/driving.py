@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -91,22 +93,12 @@ class Stopwatch:
         return time.perf_counter() - self.start
 
 
-class Progress:
-    """A progress bar over simulated time on stderr; silent unless requested."""
-
-    def __init__(self, request: Request, label: str) -> None:
-        form = "{desc} {percentage:3.0f}% |{bar}| {n:.2f}/{total:.2f} s [{elapsed} < {remaining}]"
-        self._bar = bar(request.progress, label, total=request.duration, bar_format=form)
-
-    def reached(self, time: float) -> None:
-        """Simulated time that the run has come to [s]."""
-        self._bar.update(time - self._bar.n)
-
-    def __enter__(self) -> Progress:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.close()
+@contextmanager
+def progress(request: Request, label: str) -> Iterator[Callable[[float], Any]]:
+    """A bar over simulated time on stderr, silent unless requested; to be called with the time that is reached [s]."""
+    form = "{desc} {percentage:3.0f}% |{bar}| {n:.2f}/{total:.2f} s [{elapsed} < {remaining}]"
+    with bar(request.progress, label, total=request.duration, bar_format=form) as shown:
+        yield lambda time: shown.update(time - shown.n)
 
 
 def drive(grid: Grid, request: Request, label: str, advance: Callable[[int, int], int]) -> bool:
@@ -114,10 +106,10 @@ def drive(grid: Grid, request: Request, label: str, advance: Callable[[int, int]
 
     `advance(first, count)` takes `count` steps from number `first`, and returns the step that it has come to.
     """
-    with Progress(request, label) as progress:
+    with progress(request, label) as show:
         for first, count in chunks(grid.count):
             reached = advance(first, count)
-            progress.reached(reached * grid.step)
+            show(reached * grid.step)
             if reached < first + count:
                 return False
     return True

@@ -85,16 +85,18 @@ class Linearization:
     @property
     def frequencies(self) -> Array:
         """|λ| / 2π [Hz] of the modes that swing or are held, ascending: one of each conjugate pair, no rigid motion."""
-        values = self.eigenvalues
-        held = np.abs(values) ** 2 > FLAT * np.abs(values).max(initial=0.0) ** 2
-        return np.abs(values[held & (values.imag >= 0)]) / (2 * np.pi)
+        return np.abs(self._held) / (2 * np.pi)
 
     @property
     def damping_ratios(self) -> Array:
         """-Re λ / |λ| of the same modes."""
+        return np.asarray(-self._held.real / np.abs(self._held))
+
+    @property
+    def _held(self) -> Array:
+        """λ of these."""
         values = self.eigenvalues
-        values = values[(np.abs(values) ** 2 > FLAT * np.abs(values).max(initial=0.0) ** 2) & (values.imag >= 0)]
-        return np.asarray(-values.real / np.abs(values))
+        return values[(np.abs(values) ** 2 > FLAT * np.abs(values).max(initial=0.0) ** 2) & (values.imag >= 0)]
 
     def _modes(self) -> tuple[Array, Array]:
         n = len(self.coordinates)
@@ -130,16 +132,12 @@ class Linearization:
         delta, rate = self._chart.coordinates(*here)
         start = states_at_start(self.scene.elements, self.scene)
         others = start if states is None else real_array("states", states, start.shape, "", False)
-        return np.concatenate([delta, rate - self._rate, others - start])
+        _, rate0 = self._chart.coordinates(self.nodes, self.velocities)  # of the state
+        return np.concatenate([delta, rate - rate0, others - start])
 
     @cached_property
     def _chart(self) -> Chart:
         return Chart(self.scene.structure, self.nodes)
-
-    @cached_property
-    def _rate(self) -> Array:
-        """δ̇ of the state."""
-        return self._chart.coordinates(self.nodes, self.velocities)[1]
 
     def to_control(self) -> StateSpace:
         """The model as a system of python-control; inputs are strings, outputs "n1_x", with "_" for each "." in names.

@@ -11,7 +11,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.dynamics.native.law import Report
-from tensegrity_mj.engines.driving import Grid, Progress
+from tensegrity_mj.engines.driving import Grid, progress
 from tensegrity_mj.engines.request import Accelerations, Request
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import DivergenceError, OptionError
@@ -72,11 +72,11 @@ class Verlet:
         rest = structure.rest_lengths
         kept, start = [], time.perf_counter()
         work, acceleration = np.zeros(2), model(0.0, nodes, velocities)  # of loads, and lost
-        with Progress(request, "Verlet") as progress:
+        with progress(request, "Verlet") as show:
             for step in range(grid.count + 1):
                 if step % grid.stride == 0 or step == grid.count:
                     kept.append((nodes, velocities, *work))
-                    progress.reached(step * h)
+                    show(step * h)
                 if step == grid.count:
                     break
                 before = model.powers(step * h, nodes, velocities)

@@ -25,7 +25,7 @@ from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_coordinates, place
 from tensegrity_mj.engines.mujoco.motion import Supports
 from tensegrity_mj.engines.mujoco.prepared import prepared_with
-from tensegrity_mj.engines.mujoco.run import MuJoCoRun, warned
+from tensegrity_mj.engines.mujoco.run import MuJoCoRun, causes_of
 from tensegrity_mj.engines.mujoco.run_view import ENDED, RUNNING, STEP, WAITING, bound
 from tensegrity_mj.engines.mujoco.water import AddedMass
 from tensegrity_mj.engines.recording import check_rows
@@ -130,13 +130,8 @@ class MuJoCoEnsemble:
         made = self.counters[:, STEP]
         counts = self.batch.warning[:, :, 1]
         for number in np.flatnonzero(running & (counts.any(axis=1) | ~finite | (made != steps))):
-            causes = warned(counts[number])
-            if not finite[number]:
-                causes.append("the state is no longer finite")
-            if made[number] != steps:
-                causes.append(f"{made[number]} steps were made, not {steps}")
             member = self.members[number]
-            if causes:
+            if causes := causes_of(counts[number], finite[number], made[number], steps):
                 member.cause = member.cause or ", ".join(causes)
                 running[number] = False
 

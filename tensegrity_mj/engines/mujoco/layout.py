@@ -76,33 +76,26 @@ def check_layout(model: mujoco.MjModel, data: mujoco.MjData, fields: tuple[str, 
     Raises:
         MissingLibraryError: where one is not.
     """
-    at, model_at = int(data._address), int(model._address)
-    for field in fields:
-        view = getattr(data, field)
-        found = ctypes.c_void_p.from_address(at + offset("mjData", field)).value or 0
-        if np.size(view) and found != address_of(view):
-            raise _wrong("mjData", field)
+    at = {"mjData": int(data._address), "mjModel": int(model._address)}
+
+    def check(structure: str, field: str, kind: Any, value: Any) -> None:
+        if kind.from_address(at[structure] + offset(structure, field)).value != value:
+            raise MissingLibraryError(
+                f"{structure}.{field} is not where MuJoCo {mujoco.__version__}'s own description says: install another "
+                "version of mujoco (4.0 is known to work), or simulate runs one by one"
+            )
+
+    arrays = [("mjData", data, field) for field in fields]
+    arrays += [("mjModel", model, field) for field in ("actuator_gainprm", "actuator_biasprm", "wrap_objid")]
+    for structure, owner, field in arrays:
+        if np.size(view := getattr(owner, field)):
+            check(structure, field, ctypes.c_void_p, address_of(view))
     kept = data.time
     try:
         data.time = 0.8414709848078965
-        if ctypes.c_double.from_address(at + offset("mjData", "time")).value != data.time:
-            raise _wrong("mjData", "time")
+        check("mjData", "time", ctypes.c_double, data.time)
     finally:
         data.time = kept
     for field in ("nu", "nsite", "nbody", "ntendon", "nuserdata"):
-        if ctypes.c_int64.from_address(model_at + offset("mjModel", field)).value != getattr(model, field):
-            raise _wrong("mjModel", field)
-    for field in ("actuator_gainprm", "actuator_biasprm", "wrap_objid"):
-        view = getattr(model, field)
-        found = ctypes.c_void_p.from_address(model_at + offset("mjModel", field)).value or 0
-        if np.size(view) and found != address_of(view):
-            raise _wrong("mjModel", field)
-    if ctypes.c_uint64.from_address(model_at + offset("mjModel", "signature")).value != model.signature:
-        raise _wrong("mjModel", "signature")
-
-
-def _wrong(structure: str, field: str) -> MissingLibraryError:
-    return MissingLibraryError(
-        f"{structure}.{field} is not where MuJoCo {mujoco.__version__}'s own description says: install another version "
-        "of mujoco (4.0 is known to work), or simulate runs one by one"
-    )
+        check("mjModel", field, ctypes.c_int64, getattr(model, field))
+    check("mjModel", "signature", ctypes.c_uint64, model.signature)

@@ -128,7 +128,10 @@ def prepared_with(model: mujoco.MjModel, scene: Scene) -> Prepared:
     """What goes with a model that was made of a scene's MJCF."""
     tree = body_tree(scene)
     velocities = joint_coordinates(scene, tree, scene.nodes0, scene.velocities0)[1]
-    return Prepared(model, tree, velocities, node_addresses(scene, model), _slides(scene, model, tree))
+    sites = np.array([model.site(name).id for name in scene.structure.nodes], np.int64)
+    bodies = model.site_bodyid[sites].astype(np.int64)
+    nodes = (sites, bodies, model.body_rootid[bodies].astype(np.int64))
+    return Prepared(model, tree, velocities, nodes, _slides(scene, model, tree))
 
 
 def _compile(scene: Scene) -> Prepared:
@@ -151,13 +154,6 @@ def _compile(scene: Scene) -> Prepared:
     found = prepared_with(model, scene)
     check_places(scene, model, found.tree)
     return found
-
-
-def node_addresses(scene: Scene, model: mujoco.MjModel) -> tuple[Any, Any, Any]:
-    """Site, body and root of the kinematic tree of each node, (N,) int64 each."""
-    sites = np.array([model.site(name).id for name in scene.structure.nodes], np.int64)
-    bodies = model.site_bodyid[sites].astype(np.int64)
-    return sites, bodies, model.body_rootid[bodies].astype(np.int64)
 
 
 def _slides(scene: Scene, model: mujoco.MjModel, tree: BodyTree) -> Array:

@@ -60,9 +60,11 @@ _WARNINGS = {
 KINDS = {"rk4": STAGES, "discrete": DISCRETE}
 
 
-def warned(counts: Any) -> list[str]:
-    """What a run may have diverged of, by MuJoCo's counters of its warnings."""
-    return [f"MuJoCo warned of {name}" for name, number in _WARNINGS.items() if counts[number]]
+def causes_of(counts: Any, finite: bool, made: int, steps: int) -> list[str]:
+    """What a run has diverged of: MuJoCo's counters of its warnings, a state that is not finite, lost steps."""
+    causes = [f"MuJoCo warned of {name}" for name, number in _WARNINGS.items() if counts[number]]
+    causes += [] if finite else ["the state is no longer finite"]
+    return causes + ([] if made == steps else [f"{made} steps were made, not {steps}"])
 
 
 class MuJoCoRun:
@@ -196,12 +198,8 @@ class MuJoCoRun:
     def _check(self, steps: int, seconds: float) -> None:
         """Raise if MuJoCo warned, stopped counting steps, or left the finite world."""
         data = self.data
-        causes = warned(data.warning.number)
-        if not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
-            causes.append("the state is no longer finite")
-        if int(self.counters[STEP]) != steps:
-            causes.append(f"{self.counters[STEP]} steps were made, not {steps}")
-        if causes:
+        finite = bool(np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all())
+        if causes := causes_of(data.warning.number, finite, int(self.counters[STEP]), steps):
             self._diverged(", ".join(causes), seconds, steps * self.options.timestep)
 
     def _diverged(self, cause: str, seconds: float, time: float) -> NoReturn:

@@ -16,7 +16,7 @@ from tensegrity_mj.dynamics.native.actuation import evaluate_law, remember, star
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED, Report
 from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS, REPORT_SIZE
 from tensegrity_mj.dynamics.native.watch import watch_strings
-from tensegrity_mj.engines.driving import Progress, Stopwatch
+from tensegrity_mj.engines.driving import Stopwatch, progress
 from tensegrity_mj.engines.recording import allocate_rows
 from tensegrity_mj.engines.reference.equations import (
     SINGULAR,
@@ -104,12 +104,12 @@ class ErrorControlled:
         # the solver steps onto the output times.
         marks = marks_of(self.request, self.times, with_outputs=self.kind is Radau)
         try:
-            with Progress(self.request, f"{self.run.name} {self.options.method.name}") as progress:
+            with progress(self.request, f"{self.run.name} {self.options.method.name}") as show:
                 self._start()
                 for mark, is_jump, is_sample in marks:
                     while self.t < mark:
                         self._step(mark, keep_last=is_jump)
-                        progress.reached(self.t)
+                        show(self.t)
                     if break_due_strings(self.t, self.y, self.table):
                         self.solver = None
                     if is_sample:
