@@ -153,16 +153,11 @@ def item_of(cls: type) -> Item:
     if "__item__" not in vars(cls):
         given = {one.name: one for one in dataclasses.fields(cls)}
         needed = dataclasses.MISSING
-        cls.__item__ = Item(  # type: ignore[attr-defined]
-            "",
-            SceneError,
-            False,
-            "",
-            {
-                name: Key(name, kind, attrs.NOTHING if given[name].default is needed else given[name].default)
-                for name, kind in _typed_fields(cls)
-            },
-        )
+        keys = {
+            name: Key(name, kind, attrs.NOTHING if given[name].default is needed else given[name].default)
+            for name, kind in _typed_fields(cls)
+        }
+        cls.__item__ = Item("", SceneError, False, "", keys)  # type: ignore[attr-defined]
     item: Item = vars(cls)["__item__"]
     return item
 

@@ -56,10 +56,10 @@ def _expanded(rows: Sequence[Row]) -> Iterator[Row]:
 
 def _settings(row: Row, module: ModuleType) -> Row:
     """What argparse takes."""
-    known = {"engines": list(ENGINES)}
+    row.pop("instead", None)  # for messages of `experiment`
     for key in ("choices", "several"):
-        if isinstance(row.get(key), str):
-            row[key] = known[row[key]]
+        if row.get(key) == "engines":
+            row[key] = list(ENGINES)
     if "several" in row:
         row |= {"nargs": "+", "choices": (choices := row.pop("several")), "help": f"of {', '.join(choices)} (all)"}
     if "type" in row:

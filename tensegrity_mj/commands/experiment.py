@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from tensegrity_mj import model, runs
-from tensegrity_mj.commands.common import refuse
+from tensegrity_mj.commands.common import SHARED, refuse
 from tensegrity_mj.controllers.table import LAWS
 from tensegrity_mj.engines.table import ENGINES, make_engine, option_names
 from tensegrity_mj.errors import OptionError
@@ -17,16 +17,7 @@ NORMS = {"1": 1.0, "2": 2.0, "inf": math.inf}
 
 CHOSEN_BY_ACCURACY = ("timestep", "integrator", "method", "rtol", "atol", "locate-slack")
 # The options of engines, and of those that some engines alone have, what the others have instead.
-ENGINE_OPTIONS = {
-    "timestep": "",
-    "accuracy": "",
-    "locate-slack": "",
-    "integrator": "DAE and ODE have --method",
-    "method": "MuJoCo has --integrator and --timestep",
-    "rtol": "MuJoCo has --integrator and --timestep",
-    "atol": "MuJoCo has --integrator and --timestep",
-    "drift": "the others have no constraint that drifts",
-}
+ENGINE_OPTIONS = {row["name"].removeprefix("--"): row["instead"] for row in SHARED["engine"] if "instead" in row}
 LAW_OPTIONS = ("norm", "decay-rate", "law-option", "on-infeasible")
 ACTUATION_OPTIONS = ("actuation", "control-period")
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from importlib import import_module
 from typing import Any
 
-from tensegrity_mj.basics.checks import check_known
+from tensegrity_mj.basics.texts import unknown
 from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.model.capabilities import (
     ADDED_MASS,
@@ -112,7 +112,8 @@ def engine_class(name: str) -> Any:
     Raises:
         OptionError: for a name that is none.
     """
-    check_known(f"engine = {name!r}", name, ENGINES, "engine")
+    if name not in ENGINES:
+        raise OptionError(f"engine = {name!r}: {unknown(str(name), ENGINES, 'engine')}")
     module, _, attribute = ENGINES[name].place.partition(":")
     return getattr(import_module(module), attribute)
 
@@ -134,7 +135,8 @@ def make_engine(name: str, options: Mapping[str, Any]) -> Any:
     usual = kind()  # where an option's default depends on others, it still shows of what kind the option is
     chosen = {}
     for option, value in options.items():
-        check_known(f"engine.{option}", option, known, f"option of engine {name}")
+        if option not in known:
+            raise OptionError(f"engine.{option}: {unknown(option, known, f'option of engine {name}')}")
         default = getattr(usual, option)
         is_word = isinstance(default, enum.Enum) and not isinstance(value, type(default))
         chosen[option] = choice_from(f"engine.{option}", type(default), value) if is_word else value

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from tensegrity_mj.basics.files import table_beside
+
 
 class Difference(NamedTuple):
     """A quantity that two runs may differ in: what its error is called, what it is of, and the unit of both."""
@@ -13,14 +15,5 @@ class Difference(NamedTuple):
     unit: str
 
 
-# By their names in `runs.comparison.Comparison`.
-DIFFERENCES = {
-    "node_error": Difference("node error", "node positions", "m"),
-    "velocity_error": Difference("velocity error", "node velocities", "m/s"),
-    "tension_error": Difference("tension error", "string tensions", "N"),
-    "rod_force_error": Difference("rod force error", "rod forces", "N"),
-    "force_density_error": Difference("force density (u) error", "controls u", "N/m"),
-    "rest_length_error": Difference("rest length error", "rest lengths", "m"),
-    "energy_error": Difference("energy error", "total energy", "J"),
-}
+DIFFERENCES = {name: Difference(*row) for name, row in table_beside(__file__).items()}
 UNITS = tuple(dict.fromkeys(difference.unit for difference in DIFFERENCES.values()))

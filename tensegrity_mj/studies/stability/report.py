@@ -10,7 +10,7 @@ from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Any
 
-from tensegrity_mj.basics.checks import member
+from tensegrity_mj.basics.checks import member, whole
 from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.errors import OptionError, TensegrityError
@@ -66,6 +66,7 @@ class StabilityStudy:
 
     def __call__(self) -> dict[str, Any]:
         scene, engines = self.scene, list(self.engines)
+        whole("seed", self.seed, 0)
         unknown = [name for name in engines if name not in NAMES] + [axis for axis in self.maps if axis not in AXES]
         if unknown or not engines:
             raise OptionError(f"stability: '{unknown[0] if unknown else ''}' is none of {', '.join((*NAMES, *AXES))}")
