@@ -271,9 +271,7 @@ def array(shape: str) -> Kind:
 
 def names(of: str) -> Kind:
     """Any number of names of members or nodes."""
-    each = printable_name(f"the name of a {of}").plain
-    fits = partial(is_list, valid=is_text)
-    return Kind(lambda value: tuple_of(each, value), "a list of names in quotes", fits, schema=list_schema(TEXT))
+    return many(printable_name(f"the name of a {of}")._replace(schema=TEXT), "a list of names in quotes")
 
 
 def pair(of: str, more: bool = False) -> Kind:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict
 from typing import Any
 
 import tensegrity_mj.library as library
 from tensegrity_mj import pictures, runs
+from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.commands.common import PLOT_SUFFIXES, Outcome, number, output_file, table
 from tensegrity_mj.errors import OptionError
 
@@ -46,8 +46,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     )
     if out:
         pictures.plots.plot_clearance(found, out)
-    closest = found.closest
-    data = found.to_dict() | {"closest": None if closest is None else asdict(closest), "out": out}
+    data = found.to_dict() | plain_values(found, "closest") | {"out": out}
     return Outcome(data, describe(found) + (f"\nwritten  {out}" if out else ""))
 
 

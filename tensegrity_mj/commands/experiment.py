@@ -22,16 +22,6 @@ LAW_OPTIONS = ("norm", "decay-rate", "law-option", "on-infeasible")
 ACTUATION_OPTIONS = ("actuation", "control-period")
 
 
-def check_accuracy(options: argparse.Namespace) -> None:
-    """Refuse what --accuracy chooses, beside it.
-
-    Raises:
-        OptionError: naming the option.
-    """
-    if options.accuracy is not None:
-        refuse(options, CHOSEN_BY_ACCURACY, "is chosen by --accuracy; give one or the other")
-
-
 def check_control(options: argparse.Namespace) -> None:
     """Refuse control options that contradict each other.
 
@@ -118,8 +108,12 @@ def engine_of(name: str, options: argparse.Namespace, *, with_timestep: bool = T
     """The engine of this name with those of the options given that are its own, defaults elsewhere.
 
     Without `with_timestep`, one that may choose its steps leaves out those of fixed steps.
+
+    Raises:
+        OptionError: naming an option that contradicts another.
     """
-    check_accuracy(options)
+    if options.accuracy is not None:
+        refuse(options, CHOSEN_BY_ACCURACY, "is chosen by --accuracy; give one or the other")
     own = option_names(name)
     if "method" in own and options.method == "rk4":
         refuse(options, ("rtol", "atol"), "belongs to the error-controlled methods; rk4 has --timestep")

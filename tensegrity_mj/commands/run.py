@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import tensegrity_mj.library as library
 from tensegrity_mj import model, pictures, runs
+from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.commands import experiment
 from tensegrity_mj.commands.common import (
     PLOT_SUFFIXES,
@@ -101,29 +102,21 @@ def summary(run: runs.Trajectory) -> dict[str, Any]:
     duration = float(run.time[-1]) if len(run.time) else 0.0
     wall_time = run.cost.get("wall_time", float("nan"))
     error = run.target_error()
-    return {
-        "status": run.status,
-        "message": run.message,
+    worst = ("max_force_density", "min_feasibility_margin", "energy_residual", "error_estimate")
+    return plain_values(run, "status", "message", "engine", *worst, "cost", "reports") | {
         "scene": run.scene.name,
-        "engine": run.engine,
         "duration": duration,
         "samples": len(run.time),
         "final_error": float(error[-1]) if len(error) else float("nan"),
-        "max_force_density": run.max_force_density,
-        "min_feasibility_margin": run.min_feasibility_margin,
-        "energy_residual": run.energy_residual,
-        "error_estimate": run.error_estimate,
         "real_time_factor": duration / wall_time if wall_time else float("nan"),
         "wall_time": wall_time,
-        "cost": run.cost,
-        "reports": run.reports,
     }
 
 
 def describe(data: dict[str, Any]) -> str:
     """The same for people."""
     rows = [
-        ("status", f"{data['status'].value}" + (f": {data['message']}" if data["message"] else "")),
+        ("status", data["status"] + (f": {data['message']}" if data["message"] else "")),
         ("engine", data["engine"]),
         ("simulated time", number(data["duration"], "s")),
         ("distance to the target at the end", number(data["final_error"], "m")),

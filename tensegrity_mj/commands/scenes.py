@@ -74,10 +74,9 @@ def describe(scene: model.Scene, timing: bool = False) -> dict[str, Any]:
     measured = needs.pop("timing")
     return {
         "status": "ok",
-        "name": scene.name,
-        "source": scene.source,
         "valid": True,
-        "nodes": dict(structure.nodes),
+        **plain_values(scene, "name", "source", "duration"),
+        **plain_values(structure, "nodes", "fixed_nodes"),
         "rods": [
             plain_values(rod, "name", "nodes", "mass", "group")
             | {"length": float(length), "support": support_text(rod), "sigma": rod.support.sigma}
@@ -87,7 +86,6 @@ def describe(scene: model.Scene, timing: bool = False) -> dict[str, Any]:
             plain_values(string, "name", "nodes", "stiffness", "damping", "group") | {"rest_length": float(rest_length)}
             for string, rest_length in zip(structure.strings, structure.rest_lengths, strict=True)
         ],
-        "fixed_nodes": structure.fixed_nodes,
         "point_masses": {point.node: point.mass for point in structure.point_masses},
         "degrees_of_freedom": needs["degrees_of_freedom"],
         "mujoco_velocities": needs["velocities"],
@@ -103,7 +101,6 @@ def describe(scene: model.Scene, timing: bool = False) -> dict[str, Any]:
         "loads": "a function" if callable(scene.loads) else len(scene.loads),
         "target": None if scene.target is None else {"waypoints": len(scene.target.times), "times": scene.target.times},
         "control": None if scene.control is None else {"law": scene.control.law, **scene.control.options},
-        "duration": scene.duration,
     }
 
 

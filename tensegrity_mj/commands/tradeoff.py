@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import tensegrity_mj.library as library
-from tensegrity_mj.basics.fields import item_of
 from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.commands.common import Outcome
 from tensegrity_mj.errors import OptionError
@@ -50,6 +49,7 @@ def execute(options: argparse.Namespace) -> Outcome:
 
 
 def _options(options: argparse.Namespace) -> TradeoffOptions:
+    from tensegrity_mj.basics.fields import item_of
     from tensegrity_mj.studies.tradeoff.options import TradeoffOptions
 
     fields = item_of(TradeoffOptions).keys

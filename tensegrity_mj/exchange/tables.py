@@ -165,10 +165,8 @@ def save_csv(scene: Scene, path: str | os.PathLike[str]) -> tuple[list[Path], li
         rows.append(row | {"nodes": rod.nodes} | section)
     for string, rest in zip(structure.strings, structure.rest_lengths.tolist(), strict=True):
         row = {key: getattr(string, key) for key in STRING}
-        if any(row[key] is not None for key in PRESTRESS) and scene.initial_nodes is not None:
+        if scene.initial_nodes is not None:
             row |= dict.fromkeys(PRESTRESS) | {"rest_length": rest}  # which does not depend on where the nodes are
-        elif all(row[key] is None for key in PRESTRESS) and scene.initial_nodes is not None:
-            row["rest_length"] = rest
         rows.append({"name": string.name, "kind": "string", "group": string.group, "nodes": string.nodes} | row)
     for row in rows:
         row["i"], row["j"] = row.pop("nodes")
@@ -180,7 +178,6 @@ def _write(path: Path, columns: Sequence[str], rows: Sequence[Mapping[str, Any]]
     """A table with those of the columns that have a value somewhere; numbers read back the same."""
     used = [column for column in columns if any(row.get(column) not in (None, "") for row in rows)]
     with replacing(path) as part, part.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(used)
-        for row in rows:
-            writer.writerow(["" if row.get(column) is None else row[column] for column in used])
+        writer = csv.DictWriter(file, used, extrasaction="ignore", lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
