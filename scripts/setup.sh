@@ -94,7 +94,7 @@ install_package() { # python run|docs|dev
     # Of what an earlier run installed only dm-control can conflict, by the labmaze that it is used without.
     pip_install "$python" "${quiet[@]}" --disable-pip-version-check --no-warn-conflicts --editable "$requirement" >&2
     printf '%s' "$wanted" >"$stamp"
-    rm -f "$venv/.dm-control-tried"
+    rm -f "$venv/.dm-control-tried" "$venv/.opengl-works" "$venv/.compiled"
     # What the tests need includes what the site needs, and that what the demo needs.
     if [ "$kind" = dev ]; then fingerprint "$python" docs >"$venv/.installed-docs"; fi
     if [ "$kind" != run ]; then fingerprint "$python" run >"$venv/.installed-run"; fi
@@ -153,21 +153,28 @@ apt_install() {
             "${apt[@]}" install -y --no-install-recommends "$@" >/dev/null 2>&1 </dev/null; }
 }
 
-# Off-screen OpenGL is needed for video only; apt-get is tried once an environment.
+# Off-screen OpenGL is needed for video only; apt-get is tried once an environment, and what works is not tried again.
 see_to_opengl() {
-    local packages=(libegl1 libegl-mesa0 libgl1-mesa-dri libopengl0)
-    if can_draw; then return; fi
+    local packages=(libegl1 libegl-mesa0 libgl1-mesa-dri libopengl0) works="$venv/.opengl-works"
+    if [ -e "$works" ]; then return; fi
+    if can_draw; then touch "$works" && return; fi
     if [ ! -e "$venv/.opengl-tried" ]; then
         touch "$venv/.opengl-tried"
-        if apt_install "${packages[@]}" && can_draw; then return; fi
+        if apt_install "${packages[@]}" && can_draw; then touch "$works" && return; fi
     fi
     say "No video: off-screen OpenGL is missing. On Debian: apt-get install ${packages[*]}. Everything else runs."
 }
 
-# Else the first run of each engine would wait for it.
+# Else the first run of each engine would wait for it. Where no code is newer than the last time, there is nothing to do.
 see_to_compiling() {
-    "$venv/bin/python" "$root/scripts/compile_ahead.py" ||
+    local done="$venv/.compiled" code=("$root/tensegrity_mj" "$root/controllers" "$root/scripts")
+    if [ -e "$done" ] && [ -z "$(find "${code[@]}" -name '*.py' -newer "$done" -print -quit)" ]; then return; fi
+    touch "$done.begun"
+    if "$venv/bin/python" "$root/scripts/compile_ahead.py"; then
+        mv "$done.begun" "$done"
+    else
         say "Compiling failed; what a run needs is compiled when it is first run. tensegrity-mj doctor says what is wrong."
+    fi
 }
 
 set_up() { # run|docs|dev
