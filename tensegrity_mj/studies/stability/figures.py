@@ -103,7 +103,7 @@ def heat(data: Data) -> Figure:
         panel.set_yticks(range(len(names)), [TITLES[name] for name in names], fontsize=7)
         every = max(1, len(rows) // 5)
         ticks = list(range(0, len(rows), every))
-        panel.set_xticks(ticks, [f"{rows[k]['value']:.3g}" for k in ticks], fontsize=7)
+        panel.set_xticks(ticks, [_written(rows[k]["value"]) for k in ticks], fontsize=7)
         panel.set_xlabel(AXES[axis][0], fontsize=8)
     if image is not None:
         bar = figure.colorbar(image, ax=panels.tolist(), shrink=0.8)
@@ -111,9 +111,18 @@ def heat(data: Data) -> Figure:
     return figure
 
 
+def _written(value: float) -> str:
+    """A number in full, 500, or as a power of ten where that is long."""
+    if value == 0.0 or 1e-3 < abs(value) < 1e4:
+        return f"{value:.3g}" if abs(value) < 1e3 else f"{value:.0f}"
+    factor, power = f"{value:.1e}".split("e")
+    times = "" if float(factor) == 1.0 else rf"{float(factor):g} \cdot "
+    return f"${times}10^{{{int(power)}}}$"
+
+
 def scatter(data: Data) -> Figure:
     """Predicted against measured, and the distribution of their differences."""
-    figure, (left, right) = grid_of_panels(2, 2, 1.2 * COLUMN, 1.05 * COLUMN)
+    figure, (left, right) = grid_of_panels(2, 2, 1.2 * COLUMN, 1.05 * COLUMN, 0.4)
     rows, allowed = data["random"]["rows"], data["random"]["summary"]["allowed"]
     for name in data["engines"]:
         x, y = (_over(rows, name, key) for key in ("measured", "predicted"))
@@ -125,8 +134,9 @@ def scatter(data: Data) -> Figure:
             right.step(np.maximum(parts, 1e-5), share, where="post", color=COLORS[name], lw=1.3, label=TITLES[name])
     span = left.get_xlim()
     left.plot(span, span, color=palette.GUIDE, lw=0.8, zorder=0)
-    right.axvline(allowed, color=palette.WARNING, lw=0.9, ls="--")
+    right.axvline(allowed, color=palette.WARNING, lw=0.9, ls="--", label="largest difference allowed")
     right.set_xscale("log")
-    frame(left, "", "measured limit / (2/ω)", "predicted limit / (2/ω)")
+    frame(left, "", "measured limit / (2/ω)", "predicted limit / (2/ω)", legend=False)
     frame(right, "", "|predicted / measured - 1|", "part of the structures", legend=False)
+    common_legend(figure, (left, right), 4, 7.5)
     return figure

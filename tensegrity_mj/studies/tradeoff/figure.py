@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from tensegrity_mj.basics.texts import figure_text
+from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import GREY, common_legend, frame, grid_of_panels
-from tensegrity_mj.studies.tradeoff.sentence import metres, with_timing
+from tensegrity_mj.studies.tradeoff.sentence import with_timing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -190,7 +191,7 @@ def _lines(place: Axes, experiment: Data, own: float | None) -> None:
             floor["distance"], color=palette.WARNING, lw=1.0, ls=(0, (4, 2)), zorder=2, label="modelling floor"
         )
         place.text(
-            0.985, floor["distance"], f"modelling floor {metres(floor['distance'])}", fontsize=6.5,
+            0.985, floor["distance"], f"modelling floor {quantity(floor['distance'], 'm', 2)}", fontsize=6.5,
             color=palette.WARNING, va="bottom", ha="right", transform=place.get_yaxis_transform(),
             bbox={"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 0.6}, zorder=5,
             in_layout=False,
@@ -199,8 +200,8 @@ def _lines(place: Axes, experiment: Data, own: float | None) -> None:
         below = "below the reference's own error"
         place.axhspan(LEAST / 1e4, own, color=(0.93, 0.93, 0.95), lw=0, zorder=0, label=below)
         place.text(
-            0.02, 0.02, f"reference known to {metres(own)}", fontsize=6.5, color=palette.FAINT_TEXT, va="bottom",
-            transform=place.transAxes, in_layout=False,
+            0.02, 0.02, f"reference known to {quantity(own, 'm', 2)}", fontsize=6.5, color=palette.FAINT_TEXT,
+            va="bottom", transform=place.transAxes, in_layout=False,
         )  # fmt: skip
 
 
