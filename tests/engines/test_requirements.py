@@ -32,7 +32,8 @@ LOOPS = ("contact off", "autoreset off", "diagexact on")
 # Scene: degrees of freedom, nv, nq, (free, ball, slide, hinge), strings, pairs that may touch, flags. By hand:
 # pinned rod: two angles and the spin. Prism: 3 · 5 - 6 and three spins; its rods slide in 0, 2 and 1 directions. Cross:
 # two angles and a slide. Planar beam: 40 rods of 3, less 2 + 1 of two supports. T-bar: two angles. Falling prism: 3 · 5
-# and three spins, each of three rods with the floor. Towers: 5 and a spin for each of 45 or 87 free rods, 2 if pinned.
+# and three spins, each of three rods with the floor. Derrick: an angle and
+# two slides of its load. Towers: 5 and a spin for each of 45 or 87 free rods, 2 if pinned.
 EXPECTED = {
     "pinned_rod": (2, 3, 4, (0, 1, 0, 0), 3, 0, OFF),
     "pinned_rod_mirror": (2, 3, 4, (0, 1, 0, 0), 3, 0, OFF),
@@ -48,6 +49,7 @@ EXPECTED = {
     "net": (23, 120, 160, (0, 40, 0, 0), 0, 0, LOOPS),
     "truss_arm": (3, 14, 14, (0, 0, 0, 14), 6, 0, LOOPS),
     "dbar": (2, 4, 4, (0, 0, 0, 4), 2, 0, LOOPS),
+    "pulley": (3, 3, 3, (0, 0, 2, 1), 2, 0, OFF),
     "tower": (225, 270, 315, (45, 0, 0, 0), 219, 0, OFF),
     "tower_waves": (225, 270, 315, (45, 0, 0, 0), 219, 0, OFF),
     "tower_beam": (441, 531, 621, (87, 3, 0, 0), 444, 0, OFF),

@@ -63,9 +63,10 @@ def test_members_are_tied_to_the_nodes_of_the_structure() -> None:
     data = data_of(make_web_page(scene))
     names = data["names"]
     assert [names["nodes"][row] for row in data["rods"][0][:2]] == ["o", "tip"]
-    assert [[names["nodes"][row] for row in pair] for pair in data["strings"]] == [
+    assert [[names["nodes"][row] for row in segment[:2]] for segment in data["strings"]] == [
         list(string.nodes) for string in scene.structure.strings
     ]
+    assert [segment[2] for segment in data["strings"]] == [0, 1, 2]  # whose tension and rest length it has
     assert names["strings"] == ["s0", "s1", "s2"]
     assert data["supports"] == [[2, 2, 0.0], [3, 3, 0.0], [4, 4, 0.0], [0, 1, 0.0]]
     assert data["drawn"] == ["nodes", "rods", "strings", "supports", "target"]

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import member, state_of
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED, Command, NativeLaw, check_made_for
-from tensegrity_mj.dynamics.native.pointers import inlined
 from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.structure import Structure
@@ -28,16 +27,6 @@ _Own, _pack = view_of(
     ranges=("i8", "string_count", 2),
     parameters=("f8", "parameter_count"),
 )
-
-
-@inlined
-def _pairs(own: Any) -> Any:
-    return own.segments
-
-
-@inlined
-def _paths(own: Any) -> Any:
-    return own.segments, own.ranges
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,18 +86,16 @@ class CompiledLaw:
         given = self.function
         function: Any = given if hasattr(given, "py_func") else numba.njit(error_model="numpy")(given)
         adopt(function)
-        strings_of = _pairs if len(self.structure.paths.nodes) == len(self.structure.strings) else _paths
+        through_more = len(self.structure.paths.nodes) > len(self.structure.strings)
 
         def law(t, nodes, velocities, context, command, report):  # type: ignore[no-untyped-def]
             own = _Own(context)
-            solved = function(
-                t,
-                floats(nodes, (own.node_count, 3)),
-                floats(velocities, (own.node_count, 3)),
-                strings_of(own),
-                own.parameters,
-                floats(command, own.string_count),
-            )
+            x, v = floats(nodes, (own.node_count, 3)), floats(velocities, (own.node_count, 3))
+            out = floats(command, own.string_count)
+            if through_more:  # known as it is compiled: only one of the two calls is there
+                solved = function(t, x, v, (own.segments, own.ranges), own.parameters, out)
+            else:
+                solved = function(t, x, v, own.segments, own.parameters, out)
             return SOLVED if solved else NO_SOLUTION
 
         try:

@@ -246,6 +246,7 @@ class Guide(Table):
             ends_at=offset("mjModel", "wrap_objid"),
             springs=np.column_stack([model.actuator_gainprm[:, :1], model.actuator_biasprm[:, :3]]),
             # Sites are 32-bit numbers, two of them one of 64 bits; of the last, half may be beyond them.
+            end_words=(len(sites) + 1) // 2,
             ends=np.append(sites, np.zeros(len(sites) % 2, np.int32)).view(np.int64),
             last_word=0xFFFFFFFF if len(sites) % 2 else -1,
             time_at=offset("mjData", "time"),
