@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -30,20 +31,24 @@ def array_of_shape(what: str, values: Any, shape: tuple[int, ...], broadcast: bo
     return array
 
 
-def index_pairs(what: str, values: Any, count: int, allow_equal: bool = False) -> list[tuple[int, int]]:
-    """The values as pairs of different node indices below `count`."""
-    pairs = []
+def index_pairs(
+    what: str, values: Any, count: int, allow_equal: bool = False, more: bool = False
+) -> list[tuple[int, ...]]:
+    """The values as pairs (with `more`, paths of two or more) of different node indices below `count`."""
+    found = []
     for row, value in enumerate(sequence_of(what, values, StructureError)):
         try:
-            i, j = (int(x) for x in value)
+            path = tuple(int(x) for x in value)
+            if len(path) < 2 or (len(path) > 2 and not more):
+                raise ValueError
         except (TypeError, ValueError, OverflowError):
-            raise StructureError(f"{what}[{row}] = {value!r}: it must be a pair of node indices") from None
-        whole = i == value[0] and j == value[1]
-        if not whole:
+            need = "a pair of node indices" + ", or more" * more
+            raise StructureError(f"{what}[{row}] = {value!r}: it must be {need}") from None
+        if any(i != x for i, x in zip(path, value, strict=True)):
             raise StructureError(f"{what}[{row}] = {list(value)}: node indices must be integers")
-        if not (0 <= i < count and 0 <= j < count):
-            raise StructureError(f"{what}[{row}] = ({i}, {j}): node indices run from 0 to {count - 1}")
-        if i == j and not allow_equal:
-            raise StructureError(f"{what}[{row}] = ({i}, {j}): it must join two different nodes")
-        pairs.append((i, j))
-    return pairs
+        if not all(0 <= i < count for i in path):
+            raise StructureError(f"{what}[{row}] = {path}: node indices run from 0 to {count - 1}")
+        if not allow_equal and any(i == j for i, j in itertools.pairwise(path)):
+            raise StructureError(f"{what}[{row}] = {path}: it must join two different nodes")
+        found.append(path)
+    return found

@@ -78,7 +78,7 @@ class Structure:
         cls,
         nodes: ArrayLike,
         rods: ArrayLike,
-        strings: ArrayLike,
+        strings: ArrayLike | Sequence[Sequence[int]],
         *,
         rod_mass: ArrayLike,
         stiffness: ArrayLike,
@@ -93,7 +93,7 @@ class Structure:
         name: str = "structure",
         string_law: StringLaw = StringLaw.CLIPPED,
     ) -> Structure:
-        """The same from arrays: nodes (N, 3); rods (R, 2) and strings (M, 2) as node indices from 0.
+        """The same from arrays: nodes (N, 3); rods (R, 2) and strings (M, 2), or M paths, as node indices from 0.
 
         Scalars broadcast over members. Nodes become n1, n2, ...; rods r1, ...; strings s1, ...
 
@@ -104,7 +104,7 @@ class Structure:
         count = len(positions)
         names = [f"n{i + 1}" for i in range(count)]
         rod_pairs = index_pairs("rods", rods, count)
-        string_pairs = index_pairs("strings", strings, count)
+        string_paths = index_pairs("strings", strings, count, more=True)
 
         def per_member(what: str, values: ArrayLike | None, size: int) -> list[float | None]:
             if values is None:
@@ -115,7 +115,7 @@ class Structure:
         radii = per_member("rod_radius", rod_radius, len(rod_pairs))
         held = list(supports) if supports is not None else [Support.free()] * len(rod_pairs)
         array_of_shape("supports (one a rod)", np.zeros(len(held)), (len(rod_pairs),), broadcast=False)
-        size = len(string_pairs)
+        size = len(string_paths)
         columns = zip(
             per_member("stiffness", stiffness, size),
             per_member("damping", damping, size),
@@ -135,8 +135,8 @@ class Structure:
                 for a, (i, j) in enumerate(rod_pairs)
             ),
             strings=tuple(
-                String(f"s{a + 1}", (names[i], names[j]), k or 0.0, c or 0.0, l0, t, u)
-                for a, ((i, j), (k, c, l0, t, u)) in enumerate(zip(string_pairs, columns, strict=True))
+                String(f"s{a + 1}", tuple(names[i] for i in path), k or 0.0, c or 0.0, l0, t, u)
+                for a, (path, (k, c, l0, t, u)) in enumerate(zip(string_paths, columns, strict=True))
             ),
             fixed_nodes=tuple(names[i] for i in fixed),
             point_masses=tuple(PointMass(names[i], m) for i, m in zip(mass_nodes, heavy.values(), strict=True)),

@@ -139,6 +139,18 @@ def _tie() -> tmj.String:
     return tmj.String("tie", ("b", "c"), 1.0)
 
 
+def test_arrays_may_have_paths_of_several_lengths() -> None:
+    nodes = np.array([[0.0, 0, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1]])
+    made = tmj.Structure.from_arrays(
+        nodes, [(0, 1)], [(1, 2), [0, 2, 3, 1]], rod_mass=1.0, stiffness=5.0, fixed_nodes=[2, 3]
+    )
+    assert [string.nodes for string in made.strings] == [("n2", "n3"), ("n1", "n3", "n4", "n2")]
+    with pytest.raises(errors.StructureError, match=r"strings\[0\] = \(1,\): it must be a pair of node indices, or more"):
+        tmj.Structure.from_arrays(nodes, [(0, 1)], [(1,)], rod_mass=1.0, stiffness=5.0, fixed_nodes=[2, 3])
+    with pytest.raises(errors.StructureError, match=r"rods\[0\] = \(0, 1, 2\): it must be a pair of node indices"):
+        tmj.Structure.from_arrays(nodes, [(0, 1, 2)], [(1, 2)], rod_mass=1.0, stiffness=5.0, fixed_nodes=[2, 3])
+
+
 def test_arrays_of_pairs_are_refused_where_they_have_no_room() -> None:
     with pytest.raises(errors.StructureError, match=r"string 's' runs through 4 nodes: string_nodes .* use `paths`"):
         _ = atwood().structure.string_nodes
