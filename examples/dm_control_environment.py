@@ -101,13 +101,12 @@ def main() -> None:
         total, error = episode(env, policy, after_step)
         print(f"{name:8s} {total:10.3f} {error:16.3e}")
     if options.video:
-        import imageio_ffmpeg
+        import mediapy
 
-        film = imageio_ffmpeg.write_frames(options.video, (640, 480), fps=30)
-        film.send(None)
-        for frame in frames:
-            film.send(frame)
-        film.close()
+        from tensegrity_mj.pictures.video import ffmpeg_program
+
+        mediapy.set_ffmpeg(ffmpeg_program())
+        mediapy.write_video(options.video, frames, fps=30)
         print(f"video: {options.video}")
     if options.view:
         from dm_control import viewer

@@ -102,6 +102,8 @@ def _drawn(
 ) -> tuple[dict[str, Path], str]:
     """Plots and the film of two runs, by what they are; and why there is no film, and what it needs, else ""."""
     _report("2/4 Plotting")
+    import mediapy  # noqa: F401  (brings IPython, which matplotlib looks at: not in two threads at once)
+
     from tensegrity_mj.pictures import plots
 
     pictures = {what: folder / f"{name}-{what}.png" for what in PLOTS}

@@ -15,9 +15,7 @@ import contextlib
 import io
 import math
 import os
-import subprocess
-import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -42,12 +40,12 @@ Image = NDArray[np.uint8]
 
 MAX_FRAMES = 500_000
 MAX_GIF_RATE = 50.0  # frames a second: a frame lasts whole hundredths of one, and viewers slow down those of one
-# Arguments of ffmpeg by the file's ending.
+# Codec and arguments of ffmpeg by the file's ending.
 ENCODERS = {
     # faststart: a browser shows the video while it still loads. veryfast: encoding takes less time than drawing.
-    ".mp4": "-vcodec h264 -pix_fmt yuv420p -vb 0 -crf 20 -preset veryfast -movflags +faststart",
-    ".webm": "-vcodec vp9 -pix_fmt yuv420p -vb 0 -crf 32 -deadline realtime -cpu-used 6 -row-mt 1",
-    ".gif": "-vcodec gif -pix_fmt pal8 -vf split[s0][s1];[s0]palettegen[p];[s1][p]paletteuse",
+    ".mp4": ("h264", "-preset veryfast -movflags +faststart"),
+    ".webm": ("vp9", "-deadline realtime -cpu-used 6 -row-mt 1"),
+    ".gif": ("gif", ""),
 }
 FILMS = tuple(ENCODERS)
 
@@ -262,47 +260,31 @@ def ffmpeg_program() -> str:
 
 def _encode(stage: Stage, times: NDArray[np.float64], path: Path, fps: float, progress: bool) -> None:
     """Draw every frame and have ffmpeg encode it."""
-    with _encoder(path, stage.view.size, fps) as write, bar(progress, "video", total=len(times), unit="frame") as shown:
-        for time in times:
-            write(stage.frame(time))
-            shown.update()
+    import mediapy
 
-
-@contextlib.contextmanager
-def _encoder(path: Path, size: tuple[int, int], fps: float) -> Iterator[Callable[[Image], object]]:
-    """A function that hands a frame to ffmpeg, which has written the file when the context ends.
-
-    Raises:
-        OptionError: with what ffmpeg says, where it fails.
-    """
     program = ffmpeg_program()
-    given = f"-f rawvideo -pix_fmt rgb24 -s {size[0]}x{size[1]} -r {fps!r} -i - -an"
-    command = [program, "-v", "error", *given.split(), *ENCODERS[path.suffix.lower()].split(), "-y", str(path)]
-    with tempfile.TemporaryFile() as said, contextlib.ExitStack() as stack:
+    mediapy.set_ffmpeg(program)
+    width, height = stage.view.size
+    codec, arguments = ENCODERS[path.suffixes[-1].lower() if path.suffixes else ".mp4"]
+    crf = {"h264": 20, "vp9": 32, "gif": None}[codec]
+    writer = mediapy.VideoWriter(path, (height, width), codec=codec, fps=fps, crf=crf, ffmpeg_args=arguments)
+    try:
+        writer.__enter__()
         try:
-            process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=said)
-            stack.callback(_end, process)
-            assert process.stdin is not None
-            yield process.stdin.write  # type: ignore[misc]  # which takes arrays, too
-            process.stdin.close()
-            code = process.wait()
-            failed = f"it ended with code {code}" if code else ""
-        except OSError as error:
-            failed = str(error)
-        if failed:
-            said.seek(0)
-            reason = " ".join(said.read().decode(errors="replace").split()) or failed
-            raise OptionError(
-                f"video of {size[0]} x {size[1]} at {fps:g} frames a second: {program} could not write it ({reason}); "
-                "check that the disk has room and that this ffmpeg encodes H.264"
-            )
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """End it, unless it has ended by itself."""
-    process.kill()
-    # It may have been interrupted too: what it says about it must not hide the reason.
-    with contextlib.suppress(OSError):
-        if process.stdin is not None:
-            process.stdin.close()
-    process.wait()
+            with bar(progress, "video", total=len(times), unit="frame") as shown:
+                for time in times:
+                    writer.add_image(stage.frame(time))
+                    shown.update()
+        except BaseException:
+            # ffmpeg may have been interrupted too: what it says about it must not hide the reason.
+            with contextlib.suppress(Exception):
+                writer.close()
+            raise
+        writer.close()
+    except (OSError, RuntimeError) as error:
+        if isinstance(error, (OptionError, MissingLibraryError)):
+            raise
+        raise OptionError(
+            f"video of {width} x {height} at {fps:g} frames a second: {program} could not write it ({error}); check "
+            "that the disk has room and that this ffmpeg encodes H.264"
+        ) from error

@@ -106,7 +106,7 @@ def test_help_and_parsing_load_no_heavy_library() -> None:
         "import sys\n"
         "from tensegrity_mj.cli import build_parser\n"
         "build_parser().format_help()\n"
-        "heavy = {'numpy', 'scipy', 'numba', 'mujoco', 'matplotlib', 'h5netcdf', 'PIL', 'dm_control'}\n"
+        "heavy = {'numpy', 'scipy', 'numba', 'mujoco', 'matplotlib', 'h5netcdf', 'mediapy', 'dm_control'}\n"
         "sys.exit(' '.join(sorted(heavy & set(sys.modules))) or 0)\n"
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

@@ -233,9 +233,7 @@ class Guide(Table):
         names = {name: name for name in OF_DATA} | ALIASES
         check_layout(model, data, (*names.values(), "userdata"))
         places = {name: place for place, (name, _) in enumerate(RUN)}
-        # Sites are 32-bit numbers, two of them one of 64 bits; of the last, half may be beyond them.
         sites = np.array(model.wrap_objid, np.int32)
-        ends = np.append(sites, np.zeros(len(sites) % 2, np.int32)).view(np.int64)
         fields = np.array([(places[name], offset("mjData", of)) for name, of in names.items()], np.int64)
         sizes = {"strings": "nu", "sites": "nsite", "bodies": "nbody", "userdata": "nuserdata"}
         self.set(
