@@ -49,7 +49,7 @@ class FlowNumbers:
         """The largest Rn, the smallest and the largest KC (None without waves) and the notes, for JSON."""
         met = self.keulegan_carpenter[~np.isnan(self.keulegan_carpenter)]
         return {
-            "reynolds": float(self.reynolds.max()),
+            "reynolds": float(self.reynolds.max(initial=0.0)),
             "keulegan_carpenter": [float(met.min()), float(met.max())] if len(met) else None,
             "notes": list(self.notes),
         }

@@ -112,6 +112,9 @@ FEATURES = {
     "irregular sea": Feature(
         lambda: in_water(sea=tmj.model.IrregularSea("jonswap", 0.8, 3.0, seed=2, components=12)), lambda _: in_water()
     ),
+    "drag on strings": Feature(
+        lambda: in_water().with_(water=replace(in_water().water, string_diameter=0.1)), lambda _: in_water()
+    ),
     "surface": Feature(lambda: in_water(depth=0.2), in_air),
     "contact": Feature(
         lambda: tmj.load_scene("prism_drop"), lambda scene: scene.with_(contact=None), 1, False, (1e-3, 5e-4)

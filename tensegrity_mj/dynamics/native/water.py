@@ -35,6 +35,7 @@ ROD = np.dtype(
         ("mass", "f8"),  # of the water in place of a segment, ρ π d²/4 ℓ/L
         ("drag", "f8"),  # ½ ρ C_d d ℓ/L
         ("tangential", "f8"),  # ½ ρ C_t π d ℓ/L
+        ("stretches", "i8"),  # a piece of a string: no mass, and drag of 1 m, times the length that it has
     ],
     align=True,
 )
@@ -62,11 +63,14 @@ def packed_sea(scene: Scene) -> Table:
     """The water of a scene as compiled code sees it."""
     structure, water, sea = scene.structure, scene.water, sea_of(scene)
     assert water is not None
-    rods, d = np.zeros(len(structure.rods), ROD), diameters(structure, water)
-    count = scene.water_segments.count
-    length = structure.rod_lengths / count
-    rods["nodes"], rods["half"] = structure.rod_nodes, 0.5 * d
-    rods["mass"] = water.density * np.pi * d**2 / 4 * length
+    strings = np.zeros((0, 2), int) if water.string_diameter is None else structure.paths.nodes
+    R, count = len(structure.rods), scene.water_segments.count
+    rods = np.zeros(R + len(strings), ROD)
+    d = np.concatenate([diameters(structure, water), np.full(len(strings), water.string_diameter or 0.0)])
+    length = np.concatenate([structure.rod_lengths, np.ones(len(strings))]) / count
+    rods["nodes"], rods["half"] = np.concatenate([structure.rod_nodes, strings]), 0.5 * d
+    rods["mass"][:R] = water.density * np.pi * d[:R] ** 2 / 4 * length[:R]
+    rods["stretches"][R:] = 1
     rods["drag"] = 0.5 * water.density * water.drag * d * length
     rods["tangential"] = 0.5 * water.density * water.tangential_drag * np.pi * d * length
     waves = np.zeros(len(sea.amplitude), WAVE)
@@ -187,7 +191,11 @@ def immerse(packed: int, t: float, nodes: Any, velocities: Any, forces: Any, add
         i, j = rod.nodes[0], rod.nodes[1]
         x1, v1 = row_of(nodes, i), row_of(velocities, i)
         span, turn = minus(row_of(nodes, j), x1), minus(row_of(velocities, j), v1)
-        axis = times(1.0 / math.sqrt(dot(span, span)), span)
+        length = math.sqrt(dot(span, span))
+        if length == 0.0:
+            continue
+        axis = times(1.0 / length, span)
+        scale = length if rod.stretches != 0 else 1.0
         flat = math.sqrt(axis[0] * axis[0] + axis[1] * axis[1])
         per_half = 1.0 / (rod.half * max(flat, LEAST_COSINE))
         first, second = ZERO, ZERO
@@ -206,9 +214,9 @@ def immerse(packed: int, t: float, nodes: Any, velocities: Any, forces: Any, add
             mass, slip = rod.mass * part, dot(flow, axis)
             past = minus(flow, times(slip, axis))
             normal = times(C_M * mass, _across(gains, axis))
-            normal = plus(normal, times(rod.drag * part * math.sqrt(dot(past, past)), past))
+            normal = plus(normal, times(scale * rod.drag * part * math.sqrt(dot(past, past)), past))
             normal = minus(normal, times(mass, _across(gravity, axis)))
-            axial = times(rod.tangential * part * abs(slip) * slip - mass * dot(gravity, axis), axis)
+            axial = times(scale * rod.tangential * part * abs(slip) * slip - mass * dot(gravity, axis), axis)
             share = s * s * (3.0 - 2.0 * s) if hermite else s
             half = 0.5 if hermite else s
             first = plus(first, plus(times(1.0 - share, normal), times(1.0 - half, axial)))
@@ -218,10 +226,11 @@ def immerse(packed: int, t: float, nodes: Any, velocities: Any, forces: Any, add
             a12 += mass * (1.0 - share) * s
             a21 += mass * share * (1.0 - s)
             a22 += mass * share * s
-        added[r, 0] += a11
-        added[r, 1] += a12
-        added[r, 2] += a21
-        added[r, 3] += a22
+        if rod.stretches == 0:
+            added[r, 0] += a11
+            added[r, 1] += a12
+            added[r, 2] += a21
+            added[r, 3] += a22
         for x in range(3):
             forces[i, x] += first[x]
             forces[j, x] += second[x]

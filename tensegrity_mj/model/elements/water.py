@@ -93,6 +93,8 @@ class Water(Element):
         above: the waves' fields above the still surface, see `AboveLevel`.
         viscosity: kinematic, ν [m²/s], > 0, of which Reynolds numbers are made and nothing else; sea water at 15 °C.
         sea: an irregular sea, superposed on the waves; None for none.
+        string_diameter: d [m] of every string, > 0, by which each piece of its path takes drag as a rod does, straight
+            where it is slack, too; None for no loads on strings. They have neither buoyancy nor added mass.
     """
 
     density: float = field(positive("kg/m³"), default=1025.0)
@@ -109,6 +111,7 @@ class Water(Element):
     above: AboveLevel = field(choice(AboveLevel), default=AboveLevel.EXPONENTIAL)
     viscosity: float = field(positive("m²/s"), default=1.19e-6)
     sea: IrregularSea | None = field(part(IrregularSea), default=None, none="None")
+    string_diameter: float | None = field(positive("m"), default=None, none="None for no loads on strings")
 
     adds_mass = True
     vectorized = True
@@ -220,22 +223,27 @@ class Segments:
 def samples_at_once(scene: Scene) -> int:
     """Samples of a run whose segments, with all waves there, are held in memory together."""
     assert scene.water is not None
-    each = len(scene.structure.rods) * scene.water_segments.count * max(1, len(scene.water.components))
+    members = len(scene.structure.rods) + len(scene.structure.paths.nodes)
+    each = members * scene.water_segments.count * max(1, len(scene.water.components))
     return max(1, AT_ONCE // each)
 
 
-def segments_of(scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Segments:
-    """The wet parts of segments at times (...) [s], positions and velocities (..., N, 3) that go with them."""
+def segments_of(scene: Scene, time: Array | float, nodes: Array, velocities: Array, strings: bool = False) -> Segments:
+    """The wet parts of segments at times (...) [s], positions and velocities (..., N, 3) that go with them.
+
+    Of rods, or of strings: R are then the pieces of their paths.
+    """
     water, structure, sea = scene.water, scene.structure, sea_of(scene)
     assert water is not None
-    pairs, count = structure.rod_nodes, scene.water_segments.count
+    pairs, count = structure.paths.nodes if strings else structure.rod_nodes, scene.water_segments.count
+    d = np.full(len(pairs), water.string_diameter) if strings else diameters(structure, water)
     x1, v1 = nodes[..., pairs[:, 0], None, :], velocities[..., pairs[:, 0], None, :]
     span, turn = nodes[..., pairs[:, 1], None, :] - x1, velocities[..., pairs[:, 1], None, :] - v1
     t = np.asarray(time, float)[..., None, None]
     axes = span / np.linalg.norm(span, axis=-1, keepdims=True)
     cuts = x1 + (np.arange(count + 1) / count)[:, None] * span
     depth = sea.elevation(t, cuts[..., 0], cuts[..., 1]) - cuts[..., 2]
-    half = 0.5 * diameters(structure, water)[:, None] * np.maximum(np.hypot(axes[..., 0], axes[..., 1]), LEAST_COSINE)
+    half = 0.5 * d[:, None] * np.maximum(np.hypot(axes[..., 0], axes[..., 1]), LEAST_COSINE)
     part, along = wet_parts(depth[..., :-1] / half, depth[..., 1:] / half)
     place = (np.arange(count) + along) / count
     points = x1 + place[..., None] * span
@@ -258,12 +266,19 @@ def water_forces(scene: Scene, time: Array | float, nodes: Array, velocities: Ar
         F⁰ (..., N, 3) [N] on the nodes, and α (..., R, 2, 2) [kg] of the rods; the whole is F_i⁰ - Σ_j α_ij P a_j.
     """
     structure, out = scene.structure, np.zeros_like(nodes)
-    if scene.water is None or not len(structure.rods):
-        return out, np.zeros((*nodes.shape[:-2], len(structure.rods), 2, 2))
-    loads, alpha = rod_loads(scene, time, nodes, velocities)
-    for end in range(2):
-        for row, pair in enumerate(structure.rod_nodes):
-            out[..., pair[end], :] += loads[..., row, end, :]
+    alpha = np.zeros((*nodes.shape[:-2], len(structure.rods), 2, 2))
+    if scene.water is None:
+        return out, alpha
+    found = []
+    if len(structure.rods):
+        loads, alpha = rod_loads(scene, time, nodes, velocities)
+        found.append((structure.rod_nodes, loads))
+    if scene.water.string_diameter is not None:
+        found.append((structure.paths.nodes, string_loads(scene, time, nodes, velocities)))
+    for pairs, loads in found:
+        for end in range(2):
+            for row, pair in enumerate(pairs):
+                out[..., pair[end], :] += loads[..., row, end, :]
     return out, alpha
 
 
@@ -274,34 +289,64 @@ def rod_loads(scene: Scene, time: Array | float, nodes: Array, velocities: Array
     wet = segments_of(scene, time, nodes, velocities)
     d, length = diameters(structure, water)[:, None], structure.rod_lengths[:, None] / scene.water_segments.count
     mass = water.density * np.pi * d**2 / 4 * length * wet.part
-    surface = 0.5 * water.density * d * length * wet.part
+    drag, friction = _drag(water, wet, 0.5 * water.density * d * length * wet.part)
+    gravity = np.array(scene.gravity)
+    normal = (water.inertia_coefficient * mass)[..., None] * _across(wet, wet.acceleration)
+    normal += drag
+    normal -= mass[..., None] * _across(wet, gravity)
+    axial = friction - mass * np.sum(gravity * wet.axes, axis=-1)
+    linear, weights = (1 - wet.place, wet.place), shares(water.weights, wet.place)
+    shared = [[np.sum(water.added_mass * mass * own * other, axis=-1) for other in linear] for own in weights]
+    return _at_ends(water, wet, normal, axial), np.stack([np.stack(row, axis=-1) for row in shared], axis=-2)
 
-    def across(v: Array) -> Array:
-        return np.asarray(v - np.sum(v * wet.axes, axis=-1, keepdims=True) * wet.axes)
 
-    flow, gravity = across(wet.flow), np.array(scene.gravity)
-    slip = np.sum(wet.flow * wet.axes, axis=-1)
-    normal = (water.inertia_coefficient * mass)[..., None] * across(wet.acceleration)
-    normal += (water.drag * surface * np.linalg.norm(flow, axis=-1))[..., None] * flow
-    normal -= mass[..., None] * across(gravity)
-    axial = water.tangential_drag * np.pi * surface * np.abs(slip) * slip - mass * np.sum(gravity * wet.axes, axis=-1)
+def string_loads(scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
+    """(..., S, 2, 3) [N]: drag at the ends of each piece of the strings' paths, of a scene whose strings take it."""
+    water = scene.water
+    assert water is not None
+    assert water.string_diameter is not None
+    wet = segments_of(scene, time, nodes, velocities, strings=True)
+    length = np.linalg.norm(scene.structure.paths.spans(nodes), axis=-1)[..., None] / scene.water_segments.count
+    surface = 0.5 * water.density * water.string_diameter * length * wet.part
+    return _at_ends(water, wet, *_drag(water, wet, surface))
+
+
+def _across(wet: Segments, v: Array) -> Array:
+    """P v."""
+    return np.asarray(v - np.sum(v * wet.axes, axis=-1, keepdims=True) * wet.axes)
+
+
+def _drag(water: Water, wet: Segments, surface: Array) -> tuple[Array, Array]:
+    """(7.9) of segments: across them (..., 3), and along them."""
+    flow, slip = _across(wet, wet.flow), np.sum(wet.flow * wet.axes, axis=-1)
+    across = (water.drag * surface * np.linalg.norm(flow, axis=-1))[..., None] * flow
+    return across, water.tangential_drag * np.pi * surface * np.abs(slip) * slip
+
+
+def _at_ends(water: Water, wet: Segments, normal: Array, axial: Array) -> Array:
+    """(..., R, 2, 3): loads on segments, across and along them, shared between the two ends of their members."""
     weights = shares(water.weights, wet.place)
     along = weights if water.weights is Weights.RIGID else (np.full_like(wet.place, 0.5),) * 2
-    linear = (1 - wet.place, wet.place)
     loads = [
         np.sum(weights[end][..., None] * normal + (along[end] * axial)[..., None] * wet.axes, axis=-2)
         for end in range(2)
     ]
-    shared = [[np.sum(water.added_mass * mass * own * other, axis=-1) for other in linear] for own in weights]
-    return np.stack(loads, axis=-2), np.stack([np.stack(row, axis=-1) for row in shared], axis=-2)
+    return np.stack(loads, axis=-2)
 
 
 def check_water(scene: Scene) -> None:
     """Raise SceneError unless a scene's water fits its structure and its gravity."""
     water, structure = scene.water, scene.structure
     assert water is not None
-    if not structure.rods:
-        raise refused(water, f"structure '{structure.name}' has no rod, and water loads rods alone: leave water out")
+    drags = water.string_diameter is not None
+    if not structure.rods and not (drags and structure.strings):
+        raise refused(
+            water,
+            f"structure '{structure.name}' has no rod, and water loads rods, and strings by their string_diameter: "
+            "leave water out",
+        )
+    if drags and scene.breaks:
+        raise refused(water, "strings that break would go on taking drag: leave string_diameter or the breaks out")
     x, y, z = scene.gravity
     if x or y or z > 0:
         raise refused(

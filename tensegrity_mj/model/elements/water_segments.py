@@ -55,9 +55,9 @@ class SegmentCount:
         count: L.
         chosen: whether it follows from the waves; otherwise it was given.
         needed: the least number, 5 or more, whose bound is at most `PART`; None where 1000 are not enough.
-        force_error, moment_error: bounds for the longest rod, as parts of the largest force of waves on it and of half
-            its length times that, 2 at most; zero without waves.
-        rod: name of the longest rod.
+        force_error, moment_error: bounds for the longest member, as parts of the largest force of waves on it and of
+            half its length times that, 2 at most; zero without waves.
+        member: the longest rod, or string that takes drag.
         length: ℓ of it [m].
         wave_number: the largest k [1/m]; zero without waves.
     """
@@ -67,7 +67,7 @@ class SegmentCount:
     needed: int | None
     force_error: float
     moment_error: float
-    rod: str
+    member: str
     length: float
     wave_number: float
 
@@ -88,7 +88,7 @@ class SegmentCount:
             free = not self.chosen and self.needed <= MOST_CHOSEN
             remedy = f"give segments = {self.needed}{' or leave segments out' if free else ''}, for {100 * PART:g} %"
         return (
-            f"water: {chosen} are too few for the waves along rod '{self.rod}' of {self.length:.4g} m (k ℓ up to "
+            f"water: {chosen} are too few for the waves along {self.member} of {self.length:.4g} m (k ℓ up to "
             f"{self.wave_number * self.length:.3g}): their loads may be off by {100 * self.error_bound:.3g} % of the "
             f"largest; {remedy}",
         )
@@ -115,8 +115,12 @@ def segment_count(scene: Scene) -> SegmentCount:
     """The segments of each rod of a scene that has water: those given, or those that its waves need."""
     water, structure, sea = scene.water, scene.structure, sea_of(scene)
     assert water is not None
-    row = int(np.argmax(structure.rod_lengths))
-    length = float(structure.rod_lengths[row])
+    lengths, names = structure.rod_lengths, [f"rod '{rod.name}'" for rod in structure.rods]
+    if water.string_diameter is not None:
+        lengths = np.concatenate([lengths, np.linalg.norm(structure.paths.spans(scene.nodes0), axis=-1)])
+        names += [f"string '{structure.strings[row].name}'" for row in structure.paths.strings]
+    row = int(np.argmax(lengths))
+    length = float(lengths[row])
     force, moment = error_factors(sea, water, length)
     least = max(FEWEST, math.ceil(min(math.sqrt(max(force, moment) / PART), 2.0 * MOST_SEGMENTS)))
     count = min(least, MOST_CHOSEN) if water.segments is None else water.segments
@@ -126,7 +130,7 @@ def segment_count(scene: Scene) -> SegmentCount:
         least if least <= MOST_SEGMENTS else None,
         min(force / count**2, 2.0),
         min(moment / count**2, 2.0),
-        structure.rods[row].name,
+        names[row],
         length,
         float(np.max(sea.number[sea.amplitude > 0], initial=0.0)),
     )
