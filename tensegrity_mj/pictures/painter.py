@@ -24,6 +24,7 @@ from tensegrity_mj.pictures.traces import MAX_PIECES, Traces
 
 SLACK_SEGMENTS = 12
 TRANSLUCENT = 0.41  # opacity of all members that are; one for all, see `shrink.behind`
+TRACE = 1.6  # px
 SLACKNESS = 1e-6  # of its length: below, a slack string looks straight anyway
 
 # An almost empty model: it lends MuJoCo's renderer its lights and its settings. Drawn without multisampling, shadow,
@@ -187,9 +188,8 @@ class Painter:
         geom = self._geoms[0]
         self._count = max(1, self._count)
         frame = np.column_stack([right, up, -forward]).ravel()
-        kind = self._mujoco.mjtGeom.mjGEOM_PLANE.value
         size = np.array([4.0 * half, half, 1.0])
-        self._mujoco.mjv_initGeom(geom, kind, size, camera.position + depth * forward, frame, color)
+        self._mujoco.mjv_initGeom(geom, self._kind("PLANE"), size, camera.position + depth * forward, frame, color)
         geom.emission, geom.specular = 1000.0, 0.0
 
     def grid(self, low: Array, high: Array, cell: float, shade: palette.Color) -> None:
@@ -199,7 +199,7 @@ class Painter:
             for x in np.arange(round((high[a] - low[a]) / cell) + 1) * cell + low[a]:
                 start, end = low.copy(), high.copy()
                 start[a] = end[a] = x
-                self._line(start, end, 1.1, color)
+                self.line(start, end, color, 1.1)
 
     def plate(self, low: Array, high: Array, frame: Array) -> None:
         """A floor: a thin plate between two corners (3,) [m] of its upper face, whose axes are the columns of `frame`.
@@ -208,56 +208,52 @@ class Painter:
         """
         across = 0.5 * frame.T @ (high - low)
         thickness = plate_thickness(low, high)
-        size = np.array([abs(across[0]), abs(across[1]), thickness])
+        size = (abs(across[0]), abs(across[1]), thickness)
         middle = 0.5 * (low + high) - 2.0 * thickness * frame[:, 2]
-        kind = self._mujoco.mjtGeom.mjGEOM_BOX.value
-        geom = self._next()
-        self._mujoco.mjv_initGeom(geom, kind, size, middle, frame.ravel(), _rgba(palette.FLOOR, 1.0))
+        geom = self._put("BOX", size, middle, frame, _rgba(palette.FLOOR, 1.0))
         geom.emission, geom.specular = 0.12, 0.0
 
     def shadows(self, floor: tuple[Array, Array], thickness: float, dark: Iterable[Patch]) -> None:
         """Flat shadows just above a floor's plate of that thickness [m], darker ones over paler ones."""
-        kinds = (self._mujoco.mjtGeom.mjGEOM_BOX.value, self._mujoco.mjtGeom.mjGEOM_CYLINDER.value)
         for patch in dark:
-            geom = self._next()
             color = _rgba(palette.mixed(palette.FLOOR, palette.SHADE, patch.darkness), 1.0)
             place = patch.middle - (0.7 - 0.6 * patch.darkness) * thickness * floor[1]
             height = 0.05 * thickness
-            size = np.array([patch.half[0], height, 0.0] if patch.round else [*patch.half, height])
-            self._mujoco.mjv_initGeom(geom, kinds[patch.round], size, place, patch.axes.ravel(), color)
+            kind, size = ("CYLINDER", (patch.half[0], height, 0.0)) if patch.round else ("BOX", (*patch.half, height))
+            geom = self._put(kind, size, place, patch.axes, color)
             geom.emission, geom.specular = 0.12, 0.0
 
     def water(self, surface: Surface, points: Array) -> None:
         """The water whose surface has the vertices (I, J, 3) [m], for a model made with the same `surface`."""
         # Drawn twice each, see MuJoCo's order of translucent geoms: in effect, opacity is 1 - (1 - alpha)².
         looks = ((palette.WATER, 0.26, 0.3), (palette.WATER, 0.14, 0.2), (palette.WATER_LINE, 0.35, 0.5))
-        kind = self._mujoco.mjtGeom.mjGEOM_SKIN.value
         for row, (mesh, (color, alpha, emission)) in enumerate(zip(surface.meshes(points), looks, strict=True)):
             first = 3 * self.scene.skinvertadr[row]
             for target, values in zip((self.scene.skinvert, self.scene.skinnormal), mesh, strict=True):
                 target[first : first + values.size] = values.ravel()
-            geom = self._next()
             # A skin is in world coordinates: the place counts only for the order in which geoms are drawn.
             middle = points[0, 0] + 0.5 * (points[-1, -1] - points[0, 0])
-            self._mujoco.mjv_initGeom(geom, kind, self._zero, middle, self._identity, _rgba(color, alpha))
+            geom = self._put("SKIN", self._zero, middle, self._identity, _rgba(color, alpha))
             geom.objid, geom.emission, geom.specular = row, emission, 0.0
 
     def supports(self, structure: Structure, nodes: Array, sizes: Sizes) -> None:
         """Dark cubes at fixed nodes and pinned points of rods; light ones where a rod is guided in some directions."""
         for position, held in supported_points(structure, nodes):
             color = palette.SUPPORT if held == 3 else palette.GUIDE
-            self._box(position, sizes.support * (1.0 if held == 3 else 0.8), _rgba(color, 1.0))
+            half = sizes.support * (1.0 if held == 3 else 0.8)
+            self._put("BOX", (half, half, half), position, self._identity, _rgba(color, 1.0))
 
     def traces(self, traces: Traces, first: int, last: int, colors: NDArray[np.float32]) -> None:
         """Add pieces first..last-1 to those drawn; of a film's many, the oldest make room for the newest."""
         for i in range(max(first, last - MAX_PIECES), last):
             slot = self._fixed + i % MAX_PIECES
-            self._write_line(self._geoms[slot], traces.starts[i], traces.ends[i], 1.6, colors[traces.nodes[i]])
+            width = TRACE * self._pixel_scale
+            self._connect(self._geoms[slot], "LINE", traces.starts[i], traces.ends[i], width, colors[traces.nodes[i]])
         self._count = self._fixed + min(last, MAX_PIECES)
 
-    def line(self, start: Array, end: Array, color: NDArray[np.float32]) -> None:
+    def line(self, start: Array, end: Array, color: NDArray[np.float32], pixels: float = TRACE) -> None:
         """A thin line such as a trace's."""
-        self._line(start, end, 1.6, color)
+        self._connect(self._next(), "LINE", start, end, pixels * self._pixel_scale, color)
 
     def structure(
         self,
@@ -275,7 +271,10 @@ class Painter:
             self._capsule(nodes[i], nodes[j], look.width * radius, color, look)
         for mass in structure.point_masses:
             shade = _rgba(palette.POINT_MASS, 1.0) if look is Look.SOLID else color
-            self._sphere(nodes[structure.node_index[mass.node]], look.width * sizes.point_mass, shade, look)
+            place, radius = nodes[structure.node_index[mass.node]], look.width * sizes.point_mass
+            ball = self._put("SPHERE", (radius, radius, radius), place, self._identity, shade)
+            if look is not Look.SOLID:
+                self._inside_out(ball)
         if look is not Look.TARGET:
             radii = np.full(len(pose.tensions), look.width * sizes.string)
             if thickness:
@@ -313,9 +312,7 @@ class Painter:
         self, start: Array, end: Array, radius: float, rgba: NDArray[np.float32], look: Look, emission: float = 0.0
     ) -> None:
         geom = self._next()
-        kind = self._mujoco.mjtGeom.mjGEOM_CAPSULE.value
-        self._mujoco.mjv_initGeom(geom, kind, self._zero, self._zero, self._identity, rgba)
-        self._mujoco.mjv_connector(geom, kind, radius, start, end)
+        self._connect(geom, "CAPSULE", start, end, radius, rgba)
         geom.specular = 0.25
         geom.emission = emission
         if look is not Look.SOLID:
@@ -329,24 +326,19 @@ class Painter:
         geom.mat = frame
         geom.emission, geom.specular = 0.8, 0.0
 
-    def _line(self, start: Array, end: Array, pixels: float, rgba: NDArray[np.float32]) -> None:
-        self._write_line(self._next(), start, end, pixels, rgba)
+    def _connect(self, geom: Any, kind: str, start: Array, end: Array, width: float, rgba: NDArray[np.float32]) -> None:
+        number = self._kind(kind)
+        self._mujoco.mjv_initGeom(geom, number, self._zero, self._zero, self._identity, rgba)
+        self._mujoco.mjv_connector(geom, number, width, start, end)
 
-    def _write_line(self, geom: Any, start: Array, end: Array, pixels: float, rgba: NDArray[np.float32]) -> None:
-        kind = self._mujoco.mjtGeom.mjGEOM_LINE.value
-        self._mujoco.mjv_initGeom(geom, kind, self._zero, self._zero, self._identity, rgba)
-        self._mujoco.mjv_connector(geom, kind, pixels * self._pixel_scale, start, end)
-
-    def _box(self, position: Array, half: float, rgba: NDArray[np.float32]) -> None:
-        kind = self._mujoco.mjtGeom.mjGEOM_BOX.value
-        self._mujoco.mjv_initGeom(self._next(), kind, np.full(3, half), position, self._identity, rgba)
-
-    def _sphere(self, position: Array, radius: float, rgba: NDArray[np.float32], look: Look) -> None:
+    def _put(self, kind: str, size: Any, place: Array, axes: Array, rgba: NDArray[np.float32]) -> Any:
+        """The next geom, of that size at that place, its axes the columns (3, 3)."""
         geom = self._next()
-        kind = self._mujoco.mjtGeom.mjGEOM_SPHERE.value
-        self._mujoco.mjv_initGeom(geom, kind, np.full(3, radius), position, self._identity, rgba)
-        if look is not Look.SOLID:
-            self._inside_out(geom)
+        self._mujoco.mjv_initGeom(geom, self._kind(kind), np.asarray(size, float), place, axes.ravel(), rgba)
+        return geom
+
+    def _kind(self, name: str) -> int:
+        return int(getattr(self._mujoco.mjtGeom, f"mjGEOM_{name}").value)
 
 
 def plate_thickness(low: Array, high: Array) -> float:
