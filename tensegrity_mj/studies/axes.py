@@ -64,7 +64,8 @@ class Uniform:
     high: float = field(kinds.finite())
 
     def __attrs_post_init__(self) -> None:
-        _check_order(self)
+        if self.low > self.high:
+            raise refused(self, f"low = {self.low:g} is above high = {self.high:g}; give the lower one first")
 
     def sample(self, generator: np.random.Generator) -> Any:
         """One draw."""
@@ -72,24 +73,16 @@ class Uniform:
 
 
 @value("LogUniform", OptionError)
-class LogUniform:
+class LogUniform(Uniform):
     """Between low and high, both > 0, the logarithm evenly."""
 
     low: float = field(kinds.positive())
     high: float = field(kinds.positive())
 
-    def __attrs_post_init__(self) -> None:
-        _check_order(self)
-
     def sample(self, generator: np.random.Generator) -> Any:
         """One draw."""
         value = math.exp(generator.uniform(math.log(self.low), math.log(self.high)))
         return min(max(value, self.low), self.high)
-
-
-def _check_order(range_: Uniform | LogUniform) -> None:
-    if range_.low > range_.high:
-        raise refused(range_, f"low = {range_.low:g} is above high = {range_.high:g}; give the lower one first")
 
 
 @value("Normal", OptionError)
@@ -115,7 +108,7 @@ class Choice:
         return self.values[int(generator.integers(len(self.values)))]
 
 
-Distribution = Uniform | LogUniform | Normal | Choice
+Distribution = Uniform | Normal | Choice
 
 
 def _distribution(value: Any) -> Distribution:

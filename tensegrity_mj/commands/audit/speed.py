@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 
+import tensegrity_mj.library as library
 from tensegrity_mj.commands.common import Outcome
 
 
@@ -18,10 +19,10 @@ def counts(text: str) -> tuple[int, ...]:
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Measure, and say what came out."""
-    from tensegrity_mj.studies.speed.benchmark import Benchmark, lines, run_benchmark, scenes_of
+    from tensegrity_mj.studies.speed.benchmark import Benchmark, lines, run_benchmark
 
     settings = Benchmark(
-        scenes_of(options.scenes),
+        tuple(map(library.load_scene, options.scenes)),
         repeats=options.repeats,
         timestep=options.timestep,
         sample=options.sample,

@@ -13,7 +13,7 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
@@ -198,8 +198,8 @@ def _references(options: Benchmark, scene: Scene) -> list[dict[str, Any]]:
                 why = str(error)
                 break
             best = max(best, run.cost["evaluations"] / run.cost["wall_time"])
-        entry = {"scene": scene.name, "engine": str(engine), "evaluations_per_second": best}
-        found.append(entry if best else {"scene": scene.name, "engine": str(engine), "skipped": why})
+        came_out = {"evaluations_per_second": best} if best else {"skipped": why}
+        found.append({"scene": scene.name, "engine": str(engine), **came_out})
     return found
 
 
@@ -326,10 +326,3 @@ def _rates(row: dict[str, Any]) -> tuple[str, ...]:
     speeds = [f"{row[name]:,.0f}" for name in ("closed", "open", "open_without_clock")]
     ratios = [f"{row[name]:.2f}" for name in ("ratio", "median_ratio", "ratio_without_clock")]
     return (*speeds[:2], *ratios[:2], speeds[2], ratios[2])
-
-
-def scenes_of(names: Sequence[str]) -> tuple[Scene, ...]:
-    """The scenes of these names or paths."""
-    from tensegrity_mj.library.load import load_scene
-
-    return tuple(load_scene(name) for name in names)

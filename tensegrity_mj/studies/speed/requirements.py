@@ -15,14 +15,12 @@ other between two supports, MuJoCo has three rows of constraints a joint.
 
 from __future__ import annotations
 
-import contextlib
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tensegrity_mj.basics.checks import instance
-from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -50,8 +48,7 @@ class Requirements:
         constraint_rows: rows that MuJoCo's solver has at the start; contacts add theirs as they touch.
         rows_per_contact: rows that each contact adds (0 where nothing may touch).
         flags: what is switched off or on of what MuJoCo does by default.
-        stable_step: RK4's largest stable step at the start by the linear model [s], ∞ for none; None where there is no
-            such model, of rods that share nodes.
+        stable_step: RK4's largest stable step at the start by the linear model [s], ∞ for none.
         hanging: rods of the largest tree of rods that hang on each other; 1 where none share nodes, 0 without rods.
         engine: which engine the structure's size calls for, in words.
         reasons: why each thing beyond the least is there.
@@ -72,7 +69,7 @@ class Requirements:
     constraint_rows: int
     rows_per_contact: int
     flags: tuple[str, ...]
-    stable_step: float | None
+    stable_step: float
     hanging: int
     engine: str
     reasons: tuple[str, ...]
@@ -100,9 +97,7 @@ def requirements(scene: Scene, timing: bool = False) -> Requirements:
     model = engine.model(scene)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    limit: float | None = None
-    with contextlib.suppress(StructureError):
-        limit = float(stable_step(scene.with_(contact=None), engine).limit)
+    limit = float(stable_step(scene.with_(contact=None), engine).limit)
     measured = None
     if timing:
         from tensegrity_mj.studies.speed.step_timing import measure
@@ -204,7 +199,7 @@ def _flags(model: Any) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _reasons(scene: Scene, limit: float | None) -> list[str]:
+def _reasons(scene: Scene, limit: float) -> list[str]:
     structure, contact = scene.structure, scene.contact
     spinning = sum(rod.support.plane is None for rod in structure.rods)
     found = []
@@ -242,7 +237,7 @@ def _reasons(scene: Scene, limit: float | None) -> list[str]:
     found += [f"a callback for {what}" for there, what in callbacks if there]
     if scene.control is not None:
         found.append(f"a callback for the control law '{scene.control.law}'")
-    if limit is not None and limit < EXPLICIT_STEP:
+    if limit < EXPLICIT_STEP:
         found.append(
             f"the integrator `discrete`, if seconds are to be simulated quickly: the stiffest motion lets RK4 step "
             f"{limit:.3g} s at most"

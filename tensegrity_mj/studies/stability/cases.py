@@ -225,15 +225,12 @@ def _over_decades(rng: np.random.Generator, low: float, high: float) -> float:
 def map_points(base: Structure, axes: tuple[str, ...], quick: bool, most_rods: int) -> list[dict[str, Any]]:
     """Points of the maps."""
     text = structure_to_toml(base)
-    points = []
-    for axis in axes:
-        _, all_values, few = AXES[axis]
-        for value in few if quick else all_values:
-            if axis != "rods" or value <= most_rods:
-                points.append(
-                    {"kind": "map", "axis": axis, "value": float(value), "base": "" if axis == "rods" else text}
-                )
-    return points
+    places = [(axis, value) for axis in axes for value in (AXES[axis][2] if quick else AXES[axis][1])]
+    return [
+        {"kind": "map", "axis": axis, "value": float(value), "base": "" if axis == "rods" else text}
+        for axis, value in places
+        if axis != "rods" or value <= most_rods
+    ]
 
 
 def _densities(structure: Structure) -> Any:

@@ -14,6 +14,7 @@ from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.studies.stability import figures
 from tensegrity_mj.studies.stability.cases import AXES
 from tensegrity_mj.studies.stability.engines import TITLES
+from tensegrity_mj.studies.stability.study import DRAWN, agreement
 
 Data = Mapping[str, Any]
 
@@ -57,11 +58,11 @@ def _findings(data: Data) -> Iterator[Finding]:
             text = f"{TITLES[name]}: predicted {predicted}, measured {measured}"
             cause = f" ({one['cause']})" if one["cause"] else ""
             yield Finding(Mark.GOOD if one["agrees"] else Mark.LIMITED if cause else Mark.BAD, f"{text}{cause}.")
-    for name, words in (("random", "taut structures"), ("joined", "structures whose rods share nodes")):
+    for name, words in DRAWN.items():
         if data.get(name):
             total = data[name]["summary"]
             agree, count = total["structures_agree"], total["structures"]
-            text = f"{agree} of {count} random {words} agree within {total['allowed']:.0%} in every engine."
+            text = f"{agree} of {count} {words} agree within {total['allowed']:.0%} in every engine."
             yield Finding(mark_of(agree, count), text)
 
 
@@ -89,24 +90,20 @@ def sections(data: Data) -> Iterator[Section]:
         ]
         drawn = [shown[name] for name in ("maps", "heat") if name in shown]
         yield Section("Maps", (), [*drawn, Table.of("Every point", POINTS, points, folded=True)])
-    for name, title in (("random", "Random taut structures"), ("joined", "Random structures whose rods share nodes")):
+    for name, title in DRAWN.items():
         if data.get(name):
-            yield _agreement(title, data[name], [shown[name]] if name in shown else [])
+            yield _agreement(title.capitalize(), data[name], [shown[name]] if name in shown else [])
 
 
 def _agreement(title: str, part: Data, pictures: list[Any]) -> Section:
     total = part["summary"]
-    text = (
-        f"{total['agree']} of {total['comparisons']} comparisons agree within {total['allowed']:.0%}, and "
-        f"{total['structures_agree']} of {total['structures']} structures in every engine; seed {part['seed']}."
-    )
     engines = [
         [TITLES[name], one["agree"], one["count"], one["largest_difference"]] for name, one in total["engines"].items()
     ]
     parts = [*pictures, Table("", ("", "agree", "of", "largest difference"), engines)]
     if total["causes"]:
         parts.append(Table("Why the others differ", ("cause", "comparisons"), list(total["causes"].items())))
-    return Section(title, (text,), parts)
+    return Section(title, (f"Seed {part['seed']}: {agreement(part)}.",), parts)
 
 
 def _starts(part: Data) -> Iterator[list[Any]]:

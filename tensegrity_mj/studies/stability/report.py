@@ -19,7 +19,7 @@ from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.studies.stability.cases import AXES, joined_points, map_points, random_points, scene_at_rest
 from tensegrity_mj.studies.stability.engines import NAMES, TITLES, simulates
-from tensegrity_mj.studies.stability.study import at_rest, limits_at, summary
+from tensegrity_mj.studies.stability.study import DRAWN, agreement, at_rest, limits_at, summary
 from tensegrity_mj.studies.workers import Backend, Workers
 from tensegrity_mj.vibration.stable_step import stable_step
 
@@ -200,22 +200,13 @@ def describe(data: dict[str, Any]) -> list[str]:
         lines += ["", f"maps: {sum(one['agrees'] for _, one in points)} of {len(points)} points agree within 10 %"]
         causes = Counter((axis, one["cause"]) for axis, one in points if not one["agrees"])
         lines += [f"  {axis}: {count} differ: {cause}" for (axis, cause), count in sorted(causes.items())]
-    for name, title in (("random", "random taut structures"), ("joined", "random structures whose rods share nodes")):
+    for name, title in DRAWN.items():
         if name in data:
-            lines += ["", *_agreement(f"{title} (seed {data[name]['seed']})", data[name])]
-    return lines
-
-
-def _agreement(title: str, part: dict[str, Any]) -> list[str]:
-    total = part["summary"]
-    middle = "-" if total["median_difference"] is None else f"{total['median_difference']:.2g}"
-    lines = [
-        f"{title}: {total['agree']} of {total['comparisons']} comparisons and {total['structures_agree']} of "
-        f"{total['structures']} structures agree within {total['allowed']:.0%}; median difference {middle}"
-    ]
-    lines += [f"  {count} differ: {cause}" for cause, count in total["causes"].items()]
-    if part["failed"]:
-        lines.append(f"  {part['failed']} structures could not be computed (see the data)")
+            part = data[name]
+            lines += ["", f"{title} (seed {part['seed']}): {agreement(part)}"]
+            lines += [f"  {count} differ: {cause}" for cause, count in part["summary"]["causes"].items()]
+            if part["failed"]:
+                lines.append(f"  {part['failed']} structures could not be computed (see the data)")
     return lines
 
 

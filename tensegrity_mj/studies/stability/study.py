@@ -20,6 +20,7 @@ from tensegrity_mj.vibration.stable_step import StableStep, stable_step
 
 MOST = {"discrete": 300.0}  # of 2/ω: the largest step tried
 USUAL_MOST = 100.0
+DRAWN = {"random": "random taut structures", "joined": "random structures whose rods share nodes"}
 AGREEMENT = 0.1  # of the measured limit
 # Rods above which runs have fewer steps. A hundred still resolve the limit to 1 %: beyond it by ε a motion of 1e-11 of
 # the size, which must pass 3e-9 to count, grows by exp(100 · 7 ε) in Runge-Kutta's runs and by more in the others'.
@@ -109,6 +110,16 @@ def summary(outcomes: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "causes": dict(sorted(causes.items())),
         "allowed": AGREEMENT,
     }
+
+
+def agreement(part: Mapping[str, Any]) -> str:
+    """In words: how many comparisons and structures agree, of a part of the study with a `summary`."""
+    total = part["summary"]
+    middle = "-" if total["median_difference"] is None else f"{total['median_difference']:.2g}"
+    return (
+        f"{total['agree']} of {total['comparisons']} comparisons and {total['structures_agree']} of "
+        f"{total['structures']} structures agree within {total['allowed']:.0%}; median difference {middle}"
+    )
 
 
 def _ratio(predicted: float, measured: float, largest: float) -> float | None:

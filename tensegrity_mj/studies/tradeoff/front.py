@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-DECADES = tuple(range(-1, -13, -1))
+DECADES = tuple(float(f"1e-{number}") for number in range(1, 13))  # m
 
 
 def pareto(costs: Sequence[float | None], errors: Sequence[float | None], floor: float = 0.0) -> list[int]:
@@ -52,12 +52,5 @@ def decades(motion: float, bounds: Sequence[float | None]) -> list[float]:
     """Accuracies 1e-1, 1e-2, ... [m] below the size of the motion, down to the first that no point has."""
     known = [bound for bound in bounds if bound is not None and math.isfinite(bound)]
     best = min(known, default=math.inf)
-    found = []
-    for exponent in DECADES:
-        tolerance = float(f"1e{exponent}")
-        if tolerance >= motion:
-            continue
-        found.append(tolerance)
-        if best > tolerance:
-            break
-    return found
+    below = [tolerance for tolerance in DECADES if tolerance < motion]
+    return below[: sum(best <= tolerance for tolerance in below) + 1]

@@ -93,12 +93,10 @@ def attempt(experiment: Experiment, engine: AnyEngine, duration: float | None = 
     except DivergenceError as error:
         run = cast(Trajectory, error.trajectory)
         return Attempt(Ended.BUDGET if _ran_out(run, engine) else Ended.DIVERGED, str(error), run)
-    except InfeasibleError as error:
-        return Attempt(Ended.INFEASIBLE, str(error), None)
-    except ControllerError as error:
-        return Attempt(Ended.FAILED, str(error), None)
     except TensegrityError as error:
-        return Attempt(Ended.REFUSED, str(error), None)
+        failed = {InfeasibleError: Ended.INFEASIBLE, ControllerError: Ended.FAILED}
+        ended = next((end for kind, end in failed.items() if isinstance(error, kind)), Ended.REFUSED)
+        return Attempt(ended, str(error), None)
     ended = {Status.COMPLETED: Ended.COMPLETED, Status.SINGULAR: Ended.SINGULAR}.get(run.status, Ended.INFEASIBLE)
     return Attempt(ended, run.message, run)
 

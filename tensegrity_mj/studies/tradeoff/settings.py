@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.basics.functions import function_of
@@ -156,29 +157,29 @@ class SettingsSweep:
     def _most(self) -> float:
         return most_evaluations(self.scene, self.law, self.budget)
 
-    def _steps(self, stages: int) -> list[float]:
-        """Fixed steps [s] of an integrator of so many stages, the coarsest first."""
+    def _at_steps(self, engine: Callable[..., AnyEngine], family: str, stages: int) -> list[Setting]:
+        """A family of fixed steps, of an integrator of so many stages, the coarsest first."""
         if self.steps is not None:
-            return sorted(self.steps, reverse=True)
-        return grid_of_steps(recording_interval(self._total), self.period, self._most / stages, self._total)
+            steps = sorted(self.steps, reverse=True)
+        else:
+            interval = recording_interval(self._total)
+            steps = grid_of_steps(interval, self.period, self._most / stages, self._total)
+        return [Setting(engine(timestep=step), family, quantity(step, "s", 4)) for step in steps]
 
     def _of_mujoco(self) -> list[Setting]:
         from tensegrity_mj.engines.mujoco.engine import MuJoCo
         from tensegrity_mj.engines.mujoco.settings import Integrator
 
-        return [
-            Setting(MuJoCo(step, integrator), f"MuJoCo {MuJoCo(step, integrator).word}", quantity(step, "s", 4))
-            for integrator in Integrator
-            for step in self._steps(MuJoCo(1.0, integrator).stages)
-        ]
+        found = []
+        for integrator in Integrator:
+            usual = MuJoCo(integrator=integrator)
+            found += self._at_steps(partial(MuJoCo, integrator=integrator), f"MuJoCo {usual.word}", usual.stages)
+        return found
 
     def _of_fixed_steps(self) -> list[Setting]:
         """Of an engine of which nothing more is known than that it has a time step."""
         row = ENGINES[self.engine]
-        return [
-            Setting(engine_class(self.engine)(timestep=step, **row.fixed_step), row.title, quantity(step, "s", 4))
-            for step in self._steps(1)
-        ]
+        return self._at_steps(partial(engine_class(self.engine), **row.fixed_step), row.title, 1)
 
     def _of_reference(self) -> list[Setting]:
         from tensegrity_mj.engines.reference.dae import DAE, Drift
@@ -202,8 +203,7 @@ class SettingsSweep:
             if treated and drift is not None:
                 name += f", {'Baumgarte' if drift is Drift.BAUMGARTE else drift.value}"
             if method is Method.RK4:
-                steps = self._steps(4)
-                found += [Setting(engine(method=method, timestep=h, **own), name, quantity(h, "s", 4)) for h in steps]
+                found += self._at_steps(partial(engine, method=method, **own), name, 4)
                 continue
             limit = radau_steps(self.scene, self.law, self.budget) if radau else int(most / DOP853_STAGES)
             restarts = 0.0 if period is None else total / period * RESTART
