@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.checks import instance, real_array
+from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.dynamics.native.elements import native_element
 from tensegrity_mj.dynamics.native.pointers import address_of
 from tensegrity_mj.errors import OptionError
@@ -76,12 +77,6 @@ def known_scene(structure: Structure, gravity: tuple[float, float, float], known
     )
 
 
-def effects_in(scene: Scene) -> tuple[Effect, ...]:
-    """What acts in a scene, in the form of `known`; loads that are a function are left out."""
-    loads = () if callable(scene.loads) else scene.loads
-    return (*loads, *(one for one in (scene.resistance, scene.water) if one is not None), *scene.elements)
-
-
 def set_model(law: Any) -> None:
     """Check what a law believes it controls and where to, and keep its `target`, `gravity` and `known` in one form.
 
@@ -97,7 +92,9 @@ def set_model(law: Any) -> None:
     check_target(law.structure, target)
     x, y, z = real_array("gravity", law.gravity, (3,), "m/s²", scalar=False).tolist()
     model = known_scene(law.structure, (x, y, z), law.known)
-    kept = {"target": target, "gravity": (x, y, z), "known": effects_in(model), "model": model}
+    loads: Any = model.loads  # no function here
+    known = tuple(one for one in (*loads, model.resistance, model.water, *model.elements) if one is not None)
+    kept = {"target": target, "gravity": (x, y, z), "known": known, "model": model}
     for name, value in kept.items():
         object.__setattr__(law, name, value)
 
@@ -133,12 +130,8 @@ def described(known: Iterable[Effect]) -> dict[str, Any]:
     for one in known:
         if isinstance(one, Water):
             found["water"] = {
-                "density": one.density,
-                "current": list(one.current),
+                **plain_values(one, "density", "current", "drag", "tangential_drag", "added_mass"),
                 "waves": len(one.waves),
-                "drag": one.drag,
-                "tangential_drag": one.tangential_drag,
-                "added_mass": one.added_mass,
                 "inertia": one.inertia_coefficient,
             }
         else:

@@ -30,12 +30,7 @@ def from_scene(scene: Scene, law: str | None = None, **overrides: Any) -> Any:
     """
     instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
     where = f"scene '{scene.name}'"
-    if law is None and scene.control is None:
-        raise OptionError(
-            f"{where} names no control law: add [scene.control], or choose one: {', '.join(LAWS)}, or path.py:name or "
-            "module:name of your own"
-        )
-    name = law if law is not None else scene.control.law  # type: ignore[union-attr]
+    name = law if law is not None else named_in(scene)
     entry = law_named(name, where)
     given: dict[str, Any] = {}
     if scene.control is not None:
@@ -49,6 +44,16 @@ def from_scene(scene: Scene, law: str | None = None, **overrides: Any) -> Any:
             "law out"
         )
     return entry.make(scene, given) if isinstance(entry, OwnLaw) else _made(entry, name, scene, given)
+
+
+def named_in(scene: Scene) -> str:
+    """The name of the scene's own law; OptionError where it has none."""
+    if scene.control is None:
+        raise OptionError(
+            f"scene '{scene.name}' names no control law: add [scene.control], or choose one of {', '.join(LAWS)}, or "
+            "path.py:name or module:name of your own"
+        )
+    return scene.control.law
 
 
 def law_named(name: Any, where: str) -> NamedLaw | OwnLaw:

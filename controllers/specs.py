@@ -19,7 +19,7 @@ from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.controllers.gains import Gains
 from tensegrity_mj.controllers.known import KnownWater
 from tensegrity_mj.controllers.own import OwnLaw, Spec, digest_of, found, imported, is_of_text, is_own, named, title_of
-from tensegrity_mj.controllers.scenes import from_scene
+from tensegrity_mj.controllers.scenes import from_scene, named_in
 from tensegrity_mj.controllers.table import LAWS, NamedLaw, built_in
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.errors import OptionError, TensegrityError
@@ -43,12 +43,7 @@ def spec_of(law: Any, scene: Scene, options: Mapping[str, Any] | None = None) ->
     """
     given = dict(options or {})
     if law is None:
-        if scene.control is None:
-            raise OptionError(
-                f"scene '{scene.name}' names no control law: choose one of {', '.join(LAWS)}, or give your "
-                "own (a function, module:name or path.py:name)"
-            )
-        return _of_name(scene.control.law, given)
+        return _of_name(named_in(scene), given)
     if isinstance(law, (str, os.PathLike)):
         return _of_text(os.fspath(law), given)
     if isinstance(law, type) or not callable(law):

@@ -17,7 +17,7 @@ from tensegrity_mj.basics.checks import instance, member, positive
 from tensegrity_mj.dynamics.native.law import Law, native_law
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.engines.requirements import require
-from tensegrity_mj.engines.table import check_engine
+from tensegrity_mj.engines.table import checked_engine
 from tensegrity_mj.errors import DivergenceError, OptionError
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.moved_supports import check_motions_until
@@ -73,11 +73,7 @@ def simulate(
         SceneError: where a support's motion, given as data, ends on its way within the run.
     """
     instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
-    if engine is None:
-        from tensegrity_mj.engines.mujoco.engine import MuJoCo
-
-        engine = MuJoCo()
-    check_engine(engine)
+    engine = checked_engine(engine)
     require(engine, scene)
     request = request_for(scene, controller, duration, actuation, on_infeasible, output_interval, progress)
     law, actuation = request.law, request.actuation

@@ -116,11 +116,7 @@ class TensegrityTask(control.Task):  # type: ignore[misc]
         if self.reward is None:
             gaps = np.linalg.norm(physics.nodes() - self.target(physics), axis=1)
             return -float(np.mean(gaps[self._moving]))
-        value = self._value_of(self.reward, physics)
-        try:
-            number = float(value)
-        except (TypeError, ValueError):
-            number = np.nan
+        value, number = self._value_of(self.reward, physics)
         if not np.isfinite(number):
             raise OptionError(
                 f"reward: it returned {value!r} at t = {physics.time():.6g} s; it must be a finite number"
@@ -133,13 +129,9 @@ class TensegrityTask(control.Task):  # type: ignore[misc]
         Raises:
             OptionError: where it is neither None nor a number in [0, 1].
         """
-        value = None if self.termination is None else self._value_of(self.termination, physics)
+        value, discount = (None, np.nan) if self.termination is None else self._value_of(self.termination, physics)
         if value is None:
             return None
-        try:
-            discount = float(value)
-        except (TypeError, ValueError):
-            discount = np.nan
         if not 0 <= discount <= 1:
             raise OptionError(
                 f"termination: it returned {value!r} at t = {physics.time():.6g} s; it must be None to go on, or the "
@@ -147,5 +139,10 @@ class TensegrityTask(control.Task):  # type: ignore[misc]
             )
         return discount
 
-    def _value_of(self, function: Any, physics: ScenePhysics) -> Any:
-        return function(self.scene, physics.nodes(), physics.velocities(), physics.force_densities())
+    def _value_of(self, function: Any, physics: ScenePhysics) -> tuple[Any, float]:
+        """What a function of the caller's returns, and that as a number, NaN where it is none."""
+        value = function(self.scene, physics.nodes(), physics.velocities(), physics.force_densities())
+        try:
+            return value, float(value)
+        except (TypeError, ValueError):
+            return value, np.nan

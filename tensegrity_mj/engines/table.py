@@ -156,10 +156,12 @@ def engine_settings(engine: Any) -> tuple[str, dict[str, Any]]:
     raise OptionError(f"engine = {engine!r}; use one of {_classes()}, an object and not a class")
 
 
-def check_engine(engine: Any, what: str = "run") -> None:
-    """Raise OptionError unless this is an engine's options: an object, not a class, that has this method."""
+def checked_engine(engine: Any, what: str = "run") -> Any:
+    """An engine's options, MuJoCo's for None; OptionError for a class, or what has not this method."""
+    engine = make_engine("mujoco", {}) if engine is None else engine
     if isinstance(engine, type) or not callable(getattr(engine, what, None)):
         raise OptionError(f"engine = {engine!r}; use {_classes('(...)', ' or ')}")
+    return engine
 
 
 def _classes(call: str = "", last: str = ", ") -> str:

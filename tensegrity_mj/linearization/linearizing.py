@@ -45,9 +45,9 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import finite, instance, member, real_array
 from tensegrity_mj.dynamics.native.law import Command, Law, native_law
 from tensegrity_mj.dynamics.native.plant import break_times
-from tensegrity_mj.engines.request import AcceleratingEngine, Request
+from tensegrity_mj.engines.request import AcceleratingEngine, Accelerations, Request
 from tensegrity_mj.engines.requirements import require
-from tensegrity_mj.engines.table import check_engine
+from tensegrity_mj.engines.table import checked_engine
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.linearization.differences import LOOP_STEP, NARROW, NARROW_RATE, PAIRS, STEP, WEIGHTS, reach_of
@@ -93,11 +93,7 @@ def linearize(
         InfeasibleError, ControllerError: what the law says at the state.
     """
     instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
-    if engine is None:
-        from tensegrity_mj.engines.mujoco.engine import MuJoCo
-
-        engine = MuJoCo()
-    check_engine(engine, "accelerations")
+    engine = checked_engine(engine, "accelerations")
     member("inputs", inputs, Command)
     time = finite("time", time, " [s]")
     require(None, scene, "linearize")
@@ -127,7 +123,7 @@ def linearize(
         rest = np.array(structure.rest_lengths) if loop is None else loop(scene.nodes0, scene.velocities0)
     strings = KeptStrings(structure, scene, rest, broken, inputs, PAIRS * STEP * reach, reach)
     elements = ElementStates(scene)
-    field = engine.accelerations(Request(elements.scene, native_law(None, structure)))
+    field: Accelerations = engine.accelerations(Request(elements.scene, native_law(None, structure)))
 
     def motion(delta: Array, rate: Array, change: Array, states: Array = elements.start) -> tuple[Array, Array]:
         """Node positions (3N,) and (δ̈, ṡ) (n + S,) at δ, δ̇, a change of the inputs, and states of elements."""

@@ -23,7 +23,7 @@ from tensegrity_mj.basics.checks import instance, real_array, whole
 from tensegrity_mj.dynamics.native.law import native_law
 from tensegrity_mj.engines.request import AcceleratingEngine, Request
 from tensegrity_mj.engines.requirements import require
-from tensegrity_mj.engines.table import check_engine
+from tensegrity_mj.engines.table import checked_engine
 from tensegrity_mj.errors import InfeasibleError
 from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.linearization.differences import reach_of
@@ -86,7 +86,7 @@ def engine_equilibrium(
         InfeasibleError: where none is found.
     """
     instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
-    check_engine(engine, "accelerations")
+    engine = checked_engine(engine, "accelerations")
     limit = whole("iterations", iterations, 1)
     require(None, scene, "engine_equilibrium")
     shape = (len(scene.structure.nodes), 3)

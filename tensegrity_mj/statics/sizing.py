@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -11,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.jsontext import plain
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.statics.materials import Material
+from tensegrity_mj.statics.words import by_member
 
 
 class Governs(enum.Enum):
@@ -145,24 +144,17 @@ class Sizing:
 
     def to_dict(self) -> dict[str, Any]:
         """As plain values."""
-        given = self.given
-        rods = (given.rods, self.rod_masses, self.rod_radii, self.rod_forces.T, self.rod_governs)
-        strings = (given.strings, self.string_masses, self.string_radii, self.tensions.T, self.string_governs)
+        rods = {"mass": self.rod_masses, "radius": self.rod_radii, "forces": self.rod_forces.T}
+        strings = {"mass": self.string_masses, "radius": self.string_radii, "tensions": self.tensions.T}
         return {
             "mass": self.mass,
             "lower_bound": self.lower_bound,
             "gap": self.gap,
             "proven": self.is_proven,
             "programs": self.programs,
-            "rods": _by_member("forces", rods),
-            "strings": _by_member("tensions", strings),
+            "rods": by_member(self.given.rods, rods | {"governs": self.rod_governs}),
+            "strings": by_member(self.given.strings, strings | {"governs": self.string_governs}),
         }
-
-
-def _by_member(what: str, columns: tuple[Iterable[Any], ...]) -> Any:
-    """Of every member, by name, its mass, its radius, those forces and what decides it, as plain values."""
-    rows = zip(*columns, strict=True)
-    return plain({one.name: {"mass": m, "radius": r, what: f, "governs": why} for one, m, r, f, why in rows})
 
 
 def _radii(masses: Array, materials: tuple[Material, ...], lengths: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -188,12 +188,16 @@ def _state(study: StaticStudy, state: StaticState) -> dict[str, Any]:
     }
 
 
-def by_member(members: Sequence[Rod] | Sequence[String], columns: dict[str, Array]) -> dict[str, dict[str, Any]]:
-    """Of every member, its numbers by name; None for those that are not finite."""
+def by_member(members: Sequence[Rod] | Sequence[String], columns: Mapping[str, Iterable[Any]]) -> Any:
+    """Of every member, what columns have of it by name, as plain values; None for numbers that are not finite."""
     return {
-        member.name: {key: float(x) if np.isfinite(x) else None for key, x in zip(columns, row, strict=True)}
+        member.name: {key: _known(plain(x)) for key, x in zip(columns, row, strict=True)}
         for member, *row in zip(members, *columns.values(), strict=True)
     }
+
+
+def _known(value: Any) -> Any:
+    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def extent(nodes: Array) -> Array:

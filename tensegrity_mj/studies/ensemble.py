@@ -17,7 +17,7 @@ from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, NOT_FINITE, Law, NativeLaw
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.engines.requirements import require
-from tensegrity_mj.engines.table import ENGINES, check_engine
+from tensegrity_mj.engines.table import ENGINES, checked_engine
 from tensegrity_mj.errors import ControllerError, DivergenceError, InfeasibleError, OptionError, TensegrityError
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.model.scene import Scene
@@ -152,10 +152,7 @@ class ManyRuns:
 
     def __call__(self) -> Ensemble:
         controllers, threads = self.controllers, self.threads
-        from tensegrity_mj.engines.mujoco.engine import MuJoCo
-
-        engine = MuJoCo() if self.engine is None else self.engine
-        _require_shared(engine, "simulate_many")
+        engine = _shared(self.engine, "simulate_many")
         threads = checked("threads (0 for all cores)", threads, kinds.whole(0))
         scenes = _checked(self.scenes, engine)
         laws = list(controllers) if isinstance(controllers, Sequence) else [controllers] * len(scenes)
@@ -204,9 +201,9 @@ def _checked(scenes: Any, engine: MuJoCo) -> list[Scene]:
     return list(scenes)
 
 
-def _require_shared(engine: Any, what: str) -> None:
-    """Raise OptionError unless one model of this engine, with these options, makes many runs."""
-    check_engine(engine)
+def _shared(engine: Any, what: str) -> Any:
+    """The engine; OptionError unless one model of it, with these options, makes many runs."""
+    engine = checked_engine(engine)
     descriptor = getattr(engine, "descriptor", None)
     if descriptor is None or not descriptor.shares_model:
         able = " or ".join(row.place.partition(":")[2] + "(...)" for row in ENGINES.values() if row.shares_model)
@@ -218,6 +215,7 @@ def _require_shared(engine: Any, what: str) -> None:
             f"{what}: locate_slack = True, which splits the steps of one run where its strings change, and here "
             "MuJoCo makes the steps of many: leave it out, or use run_many"
         )
+    return engine
 
 
 @contextmanager
@@ -254,13 +252,11 @@ def law_in(
         ControllerError, InfeasibleError: at the end, if the law failed, or had no solution, at some state.
     """
     from tensegrity_mj.dynamics.native.plant import Plant
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
     from tensegrity_mj.engines.mujoco.ensemble import law_in as installed
     from tensegrity_mj.engines.mujoco.many import OTHER_STRINGS
     from tensegrity_mj.engines.mujoco.run_view import RUN
 
-    engine = MuJoCo() if engine is None else engine
-    _require_shared(engine, "law_in")
+    engine = _shared(engine, "law_in")
     member("on_infeasible", on_infeasible, OnInfeasible)
     if law is None:
         raise OptionError("law = None: there is nothing to install")
