@@ -17,23 +17,15 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from tensegrity_mj.basics.files import checked, write_text
+from tensegrity_mj.basics.files import checked, table_beside, write_text
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_frames import numbers
 from tensegrity_mj.engines.mujoco.mjcf_tree import distinct
 from tensegrity_mj.exchange.mjcf_text import remarks
 from tensegrity_mj.model.scene import Scene
 
-# put_model of mujoco-warp 4.0.0 refuses a model with the first, and knows none of the others.
-WARP_REFUSES = ("autoreset", "diagexact", "midphase", "nativeccd", "island")
-CLASSES = {"geom": "rod", "site": "node", "spatial": "string", "general": "string"}
-SHARED = {  # what is the same in all elements of a class, if it is
-    "geom": ("type", "contype", "conaffinity", "condim", "friction", "solref", "solimp", "rgba", "size"),
-    "site": ("size", "rgba"),
-    "spatial": ("width", "rgba"),
-    "general": ("biastype", "forcelimited", "forcerange"),
-}
-SENSORS = (("tendonpos", "tendon", "length"), ("tendonvel", "tendon", "rate"), ("actuatorfrc", "actuator", "force"))
+CONVENTIONS = table_beside(__file__)
+WARP_REFUSES: list[str] = CONVENTIONS["warp_refuses"]
 
 
 def save_menagerie(scene: Scene, path: str | os.PathLike[str], warp: bool = False) -> tuple[list[Path], list[str]]:
@@ -93,7 +85,7 @@ def _use_classes(root: ET.Element) -> None:
     """Move what all rods, nodes or strings have alike into their default class."""
     default = ET.Element("default")
     main = ET.SubElement(default, "default", {"class": root.get("model", "")})
-    found: dict[str, list[ET.Element]] = {tag: [] for tag in CLASSES}
+    found: dict[str, list[ET.Element]] = {tag: [] for tag in CONVENTIONS["classes"]}
     for element in root.iter():
         if element.tag in found and element.get("site") is None and element.get("type") in (None, "capsule"):
             found[str(element.tag)].append(element)
@@ -101,10 +93,10 @@ def _use_classes(root: ET.Element) -> None:
     for tag, elements in found.items():
         if not elements:
             continue
-        name = CLASSES[tag]
+        name = CONVENTIONS["classes"][tag]
         if name not in classes:
             classes[name] = ET.SubElement(main, "default", {"class": name})
-        alike = {key: elements[0].attrib[key] for key in SHARED[tag] if key in elements[0].attrib}
+        alike = {key: elements[0].attrib[key] for key in CONVENTIONS["shared"][tag] if key in elements[0].attrib}
         alike = {key: value for key, value in alike.items() if all(one.get(key) == value for one in elements)}
         ET.SubElement(classes[name], {"spatial": "tendon"}.get(tag, tag), alike)
         for element in elements:
@@ -124,7 +116,7 @@ def _add_controls(root: ET.Element, scene: Scene) -> None:
     for actuator, rest, low in zip(actuators, structure.rest_lengths, least, strict=True):
         actuator.set("ctrllimited", "true")
         actuator.set("ctrlrange", numbers([min(low - rest, 0.0), rest]))
-        for tag, kind, word in SENSORS:
+        for tag, kind, word in CONVENTIONS["sensors"]:
             name = str(actuator.get("name"))
             ET.SubElement(sensors, tag, {kind: name, "name": f"{name}_{word}"})
     root.append(sensors)

@@ -11,6 +11,7 @@ densities in kg/dm³.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from itertools import pairwise
 from pathlib import Path
@@ -252,7 +253,7 @@ def read(path: Path, options: ImportOptions) -> Draft:
     unit = options.unit or 0.1
     draft = Draft(path.stem, f"NTRT, {path.name}")
     names = _name_nodes(draft, whole, unit)
-    counts: dict[str, int] = {}
+    counts: Counter[str] = Counter()
     without: dict[str, None] = {}
     for one in whole.all():
         for first, second, tags in one.pairs:
@@ -261,7 +262,7 @@ def read(path: Path, options: ImportOptions) -> Draft:
                 without[tags] = None
                 continue
             tag, (kind, numbers) = found
-            counts[tag] = counts.get(tag, 0) + 1
+            counts[tag] += 1
             label, ends = f"{tag}{counts[tag]}".replace(" ", "_"), (names[first], names[second])
             length = float(np.linalg.norm(np.subtract(second.at, first.at)))
             if kind in CABLES:
@@ -332,11 +333,7 @@ def _add_notes(draft: Draft, reader: Composer, without: Mapping[str, None], unit
         notes.append(f"parameters of builders without an equivalent here: {', '.join(reader.unused)}")
     if draft.strings:
         notes.append("strings end on the axes of rods; NTRT moves their ends to the surface")
-    meeting: dict[str, int] = {}
-    for rod in draft.rods:
-        for name in rod.nodes:
-            meeting[name] = meeting.get(name, 0) + 1
-    joints = [name for name, count in meeting.items() if count > 1]
+    joints = [name for name, count in Counter(name for rod in draft.rods for name in rod.nodes).items() if count > 1]
     if joints:
         notes.append(
             f"rods that share a node are one rigid body in NTRT, and joined by a ball joint here: {names_of(joints)}"

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.texts import unknown
+from tensegrity_mj.basics.checks import check_known
 from tensegrity_mj.basics.units import quantity as shown
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.runs.variables import AXES, labels_of
@@ -74,8 +74,7 @@ class Statistics:
         """
         import rainflow
 
-        if name not in self.names:
-            raise OptionError(f"statistics of {self.quantity}: {unknown(str(name), self.names, 'signal')}")
+        check_known(f"statistics of {self.quantity}", name, self.names, "signal")
         series = self.values[:, self.names.index(name)].tolist()
         return np.array([cycle[:3] for cycle in rainflow.extract_cycles(series)], float).reshape(-1, 3)
 
@@ -120,8 +119,7 @@ def statistics(run: Trajectory, quantity: str = "tension", after: float = 0.0) -
     Raises:
         OptionError: for another quantity, and where fewer than two samples are left.
     """
-    if quantity not in UNITS:
-        raise OptionError(f"statistics: {unknown(str(quantity), UNITS, 'quantity')}")
+    check_known("statistics", quantity, UNITS, "quantity")
     kept, labels = run.time >= after, labels_of(run.scene)
     if kept.sum() < 2:
         raise OptionError(f"statistics: after = {after!r} s leaves {kept.sum()} samples of the run; two are needed")
