@@ -101,7 +101,8 @@ def test_names_without_spaces_stay_different(tmp_path: Path) -> None:
     assert [model.tendon(row).name for row in range(2)] == ["ä_ß", "s_1"]
 
 
-@pytest.mark.parametrize("name", scene_names())
+# Strings through more than two nodes have no place there: `test_pulley_exchange` has the refusal.
+@pytest.mark.parametrize("name", [name for name in scene_names() if name != "pulley"])
 def test_matlab_data_of_every_scene_come_back(name: str, tmp_path: Path) -> None:
     scene = tmj.load_scene(name)
     path, notes = save_mat(scene, tmp_path / f"{name}.mat")

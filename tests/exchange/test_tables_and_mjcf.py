@@ -59,7 +59,8 @@ def test_mjcf_of_every_scene_comes_back(name: str, tmp_path: Path) -> None:
         assert (word in notes) == bool(held)
 
 
-@pytest.mark.parametrize("name", scene_names())
+# Strings through more than two nodes have no place there: `test_pulley_exchange` has the refusal.
+@pytest.mark.parametrize("name", [name for name in scene_names() if name != "pulley"])
 def test_tables_of_every_scene_come_back(name: str, tmp_path: Path) -> None:
     scene = tmj.load_scene(name)
     paths, notes = save_csv(scene, tmp_path / f"{name}_nodes.csv")
