@@ -90,7 +90,10 @@ def execute(options: argparse.Namespace) -> Outcome:
         warn(warning)
     data = summary(run) | {"out": out, "video": video, "plot": plot, "web": web}
     text = describe(data)
-    if after is not None:
+    if after is not None and (run.time >= after).sum() < 2:
+        warn(f"--statistics {after:g}: the run ended at {data['duration']:g} s: there are none")
+        data["statistics"] = None
+    elif after is not None:
         found = {name: run.statistics(name, after) for name in ("tension", "rod_force")}
         data["statistics"] = {"after": after, **{name: one.report() for name, one in found.items()}}
         text = "\n\n".join([text, *map(repr, found.values())])

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from tensegrity_mj.basics import checks
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import check_known
 from tensegrity_mj.basics.units import quantity as shown
@@ -79,9 +80,15 @@ class Statistics:
         return np.array([cycle[:3] for cycle in rainflow.extract_cycles(series)], float).reshape(-1, 3)
 
     def equivalent_range(self, name: str, exponent: float, count: float = 1.0) -> float:
-        """The range that `count` cycles need to do the damage of all, Σ n rᵐ, m being the exponent of an S-N curve."""
+        """The range that `count` cycles need to do the damage of all, Σ n rᵐ, m being the exponent of an S-N curve.
+
+        Raises:
+            OptionError: where there is no such signal, and for an exponent or a count that is not > 0.
+        """
+        exponent, count = checks.positive("exponent", exponent), checks.positive("count", count)
         ranges, _, counts = self.cycles(name).T
-        return float((counts @ ranges**exponent / count) ** (1 / exponent))
+        largest = ranges.max(initial=0.0) or 1.0  # of which powers cannot overflow
+        return float(largest * (counts @ (ranges / largest) ** exponent / count) ** (1 / exponent))
 
     def report(self) -> dict[str, Any]:
         """Plain values, for JSON, by the names of the signals; `cycles` is their number by the rainflow method."""
@@ -119,6 +126,7 @@ def statistics(run: Trajectory, quantity: str = "tension", after: float = 0.0) -
     Raises:
         OptionError: for another quantity, and where fewer than two samples are left.
     """
+    after = checks.finite("after", after, " [s]")
     check_known("statistics", quantity, UNITS, "quantity")
     kept, labels = run.time >= after, labels_of(run.scene)
     if kept.sum() < 2:

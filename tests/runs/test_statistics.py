@@ -108,9 +108,38 @@ def test_what_cannot_be_counted_is_refused(capsys: pytest.CaptureFixture[str]) -
     run = swinging(1)
     with pytest.raises(OptionError, match=r"no quantity 'tensions' .did you mean 'tension'"):
         run.statistics("tensions")
+    with pytest.raises(OptionError, match=r"no quantity '..tension..'"):
+        run.statistics(["tension"])  # type: ignore[arg-type]
+    for after in ("x", None, np.array([1.0, 2.0]), np.nan):
+        with pytest.raises(OptionError, match=r"after = .*; it must be a finite number"):
+            run.statistics(after=after)  # type: ignore[arg-type]
+    for wrong in (0, -1, np.nan, "x"):
+        for name, exponent, count in (("exponent", wrong, 1.0), ("count", 3.0, wrong)):
+            with pytest.raises(OptionError, match=f"{name} = .*; it must be a finite number > 0"):
+                run.statistics().equivalent_range("s", exponent, count)  # type: ignore[arg-type]
     with pytest.raises(OptionError, match=r"after = 99.0 s leaves 0 samples"):
         run.statistics(after=99.0)
     with pytest.raises(OptionError, match="signal 't'"):
         run.statistics().cycles("t")
     assert main(["run", "prism", "--duration", "0.2", "--statistics", "1"]) == 2
     assert "--statistics" in capsys.readouterr().err
+
+
+def test_damage_of_a_high_exponent_is_that_of_the_largest_range() -> None:
+    """(½ rᵐ + ½ rᵐ)^(1/m) = r of two half cycles, though r^m is beyond what a float holds."""
+    found = Statistics.of("tension", "N", ("s",), np.arange(3.0), np.array([[0.0], [100.0], [0.0]]))
+    assert found.equivalent_range("s", 400.0) == pytest.approx(100.0, rel=1e-13)
+    still = Statistics.of("tension", "N", ("s",), np.arange(3.0), np.ones((3, 1)))
+    assert still.equivalent_range("s", 3.0) == 0.0
+
+
+def test_a_run_that_ends_early_keeps_its_code_and_numbers(capsys: pytest.CaptureFixture[str]) -> None:
+    """The motion of `prism` diverges within 15 s by steps of half a second."""
+    words = ["run", "prism", "--timestep", "0.5", "--duration", "20", "--json"]
+    code = main(words)
+    alone = json.loads(capsys.readouterr().out)
+    assert alone["status"] == "diverged"
+    assert main([*words, "--statistics", "15"]) == code != 2
+    found = capsys.readouterr()
+    assert json.loads(found.out)["statistics"] is None
+    assert "--statistics 15: the run ended at" in found.err
