@@ -109,7 +109,7 @@ class OwnLaw:
             law = self.found(*[scene][: self._needed], **values)
         except TensegrityError:
             raise
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise OptionError(f"law {self.title}: it fails where it is made: {_failure(error)}") from error
         if isinstance(law, type) or not callable(law):
             raise OptionError(f"law {self.title}: it made {value_text(law)}; it must return a law: {_LAW}")
@@ -230,13 +230,13 @@ def _of_text(spec: Mapping[str, Any]) -> types.ModuleType:
         sys.modules[called] = module  # dataclasses look for their module there
         try:
             exec(compile(spec["source"], module.__file__, "exec"), module.__dict__)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             del sys.modules[called]
             raise OptionError(f"law {title_of(spec)}: the file fails: {_failure(error)}") from error
     return sys.modules[called]
 
 
-def _failure(error: Exception) -> str:
+def _failure(error: Exception | SystemExit) -> str:
     """An exception with the line of the user's code that raised it."""
     if isinstance(error, SyntaxError):
         return f"{type(error).__name__}: {error}"

@@ -91,8 +91,8 @@ def member(what: str, value: Any, kind: type[enum.Enum]) -> None:
         raise OptionError(f"{what} = {value_text(value)}; it must be one of {', '.join(map(str, kind))}")
 
 
-def instance(what: str, value: Any, of: type, remedy: str) -> None:
-    """Raise OptionError unless the value is of a class; `remedy` says what to give."""
+def instance(what: str, value: Any, of: type | tuple[type, ...], remedy: str) -> None:
+    """Raise OptionError unless the value is of a class, or of one of them; `remedy` says what to give."""
     if not isinstance(value, of):
         raise OptionError(f"{what} = {value_text(value)}; {remedy}")
 

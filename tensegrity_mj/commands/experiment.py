@@ -43,7 +43,7 @@ def law_of(options: argparse.Namespace, scene: model.Scene) -> Any:
     """
     from tensegrity_mj.controllers.scenes import from_scene
 
-    overrides: dict[str, Any] = dict(options.law_option or ())
+    overrides = law_options_of(options)
     if (norm := getattr(options, "norm", None)) is not None:
         overrides["norm"] = NORMS[norm]
     if (rate := getattr(options, "decay_rate", None)) is not None:
@@ -56,6 +56,18 @@ def law_of(options: argparse.Namespace, scene: model.Scene) -> Any:
         refuse(options, names, f"needs a control law, and scene '{scene.name}' has none: add --law {' or '.join(LAWS)}")
         return None
     return from_scene(scene, options.law, **overrides)
+
+
+def law_options_of(options: argparse.Namespace) -> dict[str, Any]:
+    """The values of --law-option by their names.
+
+    Raises:
+        OptionError: for a name that is given twice.
+    """
+    names = [name for name, _ in options.law_option or ()]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise OptionError(f"--law-option {twice[0]}: it is given twice; give each option once")
+    return dict(options.law_option or ())
 
 
 def law_option(text: str) -> tuple[str, Any]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import tensegrity_mj.library as library
 from tensegrity_mj.basics.texts import file_name
 from tensegrity_mj.commands.common import Outcome
+from tensegrity_mj.commands.experiment import law_options_of
 from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     lines: list[str] = []
     for scene, name in zip(scenes, names, strict=True):
         folder = None if options.out is None else Path(options.out) / name
-        own = dict(options.law_option or ())
+        own = law_options_of(options)
         study = tradeoff(scene, options.law, law_options=own, folder=folder, options=chosen, progress=True)
         found.append(study.data)
         lines += [f"{scene.name}:", *(f"  {text}" for text in sentences(study.data)), ""]

@@ -6,6 +6,7 @@ import argparse
 
 from tensegrity_mj import studies
 from tensegrity_mj.commands.common import Outcome, wrote
+from tensegrity_mj.commands.experiment import law_options_of
 
 
 def execute(options: argparse.Namespace) -> Outcome:
@@ -15,7 +16,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     report = studies.validate(
         options.scene,
         options.law,
-        law_options=dict(options.law_option or ()),
+        law_options=law_options_of(options),
         folder=options.out,
         engines=options.engines,
         sections=options.only,

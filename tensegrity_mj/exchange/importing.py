@@ -99,4 +99,6 @@ def import_scene(
     except (StructureError, SceneError) as error:
         raise type(error)(f"{file}: {error}") from None
     except FormatError as error:
-        raise error if str(error).startswith(str(file.parent)) else FormatError(f"{file}: {error}") from None
+        raise (
+            error if str(error).startswith((str(file), f"{file.parent}/")) else FormatError(f"{file}: {error}")
+        ) from None

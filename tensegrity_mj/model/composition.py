@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import real_array
+from tensegrity_mj.basics.checks import instance, real_array
 from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
 from tensegrity_mj.model.structure_checks import CONSTRAINT_TOLERANCE, names_of, size_of, unknown_node
@@ -68,6 +68,9 @@ def mapped(structure: Structure, matrix: Array, shift: Array) -> Structure:
 
 def merged(one: Structure, other: Structure, join: Mapping[str, str] | bool, prefix: str) -> Structure:
     """See `Structure.merged`."""
+    instance("merged: other", other, type(one), "it must be a Structure")
+    instance("merged: join", join, (bool, Mapping), "it must be True, False, or a table {node of the other: node}")
+    instance("merged: prefix", prefix, str, "it must be a text, as 'b_'")
     if one.string_law is not other.string_law:
         raise StructureError(
             f"merged: the string law of '{one.name}' is {one.string_law.value}, that of '{other.name}' "

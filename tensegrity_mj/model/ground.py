@@ -64,8 +64,13 @@ class Ground:
                 f"{len(self.times)} times and {len(self.accelerations)} accelerations; there must be two or more, and "
                 "as many of both",
             )
-        if self.times[0] < 0 or min(np.diff(self.times)) <= 0:
-            raise refused(self, f"its times must increase from 0 or later; the first is {self.times[0]:g} s")
+        rises = np.diff(self.times) > 0
+        if self.times[0] < 0 or not rises.all():
+            wrong = int(np.argmin(rises)) + 1 if self.times[0] >= 0 else 0
+            found = f"times[{wrong}] is {self.times[wrong]:g} s" + (
+                f" after {self.times[wrong - 1]:g} s" if wrong else ""
+            )
+            raise refused(self, f"its times must increase from 0 or later; {found}")
 
     @cached_property
     def record(self) -> tuple[Array, Array]:

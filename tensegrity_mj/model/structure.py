@@ -229,6 +229,7 @@ class Structure:
 
         Raises:
             StructureError: for names that both have, nodes to be joined that are apart, and members that do not fit.
+            OptionError: for what is no structure, join or prefix.
         """
         return merged(self, other, join, prefix)
 

@@ -51,7 +51,7 @@ def test_mistakes_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str
         "import x.yaml --out x.toml --from yaml": "import: --from: 'yaml': allowed: ntrt, mat, matlab, csv, mjcf",
         "import x.yaml --out x.toml --unit 0": "import: --unit: 0: it must be > 0",
         "import x.yaml --out x.toml --damping -1": "import: --damping: -1: it must be >= 0",
-        "import x.yaml --out x.toml": "x.yaml: no such file",
+        "import x.yaml --out x.toml": "tensegrity-mj: x.yaml: no such file",
         "import x.stl --out x.toml": "x.stl: no format has such a name",
     }.items():
         assert main([word if word not in ("x.toml",) else str(tmp_path / word) for word in words.split()]) == 2

@@ -230,6 +230,10 @@ WRONG = {
     "no_such_module:hold": "module 'no_such_module' cannot be imported",
     "bad.py:hold": r"the file fails: SyntaxError",
     "raises.py:hold": r"the file fails: KeyError: 'x' \(raises.py, line 2\)",
+    "exits.py:hold": r"the file fails: SystemExit: 0 \(exits.py, line 1\)",
+    "quits.py:hold": r"the law failed near t = 0 s: SystemExit: 0; it must return",
+    "quits.py:Made": r"it fails where it is made: SystemExit: 0 \(quits.py, line 6\)",
+    "own_laws.py:hold --law-option level=1 --law-option level=2": "--law-option level: it is given twice; give each",
     "binary.py:hold": "cannot be read",
     "lyapunof": r"unknown law 'lyapunof' \(did you mean 'lyapunov'\?\); allowed: .* and path.py:name",
     "none --law-option level=1": "--law-option needs a control law, and --law none was given",
@@ -241,6 +245,10 @@ WRONG = {
 def test_what_is_wrong_is_one_line(words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "bad.py").write_text("def hold(:\n", encoding="utf-8")
     (tmp_path / "raises.py").write_text("\n{}['x']\n", encoding="utf-8")
+    (tmp_path / "exits.py").write_text("raise SystemExit(0)\n", encoding="utf-8")
+    quits = "def hold(time, nodes, velocities):\n    raise SystemExit(0)\n\nclass Made:\n"
+    quits += "    def __init__(self, scene):\n        raise SystemExit(0)\n"
+    (tmp_path / "quits.py").write_text(quits, encoding="utf-8")
     (tmp_path / "binary.py").write_bytes(b"\xff\xfe\x00")
     assert main(f"run pinned_rod --law {words} {SHORT}".split()) == 2
     err = capsys.readouterr().err
@@ -256,6 +264,10 @@ def test_what_is_wrong_is_one_line(words: str, tmp_path: Path, capsys: pytest.Ca
         ("sweep pinned_rod --law own_laws.py:holt", "there is no law 'holt' (did you mean 'hold'?)"),
         ("sweep pinned_rod --law own_laws.py:hold --vary law.levle=1", "no option 'levle' (did you mean 'level'?)"),
         ("sweep pinned_rod --vary law=own_laws.py:holt", "there is no law 'holt' (did you mean 'hold'?)"),
+        *(
+            (f"{one} pinned_rod --law own_laws.py:hold --law-option level=1 --law-option level=2", "it is given twice")
+            for one in ("tradeoff", "validate", "linearize")
+        ),
         ("sweep pinned_rod --law-option a=1 --set law.a=2", "a parameter is given twice"),
         ("stability pinned_rod --open-loop --law own_laws.py:hold", "--law is of the closed loop, and --open-loop"),
         ("stability pinned_rod --law own_laws.py:Jumps", "--law own_laws.py:Jumps: it jumps"),

@@ -141,6 +141,18 @@ def test_what_does_not_fit_is_refused(make, words: str) -> None:
     assert str(caught.value).startswith(words)
 
 
+def test_what_is_no_structure_join_or_prefix_is_refused() -> None:
+    for given, words in [
+        ({"other": None}, "merged: other = None; it must be a Structure"),
+        ({"other": half(), "join": "top"}, "merged: join = 'top'; it must be True, False, or a table"),
+        ({"other": half(), "join": 1}, "merged: join = 1; it must be True, False, or a table"),
+        ({"other": half(), "prefix": 3}, "merged: prefix = 3; it must be a text"),
+    ]:
+        with pytest.raises(OptionError) as caught:
+            half().merged(**given)  # type: ignore[arg-type]
+        assert str(caught.value).startswith(words)
+
+
 def test_what_is_no_rotation_plane_or_shift_is_refused() -> None:
     for rotation, words in [
         ([1, 2], r"rotation = \[1, 2\]; it must be an array of shape \(3,\) \[rad, or a matrix \(3, 3\)\]"),

@@ -181,9 +181,10 @@ def test_a_scene_names_its_record_beside_it(tmp_path: Path) -> None:
         ("0,1,2,3,4\n", "", FormatError, "line 1: .*its columns must be"),
         ("time,ax\n0,1,2\n", "", FormatError, "line 2: 3 cells below 2 columns"),
         ("time,ax\n0,1\n1,nan\n", "", FormatError, "line 3: 1, nan; all must be finite numbers"),
-        ("time,ax\n0,1\n", "", SceneError, "scene.ground: 1 times and 1 accelerations"),
-        ("time,ax\n0,1\n1,1\n1,2\n", "", SceneError, "scene.ground: its times must increase from 0 or later"),
-        ("time,ax\n-1,1\n1,1\n", "", SceneError, "the first is -1 s"),
+        ("", "", FormatError, "scene.ground: .*quake.csv: 0 lines of numbers; a record needs two times or more"),
+        ("time,ax\n0,1\n", "", FormatError, "quake.csv: 1 lines of numbers; a record needs two times or more"),
+        ("time,ax\n0,1\n1,1\n1,2\n", "", FormatError, "quake.csv, line 4: time is 1 s after 1 s; times must increase"),
+        ("time,ax\n-1,1\n1,1\n", "", SceneError, r"its times must increase from 0 or later; times\[0\] is -1 s"),
         ("0,1\n1,1\n", 'unit = "g"', FormatError, "scene.ground: unknown key 'unit'.*allowed: file, baseline, scale"),
         ("0,1\n1,1\n", 'baseline = "fit"', FormatError, 'baseline = \'fit\' .*must be "return" or "stop" or "none"'),
         ("0,1\n1,1\n", 'baseline = "none"', SceneError, "let them be at rest there, or cover the run of 10 s"),
@@ -193,6 +194,14 @@ def test_a_scene_names_its_record_beside_it(tmp_path: Path) -> None:
 def test_what_is_no_record_is_refused(tmp_path: Path, table: str, more: str, kind: Any, said: str) -> None:
     with pytest.raises(kind, match=said):
         read(tmp_path, table, more)
+
+
+def test_what_is_no_path_or_no_order_of_times_is_refused() -> None:
+    for path in (3, None):
+        with pytest.raises(FormatError, match=f"{path}: that is no path; give the name of a record's CSV file"):
+            load_ground(path)  # type: ignore[arg-type]
+    with pytest.raises(SceneError, match=r"from 0 or later; times\[2\] is 1 s after 2 s"):
+        Ground([0, 2, 1], [[0, 0, 0]] * 3)
 
 
 def test_a_text_alone_and_a_structure_without_supports_are_refused(tmp_path: Path) -> None:

@@ -23,11 +23,14 @@ def load_ground(path: str | os.PathLike[str], **options: Any) -> Ground:
     """The ground of a record, with `baseline` and `scale` as `Ground` has them.
 
     Raises:
-        FormatError: for what is no such table.
-        SceneError: for times that do not increase, and options that are none.
+        FormatError: for what is no such table, and times that do not increase.
+        SceneError: for a first time below zero, and options that are none.
     """
-    source, columns = Path(path), list[str]()
-    times, accelerations = [], []
+    try:
+        source, columns = Path(path), list[str]()
+    except TypeError:
+        raise FormatError(f"{path!r}: that is no path; give the name of a record's CSV file") from None
+    times, accelerations = list[float](), list[list[float]]()
     lines = read(source).splitlines()
     rows = csv.reader("" if line.startswith("#") else line for line in lines)
     try:
@@ -46,10 +49,15 @@ def load_ground(path: str | os.PathLike[str], **options: Any) -> Ground:
                 raise FormatError(
                     f"{source}, line {rows.line_num}: {', '.join(cells)[:60]}; all must be finite numbers"
                 )
+            if times and row["time"] <= times[-1]:
+                before = f"time is {row['time']:g} s after {times[-1]:g} s"
+                raise FormatError(f"{source}, line {rows.line_num}: {before}; times must increase")
             times.append(row["time"])
             accelerations.append([row.get(name, 0.0) for name in COLUMNS[1:]])
     except csv.Error as error:
         raise FormatError(f"{source}, line {rows.line_num}: {error}") from None
+    if len(times) < 2:
+        raise FormatError(f"{source}: {len(times)} lines of numbers; a record needs two times or more")
     return Ground(times, accelerations, **options)  # type: ignore[arg-type]
 
 
