@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 # Initial motions are accepted when they break a rigid constraint by less than this part of the structure's size
 # (or of its fastest node): well above the round-off of 17 digits, well below anything that would be seen.
 CONSTRAINT_TOLERANCE = 1e-9
+# A string's stiffness couples any two of its segments: pairs of them in all strings, 9 numbers each in linear models.
+MOST_COUPLES = 1_000_000
 
 
 def check_structure(structure: Structure) -> None:
@@ -138,6 +140,12 @@ def _check_strings(structure: Structure, size: float, along: dict[frozenset[str]
     for string in structure.strings:
         _check_ends(f"string '{string.name}'", string.nodes, structure)
     paths = structure.paths
+    if (pairs := int(np.sum(paths.counts**2))) > max(MOST_COUPLES, len(structure.strings)):
+        longest = structure.strings[int(np.argmax(paths.counts))]
+        raise StructureError(
+            f"string '{longest.name}' runs through {len(longest.nodes)} nodes: its stiffness couples any two of its "
+            f"segments, {pairs} pairs with those of the other strings; at most {MOST_COUPLES} in all: use shorter paths"
+        )
     segments = norm(paths.spans(structure.positions))
     pieces = [_Piece(string.name, pair) for string in structure.strings for pair in itertools.pairwise(string.nodes)]
     _check_lengths("string", pieces, segments, np.full(len(segments), 1e-12 * size))

@@ -115,6 +115,20 @@ def test_paths_that_are_none_are_refused(path: tuple[str, ...], words: tuple[str
         assert word in str(caught.value)
 
 
+def test_paths_whose_pairs_of_segments_would_fill_the_memory_are_refused() -> None:
+    structure = atwood().structure
+    (string,) = structure.strings
+    longest = replace(string, nodes=("a", "p") * 500)  # 999 segments, 998,001 pairs
+    replace(structure, strings=(longest,))
+    longer = replace(string, nodes=("a", "p") * 501)
+    with pytest.raises(errors.StructureError, match=r"string 's' runs through 1002 nodes: .* 1002001 pairs .* at most"):
+        replace(structure, strings=(longer,))
+    # 41² + 43² + ... + 63² = 33,020 pairs more.
+    others = tuple(replace(string, name=f"s{n}", nodes=("a", "p", *("q", "p") * n)) for n in range(20, 32))
+    with pytest.raises(errors.StructureError, match=r"string 's' runs through 1000 nodes: .* 1031021 pairs"):
+        replace(structure, strings=(longest, *others))
+
+
 def test_segments_without_length_and_the_same_path_twice_are_refused() -> None:
     structure = atwood().structure
     (string,) = structure.strings
