@@ -52,6 +52,14 @@ def checked(path: str | os.PathLike[str], suffixes: Sequence[str], what: str) ->
     return destination
 
 
+def path_of(path: str | os.PathLike[str], name: str = "a file") -> Path:
+    """The path, or FormatError; `name` says of what it is the name."""
+    try:
+        return Path(path)
+    except TypeError:
+        raise FormatError(f"{path!r}: that is no path; give the name of {name}") from None
+
+
 def content_of(path: Path, most_bytes: int) -> bytes:
     """The content of a regular file of at most so many bytes.
 
@@ -122,10 +130,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     Raises:
         FormatError: if the file cannot be written, in the block or after it.
     """
-    try:
-        destination = Path(path)
-    except TypeError:
-        raise FormatError(f"{path!r}: that is no path; give the name of a file") from None
+    destination = path_of(path)
     with interrupts.terminating():
         yield from _replaced(destination)
 

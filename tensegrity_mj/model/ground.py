@@ -14,21 +14,19 @@ from __future__ import annotations
 
 import enum
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial.polynomial import polyint, polyval
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.checks import instance
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import choice, finite, rows
 from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.moved_supports import TOLERANCE, held_directions
+from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
-
-if TYPE_CHECKING:
-    from tensegrity_mj.model.scene import Scene
 
 MOST_STATES = 1_000_000  # of all supports at all times
 
@@ -140,8 +138,10 @@ class Ground:
         """The scene whose supports follow the record.
 
         Raises:
+            OptionError: for what is no scene.
             SceneError: where supports have motions of their own or cannot follow, or a floor stands still.
         """
+        instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
         if scene.contact is not None and scene.contact.floor is not None:
             raise refused(self, "the floor of contacts stands still: hold the structure by supports, or leave one out")
         return scene.with_(motions=(*scene.motions, *self.motions(scene.structure)))

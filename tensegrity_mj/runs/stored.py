@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.files import path_of
 from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.scene import Scene
@@ -104,10 +105,7 @@ def read_run(path: str | os.PathLike[str]) -> dict[str, Any]:
     """
     from tensegrity_mj.model.text.reading import scene_from_toml
 
-    try:
-        source = Path(path)
-    except TypeError:
-        raise FormatError(f"{path!r}: that is no path; give the name of a trajectory's .nc file") from None
+    source = path_of(path, "a trajectory's .nc file")
     with opened(source, "trajectory", "; name a file that `run --out` or `save` wrote") as file:
         if file.attrs.get("format") != FORMAT or "scene" not in file.attrs:
             raise FormatError(f"{path}: a NetCDF file, but no trajectory of format {FORMAT} of tensegrity_mj")

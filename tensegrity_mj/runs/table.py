@@ -14,7 +14,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import real_array
-from tensegrity_mj.basics.files import content_of, said_in_comments
+from tensegrity_mj.basics.files import content_of, path_of, said_in_comments
 from tensegrity_mj.basics.jsontext import from_exact_json
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.runs.netcdf import opened
@@ -82,7 +82,7 @@ def read_table(path: str | os.PathLike[str]) -> Table:
         FormatError: if the file is absent or no such table, where a value is no finite number, or times do not rise; it
             names the line and the column.
     """
-    source = Path(path)
+    source = path_of(path, "a table's .csv or .nc file")
     found = _read_netcdf(source) if source.suffix.lower() == ".nc" else _read_csv(source)
     try:
         return Table(**found, name=source.name)

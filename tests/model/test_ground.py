@@ -11,7 +11,7 @@ import pytest
 from scipy.signal import lsim
 
 import tensegrity_mj as tmj
-from tensegrity_mj.errors import FormatError, SceneError
+from tensegrity_mj.errors import FormatError, OptionError, SceneError
 from tensegrity_mj.library.load import load_scene
 from tensegrity_mj.model import Ground, load_ground
 from tensegrity_mj.model.text.reading import scene_from_toml
@@ -200,6 +200,8 @@ def test_what_is_no_path_or_no_order_of_times_is_refused() -> None:
     for path in (3, None):
         with pytest.raises(FormatError, match=f"{path}: that is no path; give the name of a record's CSV file"):
             load_ground(path)  # type: ignore[arg-type]
+        with pytest.raises(OptionError, match=f"scene = {path}; use a Scene, or load_scene"):
+            Ground([0, 1], [[0, 0, 0]] * 2).shake(path)  # type: ignore[arg-type]
     with pytest.raises(SceneError, match=r"from 0 or later; times\[2\] is 1 s after 2 s"):
         Ground([0, 2, 1], [[0, 0, 0]] * 3)
 

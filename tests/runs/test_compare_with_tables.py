@@ -98,6 +98,12 @@ def test_what_is_no_table_is_refused_with_the_line(text: str, message: str, tmp_
         read_table(written(tmp_path / "x.csv", text))
 
 
+def test_what_is_no_path_is_refused() -> None:
+    for path in (3, None):
+        with pytest.raises(FormatError, match=f"{path}: that is no path; give the name of a table's .csv or .nc file"):
+            read_table(path)  # type: ignore[arg-type]
+
+
 def test_a_netcdf_table_is_read_as_xarray_and_others_write_it(tmp_path: Path) -> None:
     time, places = np.arange(5) * 0.1, np.random.default_rng(1).normal(size=(5, 2, 3))
     places[3, 1] = np.nan

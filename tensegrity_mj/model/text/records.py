@@ -8,9 +8,9 @@ from __future__ import annotations
 import csv
 import math
 import os
-from pathlib import Path
 from typing import Any
 
+from tensegrity_mj.basics.files import path_of
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.model.ground import Ground
 from tensegrity_mj.model.text.sources import read
@@ -26,10 +26,7 @@ def load_ground(path: str | os.PathLike[str], **options: Any) -> Ground:
         FormatError: for what is no such table, and times that do not increase.
         SceneError: for a first time below zero, and options that are none.
     """
-    try:
-        source, columns = Path(path), list[str]()
-    except TypeError:
-        raise FormatError(f"{path!r}: that is no path; give the name of a record's CSV file") from None
+    source, columns = path_of(path, "a record's CSV file"), list[str]()
     times, accelerations = list[float](), list[list[float]]()
     lines = read(source).splitlines()
     rows = csv.reader("" if line.startswith("#") else line for line in lines)
