@@ -188,6 +188,8 @@ def _scored(options: argparse.Namespace) -> Outcome:
         raise OptionError(
             f"compare {' '.join(options.inputs)}: --score takes a scene, tables, and as many --steps or none"
         )
+    if len(set(given)) < len(options.steps or ()):
+        raise OptionError(f"--steps {' '.join(f'{step:g}' for step in given)}: each table has a step of its own")
     reference = reference_of(scene)
     found = [score(reference, read_table(path), step) for path, step in zip(paths, given, strict=True)]
     found.sort(key=lambda one: -(one.step or 0.0))

@@ -96,7 +96,7 @@ def execute(options: argparse.Namespace) -> Outcome:
     elif after is not None:
         found = {name: run.statistics(name, after) for name in ("tension", "rod_force")}
         data["statistics"] = {"after": after, **{name: one.report() for name, one in found.items()}}
-        text = "\n\n".join([text, *map(repr, found.values())])
+        text = "\n\n".join([text, *(repr(one) for one in found.values() if one.names)])
     return Outcome(data, text, code_of_status(run.status))
 
 

@@ -12,6 +12,7 @@ from tensegrity_mj import model
 from tensegrity_mj.basics.files import table_beside
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.commands.common import Outcome, number, table
+from tensegrity_mj.errors import OptionError
 
 if TYPE_CHECKING:
     from tensegrity_mj.model.elements.water_segments import SegmentCount
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 def execute(options: argparse.Namespace) -> Outcome:
     """List, or describe one."""
     if options.schema:
+        if options.scene is not None:
+            raise OptionError(f"scenes {options.scene}: --schema prints that of all scene files; leave out the scene")
         schema = model.format_schema()
         return Outcome(schema, json.dumps(schema, indent=1, ensure_ascii=False))
     if options.scene is not None:

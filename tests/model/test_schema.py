@@ -131,3 +131,5 @@ def test_the_command_prints_it(capsys: pytest.CaptureFixture[str]) -> None:
     for words in (["scenes", "--schema"], ["scenes", "--schema", "--json"]):
         assert main(words) == 0
         assert json.loads(capsys.readouterr().out) == json.loads(json.dumps(format_schema()))
+    assert main(["scenes", "prism", "--schema"]) == 2
+    assert "scenes prism: --schema prints that of all scene files; leave out the scene" in capsys.readouterr().err

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 import tensegrity_mj as tmj
 from tensegrity_mj.cli import main
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.statistics import Statistics
 
 M, K, G, A = 1.5, 60.0, 9.81, 0.05
@@ -143,3 +145,12 @@ def test_a_run_that_ends_early_keeps_its_code_and_numbers(capsys: pytest.Capture
     found = capsys.readouterr()
     assert json.loads(found.out)["statistics"] is None
     assert "--statistics 15: the run ended at" in found.err
+
+
+def test_the_command_leaves_out_what_a_scene_has_none_of(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "swinging.toml"
+    file.write_text(scene_to_toml(swinging(1).scene.with_(duration=0.2)), encoding="utf-8")
+    assert main(["run", str(file), "--statistics", "0"]) == 0
+    said = capsys.readouterr().out
+    assert "tension of 1" in said
+    assert "rod_force" not in said

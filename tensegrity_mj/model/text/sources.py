@@ -31,11 +31,13 @@ def find(name_or_path: str | os.PathLike[str]) -> tuple[str, str, Path]:
         raise FormatError(
             f"scene = {name_or_path!r}; it must be the name of a scene, the path of a .toml file, or a family's call"
         )
-    named = isinstance(name_or_path, str) and not given.endswith(".toml") and not set(given) & {"/", os.sep}
-    if named or given in pack_names():
-        if named and given not in scene_names():
+    named = isinstance(name_or_path, str) and not given.endswith(".toml")
+    packed = given in pack_names() or (named and given.startswith("pack/") and not os.path.exists(given))
+    if packed or (named and not set(given) & {"/", os.sep}):
+        known = pack_names() if packed else scene_names()
+        if given not in known:
             raise FormatError(
-                f"unknown scene '{given}'{closest(given, scene_names())}; known: {', '.join(scene_names())}; "
+                f"unknown scene '{given}'{closest(given, known)}; known: {', '.join(known)}; "
                 "the path of a .toml file works too, and so does a call of a family, as 'tower(stages=10)'"
             )
         path = Path(str(importlib.resources.files("tensegrity_mj.models").joinpath(given, "scene.toml")))
