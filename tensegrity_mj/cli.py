@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import os
 import sys
@@ -38,6 +39,7 @@ from tensegrity_mj.errors import (
     DivergenceError,
     InfeasibleError,
     MissingLibraryError,
+    OptionError,
     StabilityWarning,
     TensegrityError,
     printable,
@@ -87,7 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not hasattr(options, "execute"):
             parser.error(f"name a command: {', '.join(parser.commands)}")
         with _stdout_to_stderr(), _warnings_in_one_line():
-            outcome: Outcome = options.execute(options)
+            outcome = _executed(options)
             print(*map(printable, outcome.notes), sep="\n", end="\n" if outcome.notes else "")
         answer = to_json(outcome.data) if as_json else printable(outcome.text, keep="\n")
     except UsageError as error:
@@ -139,6 +141,15 @@ def _print(text: str) -> None:
         sys.stdout.flush()
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _executed(options: argparse.Namespace) -> Outcome:
+    """What a command answers; OptionError where a law exits, whose code would be taken for the command's."""
+    try:
+        outcome: Outcome = options.execute(options)
+    except SystemExit as leaving:
+        raise OptionError(f"a law, or what else the command runs, exits: SystemExit: {leaving}") from None
+    return outcome
 
 
 @contextlib.contextmanager

@@ -83,7 +83,9 @@ def reference_of(scene: str | os.PathLike[str]) -> Table:
     name = f"pack/{scene}" if f"pack/{scene}" in pack_names() else scene
     path = find(name)[2] / "reference.csv"
     if not path.is_file():
-        raise FormatError(f"scene '{scene}': there is no reference.csv beside it; scenes that have one: {', '.join(pack_names())}")
+        raise FormatError(
+            f"scene '{scene}': there is no reference.csv beside it; scenes that have one: {', '.join(pack_names())}"
+        )
     found = read_table(path)
     positive(f"{path}: error", found.header.get("error"), "[m]")
     return found

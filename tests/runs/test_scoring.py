@@ -182,7 +182,10 @@ def test_bad_tables_are_refused_in_a_line(
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("compare prism mine.csv --score", "scene 'prism': there is no reference.csv beside it; scenes that have one: "),
+        (
+            "compare prism mine.csv --score",
+            "scene 'prism': there is no reference.csv beside it; scenes that have one: ",
+        ),
         ("compare pack/fre mine.csv --score", "unknown scene 'pack/fre' (did you mean 'pack/free'?)"),
         ("compare pinned mine.csv mine.csv --score --steps 1e-3 0.001", "--steps 0.001 0.001: each table has a step"),
         ("compare fre mine.csv --score", "unknown scene 'fre'"),

@@ -146,7 +146,7 @@ class Plant(Table):
         command = self["command"]
         if status == FAILED:
             cause = self.law.failure[0] if self.law.failure else None
-            if cause is not None and not isinstance(cause, (Exception, SystemExit)):
+            if cause is not None and not isinstance(cause, Exception):
                 raise cause  # KeyboardInterrupt within a Python law
             detail = f"{type(cause).__name__}: {cause}" if cause is not None else "no reason given"
             raise ControllerError(
