@@ -108,7 +108,7 @@ def not_negative(unit: str = "") -> Kind:
 
 
 def finite(unit: str = "") -> Kind:
-    return number(f"finite{unit and f' [{unit}]'}", lambda x: True)
+    return number(f"a finite number{unit and f' [{unit}]'}", lambda x: True)
 
 
 def within(low: float, high: float, unit: str = "") -> Kind:

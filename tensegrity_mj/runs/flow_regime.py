@@ -26,6 +26,7 @@ from tensegrity_mj.runs.trajectory import Trajectory
 LARGEST_REYNOLDS = 2e5
 KEULEGAN_CARPENTER = (15.0, 45.0)
 STEEPEST = np.pi / 7  # k A: a height of 1/7 of the length
+STEEPEST_SEA = 1 / 7  # 2π H_s/(g T_p²): height over length of such a wave in deep water, where it is longest
 HIGHEST = 0.39  # A of the depth: a height of 0.78 of it
 
 
@@ -122,9 +123,15 @@ def _beyond_linear_theory(run: Trajectory) -> list[str]:
             "waves higher than 0.78 of the depth break, and linear theory does not hold for them"
         )
     water, crest = run.scene.water, float(np.max(sea.number, initial=0.0))
-    if water is not None and water.sea is not None and water.above is AboveLevel.EXPONENTIAL:
-        crest *= water.sea.significant_height
-        if crest > 1:
+    if water is not None and (irregular := water.sea) is not None:
+        steep = 2 * np.pi * irregular.significant_height / (sea.gravity * irregular.peak_period**2)
+        if steep > STEEPEST_SEA:
+            notes.append(
+                f"the sea has a steepness 2π H_s/(g T_p²) = {steep:.3g}; waves above 1/7 break, and linear theory does "
+                "not hold for them"
+            )
+        crest *= irregular.significant_height
+        if crest > 1 and water.above is AboveLevel.EXPONENTIAL:
             notes.append(
                 f"the sea's shortest component has k H_s = {crest:.3g}, so that its velocities are exaggerated "
                 'in crests above the still surface: give above = "constant"'

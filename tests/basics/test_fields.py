@@ -271,7 +271,7 @@ def test_classes_of_others_are_read_and_written_by_name() -> None:
     assert list(found[0])[:3] == ["kind", "node", "moment"]
     assert found[1] == {"kind": "spring", "node": "b", "stiffness": 4.0, "others": ("c",)}
     assert table_of(Magnet("a")) == {"kind": "magnet", "node": "a"}
-    with pytest.raises(SceneError, match=r"magnet at 'a': moment = nan; it must be finite"):
+    with pytest.raises(SceneError, match=r"magnet at 'a': moment = nan; it must be a finite number"):
         Magnet("a", NAN)
 
 

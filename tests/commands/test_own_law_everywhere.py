@@ -215,7 +215,7 @@ def test_tradeoff_and_validate(tmp_path: Path, capsys: pytest.CaptureFixture[str
 
 WRONG = {
     "own_laws.py:hold --law-option levle=1": r"no option 'levle' \(did you mean 'level'\?\); allowed: level, way",
-    "own_laws.py:hold --law-option level=high": "law own_laws.py:hold: level = 'high'; it must be finite",
+    "own_laws.py:hold --law-option level=high": "law own_laws.py:hold: level = 'high'; it must be a finite number",
     "own_laws.py:hold --law-option way=outt": r"way = 'outt' \(did you mean 'out'\?\); it must be one of Way.IN,",
     "own_laws.py:made": "option 'level' is missing; it needs a value",
     "own_laws.py:made --law-option level=1 --law-option count=1.5": "count = 1.5; it must be an integer",
@@ -377,7 +377,7 @@ def test_an_installed_family_is_called_by_commands_and_scene_files(
         assert (scene.name, scene.duration, scene.target) == ("mine", 1.0, None)
     for text, message in {
         "two_rod()": r"unknown family 'two_rod' \(did you mean 'two_rods'\?\)",
-        "two_rods(duration='long')": "duration = 'long'; it must be finite",
+        "two_rods(duration='long')": "duration = 'long'; it must be a finite number",
         "no_scene()": "no_scene: this family made 3; it must make a Scene",
     }.items():
         with pytest.raises(FormatError, match=message):

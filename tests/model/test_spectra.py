@@ -171,6 +171,15 @@ def test_a_run_states_the_numbers_of_the_peak_and_where_the_theory_ends() -> Non
     assert any(note.startswith("component 0 of the sea is") for note in tmj.runs.flow_numbers(steep).notes)
 
 
+def test_a_sea_that_is_steeper_than_waves_can_be_is_noted() -> None:
+    """2π H_s/(g T_p²) = 1/7 at T_p = 4 s: H_s = 3.57 m."""
+    limit = 9.81 * 4.0**2 / (7 * 2 * np.pi)
+    for height, noted in ((0.99 * limit, False), (1.01 * limit, True)):
+        run = tmj.simulate(scene(sea=IrregularSea("jonswap", height, 4.0, 2)), engine=tmj.DAE(), duration=0.1)
+        notes = " ".join(tmj.runs.flow_numbers(run).notes)
+        assert ("2π H_s/(g T_p²) = 0.144; waves above 1/7 break" in notes) == noted
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

@@ -506,7 +506,7 @@ def test_water_is_validated(change, message) -> None:
             "wavelength = 5.0.*give one of the two",
         ),
         ({"amplitude": 1.0, "wavelength": 0.0}, "wave: wavelength = 0.0; it must be > 0 m"),
-        ({"amplitude": 1.0, "wavelength": 5.0, "phase": math.inf}, "wave: phase = inf; it must be finite"),
+        ({"amplitude": 1.0, "wavelength": 5.0, "phase": math.inf}, "wave: phase = inf; it must be a finite number"),
     ],
 )
 def test_waves_are_validated(given, message) -> None:
