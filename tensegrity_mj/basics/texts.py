@@ -14,6 +14,7 @@ from tensegrity_mj.errors import printable
 
 MOST_BYTES = 100  # of a file name: file systems take 255, some 143, and suffixes come after it
 BAR = r"\|"  # in a cell of a table in Markdown
+MOST_SHOWN = 400  # letters of a line of `at_a_glance`
 MARK_BYTES = 8  # of the mark of a changed name
 
 # Devices on Windows, whatever follows the first dot.
@@ -32,6 +33,11 @@ def value_text(value: object) -> str:
 def shortened(text: str, most: int) -> str:
     """The text, or of a long one the beginning."""
     return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+def at_a_glance(rows: Iterable[tuple[str, str]]) -> str:
+    """What an object shows of itself where Python prints it: a name and a line of printable characters each."""
+    return "\n".join(f"{name:<7} {shortened(printable(text), MOST_SHOWN)}" for name, text in rows)
 
 
 def file_name(text: str) -> str:

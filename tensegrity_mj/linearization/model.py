@@ -19,6 +19,7 @@ from tensegrity_mj.basics.dependencies import optional
 from tensegrity_mj.basics.files import checked, replacing
 from tensegrity_mj.basics.jsontext import plain_values, to_json
 from tensegrity_mj.basics.matfile import save_mat
+from tensegrity_mj.basics.texts import at_a_glance
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.linearization.chart import Chart
 from tensegrity_mj.model.elements.element import states_at_start
@@ -66,6 +67,20 @@ class Linearization:
     coordinates: tuple[str, ...]
     warnings: tuple[str, ...]
     states: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        largest = np.abs(self.residual[len(self.coordinates) :]).max(initial=0.0)
+        rest = "an equilibrium" if self.is_equilibrium else f"no equilibrium: accelerations up to {largest:.3g}"
+        law = "without a law" if self.gain is None else "with a law"
+        rows = [
+            ("linear", f"model of {self.scene.name}, {len(self.A)} numbers of the state, {law}"),
+            ("engine", self.engine),
+            ("state", f"at t = {self.time:g} s, {rest}"),
+            ("inputs", f"{self.B.shape[1]} ({self.inputs.value})"),
+        ]
+        if self.warnings:
+            rows.append(("notes", f"{len(self.warnings)}: {self.warnings[0]}"))
+        return at_a_glance(rows)
 
     @property
     def is_equilibrium(self) -> bool:

@@ -10,12 +10,12 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, norm
 from tensegrity_mj.basics.checks import positive
-from tensegrity_mj.basics.texts import unknown, value_text
+from tensegrity_mj.basics.texts import at_a_glance, unknown, value_text
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.runs.convergence import common_times
 from tensegrity_mj.runs.differences import DIFFERENCES, UNITS
 from tensegrity_mj.runs.resampling import resampled
-from tensegrity_mj.runs.summary import rows_of_comparison, text_of
+from tensegrity_mj.runs.summary import rows_of_comparison
 from tensegrity_mj.runs.table import Table
 from tensegrity_mj.runs.trajectory import Trajectory
 
@@ -79,7 +79,7 @@ class Comparison:
     max_energy_error = _Largest()
 
     def __repr__(self) -> str:
-        return text_of(rows_of_comparison(self))
+        return at_a_glance(rows_of_comparison(self))
 
     def tolerance_of(self, name: str) -> float:
         """That of one of `NAMES`, in its unit."""

@@ -69,12 +69,7 @@ def rows_of_comparison(comparison: Comparison) -> list[tuple[str, str]]:
         if since is not None
     ]
     rows.append(("beyond", ", ".join(beyond) or f"no tolerance ({comparison.tolerance:g} in SI units by default)"))
-    return [(name, printable(text)) for name, text in rows]
-
-
-def text_of(rows: list[tuple[str, str]]) -> str:
-    """A line each."""
-    return "\n".join(f"{name:<7} {text}" for name, text in rows)
+    return rows
 
 
 def html_of(run: Trajectory) -> str:

@@ -12,10 +12,11 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import check_known
 from tensegrity_mj.basics.files import checked, replacing
+from tensegrity_mj.basics.texts import at_a_glance
 from tensegrity_mj.model.elements.element import energy_of, state_names
 from tensegrity_mj.model.elements.resistance import bending_energy
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.runs.summary import html_of, rows_of, text_of
+from tensegrity_mj.runs.summary import html_of, rows_of
 from tensegrity_mj.runs.variables import DICTIONARIES, STATES, VARIABLES, labels_of
 from tensegrity_mj.runs.variables import Status as Status
 
@@ -73,7 +74,7 @@ class Trajectory:
     element_states: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __repr__(self) -> str:
-        return text_of(rows_of(self))
+        return at_a_glance(rows_of(self))
 
     def _repr_html_(self) -> str:
         return html_of(self)

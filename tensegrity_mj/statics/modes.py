@@ -24,6 +24,7 @@ from tensegrity_mj.basics import kinds
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import checked, positive, whole
 from tensegrity_mj.basics.jsontext import plain_values
+from tensegrity_mj.basics.texts import at_a_glance
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model import rods as thin
 from tensegrity_mj.model.structure import Structure
@@ -61,6 +62,9 @@ class Modes:
     masses: sparse.csr_array
     complete: bool
     round_off: float
+
+    def __repr__(self) -> str:
+        return at_a_glance([("modes", f"of {self.state.model.scene.name}"), *(("", line) for line in self.describe())])
 
     @property
     def unstable(self) -> Flags:

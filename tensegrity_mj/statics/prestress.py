@@ -31,6 +31,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import real_array
 from tensegrity_mj.basics.jsontext import plain, plain_values
+from tensegrity_mj.basics.texts import at_a_glance
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -94,6 +95,15 @@ class Prestressability:
     prestress_stable: Verdict
     super_stable: Verdict
     reasons: tuple[str, str]
+
+    def __repr__(self) -> str:
+        rows = [
+            ("what", f"{self.structure.name} can carry by itself"),
+            ("counts", self.describe()[0]),
+            ("rank", f"{self.rank}, {'clear' if self.rank_is_clear else 'in doubt'}"),
+            ("verdict", f"prestress stable: {self.prestress_stable.value}; super stable: {self.super_stable.value}"),
+        ]
+        return at_a_glance(rows)
 
     @property
     def rank(self) -> int:

@@ -309,3 +309,8 @@ def test_what_does_not_fit() -> None:
         mode_trajectory(modes, 0, amplitude=-1.0)
     with pytest.raises(tmj.errors.OptionError, match="longer than the mean member"):
         mode_trajectory(modes, 0, amplitude=1e3)
+
+
+def test_modes_show_themselves_in_some_lines() -> None:
+    modes = natural_modes(find_equilibrium(tmj.load_scene("prism")))
+    assert repr(modes).splitlines() == ["modes   of prism", *(f"{'':<8}{line}" for line in modes.describe())]

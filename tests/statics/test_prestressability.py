@@ -333,3 +333,13 @@ def test_what_does_not_fit() -> None:
     flat[4] = flat[1]
     with pytest.raises(tmj.errors.OptionError, match="no length at these nodes"):
         prestressability(prism(30), nodes=flat)
+
+
+def test_it_shows_itself_in_four_lines() -> None:
+    assert repr(prestressability(tmj.load_scene("prism"))).splitlines() == [
+        "what    prism can carry by itself",
+        "counts  12 strings and 3 rods on 12 free coordinates: 3 states of self-stress, 0 mechanisms, "
+        "0 motions of the whole",
+        "rank    12, clear",
+        "verdict prestress stable: yes; super stable: not applicable",
+    ]

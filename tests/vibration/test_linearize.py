@@ -417,3 +417,12 @@ def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         ["linearize", "prism", "--out", "model.csv"],
     ):
         assert main(wrong) == 2
+
+
+def test_a_model_shows_itself_in_five_lines() -> None:
+    lines = repr(tmj.linearize(tmj.load_scene("tbar"), tmj.DAE())).splitlines()
+    assert lines[0] == "linear  model of tbar, 4 numbers of the state, without a law"
+    assert lines[2].startswith("state   at t = 0 s, no equilibrium: accelerations up to ")
+    assert lines[3] == "inputs  4 (rest length)"
+    assert [line.split()[0] for line in lines] == ["linear", "engine", "state", "inputs", "notes"]
+    assert all(len(line) < 200 for line in lines)
