@@ -80,8 +80,12 @@ def unable(task: Task, error: BaseException) -> OptionError:
     )
 
 
-def settle(parent: int) -> None:
-    """Begin as a worker process of `parent`: leave Ctrl-C to it, and end when it ends, whatever ended it."""
+def settle(parent: int, *place: str) -> None:
+    """Begin as a worker process of `parent`: leave Ctrl-C to it, and end when it ends, whatever ended it.
+
+    `place`, the parent's folder and where it looks for modules, is for joblib alone: it gives work to workers that wait
+    for more where they have begun with the same arguments, and has new ones begin in the new place otherwise.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import enum
 import os
+import sys
 import threading
 import warnings
 from collections.abc import Callable, Generator, Iterator, Mapping
@@ -125,7 +126,7 @@ def _run(
     # joblib computes in this process where one worker is requested, and a crash would take it down: two processes
     # then, of which one works at a time. One point a job, and none waiting in a worker's queue: what is lost by a
     # crash is what was being computed.
-    begin = {"initializer": settle, "initargs": (os.getpid(),)}
+    begin = {"initializer": settle, "initargs": (os.getpid(), os.getcwd(), *sys.path)}
     with parallel_config(backend="loky", inner_max_num_threads=1, **begin):
         parallel = Parallel(
             n_jobs=max(2, count),

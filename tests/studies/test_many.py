@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import json
 import math
 import os
@@ -295,6 +296,20 @@ def test_workers_have_one_thread() -> None:
 
 
 # What is given and what comes back ------------------------------------------------------------------------------
+
+
+def test_workers_find_modules_where_the_process_is_now(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run_many(
+        study_tasks.noted, [{"x": 1, "seconds": 0.0}], tmp_path / "before", workers=TWO
+    )  # whose workers wait for more
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    (folder / "task_of_now.py").write_text("def task(values):\n    return {'y': 2 * values['x']}\n", encoding="utf-8")
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(str(folder))
+    task = importlib.import_module("task_of_now").task
+    study = run_many(task, [{"x": 1}, {"x": 2}], tmp_path / "now", workers=TWO)
+    assert [one["values"] for one in study.outcomes] == [{"y": 2}, {"y": 4}]
 
 
 def test_outcomes_are_in_the_order_of_the_points_and_equal_points_are_computed_once(tmp_path: Path) -> None:
