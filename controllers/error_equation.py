@@ -196,19 +196,20 @@ def error_equation(t: float, nodes: Any, velocities: Any, known: Known, A: Any, 
         at += point.nz
     for m in range(len(ranges)):
         length = string_length(nodes, segments, ranges[m])
-        for side in range(2 * ranges[m, 0], 2 * ranges[m, 1]):
-            node, other = segments[side // 2, side % 2], segments[side // 2, 1 - side % 2]
-            a = owner[node, 0]
-            if a < 0:
-                continue
-            span = minus(row_of(nodes, other), row_of(nodes, node))
+        for s in range(ranges[m, 0], ranges[m, 1]):
+            span = minus(row_of(nodes, segments[s, 1]), row_of(nodes, segments[s, 0]))
             span = times(share(length, span), span)
-            for k in range(3):
-                if a < count:
-                    for p in range(rods[a].nz + rods[a].nb - 1):
-                        A[start[a] + p, m] += pull[a, owner[node, 1], p, k] * span[k]
-                else:
-                    point = points[a - count]
-                    for p in range(point.nz):
-                        A[start[a] + p, m] += point.E[k, p] * span[k] / point.mass
+            for side in range(2):
+                node, sign = segments[s, side], 1.0 - 2.0 * side
+                a = owner[node, 0]
+                if a < 0:
+                    continue
+                for k in range(3):
+                    if a < count:
+                        for p in range(rods[a].nz + rods[a].nb - 1):
+                            A[start[a] + p, m] += sign * pull[a, owner[node, 1], p, k] * span[k]
+                    else:
+                        point = points[a - count]
+                        for p in range(point.nz):
+                            A[start[a] + p, m] += sign * point.E[k, p] * span[k] / point.mass
     return -1

@@ -45,6 +45,14 @@ def finite(what: str, value: Any, more: str = "") -> float:
     return checked(what, value, kinds.number(f"a finite number{more}", lambda x: True))
 
 
+def shape_of(value: Any) -> tuple[int, ...] | None:
+    """The shape of an array or of nested sequences; None of what has none, as rows of several lengths."""
+    try:
+        return np.shape(value)
+    except ValueError:
+        return None
+
+
 def real_array(
     what: str, value: Any, shape: tuple[int, ...], unit: str = "", scalar: bool = True
 ) -> NDArray[np.float64]:
@@ -121,8 +129,7 @@ def names_from(what: str, given: Sequence[str] | None, known: Sequence[str]) -> 
     """
     names = list(known if given is None else [given] if isinstance(given, str) else given)
     for name in names:
-        if name not in known:
-            raise OptionError(f"{what}: there is no {name!r}; allowed: {', '.join(known)}")
+        check_known(what, name, known, "name")
     if not names:
         raise OptionError(f"{what}: name at least one of {', '.join(known)}")
     return list(dict.fromkeys(names))

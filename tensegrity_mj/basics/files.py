@@ -7,7 +7,7 @@ import os
 import stat
 import tempfile
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -90,12 +90,12 @@ def content_of(path: Path, most_bytes: int) -> bytes:
     return content
 
 
-def said_in_comments(text: str) -> dict[str, Any]:
+def said_in_comments(lines: Iterable[str]) -> dict[str, Any]:
     """What lines such as `# step = 0.01` say, as TOML; comments that are none say nothing to a program."""
     found: dict[str, Any] = {}
-    for line in text.splitlines():
+    for line in lines:
         if line.startswith("#"):
-            with contextlib.suppress(tomllib.TOMLDecodeError):
+            with contextlib.suppress(ValueError, RecursionError):  # as TOML raises both
                 found |= tomllib.loads(line[1:])
     return found
 

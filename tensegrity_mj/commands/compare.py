@@ -178,9 +178,6 @@ def _with_table(first: Run, second: Run, options: argparse.Namespace, plot: Path
 
 def _scored(options: argparse.Namespace) -> Outcome:
     """Score tables against the reference of a scene, the largest step first."""
-    from tensegrity_mj.runs.scoring import observed_orders, reference_of, score
-    from tensegrity_mj.runs.table import read_table
-
     refuse(options, (*OF_SIMULATIONS, "tolerance", "out", "plot", "paper"), "means nothing with --score")
     scene, *paths = options.inputs
     given = options.steps or [None] * len(paths)
@@ -190,12 +187,12 @@ def _scored(options: argparse.Namespace) -> Outcome:
         )
     if len(set(given)) < len(options.steps or ()):
         raise OptionError(f"--steps {' '.join(f'{step:g}' for step in given)}: each table has a step of its own")
-    reference = reference_of(scene)
-    found = [score(reference, read_table(path), step) for path, step in zip(paths, given, strict=True)]
+    reference = runs.reference_of(scene)
+    found = [runs.score(reference, runs.read_table(path), step) for path, step in zip(paths, given, strict=True)]
     found.sort(key=lambda one: -(one.step or 0.0))
     rows = [("error bar", quantity(found[0].error_bar, "m")), ("motion", quantity(found[0].motion, "m"))]
     tables = []
-    for one, order in zip(found, [None, *observed_orders(found)], strict=True):
+    for one, order in zip(found, [None, *runs.observed_orders(found)], strict=True):
         tables.append({**vars(one), "judged": one.judged, "verdict": one.verdict, "order": order})
         step = "" if one.step is None else f", step {quantity(one.step, 's')}"
         fall = "" if order is None else f", order {order:.2f}"

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import itertools
-import math
 import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -169,10 +167,6 @@ def _write_report(
 
 
 def observed_orders(agreement: Sequence[Mapping[str, float]]) -> list[float | None]:
-    """Order of convergence between each time step and the one before: log ratio of errors over that of steps."""
-    orders: list[float | None] = [None]
-    for coarse, fine in itertools.pairwise(agreement):
-        large, small = coarse["max_node_error"], fine["max_node_error"]
-        fall = math.log(coarse["timestep"] / fine["timestep"])
-        orders.append(math.log(large / small) / fall if large > 0 and small > 0 else None)
-    return orders
+    """Order of convergence between each time step and the one before."""
+    steps, errors = ([row[key] for row in agreement] for key in ("timestep", "max_node_error"))
+    return [None, *runs.orders_between(steps, errors)]

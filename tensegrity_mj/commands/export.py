@@ -17,10 +17,8 @@ OF_RUNS = (".csv", ".mat")  # of a run: its data, not those of its scene
 def execute(options: argparse.Namespace) -> Outcome:
     """Write the file, and say on stderr what it does not hold; or the folder of the benchmark pack."""
     if options.scene == "pack":
-        from tensegrity_mj.exchange.pack import save_pack
-
         refuse(options, ("for", "scale"), "means nothing for the pack")
-        written = save_pack(options.out)
+        written = exchange.save_pack(options.out)
         return Outcome({"status": "ok", "out": options.out, "files": written}, "\n".join(map(str, written)))
     out = output_file(options.out, "--out", SUFFIXES)
     suffix = out.suffix.lower()

@@ -58,13 +58,13 @@ def execute(options: argparse.Namespace) -> Outcome:
 
     scene = library.load_scene(options.scene)
     engine = experiment.engine_of(options.engine, options)
-    after = options.statistics
-    if after is not None and after >= (options.duration or scene.duration):
-        raise OptionError(f"--statistics {after:g}: the run ends before; make it longer, or begin earlier")
     if options.replay:
         law, actuation, duration = _replay_of(options)
     else:
         law, actuation, duration = experiment.law_of(options, scene), experiment.actuation_of(options), options.duration
+    after = options.statistics
+    if after is not None and after >= (duration or scene.duration):
+        raise OptionError(f"--statistics {after:g}: the run ends before; make it longer, or begin earlier")
     try:
         run = experiment.simulated(options, scene, law, engine, actuation, duration, options.output_interval)
     except DivergenceError as error:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from typing import TYPE_CHECKING, Any
 
 import tensegrity_mj.library as library
 from tensegrity_mj import model
 from tensegrity_mj.basics.files import table_beside
-from tensegrity_mj.basics.jsontext import plain_values
+from tensegrity_mj.basics.jsontext import plain_values, to_json
 from tensegrity_mj.commands.common import Outcome, number, table
 from tensegrity_mj.errors import OptionError
 
@@ -24,7 +23,7 @@ def execute(options: argparse.Namespace) -> Outcome:
         if options.scene is not None:
             raise OptionError(f"scenes {options.scene}: --schema prints that of all scene files; leave out the scene")
         schema = model.format_schema()
-        return Outcome(schema, json.dumps(schema, indent=1, ensure_ascii=False))
+        return Outcome(schema, to_json(schema, indent=1))
     if options.scene is not None:
         details = describe(library.load_scene(options.scene), timing=not options.no_timing)
         return Outcome(details, _text(details))

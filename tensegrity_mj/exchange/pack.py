@@ -32,7 +32,7 @@ def save_pack(folder: str | os.PathLike[str]) -> list[Path]:
         save_mjcf(scene, own / "scene.xml")
         tables, notes = save_csv(scene, own / "nodes.csv")
         files += [own / "scene.xml", *tables, *(own / kept for kept in KEPT)]
-        said = said_in_comments(read(source / KEPT[1]))
+        said = said_in_comments(read(source / KEPT[1]).splitlines())
         absent = "; ".join(note for note in notes if "gravity" not in note) or "-"
         bar, weight = quantity(said["error"], "m", 2), f"{abs(scene.gravity[2]):g} m/s²"
         text += f"| {source.name} | {said['about']} | {weight} | {absent} | {bar} |\n"

@@ -147,12 +147,16 @@ class Linearization:
         delta, rate = self._chart.coordinates(*here)
         start = states_at_start(self.scene.elements, self.scene)
         others = start if states is None else real_array("states", states, start.shape, "", False)
-        _, rate0 = self._chart.coordinates(self.nodes, self.velocities)  # of the state
-        return np.concatenate([delta, rate - rate0, others - start])
+        return np.concatenate([delta, rate - self._rate, others - start])
 
     @cached_property
     def _chart(self) -> Chart:
         return Chart(self.scene.structure, self.nodes)
+
+    @cached_property
+    def _rate(self) -> Array:
+        """δ̇ of the state."""
+        return self._chart.coordinates(self.nodes, self.velocities)[1]
 
     def to_control(self) -> StateSpace:
         """The model as a system of python-control; inputs are strings, outputs "n1_x", with "_" for each "." in names.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import instance, real_array
+from tensegrity_mj.basics.checks import instance, real_array, shape_of
 from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
 from tensegrity_mj.model.structure_checks import CONSTRAINT_TOLERANCE, names_of, size_of, unknown_node
@@ -28,7 +28,7 @@ def rotation_matrix(rotation: Any) -> Array:
     if rotation is None:
         return np.eye(3)
     given = rotation.as_matrix() if hasattr(rotation, "as_matrix") else rotation
-    if np.shape(given) != (3, 3):
+    if shape_of(given) != (3, 3):
         from scipy.spatial.transform import Rotation  # slow to load
 
         vector = real_array("rotation", given, (3,), "rad, or a matrix (3, 3)", scalar=False)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, norm
 from tensegrity_mj.basics.kinds import LARGEST
 from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.errors import SceneError
@@ -196,10 +196,14 @@ def check_velocities(
 
 
 def _check_no_vanishing_string(scene: Scene) -> None:
-    lengths = scene.structure.string_lengths(scene.nodes0)
-    for row in np.flatnonzero(lengths <= 1e-12 * size_of(scene.structure))[:1]:
-        name = scene.structure.strings[row].name
-        raise SceneError(f"initial_nodes: string '{name}' has length {lengths[row]:.3g} m; it must be longer")
+    structure, paths = scene.structure, scene.structure.paths
+    lengths = norm(paths.spans(scene.nodes0))
+    for row in np.flatnonzero(lengths <= 1e-12 * size_of(structure))[:1]:
+        one, other = (structure.node_names[k] for k in paths.nodes[row])
+        raise SceneError(
+            f"initial_nodes: string '{structure.strings[paths.strings[row]].name}' has length {lengths[row]:.3g} m "
+            f"between '{one}' and '{other}'; it must be longer"
+        )
 
 
 # Between the shapes of a curve a polynomial may stretch rods by this part of the structure's size; targets of rods are

@@ -61,7 +61,7 @@ class Paths:
         return np.stack([first, self.ranges[self.strings[first], 0] + place], axis=1).astype(np.int64)
 
     def total(self, values: Array, axis: int = -1) -> Any:
-        """The sum over each string's segments, (..., S) -> (..., M) along an axis; of flags, whether any is true."""
+        """The sum over each string's segments, (..., S) -> (..., M) along an axis."""
         if len(self.nodes) == len(self.ranges):
             return values
         return np.add.reduceat(values, self.ranges[:, 0], axis=axis)

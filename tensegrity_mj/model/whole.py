@@ -11,6 +11,7 @@ from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import vector
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.model.members import Vector
+from tensegrity_mj.model.rods import lumped_masses
 from tensegrity_mj.model.scene_checks import check_velocities
 from tensegrity_mj.model.structure_checks import CONSTRAINT_TOLERANCE
 
@@ -51,9 +52,7 @@ class Whole:
         if not any((*self.velocity, *self.angular_velocity)):
             return scene
         structure, nodes = scene.structure, scene.nodes0
-        points = structure.point_masses
-        places = [*nodes[structure.rod_nodes].mean(axis=1), *(nodes[structure.node_index[p.node]] for p in points)]
-        middle = np.average(places, axis=0, weights=[*structure.rod_masses, *(p.mass for p in points)])
+        middle = np.average(nodes, axis=0, weights=lumped_masses(structure))
         center = middle if self.center is None else np.array(self.center)
         rates = np.array(self.velocity) + np.cross(self.angular_velocity, nodes - center)
         for row in (structure.node_index[name] for name in structure.fixed_nodes):

@@ -196,9 +196,15 @@ def save_figure(figure: Figure, path: PathLike, dpi: float | None = None) -> Pat
 
 
 def print_png(figure: Figure, to: PathLike | io.BytesIO, dpi: float) -> None:
-    """Write pixels as `Figure.savefig` does, which draws a figure with a layout twice."""
-    figure.dpi = dpi
-    figure.canvas.print_png(to)  # type: ignore[attr-defined]
+    """Write pixels as `Figure.savefig` does, which draws a figure with a layout twice, if its canvas can."""
+    if not hasattr(figure.canvas, "print_png"):
+        figure.savefig(to, format="png", dpi=dpi)
+        return
+    before, figure.dpi = figure.dpi, dpi
+    try:
+        figure.canvas.print_png(to)
+    finally:
+        figure.dpi = before
 
 
 def saved(figure: Figure, path: PathLike | None) -> Figure:

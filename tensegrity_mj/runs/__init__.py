@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.runs.comparison import Comparison as Comparison
     from tensegrity_mj.runs.comparison import TableComparison as TableComparison
     from tensegrity_mj.runs.comparison import compare as compare
+    from tensegrity_mj.runs.convergence import orders_between as orders_between
     from tensegrity_mj.runs.flow_regime import FlowNumbers as FlowNumbers
     from tensegrity_mj.runs.flow_regime import flow_numbers as flow_numbers
     from tensegrity_mj.runs.scoring import Score as Score

@@ -27,6 +27,17 @@ FALL_OF_TOLERANCES = 1.5  # least, of differences between tolerances a decade or
 ROUND_OFF = 1e-11  # of the structure's extent: differences below are those of round-off, which need not fall
 
 
+def orders_between(steps: Sequence[float], errors: Sequence[float], floor: float = 0.0) -> list[float | None]:
+    """log(e₁/e₂) / log(h₁/h₂) of each two runs in a row.
+
+    None where the step does not fall, and where an error is within the floor, below which no order shows.
+    """
+    return [
+        math.log(large / small) / math.log(coarse / fine) if coarse > fine and min(large, small) > floor else None
+        for (coarse, large), (fine, small) in itertools.pairwise(zip(steps, errors, strict=True))
+    ]
+
+
 @dataclass(frozen=True)
 class Estimate:
     """What the runs say about the finest of them.

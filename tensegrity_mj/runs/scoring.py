@@ -6,7 +6,6 @@ A reference is the table reference.csv beside a scene, with `error` [m] in its h
 
 from __future__ import annotations
 
-import itertools
 import math
 import os
 from collections.abc import Sequence
@@ -20,7 +19,7 @@ from tensegrity_mj.basics.checks import check_known, positive
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.model.text.sources import find, pack_names
-from tensegrity_mj.runs.convergence import common_times
+from tensegrity_mj.runs.convergence import common_times, orders_between
 from tensegrity_mj.runs.table import Table, read_table
 
 # Of the motion: what is further off is wrong. A parameter that is off by 1 % moves whatever is linear in it by 1 % of
@@ -151,9 +150,5 @@ def observed_orders(scores: Sequence[Score]) -> list[float | None]:
 
     None where an error is within the error bar, below which no order shows, and where steps do not fall.
     """
-    return [
-        math.log(a.error / b.error) / math.log(a.step / b.step)
-        if a.step and b.step and a.step > b.step and min(a.error, b.error) > a.error_bar
-        else None
-        for a, b in itertools.pairwise(scores)
-    ]
+    floor = max((one.error_bar for one in scores), default=0.0)
+    return orders_between([one.step or math.nan for one in scores], [one.error for one in scores], floor)

@@ -99,7 +99,8 @@ def _read_csv(source: Path) -> dict[str, Any]:
         text = content_of(source, MOST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise FormatError(f"{source}: no text in UTF-8 ({error.reason} at byte {error.start}); {FORM}") from None
-    rows = csv.reader("" if line.startswith("#") else line for line in text.splitlines())
+    lines = text.splitlines()
+    rows = csv.reader("" if line.startswith("#") else line for line in lines)
     header = [name.strip() for name in next(filter(None, rows), [])]
     if "time" not in header or len(set(header)) < len(header):
         raise FormatError(f"{source}: there is no column 'time', or one twice; {FORM}")
@@ -135,7 +136,7 @@ def _read_csv(source: Path) -> dict[str, Any]:
     pulls = {name.removesuffix(".tension"): np.array([found[time, name][0] for time in times]) for name in strings}
     velocities = moved[..., 3:] if fast else None
     data = {"time": times, "nodes": seen, "positions": moved[..., :3], "velocities": velocities, "tensions": pulls}
-    return data | {"header": said_in_comments(text)}
+    return data | {"header": said_in_comments(lines)}
 
 
 def _number(source: Path, line: int, column: str, text: str) -> float:
@@ -163,9 +164,9 @@ def _read_netcdf(source: Path) -> dict[str, Any]:
         values = {name: _variable(source, held[name], *VARIABLES[name]) for name in VARIABLES if name in held}
         pulls = zip(_names(held["string"]), values["tensions"].T, strict=True) if "tensions" in values else ()
         tensions, nodes = dict(pulls), _names(held["node"])
-        # Of a run, what it was computed with.
-        said = from_exact_json(str(file.attrs.get("provenance", "{}"))).get("engine", {}).get("timestep")
-        step = file.attrs.get("step", said)
+        step = file.attrs.get("step")
+        if step is None and "scene" in file.attrs:  # a run of ours, which says what it was computed with
+            step = from_exact_json(str(file.attrs["provenance"])).get("engine", {}).get("timestep")
     moved = {"positions": values["nodes"], "velocities": values.get("velocities")}
     return {"time": values["time"], "nodes": nodes, "tensions": tensions, **moved, "header": {"step": step}}
 

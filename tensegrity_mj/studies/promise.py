@@ -131,10 +131,12 @@ class Promise(Report):
             return Mark.GOOD if kept else otherwise
 
         known = mark(now["no_truth"]["count"] <= UNKNOWN * now["runs"])
-        within = mark(now["within_if_met"]["count"] >= WITHIN * now["within_if_met"]["of"], Mark.BAD)
+        met = now["within_if_met"]
+        within = mark(met["count"] >= WITHIN * met["of"], Mark.BAD) if met["of"] else Mark.LIMITED
+        failed = Mark.BAD if now["outcomes"].get("failed") else None
         silent = len(now["silently_beyond"])
         return [
-            ("experiments", f"{now['runs']}, seed {self.data['seed']}: {ended}", None),
+            ("experiments", f"{now['runs']}, seed {self.data['seed']}: {ended}", failed),
             ("of which two references differ", f"{part('no_truth')}; at most {100 * UNKNOWN:g} %", known),
             (f"moved less than {IDLE:g} times the request", part("idle"), None),
             ("true error within the request, where met", f"{part('within_if_met')}; aim {100 * WITHIN:g} %", within),

@@ -53,6 +53,8 @@ def write_promise_page(path: str | os.PathLike[str], data: Data) -> Path:
         f"{kept['count']} of {kept['of']} accuracies reported as met were met, at a median of {cost:.3g} times "
         "the evaluations of the cheapest setting that would have done."
     )
+    if not kept["of"]:
+        verdict = f"None of {len(rows)} experiments reported its accuracy as met."
     opening = opening_of(verdict, [Finding(mark, f"{name}: {text}") for name, text, mark in found.summary if mark])
     title, introduction = "What an accuracy promises, measured", f"Experiments drawn with seed {data['seed']}."
     sections = pictures_and_tables(pictures, [table for table in tables if table.rows])

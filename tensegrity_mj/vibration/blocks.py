@@ -70,9 +70,10 @@ class Assembly:
 
     def __call__(self, weights: Array, blocks: Blocks | None = None, between: bool = True) -> Any:
         """The matrix, with blocks added; `between` bodies there is nothing of strings without that."""
-        found = [(X @ weights @ Y, rows, columns) for X, Y, rows, columns in self._pairs if weights.any()]
-        if not between:
-            found = [(values[own], a[own], b[own]) for values, a, b in found for own in [a == b]]
+        found = []
+        for X, Y, a, b in self._pairs if weights.any() else ():
+            kept = slice(None) if between else a == b
+            found.append((X[kept] @ weights[kept] @ Y[kept], a[kept], b[kept]))
         if blocks is not None:
             found.append((blocks.values, blocks.rows, blocks.columns))
         if not found:

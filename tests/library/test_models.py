@@ -19,7 +19,7 @@ from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.variables import LAW_REPORTS, VARIABLES
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
-FOLDERS = sorted(path for path in MODELS.iterdir() if (path / "scene.toml").is_file())
+FOLDERS = sorted(path for path in MODELS.iterdir() if path.is_dir() and path.name not in ("pack", "__pycache__"))
 PARTS = ("scene.toml", "scene.xml", "scene.png", "README.md")
 
 every_model = pytest.mark.parametrize("folder", FOLDERS, ids=lambda path: path.name)

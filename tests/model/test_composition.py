@@ -167,3 +167,8 @@ def test_what_is_no_rotation_plane_or_shift_is_refused() -> None:
     with pytest.raises(OptionError, match=r"mirrored: plane = \[0, 0, 0\]; its length must not be zero"):
         half().mirrored([0, 0, 0])
     assert random_rotation(np.random.default_rng(0)).shape == (3, 3)
+
+
+def test_rows_of_several_lengths_are_no_rotation() -> None:
+    with pytest.raises(OptionError, match="rotation"):
+        tmj.load_scene("prism").structure.moved(rotation=[[1, 2], [3]])

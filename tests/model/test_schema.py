@@ -27,7 +27,7 @@ def validator() -> Any:
     return jsonschema.Draft4Validator(schema)
 
 
-@pytest.mark.parametrize("path", sorted(ROOT.glob("models/*/scene.toml")), ids=lambda path: path.parent.name)
+@pytest.mark.parametrize("path", sorted(ROOT.glob("models/**/scene.toml")), ids=lambda path: path.parent.name)
 def test_every_shipped_scene_is_valid(validator: Any, path: Path) -> None:
     validator.validate(tomllib.loads(path.read_text(encoding="utf-8")))
 

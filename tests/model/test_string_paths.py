@@ -194,3 +194,11 @@ def test_scenes_are_described_with_their_paths(capsys: pytest.CaptureFixture[str
     found = json.loads(capsys.readouterr().out)
     assert found["strings"][0]["nodes"] == ["a", "p", "q", "b"]
     assert cli.main(["scenes", str(path), "--no-timing"]) == 0
+
+
+def test_no_segment_of_a_path_may_vanish_at_the_start() -> None:
+    nodes = {"a": (0.0, 0.0, 0.0), "b": (2.0, 0.0, 0.0), "c": (1.0, 0.0, -1.0)}
+    rope = (tmj.String("rope", ("a", "c", "b"), 5.0),)
+    structure = tmj.Structure("s", nodes, (), rope, fixed_nodes=("a", "b"), point_masses=(tmj.PointMass("c", 1.0),))
+    with pytest.raises(errors.SceneError, match="string 'rope' has length 0 m between 'a' and 'c'; it must be longer"):
+        tmj.Scene(structure, initial_nodes=[(0, 0, 0), (2, 0, 0), (0, 0, 0)])

@@ -364,3 +364,11 @@ def test_logarithmic_axes_of_many_decades_have_no_marks_within_them():
     frame(panel, x="x [m]", y="y [N]")
     assert len(panel.xaxis.get_minorticklocs()) == 0
     assert len(panel.yaxis.get_minorticklocs()) >= 8
+
+
+def test_saving_a_picture_leaves_the_figure_as_it_was(tmp_path: Path) -> None:
+    figure = Figure()
+    figure.dpi = 77.0
+    save_figure(figure, tmp_path / "a.png")
+    assert figure.dpi == 77.0
+    assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"

@@ -223,3 +223,21 @@ def test_a_scene_of_ones_own_may_have_a_reference(tmp_path: Path) -> None:
     assert score(reference_of(scene), read_table(table)).judged == "exact"
     with pytest.raises(OptionError, match="step = -1"):
         score(reference_of(scene), read_table(table), -1)
+
+
+def test_comments_that_no_program_reads_say_nothing(tmp_path: Path) -> None:
+    deep = "# x = " + "[" * 3000 + "\n# y = " + "9" * 5000 + "\n# step = 0.5\n"
+    (tmp_path / "mine.csv").write_text(deep + "time,tip.x,tip.y,tip.z\n0,1,2,3\n1,1,2,3\n", encoding="utf-8")
+    assert read_table(tmp_path / "mine.csv").header == {"step": 0.5}
+
+
+def test_what_another_program_calls_provenance_is_its_own(tmp_path: Path) -> None:
+    import h5netcdf
+
+    with h5netcdf.File(tmp_path / "mine.nc", "w") as file:
+        file.attrs["provenance"] = "computed by my program, 2024"
+        file.dimensions = {"time": 2, "node": 1, "axis": 3}
+        file.create_variable("time", ("time",), float, data=[0.0, 1.0])
+        file.create_variable("node", ("node",), np.dtype("S3"), data=np.array([b"tip"]))
+        file.create_variable("nodes", ("time", "node", "axis"), float, data=np.ones((2, 1, 3)))
+    assert read_table(tmp_path / "mine.nc").header["step"] is None

@@ -154,3 +154,11 @@ def test_the_command_leaves_out_what_a_scene_has_none_of(tmp_path: Path, capsys:
     said = capsys.readouterr().out
     assert "tension of 1" in said
     assert "rod_force" not in said
+
+
+def test_of_a_replay_the_time_is_held_against_the_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "short.nc"
+    assert main(["run", "pinned_rod", "--duration", "0.5", "--out", str(file)]) == 0
+    capsys.readouterr()
+    assert main(["run", "pinned_rod", "--replay", str(file), "--statistics", "1"]) == 2
+    assert "--statistics 1: the run ends before" in capsys.readouterr().err

@@ -161,7 +161,7 @@ def test_growth_out_of_the_plane() -> None:
 # ------------------------------------------------------------------------------------------------ chain and markers
 
 
-@pytest.mark.parametrize("elements", [13, 25, 40, 121])
+@pytest.mark.parametrize("elements", [3, 7, 13, 25, 40, 121])
 def test_markers_of_any_number_of_elements(elements: int) -> None:
     """Each is on the straight line between the nodes beside it: rows of two neighbours at most, which sum to one."""
     chain = Chain.of(cable(elements, excitation=Excitation.NONE).structure)

@@ -195,10 +195,14 @@ def test_the_page_and_the_data(tmp_path: Path) -> None:
     # The verdict, then findings, the worst first: rows 0 and 4 of the four that report so are met; 3, 3, 7 their costs.
     assert "2 of 4 accuracies reported as met were met, at a median of 3 times" in text
     marks = re.findall(r'class="mark (\w+)', text)
-    assert marks == ["bad", "bad", "limited", "limited", "limited"]
+    assert marks == ["bad", "bad", "bad", "limited", "limited", "limited"]
     first = Promise.of(ROWS[:1], 1).save_page(tmp_path / "kept.html").read_text(encoding="utf-8")
     assert re.findall(r'class="mark (\w+)', first) == ["good"] * 5
     assert "Promises broken" not in first
+    broken = Promise.of([{"number": n, "outcome": "failed", "cause": "a bug"} for n in range(3)], 1)
+    none = broken.save_page(tmp_path / "none.html").read_text(encoding="utf-8")
+    assert "None of 3 experiments reported its accuracy as met." in none
+    assert re.findall(r'class="mark (\w+)', none)[:2] == ["bad", "limited"]
     data = json.loads((tmp_path / "promise.json").read_text(encoding="utf-8"))
     assert data["failures"] == [1, 2, 3, 7]
 

@@ -455,9 +455,9 @@ def test_a_law_that_fails_is_data(pinned_rod: Any) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"engines": ["abacus"]}, "engines: there is no 'abacus'"),
+        ({"engines": ["abacus"]}, "engines: there is no name 'abacus'"),
         ({"engines": []}, "engines: name at least one"),
-        ({"sections": ["luck"]}, "sections: there is no 'luck'; allowed: nominal, sampling"),
+        ({"sections": ["luck"]}, "sections: there is no name 'luck'; allowed: nominal, sampling"),
         ({"timestep": 3e-3}, r"timestep = 0\.003: it must divide 0\.01 s, as 0\.005"),
         ({"control_period": 0.02}, r"control_period = 0\.02: it must divide 0\.01 s"),
         ({"duration": -1.0}, "duration = -1.0"),

@@ -17,7 +17,7 @@ from tensegrity_mj.errors import InfeasibleError
 
 
 class NodeAccelerations:
-    """See `engines.run.Accelerations`. The engine's callback sets controls and loads, as in a run.
+    """See `engines.request.Accelerations`. The engine's callback sets controls and loads, as in a run.
 
     Joints that close loops are rigid here (`close_rigidly`), which a run has soft.
     """

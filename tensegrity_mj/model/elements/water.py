@@ -223,7 +223,8 @@ class Segments:
 def samples_at_once(scene: Scene) -> int:
     """Samples of a run whose segments, with all waves there, are held in memory together."""
     assert scene.water is not None
-    members = len(scene.structure.rods) + len(scene.structure.paths.nodes)
+    strings = 0 if scene.water.string_diameter is None else len(scene.structure.paths.nodes)
+    members = max(1, len(scene.structure.rods), strings)
     each = members * scene.water_segments.count * max(1, len(scene.water.components))
     return max(1, AT_ONCE // each)
 
@@ -240,7 +241,8 @@ def segments_of(scene: Scene, time: Array | float, nodes: Array, velocities: Arr
     x1, v1 = nodes[..., pairs[:, 0], None, :], velocities[..., pairs[:, 0], None, :]
     span, turn = nodes[..., pairs[:, 1], None, :] - x1, velocities[..., pairs[:, 1], None, :] - v1
     t = np.asarray(time, float)[..., None, None]
-    axes = span / np.linalg.norm(span, axis=-1, keepdims=True)
+    size = np.linalg.norm(span, axis=-1, keepdims=True)
+    axes = np.divide(span, size, out=np.zeros_like(span), where=size > 0)  # a slack string's ends may meet
     cuts = x1 + (np.arange(count + 1) / count)[:, None] * span
     depth = sea.elevation(t, cuts[..., 0], cuts[..., 1]) - cuts[..., 2]
     half = 0.5 * d[:, None] * np.maximum(np.hypot(axes[..., 0], axes[..., 1]), LEAST_COSINE)

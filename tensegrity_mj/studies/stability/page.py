@@ -45,19 +45,20 @@ def _verdict(data: Data) -> str:
     met = f"predicted largest steps of {data['scene']} are within {off:.1%} of those measured"
     steps = [one["predicted"] for one in data["base"]["engines"].values() if one["predicted"]]
     span = f": {quantity(min(steps), 's')} to {quantity(max(steps), 's')} by engine" if steps else ""
+    if not ratios and any(one["measured"] is not None for one in data["base"]["engines"].values()):
+        return f"The step of {data['scene']} has limits that were measured and not predicted."
     return f"At rest, {met}{span}." if ratios else f"Nothing limits the step of {data['scene']} as far as was tried."
 
 
 def _findings(data: Data) -> Iterator[Finding]:
     """An engine each, then the random structures."""
     for name, one in data["base"]["engines"].items():
-        if one["ratio"]:
-            tried = f"none up to {quantity(one['largest'], 's')}"
-            predicted = "none" if one["predicted"] is None else quantity(one["predicted"], "s")
-            measured = tried if one["measured"] is None else quantity(one["measured"], "s")
-            text = f"{TITLES[name]}: predicted {predicted}, measured {measured}"
-            cause = f" ({one['cause']})" if one["cause"] else ""
-            yield Finding(Mark.GOOD if one["agrees"] else Mark.LIMITED if cause else Mark.BAD, f"{text}{cause}.")
+        tried = f"none up to {quantity(one['largest'], 's')}"
+        predicted = "none" if one["predicted"] is None else quantity(one["predicted"], "s")
+        measured = tried if one["measured"] is None else quantity(one["measured"], "s")
+        text = f"{TITLES[name]}: predicted {predicted}, measured {measured}"
+        cause = f" ({one['cause']})" if one["cause"] else ""
+        yield Finding(Mark.GOOD if one["agrees"] else Mark.LIMITED if cause else Mark.BAD, f"{text}{cause}.")
     for name, words in DRAWN.items():
         if data.get(name):
             total = data[name]["summary"]
