@@ -55,10 +55,11 @@ else:
     __getattr__, __dir__ = face(__name__)
 
 
-def _draw(scene: "Scene") -> bytes | None:
-    from tensegrity_mj.pictures.video import png_of
+def _draw(item: "Scene | Trajectory") -> bytes | None:
+    from tensegrity_mj.model.scene import Scene
+    from tensegrity_mj.pictures import plots, video
 
-    return png_of(scene)
+    return video.png_of(item) if isinstance(item, Scene) else plots.png_of(item)
 
 
 pictured.draw = _draw

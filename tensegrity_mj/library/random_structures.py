@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass
 
@@ -299,6 +300,11 @@ def _turned(vector: Array, axis: Array, angle: float) -> Array:
     """Rodrigues' rotation of a vector about a unit axis."""
     cross = np.cross(axis, vector)
     return vector * np.cos(angle) + cross * np.sin(angle) + axis * (axis @ vector) * (1 - np.cos(angle))
+
+
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """A number from low to high, evenly in its logarithm."""
+    return float(10 ** rng.uniform(math.log10(low), math.log10(high)))
 
 
 def unit(vector: Array) -> Array:

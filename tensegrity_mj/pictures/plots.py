@@ -11,6 +11,7 @@ Every function returns a matplotlib Figure and writes it where a path is given (
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -32,6 +33,7 @@ from tensegrity_mj.pictures.figure import (
     line_style,
     new_figure,
     note,
+    print_png,
     saved,
 )
 from tensegrity_mj.pictures.figure import save_figure as save_figure
@@ -82,6 +84,8 @@ DRAWN = ("node_error", "velocity_error", "tension_error", "rod_force_error", "fo
 # From where on and how far apart marks stand on curves whose line styles mean something, in diagonals of the panel.
 MARKS = [(0.02 + 0.0171 * k, 0.12) for k in range(len(palette.MARKERS))]
 
+NOTEBOOK_DPI = 90
+
 # times (T,), values (T,), colour, line style, label
 _Curve = tuple[Array, Array, Any, str, str | None]
 
@@ -104,6 +108,18 @@ def plot_run(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = No
         return plot_motion(all_runs, path)
     one_rod = all(len(run.scene.structure.rods) == 1 and not run.scene.structure.point_masses for run in all_runs)
     return plot_coordinates(all_runs, path) if one_rod else plot_errors(all_runs, path)
+
+
+def png_of(run: Trajectory) -> bytes | None:
+    """The tensions of a run over time as PNG, for notebooks, or heights where nothing pulls; None of an instant."""
+    if len(run.time) < 2:
+        return None
+    figure = new_figure(1.5 * COLUMN, 1.2 * ROW)
+    panel, stream = figure.subplots(), io.BytesIO()
+    (tensions if run.tensions.any() else heights)(panel, run)
+    panel.set_xlabel("time [s]", fontsize=9)
+    print_png(figure, stream, NOTEBOOK_DPI)
+    return stream.getvalue()
 
 
 def plot_motion(runs: Trajectory | Sequence[Trajectory], path: PathLike | None = None) -> Figure:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.library.random_structures import random_structure, random_velocities
+from tensegrity_mj.library.random_structures import log_uniform, random_structure, random_velocities, unit
 from tensegrity_mj.model.actuation import Actuation, Mode
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -120,16 +120,16 @@ def _random(rng: np.random.Generator) -> tuple[Scene, float, str]:
     )
     oddity = rng.uniform()
     if oddity < 0.1:
-        structure = _shortened(structure, length := _log_uniform(rng, SHORTEST, 0.1))
+        structure = _shortened(structure, length := log_uniform(rng, SHORTEST, 0.1))
         features = [f"a rod of {length:.1e} m"]
     elif oddity < 0.15 and not planar:
-        structure = _tilted(structure, angle := _log_uniform(rng, *TILT))
+        structure = _tilted(structure, angle := log_uniform(rng, *TILT))
         features = [f"a rod {angle:.1e} from the pole"]
     else:
         features = []
-    stiffness = _log_uniform(rng, *STIFFNESS)
-    ratio = 0.0 if rng.uniform() < 1 / 3 else _log_uniform(rng, *RATIO)
-    speed = _log_uniform(rng, *SPEED)
+    stiffness = log_uniform(rng, *STIFFNESS)
+    ratio = 0.0 if rng.uniform() < 1 / 3 else log_uniform(rng, *RATIO)
+    speed = log_uniform(rng, *SPEED)
     stretch = min(LARGEST_STRETCH, speed / math.sqrt(stiffness))
     least = 0.1 if rng.uniform() < 0.5 else -0.5  # of it: some strings begin slack
     lengths, M = structure.string_lengths(structure.positions), len(structure.strings)
@@ -138,12 +138,13 @@ def _random(rng: np.random.Generator) -> tuple[Scene, float, str]:
         damping=2 * ratio * math.sqrt(stiffness),
         rest_length=lengths * (1 - stretch * rng.uniform(least, 1.0, M)),
     )
-    scene = Scene(structure, gravity=_of_length(rng, 9.81) if gravity else (0.0, 0.0, 0.0), name="random")
-    spin = _log_uniform(rng, *SPIN) if rng.uniform() < 0.5 else 0.0
+    pull = tuple(9.81 * unit(rng.normal(size=3))) if gravity else (0.0, 0.0, 0.0)
+    scene = Scene(structure, gravity=pull, name="random")
+    spin = log_uniform(rng, *SPIN) if rng.uniform() < 0.5 else 0.0
     if spin:
         scene = scene.with_(initial_velocities=random_velocities(rng, structure, structure.positions, spin))
     rates = pace(scene)
-    duration = _log_uniform(rng, *TURNS) / max(rates.vibration, rates.spin, TURNS[0] / LONGEST)
+    duration = log_uniform(rng, *TURNS) / max(rates.vibration, rates.spin, TURNS[0] / LONGEST)
     duration = float(f"{min(duration, LONGEST, DECAYS / max(rates.decay, 1e-300)):.3g}")
     pulled = speed / max(1.0, 2 * ratio)  # an overdamped rod creeps at the stretch times k / c
     distance = min(1.0, (spin + pulled) * duration + 5.0 * gravity * duration**2)
@@ -151,16 +152,6 @@ def _random(rng: np.random.Generator) -> tuple[Scene, float, str]:
     features += [f"damped {ratio:.2g} of critical"] * bool(ratio) + [f"spin {spin:.2g} rad/s"] * bool(spin)
     words = f"{rods} rods, {M} strings of {stiffness:.2g} N/m{''.join(', ' + one for one in features)}, {duration:g} s"
     return scene.with_(duration=duration), distance, words
-
-
-def _log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(math.exp(rng.uniform(math.log(low), math.log(high))))
-
-
-def _of_length(rng: np.random.Generator, length: float) -> tuple[float, float, float]:
-    vector = rng.normal(size=3)
-    x, y, z = (length * vector / np.linalg.norm(vector)).tolist()
-    return x, y, z
 
 
 def _shortened(structure: Structure, length: float) -> Structure:

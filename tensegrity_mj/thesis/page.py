@@ -109,20 +109,18 @@ def markdown(rows: Sequence[Row]) -> str:
         columns = list(dict.fromkeys(engine for row in own for engine in row.cells))
         heads = ["row", "class", "where", "what", "thesis", *(TITLES[one] for one in columns), "verdict", "notices"]
         lines += [f"## {title}", "", *texts.markdown_table(heads, [_cells(row, columns) for row in own])]
-        causes = dict.fromkeys((row.cause, row.verdict) for row in own if row.cause)
-        if causes:
-            lines += ["", "Why rows differ, or cannot be judged:", ""]
-        for cause, _ in causes:
-            names = ", ".join(f"`{row.statement.id}`" for row in own if row.cause == cause)
-            lines.append(f"- {names}: {cause}.")
-        origins = dict.fromkeys(row.statement.origin for row in own if row.statement.origin)
-        if origins:
-            lines += ["", "What was chosen so that rows come out, and where values are from that the thesis lacks:", ""]
-        for origin in origins:
-            names = ", ".join(f"`{row.statement.id}`" for row in own if row.statement.origin == origin)
-            lines.append(f"- {names}: {origin}.")
-        lines.append("")
+        lines += _listed("Why rows differ, or cannot be judged:", {row.statement.id: row.cause for row in own})
+        chosen = "What was chosen so that rows come out, and where values are from that the thesis lacks:"
+        lines += [*_listed(chosen, {row.statement.id: row.statement.origin for row in own}), ""]
     return "\n".join(lines)
+
+
+def _listed(head: str, texts_of: Mapping[str, str]) -> list[str]:
+    """Each text with the ids of all rows that have it, below a head; nothing where no row has one."""
+    lines = []
+    for text in dict.fromkeys(filter(None, texts_of.values())):
+        lines.append(f"- {', '.join(f'`{name}`' for name, own in texts_of.items() if own == text)}: {text}.")
+    return ["", head, "", *lines] if lines else []
 
 
 def _notices(rows: Sequence[Row]) -> str:

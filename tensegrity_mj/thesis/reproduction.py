@@ -6,7 +6,7 @@ import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.pictures.figure import save_figure
 from tensegrity_mj.runs.comparison import compare
 from tensegrity_mj.runs.trajectory import Trajectory
+from tensegrity_mj.studies.many import RunOptions
 from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.thesis import page
 from tensegrity_mj.thesis.appendix_c.beams import STUDIES
@@ -94,8 +95,8 @@ def reproduce(
     folder = made_folder(out)
     drawn_needs = [name for figure in chosen for name in figure.needs] if draw else []
     names = list(dict.fromkeys([*drawn_needs, *(name for one in statements for name in one.needs)]))
-    how: dict[str, Any] = {"disturbance": disturbance, "workers": workers, "progress": progress}
-    computed = compute_runs(names, engines, made_folder(folder / RUNS), **how)
+    place = made_folder(folder / RUNS)
+    computed = compute_runs(names, engines, place, disturbance, workers=workers, progress=progress)
     rows = judge(statements, computed)
     files: dict[str, Path] = {}
     pictures: list[tuple[ThesisFigure, bytes]] = []
@@ -136,25 +137,23 @@ def compute_runs(
     names: Sequence[str],
     engines: Sequence[EngineName],
     place: Path,
-    *,
     disturbance: Disturbance | None = None,
-    workers: Workers | None = None,
-    progress: bool = False,
+    **how: Unpack[RunOptions],
 ) -> Computed:
     """The experiments, series and studies of these names in those of the engines that compute them.
 
     Args:
         place: folder, exists; what it has is not computed again.
+        how: workers and progress, see `run_many`.
     """
-    how: dict[str, Any] = {"disturbance": disturbance, "workers": workers, "progress": progress}
     moving = [one for one in engines if one in OF_MOTION]
-    computed = run_experiments([name for name in names if name not in WHOLES], moving, place, **how)
+    computed = run_experiments([name for name in names if name not in WHOLES], moving, place, disturbance, **how)
     runs: dict[EngineName, dict[str, Any]] = {engine: {**computed.runs.get(engine, {})} for engine in engines}
     failures = dict(computed.failures)
     able = [(WHOLES[name], one) for name in names if name in WHOLES for one in engines if one in WHOLES[name].engines]
     for whole, engine in able:
         try:
-            runs[engine][whole.name] = whole.compute(engine, place, workers, progress, disturbance)
+            runs[engine][whole.name] = whole.compute(engine, place, disturbance, **how)
         except OptionError:
             raise
         except TensegrityError as error:

@@ -8,7 +8,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.many import RunOptions, run_many
-from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.thesis.disturbance import Disturbance, disturbance_of, disturbed
 from tensegrity_mj.thesis.experiments import EngineName, experiment_of, simulate_experiment
 
@@ -72,20 +71,18 @@ class Whole:
         self,
         engine: EngineName,
         folder: Path,
-        workers: Workers | None,
-        progress: bool,
         disturbance: Disturbance | None = None,
+        **how: Unpack[RunOptions],
     ) -> Any:
         """Its `StudyRun` in one engine; what the folder has of it is not computed again.
 
         Args:
             folder: where the folder of this one is made.
-            workers, progress: see `run_many`.
             disturbance: of what is computed.
+            how: workers and progress, see `run_many`.
         """
         started = time.perf_counter()
-        how: RunOptions = {"workers": workers, "progress": progress, "label": f"{self.name}, {engine.value}"}
-        found = self.found(engine, folder, disturbance, how)
+        found = self.found(engine, folder, disturbance, {**how, "label": f"{self.name}, {engine.value}"})
         return replace(found, cost={"wall_time": time.perf_counter() - started})
 
     def found(self, engine: EngineName, folder: Path, disturbance: Disturbance | None, how: RunOptions) -> StudyRun:
@@ -103,16 +100,15 @@ def run_experiments(
     names: Sequence[str],
     engines: Sequence[EngineName],
     folder: Path,
-    *,
     disturbance: Disturbance | None = None,
-    workers: Workers | None = None,
-    progress: bool = False,
+    **how: Unpack[RunOptions],
 ) -> Computed:
     """Runs of all these experiments in all these engines; only those are computed that the folder lacks.
 
     Args:
         folder: exists; holds a file <experiment>-<engine>.nc for each run.
         disturbance: of the plant or of the law.
+        how: workers and progress, see `run_many`.
 
     Raises:
         KeyboardInterrupt: its message says how much is finished; what is finished is kept.
@@ -122,9 +118,10 @@ def run_experiments(
     points = [{"experiment": name, "engine": engine.value} for name, engine in wanted if (name, engine) not in found]
     failures: dict[tuple[EngineName, str], str] = {}
     if points:
+        how["label"] = "runs"
         common = {"folder": str(folder.absolute()), "disturbance": None if disturbance is None else disturbance.plain}
         try:
-            study = run_many(compute, points, common=common, workers=workers, progress=progress, label="runs")
+            study = run_many(compute, points, common=common, **how)
         except KeyboardInterrupt:
             done = sum(_path(folder, name, engine).exists() for name, engine in wanted)
             raise KeyboardInterrupt(

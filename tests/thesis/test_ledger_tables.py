@@ -305,7 +305,7 @@ def test_markers_stay_where_they_are_on_a_rope_of_another_length(factor: float, 
     scaled = Chain.of(disturbed(rope, longer).structure).weights(marker_places(longer))
     np.testing.assert_allclose(scaled, there, atol=1e-14)  # sums of some ten lengths, relative to one of them
     assert marker_places(Disturbance(Quantity.MASS, factor)) == PLACES
-    run = SERIES["starts"].compute(EngineName.DAE, tmp_path, HERE, False, longer)
+    run = SERIES["starts"].compute(EngineName.DAE, tmp_path, longer, workers=HERE)
     assert run.results is not None
     assert np.isfinite(run.results.amplitudes).all()
 

@@ -80,11 +80,6 @@ class Experiment:
 COLLAPSE = (0.3, 10.0)
 
 
-def log_uniform(rng: Rng, low: float, high: float) -> float:
-    """A number from low to high, evenly in its logarithm."""
-    return float(10 ** rng.uniform(math.log10(low), math.log10(high)))
-
-
 def maybe_driven(rng: Rng, scene: Scene, facts: dict[str, Any]) -> Experiment:
     """A third of the scenes are driven by a smooth law about their own prestress."""
     if rng.uniform() > 1 / 3 or not scene.structure.strings:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.library.random_structures import (
+    log_uniform,
     random_configuration,
     random_scene,
     random_structure,
@@ -34,7 +35,6 @@ from tensegrity_mj.studies.extremes.experiment import (
     Kind,
     Rng,
     direction,
-    log_uniform,
     maybe_driven,
     ordinary,
 )

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.engines.reports import NO_LINE, NO_PUSH
+from tensegrity_mj.library.random_structures import log_uniform
 from tensegrity_mj.model.actuation import Actuation, Mode
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.simulation import simulate
 from tensegrity_mj.studies.engine_names import engine_of
-from tensegrity_mj.studies.extremes.experiment import Experiment, Kind, log_uniform
+from tensegrity_mj.studies.extremes.experiment import Experiment, Kind
 from tensegrity_mj.studies.extremes.kinds import FIXED_STEP, draw
 from tensegrity_mj.studies.extremes.pace import Pace, pace
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.library.random_linked import random_linked_structure
-from tensegrity_mj.library.random_structures import random_structure, random_velocities
+from tensegrity_mj.library.random_structures import log_uniform, random_structure, random_velocities
 from tensegrity_mj.model.elements.contact import Contact
 from tensegrity_mj.model.elements.resistance import Bending, Drag, Resistance
 from tensegrity_mj.model.events import Load
@@ -24,7 +24,6 @@ from tensegrity_mj.studies.extremes.experiment import (
     Experiment,
     Rng,
     direction,
-    log_uniform,
     maybe_driven,
     ordinary,
 )

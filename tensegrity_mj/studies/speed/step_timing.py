@@ -3,8 +3,7 @@
 Everything is measured side by side: models take turns, each steps the same number of times from the same start, and the
 least of several rounds counts. On a busy machine times wander all the same; ratios do less.
 
-The parts are MuJoCo's own timers, read with a clock in C; its cost is within a few per cent of a step, and they are
-given as shares.
+The parts are by MuJoCo's own timers, whose clock takes 2 to 35 % of a step (`engines.mujoco.clock`): given as shares.
 
 What a further step of a run costs, with ledger, recording and law, is timed in pieces of .2 ms of one run from the
 scene's start, of which the median counts. What a run costs but once (set-up, its first piece) is in none of them. Such
@@ -15,13 +14,11 @@ some milliseconds would count the turns of others.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import statistics
 import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
 from typing import Any
 
 import mujoco
@@ -152,17 +149,12 @@ def _race(models: dict[str, mujoco.MjModel], rounds: int) -> tuple[dict[str, flo
 def _shares(model: mujoco.MjModel, steps: int, rounds: int) -> dict[str, float]:
     data = mujoco.MjData(model)
     best, total = np.zeros(len(data.timer)), np.inf
-    previous = mujoco.get_mjcb_time()
-    try:
-        mujoco.set_mjcb_time(_clock()[0])
-        for _ in range(rounds):
-            mujoco.mj_resetData(model, data)
-            mujoco.mj_step(model, data, steps)
-            times = np.array([timer.duration for timer in data.timer])
-            if times[_TIMERS.mjTIMER_STEP] < total:
-                best, total = times, float(times[_TIMERS.mjTIMER_STEP])
-    finally:
-        mujoco.set_mjcb_time(previous)
+    for _ in range(rounds):
+        mujoco.mj_resetData(model, data)
+        mujoco.mj_step(model, data, steps)
+        times = np.array([timer.duration for timer in data.timer])
+        if times[_TIMERS.mjTIMER_STEP] < total:
+            best, total = times, float(times[_TIMERS.mjTIMER_STEP])
     shares = {name: float(sum(best[timer] for timer in timers) / total) for name, timers in PARTS.items()}
     return shares | {REST: 1.0 - sum(shares.values())}
 
@@ -204,33 +196,6 @@ def _further_step(scene: Scene, law: Any, engine: MuJoCo, size: int) -> tuple[fl
     if run is None or not run.pieces:
         return None, 0.0
     return statistics.median(run.pieces), int(run.counters[STEP]) * engine.timestep
-
-
-@cache
-def _clock() -> tuple[Any, Any]:
-    """A C function that gives the time [s], and what keeps it alive; Python's clock where there is none."""
-    kind = ctypes.CFUNCTYPE(ctypes.c_double)
-    try:
-        read = ctypes.CDLL(None).clock_gettime
-    except (AttributeError, OSError, TypeError):
-        clock = kind(time.perf_counter)
-        return clock, clock
-    import numba
-    from numba import types
-
-    from tensegrity_mj.dynamics.native.pointers import address_of, integers
-
-    read.argtypes, read.restype = [ctypes.c_int, ctypes.c_size_t], ctypes.c_int
-    parts = np.zeros(2, np.int64)  # seconds and nanoseconds
-    address, number = address_of(parts), int(time.CLOCK_MONOTONIC)
-
-    @numba.cfunc(types.float64())
-    def now() -> float:
-        read(number, address)
-        found = integers(address, (2,))
-        return found[0] + 1e-9 * found[1]
-
-    return ctypes.cast(now.address, kind), (now, parts, read)
 
 
 # Variants of a scene's model, by what they have more (for contact that is there: less).

@@ -10,6 +10,7 @@ import numpy as np
 
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.library.random_linked import random_linked_structure
+from tensegrity_mj.library.random_structures import log_uniform
 from tensegrity_mj.library.random_taut import random_taut_structure
 from tensegrity_mj.model.elements.resistance import resisting_forces
 from tensegrity_mj.model.events import Load
@@ -193,9 +194,9 @@ def joined_points(count: int, seed: int, most_rods: int = 12) -> list[dict[str, 
             "loops": int(rng.choice([0, 0, 1, 2])),
             "planar": bool(rng.uniform() < 0.5),
             "pinned": bool(rng.uniform() < 0.7),
-            "stiffness": _over_decades(rng, 1e2, 1e6),
-            "prestrain": [1e-3, _over_decades(rng, 1e-2, 0.3)],
-            "damping_ratio": float(rng.choice([0.0, _over_decades(rng, 1e-2, 3.0)])),
+            "stiffness": log_uniform(rng, 1e2, 1e6),
+            "prestrain": [1e-3, log_uniform(rng, 1e-2, 0.3)],
+            "damping_ratio": float(rng.choice([0.0, log_uniform(rng, 1e-2, 3.0)])),
         }
         for rng in (np.random.default_rng([seed, number, 1]) for number in range(count))
     ]
@@ -207,19 +208,15 @@ def random_points(count: int, seed: int, most_rods: int = 30) -> list[dict[str, 
         {
             "kind": "random",
             "seed": int(rng.integers(2**31)),
-            "rods": int(_over_decades(rng, 1.0, most_rods + 1)),
+            "rods": int(log_uniform(rng, 1.0, most_rods + 1)),
             "planar": bool(rng.uniform() < 0.5),
-            "mass_ratio": _over_decades(rng, 1.0, 1e4),
-            "stiffness": _over_decades(rng, 1e2, 1e7),
-            "prestrain": [1e-4, _over_decades(rng, 1e-3, 0.5)],
-            "damping_ratio": float(rng.choice([0.0, _over_decades(rng, 1e-2, 10.0)])),
+            "mass_ratio": log_uniform(rng, 1.0, 1e4),
+            "stiffness": log_uniform(rng, 1e2, 1e7),
+            "prestrain": [1e-4, log_uniform(rng, 1e-3, 0.5)],
+            "damping_ratio": float(rng.choice([0.0, log_uniform(rng, 1e-2, 10.0)])),
         }
         for rng in (np.random.default_rng([seed, number]) for number in range(count))
     ]
-
-
-def _over_decades(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def map_points(base: Structure, axes: tuple[str, ...], quick: bool, most_rods: int) -> list[dict[str, Any]]:

@@ -14,6 +14,7 @@ from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
 from tensegrity_mj.studies.stability import figures
 from tensegrity_mj.studies.stability.cases import AXES
 from tensegrity_mj.studies.stability.engines import TITLES
+from tensegrity_mj.studies.stability.report import rest_rows, start_rows
 from tensegrity_mj.studies.stability.study import DRAWN, agreement
 
 Data = Mapping[str, Any]
@@ -78,10 +79,9 @@ def sections(data: Data) -> Iterator[Section]:
     """The sections that the data has."""
     shown = {name: Picture(*drawn) for name, drawn in figures.pictures(data).items()}
     heads = ("", "at the start [s]", "worst on the way [s]", "at t [s]", "rod or mass", "string", "remarks")
-    yield Section("As it starts and moves", (data["start"]["text"],), [Table("", heads, list(_starts(data["start"])))])
-    yield Section(
-        "At rest", (f"The base of the maps: {data['base']['text']}.",), [Table("", HEADS, list(_rows(data["base"])))]
-    )
+    moving, resting = Table("", heads, list(start_rows(data["start"]))), Table("", HEADS, list(rest_rows(data["base"])))
+    yield Section("As it starts and moves", (data["start"]["text"],), [moving])
+    yield Section("At rest", (f"The base of the maps: {data['base']['text']}.",), [resting])
     if data.get("maps"):
         points = [
             {"property": AXES[row["axis"]][0], "value": row["value"], "engine": TITLES[name], **one}
@@ -105,27 +105,3 @@ def _agreement(title: str, part: Data, pictures: list[Any]) -> Section:
     if total["causes"]:
         parts.append(Table("Why the others differ", ("cause", "comparisons"), list(total["causes"].items())))
     return Section(title, (f"Seed {part['seed']}: {agreement(part)}.",), parts)
-
-
-def _starts(part: Data) -> Iterator[list[Any]]:
-    for name, one in part["engines"].items():
-        if "error" in one:
-            yield [TITLES[name], None, None, None, "", "", one["error"]]
-            continue
-        first, worst = one["start"], one["worst"]
-        remarks = "; ".join(worst["notes"])
-        yield [TITLES[name], first["limit"], worst["limit"], worst["time"], worst["rod"], worst["string"], remarks]
-
-
-def _rows(part: Data) -> Iterator[list[Any]]:
-    for name, one in part["engines"].items():
-        yield [
-            TITLES[name],
-            one["predicted"],
-            one["measured"],
-            one["ratio"],
-            None if one["predicted"] is None else one["predicted"] * one["omega"] / 2,
-            f"{one['rod']} ({one['rod_share']:.0%})" if one["rod"] else "",
-            f"{one['string']} ({one['string_share']:.0%})" if one["string"] else "",
-            one["cause"],
-        ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Any
@@ -174,25 +174,39 @@ def _engine_of_run(scene: Scene, law: Any) -> Any:
     return MuJoCo(scene.duration / math.ceil(scene.duration / step))
 
 
+def start_rows(part: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
+    """Of each engine its limits [s] at the start and at the worst, when [s] that is, its rod, its string, remarks."""
+    for name, one in part["engines"].items():
+        if "error" in one:
+            yield TITLES[name], None, None, None, "", "", one["error"]
+            continue
+        worst = one["worst"]
+        remarks = "; ".join(worst["notes"])
+        yield TITLES[name], one["start"]["limit"], worst["limit"], worst["time"], worst["rod"], worst["string"], remarks
+
+
+def rest_rows(part: Mapping[str, Any]) -> Iterator[tuple[Any, ...]]:
+    """Of each engine the limits [s], their ratio, over 2/ω, the rod and the string, and what explains a difference."""
+    for name, one in part["engines"].items():
+        over = None if one["predicted"] is None else one["predicted"] * one["omega"] / 2
+        rod, string = (f"{one[what]} ({one[f'{what}_share']:.0%})" if one[what] else "" for what in ("rod", "string"))
+        yield TITLES[name], one["predicted"], one["measured"], one["ratio"], over, rod, string, one["cause"]
+
+
 def describe(data: dict[str, Any]) -> list[str]:
     """The study for people: lines of text."""
-    rows, engines = [("", "at the start", "worst on the way", "at", "")], data["start"]["engines"]
-    for name, one in engines.items():
-        if "error" in one:
-            continue
-        first, worst = (_seconds(one[key]["limit"]) for key in ("start", "worst"))
-        at = one["worst"]
-        blame = f"{at['rod']} on {at['string']}" if at["string"] else at["rod"]
-        rows.append((TITLES[name], first, worst, f"{at['time']:.4g} s", blame))
-    lines = [f"scene {data['scene']}: {data['start']['text']}", *aligned(rows)]
-    lines += [f"{TITLES[name]}: {one['error']}" for name, one in engines.items() if "error" in one]
+    rows, failed = [("", "at the start", "worst on the way", "at", "")], []
+    for name, first, worst, time, rod, string, remarks in start_rows(data["start"]):
+        if time is None:
+            failed.append(f"{name}: {remarks}")
+        else:
+            rows.append((name, _shown(first), _shown(worst), f"{time:.4g} s", f"{rod} on {string}" if string else rod))
+    lines = [f"scene {data['scene']}: {data['start']['text']}", *aligned(rows), *failed]
     lines += ["", f"at rest: {data['base']['text']}"]
     rows = [("", "predicted", "measured", "ratio", "over 2/ω")]
-    for name, one in data["base"]["engines"].items():
-        ratio = "-" if one["ratio"] is None else f"{one['ratio']:.4f}"
-        over = "-" if one["predicted"] is None else f"{one['predicted'] * one['omega'] / 2:.4g}"
-        predicted, measured = (_seconds(one[key]) for key in ("predicted", "measured"))
-        rows.append((TITLES[name], predicted, measured, ratio, f"{over}  {one['cause']}"))
+    for name, predicted, measured, ratio, over, *_, cause in rest_rows(data["base"]):
+        ending = f"{_shown(over, '.4g', '', '-')}  {cause}"
+        rows.append((name, _shown(predicted), _shown(measured), _shown(ratio, ".4f", "", "-"), ending))
     lines += aligned(rows)
     if "maps" in data:
         known = [(row["axis"], row["values"]["engines"]) for row in data["maps"] if row["values"]]
@@ -210,5 +224,5 @@ def describe(data: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _seconds(value: float | None) -> str:
-    return "none" if value is None else f"{value:.5g} s"
+def _shown(value: float | None, form: str = ".5g", unit: str = " s", none: str = "none") -> str:
+    return none if value is None else f"{value:{form}}{unit}"
