@@ -129,6 +129,10 @@ class LinkedRecords:
         nq = offset + int(points["nz"].sum())
         return cls(structure, forest, rods, links, points, nq, offset, table)
 
+    def state(self, nodes: Array, velocities: Array) -> tuple[Array, Array]:
+        """q and q̇ (nq,) of node positions and velocities (N, 3)."""
+        return self.coordinates(nodes), self.coordinates(velocities)
+
     def coordinates(self, nodes: Array) -> Array:
         """q (nq,) of node positions (N, 3), or q̇ of node velocities: E is orthogonal to anchors and motions."""
         q, rods = np.zeros(self.nq), self.rods

@@ -141,6 +141,10 @@ class StructureRecords:
             y[rows] = point["anchor"]
         return phi, y
 
+    def state(self, nodes: Array, velocities: Array) -> tuple[Array, Array]:
+        """q and q̇ (nq,) of node positions and velocities (N, 3)."""
+        return self.coordinates(nodes), self.coordinates(velocities)
+
     def coordinates(self, nodes: Array) -> Array:
         """q (nq,) of node positions (N, 3), or q̇ of node velocities: E is orthogonal to the anchors."""
         q = np.zeros(self.nq)

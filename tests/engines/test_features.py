@@ -122,6 +122,7 @@ FEATURES = {
 }
 ENGINES: dict[str, Callable[[float], tmj.DAE | tmj.MuJoCo]] = {
     "dae": lambda step: tmj.DAE(method=tmj.Method.RK4, timestep=step),
+    "general dae": lambda step: tmj.DAE(method=tmj.Method.RK4, timestep=step, solver=tmj.engines.Solver.GENERAL),
     "mujoco": lambda step: tmj.MuJoCo(timestep=step),
 }
 

@@ -1,14 +1,15 @@
 """The reference engine: the thesis' differential-algebraic equations (chapters 2 and 3) in non-minimal coordinates.
 
 State: q = (z, b) of every rod that hangs on no other and b of those that do, q̇, and the work integrals of the energy
-ledger, integrated beside it. MuJoCo takes no part.
+ledger, integrated beside it. `Solver.GENERAL` has r and b of every rod, and rows for all that holds and joins them.
+MuJoCo takes no part.
 """
 
 from __future__ import annotations
 
 import enum
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -32,8 +33,12 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.vibration.stepping import Stepping
 
+if TYPE_CHECKING:
+    from tensegrity_mj.dynamics.assembly import AssemblyRecords
+
 # Of rods that hang together, for `Solver.JOINTS`: forces of joints lose as many digits, and a pivot of 1e-12 is none.
 LARGEST_MASS_RATIO = 1e10
+EXTRA = 2  # behind λ where there are closures: the largest gap [m] and its rate [m/s]
 
 
 class Drift(enum.Enum):
@@ -45,11 +50,12 @@ class Drift(enum.Enum):
 
 
 class Solver(enum.Enum):
-    """How accelerations are found where rods share nodes; all three solve the same equations."""
+    """How accelerations are found where rods share nodes; all solve the same equations."""
 
     JOINTS = "joints"  # forces of the joints, in a time proportional to the number of rods of a chain or a tree
     DENSE = "dense"  # (3.19)-(3.22): a K x K matrix for K rods, the mass matrix inverted beforehand
     FULL = "full"  # (3.17): one matrix of all coordinates, multipliers, supports and closures
+    GENERAL = "general"  # any structure as one system: vectors of all members, and rows for every joint and support
 
 
 @value("DAE", OptionError)
@@ -101,33 +107,40 @@ class DAE(ReferenceEngine):
         nq = records.nq
 
         def at(time: float, nodes: Array, velocities: Array, rest_lengths: Array | None = None) -> tuple[Array, Array]:
-            run.y[:nq], run.y[nq : 2 * nq] = records.coordinates(nodes), records.coordinates(velocities)
+            run.y[:nq], run.y[nq : 2 * nq] = records.state(nodes, velocities)
             rates = run.rates_at(time, run.y, rest_lengths)
             return run.plant["nodes"].copy(), records.node_accelerations(rates[nq : 2 * nq])
 
         return at
 
-    def _prepared(self, request: Request) -> tuple[IntegratedRun, StructureRecords | LinkedRecords]:
+    def _prepared(self, request: Request) -> tuple[IntegratedRun, _Records]:
         scene = request.scene
         require(self, scene)
-        solver = self.solver if scene.structure.rods else Solver.JOINTS  # point masses alone have no matrix
-        alone = scene.structure.class_number <= 1 and not scene.motions and solver is Solver.JOINTS
-        plant, records, equations = _rods_alone(request) if alone else _rods_linked(request, solver)
+        plant, records, equations = self._model(request)
         nq = records.nq
         baumgarte = self.drift is Drift.BAUMGARTE
         kp = self.baumgarte_frequency**2 if baumgarte else 0.0
         kd = 2 * self.baumgarte_damping * self.baumgarte_frequency if baumgarte else 0.0
         plant.set(coordinates=nq, gravity=np.array(scene.gravity, float), kp=kp, kd=kd)
         y = np.zeros(2 * nq + (1 if scene.motions else 0) + WORK)
-        y[:nq] = records.coordinates(scene.nodes0)
-        y[nq : 2 * nq] = records.coordinates(scene.velocities0)
+        y[:nq], y[nq : 2 * nq] = records.state(scene.nodes0, scene.velocities0)
         if self.drift is not Drift.NORMALIZE:
             equations = replace(equations, project=0)
         return IntegratedRun("DAE", self, request, plant, y, equations), records
 
+    def _model(self, request: Request) -> _Model:
+        """The equations for a structure and its supports."""
+        structure = request.scene.structure
+        if self.solver is Solver.GENERAL:
+            return _assembled(request)
+        solver = self.solver if structure.rods else Solver.JOINTS  # point masses alone have no matrix
+        alone = structure.class_number <= 1 and not request.scene.motions and solver is Solver.JOINTS
+        return _rods_alone(request) if alone else _rods_linked(request, solver)
 
+
+_Records: TypeAlias = "StructureRecords | LinkedRecords | AssemblyRecords"
 # A plant with what the compiled functions of a model read, its records, and these functions.
-_Model: TypeAlias = tuple[Plant, StructureRecords | LinkedRecords, Equations]
+_Model: TypeAlias = tuple[Plant, _Records, Equations]
 
 
 def _plant(request: Request, fields: Fields) -> Plant:
@@ -184,7 +197,26 @@ def _rods_linked(request: Request, solver: Solver) -> _Model:
         rates=rates.address,
         place=linked.linked_place.address,
         project=linked.linked_project.address,
-        multipliers=np.zeros(len(records.rods) + (linked.EXTRA if closures else 0)),
+        multipliers=np.zeros(len(records.rods) + (EXTRA if closures else 0)),
         keep=tuple(keep),
+    )
+    return plant, records, equations
+
+
+def _assembled(request: Request) -> _Model:
+    """Any structure as one system."""
+    from tensegrity_mj.dynamics.assembly import AssemblyRecords, note_redundancy
+    from tensegrity_mj.engines.reference import dae_assembled_kernels as assembled
+
+    scene, plant = request.scene, _plant(request, assembled.ASSEMBLED)
+    records = AssemblyRecords.of(scene.structure, scene.motions, plant["moved"])
+    note_redundancy(records.table, records.state(scene.nodes0, scene.velocities0)[0])
+    plant.set(assembly=records.table.address)
+    equations = Equations(
+        rates=(assembled.assembled_wet_rates if plant["wet_rods"] else assembled.assembled_rates).address,
+        place=assembled.assembled_place.address,
+        project=assembled.assembled_project.address,
+        multipliers=np.zeros(len(records.rods) + EXTRA),
+        keep=(records,),
     )
     return plant, records, equations

@@ -31,7 +31,6 @@ LINKED: Fields = (
     ("closure_count", "size"),
 )
 _LinkedView = changing_view("Linked", LINKED)
-EXTRA = 2  # behind λ where there are closures: the largest gap [m] and its rate [m/s]
 
 
 @borrowing

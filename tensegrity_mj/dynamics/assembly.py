@@ -1,0 +1,245 @@
+"""Any structure as one system: natural coordinates, a constant mass matrix, and rows of constraints.
+
+The coordinates are vectors of the world, three numbers each: r and b of every rod, the place of every point mass. Node
+positions are linear in them, n = Φ q + y, and so is all that joins or holds members: G q = g(t). What keeps members
+rigid is quadratic, v·w = const. Where several members share a node, the first of them places it, and rows hold the
+others' points there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.dynamics.native.views import Table, view_of
+from tensegrity_mj.dynamics.records import ROD, Records, rod_records
+from tensegrity_mj.model.forest import spanning_forest
+from tensegrity_mj.model.motion import Motion
+from tensegrity_mj.model.structure import Structure
+
+# Of rows of unit length, and of singular values against the largest: what is less comes from others but for round-off.
+RANK_TOLERANCE = 1e-9
+
+# What compiled code sees of it. A pair is ½ v·v = const or v·w = const, of the vectors that start at these coordinates.
+Assembly, _pack = view_of(
+    "Assembly",
+    size="size",  # n, of q
+    node_count="size",
+    node_rows="size",  # 3 node_count
+    rod_count="size",
+    pair_count="size",
+    row_count="size",
+    motion_count="size",
+    redundant="size",  # whether the constraints depend on each other
+    mass=("f8", "size", "size"),
+    scale=("f8", "size"),  # of the coordinates in equations: 1/√ of their masses
+    weights=("f8", "size"),  # the force of gravity g is the coordinate's weight times its component of g
+    maps=("f8", "node_rows", "size"),  # Φ
+    bases=("f8", "node_count", 3),  # y where nothing moves
+    carried=("i8", "node_count"),  # the motion of a fixed node, or -1
+    rods=(ROD, "rod_count"),  # `q` is where r starts, and b follows
+    pairs=("i8", "pair_count", 2),
+    members=("i8", "pair_count"),  # the rod that a pair keeps at its length, or -1
+    values=("f8", "pair_count"),  # the constants v·w
+    factors=("f8", "pair_count"),  # of their equations: J of a rod, whose multiplier is (2.36) then
+    lengths=("f8", "pair_count"),  # [m] that makes a length of v·w, or 0 where it is not reported
+    rows=("f8", "row_count", "size"),  # G
+    offsets=("f8", "row_count"),  # g where nothing moves
+    drives=("f8", "row_count", "motion_count", 3),  # what each displacement d adds to g
+)
+
+
+@dataclass(frozen=True, eq=False)
+class AssemblyRecords:
+    """A structure as one system.
+
+    Attributes:
+        structure: what it is of.
+        rods: record array of `ROD`.
+        nq: number of coordinates.
+        table: an `Assembly`.
+        moved: (m, 3, 3) displacement, velocity and acceleration of the motions now.
+    """
+
+    structure: Structure
+    rods: Records
+    nq: int
+    table: Table
+    moved: Array
+
+    @classmethod
+    def of(cls, structure: Structure, motions: Sequence[Motion], moved: Array) -> AssemblyRecords:
+        """The system of a structure whose supports have these motions."""
+        parts = _Parts(structure, motions)
+        for number in range(len(parts.rods)):
+            parts.keep_length(number)
+            parts.hold_rod(number)
+        parts.share_nodes()
+        return cls(structure, parts.rods, parts.size, parts.packed(), moved)
+
+    def state(self, nodes: Array, velocities: Array) -> tuple[Array, Array]:
+        """q and q̇ (nq,) of node positions and velocities (N, 3)."""
+        return self._coordinates(nodes), self._coordinates(velocities)
+
+    def _coordinates(self, nodes: Array) -> Array:
+        q = np.zeros(self.nq)
+        for rod in self.rods:
+            first, second, at = nodes[rod["i"]], nodes[rod["j"]], int(rod["q"])
+            q[at : at + 3] = (1 - rod["sigma"]) * first + rod["sigma"] * second
+            q[at + 3 : at + 6] = (second - first) / rod["length"]
+        at = 6 * len(self.rods)
+        for point in self.structure.point_masses:
+            q[at : at + 3] = nodes[self.structure.node_index[point.node]]
+            at += 3
+        return q
+
+    def node_accelerations(self, accelerations: Array) -> Array:
+        """(N, 3) [m/s²] of q̈ (nq,), with the motions' accelerations as they are now."""
+        out = np.asarray(self.table["maps"] @ accelerations).reshape(-1, 3)
+        for node in np.flatnonzero(self.table["carried"] >= 0):
+            out[node] += self.moved[self.table["carried"][node], 2]
+        return out
+
+
+class _Parts:
+    """A system while it is put together.
+
+    Attributes:
+        size: n, the number of coordinates.
+        maps, bases, carried: of the nodes, as in `Assembly`.
+    """
+
+    def __init__(self, structure: Structure, motions: Sequence[Motion]) -> None:
+        self.structure, self.count = structure, len(motions)
+        self.rods = rod_records(structure)
+        self.rods["q"] = 6 * np.arange(len(self.rods))
+        points, self.forest = 6 * len(self.rods), spanning_forest(structure)
+        self.size = points + 3 * len(structure.point_masses)
+        self.motion_of = {motion.support: number for number, motion in enumerate(motions)}
+        self.mass, self.weights = np.zeros((self.size, self.size)), np.zeros(self.size)
+        self.maps = np.zeros((len(structure.nodes), 3, self.size))
+        self.bases, self.carried = np.zeros((len(structure.nodes), 3)), np.full(len(structure.nodes), -1)
+        self._pairs: list[tuple[int, int, int, float, float, float]] = []
+        self._rows: list[tuple[Array, float, Array]] = []
+        for rod in self.rods:
+            r, b = int(rod["q"]), int(rod["q"]) + 3
+            self.move(r, r, rod["mass"])
+            self.move(b, b, rod["J"])
+            self.move(r, b, rod["f"])
+            self.weights[r : r + 3], self.weights[b : b + 3] = rod["mass"], rod["f"]
+        for name in structure.fixed_nodes:
+            row = structure.node_index[name]
+            self.bases[row], self.carried[row] = structure.positions[row], self.motion_of.get(name, -1)
+        for number, point in enumerate(structure.point_masses):
+            at, row = points + 3 * number, structure.node_index[point.node]
+            self.move(at, at, point.mass)
+            self.weights[at : at + 3] = point.mass
+            self.maps[row] = self.vector(at)
+            if point.plane is not None:
+                self.hold(np.array([point.plane]) @ self.maps[row], np.array([point.plane]) @ structure.positions[row])
+
+    def vector(self, at: int) -> Array:
+        """(3, n): the vector that starts at this coordinate."""
+        return np.eye(3, self.size, at)
+
+    def move(self, one: int, other: int, mass: float) -> None:
+        """Add mass · v·w of two vectors to 2 T."""
+        for x in range(3):
+            self.mass[one + x, other + x] = self.mass[other + x, one + x] = mass
+
+    def keep_length(self, number: int) -> None:
+        """b of a rod is a unit vector."""
+        b = int(self.rods[number]["q"]) + 3
+        self._pairs.append((b, b, number, 1.0, float(self.rods[number]["J"]), 0.0))
+
+    def hold(self, rows: Array, values: Array, driven: Array | None = None, motion: str = "") -> None:
+        """Keep rows (k, n) · q at values (k,), to which the displacement of this support adds `driven` (k, 3) d."""
+        for number, (row, value) in enumerate(zip(rows, values, strict=True)):
+            drives, length = np.zeros((self.count, 3)), float(np.linalg.norm(row))
+            if driven is not None and motion in self.motion_of:
+                drives[self.motion_of[motion]] = driven[number] / length
+            self._rows.append((row / length, float(value) / length, drives))
+
+    def hold_nodes(self, rows: Array, values: Array) -> None:
+        """Keep rows (k, N, 3) · the nodes at values (k,), whatever moves those of them that are fixed."""
+        for row, value in zip(rows, values, strict=True):
+            length = float(np.linalg.norm(linear := np.einsum("nx,nxq->q", row, self.maps)))
+            drives = np.zeros((self.count, 3))
+            for node in np.flatnonzero(self.carried >= 0):
+                drives[self.carried[node]] -= row[node] / length
+            self._rows.append((linear / length, float(value - np.sum(row * self.bases)) / length, drives))
+
+    def end(self, number: int, end: int) -> Array:
+        """(3, n): where a rod has its first or second end."""
+        rod = self.rods[number]
+        lever = (end - rod["sigma"]) * rod["length"]
+        return np.asarray(self.vector(int(rod["q"])) + lever * self.vector(int(rod["q"]) + 3))
+
+    def hold_rod(self, number: int) -> None:
+        """Its support and its plane; a rod that hangs on another has its height from that."""
+        rod, record, positions = self.structure.rods[number], self.rods[number], self.structure.positions
+        support, at = rod.support, int(record["q"])
+        if self.forest.parent[number] < 0:
+            D, (i, j) = support.constraint_rows, (positions[record[end]] for end in "ij")
+            r = (1 - support.sigma) * i + support.sigma * j
+            self.hold(D @ self.vector(at), D @ r, D, rod.name)
+        if support.plane is not None:
+            self.hold(np.array([support.plane]) @ self.vector(at + 3), np.zeros(1))
+
+    def share_nodes(self) -> None:
+        """Every node where its first member has it, and the others' points on it."""
+        for number in self.forest.order:
+            for end, node in enumerate(self.structure.rod_nodes[number].tolist()):
+                own = self.end(number, end)
+                if np.any(self.maps[node]):
+                    self.hold(own - self.maps[node], np.zeros(3))
+                else:
+                    self.maps[node] = own
+
+    def packed(self) -> Table:
+        """The table; rows that others imply are left out."""
+        from scipy.linalg import qr
+
+        rows = np.array([row for row, _, _ in self._rows]).reshape(-1, self.size)
+        if len(rows):
+            triangle, order = qr(rows.T, mode="r", pivoting=True)
+            sizes = np.abs(np.diag(triangle))
+            kept = np.sort(order[: len(sizes)][sizes > RANK_TOLERANCE])
+            rows, self._rows = rows[kept], [self._rows[k] for k in kept]
+        pairs = np.array(self._pairs, float).reshape(-1, 6)
+        masses = np.diag(self.mass)
+        return _pack(
+            redundant=0,
+            mass=self.mass,
+            scale=1.0 / np.sqrt(masses),
+            weights=self.weights,
+            maps=self.maps.reshape(-1, self.size),
+            bases=self.bases,
+            carried=self.carried,
+            rods=self.rods,
+            pairs=pairs[:, :2],
+            members=pairs[:, 2],
+            values=pairs[:, 3],
+            factors=pairs[:, 4],
+            lengths=pairs[:, 5],
+            rows=rows,
+            offsets=np.array([offset for _, offset, _ in self._rows]),
+            drives=np.array([drive for _, _, drive in self._rows]).reshape(len(rows), self.count, 3),
+        )
+
+
+def note_redundancy(table: Table, q: Array) -> None:
+    """Write whether the constraints at q depend on each other, so that their forces are not the only ones."""
+    at, rows, scale = table["pairs"], table["rows"], table["scale"]
+    turning = np.zeros((len(at), len(q)))
+    for row, (one, other) in zip(turning, at.tolist(), strict=True):
+        row[one : one + 3] += q[other : other + 3]
+        row[other : other + 3] += q[one : one + 3]
+    together = np.concatenate([turning, rows]) * scale
+    together /= np.linalg.norm(together, axis=1)[:, None]
+    singular = np.linalg.svd(together, compute_uv=False) if len(together) else np.ones(1)
+    free = len(together) <= len(q) and singular[-1] > RANK_TOLERANCE * singular[0]
+    table["redundant"] = 0 if free else 1
