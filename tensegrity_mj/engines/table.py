@@ -19,6 +19,7 @@ from tensegrity_mj.model.capabilities import (
     ADDED_MASS_IN_CONTACT,
     ADDED_MASS_IN_LOOPS,
     CLASS_K,
+    CONSTRAINTS,
     CONTACT,
     JOINED_CONTACT,
     UNEVEN_MASS,
@@ -29,6 +30,8 @@ from tensegrity_mj.model.capabilities import (
 _WITHOUT_CONTACT = "leave it out (scene.with_(contact=None))"
 _OWN_NODES = "give each rod nodes of its own"
 _NO_CONTACT = Limit(CONTACT, "the thesis' equations have no forces of contact", _WITHOUT_CONTACT, OptionError)
+_ROWS = "hold nodes by supports and planes of rods"
+_NO_ROWS = Limit(CONSTRAINTS, "its equations have no forces of linear constraints yet", _ROWS, StructureError)
 JOINED_CONTACT_LIMIT = Limit(JOINED_CONTACT, "contact is for rods of class 1", f"{_WITHOUT_CONTACT}, or {_OWN_NODES}")
 
 ENGINES = {
@@ -38,6 +41,7 @@ ENGINES = {
         shares_model=True,
         limits=(
             JOINED_CONTACT_LIMIT,
+            _NO_ROWS,
             Limit(
                 ADDED_MASS_IN_CONTACT,
                 "accelerations of added mass are found before the forces of contact are known",
@@ -72,6 +76,7 @@ ENGINES = {
         {"method": "rk4"},
         (
             _NO_CONTACT,
+            _NO_ROWS,
             Limit(
                 ADDED_MASS,
                 "it changes as they move, and Solver.DENSE inverts a constant mass matrix beforehand",
@@ -95,6 +100,12 @@ ENGINES = {
         {"method": "rk4"},
         (
             _NO_CONTACT,
+            Limit(
+                CONSTRAINTS,
+                "minimal coordinates are those that rods have by their own supports; linear constraints couple them",
+                _ROWS,
+                StructureError,
+            ),
             Limit(
                 CLASS_K,
                 "the angles of minimal coordinates are those of rods that hang on no other, of class 1",

@@ -116,6 +116,10 @@ def _joined_rods(scene: Scene) -> str:
     return _joined(scene.structure)
 
 
+def _constrained(scene: Scene) -> str:
+    return _first([f"constraint '{one.name}' holds nodes" for one in scene.structure.constraints])
+
+
 def _pushing(scene: Scene) -> str:
     from tensegrity_mj.model.strings import StringLaw
 
@@ -139,6 +143,7 @@ BREAKS = Trait(
 )
 ADDED_MASS = Trait("added mass", _added)
 UNEVEN_MASS = Trait("added mass that is not symmetric, on rods that share nodes", _and(_uneven, _joined_rods))
+CONSTRAINTS = Trait("linear constraints on nodes", _constrained)
 ELEMENTS = Trait(
     "elements beside loads",
     lambda scene: _first([f"{one.label} acts on nodes" for one in scene.effects if one.label != "loads"]),

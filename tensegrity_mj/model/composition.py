@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import instance, real_array, shape_of
 from tensegrity_mj.errors import OptionError, StructureError
+from tensegrity_mj.model.constraints import Constraint
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
 from tensegrity_mj.model.structure_checks import CONSTRAINT_TOLERANCE, names_of, size_of, unknown_node
 
@@ -57,12 +58,16 @@ def mapped(structure: Structure, matrix: Array, shift: Array) -> Structure:
             rows = tuple(turned(row) for row in rows)
         return Support(rod.support.sigma, rows, None, plane_of(rod.support))  # r̄ is what the nodes give
 
+    def constraint_of(one: Constraint) -> Constraint:
+        return replace(one, direction=turned(one.direction), value=None)
+
     places = (structure.positions @ matrix.T + shift).tolist()
     return replace(
         structure,
         nodes=dict(zip(structure.nodes, places, strict=True)),
         rods=tuple(replace(rod, support=support_of(rod)) for rod in structure.rods),
         point_masses=tuple(replace(point, plane=plane_of(point)) for point in structure.point_masses),
+        constraints=tuple(map(constraint_of, structure.constraints)),
     )
 
 
@@ -98,10 +103,13 @@ def merged(one: Structure, other: Structure, join: Mapping[str, str] | bool, pre
     def renamed(member: Any) -> Any:
         if isinstance(member, PointMass):
             return replace(member, node=names[member.node])
+        if isinstance(member, Constraint):
+            weights = {names[node]: weight for node, weight in member.nodes.items()}
+            return replace(member, name=prefix + member.name, nodes=weights)
         return replace(member, name=prefix + member.name, nodes=tuple(names[node] for node in member.nodes))
 
     members: dict[str, Any] = {}
-    for kind in ("rods", "strings", "point_masses"):
+    for kind in ("rods", "strings", "point_masses", "constraints"):
         known = {_nameless(member) for member in getattr(one, kind)}
         added = [renamed(member) for member in getattr(other, kind)]
         members[kind] = (*getattr(one, kind), *(member for member in added if _nameless(member) not in known))
@@ -132,6 +140,8 @@ def _nameless(member: Any) -> Any:
         return replace(member, name="any", nodes=member.unordered)
     if isinstance(member, PointMass):
         return replace(member, plane=unsigned(member.plane))
+    if isinstance(member, Constraint):
+        return frozenset(member.nodes.items()), unsigned(tuple(member.unit))
     held = member.support
     support = Support(held.sigma, tuple(map(unsigned, held.directions)), None, unsigned(held.plane))
     return replace(member, name="any", support=support)

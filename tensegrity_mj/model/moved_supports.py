@@ -29,6 +29,8 @@ def check_motions(scene: Scene) -> None:
     """Raise SceneError unless each motion is one that its support can make."""
     structure = scene.structure
     rods, fixed = {rod.name: rod for rod in structure.rods}, set(structure.fixed_nodes)
+    held = {one.name: one for one in structure.constraints}
+    kinds = {"a rod": rods, "a fixed node": fixed, "a constraint": held}
     seen: set[str] = set()
     for number, motion in enumerate(scene.motions):
         if not isinstance(motion, Motion):
@@ -41,13 +43,18 @@ def check_motions(scene: Scene) -> None:
         if name in seen:
             raise SceneError(f"{what}: it is given twice; give one motion a support, with the harmonics of both")
         seen.add(name)
-        if name in rods and name in fixed:
-            raise SceneError(f"{what}: a rod and a fixed node both have that name; rename one of them")
-        if name not in rods and name not in fixed:
+        called = [kind for kind, names in kinds.items() if name in names]
+        if len(called) > 1:
+            raise SceneError(f"{what}: {' and '.join(called)} both have that name; rename one of them")
+        if not called:
             raise SceneError(f"{what}: {_unknown(structure)}")
         displacements = _displacements(scene, motion)
         if name in rods:
             _check_held(what, rods[name], displacements)
+        if name in held and not np.any(displacements @ held[name].unit):
+            raise SceneError(
+                f"{what}: nothing of it is along {list(held[name].direction)}, in which the constraint holds its nodes"
+            )
         if motion.function is not None:
             _check_derivatives(scene, what, motion)
     check_motions_until(scene, scene.duration)
@@ -126,6 +133,9 @@ def velocities_with_supports(
             if fits:
                 continue
         given[rows] = _projected(structure, nodes, cluster, rows, starts, given[rows])
+    if structure.constraints:  # which may join any rods and point masses
+        rows = [row for row, name in enumerate(structure.node_names) if name not in structure.fixed_nodes]
+        given[rows] = _projected(structure, nodes, range(len(structure.rods)), rows, starts, given[rows])
     given.flags.writeable = False
     return given
 
@@ -183,6 +193,16 @@ def _projected(
         if support.plane is not None:
             normal = np.array(support.plane) / np.linalg.norm(support.plane)
             require([(i, -normal), (j, normal)], 0.0)
+    for point in structure.point_masses:
+        row = structure.node_index[point.node]
+        if row in place:
+            mass[place[row], place[row]] = point.mass
+            for normal in null_space_basis(point.translation_basis.T).T:
+                require([(row, normal)], 0.0)
+    for held in structure.constraints:
+        terms = [(structure.node_index[node], weight * held.unit) for node, weight in held.nodes.items()]
+        if all(node in place for node, _ in terms):
+            require(terms, float(held.unit @ starts.get(held.name, np.zeros(3))))
     C = np.array(lines)
     missing = np.array(values) - C @ given.ravel()
     largest = max(float(np.abs(given).max(initial=0.0)), float(np.abs(np.array(values)).max(initial=0.0)))
@@ -192,6 +212,7 @@ def _projected(
     left = float(np.abs(C @ change - missing).max(initial=0.0))
     if left > TOLERANCE * largest:
         names = ", ".join(f"'{rod.name}'" for rod in _held_rods(structure, cluster))
+        names += "".join(f", constraint '{one.name}'" for one in structure.constraints)
         raise SceneError(
             f"motions: the supports of rods {names} start at velocities that the rods between them cannot follow (off "
             f"by {left:.3g} m/s): choose motions or a start that the structure allows"
@@ -294,5 +315,6 @@ def _check_joints(scene: Scene, moved: set[str]) -> None:
 
 def _unknown(structure: Structure) -> str:
     held = [rod.name for rod in structure.rods if rod.support.directions]
-    names = ", ".join(f"'{name}'" for name in [*held, *structure.fixed_nodes][:12])
-    return f"there is no such support; rods with one, and fixed nodes: {names or 'none'}"
+    held += [*structure.fixed_nodes, *(one.name for one in structure.constraints)]
+    names = ", ".join(f"'{name}'" for name in held[:12])
+    return f"there is no such support; rods with one, fixed nodes and constraints: {names or 'none'}"

@@ -31,7 +31,7 @@ class Redundancy:
     """What is redundant at some nodes.
 
     Attributes:
-        undetermined: names of the rods whose forces are not unique.
+        undetermined: names of the rods whose forces are not unique, and of such constraints.
         singular: names of the rods that stop a motion which all rows allow.
         skipped: number of rods that were not looked at, for more than `MOST_RODS` hang together.
     """
@@ -55,22 +55,24 @@ class Redundancy:
 
 def redundancy(structure: Structure, nodes: Array) -> Redundancy:
     """Rods with forces that are not unique, and rods that make the place singular, at nodes (N, 3) [m]."""
-    if structure.class_number <= 1:
+    if structure.class_number <= 1 and not structure.constraints:
         return Redundancy()
     closed = {rod for _, _, rod in spanning_forest(structure).closures}
     undetermined: list[int] = []
     singular: list[int] = []
     skipped = 0
-    for cluster in structure.clusters:
-        if not closed & set(cluster):
+    clusters, constrained = _clusters(structure)
+    for number, cluster in enumerate(clusters):
+        linked = constrained and number == 0
+        if not (closed & set(cluster) or linked):
             continue  # as many joints as a tree needs, and rods of constant length
         if len(cluster) > MOST_RODS:
             skipped += len(cluster)
             continue
-        found, blocked = _of_cluster(structure, nodes, cluster)
+        found, blocked = _of_cluster(structure, nodes, cluster, linked)
         undetermined += found
         singular += blocked
-    names = [rod.name for rod in structure.rods]
+    names = [rod.name for rod in structure.rods] + [one.name for one in structure.constraints]
     return Redundancy(
         tuple(names[row] for row in sorted(undetermined)), tuple(names[row] for row in sorted(singular)), skipped
     )
@@ -98,29 +100,49 @@ def approached(structure: Structure, start: Array, end: Array) -> str:
     return ""
 
 
-def _of_cluster(structure: Structure, nodes: Array, cluster: Sequence[int]) -> tuple[list[int], list[int]]:
-    """Rows of the rods in states of self-stress, and of those in states that stop a motion."""
-    rows, apart, lengths = _rows(structure, nodes, cluster)
+def _clusters(structure: Structure) -> tuple[list[Sequence[int]], bool]:
+    """Clusters of rods, those that linear constraints join being one, the first; whether there are constraints."""
+    held = {name for one in structure.constraints for name in one.nodes}
+    joined: list[int] = []
+    others: list[Sequence[int]] = []
+    for cluster in structure.clusters:
+        if not held.isdisjoint(name for row in cluster for name in structure.rods[row].nodes):
+            joined += cluster
+        else:
+            others.append(cluster)
+    return ([sorted(joined), *others] if held else others), bool(held)
+
+
+def _of_cluster(
+    structure: Structure, nodes: Array, cluster: Sequence[int], constrained: bool
+) -> tuple[list[int], list[int]]:
+    """Rows of the rods in states of self-stress, and of those in states that stop a motion; constraints behind rods."""
+    rows, apart, lengths = _rows(structure, nodes, cluster, constrained)
+    links = len(structure.constraints) if constrained else 0
     count = len(cluster)
     left, values, right = np.linalg.svd(rows)
     rank = int(np.sum(values > RANK * values[0]))
-    stresses = left[:count, rank:]  # the rods' part of each state
+    members = np.r_[:count, len(rows) - links : len(rows)]
+    stresses = left[members, rank:]  # the rods' part of each state, and that of constraints
     inside = np.abs(stresses).max(axis=1, initial=0.0) > SHARE
     free = apart @ right[rank:].T  # (count, 3, mechanisms)
-    stopped = np.zeros(count, bool)
+    stopped = np.zeros(len(members), bool)
     for stress in stresses.T:
-        form = np.einsum("k,kxm,kxn->mn", stress / lengths, free, free) * float(np.mean(lengths))
+        form = np.einsum("k,kxm,kxn->mn", stress[:count] / lengths, free, free) * float(np.sum(lengths) / max(count, 1))
         if np.abs(form).max(initial=0.0) > SHARE:
             stopped |= np.abs(stress) > SHARE
-    chosen = np.array(cluster)
+    chosen = np.array([*cluster, *range(len(structure.rods), len(structure.rods) + links)], int)
     return chosen[inside].tolist(), chosen[stopped].tolist()
 
 
-def _rows(structure: Structure, nodes: Array, cluster: Sequence[int]) -> tuple[Array, Array, Array]:
+def _rows(
+    structure: Structure, nodes: Array, cluster: Sequence[int], constrained: bool = False
+) -> tuple[Array, Array, Array]:
     """Unit rows (c, n) of constraints on a cluster's nodes, rods first; v_j - v_i (R, 3, n) and ℓ (R,) of these."""
     pairs = structure.rod_nodes[list(cluster)]
-    places, ends = np.unique(pairs, return_inverse=True)
-    ends = ends.reshape(-1, 2)
+    linear = structure.constraint_rows.reshape(-1, len(nodes), 3)[: None if constrained else 0]
+    places = np.union1d(pairs, np.flatnonzero(linear.any(axis=(0, 2))))
+    ends = np.searchsorted(places, pairs)
     count, size = len(cluster), 3 * len(places)
     lengths = structure.rod_lengths[list(cluster)]
     apart = np.zeros((count, 3, size))  # v_j - v_i of each rod
@@ -135,6 +157,12 @@ def _rows(structure: Structure, nodes: Array, cluster: Sequence[int]) -> tuple[A
         if support.plane is not None:
             held.append(np.array(support.plane) @ apart[k])
     directions = (nodes[pairs[:, 1]] - nodes[pairs[:, 0]]) / lengths[:, None]
+    for point in structure.point_masses:
+        if point.plane is not None and structure.node_index[point.node] in places:
+            at_point = np.zeros((len(places), 3))
+            at_point[np.searchsorted(places, structure.node_index[point.node])] = point.plane
+            held.append(at_point.ravel())
+    held += list(linear[:, places].reshape(-1, size))
     rows = np.concatenate([np.einsum("kx,kxn->kn", directions, apart), np.array(held).reshape(-1, size)])
     rows /= np.linalg.norm(rows, axis=1)[:, None]
     return rows, apart, lengths

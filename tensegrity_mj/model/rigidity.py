@@ -37,12 +37,14 @@ class StaticForces:
         support_forces: (R, 3) [N] on each rod at its point σ.
         support_moments: (R, 3) [N m] on each planar rod, keeping it in its plane.
         anchor_forces: (N, 3) [N] on fixed nodes and on planar point masses; zero on other nodes.
+        constraint_forces: (C,) [N] along each constraint's direction, times a node's weight on that node.
     """
 
     rod_force_densities: Array
     support_forces: Array
     support_moments: Array
     anchor_forces: Array
+    constraint_forces: Array
 
 
 class Members(NamedTuple):
@@ -100,7 +102,7 @@ class Equilibrium(NamedTuple):
 def free_motions(structure: Structure, nodes: ArrayLike | None = None) -> Array:
     """Node displacements (3N, q) of a unit of each free coordinate; nodes (N, 3) [m], the reference by default."""
     positions = nodes_of(structure, nodes)
-    motions, apart = _motions_of_ends(structure, positions)
+    motions, apart = _motions_of_ends(structure, positions)  # and what rows of these are not to move
     if not len(apart):
         return motions
     _, singular, right = np.linalg.svd(apart @ motions)
@@ -127,7 +129,10 @@ def _ends(structure: Structure) -> tuple[NDArray[np.int64], list[int]]:
 
 
 def _motions_of_ends(structure: Structure, positions: Array) -> tuple[Array, Array]:
-    """How N nodes and C copies move (3N + 3C, p) as if rods were apart, and how far copies are off (3C, 3N + 3C)."""
+    """How N nodes and C copies move (3N + 3C, p) as if rods were apart, and rows (3C + L, 3N + 3C) of what joins them.
+
+    These are how far copies are off, and the L linear constraints.
+    """
     ends, copied = _ends(structure)
     count = len(positions) + len(copied)
     columns: list[Array] = []
@@ -149,8 +154,8 @@ def _motions_of_ends(structure: Structure, positions: Array) -> tuple[Array, Arr
     apart = np.zeros((len(copied), count))
     apart[np.arange(len(copied)), len(positions) + np.arange(len(copied))] = 1.0
     apart[np.arange(len(copied)), copied] -= 1.0
-    apart = np.asarray(np.kron(apart, np.eye(3)), float)
-    return np.array(columns).T, apart
+    held = np.pad(structure.constraint_rows, ((0, 0), (0, 3 * len(copied))))
+    return np.array(columns).T, np.concatenate([np.kron(apart, np.eye(3)), held])
 
 
 def equilibrium_matrix(structure: Structure, nodes: ArrayLike | None = None) -> Array:
@@ -197,12 +202,14 @@ def static_forces(
     anchors = np.zeros_like(forces)
     ends, copied = _ends(structure)
     spans = spans_at(structure.rod_nodes, positions)
-    if len(copied):
-        # What a joint's rods pass on to each other is what leaves each of them in balance.
+    constraint_forces: Array = np.zeros(len(structure.constraints))
+    if len(copied) or structure.constraints:
+        # What a joint's rods pass on to each other, and constraints to nodes, is what leaves each of them in balance.
         motions, apart = _motions_of_ends(structure, positions)
         forces = np.concatenate([forces, np.zeros((len(copied), 3))])
         passed = np.linalg.lstsq((apart @ motions).T, -motions.T @ forces.ravel(), rcond=RANK_TOLERANCE)[0]
-        forces = forces + (apart.T @ passed).reshape(-1, 3)
+        forces = np.asarray(forces + (apart.T @ passed).reshape(-1, 3))
+        constraint_forces = np.asarray(passed[3 * len(copied) :])
     for number, (rod, (i, j), span) in enumerate(zip(structure.rods, ends.tolist(), spans, strict=True)):
         support = rod.support
         turning = (1.0 - support.sigma) * forces[j] - support.sigma * forces[i]
@@ -215,7 +222,7 @@ def static_forces(
     for point in structure.point_masses:
         row = structure.node_index[point.node]
         anchors[row] = -_held(point.translation_basis, forces[row])
-    return StaticForces(densities, supports, moments, anchors)
+    return StaticForces(densities, supports, moments, anchors, constraint_forces)
 
 
 def equilibrium_force_densities(

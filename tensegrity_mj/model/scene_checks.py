@@ -128,6 +128,9 @@ def _deviations(
         if point.plane is not None:
             row = structure.node_index[point.node]
             yield "mass", point, abs(float(unit_rows(np.array([point.plane]))[0] @ away[row]))
+    found = structure.constraint_rows @ away.ravel()
+    for one, off in zip(structure.constraints, found.tolist(), strict=True):
+        yield "constraint", one, abs(off - float(one.unit @ moved.get(one.name, still)))
 
 
 def check_configuration(
@@ -156,6 +159,11 @@ def check_configuration(
             raise SceneError(
                 f"{where}: rod '{member.name}' leaves its plane by {off:.3g} m; its direction must be orthogonal to "
                 f"the normal {member.support.plane}"
+            )
+        if what == "constraint":
+            raise SceneError(
+                f"{where}: constraint '{member.name}' is off by {off:.3g} m; its nodes must give what the reference "
+                "nodes do" + (f", moved by {moved[member.name].tolist()} m" if member.name in moved else "")
             )
         raise SceneError(
             f"{where}: rod '{member.name}' breaks its support by {off:.3g} m at σ = {member.support.sigma}: the point "
@@ -190,6 +198,9 @@ def check_velocities(
         if what == "plane":
             raise SceneError(f"{where}: rod '{member.name}' would turn out of its plane at {off:.3g} m/s")
         start = moved.get(member.name)
+        if what == "constraint":
+            need = "they must keep it" if start is None else f"its motion starts with {start.tolist()} m/s"
+            raise SceneError(f"{where}: nodes would leave constraint '{member.name}' at {off:.3g} m/s; {need}")
         need = "D ṙ must be zero" if start is None else f"its motion starts with {start.tolist()} m/s"
         at = f"at {off:.3g} m/s at σ = {member.support.sigma}"
         raise SceneError(f"{where}: rod '{member.name}' would leave its support {at}; {need}")

@@ -20,6 +20,7 @@ from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import Kind, Wrong, choice, direction, names, parts, printable_name, text, vector
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.composition import mapped, merged, rotation_matrix
+from tensegrity_mj.model.constraints import Constraint, constraint_rows
 from tensegrity_mj.model.members import LIMITS, PRESTRESS, PointMass, Rod, String, Support, Vector
 from tensegrity_mj.model.node_indices import array_of_shape, index_pairs
 from tensegrity_mj.model.section import Section
@@ -55,6 +56,7 @@ class Structure:
         rods, strings, point_masses: the members, each naming its nodes.
         fixed_nodes: names of nodes that are fixed in space and belong to no rod.
         string_law: clipped (default) or unclipped, see `strings`.
+        constraints: what nodes keep besides, each a linear equation of their coordinates.
 
     Raises:
         StructureError: on construction, if anything is invalid; the message names the item at fault.
@@ -67,6 +69,7 @@ class Structure:
     fixed_nodes: tuple[str, ...] = field(names("node"), default=())
     point_masses: tuple[PointMass, ...] = field(parts(PointMass), default=())
     string_law: StringLaw = field(choice(StringLaw), default=StringLaw.CLIPPED)
+    constraints: tuple[Constraint, ...] = field(parts(Constraint), default=())
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -301,6 +304,11 @@ class Structure:
         """
         check_two_nodes(self, "string_nodes (M, 2) has no room for it: use `paths`, which has the segments of strings")
         return self.paths.nodes
+
+    @cached_property
+    def constraint_rows(self) -> Array:
+        """(C, 3N) of the constraints, whose directions are of length one; `constraint_values` has what they give."""
+        return _readonly(constraint_rows(self))
 
     @cached_property
     def rod_lengths(self) -> Array:

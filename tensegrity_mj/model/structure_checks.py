@@ -13,6 +13,7 @@ from tensegrity_mj.basics.arrays import Array, norm
 from tensegrity_mj.basics.kinds import LARGEST, MAGNITUDES, SMALLEST, shown
 from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.errors import StructureError
+from tensegrity_mj.model.constraints import check_constraints
 from tensegrity_mj.model.members import Rod, String, unit_rows
 
 if TYPE_CHECKING:
@@ -38,6 +39,10 @@ def check_structure(structure: Structure) -> None:
     _check_rods(structure, size)
     along = _check_joints(structure)
     _check_strings(structure, size, along)
+    _check_unique("constraint", (one.name for one in structure.constraints))
+    for one in structure.constraints:
+        for node in one.nodes:
+            _check_known(f"constraint '{one.name}'", node, structure)
     used = set(owner).union(*(string.nodes for string in structure.strings))
     for name in structure.nodes:
         if name not in used:
@@ -47,6 +52,7 @@ def check_structure(structure: Structure) -> None:
                 f"node '{name}' is an end of strings only and would have no mass: "
                 "put it on a rod, give it a point mass, or add it to fixed_nodes"
             )
+    check_constraints(structure, CONSTRAINT_TOLERANCE * size)
 
 
 def size_of(structure: Structure) -> float:

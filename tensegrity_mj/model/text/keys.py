@@ -15,7 +15,10 @@ MOST_POSITIONS = (
 
 FILE_KEYS = ("format", "name", "source", "structure", "scene")
 # `defaults` and `groups` are written out in the members when a file is read (`structures`).
-STRUCTURE_KEYS = ("name", "string_law", "fixed_nodes", "nodes", "rods", "strings", "point_masses", "defaults", "groups")
+STRUCTURE_KEYS = (
+    *("name", "string_law", "fixed_nodes", "nodes", "rods", "strings", "point_masses", "constraints"),
+    *("defaults", "groups"),
+)
 SUPPORT_KEYS = {
     "free": ("kind", "sigma", "plane"),
     "pinned": ("kind", "sigma", "plane"),

@@ -89,7 +89,7 @@ def _structure_lines(structure: Structure, file_name: str) -> list[str]:
     lines += [f"nodes.{_key(name)} = {_value(position)}" for name, position in structure.nodes.items()]
     if structure.fixed_nodes:
         lines.append(_entry("fixed_nodes", structure.fixed_nodes))
-    for key in ("rods", "strings", "point_masses"):
+    for key in ("rods", "strings", "point_masses", "constraints"):
         lines += _array(key, getattr(structure, key))
     return lines
 
