@@ -89,6 +89,7 @@ def describe(scene: model.Scene, timing: bool = False) -> dict[str, Any]:
             for string, rest_length in zip(structure.strings, structure.rest_lengths, strict=True)
         ],
         "point_masses": {point.node: point.mass for point in structure.point_masses},
+        "bodies": [plain_values(body, "name", "nodes", "mass", "held") for body in structure.bodies],
         "degrees_of_freedom": needs["degrees_of_freedom"],
         "mujoco_velocities": needs["velocities"],
         "needs": {key: value for key, value in needs.items() if key not in ("scene", "degrees_of_freedom")},

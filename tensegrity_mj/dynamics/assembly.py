@@ -1,9 +1,9 @@
 """Any structure as one system: natural coordinates, a constant mass matrix, and rows of constraints.
 
-The coordinates are vectors of the world, three numbers each: r and b of every rod, the place of every point mass. Node
-positions are linear in them, n = Φ q + y, and so is all that joins or holds members: G q = g(t). What keeps members
-rigid is quadratic, v·w = const. Where several members share a node, the first of them places it, and rows hold the
-others' points there.
+The coordinates are vectors of the world, three numbers each: r and b of every rod, the place of every point mass, and
+the centre of mass r of every body with the axes e1, e2, e3 that turn with it. Node positions are linear in them,
+n = Φ q + y, and so is all that joins or holds members: G q = g(t). What keeps members rigid is quadratic, v·w = const.
+Where several members share a node, the first of them places it, and rows hold the others' points there.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.views import Table, view_of
 from tensegrity_mj.dynamics.records import ROD, Records, rod_records
+from tensegrity_mj.model.bodies import Frame
 from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.structure import Structure
@@ -77,6 +78,7 @@ class AssemblyRecords:
         for number in range(len(parts.rods)):
             parts.keep_length(number)
             parts.hold_rod(number)
+        parts.place_bodies()
         parts.share_nodes()
         return cls(structure, parts.rods, parts.size, parts.packed(), moved)
 
@@ -94,7 +96,27 @@ class AssemblyRecords:
         for point in self.structure.point_masses:
             q[at : at + 3] = nodes[self.structure.node_index[point.node]]
             at += 3
+        for frame in _moving(self.structure):
+            q[at : at + 12] = (frame.fit @ nodes[frame.rows]).ravel()
+            at += 12
         return q
+
+    def deviations(self, q: Array) -> Array:
+        """(pairs + rows,): how far the constraints, as in `slopes_of`, are off at q where nothing moves."""
+        pairs, v = self.table["pairs"], q[self.table["pairs"][..., None] + np.arange(3)]
+        factors = np.where(pairs[:, 0] == pairs[:, 1], 0.5, 1.0)
+        products = factors * (np.sum(v[:, 0] * v[:, 1], axis=1) - self.table["values"])
+        return np.concatenate([products, self.table["rows"] @ q - self.table["offsets"]])
+
+    @property
+    def coordinate_names(self) -> list[str]:
+        """(nq,) for people."""
+        structure = self.structure
+        members = [f"rod {rod.name}: {part}" for rod in structure.rods for part in "rb"]
+        members += [f"point mass {point.node}: r" for point in structure.point_masses]
+        moving = [body for body in structure.bodies if not body.held]
+        members += [f"body {body.name}: {part}" for body in moving for part in ("r", "e1", "e2", "e3")]
+        return [f"{member}{axis}" for member in members for axis in "xyz"]
 
     def node_accelerations(self, accelerations: Array) -> Array:
         """(N, 3) [m/s²] of q̈ (nq,), with the motions' accelerations as they are now."""
@@ -108,7 +130,7 @@ class _Parts:
     """A system while it is put together.
 
     Attributes:
-        size: n, the number of coordinates.
+        size: n, the number of coordinates; those of the bodies start at `bodies`.
         maps, bases, carried: of the nodes, as in `Assembly`.
     """
 
@@ -117,9 +139,11 @@ class _Parts:
         self.rods = rod_records(structure)
         self.rods["q"] = 6 * np.arange(len(self.rods))
         points, self.forest = 6 * len(self.rods), spanning_forest(structure)
-        self.size = points + 3 * len(structure.point_masses)
+        self.bodies = points + 3 * len(structure.point_masses)
+        self.size = self.bodies + 12 * len(_moving(structure))
         self.motion_of = {motion.support: number for number, motion in enumerate(motions)}
         self.mass, self.weights = np.zeros((self.size, self.size)), np.zeros(self.size)
+        self.scale = np.zeros(self.size)  # where it is not that of the masses
         self.maps = np.zeros((len(structure.nodes), 3, self.size))
         self.bases, self.carried = np.zeros((len(structure.nodes), 3)), np.full(len(structure.nodes), -1)
         self._pairs: list[tuple[int, int, int, float, float, float]] = []
@@ -154,6 +178,25 @@ class _Parts:
         """b of a rod is a unit vector."""
         b = int(self.rods[number]["q"]) + 3
         self._pairs.append((b, b, number, 1.0, float(self.rods[number]["J"]), 0.0))
+
+    def place_bodies(self) -> None:
+        """Their masses, their nodes, and their axes of unit length and across each other; held ones are no more."""
+        for body, frame in zip(self.structure.bodies, self.structure.frames, strict=True):
+            if body.held:
+                self.bases[frame.rows] = self.structure.positions[frame.rows]
+        for number, frame in enumerate(_moving(self.structure)):
+            r, axes = self.bodies + 12 * number, [self.bodies + 12 * number + 3 * k for k in (1, 2, 3)]
+            mass = float(frame.masses.sum())
+            self.move(r, r, mass)
+            self.weights[r : r + 3] = mass
+            for i, one in enumerate(axes):
+                for j, other in enumerate(axes[: i + 1]):
+                    self.move(one, other, frame.second[i, j])
+                    self._pairs.append((one, other, -1, float(i == j), 1.0, float(np.abs(frame.offsets).max())))
+                # Of a flat body one of them is zero: the constraints move that axis.
+                self.scale[one : one + 3] = 1.0 / np.sqrt(np.trace(frame.second) / 3)
+            for row, offsets in zip(frame.rows, frame.offsets, strict=True):
+                self.maps[row] = self.vector(r) + sum(x * self.vector(at) for x, at in zip(offsets, axes, strict=True))
 
     def hold(self, rows: Array, values: Array, driven: Array | None = None, motion: str = "") -> None:
         """Keep rows (k, n) · q at values (k,), to which the displacement of this support adds `driven` (k, 3) d."""
@@ -210,11 +253,12 @@ class _Parts:
             kept = np.sort(order[: len(sizes)][sizes > RANK_TOLERANCE])
             rows, self._rows = rows[kept], [self._rows[k] for k in kept]
         pairs = np.array(self._pairs, float).reshape(-1, 6)
-        masses = np.diag(self.mass)
+        by_mass = self.scale == 0
+        self.scale[by_mass] = 1.0 / np.sqrt(np.diag(self.mass)[by_mass])
         return _pack(
             redundant=0,
             mass=self.mass,
-            scale=1.0 / np.sqrt(masses),
+            scale=self.scale,
             weights=self.weights,
             maps=self.maps.reshape(-1, self.size),
             bases=self.bases,
@@ -231,14 +275,29 @@ class _Parts:
         )
 
 
+def needs_assembly(structure: Structure) -> bool:
+    """Whether a structure has members that only this form of the equations has."""
+    return bool(structure.bodies)
+
+
+def _moving(structure: Structure) -> list[Frame]:
+    """The bodies that are not held."""
+    return [frame for body, frame in zip(structure.bodies, structure.frames, strict=True) if not body.held]
+
+
+def slopes_of(table: Table, q: Array) -> Array:
+    """(pairs + rows, n): derivatives of the constraints at q, ½ v·v and v·w and G q."""
+    turning = np.zeros((len(table["pairs"]), len(q)))
+    for row, (one, other) in zip(turning, table["pairs"].tolist(), strict=True):
+        factor = 0.5 if one == other else 1.0
+        row[one : one + 3] += factor * q[other : other + 3]
+        row[other : other + 3] += factor * q[one : one + 3]
+    return np.concatenate([turning, table["rows"]])
+
+
 def note_redundancy(table: Table, q: Array) -> None:
     """Write whether the constraints at q depend on each other, so that their forces are not the only ones."""
-    at, rows, scale = table["pairs"], table["rows"], table["scale"]
-    turning = np.zeros((len(at), len(q)))
-    for row, (one, other) in zip(turning, at.tolist(), strict=True):
-        row[one : one + 3] += q[other : other + 3]
-        row[other : other + 3] += q[one : one + 3]
-    together = np.concatenate([turning, rows]) * scale
+    together = slopes_of(table, q) * table["scale"]
     together /= np.linalg.norm(together, axis=1)[:, None]
     singular = np.linalg.svd(together, compute_uv=False) if len(together) else np.ones(1)
     free = len(together) <= len(q) and singular[-1] > RANK_TOLERANCE * singular[0]

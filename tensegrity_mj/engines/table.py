@@ -18,6 +18,8 @@ from tensegrity_mj.model.capabilities import (
     ADDED_MASS,
     ADDED_MASS_IN_CONTACT,
     ADDED_MASS_IN_LOOPS,
+    BODIES,
+    BODIES_IN_CONTACT,
     CLASS_K,
     CONSTRAINTS,
     CONTACT,
@@ -42,6 +44,7 @@ ENGINES = {
         limits=(
             JOINED_CONTACT_LIMIT,
             _NO_ROWS,
+            Limit(BODIES_IN_CONTACT, "a body has nodes and no shape that could touch", _WITHOUT_CONTACT),
             Limit(
                 ADDED_MASS_IN_CONTACT,
                 "accelerations of added mass are found before the forces of contact are known",
@@ -104,6 +107,12 @@ ENGINES = {
                 CONSTRAINTS,
                 "minimal coordinates are those that rods have by their own supports; linear constraints couple them",
                 _ROWS,
+                StructureError,
+            ),
+            Limit(
+                BODIES,
+                "minimal coordinates are angles of rods, and those of a body have poles of their own",
+                "leave the body out",
                 StructureError,
             ),
             Limit(

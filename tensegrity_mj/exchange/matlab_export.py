@@ -13,7 +13,7 @@ from tensegrity_mj.basics.files import checked, replacing
 from tensegrity_mj.exchange.draft import AXES, held_axes
 from tensegrity_mj.exchange.losses import left_out
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.structure_checks import check_two_nodes
+from tensegrity_mj.model.structure_checks import check_bars_alone
 
 STRING_RADIUS = 1e-3  # m: STEDY has strings by radius and modulus, of which only E π r² counts
 KEPT = ("gravity", "initial_nodes", "initial_velocities")
@@ -30,7 +30,10 @@ def save_mat(scene: Scene, path: str | os.PathLike[str]) -> tuple[Path, list[str
 
     destination = checked(path, (".mat",), "MATLAB data")
     structure = scene.structure
-    check_two_nodes(structure, "MATLAB data of STEDY and MOTES have two nodes a string, in C_s; save the scene as MJCF")
+    check_bars_alone(
+        structure,
+        "MATLAB data of STEDY and MOTES have two nodes a member, in C_b and C_s; save the scene as MJCF",
+    )
     # Where supports move, the start is that of their motion, which is left out.
     start, speeds = (scene.nodes0, scene.velocities0) if not scene.motions else (structure.positions, 0 * scene.nodes0)
     nodes = start.T

@@ -53,6 +53,8 @@ def shape(scene: Scene) -> Array:
     for point in structure.point_masses:
         at = nodes[structure.node_index[point.node]]
         parts.append(_capsule(at, at, 4 * thin))
+    for frame in structure.frames:
+        parts += [_capsule(nodes[i], nodes[j], 2 * thin) for i, j in frame.rows[frame.edges]]
     return np.concatenate(parts)
 
 

@@ -24,7 +24,7 @@ from tensegrity_mj.exchange.options import ImportOptions
 from tensegrity_mj.model.members import PRESTRESS, Rod, String
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.section import Section
-from tensegrity_mj.model.structure_checks import check_two_nodes, names_of
+from tensegrity_mj.model.structure_checks import check_bars_alone, names_of
 from tensegrity_mj.model.text import codec
 from tensegrity_mj.model.text.table import Table
 
@@ -147,7 +147,10 @@ def save_csv(scene: Scene, path: str | os.PathLike[str]) -> tuple[list[Path], li
 
     nodes, members = pair_of(Path(path))
     structure = scene.structure
-    check_two_nodes(structure, "tables of members have two nodes a string, i and j; save the scene as TOML or MJCF")
+    check_bars_alone(
+        structure,
+        "tables of members have two nodes a member, i and j; save the scene as TOML or MJCF",
+    )
     held, notes = held_axes(structure)
     masses = {point.node: point.mass for point in structure.point_masses}
     rows: list[dict[str, Any]] = []

@@ -50,7 +50,7 @@ from tensegrity_mj.engines.request import AcceleratingEngine, Accelerations, Req
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import checked_engine
 from tensegrity_mj.errors import OptionError
-from tensegrity_mj.linearization.chart import Chart
+from tensegrity_mj.linearization.assembled_chart import chart_of
 from tensegrity_mj.linearization.differences import LOOP_STEP, NARROW, NARROW_RATE, PAIRS, STEP, reach_of, settled
 from tensegrity_mj.linearization.element_states import ElementStates
 from tensegrity_mj.linearization.law import SetRestLengths
@@ -112,7 +112,7 @@ def linearize(
             f"linearize: {touching[0]}: contact has no linear model; choose a state where nothing touches, or leave "
             "contact out (scene.with_(contact=None))"
         )
-    chart = Chart(structure, scene.nodes0)
+    chart = chart_of(structure, scene.nodes0)
     _, rate0 = chart.coordinates(scene.nodes0, scene.velocities0)
     reach = reach_of(structure, scene.nodes0)
     loop = None if law is None else SetRestLengths(scene, law, time)

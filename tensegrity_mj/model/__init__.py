@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.basics.fields import register as register
     from tensegrity_mj.model.actuation import Actuation as Actuation
     from tensegrity_mj.model.actuation import OnInfeasible as OnInfeasible
+    from tensegrity_mj.model.bodies import Body as Body
     from tensegrity_mj.model.constraints import Constraint as Constraint
     from tensegrity_mj.model.elements.contact import Contact as Contact
     from tensegrity_mj.model.elements.element import Element as Element

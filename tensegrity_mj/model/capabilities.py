@@ -130,7 +130,13 @@ def _pushing(scene: Scene) -> str:
     )
 
 
+def _bodies(scene: Scene) -> str:
+    return _first([f"'{body.name}' is a body (structure.bodies)" for body in scene.structure.bodies])
+
+
 CONTACT = Trait("contact", _contact)
+BODIES = Trait("bodies", _bodies)
+BODIES_IN_CONTACT = Trait("bodies and contact", _and(_bodies, _contact))
 CLASS_K = Trait("rods that share nodes", _joined_rods)
 CLOSED_LOOPS = Trait("closed loops", lambda scene: _closed(scene.structure))
 MOVED_SUPPORTS = Trait(
@@ -160,6 +166,8 @@ ADDED_MASS_IN_LOOPS = Trait("closed loops and added mass", _and(_added, lambda s
 
 def require_class_1(structure: Structure, who: str) -> None:
     """Raise StructureError where rods share nodes; `who` begins the sentence, as "the laws of chapters 4 to 6 are"."""
+    if structure.bodies:
+        raise StructureError(f"{who} for rods and point masses; here '{structure.bodies[0].name}' is a body")
     shared = _joined(structure)
     if shared:
         raise StructureError(f"{who} for structures of class 1, whose rods share no node; here {shared}")

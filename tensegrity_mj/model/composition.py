@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import instance, real_array, shape_of
 from tensegrity_mj.errors import OptionError, StructureError
+from tensegrity_mj.model.bodies import Body
 from tensegrity_mj.model.constraints import Constraint
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
 from tensegrity_mj.model.structure_checks import CONSTRAINT_TOLERANCE, names_of, size_of, unknown_node
@@ -68,6 +69,7 @@ def mapped(structure: Structure, matrix: Array, shift: Array) -> Structure:
         rods=tuple(replace(rod, support=support_of(rod)) for rod in structure.rods),
         point_masses=tuple(replace(point, plane=plane_of(point)) for point in structure.point_masses),
         constraints=tuple(map(constraint_of, structure.constraints)),
+        bodies=tuple(body.mapped(matrix, shift) for body in structure.bodies),
     )
 
 
@@ -109,7 +111,7 @@ def merged(one: Structure, other: Structure, join: Mapping[str, str] | bool, pre
         return replace(member, name=prefix + member.name, nodes=tuple(names[node] for node in member.nodes))
 
     members: dict[str, Any] = {}
-    for kind in ("rods", "strings", "point_masses", "constraints"):
+    for kind in ("rods", "strings", "point_masses", "constraints", "bodies"):
         known = {_nameless(member) for member in getattr(one, kind)}
         added = [renamed(member) for member in getattr(other, kind)]
         members[kind] = (*getattr(one, kind), *(member for member in added if _nameless(member) not in known))
@@ -142,6 +144,8 @@ def _nameless(member: Any) -> Any:
         return replace(member, plane=unsigned(member.plane))
     if isinstance(member, Constraint):
         return frozenset(member.nodes.items()), unsigned(tuple(member.unit))
+    if isinstance(member, Body):
+        return replace(member, name="any")
     held = member.support
     support = Support(held.sigma, tuple(map(unsigned, held.directions)), None, unsigned(held.plane))
     return replace(member, name="any", support=support)

@@ -1,4 +1,4 @@
-"""What follows from the ends of uniform thin rods: direction, energy, and the multiplier of rigidity.
+"""What follows from the ends of uniform thin rods: direction, energy, and the multiplier of rigidity; energy of all.
 
 Every function takes node positions and velocities (..., N, 3) in the world frame, SI units.
 """
@@ -37,7 +37,7 @@ def support_points(structure: Structure, nodes: Array) -> Array:
 
 
 def kinetic_energy(structure: Structure, velocities: Array) -> Array:
-    """Kinetic energy [J] of rods and point masses, (...): (2.25) in terms of the ends' velocities."""
+    """Kinetic energy [J] of rods, point masses and bodies, (...): (2.25) in terms of the ends' velocities."""
     first, second = ends(structure, velocities)
     # ∫ |v|² over a linear velocity profile: (v1·v1 + v1·v2 + v2·v2) / 3.
     square = np.sum(first * first + first * second + second * second, axis=-1) / 3
@@ -45,16 +45,24 @@ def kinetic_energy(structure: Structure, velocities: Array) -> Array:
     for point in structure.point_masses:
         v = velocities[..., structure.node_index[point.node], :]
         energy = energy + 0.5 * point.mass * dot(v, v)
+    for frame in structure.frames:
+        v = velocities[..., frame.rows, :]
+        energy = energy + 0.5 * np.einsum("...ax,ab,...bx->...", v, frame.masses, v)
     return energy
 
 
 def lumped_masses(structure: Structure) -> Array:
-    """(N,) [kg]: half a rod's mass at each end, point masses where they are. Exact for weight and momentum."""
+    """(N,) [kg]: half a rod's mass at each end, point masses where they are. Exact for weight and momentum.
+
+    Of a body as much at each node, of any sign, as the centre of mass is of them.
+    """
     masses = np.zeros(len(structure.nodes))
     for pair, mass in zip(structure.rod_nodes, structure.rod_masses, strict=True):
         masses[pair] += 0.5 * mass
     for point in structure.point_masses:
         masses[structure.node_index[point.node]] += point.mass
+    for body, frame in zip(structure.bodies, structure.frames, strict=True):
+        masses[frame.rows] += body.mass * frame.fit[0]
     return masses
 
 

@@ -152,6 +152,12 @@ def check_configuration(
             f"{where}: rod '{structure.rods[row].name}' would be {lengths[row]:.12g} m long; its length is "
             f"{structure.rod_lengths[row]:.12g} m"
         )
+    for body, frame in zip(structure.bodies, structure.frames, strict=True):
+        off = frame.out_of_shape(nodes)
+        off = max(off, float(np.abs((nodes - structure.positions)[frame.rows]).max())) if body.held else off
+        if off > limit:
+            how = "is held, and must stay at its place" if body.held else "is rigid: all its nodes move as one"
+            raise SceneError(f"{where}: a node of body '{body.name}' is {off:.3g} m off; it {how}")
     for what, member, off in _broken(structure, nodes, structure.positions, moved, limit):
         if what == "mass":
             raise SceneError(f"{where}: the point mass on node '{member.node}' is {off:.3g} m out of its plane")
@@ -192,6 +198,11 @@ def check_velocities(
             f"{where}: rod '{structure.rods[row].name}' would lengthen at {stretch[row]:.3g} m/s; the velocities of "
             "its nodes must be equal along it"
         )
+    for body, frame in zip(structure.bodies, structure.frames, strict=True):
+        off = np.abs(velocities[frame.rows]).max() if body.held else frame.strain_rate(nodes, velocities)
+        if off > limit:
+            how = "held, and at rest" if body.held else "rigid: give its nodes v + ω × x, as `moving` does"
+            raise SceneError(f"{where}: a node of body '{body.name}' is {off:.3g} m/s off; it is {how}")
     for what, member, off in _broken(structure, velocities, np.zeros_like(velocities), moved, limit):
         if what == "mass":
             raise SceneError(f"{where}: the point mass on '{member.node}' leaves its plane at {off:.3g} m/s")

@@ -19,6 +19,7 @@ from tensegrity_mj.basics.checks import checked, real_array, sequence_of
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import Kind, Wrong, choice, direction, names, parts, printable_name, text, vector
 from tensegrity_mj.errors import StructureError
+from tensegrity_mj.model.bodies import Body, Frame, frame_of
 from tensegrity_mj.model.composition import mapped, merged, rotation_matrix
 from tensegrity_mj.model.constraints import Constraint, constraint_rows
 from tensegrity_mj.model.members import LIMITS, PRESTRESS, PointMass, Rod, String, Support, Vector
@@ -53,7 +54,7 @@ class Structure:
     Attributes:
         name: short name.
         nodes: node name -> reference position [m].
-        rods, strings, point_masses: the members, each naming its nodes.
+        rods, strings, point_masses, bodies: the members, each naming its nodes.
         fixed_nodes: names of nodes that are fixed in space and belong to no rod.
         string_law: clipped (default) or unclipped, see `strings`.
         constraints: what nodes keep besides, each a linear equation of their coordinates.
@@ -70,6 +71,7 @@ class Structure:
     point_masses: tuple[PointMass, ...] = field(parts(PointMass), default=())
     string_law: StringLaw = field(choice(StringLaw), default=StringLaw.CLIPPED)
     constraints: tuple[Constraint, ...] = field(parts(Constraint), default=())
+    bodies: tuple[Body, ...] = field(parts(Body), default=())
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -291,6 +293,11 @@ class Structure:
         return _readonly(np.array(pairs, np.int64).reshape(-1, 2))
 
     @cached_property
+    def frames(self) -> tuple[Frame, ...]:
+        """The bodies by their nodes."""
+        return tuple(frame_of(self, body) for body in self.bodies)
+
+    @cached_property
     def paths(self) -> Paths:
         """The segments of the strings."""
         return Paths.of([self.node_index[name] for name in string.nodes] for string in self.strings)
@@ -320,6 +327,12 @@ class Structure:
     def rod_masses(self) -> Array:
         """m (R,) [kg]."""
         return _readonly(np.array([rod.mass for rod in self.rods], float))
+
+    @property
+    def mass(self) -> float:
+        """[kg] of all members."""
+        points = sum(point.mass for point in self.point_masses)
+        return float(self.rod_masses.sum()) + points + sum(body.mass for body in self.bodies)
 
     def limits(self, name: str) -> Array:
         """One of `LIMITS` (M,) of the strings; where there is none, ∞, or -∞ for the smallest rest length."""

@@ -30,13 +30,15 @@ def check_structure(structure: Structure) -> None:
     """Raise StructureError if the members of the structure do not fit each other."""
     if not structure.nodes:
         raise StructureError(f"structure '{structure.name}' has no nodes; it needs at least a rod or a point mass")
-    if not structure.rods and not structure.point_masses:
+    if not structure.rods and not structure.point_masses and not structure.bodies:
         raise StructureError(f"structure '{structure.name}' has neither rods nor point masses: nothing can move")
     _check_unique("rod", (rod.name for rod in structure.rods))
     _check_unique("string", (string.name for string in structure.strings))
+    _check_unique("body", (body.name for body in structure.bodies))
     owner = _check_node_roles(structure)
     size = size_of(structure)
     _check_rods(structure, size)
+    _ = structure.frames
     along = _check_joints(structure)
     _check_strings(structure, size, along)
     _check_unique("constraint", (one.name for one in structure.constraints))
@@ -46,11 +48,11 @@ def check_structure(structure: Structure) -> None:
     used = set(owner).union(*(string.nodes for string in structure.strings))
     for name in structure.nodes:
         if name not in used:
-            raise StructureError(f"node '{name}' is used by no rod, string or point mass: remove it or use it")
+            raise StructureError(f"node '{name}' is used by no rod, string, body or point mass: remove it or use it")
         if name not in owner:
             raise StructureError(
                 f"node '{name}' is an end of strings only and would have no mass: "
-                "put it on a rod, give it a point mass, or add it to fixed_nodes"
+                "put it on a rod or a body, give it a point mass, or add it to fixed_nodes"
             )
     check_constraints(structure, CONSTRAINT_TOLERANCE * size)
 
@@ -84,6 +86,15 @@ def _check_node_roles(structure: Structure) -> dict[str, str]:
                 "point masses stand on nodes of their own"
             )
         owner[point.node] = f"the point mass on node '{point.node}'"
+    for body in structure.bodies:
+        _check_ends(f"body '{body.name}'", body.nodes, structure)
+        for name in body.nodes:
+            if name in owner:
+                raise StructureError(
+                    f"node '{name}' of body '{body.name}' is {owner[name]} already: a body has nodes of its own; join "
+                    "them by a stiff string where a joint is meant"
+                )
+            owner[name] = f"a node of body '{body.name}'"
     return owner
 
 
@@ -190,6 +201,13 @@ class _Piece(NamedTuple):
 
     name: str
     nodes: tuple[str, str]
+
+
+def check_bars_alone(structure: Structure, reason: str) -> None:
+    """Raise StructureError with the reason, if a structure has bodies, or strings of more than two nodes."""
+    for body in structure.bodies:
+        raise StructureError(f"'{body.name}' is a body: {reason}")
+    check_two_nodes(structure, reason)
 
 
 def check_two_nodes(structure: Structure, reason: str) -> None:

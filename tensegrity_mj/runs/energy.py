@@ -131,8 +131,7 @@ def energy_unresolved(run: Trajectory) -> float:
         run.dissipation,
     )
     total = sum(float(np.max(np.abs(term), initial=0.0)) for term in terms)
-    masses = structure.rod_masses.sum() + sum(point.mass for point in structure.point_masses)
-    forces = float(np.max(run.tensions, axis=0, initial=0.0).sum() + masses * np.linalg.norm(run.scene.gravity))
+    forces = float(np.max(run.tensions, axis=0, initial=0.0).sum() + structure.mass * np.linalg.norm(run.scene.gravity))
     extent = float(np.max(np.abs(run.nodes), initial=0.0))
     walk = max(1.0, float(np.sqrt(run.cost.get("steps", 0.0))) / 30)
     first, second = rods.ends(structure, run.nodes)

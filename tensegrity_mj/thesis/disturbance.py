@@ -79,7 +79,8 @@ def disturbed(scene: Scene, disturbance: Disturbance | None, rods: slice = slice
             chosen = set(range(len(structure.rods))[rods])
             heavy = tuple(_times(rod, factor, "mass") if k in chosen else rod for k, rod in enumerate(structure.rods))
             points = tuple(_times(point, factor, "mass") for point in structure.point_masses)
-            return scene.with_(structure=replace(structure, rods=heavy, point_masses=points))
+            bodies = tuple(one.times(factor) for one in structure.bodies)
+            return scene.with_(structure=replace(structure, rods=heavy, point_masses=points, bodies=bodies))
         case Quantity.STIFFNESS:
             if not structure.strings:
                 return scene

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from body_scenes import slung
 from linked_scenes import everything_moves, hung
 from maxwell import Maxwell
 from numpy.typing import NDArray
@@ -70,6 +71,11 @@ def dashed() -> tmj.Scene:
     return scene.with_(elements=(Maxwell("n3", 60.0, 8.0, (float(x), float(y) + 0.1, float(z) - 0.2)),))
 
 
+def lightened(structure: tmj.Structure) -> tmj.Structure:
+    """With bodies of half the mass and moments."""
+    return replace(structure, bodies=tuple(body.times(0.5) for body in structure.bodies))
+
+
 def without_path(scene: tmj.Scene) -> tmj.Scene:
     """Without its last string."""
     return scene.with_(structure=replace(scene.structure, strings=scene.structure.strings[:-1]))
@@ -100,6 +106,7 @@ FEATURES = {
     "paths": Feature(threaded, without_path),
     "paths, moved supports": Feature(lambda: threaded(moved()), without_path),
     "paths, water": Feature(lambda: threaded(in_water(), ("a", "c", "b", "d")), without_path),
+    "bodies": Feature(slung, lambda scene: scene.with_(structure=lightened(scene.structure))),
     "loads": Feature(loaded, lambda scene: scene.with_(loads=())),
     "moved supports": Feature(moved, lambda scene: scene.with_(motions=())),
     "ground": Feature(shaken, lambda scene: scene.with_(motions=())),

@@ -1,4 +1,4 @@
-"""Bodies of a scene's MJCF: rods as capsules with a thin rod's inertia, point masses, moved nodes, and their joints."""
+"""Bodies of a scene's MJCF with their joints: rods as capsules with a thin rod's inertia, and all others."""
 
 from __future__ import annotations
 
@@ -32,25 +32,28 @@ DRIVE = 1e14
 
 
 class Names:
-    """Names of bodies, joints and sites, unique among their kind: lists over rods, point masses and moved nodes."""
+    """Names of bodies, joints and sites, unique among their kind: lists of rods, point masses, moved nodes, bodies."""
 
     def __init__(self, scene: Scene, tree: BodyTree) -> None:
         structure = scene.structure
         rods, points = structure.rods, structure.point_masses
         moved = [structure.node_names[row] for row, _ in tree.moved_nodes]
         members = [rod.name for rod in rods] + [point.node for point in points] + moved
-        bodies = distinct(members, taken={"world"})
+        own = [body.name for body in structure.bodies]
+        bodies = distinct([*members, *own], taken={"world"})
         cuts = (len(rods), len(rods) + len(points))
-        self.rods, self.points, self.moved = _cut(bodies, cuts)
+        self.rods, self.points, self.moved = _cut(bodies[: len(members)], cuts)
+        self.bodies = bodies[len(members) :]
         # A rod's own name goes to the joint that turns it, whatever the slides of the others are called.
         self.turns = [rod.name for rod in rods]
         counts = [0 if joint.turn is Turn.FREE else joint.axes.shape[1] for joint in tree.joints]
         counts += [point.translation_basis.shape[1] for point in points]
         counts += [axes.shape[1] for _, axes in tree.moved_nodes]
         wanted = [f"{name} {k + 1}" for name, count in zip(members, counts, strict=True) for k in range(count)]
-        given = iter(distinct(wanted, taken=set(self.turns)))
+        given = iter(distinct([*wanted, *own], taken=set(self.turns)))
         slides = [[next(given) for _ in range(count)] for count in counts]
         self.rod_slides, self.point_slides, self.moved_slides = _cut(slides, cuts)
+        self.free_joints = list(given)  # of the bodies
         # Where a rod ends at a node whose site another rod's body carries, and no joint of bodies holds it there.
         ends = [f"{structure.node_names[node]} of {rods[other].name}" for node, _, other in tree.forest.closures]
         self.ends = distinct(ends, taken=set(structure.node_names))
@@ -71,6 +74,8 @@ def add_bodies(world: ET.Element, scene: Scene, tree: BodyTree, names: Names, th
         _point_body(world, scene, number, names, site, thickness)
     for number in range(len(tree.moved_nodes)):
         _moved_node(world, scene, tree, number, names, site)
+    for number in range(len(scene.structure.bodies)):
+        _body(world, scene, number, names, site, thickness)
 
 
 def _rod_body(
@@ -159,9 +164,7 @@ def _frame(scene: Scene, tree: BodyTree, number: int) -> tuple[Array, Array]:
 
 def drive(scene: Scene) -> float:
     """Armature [kg] of the slides that drive supports."""
-    structure = scene.structure
-    total = float(structure.rod_masses.sum()) + sum(point.mass for point in structure.point_masses)
-    return DRIVE * (total or 1.0)
+    return DRIVE * (scene.structure.mass or 1.0)
 
 
 def _add_slide(body: ET.Element, name: str, axis: Array, armature: float = 0.0) -> None:
@@ -198,6 +201,27 @@ def _moved_node(
         _add_slide(body, name, axis, drive(scene))
     ET.SubElement(body, "inertial", pos="0 0 0", mass="1", diaginertia="1 1 1")
     ET.SubElement(body, "site", name=scene.structure.node_names[row], pos="0 0 0", **site)
+
+
+def _body(world: ET.Element, scene: Scene, number: int, names: Names, site: dict[str, Any], thickness: float) -> None:
+    """A body about its centre of mass, drawn as the edges of its hull; one that is held has no joint."""
+    body, frame = scene.structure.bodies[number], scene.structure.frames[number]
+    center, rotation = frame.placed(scene.nodes0)
+    at: dict[str, Any] = {"pos": numbers(center), "quat": numbers(quaternion(rotation))}
+    element = ET.SubElement(world, "body", name=names.bodies[number], **at)
+    if not body.held:
+        ET.SubElement(element, "freejoint", name=names.free_joints[number])
+    # Principal axes by LAPACK: MuJoCo's own are found to 1e-12 alone.
+    moments, axes = np.linalg.eigh(body.inertia_matrix)
+    axes[:, 2] *= np.linalg.det(axes)
+    inertia: dict[str, Any] = {"quat": numbers(quaternion(axes)), "diaginertia": numbers(moments)}
+    ET.SubElement(element, "inertial", pos="0 0 0", mass=numbers([body.mass]), **inertia)
+    look: dict[str, Any] = {"contype": "0", "conaffinity": "0", "rgba": "0.4 0.4 0.45 1"}
+    for pair in frame.edges:
+        ends = numbers(frame.offsets[pair].ravel())
+        ET.SubElement(element, "geom", type="capsule", fromto=ends, size=numbers([2 * thickness]), **look)
+    for name, offset in zip(body.nodes, frame.offsets, strict=True):
+        add_site(element, name, offset, site, size=float(np.abs(frame.offsets).max()))
 
 
 def touching(scene: Scene, rods: bool) -> dict[str, Any]:

@@ -6,8 +6,9 @@ its frame at the node where it hangs, in its parent's body, and only turns: a ba
 Joints that the tree of bodies leaves open are for constraints.
 
 Coordinates are in the order of the model: trees by their first rods, each rod before what hangs on it, then point
-masses, then the moved nodes that belong to nothing. Angular velocities are in a body's own frame; that of a hanging rod
-is relative to its parent. No rod spins about its axis, which a relative velocity must see to.
+masses, then the moved nodes that belong to nothing, then bodies. Angular velocities are in a
+body's own frame; that of a hanging rod is relative to its parent. No rod spins about its axis, which a relative
+velocity must see to.
 """
 
 from __future__ import annotations
@@ -212,6 +213,11 @@ def joint_coordinates(scene: Scene, tree: BodyTree, nodes: Array, velocities: Ar
     for row, axes in tree.moved_nodes:
         places.append(axes.T @ (nodes[row] - start[row]))
         rates.append(axes.T @ velocities[row])
+    for body, frame in zip(structure.bodies, structure.frames, strict=True):
+        if not body.held:
+            (r, rotation), (r_rate, spin) = frame.placed(nodes), frame.moving(nodes, velocities)
+            places += [r, quaternion(rotation)]
+            rates += [r_rate, rotation.T @ spin]
     none = [np.zeros(0)]
     return np.concatenate(places or none), np.concatenate(rates or none)
 

@@ -38,6 +38,10 @@ def check_places(scene: Scene, model: mujoco.MjModel, tree: BodyTree | None = No
 
     sites = np.array([model.site(name).id for name in structure.node_names], int)
     _compare("node", structure.node_names, data.site_xpos[sites], nodes, allowed)
+    centers = np.array([frame.placed(nodes)[0] for frame in structure.frames]).reshape(-1, 3)
+    names = tuple(Names(scene, tree).bodies)
+    bodies = np.array([model.body(name).id for name in names], int)
+    _compare("center of mass of body", names, data.xipos[bodies], centers, allowed)
     if not structure.rods:
         return
     # Where a rod ends at a node that another rod's body carries, and a constraint joins the two.

@@ -118,7 +118,7 @@ def _layout(scene: Scene) -> tuple[Any, ...]:
     structure = scene.structure
     return (
         (scene.name, scene.gravity, scene.contact, scene.motions),
-        (structure.node_names, structure.fixed_nodes, structure.rods, structure.point_masses),
+        (structure.node_names, structure.fixed_nodes, structure.rods, structure.point_masses, structure.bodies),
         tuple((string.name, string.nodes) for string in structure.strings),
         tuple(array.tobytes() for array in (structure.positions, scene.nodes0, scene.velocities0)),
     )

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import enum
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import choice, positive
+from tensegrity_mj.dynamics.assembly import AssemblyRecords, needs_assembly, note_redundancy
 from tensegrity_mj.dynamics.linked import LinkedRecords
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.dynamics.native.views import Fields
@@ -32,9 +33,6 @@ from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.vibration.stepping import Stepping
-
-if TYPE_CHECKING:
-    from tensegrity_mj.dynamics.assembly import AssemblyRecords
 
 # Of rods that hang together, for `Solver.JOINTS`: forces of joints lose as many digits, and a pivot of 1e-12 is none.
 LARGEST_MASS_RATIO = 1e10
@@ -99,7 +97,10 @@ class DAE(ReferenceEngine):
 
     def working_bytes(self, scene: Scene) -> int:
         """Bytes of state, stages and matrices."""
-        return self._bytes(LinkedRecords.of(scene.structure).nq)
+        structure = scene.structure
+        if self.solver is Solver.GENERAL or needs_assembly(structure):
+            return self._bytes(6 * len(structure.rods) + 3 * len(structure.point_masses) + 12 * len(structure.bodies))
+        return self._bytes(LinkedRecords.of(structure).nq)
 
     def accelerations(self, request: Request) -> Accelerations:
         """Node accelerations of the equations that `run` integrates."""
@@ -131,14 +132,14 @@ class DAE(ReferenceEngine):
     def _model(self, request: Request) -> _Model:
         """The equations for a structure and its supports."""
         structure = request.scene.structure
-        if self.solver is Solver.GENERAL:
+        if self.solver is Solver.GENERAL or needs_assembly(structure):
             return _assembled(request)
         solver = self.solver if structure.rods else Solver.JOINTS  # point masses alone have no matrix
         alone = structure.class_number <= 1 and not request.scene.motions and solver is Solver.JOINTS
         return _rods_alone(request) if alone else _rods_linked(request, solver)
 
 
-_Records: TypeAlias = "StructureRecords | LinkedRecords | AssemblyRecords"
+_Records: TypeAlias = StructureRecords | LinkedRecords | AssemblyRecords
 # A plant with what the compiled functions of a model read, its records, and these functions.
 _Model: TypeAlias = tuple[Plant, _Records, Equations]
 
@@ -205,7 +206,6 @@ def _rods_linked(request: Request, solver: Solver) -> _Model:
 
 def _assembled(request: Request) -> _Model:
     """Any structure as one system."""
-    from tensegrity_mj.dynamics.assembly import AssemblyRecords, note_redundancy
     from tensegrity_mj.engines.reference import dae_assembled_kernels as assembled
 
     scene, plant = request.scene, _plant(request, assembled.ASSEMBLED)

@@ -15,10 +15,8 @@ MOST_POSITIONS = (
 
 FILE_KEYS = ("format", "name", "source", "structure", "scene")
 # `defaults` and `groups` are written out in the members when a file is read (`structures`).
-STRUCTURE_KEYS = (
-    *("name", "string_law", "fixed_nodes", "nodes", "rods", "strings", "point_masses", "constraints"),
-    *("defaults", "groups"),
-)
+MEMBER_KEYS = ("rods", "strings", "point_masses", "constraints", "bodies")
+STRUCTURE_KEYS = ("name", "string_law", "fixed_nodes", "nodes", *MEMBER_KEYS, "defaults", "groups")
 SUPPORT_KEYS = {
     "free": ("kind", "sigma", "plane"),
     "pinned": ("kind", "sigma", "plane"),

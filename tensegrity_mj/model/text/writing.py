@@ -23,7 +23,7 @@ from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 from tensegrity_mj.model.text.codec import check_kinds, table_of
-from tensegrity_mj.model.text.keys import FORMAT, MOST_BYTES, SCENE_LINES
+from tensegrity_mj.model.text.keys import FORMAT, MEMBER_KEYS, MOST_BYTES, SCENE_LINES
 
 HEADING = "# tensegrity-mj; SI units, world frame with z up. Every key: docs/format.md"
 
@@ -89,7 +89,7 @@ def _structure_lines(structure: Structure, file_name: str) -> list[str]:
     lines += [f"nodes.{_key(name)} = {_value(position)}" for name, position in structure.nodes.items()]
     if structure.fixed_nodes:
         lines.append(_entry("fixed_nodes", structure.fixed_nodes))
-    for key in ("rods", "strings", "point_masses", "constraints"):
+    for key in MEMBER_KEYS:
         lines += _array(key, getattr(structure, key))
     return lines
 

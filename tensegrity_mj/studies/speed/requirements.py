@@ -136,6 +136,7 @@ def degrees_of_freedom(structure: Structure) -> int:
         rod.support.translation_basis.shape[1] for rod, hangs in zip(structure.rods, hanging, strict=True) if not hangs
     )
     turns = sum(rod.support.rotation_basis.shape[1] - 1 for rod in structure.rods)
+    turns += 6 * sum(not body.held for body in structure.bodies)
     return int(slides + turns + sum(point.translation_basis.shape[1] for point in structure.point_masses))
 
 
