@@ -192,7 +192,8 @@ def normalize_direction(q: Any, rates: Any, at: int, nb: int) -> None:
 
 @borrowing
 def solve_with_pivots(A: Any, n: int, right: int) -> None:
-    """Solve the n x n equations in A, whose right-hand sides are in the column `right`, in place, with pivots."""
+    """Solve the n x n equations in A for its columns from `right` on, the right-hand sides, in place, with pivots."""
+    columns = range(right, A.shape[1])
     for k in range(n):
         best = k
         for i in range(k + 1, n):
@@ -201,14 +202,17 @@ def solve_with_pivots(A: Any, n: int, right: int) -> None:
         if best != k:
             for x in range(k, n):
                 A[k, x], A[best, x] = A[best, x], A[k, x]
-            A[k, right], A[best, right] = A[best, right], A[k, right]
+            for c in columns:
+                A[k, c], A[best, c] = A[best, c], A[k, c]
         for i in range(k + 1, n):
             factor = A[i, k] / A[k, k]
             if factor != 0.0:
                 for x in range(k, n):
                     A[i, x] -= factor * A[k, x]
-                A[i, right] -= factor * A[k, right]
+                for c in columns:
+                    A[i, c] -= factor * A[k, c]
     for k in range(n - 1, -1, -1):
-        for x in range(k + 1, n):
-            A[k, right] -= A[k, x] * A[x, right]
-        A[k, right] /= A[k, k]
+        for c in columns:
+            for x in range(k + 1, n):
+                A[k, c] -= A[k, x] * A[x, c]
+            A[k, c] /= A[k, k]

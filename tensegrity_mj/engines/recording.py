@@ -38,10 +38,10 @@ def check_rows(count: float, width: int = 1) -> None:
 
 @dataclass(frozen=True)
 class RodMotion:
-    """What λ follows from: r̈ (T, R, 3) [m/s²], and forces of contacts (T, N, 3) [N] on the nodes that they come to."""
+    """What λ follows from: r̈ (T, R, 3) [m/s²], and forces (T, N, 3) [N] on the nodes of contacts or constraints."""
 
     r_accelerations: Array
-    contact_forces: Array | None = None
+    more_forces: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -53,6 +53,7 @@ class Account:
     cost: dict[str, float]
     engine: dict[str, Any]
     reports: dict[str, Any] = field(default_factory=dict)
+    constraint_forces: Array | None = None  # (T, C) [N]
 
 
 # Of a run that diverged too, where numbers overflow: what they mean is for `check_energy` to say.
@@ -87,8 +88,8 @@ def make_trajectory(
         forces = rods.string_forces(structure, nodes, tensions)
         if scene.effects:  # added mass acts across rods alone
             forces = forces + forces_of(scene.effects, scene, time, nodes, velocities, states)
-        if rod.contact_forces is not None:
-            forces = forces + rod.contact_forces
+        if rod.more_forces is not None:
+            forces = forces + rod.more_forces
         gravity = np.array(scene.gravity)
         multipliers = rods.multipliers(structure, nodes, velocities, forces, gravity, rod.r_accelerations)
     else:
@@ -111,6 +112,7 @@ def make_trajectory(
         dissipation=lost,
         **reported,
         element_states=states,
+        constraint_forces=np.zeros((T, 0)) if account.constraint_forces is None else account.constraint_forces,
         status=account.status,
         message=account.message,
         engine=str(options),

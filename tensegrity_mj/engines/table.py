@@ -22,6 +22,8 @@ from tensegrity_mj.model.capabilities import (
     BODIES_IN_CONTACT,
     CLASS_K,
     CONSTRAINTS,
+    CONSTRAINTS_IN_CONTACT,
+    CONSTRAINTS_IN_LOOPS,
     CONTACT,
     JOINED_CONTACT,
     UNEVEN_MASS,
@@ -43,8 +45,26 @@ ENGINES = {
         shares_model=True,
         limits=(
             JOINED_CONTACT_LIMIT,
-            _NO_ROWS,
             Limit(BODIES_IN_CONTACT, "a body has nodes and no shape that could touch", _WITHOUT_CONTACT),
+            Limit(
+                CONSTRAINTS_IN_CONTACT,
+                "forces of constraints are found before those of contact are known",
+                f"{_WITHOUT_CONTACT}, or hold nodes by supports",
+            ),
+            Limit(
+                CONSTRAINTS_IN_LOOPS,
+                "forces of constraints are found before those of joints that close loops are known",
+                "open the loop, or simulate it with the DAE",
+                StructureError,
+            ),
+            Limit(
+                CONSTRAINTS,
+                "their forces are found for the accelerations of the step's start, and this integrator makes its step "
+                "of others",
+                "use Integrator.RK4 or EULER",
+                OptionError,
+                lambda engine: "" if engine.is_explicit else f"Integrator.{engine.integrator.name}",
+            ),
             Limit(
                 ADDED_MASS_IN_CONTACT,
                 "accelerations of added mass are found before the forces of contact are known",

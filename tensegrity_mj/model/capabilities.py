@@ -161,6 +161,10 @@ ELEMENT_STATES = Trait(
 PUSHING_DAMPERS = Trait("damped strings that are not clipped", _pushing)
 JOINED_CONTACT = Trait("contact of rods that share nodes", _and(_contact, _joined_rods))
 ADDED_MASS_IN_CONTACT = Trait("contact and added mass", _and(_added, _contact))
+CONSTRAINTS_IN_CONTACT = Trait("contact and linear constraints", _and(_constrained, _contact))
+CONSTRAINTS_IN_LOOPS = Trait(
+    "closed loops and linear constraints", _and(_constrained, lambda scene: _closed(scene.structure))
+)
 ADDED_MASS_IN_LOOPS = Trait("closed loops and added mass", _and(_added, lambda scene: _closed(scene.structure)))
 
 

@@ -43,6 +43,7 @@ class Trajectory:
         reports: numbers about the run: constraint drift, largest holding ratio, times with L0 <= 0, ...
         provenance: versions, options and seeds, as text or numbers.
         element_states: (T, S) of the elements that have one, as `element_state_names` calls them.
+        constraint_forces: (T, C) [N] of the linear constraints; times a node's weight is what acts on that node.
     """
 
     scene: Scene
@@ -72,6 +73,7 @@ class Trajectory:
     reports: dict[str, Any] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict)
     element_states: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    constraint_forces: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __repr__(self) -> str:
         return at_a_glance(rows_of(self))

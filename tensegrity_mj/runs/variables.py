@@ -29,7 +29,7 @@ def _table(name: str) -> Variables:
 
 _FILE = table_beside(__file__)
 VARIABLES = _table("variables")
-STATES = _table("states")  # besides, of a scene whose elements have states
+STATES = _table("states")  # besides, of a scene that has what they are of
 LABELS: dict[str, str] = _FILE["labels"]  # what the names along each dimension are
 AXES = ("x", "y", "z")
 LAW_REPORTS = tuple(report.name.lower() for report in Report)  # those that are NaN where the law has none
@@ -38,18 +38,21 @@ DICTIONARIES = ("cost", "reports", "provenance")  # in the file as JSON
 
 def variables_of(scene: Scene) -> Variables:
     """What runs of a scene have recorded, as `VARIABLES`."""
-    return VARIABLES | (STATES if state_names(scene) else {})
+    known = {"time", *labels_of(scene)}
+    return VARIABLES | {name: one for name, one in STATES.items() if known.issuperset(one[0])}
 
 
 def labels_of(scene: Scene) -> dict[str, tuple[str, ...]]:
     """The names along each dimension of `variables_of`, but for time."""
     structure, states = scene.structure, state_names(scene)
+    constraints = tuple(one.name for one in structure.constraints)
     return {
         "node": tuple(structure.node_names),
         "axis": AXES,
         "string": tuple(string.name for string in structure.strings),
         "rod": tuple(rod.name for rod in structure.rods),
         **({"element_state": states} if states else {}),
+        **({"constraint": constraints} if constraints else {}),
     }
 
 

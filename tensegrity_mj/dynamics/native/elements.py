@@ -150,9 +150,7 @@ def held_powers(table: int) -> Any:
             lost += own.given - power
         elif element.work == LOSING:
             lost += own.given
-    if plant.wet_rods > 0:
-        given += power_of(plant.held_mass, velocities)
-    return given, lost
+    return given + power_of(plant.held_mass, velocities), lost
 
 
 @inlined
@@ -185,8 +183,6 @@ def lend_room(table: int, room: int) -> None:
     if R > 0:
         plant.added = floats(room, (R, 4))
         room += 32 * R
-        plant.held_mass = floats(room, (N, 3))
-        room += 24 * N
     copy(integers(plant.elements, RECORD_SIZE * count), integers(room, RECORD_SIZE * count))
     plant.elements = room
     elements = _read_elements(room, count)
@@ -205,8 +201,7 @@ def lend_room(table: int, room: int) -> None:
 def room_of_elements(plant: Table) -> int:
     """Numbers that `lend_room` takes."""
     N, count, R = plant["node_count"], plant["element_count"], plant["wet_rods"]
-    added = 4 * R + 3 * N if R > 0 else 0
-    return int(MOTION_SIZE + added + count * (RECORD_SIZE + EFFECT_SIZE + 3 * N))
+    return int(MOTION_SIZE + 4 * R + count * (RECORD_SIZE + EFFECT_SIZE + 3 * N))
 
 
 @borrowing

@@ -63,7 +63,7 @@ PLANT: Fields = (
     ("seen", "state"),
     ("wet_rods", "size"),  # rods that have α: all, or none
     ("added", ("f8", "wet_rods", 4)),
-    ("held_mass", ("f8", "node_count", 3)),  # forces of the added mass as last found
+    ("held_mass", ("f8", "node_count", 3)),  # forces of added mass, and of constraints in MuJoCo, as last found
     # At a stage the elements' states, and their rates there; for an engine that steps by itself, those of the whole
     # steps so far, and the sum of the stages' rates.
     ("element_state_count", "size"),

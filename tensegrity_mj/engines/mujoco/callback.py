@@ -22,12 +22,12 @@ from tensegrity_mj.dynamics.native.resolution import resolve_stage, resolve_star
 from tensegrity_mj.dynamics.native.strings import measure_segments, tighten_strings
 from tensegrity_mj.dynamics.native.vectors import minus, row_of
 from tensegrity_mj.dynamics.native.watch import watch_strings
+from tensegrity_mj.engines.mujoco.answers import add_answers
 from tensegrity_mj.engines.mujoco.contact import keep_stage, last_stage_work, spin_energy, write_state
 from tensegrity_mj.engines.mujoco.element_states import act_at_stage
 from tensegrity_mj.engines.mujoco.mjcf import UNLIMITED
 from tensegrity_mj.engines.mujoco.motion import carried, constraint_work, drive, keep_rates, support_power
 from tensegrity_mj.engines.mujoco.run_view import FINISHED, LOST, LOST_CONTROL, RUNNING, Counters, RunView
-from tensegrity_mj.engines.mujoco.water import add_mass
 from tensegrity_mj.runs.energy import BEYOND
 
 
@@ -99,8 +99,8 @@ def _stage(table: int, now: Moment) -> int:
     answer, stored, lost = _set_strings(table, now)
     if answer <= NO_SOLUTION and sampled <= NO_SOLUTION and not set_controls(table):
         return LOST_CONTROL
-    if run.wet_rods > 0:
-        given += add_mass(table)
+    if run.answering != 0:
+        given += add_answers(table, 0.0 if now.stage > 0 else now.h if now.begins and run.resets else -1.0)
         apply_loads(table)
     given += _support_power(table, now)
     lost += (0.5 if now.one_stage else 1.0) * spent
@@ -223,7 +223,7 @@ def _support_power(table: int, now: Moment) -> float:
 def _let_elements_act(table: int, now: Moment) -> tuple[float, float]:
     """Forces of elements on the bodies; the powers that are given and lost [W]."""
     run = RunView(table)
-    if run.element_count == 0:
+    if run.element_count == 0 and run.answering == 0:
         return 0.0, 0.0
     if now.one_stage and now.step > 0:
         # One-stage integrators hold forces over the step: their work counts the speeds at both ends.
@@ -346,8 +346,11 @@ def _record(table: int) -> None:
         at = run.row_width + 3 * run.rod_count
         copy(run.qpos, row[at:])
         copy(run.qvel, row[at + run.nq :])
-        if run.wet_rods > 0:
+        if run.answering != 0:
             copy(floats(address(run.held_mass), 3 * run.node_count), row[at + run.nq + run.nv :])
+    if run.answering != 0:
+        forces = floats(run.answer_room, run.constraint_count)
+        copy(forces, row[len(row) - len(forces) :])
     write_row(table, work[0], work[1], external_work, row)
     counters.waiting = counters.next_row
     counters.next_row += 1

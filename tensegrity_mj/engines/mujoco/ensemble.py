@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.engines.driving import Stopwatch, drive
 from tensegrity_mj.engines.mujoco import many
+from tensegrity_mj.engines.mujoco.answers import Answers
 from tensegrity_mj.engines.mujoco.callback import settle_constraints
 from tensegrity_mj.engines.mujoco.install import finish, installed
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
@@ -27,7 +28,6 @@ from tensegrity_mj.engines.mujoco.motion import Supports
 from tensegrity_mj.engines.mujoco.prepared import prepared_with
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun, causes_of
 from tensegrity_mj.engines.mujoco.run_view import ENDED, RUNNING, STEP, WAITING, bound
-from tensegrity_mj.engines.mujoco.water import AddedMass
 from tensegrity_mj.engines.recording import check_rows
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError
@@ -178,12 +178,10 @@ def law_in(model: mujoco.MjModel, plant: Plant) -> Iterator[NDArray[np.int64]]:
     plant.set(designed=np.array(scene.structure.rest_lengths), force_range=np.zeros((plant["string_count"], 2)))
     if scene.motions:
         Supports(scene, ready.tree, model, plant)
-        plant["resets"] = 0
-    mass_size, added_mass = 0, AddedMass(scene, ready.tree, model) if plant["wet_rods"] else None
-    if added_mass is not None:
-        plant["floating"], mass_size = added_mass.address, len(added_mass.room)
+    answers_found = Answers.of(scene, ready.tree, model, plant)
+    answer_size = 0 if answers_found is None else len(answers_found.room)
     lent = np.array([(plant.place(name), plant[name].size) for name in many.LENT], np.int64)
     guide.set(law_table=plant.address, lent_count=len(lent), lent=lent, answers=answers)
-    guide.set(mass_size=mass_size, room=many.law_room(plant, mass_size))
+    guide.set(answer_size=answer_size, room=many.law_room(plant, answer_size))
     with installed(guide, many.law_alone):
         yield answers

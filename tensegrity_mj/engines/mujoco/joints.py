@@ -35,7 +35,8 @@ class JointForces:
         self.scene, self.tree, self.model, self.supports = scene, tree, model, supports
         structure = scene.structure
         self.state = int(model.nq + model.nv)
-        self.width = self.state + (3 * len(structure.nodes) if any(one.adds_mass for one in scene.effects) else 0)
+        answers = structure.constraints or any(one.adds_mass for one in scene.effects)
+        self.width = self.state + (3 * len(structure.nodes) if answers else 0)
         self._sites = np.array([model.site(name).id for name in structure.node_names], np.int64)
         ends = Names(scene, tree).ends
         # Where each end of each rod is: at its node's site, or at a site of its own where a constraint holds it there.
@@ -54,7 +55,7 @@ class JointForces:
 
         Args:
             time: (T,) [s].
-            rows: (T, ...) as recorded: those of `write_row` first, qpos, qvel and the forces of added mass last.
+            rows: (T, ...) as recorded: those of `write_row` first; qpos, qvel and what answers accelerations last.
         """
         scene, structure = self.scene, self.scene.structure
         T, N, M = len(time), len(structure.nodes), len(structure.strings)

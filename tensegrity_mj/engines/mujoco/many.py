@@ -36,11 +36,11 @@ from tensegrity_mj.dynamics.native.pointers import (
 )
 from tensegrity_mj.dynamics.native.strings import tighten_strings
 from tensegrity_mj.dynamics.native.views import Table, view_of
+from tensegrity_mj.engines.mujoco.answers import add_answers
 from tensegrity_mj.engines.mujoco.callback import apply_loads, control_stage, move_supports, read_nodes, set_controls
 from tensegrity_mj.engines.mujoco.install import CALLBACK, active_table
 from tensegrity_mj.engines.mujoco.layout import check_layout, offset
 from tensegrity_mj.engines.mujoco.run_view import ALIASES, OF_DATA, RUN, RunView
-from tensegrity_mj.engines.mujoco.water import add_mass
 
 USERDATA_SIZE = 2  # of a model whose simulations have runs: a token, and the number of the simulation
 TABLE_SIZE = len(RUN)
@@ -49,7 +49,7 @@ OTHER_STRINGS, ANSWER_COUNT = 4, 5  # places of the answers, after those of a la
 # What a law alone writes of a run's table: room on the stack is lent to it.
 LENT = (
     *("nodes", "velocities", "forces", "command", "rest", "force_range", "report", "tensions", "elastic", "moved"),
-    "segment_lengths",
+    *("segment_lengths", "held_mass"),
 )
 GUIDE: dict[str, Any] = {
     # How a model is recognized: numbers of mjModel, each with where it is there.
@@ -74,7 +74,7 @@ GUIDE: dict[str, Any] = {
     "law_table": "size",
     "lent_count": "size",
     "lent": ("i8", "lent_count", 2),
-    "mass_size": "size",  # numbers of scratch for added mass, and in all
+    "answer_size": "size",  # numbers of scratch for what answers accelerations, and in all
     "room": "size",
     "answers": ("i8", ANSWER_COUNT),
 }
@@ -153,8 +153,8 @@ def _command(guide: Any, data: int, table: int) -> int:
             floats(room, lent[n, 1])[k] = 0.0  # velocities of fixed nodes stay so
         room += 8 * lent[n, 1]
     run = RunView(table)
-    run.mass_room = room
-    lend_room(table, room + 8 * guide.mass_size)
+    run.answer_room = room
+    lend_room(table, room + 8 * guide.answer_size)
     _bind(guide, table, data)
     t = floats(data + guide.time_at, 1)[0]
     if not read_nodes(table):
@@ -163,7 +163,7 @@ def _command(guide: Any, data: int, table: int) -> int:
         move_supports(table, t, False)
         if run.status != 0:
             return FAILED
-    if run.element_count > 0:
+    if run.element_count > 0 or run.answering != 0:
         let_act(table, t)
         if run.status != 0:
             return FAILED
@@ -175,8 +175,8 @@ def _command(guide: Any, data: int, table: int) -> int:
             command_as_lengths(table, run.rest)
             tighten_strings(table)
             set_controls(table)
-    if run.wet_rods > 0 and status == SOLVED:
-        add_mass(table)
+    if run.answering != 0 and status == SOLVED:
+        add_answers(table, -1.0)
         apply_loads(table)
     return status
 
@@ -215,9 +215,9 @@ def law_alone(model, data):  # type: ignore[no-untyped-def]
         stage_of_a_law(_GuideView(guide), model, data)
 
 
-def law_room(plant: Plant, mass_size: int = 0) -> int:
-    """Numbers of scratch that a law alone needs, with those for added mass."""
-    return TABLE_SIZE + sum(plant[name].size for name in LENT) + mass_size + room_of_elements(plant)
+def law_room(plant: Plant, answer_size: int = 0) -> int:
+    """Numbers of scratch that a law alone needs, with those for what answers accelerations."""
+    return TABLE_SIZE + sum(plant[name].size for name in LENT) + answer_size + room_of_elements(plant)
 
 
 class Guide(Table):

@@ -90,7 +90,7 @@ def support_power(run: Any) -> float:
                     start, end = nodes[pairs[p, 0]], nodes[pairs[p, 1]]
                     pull = _along(slide.axis, end) - _along(slide.axis, start)
                     force += reach[s, p] * tensions[m] / lengths[p] * pull
-        if run.element_count > 0:
+        if run.element_count > 0 or run.answering != 0:
             for n in range(len(forces)):
                 if members[s, n] != 0.0:
                     force += _along(slide.axis, forces[n])
@@ -177,7 +177,6 @@ class Supports:
             driven_masses=masses,
             driven_nodes=members,
             driven_segments=reach,
-            resets=1,
         )
 
     def forces(self, scene: Scene, time: float, nv: int) -> Array:

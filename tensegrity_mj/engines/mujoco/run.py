@@ -12,9 +12,9 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.warned import warn_caller
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import Plant
-from tensegrity_mj.dynamics.native.pointers import address_of
 from tensegrity_mj.dynamics.native.resolution import DISCRETE, SEMI_IMPLICIT, STAGES
 from tensegrity_mj.engines.driving import Grid, Stopwatch, drive
+from tensegrity_mj.engines.mujoco.answers import Answers
 from tensegrity_mj.engines.mujoco.contact import Contacts
 from tensegrity_mj.engines.mujoco.install import finish, installed
 from tensegrity_mj.engines.mujoco.joints import JointForces
@@ -34,7 +34,6 @@ from tensegrity_mj.engines.mujoco.run_view import (
     WAITING,
     bound,
 )
-from tensegrity_mj.engines.mujoco.water import AddedMass
 from tensegrity_mj.engines.recording import Account, RodMotion, allocate_rows, make_trajectory
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.engines.requirements import require
@@ -106,6 +105,7 @@ class MuJoCoRun:
         if structure.class_number > 1:
             self.joints = JointForces(scene, self.tree, self.model, self.supports)
         more = 3 * len(structure.rods) + sum(part.width for part in (self.joints, self.contacts) if part)
+        more += len(structure.constraints)
         # One row more than the grid has, for where a law stops the run.
         self.rows = allocate_rows(len(self.times) + 1, self.width + more)
         self.grid.describe(plant, self.rows)
@@ -116,13 +116,12 @@ class MuJoCoRun:
             counters=self.counters,
             work=np.zeros(3),
             powers=np.zeros(3),
+            resets=True,
             writes_state=self.joints is not None,
             constrained=scene.contact is not None or bool(self.tree.forest.closures),
             resolution_kind=KINDS.get(options.integrator.value, SEMI_IMPLICIT),
         )
-        self.added_mass = AddedMass(scene, self.tree, self.model) if plant["wet_rods"] else None
-        if self.added_mass is not None:
-            plant.set(floating=self.added_mass.address, mass_room=address_of(self.added_mass.room))
+        self.answers = Answers.of(scene, self.tree, self.model, plant)
 
     def run(self) -> Trajectory:
         counters = self.counters
@@ -221,13 +220,16 @@ class MuJoCoRun:
         return text
 
     def _finish(self, count: int, status: Status, message: str, seconds: float) -> Trajectory:
-        R = len(self.request.scene.structure.rods)
-        rows = self.rows[:count]
+        structure = self.request.scene.structure
+        R, rows = len(structure.rods), self.rows[:count]
         states = self.width + 3 * R
         reports: dict[str, Any] = {}
         forces: Array | None = None
         if self.contacts is not None:
             forces, reports["contact"] = self.contacts.forces(rows[:, states:])
+        constraint_forces = rows[:, rows.shape[1] - len(structure.constraints) :].copy()
+        if structure.constraints:
+            forces = (constraint_forces @ structure.constraint_rows).reshape(count, -1, 3)
         rod: Array | RodMotion = RodMotion(rows[:, self.width : states].reshape(count, R, 3), forces)
         if self.joints is not None:
             rod, found = self.joints.multipliers(self.times[:count], rows[:, : states + self.joints.width])
@@ -246,5 +248,5 @@ class MuJoCoRun:
             self.times[:count],
             rows[:, : self.width],
             rod,
-            Account(status, message, cost, engine, reports),
+            Account(status, message, cost, engine, reports, constraint_forces),
         )

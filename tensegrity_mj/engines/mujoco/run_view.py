@@ -78,12 +78,13 @@ RUN: Fields = (
     ("driven_masses", ("f8", "driven_count", "node_count")),
     ("driven_nodes", ("f8", "driven_count", "node_count")),
     ("driven_segments", ("f8", "driven_count", "segment_count")),
-    ("resets", "size"),  # whether slides are put where they belong at the start of each step
+    ("resets", "size"),  # whether slides and constraints are put where they belong at the start of each step
     ("constrained", "size"),  # whether constraints may pull at them
     ("awaits_constraints", "state"),
-    # Added mass (`water`).
-    ("floating", "size"),  # address of a `Floating`
-    ("mass_room", "state"),  # address of scratch
+    # Added mass and linear constraints (`answers`).
+    ("answering", "size"),  # address of an `Answering`, or 0
+    ("constraint_count", "size"),
+    ("answer_room", "state"),  # address of scratch, which begins with the constraints' forces
 )
 RunView = changing_view("Run", RUN)
 _NAMES = [name for name, _ in RUN]
