@@ -88,7 +88,7 @@ class FeedbackLinearization:
             found += [Equation(f"{axis} of rod '{rod.name}'", "m/s²") for axis in _axes(rod.support.translation_basis)]
             planar = rod.support.plane is not None
             found += [Equation(f"{angle} of rod '{rod.name}'", "rad/s²") for angle in ("θ" if planar else "θφ")]
-        for point in self.structure.point_masses:
+        for point in self.structure.lone_masses:
             found += [Equation(f"{axis} of node '{point.node}'", "m/s²") for axis in _axes(point.translation_basis)]
         return found
 

@@ -41,9 +41,9 @@ def gain_records(
         OptionError: naming the rod and the matrix, unless [X Y; Yᵀ Z] is symmetric and positive definite, and K
             symmetric and positive semidefinite.
     """
-    names = [rod.name for rod in structure.rods] + [point.node for point in structure.point_masses]
+    names = [rod.name for rod in structure.rods] + [point.node for point in structure.lone_masses]
     sizes = [rod.support.translation_basis.shape[1] for rod in structure.rods]
-    sizes += [point.translation_basis.shape[1] for point in structure.point_masses]
+    sizes += [point.translation_basis.shape[1] for point in structure.lone_masses]
     for given in (translation, rotation):
         if isinstance(given, Mapping):
             for name in given:

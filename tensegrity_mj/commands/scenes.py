@@ -82,7 +82,8 @@ def describe(scene: model.Scene, timing: bool = False) -> dict[str, Any]:
         "rods": [
             plain_values(rod, "name", "nodes", "mass", "group")
             | {"length": float(length), "support": support_text(rod), "sigma": rod.support.sigma}
-            for rod, length in zip(structure.rods, structure.rod_lengths, strict=True)
+            | ({"carried": float(carried)} if carried else {})
+            for rod, length, carried in zip(structure.rods, structure.rod_lengths, structure.rod_lumps[0], strict=True)
         ],
         "strings": [
             plain_values(string, "name", "nodes", "stiffness", "damping", "group") | {"rest_length": float(rest_length)}
@@ -98,7 +99,7 @@ def describe(scene: model.Scene, timing: bool = False) -> dict[str, Any]:
         "gravity": scene.gravity,
         "contact": None if scene.contact is None else vars(scene.contact),
         "motions": {motion.support: motion_text(motion) for motion in scene.motions},
-        "resistance": None if scene.resistance is None else resistance_text(scene.resistance),
+        "resistance": resistance_text(scene) or None,
         "water": None if scene.water is None else water_text(scene.water, scene.water_segments),
         "water_segments": None if scene.water is None else scene.water_segments.report(),
         "loads": "a function" if callable(scene.loads) else len(scene.loads),
@@ -182,8 +183,12 @@ def motion_text(motion: model.Motion) -> str:
     return " and ".join(parts)
 
 
-def resistance_text(resistance: model.Resistance) -> str:
-    """What resists motion, in words."""
+def resistance_text(scene: model.Scene) -> str:
+    """What resists motion, in words; nothing where nothing does."""
+    resistance, damped = (
+        scene.resistance or model.Resistance(),
+        sum(point.damping > 0 for point in scene.structure.point_masses),
+    )
     parts = [f"viscous, {resistance.viscous:g} N s/m²"] if resistance.viscous else []
     if (drag := resistance.drag) is not None:
         tangential = f" and {drag.tangential:g} along rods" if drag.tangential else ""
@@ -191,6 +196,8 @@ def resistance_text(resistance: model.Resistance) -> str:
     if (bending := resistance.bending) is not None:
         joints = "joints of two rods" if bending.pairs is None else f"{len(bending.pairs)} joints"
         parts.append(f"bending of {joints}, {bending.stiffness:g} N m and {bending.damping:g} N m s")
+    if damped:
+        parts.append(f"damping of {damped} point mass{'es' * (damped > 1)}")
     wind = [f"wind {resistance.wind} m/s"] if any(resistance.wind) else []
     return "; ".join(parts + wind)
 
@@ -309,6 +316,7 @@ def _text(data: dict[str, Any]) -> str:
     ]
     rods = [
         f"  {rod['name']}: {' - '.join(rod['nodes'])}, {rod['mass']:g} kg, {rod['length']:.6g} m, {rod['support']}"
+        + (f", carries {rod['carried']:g} kg" if "carried" in rod else "")
         for rod in data["rods"]
     ]
     strings = [

@@ -42,7 +42,7 @@ def _in_plane(rod: Any, v: Any) -> Any:
 def answer_of_rod(rod: Any, held: int, b: Any, c: float, first: Any, second: Any, g: Any) -> Any:
     """r̈ at σ, b̈ and Jλ of a rod with forces at its ends under a gravity g, all as tuples.
 
-    A rod that is not held answers as a body about its centre of mass, where r and b do not mix.
+    A rod that is not held is uniform, and answers as a body about its centre of mass, where r and b do not mix.
     """
     if held:
         t_r = plus(plus(first, second), times(rod.mass, g))

@@ -35,7 +35,7 @@ LINK = np.dtype(
         ("parent_end", "i8"),
         ("owns", "i8", (2,)),  # whether the node of this end is placed by this rod, and loads there act on it
         ("closure", "i8", (2,)),  # the closure that holds this end, or -1
-        ("held", "i8"),  # whether r may not move in all directions that b has
+        ("held", "i8"),  # whether r may not move in all directions that b has, or the rod is heavier towards one end
         ("motion", "i8"),  # the motion of its support, or -1
         ("drive", "i8"),  # the motion of its tree's root, or -1
     ],
@@ -109,7 +109,7 @@ class LinkedRecords:
                 link["parent_end"] = int(rods[parent]["j"] == forest.hinge[row])
             link["owns"] = [forest.owner[record[end]] == row for end in ("i", "j")]
             link["closure"] = -1
-            link["held"] = record["nz"] < record["nb"]
+            link["held"] = record["nz"] < record["nb"] or structure.rod_lumps[0, row] > 0
             offset += int(link["nz"] + record["nb"])
         for number, (node, _, other) in enumerate(forest.closures):
             links[places[other]]["closure"][int(rods[other]["j"] == node)] = number

@@ -10,7 +10,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.model.capabilities import require_class_1
-from tensegrity_mj.model.rods import inertia_terms
+from tensegrity_mj.model.rods import centers_and_moments, inertia_terms
 from tensegrity_mj.model.structure import Structure
 
 Records = np.ndarray[Any, Any]
@@ -24,6 +24,7 @@ ROD = np.dtype(
         ("nz", "i8"),
         ("nb", "i8"),
         ("mass", "f8"),
+        ("center", "f8"),  # of mass, from 0 at i to 1 at j
         ("length", "f8"),
         ("sigma", "f8"),
         ("f", "f8"),  # (2.30)
@@ -62,22 +63,24 @@ def rod_records(structure: Structure) -> Records:
         record = rods[number]
         record["i"], record["j"] = i, j
         record["nz"], record["nb"] = E.shape[1], B.shape[1]
-        record["mass"], record["length"], record["sigma"] = rod.mass, length, support.sigma
-        record["f"], record["J"] = inertia_terms(rod.mass, length, support.sigma)
+        lumps = structure.rod_lumps[:, number]
+        record["mass"], record["length"], record["sigma"] = structure.rod_masses[number], length, support.sigma
+        record["center"] = centers_and_moments(rod.mass, length, lumps)[0]
+        record["f"], record["J"] = inertia_terms(rod.mass, length, support.sigma, lumps)
         record["per_length"], record["per_J"] = 1.0 / record["length"], 1.0 / record["J"]
         record["E"][:, : E.shape[1]] = E
         record["B"][:, : B.shape[1]] = B
         # Positive definite: f² < m J wherever the rod is held.
         share = record["f"] ** 2 / record["J"] * E.T @ B @ B.T @ E
-        record["W"] = E @ np.linalg.solve(rod.mass * np.eye(E.shape[1]) - share, E.T)
+        record["W"] = E @ np.linalg.solve(record["mass"] * np.eye(E.shape[1]) - share, E.T)
         record["anchor"] = r - E @ (E.T @ r)
     return rods
 
 
 def point_records(structure: Structure, offset: int) -> Records:
     """The point masses' records (P,) of `POINT`, their coordinates from place `offset` of q on."""
-    points = np.zeros(len(structure.point_masses), POINT)
-    for record, point in zip(points, structure.point_masses, strict=True):
+    points = np.zeros(len(structure.lone_masses), POINT)
+    for record, point in zip(points, structure.lone_masses, strict=True):
         E = point.translation_basis
         row = structure.node_index[point.node]
         record["node"], record["q"], record["nz"], record["mass"] = row, offset, E.shape[1], point.mass

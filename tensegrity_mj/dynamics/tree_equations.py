@@ -29,15 +29,16 @@ def _drive_of(linked: Any, motion: int) -> Any:
 
 @borrowing
 def _load_ends(address: int, joints_at: int, forces: Any, gravity: Any) -> None:
-    """Forces at the rods' ends with half the rod's weight at each, in the frame that moves with the tree's support."""
+    """Forces at the rods' ends with their shares of its weight, in the frame that moves with the tree's support."""
     set_ends(address, forces, joints_at)
     linked, joints = Linked(address), Joints(joints_at)
     for k in range(len(linked.links)):
         link = linked.links[k]
-        half = times(0.5 * linked.rods[link.rod].mass, minus(vector(gravity), _drive_of(linked, link.drive)))
+        rod, pull = linked.rods[link.rod], minus(vector(gravity), _drive_of(linked, link.drive))
         for end in range(2):
+            share = times((rod.center if end == 1 else 1.0 - rod.center) * rod.mass, pull)
             for x in range(3):
-                joints.ends[link.rod, end, x] += half[x]
+                joints.ends[link.rod, end, x] += share[x]
 
 
 @borrowing
@@ -285,7 +286,8 @@ def _supports_power(model: Any, q: Any, accelerations: Any, added: Any) -> float
         for x in range(3):
             ends[k, 0, x], ends[k, 1, x] = first[x], second[x]
             if link.drive >= 0:
-                need = rod.mass * (0.5 * (first[x] + second[x]) - gravity[x]) - wet[x]
+                middle = (1.0 - rod.center) * first[x] + rod.center * second[x]
+                need = rod.mass * (middle - gravity[x]) - wet[x]
                 reactions[link.drive, x] += need - joints.ends[link.rod, 0, x] - joints.ends[link.rod, 1, x]
     for m in range(len(linked.motions)):
         power += dot(row_of(reactions, m), row_of(linked.motions[m], 1))

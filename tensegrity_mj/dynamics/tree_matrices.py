@@ -1,7 +1,8 @@
 """The constant matrices of the thesis' forms of the equations (`tree_equations`).
 
 The mass matrix is constant: with Φ_i, Φ_j the (constant) derivatives of a rod's ends to q, it is the sum of
-m/3 (Φ_iᵀΦ_i + Φ_jᵀΦ_j + (Φ_iᵀΦ_j + Φ_jᵀΦ_i)/2) over the rods, a linear profile of velocities integrated.
+m/3 (Φ_iᵀΦ_i + Φ_jᵀΦ_j + (Φ_iᵀΦ_j + Φ_jᵀΦ_i)/2) over the rods, a linear profile of velocities integrated, and of what
+they carry.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.dynamics.linked import LinkedRecords
 from tensegrity_mj.dynamics.native.views import Table, view_of
+from tensegrity_mj.model.rods import mass_products, own_masses
 
 # What compiled code sees of them; n coordinates of the rods, C closures.
 Tree, _pack_tree = view_of(
@@ -103,10 +105,15 @@ def end_maps(records: LinkedRecords, full: bool) -> Array:
 
 def mass_matrix(records: LinkedRecords, maps: Array) -> Array:
     """M (n, n), constant; for a chain of free rods (3.13) with the corrections of its misprints."""
-    weighted = np.sqrt(records.rods["mass"] / 3)[:, None, None, None] * maps
+    weighted = np.sqrt(own_masses(records.structure) / 3)[:, None, None, None] * maps
     first, second = (weighted[:, end].reshape(-1, maps.shape[-1]) for end in (0, 1))
     cross = first.T @ second
-    return np.asarray(first.T @ first + second.T @ second + 0.5 * (cross + cross.T))
+    matrix = np.asarray(first.T @ first + second.T @ second + 0.5 * (cross + cross.T))
+    for row in np.flatnonzero(records.structure.rod_lumps[0]):
+        a, b, c = mass_products(0.0, records.structure.rod_lumps[:, row])
+        (one, other), both = maps[row], maps[row, 0].T @ maps[row, 1]
+        matrix += a * one.T @ one + b * other.T @ other + c * (both + both.T)
+    return matrix
 
 
 def loop_matrix(records: LinkedRecords, maps: Array | None = None) -> Array:

@@ -64,15 +64,10 @@ class Draft:
         self._remove_unused_nodes()
         rods = self._supported()
         ends = {name for rod in rods for name in rod.nodes}
-        for name in sorted(self.masses.keys() & ends, key=list(self.nodes).index):
-            self.notes.append(
-                f"the point mass of {self.masses[name]:g} kg on node '{name}', where a rod ends, is left out: point "
-                "masses stand on nodes of their own"
-            )
         points = []
         for name in self.nodes:
-            held = self.held.get(name, frozenset())
-            if name in ends or held == ALL or name not in self.masses:
+            held = frozenset() if name in ends else self.held.get(name, frozenset())
+            if held == ALL or name not in self.masses:
                 continue
             axis = min(held, default=None)
             if len(held) > 1:

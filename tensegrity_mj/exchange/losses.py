@@ -16,6 +16,12 @@ def left_out(scene: Scene, kept: Sequence[str]) -> list[str]:
     notes = []
     if scene.structure.string_law is not StringLaw.CLIPPED:
         notes.append(f"the string law '{scene.structure.string_law.value}' is left out")
+    structure = scene.structure
+    carried = structure.rods and any(rod.masses for rod in structure.rods)
+    if any(point.damping for point in structure.point_masses):
+        notes.append("the damping of point masses is left out")
+    if carried:
+        notes.append("the masses that rods carry are left out")
     for key, one in item_of(Scene).keys.items():
         value = getattr(scene, one.name)
         if key in WORDS or key in kept or value is None or value is one.default or value == one.default:

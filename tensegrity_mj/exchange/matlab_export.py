@@ -12,6 +12,7 @@ import numpy as np
 from tensegrity_mj.basics.files import checked, replacing
 from tensegrity_mj.exchange.draft import AXES, held_axes
 from tensegrity_mj.exchange.losses import left_out
+from tensegrity_mj.model.rods import own_masses
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure_checks import check_bars_alone
 
@@ -41,7 +42,7 @@ def save_mat(scene: Scene, path: str | os.PathLike[str]) -> tuple[Path, list[str
     lengths, rest = structure.string_lengths(start), structure.rest_lengths
     bars, strings = (_connectivity(pairs, nodes.shape[1]) for pairs in (structure.rod_nodes, structure.string_nodes))
     radii = np.array([rod.radius for rod in structure.rods])
-    density = structure.rod_masses / (math.pi * radii**2 * structure.rod_lengths)
+    density = own_masses(structure) / (math.pi * radii**2 * structure.rod_lengths)
     fixed = np.array([[float(axis in held.get(name, ())) for name in structure.node_names] for axis in AXES])
     masses = {point.node: point.mass for point in structure.point_masses}
     ends = {name for rod in structure.rods for name in rod.nodes}
@@ -60,7 +61,7 @@ def save_mat(scene: Scene, path: str | os.PathLike[str]) -> tuple[Path, list[str
         "string_names": np.array([string.name for string in structure.strings], dtype=object),
         "fixedNodes": fixed,
         "g": np.array(scene.gravity)[:, None],
-        "m": structure.rod_masses,
+        "m": own_masses(structure),
         "k": structure.stiffness,
         "c": structure.damping,
         "s_0": rest,
@@ -79,6 +80,8 @@ def save_mat(scene: Scene, path: str | os.PathLike[str]) -> tuple[Path, list[str
         notes += left_out(scene, (*KEPT, "loads"))
     else:
         notes += left_out(scene, KEPT)
+    if ends & masses.keys():
+        notes.append("point masses where rods end are left out")
     if any(rod.section is not None for rod in structure.rods):
         notes.append("sections of rods are left out")
     with replacing(destination) as part:

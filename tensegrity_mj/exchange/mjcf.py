@@ -19,14 +19,13 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import FormatError
 from tensegrity_mj.exchange.draft import ALL, Draft
+from tensegrity_mj.exchange.mjcf_inertia import NEAR, rod_of_body
 from tensegrity_mj.exchange.mjcf_strings import strings_of
 from tensegrity_mj.exchange.mjcf_text import compiled
 from tensegrity_mj.exchange.options import ImportOptions
 from tensegrity_mj.model.elements.contact import Contact
-from tensegrity_mj.model.members import Rod, Support, null_space_basis
+from tensegrity_mj.model.members import Rod, RodMass, Support, null_space_basis
 
-NEAR = 1e-6  # of a rod's length: what is so near to its end is there
-THIN = 0.01  # a moment of inertia that differs by more from a thin rod's is noted
 DRIVEN = 1e6  # a slide whose armature is this many times all masses is driven, not free: see engines/mujoco/mjcf_bodies
 ROUND = (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_CYLINDER)
 FREE, BALL, SLIDE, HINGE = (int(getattr(mujoco.mjtJoint, f"mjJNT_{one}")) for one in ("FREE", "BALL", "SLIDE", "HINGE"))
@@ -87,7 +86,9 @@ class _Reader:
         for body, bar in self.bars.items():
             support = self._support(body, bar)
             name = self._named("geom", bar.geom) or self._named("body", body) or f"rod{len(out.rods) + 1}"
-            out.rods.append(Rod(name, (self._of(bar.nodes[0]), self._of(bar.nodes[1])), bar.mass, bar.radius, support))
+            mass, masses = self._masses(body, bar)
+            nodes = (self._of(bar.nodes[0]), self._of(bar.nodes[1]))
+            out.rods.append(Rod(name, nodes, mass, bar.radius, support, masses=masses))
         strings_of(model, self.data, self._node_of_site, self.options, out)
         self._world()
         return out
@@ -132,19 +133,20 @@ class _Reader:
             return
         geom, ends = found[0]
         self.bars[body] = Bar(body, geom, ends, float(model.geom_size[geom, 0]), mass, [f"{body}:0", f"{body}:1"])
-        self._check_inertia(body, self.bars[body])
 
-    def _check_inertia(self, body: int, bar: Bar) -> None:
-        model, data = self.model, self.data
-        center, middle = data.xipos[body], bar.ends.mean(axis=0)
-        thin = bar.mass * bar.length**2 / 12
-        largest = float(model.body_inertia[body].max())
-        if np.linalg.norm(center - middle) > NEAR * bar.length or abs(largest - thin) > THIN * thin:
-            name = self._named("body", body)
+    def _masses(self, body: int, bar: Bar) -> tuple[float, tuple[RodMass, ...]]:
+        """Mass of a rod itself, and what it carries; a note where it cannot have the body's inertia."""
+        along, place = bar.ends[1] - bar.ends[0], self.data.xipos[body] - bar.ends[0]
+        center = float(place @ along) / bar.length**2
+        largest, aside = float(self.model.body_inertia[body].max()), float(np.linalg.norm(place - center * along))
+        found = rod_of_body(bar.mass, bar.length, center, largest) if aside <= NEAR * bar.length else None
+        if found is None:
             self.out.notes.append(
-                f"body '{name}' has its centre {np.linalg.norm(center - middle):.3g} m off the middle and a moment of "
-                f"inertia of {largest:.4g} kg m²; its rod is thin and uniform, of {thin:.4g} kg m²"
+                f"body '{self._named('body', body)}' has its centre {np.linalg.norm(place - 0.5 * along):.3g} m off "
+                f"the middle and a moment of inertia of {largest:.4g} kg m²; its rod is thin and uniform, of "
+                f"{bar.mass * bar.length**2 / 12:.4g} kg m²"
             )
+        return found or (bar.mass, ())
 
     def _add_point(self, body: int, mass: float) -> None:
         model = self.model

@@ -14,6 +14,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.basics.files import checked, replacing
 from tensegrity_mj.engines.mujoco.mjcf_frames import rotation_to
+from tensegrity_mj.model.rods import mass_places
 from tensegrity_mj.model.scene import Scene
 
 AROUND, ALONG = 24, 6  # corners of a circle, and rings of half a ball
@@ -50,8 +51,8 @@ def shape(scene: Scene) -> Array:
         for rod, pair in zip(structure.rods, structure.rod_nodes, strict=True)
     ]
     parts += [_capsule(nodes[i], nodes[j], thin) for i, j in structure.paths.nodes]
-    for point in structure.point_masses:
-        at = nodes[structure.node_index[point.node]]
+    for i, j, s, _ in mass_places(structure):
+        at = (1 - s) * nodes[i] + s * nodes[j]
         parts.append(_capsule(at, at, 4 * thin))
     for frame in structure.frames:
         parts += [_capsule(nodes[i], nodes[j], 2 * thin) for i, j in frame.rows[frame.edges]]

@@ -1,7 +1,7 @@
 """Tables of nodes and members (CSV), as spreadsheets write them: X_nodes.csv and, beside it, X_members.csv.
 
-Nodes have `name`, `x`, `y`, `z` and may have `fixed` (the axes in which they are held: xyz, y, ...), `mass` (of those
-without a rod) and `vx`, `vy`, `vz`. Members have `name`, `kind` (rod or string), `i`, `j` and the fields of a rod or a
+Nodes have `name`, `x`, `y`, `z` and may have `fixed` (the axes in which they are held: xyz, y, ...), `mass` (of a point
+mass there) and `vx`, `vy`, `vz`. Members have `name`, `kind` (rod or string), `i`, `j` and the fields of a rod or a
 string by their names in scene files, `group` among them. Empty cells are absent values. A line that begins
 with # is a comment; cells are parted by commas, semicolons or tabs, whichever the first line has.
 """

@@ -211,7 +211,7 @@ def random_configuration(rng: np.random.Generator, structure: Structure, amount:
         axis = unit(rng.normal(size=3)) if support.plane is None else unit(np.array(support.plane))
         span = _turned(span, axis, amount * rng.uniform(-1, 1))
         nodes[i], nodes[j] = middle - support.sigma * span, middle + (1 - support.sigma) * span
-    for point in structure.point_masses:
+    for point in structure.lone_masses:
         basis = point.translation_basis
         nodes[structure.node_index[point.node]] += basis @ (amount * rng.uniform(-1, 1, basis.shape[1]))
     return nodes
@@ -228,7 +228,7 @@ def random_velocities(rng: np.random.Generator, structure: Structure, nodes: Arr
         axis = unit(rng.normal(size=3)) if support.plane is None else unit(np.array(support.plane))
         turning = np.cross(speed * rng.uniform(-1, 1) * axis, span)
         velocities[i], velocities[j] = middle - support.sigma * turning, middle + (1 - support.sigma) * turning
-    for point in structure.point_masses:
+    for point in structure.lone_masses:
         basis = point.translation_basis
         velocities[structure.node_index[point.node]] = basis @ (speed * rng.uniform(-1, 1, basis.shape[1]))
     return velocities

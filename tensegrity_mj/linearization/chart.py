@@ -51,7 +51,7 @@ class Chart:
         for number, point in enumerate(records.points):
             at, nz = int(point["q"]), int(point["nz"])
             straight += [(at + k, len(names) + k) for k in range(nz)]
-            names += [f"point mass {structure.point_masses[number].node}: z{k + 1}" for k in range(nz)]
+            names += [f"point mass {structure.lone_masses[number].node}: z{k + 1}" for k in range(nz)]
         self._straight = np.array(straight, np.int64).reshape(-1, 2).T
         self._turned = np.array(turned, np.int64).reshape(-1, 3).T
         self._parts = np.array(parts, np.int64).reshape(-1, 3).T

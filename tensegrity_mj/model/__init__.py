@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.model.ground import Ground as Ground
     from tensegrity_mj.model.members import PointMass as PointMass
     from tensegrity_mj.model.members import Rod as Rod
+    from tensegrity_mj.model.members import RodMass as RodMass
     from tensegrity_mj.model.members import String as String
     from tensegrity_mj.model.members import Support as Support
     from tensegrity_mj.model.motion import Harmonic as Harmonic

@@ -1,4 +1,4 @@
-"""Members of a structure: rods, strings, point masses, supports."""
+"""Members of a structure: rods and what they carry, strings, point masses, supports."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from tensegrity_mj.basics.kinds import (
     number,
     pair,
     part,
+    parts,
     positive,
     printable_name,
     rows,
@@ -119,9 +120,24 @@ class Support:
         return null_space_basis(np.array([] if self.plane is None else [self.plane], float).reshape(-1, 3))
 
 
+@value("mass on a rod", StructureError)
+class RodMass:
+    """A mass that a rod carries on its axis.
+
+    Attributes:
+        at: where, from 0 at the rod's first node to 1 at its second.
+        mass: [kg], > 0.
+        inertia: moment of inertia across the rod about its own centre [kg m²], >= 0; 0 for a point.
+    """
+
+    at: float = field(within(0, 1))
+    mass: float = field(positive("kg"))
+    inertia: float = field(not_negative("kg m²"), default=0.0)
+
+
 @value("rod {name!r}", StructureError, whole=True)
 class Rod:
-    """A rigid thin rod of uniform mass between two nodes (thesis, Assumption 2.3).
+    """A rigid thin rod of uniform mass between two nodes (thesis, Assumption 2.3), and the masses that it carries.
 
     Engines simulate every rod as rigid. Its section is for statics: how far it gives under
     its force, and whether it yields or buckles.
@@ -129,10 +145,11 @@ class Rod:
     Attributes:
         name: unique among the rods.
         nodes: names of n_i and n_j; b points from the first to the second.
-        mass: [kg], > 0.
+        mass: [kg], > 0, of the rod itself.
         radius: [m], > 0; for drawing, contact and drag only: the inertia is a thin rod's.
         support: how it is held.
         section: cross section and material, None where not known; `mass` and `radius` do not follow from it.
+        masses: what it carries, rigidly.
         group: what rods that belong together are called in files, plots and sweeps; None for none.
     """
 
@@ -142,6 +159,7 @@ class Rod:
     radius: float = field(positive("m"), default=0.01)
     support: Support = field(part(Support, "Support.free, Support.pinned or Support.constrained"), default=Support())
     section: Section | None = field(part(Section, "Section, Section.tube or Section.solid"), default=None, none="None")
+    masses: tuple[RodMass, ...] = field(parts(RodMass), default=())
     group: str | None = field(GROUP, default=None, none="absent")
 
 
@@ -188,11 +206,19 @@ class String:
 
 @value("point mass on node {node!r}", StructureError)
 class PointMass:
-    """A point mass [kg] on a node that no rod touches; it moves freely in space, or in a plane."""
+    """A point mass on a node. Where rods end there, they carry it; elsewhere it moves freely in space, or in a plane.
+
+    Attributes:
+        node: where it is.
+        mass: [kg], > 0.
+        plane: normal of the plane that it moves in; None on a node of rods, where it moves as they do.
+        damping: c >= 0 [N s/m] of the viscous force -c v on the node, v its velocity in the world.
+    """
 
     node: str = field(printable_name())
     mass: float = field(positive("kg"))
     plane: Vector | None = field(direction(), default=None, none="None for space")
+    damping: float = field(not_negative("N s/m"), default=0.0)
 
     @property
     def translation_basis(self) -> Array:

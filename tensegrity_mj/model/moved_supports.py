@@ -11,6 +11,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import SceneError
 from tensegrity_mj.model.members import Rod, null_space_basis
 from tensegrity_mj.model.motion import Motion
+from tensegrity_mj.model.rods import mass_products
 from tensegrity_mj.model.structure import Structure
 
 if TYPE_CHECKING:
@@ -181,8 +182,10 @@ def _projected(
 
     for number in cluster:
         rod, (i, j) = structure.rods[number], (int(row) for row in structure.rod_nodes[number])
-        for one, other, share in ((i, i, 1 / 3), (i, j, 1 / 6), (j, i, 1 / 6), (j, j, 1 / 3)):
-            mass[place[one], place[other]] += share * rod.mass
+        first, second, both = mass_products(0.0, structure.rod_lumps[:, number])
+        shares = ((i, i, 1 / 3, first), (i, j, 1 / 6, both), (j, i, 1 / 6, both), (j, j, 1 / 3, second))
+        for one, other, share, carried in shares:
+            mass[place[one], place[other]] += share * rod.mass + carried
         b = (nodes[j] - nodes[i]) / np.linalg.norm(nodes[j] - nodes[i])
         require([(i, -b), (j, b)], 0.0)
         support = rod.support

@@ -149,7 +149,7 @@ def _motions_of_ends(structure: Structure, positions: Array) -> tuple[Array, Arr
         sigma = rod.support.sigma
         add({i: 1.0, j: 1.0}, rod.support.translation_basis)
         add({i: -sigma, j: 1.0 - sigma}, _turning_basis(span, rod.support.plane))
-    for point in structure.point_masses:
+    for point in structure.lone_masses:
         add({structure.node_index[point.node]: 1.0}, point.translation_basis)
     apart = np.zeros((len(copied), count))
     apart[np.arange(len(copied)), len(positions) + np.arange(len(copied))] = 1.0
@@ -219,7 +219,7 @@ def static_forces(
             moments[number] = -np.cross(span, _held(support.rotation_basis, turning))
     for name in structure.fixed_nodes:
         anchors[structure.node_index[name]] = -forces[structure.node_index[name]]
-    for point in structure.point_masses:
+    for point in structure.lone_masses:
         row = structure.node_index[point.node]
         anchors[row] = -_held(point.translation_basis, forces[row])
     return StaticForces(densities, supports, moments, anchors, constraint_forces)

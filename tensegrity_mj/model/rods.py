@@ -1,4 +1,4 @@
-"""What follows from the ends of uniform thin rods: direction, energy, and the multiplier of rigidity; energy of all.
+"""What follows from the ends of thin rods: direction, inertia, energy, the multiplier of rigidity; energy of all.
 
 Every function takes node positions and velocities (..., N, 3) in the world frame, SI units.
 """
@@ -12,10 +12,42 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array, dot, norm
 from tensegrity_mj.model.structure import Structure
 
+NONE = (0.0, 0.0, 0.0)
 
-def inertia_terms(mass: Any, length: Any, sigma: Any) -> tuple[Any, Any]:
-    """f(σ) [kg m] and J(σ) [kg m²] of (2.30) for uniform rods; arguments broadcast."""
-    return 0.5 * mass * length * (1 - 2 * sigma), mass * length**2 * (1 - 3 * sigma + 3 * sigma**2) / 3
+
+def inertia_terms(mass: Any, length: Any, sigma: Any, lumps: Any = NONE) -> tuple[Any, Any]:
+    """f(σ) [kg m] and J(σ) [kg m²] of (2.30), for uniform rods of that mass with lumps; arguments broadcast.
+
+    `lumps` is a column of `Structure.rod_lumps`, or all of it: f = ∫ (s - σ) ℓ dm and J = ∫ (s - σ)² ℓ² dm.
+    """
+    total, first, second = lumps
+    f = 0.5 * mass * length * (1 - 2 * sigma) + length * (first - sigma * total)
+    J = mass * length**2 * (1 - 3 * sigma + 3 * sigma**2) / 3
+    return f, J + length**2 * (second - 2 * sigma * first + sigma**2 * total)
+
+
+def inertia_of_rods(structure: Structure) -> tuple[Array, Array]:
+    """f and J (R,) at the rods' own σ."""
+    return inertia_terms(own_masses(structure), structure.rod_lengths, _sigmas(structure), structure.rod_lumps)
+
+
+def centers_and_moments(mass: Any, length: Any, lumps: Any = NONE) -> tuple[Any, Any]:
+    """Centres of mass, from 0 to 1 along rods, and moments of inertia [kg m²] about them; as `inertia_terms`."""
+    total, first, second = lumps
+    center = (0.5 * mass + first) / (mass + total)
+    beside = mass * (0.5 - center) ** 2 + (second - 2 * center * first + center**2 * total)
+    return center, mass * length**2 / 12 + length**2 * beside
+
+
+def mass_products(mass: Any, lumps: Any = NONE) -> tuple[Any, Any, Any]:
+    """∫ (1 - s)² dm, ∫ s² dm and ∫ s (1 - s) dm [kg]: the masses of the ends in ½ (a v_i² + b v_j² + 2 c v_i·v_j)."""
+    total, first, second = lumps
+    return mass / 3 + (total - 2 * first + second), mass / 3 + second, mass / 6 + (first - second)
+
+
+def own_masses(structure: Structure) -> Array:
+    """(R,) [kg] of the rods alone, without what they carry."""
+    return np.array([rod.mass for rod in structure.rods], float)
 
 
 def ends(structure: Structure, nodes: Array) -> tuple[Array, Array]:
@@ -41,8 +73,12 @@ def kinetic_energy(structure: Structure, velocities: Array) -> Array:
     first, second = ends(structure, velocities)
     # ∫ |v|² over a linear velocity profile: (v1·v1 + v1·v2 + v2·v2) / 3.
     square = np.sum(first * first + first * second + second * second, axis=-1) / 3
-    energy = 0.5 * np.sum(structure.rod_masses * square, axis=-1)
-    for point in structure.point_masses:
+    energy = 0.5 * np.sum(own_masses(structure) * square, axis=-1)
+    for row in np.flatnonzero(structure.rod_lumps[0]):
+        v1, v2 = first[..., row, :], second[..., row, :]
+        a, b, c = mass_products(0.0, structure.rod_lumps[:, row])
+        energy = energy + 0.5 * (a * dot(v1, v1) + b * dot(v2, v2)) + c * dot(v1, v2)
+    for point in structure.lone_masses:
         v = velocities[..., structure.node_index[point.node], :]
         energy = energy + 0.5 * point.mass * dot(v, v)
     for frame in structure.frames:
@@ -51,19 +87,39 @@ def kinetic_energy(structure: Structure, velocities: Array) -> Array:
     return energy
 
 
+def mass_at_ends(structure: Structure) -> Array:
+    """(R, 2) [kg]: ∫ (1 - s) dm and ∫ s dm of each rod."""
+    half, (total, first, _) = 0.5 * own_masses(structure), structure.rod_lumps
+    return np.stack([half + (total - first), half + first], axis=1)
+
+
 def lumped_masses(structure: Structure) -> Array:
-    """(N,) [kg]: half a rod's mass at each end, point masses where they are. Exact for weight and momentum.
+    """(N,) [kg]: half a uniform rod's mass at each end, point masses where they are. Exact for weight and momentum.
 
     Of a body as much at each node, of any sign, as the centre of mass is of them.
     """
     masses = np.zeros(len(structure.nodes))
-    for pair, mass in zip(structure.rod_nodes, structure.rod_masses, strict=True):
-        masses[pair] += 0.5 * mass
-    for point in structure.point_masses:
+    for pair, shares in zip(structure.rod_nodes, mass_at_ends(structure), strict=True):
+        masses[pair] += shares
+    for point in structure.lone_masses:
         masses[structure.node_index[point.node]] += point.mass
     for body, frame in zip(structure.bodies, structure.frames, strict=True):
         masses[frame.rows] += body.mass * frame.fit[0]
     return masses
+
+
+def mass_places(structure: Structure) -> list[tuple[int, int, float, str]]:
+    """Where point masses and those on rods are: node rows i, j, the part s of the way between; and in words."""
+    points = [
+        (i, i, 0.0, f"{one.mass:.4g} kg at {one.node}")
+        for one in structure.point_masses
+        for i in [structure.node_index[one.node]]
+    ]
+    return points + [
+        (i, j, one.at, f"{one.mass:.4g} kg on {rod.name}")
+        for rod, (i, j) in zip(structure.rods, structure.rod_nodes.tolist(), strict=True)
+        for one in rod.masses
+    ]
 
 
 def gravity_energy(structure: Structure, nodes: Array, gravity: Array) -> Array:
@@ -106,7 +162,7 @@ def multipliers_of_ends(
     """The same from the forces (..., R, 3) on the two ends of each rod, where rods that share nodes pull each other."""
     length = structure.rod_lengths[:, None]
     sigma = _sigmas(structure)
-    f, J = inertia_terms(structure.rod_masses, structure.rod_lengths, sigma)
+    f, J = inertia_of_rods(structure)
     (x1, x2), (v1, v2) = ends(structure, nodes), ends(structure, velocities)
     b, b_rate = (x2 - x1) / length, (v2 - v1) / length
     t_b = length * ((1 - sigma)[:, None] * second - sigma[:, None] * first) + f[:, None] * np.asarray(gravity, float)
@@ -117,7 +173,7 @@ def multipliers_of_ends(
 
 def force_densities(structure: Structure, multipliers: Array) -> Array:
     """J λ / ℓ² [N/m] of the rods, (..., R); negative in compression."""
-    _, J = inertia_terms(structure.rod_masses, structure.rod_lengths, _sigmas(structure))
+    _, J = inertia_of_rods(structure)
     return multipliers * J / structure.rod_lengths**2
 
 

@@ -18,7 +18,7 @@ from tensegrity_mj.basics.kinds import array, part, parts, positive, text, vecto
 from tensegrity_mj.model.elements.contact import Contact
 from tensegrity_mj.model.elements.element import Element
 from tensegrity_mj.model.elements.loads import NodalLoads
-from tensegrity_mj.model.elements.resistance import Resistance
+from tensegrity_mj.model.elements.resistance import NodalDamping, Resistance
 from tensegrity_mj.model.elements.water import Water
 from tensegrity_mj.model.elements.water_segments import SegmentCount, segment_count
 from tensegrity_mj.model.events import Break, ControlSpec, Load, LoadFunction, loads_kind
@@ -127,7 +127,8 @@ class Scene:
         """All that acts on nodes beside strings and gravity, in the order in which forces add up."""
         loads = (NodalLoads(),) if callable(self.loads) or self.loads else ()
         resistance = () if self.resistance is None else self.resistance.elements
-        return (*loads, *resistance, *(() if self.water is None else (self.water,)), *self.elements)
+        nodal = (NodalDamping(),) if any(point.damping for point in self.structure.point_masses) else ()
+        return (*loads, *resistance, *nodal, *(() if self.water is None else (self.water,)), *self.elements)
 
     def nodal_forces(self, time: float) -> Array:
         """External forces (N, 3) [N] at a time [s]; neither gravity nor resistance nor water is among them."""

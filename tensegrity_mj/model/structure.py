@@ -54,7 +54,7 @@ class Structure:
     Attributes:
         name: short name.
         nodes: node name -> reference position [m].
-        rods, strings, point_masses, bodies: the members, each naming its nodes.
+        rods, strings, point_masses, bodies: the members, each naming its nodes; see `lone_masses` for the masses.
         fixed_nodes: names of nodes that are fixed in space and belong to no rod.
         string_law: clipped (default) or unclipped, see `strings`.
         constraints: what nodes keep besides, each a linear equation of their coordinates.
@@ -324,14 +324,36 @@ class Structure:
         return _readonly(np.linalg.norm(self.positions[pairs[:, 1]] - self.positions[pairs[:, 0]], axis=1))
 
     @cached_property
+    def lone_masses(self) -> tuple[PointMass, ...]:
+        """Point masses on nodes of no rod, bodies of their own; the others the first rod there carries."""
+        return tuple(point for point in self.point_masses if not self.rods_at[point.node])
+
+    @cached_property
+    def rod_lumps(self) -> Array:
+        """(3, R): Σ m [kg], Σ m s and Σ (m s² + I/ℓ²) of what each rod carries, s from 0 at n_i to 1 at n_j.
+
+        That is its `masses`, and the point masses at its ends.
+        """
+        found = np.zeros((3, len(self.rods)))
+        for row, rod in enumerate(self.rods):
+            for lump in rod.masses:
+                moment = lump.mass * lump.at**2 + lump.inertia / self.rod_lengths[row] ** 2
+                found[:, row] += (lump.mass, lump.mass * lump.at, moment)
+        for point in self.point_masses:
+            for row in self.rods_at[point.node][:1]:
+                end = float(self.rods[row].nodes[1] == point.node)
+                found[:, row] += point.mass * np.array([1.0, end, end])
+        return _readonly(found)
+
+    @cached_property
     def rod_masses(self) -> Array:
-        """m (R,) [kg]."""
-        return _readonly(np.array([rod.mass for rod in self.rods], float))
+        """m (R,) [kg] of the rods with what they carry; `Rod.mass` is that of a rod alone."""
+        return _readonly(np.array([rod.mass for rod in self.rods], float) + self.rod_lumps[0])
 
     @property
     def mass(self) -> float:
         """[kg] of all members."""
-        points = sum(point.mass for point in self.point_masses)
+        points = sum(point.mass for point in self.lone_masses)
         return float(self.rod_masses.sum()) + points + sum(body.mass for body in self.bodies)
 
     def limits(self, name: str) -> Array:

@@ -78,14 +78,21 @@ def _check_node_roles(structure: Structure) -> dict[str, str]:
                 "or 1); where several rods meet, pin one of them"
             )
         owner[name] = "a fixed node"
+    ends = {name for rod in structure.rods for name in rod.nodes}
     for point in structure.point_masses:
         _check_known("point mass", point.node, structure)
-        if point.node in owner:
+        if point.node in ends and point.plane is not None:
+            raise StructureError(
+                f"point mass on node '{point.node}': plane = {shown(point.plane)}, but {owner[point.node]} ends there "
+                "and carries it, so that it moves as the rod does: leave the plane out"
+            )
+        if point.node in owner.keys() - ends:
             raise StructureError(
                 f"point mass on node '{point.node}', which is {owner[point.node]} already: "
                 "point masses stand on nodes of their own"
             )
         owner[point.node] = f"the point mass on node '{point.node}'"
+        ends.discard(point.node)
     for body in structure.bodies:
         _check_ends(f"body '{body.name}'", body.nodes, structure)
         for name in body.nodes:

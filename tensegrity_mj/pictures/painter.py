@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array, norm
+from tensegrity_mj.model.rods import mass_places
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera
@@ -269,9 +270,9 @@ class Painter:
         color = look.rgba
         for (i, j), radius in zip(structure.rod_nodes, sizes.rod, strict=True):
             self._capsule(nodes[i], nodes[j], look.width * radius, color, look)
-        for mass in structure.point_masses:
+        for i, j, s, _ in mass_places(structure):
             shade = _rgba(palette.POINT_MASS, 1.0) if look is Look.SOLID else color
-            place, radius = nodes[structure.node_index[mass.node]], look.width * sizes.point_mass
+            place, radius = (1 - s) * nodes[i] + s * nodes[j], look.width * sizes.point_mass
             ball = self._put("SPHERE", (radius, radius, radius), place, self._identity, shade)
             if look is not Look.SOLID:
                 self._inside_out(ball)
@@ -348,7 +349,7 @@ def plate_thickness(low: Array, high: Array) -> float:
 
 def geoms_needed(structure: Structure) -> int:
     """Most geoms that a structure can take: every string slack, and shadows of all."""
-    members = len(structure.rods) + len(structure.point_masses) + SLACK_SEGMENTS * len(structure.paths.nodes)
+    members = len(structure.rods) + len(mass_places(structure)) + SLACK_SEGMENTS * len(structure.paths.nodes)
     shadows = 2 * ((PIECES + 2) * len(structure.rods) + min(len(structure.paths.nodes), MOST_STRINGS))
     return members + len(structure.rods) + len(structure.fixed_nodes) + shadows
 

@@ -23,6 +23,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.files import checked, write_text
 from tensegrity_mj.basics.jsontext import to_json
 from tensegrity_mj.errors import MissingPackageError, printable
+from tensegrity_mj.model.rods import mass_places
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.camera import clearest, corners_of
@@ -137,12 +138,13 @@ def _data(motion: Motion, times: Array) -> dict[str, Any]:
     scale = palette.TensionScale.of(motion.tensions)
     ticks = np.linspace(0.0, scale.end, 5)
     slack = np.any(motion.rest_lengths > structure.string_lengths(motion.nodes) * (1.0 + SLACKNESS))
+    masses = mass_places(structure)
     drawn = {
         "nodes": True,
         "rods": structure.rods,
         "strings": structure.strings,
         "slack": slack,
-        "masses": structure.point_masses,
+        "masses": masses,
         "supports": structure.fixed_nodes or held,
         "target": aims is not None and structure.rods,
         "floor": motion.floor is not None,
@@ -155,7 +157,7 @@ def _data(motion: Motion, times: Array) -> dict[str, Any]:
             "rods": _names(rod.name for rod in structure.rods),
             "strings": _names(string.name for string in structure.strings),
             "supports": _names([*structure.fixed_nodes, *(f"support of {rod.name}" for rod in held)]),
-            "masses": _names(f"{one.mass:.4g} kg at {one.node}" for one in structure.point_masses),
+            "masses": _names(words for *_, words in masses),
         },
         "time": _packed(times),
         "digits": 2 if times[-1] - times[0] >= 2.0 else 4,
@@ -173,7 +175,7 @@ def _data(motion: Motion, times: Array) -> dict[str, Any]:
             *([rows[name], rows[name], 0.0] for name in structure.fixed_nodes),
             *([rows[rod.nodes[0]], rows[rod.nodes[1]], rod.support.sigma] for rod in held),
         ],
-        "masses": [rows[mass.node] for mass in structure.point_masses],
+        "masses": [place for *place, _ in masses],
         "sea": _waves(motion) if box.wet else None,
         "floor": None if motion.floor is None else _floor(motion.floor, motion, box),
         "down": motion.down,

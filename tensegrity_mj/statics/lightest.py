@@ -131,10 +131,13 @@ class _Task:
 
     @cached_property
     def external(self) -> Array:
-        """Loads and weights of point masses (K, 3N)."""
+        """Loads and weights of point masses and of what rods carry (K, 3N)."""
         forces = self.loads.copy()
         for point in self.structure.point_masses:
             forces[:, self.structure.node_index[point.node]] += point.mass * self.gravity
+        for rod, pair in zip(self.structure.rods, self.structure.rod_nodes, strict=True):
+            for lump in rod.masses:
+                forces[:, pair] += lump.mass * np.outer((1 - lump.at, lump.at), self.gravity)
         return forces.reshape(len(forces), -1)
 
     @cached_property

@@ -137,11 +137,12 @@ def mass_matrix(structure: Structure) -> sparse.csr_array:
     """M (3N, 3N) [kg] of rods and point masses, nodes one after another."""
     count = len(structure.nodes)
     i, j = structure.rod_nodes.T
-    m = structure.rod_masses / 6
-    points = [structure.node_index[point.node] for point in structure.point_masses]
+    m, (a, b, both) = thin.own_masses(structure) / 6, thin.mass_products(0.0, structure.rod_lumps)
+    points = [structure.node_index[point.node] for point in structure.lone_masses]
     at = np.array(points, np.int64)
     rows, columns = np.concatenate([i, j, i, j, at]), np.concatenate([i, j, j, i, at])
-    values = np.concatenate([2 * m, 2 * m, m, m, [point.mass for point in structure.point_masses]])
+    masses = [point.mass for point in structure.lone_masses]
+    values = np.concatenate([2 * m + a, 2 * m + b, m + both, m + both, masses])
     by_node = sparse.coo_array((values, (rows, columns)), shape=(count, count))
     return sparse.csr_array(sparse.kron(by_node, sparse.eye_array(3)))
 
@@ -299,9 +300,7 @@ def _film(modes: Modes, number: int, time: Array, places: Array, rates: Array, a
     data["time"] = time
     data["nodes"], data["velocities"] = places.reshape(T, N, 3), rates.reshape(T, N, 3)
     data["rest_lengths"] = np.tile(model.rest_lengths, (T, 1))
-    _, J = thin.inertia_terms(
-        structure.rod_masses, structure.rod_lengths, np.array([rod.support.sigma for rod in structure.rods], float)
-    )
+    _, J = thin.inertia_of_rods(structure)
     for row, (x, a) in enumerate(zip(places, accelerations, strict=True)):
         lengths = model.lengths(x)
         data["tensions"][row] = model.tensions(lengths)

@@ -12,7 +12,7 @@ import math
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -141,6 +141,8 @@ def long_runs(
 def conservative(scene: Scene, seed: int) -> Scene:
     """The scene in motion, without law, dampers, loads, moving supports, resistance, water and breaks."""
     structure = scene.structure.with_strings(damping=0.0) if scene.structure.strings else scene.structure
+    points = tuple(replace(one, damping=0.0) for one in structure.point_masses)
+    structure = replace(structure, point_masses=points)
     velocities = scene.velocities0
     if scene.motions or not np.any(velocities):
         speed = 0.1 * float(np.max(np.ptp(scene.nodes0, axis=0)))

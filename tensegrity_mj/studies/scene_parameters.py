@@ -117,13 +117,18 @@ def _with_members(scene: Scene, kind: str, which: str | None, others: Sequence[s
     chosen = [key for word in words for key in meant[word]]
     if not chosen:
         raise OptionError(f"{path}: structure '{structure.name}' has no {MEMBERS[kind]}")
-    known = [key for key, one in item_of(type(by_name[chosen[0]])).keys.items() if one.kind.single]
-    if len(others) != 1 or others[0] not in known:
+    keys = item_of(type(by_name[chosen[0]])).keys
+    inner = keys.get(others[0].partition("[")[0]) if len(others) > 1 else None
+    inside = inner is not None and inner.kind.part is not None
+    known = [key for key, one in keys.items() if one.kind.single]
+    if not inside and (len(others) != 1 or others[0] not in known):
         given = others[0] if others else ""
         raise OptionError(f"{path}: {unknown(given, known, f'number of a {MEMBERS[kind]}')}")
     part = others[0]
     for number, (name, member) in enumerate(by_name.items()):
-        if name in chosen:
+        if name in chosen and inside:
+            by_name[name] = changed(member, others, path, f"{MEMBERS[kind]} '{name}'", value)
+        elif name in chosen:
             where = f"{path} of '{name}'" if isinstance(value, Scaled) else path
             new = number_from(where, value, _now(structure, member, part, number))
             given_by = dict.fromkeys(REST) if part in REST else {}

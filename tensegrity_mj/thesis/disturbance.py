@@ -12,6 +12,7 @@ import numpy as np
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import choice, positive
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.elements.resistance import nodal_damping
 from tensegrity_mj.model.members import Rod
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -77,7 +78,7 @@ def disturbed(scene: Scene, disturbance: Disturbance | None, rods: slice = slice
     match disturbance.quantity:
         case Quantity.MASS:
             chosen = set(range(len(structure.rods))[rods])
-            heavy = tuple(_times(rod, factor, "mass") if k in chosen else rod for k, rod in enumerate(structure.rods))
+            heavy = tuple(_heavier(rod, factor) if k in chosen else rod for k, rod in enumerate(structure.rods))
             points = tuple(_times(point, factor, "mass") for point in structure.point_masses)
             bodies = tuple(one.times(factor) for one in structure.bodies)
             return scene.with_(structure=replace(structure, rods=heavy, point_masses=points, bodies=bodies))
@@ -120,6 +121,9 @@ def _damped(scene: Scene, factor: float) -> Scene:
     structure = scene.structure
     if any(string.damping for string in structure.strings):
         changes["structure"] = structure.with_strings(damping=[factor * one.damping for one in structure.strings])
+    if len(nodal_damping(structure)[0]):
+        points = tuple(_times(point, factor, "damping") for point in structure.point_masses)
+        changes["structure"] = replace(changes.get("structure", structure), point_masses=points)
     if scene.resistance is not None:
         given = scene.resistance
         drag, bending = _times(given.drag, factor, "normal", "tangential"), _times(given.bending, factor, "damping")
@@ -132,6 +136,12 @@ def _damped(scene: Scene, factor: float) -> Scene:
 def _times(item: Any, factor: float, *names: str) -> Any:
     """The item with these of its numbers times a factor; None for None."""
     return None if item is None else replace(item, **{name: factor * getattr(item, name) for name in names})
+
+
+def _heavier(rod: Rod, factor: float) -> Rod:
+    """The rod and what it carries, times a factor."""
+    carried = tuple(_times(one, factor, "mass", "inertia") for one in rod.masses)
+    return replace(rod, mass=factor * rod.mass, masses=carried)
 
 
 def _scaled(scene: Scene, factor: float) -> Scene:

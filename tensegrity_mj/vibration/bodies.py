@@ -10,7 +10,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.model.forest import spanning_forest
-from tensegrity_mj.model.rods import inertia_terms
+from tensegrity_mj.model.rods import inertia_of_rods
 from tensegrity_mj.model.structure import Structure
 
 SLOTS = 5  # coordinates a body
@@ -47,15 +47,15 @@ class Bodies:
     @classmethod
     def of(cls, structure: Structure) -> Bodies:
         """The bodies of a structure."""
-        R, P = len(structure.rods), len(structure.point_masses)
+        R, P = len(structure.rods), len(structure.lone_masses)
         body = np.full(len(structure.nodes), R + P)
         lever = np.zeros(len(structure.nodes))
         E, planes = np.zeros((R + P, 3, 3)), np.zeros((R, 3))
         sigma = np.array([rod.support.sigma for rod in structure.rods], float)
         length = structure.rod_lengths
         f, J = np.zeros(R + P), np.ones(R + P)
-        f[:R], J[:R] = inertia_terms(structure.rod_masses, length, sigma)
-        mass = np.concatenate([structure.rod_masses, [point.mass for point in structure.point_masses]])
+        f[:R], J[:R] = inertia_of_rods(structure)
+        mass = np.concatenate([structure.rod_masses, [point.mass for point in structure.lone_masses]])
         ends = np.stack([-sigma * length, (1 - sigma) * length], axis=1)
         forest = spanning_forest(structure)
         for rod in forest.order[::-1]:  # so that the first one stays
@@ -66,7 +66,7 @@ class Bodies:
             E[number, :, : basis.shape[1]] = basis
             if rod.support.plane is not None:
                 planes[number] = np.array(rod.support.plane) / np.linalg.norm(rod.support.plane)
-        for number, point in enumerate(structure.point_masses):
+        for number, point in enumerate(structure.lone_masses):
             body[structure.node_index[point.node]] = R + number
             basis = point.translation_basis
             E[R + number, :, : basis.shape[1]] = basis

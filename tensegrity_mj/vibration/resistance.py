@@ -13,7 +13,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.model.elements.element import slopes_of
-from tensegrity_mj.model.elements.resistance import bending_joints
+from tensegrity_mj.model.elements.resistance import bending_joints, nodal_damping
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.vibration.blocks import Blocks
 
@@ -58,6 +58,15 @@ def viscous_blocks(scene: Scene, ends: Any) -> Blocks | None:
     values = weight * (2 * back @ first + back @ second + ahead @ first + 2 * ahead @ second)
     rows = np.arange(len(values))
     return Blocks(values, rows, rows)
+
+
+def nodal_blocks(scene: Scene, body: IntArray, turned: Array) -> Blocks | None:
+    """c Xᵀ X of the point masses with a damping, for δx = `turned` (N, 3, slots) y of nodes; None where none has it."""
+    nodes, factors = nodal_damping(scene.structure)
+    if not len(nodes):
+        return None
+    moved = turned[nodes]
+    return Blocks(factors[:, None, None] * np.swapaxes(moved, 1, 2) @ moved, body[nodes], body[nodes])
 
 
 def element_blocks(

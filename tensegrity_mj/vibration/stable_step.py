@@ -212,7 +212,7 @@ def step_of(model: Vibration, stepping: Stepping, time: float) -> StableStep:
     largest = np.abs(motion).max(initial=0.0)
     kinetic = np.sum(y.reshape(-1, SLOTS) ** 2, axis=1)
     body, body_share = _leader(kinetic)
-    names = [rod.name for rod in structure.rods] + [point.node for point in structure.point_masses]
+    names = [rod.name for rod in structure.rods] + [point.node for point in structure.lone_masses]
     string, string_share = _leader(_string_energies(model, y, limit))
     return StableStep(
         limit=limit,

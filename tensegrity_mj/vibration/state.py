@@ -12,7 +12,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.vibration.blocks import Blocks, is_dense
 from tensegrity_mj.vibration.bodies import Bodies, Motion, motion_of_bodies
 from tensegrity_mj.vibration.joints import Joints
-from tensegrity_mj.vibration.resistance import bending_blocks, element_blocks, viscous_blocks
+from tensegrity_mj.vibration.resistance import bending_blocks, element_blocks, nodal_blocks, viscous_blocks
 
 
 class State:
@@ -80,6 +80,9 @@ class State:
             viscous = viscous_blocks(scene, ends)
             if viscous is not None:
                 lossy.append(viscous)
+        nodal = nodal_blocks(scene, bodies.body, motion.turned)
+        if nodal is not None:
+            lossy.append(nodal)
         if scene.elements:
             own = element_blocks(scene, self.time, self.nodes, self.velocities, bodies.body, motion.turned)
             stiff.append(own[0])

@@ -95,7 +95,7 @@ def may_be_the_step(run: Trajectory, engine: Any, law: NativeLaw, actuation: Act
         return False
     if not run.reports.get("warnings") or run.reports.get("stability", {}).get("exceeded"):
         return False
-    coordinates = SLOTS * (len(run.scene.structure.rods) + len(run.scene.structure.point_masses))
+    coordinates = SLOTS * (len(run.scene.structure.rods) + len(run.scene.structure.lone_masses))
     return coordinates <= (LAW_COORDINATES if law.address else RUN_COORDINATES)
 
 

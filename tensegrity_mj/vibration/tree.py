@@ -28,6 +28,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.model.forest import spanning_forest
+from tensegrity_mj.model.rods import centers_and_moments, own_masses
 from tensegrity_mj.vibration.bodies import SLOTS, motion_of_bodies
 from tensegrity_mj.vibration.small_motions import Vibration
 
@@ -81,7 +82,7 @@ def tree_model(model: Vibration) -> TreeModel:
             slides.append(np.zeros(3))
             turns.append(axis)
     for point in range(R, B):
-        for axis in structure.point_masses[point - R].translation_basis.T:
+        for axis in structure.lone_masses[point - R].translation_basis.T:
             owner.append(point)
             slides.append(axis)
             turns.append(np.zeros(3))
@@ -117,7 +118,8 @@ def tree_model(model: Vibration) -> TreeModel:
                     spin[body, k] = turns[k] @ motion.b[body]
             Y[body, :, k] = np.linalg.solve(motion.inverse[body], plain)
     flat = Y.reshape(B * SLOTS, count)
-    axial = AXIAL_INERTIA * structure.rod_masses * structure.rod_lengths**2 / 12
+    own, lumps = AXIAL_INERTIA * own_masses(structure), AXIAL_INERTIA * structure.rod_lumps
+    _, axial = centers_and_moments(own, structure.rod_lengths, lumps)
     strings = flat.T @ model.string_damper @ flat
     together = above[np.ix_(owner, owner)] | above[np.ix_(owner, owner)].T
     return TreeModel(

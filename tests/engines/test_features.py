@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from body_scenes import slung
 from linked_scenes import everything_moves, hung
+from loaded_rods import loaded
 from maxwell import Maxwell
 from numpy.typing import NDArray
 from pulley_scenes import threaded
@@ -60,7 +61,7 @@ def in_air(scene: tmj.Scene) -> tmj.Scene:
     return scene.with_(water=None)
 
 
-def loaded() -> tmj.Scene:
+def pushed() -> tmj.Scene:
     return hung().with_(loads=(tmj.model.Load("n3", (0.5, 1.0, 2.0), 9.0), tmj.model.Load("n2", (0.0, -1.0, 0.0))))
 
 
@@ -79,6 +80,12 @@ def lightened(structure: tmj.Structure) -> tmj.Structure:
 def without_path(scene: tmj.Scene) -> tmj.Scene:
     """Without its last string."""
     return scene.with_(structure=replace(scene.structure, strings=scene.structure.strings[:-1]))
+
+
+def unloaded(scene: tmj.Scene) -> tmj.Scene:
+    """Without the masses on rods, and on their nodes."""
+    rods = tuple(replace(rod, masses=()) for rod in scene.structure.rods)
+    return scene.with_(structure=replace(scene.structure, rods=rods, point_masses=scene.structure.lone_masses))
 
 
 @dataclass(frozen=True)
@@ -107,7 +114,12 @@ FEATURES = {
     "paths, moved supports": Feature(lambda: threaded(moved()), without_path),
     "paths, water": Feature(lambda: threaded(in_water(), ("a", "c", "b", "d")), without_path),
     "bodies": Feature(slung, lambda scene: scene.with_(structure=lightened(scene.structure))),
-    "loads": Feature(loaded, lambda scene: scene.with_(loads=())),
+    "masses on rods": Feature(lambda: loaded(hung()), unloaded),
+    "masses on rods, moved supports": Feature(lambda: loaded(moved()), unloaded),
+    # Of this seed no string falls slack, where RK4 falls to its first order.
+    "masses on rods, water": Feature(lambda: loaded(in_water(), seed=2), unloaded),
+    "damping of point masses": Feature(lambda: loaded(hung(), damping=0.7), lambda _: loaded(hung())),
+    "loads": Feature(pushed, lambda scene: scene.with_(loads=())),
     "moved supports": Feature(moved, lambda scene: scene.with_(motions=())),
     "ground": Feature(shaken, lambda scene: scene.with_(motions=())),
     "breaks": Feature(lambda: hung().with_(breaks=(tmj.model.Break("s1", 0.2),)), lambda scene: scene.with_(breaks=())),

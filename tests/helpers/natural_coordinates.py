@@ -1,12 +1,13 @@
 """Rods of any class by the positions of their nodes alone: a reference that knows no forest, no b and no joint.
 
 Shared nodes are shared coordinates, so that joints need no equation. A rod is a linear profile of velocities between
-its nodes, m/3 and m/6 in the mass matrix, and a distance that stays. Supports are rows on its point at σ.
+its nodes, points of mass in the mass matrix, and a distance that stays. Supports are rows on its point at σ.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from loaded_rods import cloud, mass_of_nodes
 
 from tensegrity_mj.model import rods
 from tensegrity_mj.model.members import Support
@@ -15,14 +16,7 @@ from tensegrity_mj.model.structure import Structure
 
 def mass_matrix(structure):
     """(3N, 3N); nodes without mass have a unit that no force reaches, for they are held."""
-    N = len(structure.nodes)
-    mass = np.zeros((N, N))
-    for (i, j), m in zip(structure.rod_nodes, structure.rod_masses, strict=True):
-        mass[[i, j], [i, j]] += m / 3
-        mass[i, j] += m / 6
-        mass[j, i] += m / 6
-    for point in structure.point_masses:
-        mass[structure.node_index[point.node], structure.node_index[point.node]] += point.mass
+    mass = mass_of_nodes(structure)
     for name in structure.fixed_nodes:
         mass[structure.node_index[name], structure.node_index[name]] = 1.0
     return np.kron(mass, np.eye(3))
@@ -75,8 +69,8 @@ def accelerations(structure, nodes, velocities, forces, gravity, moved=None):
     mass = mass_matrix(structure)
     root = np.linalg.cholesky(mass)
     weight = np.zeros_like(nodes)
-    for pair, m in zip(structure.rod_nodes, structure.rod_masses, strict=True):
-        weight[pair] += 0.5 * m * np.asarray(gravity)
+    for row, s, m in cloud(structure):
+        weight[structure.rod_nodes[row]] += m * np.outer((1 - s, s), gravity)
     for point in structure.point_masses:
         weight[structure.node_index[point.node]] += point.mass * np.asarray(gravity)
     rows, right = constraints(structure, nodes, velocities, moved)

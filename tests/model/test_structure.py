@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.library.random_structures import random_rotation, random_structure
-from tensegrity_mj.model.members import PointMass, Rod, String, Support, null_space_basis
+from tensegrity_mj.model.members import PointMass, Rod, RodMass, String, Support, null_space_basis
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure
 
@@ -186,7 +186,22 @@ INVALID: dict[str, tuple[Callable[[], Structure], tuple[str, ...]]] = {
     ),
     # point masses
     "point mass on an unknown node": (lambda: with_mass(PointMass("z", 1.0)), ("point mass", "'z'", "'a', 'b'")),
-    "point mass on a rod": (lambda: with_mass(PointMass("a", 1.0)), ("point mass", "'a'", "rod 'r1'")),
+    "point mass on a rod, in a plane": (
+        lambda: build(point_masses=(PointMass("a", 1.0, (0, 0, 1)),)),
+        ("point mass on node 'a'", "plane = ", "rod 'r1' ends there", "leave the plane out"),
+    ),
+    "two point masses on a rod's end": (
+        lambda: build(point_masses=(PointMass("a", 1.0), PointMass("a", 2.0))),
+        ("point mass on node 'a'", "is the point mass on node 'a' already"),
+    ),
+    "negative damping of a point mass": (
+        lambda: with_mass(PointMass("p", 1.0, damping=-1.0)),
+        ("'p'", "damping = -1.0", ">= 0 N s/m"),
+    ),
+    "mass beside a rod": (lambda: RodMass(1.2, 1.0), ("mass on a rod", "at = 1.2", "[0, 1]")),
+    "mass of nothing on a rod": (lambda: RodMass(0.2, 0.0), ("mass on a rod", "mass = 0.0", "> 0 kg")),
+    "inertia below zero": (lambda: RodMass(0.2, 1.0, -1.0), ("mass on a rod", "inertia = -1.0", ">= 0 kg m²")),
+    "masses that are none": (lambda: with_rod(masses=(1.0,)), ("rod 'r1'", "masses[0] = 1.0", "RodMass(at, mass")),
     "point mass on a fixed node": (lambda: with_mass(PointMass("f", 1.0)), ("point mass", "'f'", "a fixed node")),
     "massless point mass": (lambda: with_mass(PointMass("p", 0.0)), ("'p'", "mass = 0.0", "> 0 kg")),
     "plane of a point mass": (lambda: with_mass(PointMass("p", 1.0, (0, 0, 0))), ("'p'", "plane = (0, 0, 0)", "zero")),

@@ -386,7 +386,7 @@ WRONG: list[tuple[str, str, type[TensegrityError], tuple[str, ...]]] = [
     ),
     ("[scene]", "[structure.scene]", FormatError, ("structure: unknown key 'scene'", "allowed: name, string_law")),
     ("duration = 2", "time = 2", FormatError, ("scene: unknown key 'time'", "allowed: gravity, duration")),
-    ("mass = 1", "masss = 1", FormatError, ("structure.rods[0] 'rod': unknown key 'masss' (did you mean 'mass'?)",)),
+    ("mass = 1", "mas = 1", FormatError, ("structure.rods[0] 'rod': unknown key 'mas' (did you mean 'mass'?)",)),
     ("mass = 1", "", FormatError, ("structure.rods[0] 'rod': 'mass' is missing", "a number")),
     ("mass = 1", 'mass = "1"', FormatError, ("structure.rods[0] 'rod': mass = '1' (a text)", "a number")),
     ("mass = 1", "mass = true", FormatError, ("mass = true (a truth value)", "a number")),

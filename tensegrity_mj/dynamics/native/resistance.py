@@ -20,8 +20,10 @@ from tensegrity_mj.model.elements.resistance import (
     BendingDamping,
     BendingStiffness,
     FluidResistance,
+    NodalDamping,
     bending_joints,
     diameters,
+    nodal_damping,
 )
 from tensegrity_mj.model.scene import Scene
 
@@ -50,6 +52,15 @@ def pack_fluid(element: FluidResistance, scene: Scene) -> NativeElement:
         surface = 0.5 * drag.density * diameters(structure, drag) * lengths
         rods["normal"], rods["tangential"] = drag.normal * surface, np.pi * drag.tangential * surface
     packed = pack_rods(rods=rods, wind=np.array(resistance.wind, float))
+    return NativeElement(act_fluid.address, packed.address, (packed,))
+
+
+def pack_nodal(element: NodalDamping, scene: Scene) -> NativeElement:
+    """Damping of point masses: of a rod of no length, both ends of which are the node, in still air."""
+    nodes, factors = nodal_damping(scene.structure)
+    rods = np.zeros(len(nodes), ROD)
+    rods["nodes"], rods["viscous"] = nodes[:, None], factors / 6
+    packed = pack_rods(rods=rods, wind=np.zeros(3))
     return NativeElement(act_fluid.address, packed.address, (packed,))
 
 

@@ -16,6 +16,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.model.actuation import Mode
+from tensegrity_mj.model.rods import centers_and_moments, own_masses
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import tension
 from tensegrity_mj.model.structure import Structure
@@ -95,8 +96,8 @@ def _turning(scene: Scene, nodes: Array, velocities: Array, tensions: Array) -> 
     """ω [1/s] of rods that swing in the pull on their ends and in their weight, and their spin [rad/s].
 
     Forces f along fixed directions at the ends of a rod of length l turn it back by (f1 + f2) l / 2 an angle at most,
-    and its moment of inertia is m l²/12: ω² <= 6 (f1 + f2) / m l. About an end it is 3 f / m l. Joints hand on what
-    pulls at other rods.
+    and its moment of inertia is m l²/12: ω² <= 6 (f1 + f2) / m l. About an end it is 3 f / m l. Where a rod carries
+    masses, its arms and moment about its centre of mass take their place. Joints hand on what pulls at other rods.
     """
     structure = scene.structure
     if not len(structure.rods):
@@ -110,7 +111,7 @@ def _turning(scene: Scene, nodes: Array, velocities: Array, tensions: Array) -> 
     if structure.class_number > 1:
         for cluster in structure.clusters:
             forces[:, list(cluster)] = forces[:, list(cluster)].sum(axis=1, keepdims=True)
-    sway = np.sqrt(6 * forces / (masses * structure.rod_lengths))
+    sway = np.sqrt(6 * forces / (masses * structure.rod_lengths) * _mobilities(structure).max(axis=0))
     apart = velocities[:, rods[:, 1]] - velocities[:, rods[:, 0]]
     spin = np.linalg.norm(apart, axis=-1) / structure.rod_lengths
     return _finite_max(sway), _finite_max(spin)
@@ -121,12 +122,19 @@ def _finite_max(values: Array) -> float:
     return float(np.max(values, initial=0.0, where=np.isfinite(values)))
 
 
+def _mobilities(structure: Structure) -> Array:
+    """(2, R): how much more the ends of rods turn for a force there, over arms of half a rod, than uniform rods do."""
+    centers, moments = centers_and_moments(own_masses(structure), structure.rod_lengths, structure.rod_lumps)
+    uniform = structure.rod_masses * structure.rod_lengths**2 / 12
+    return np.stack([2 * centers, 2 * (1 - centers)]) * (uniform / moments)
+
+
 def string_rates(structure: Structure, nodes: Array) -> tuple[float, float]:
     """Upper bounds [1/s] of √λ(M⁻¹K) of the strings' stiffness and of λ(M⁻¹D) of their dampers, all strings taut.
 
     Free thin rods move most: an impulse at one end of a rod of mass m moves it by I/m + 3 (I - bbᵀ)/m, the other end by
-    I/m - 3 (I - bbᵀ)/m. Supports only take freedom away, and cannot raise a frequency (Cauchy's interlacing). By power
-    iteration from a start that is the same each time.
+    I/m - 3 (I - bbᵀ)/m; one that carries masses moves by its own arms and moment. Supports only take freedom away, and
+    cannot raise a frequency (Cauchy's interlacing). By power iteration from a start that is the same each time.
     """
     paths = structure.paths
     pairs, string = paths.nodes, paths.strings
@@ -137,19 +145,20 @@ def string_rates(structure: Structure, nodes: Array) -> tuple[float, float]:
     rods = structure.rod_nodes
     axes = nodes[rods[:, 1]] - nodes[rods[:, 0]]
     b = axes / np.maximum(np.linalg.norm(axes, axis=1), 1e-300)[:, None]
-    masses = structure.rod_masses[:, None]
-    points = [(structure.node_index[point.node], point.mass) for point in structure.point_masses]
+    masses, (back, ahead) = structure.rod_masses[:, None], _mobilities(structure)[..., None]
+    apart = back / (back + ahead)
+    points = [(structure.node_index[point.node], point.mass) for point in structure.lone_masses]
 
     def moved(forces: Array) -> Array:
         out = np.zeros_like(forces)
         if len(rods):
             first, second = forces[rods[:, 0]], forces[rods[:, 1]]
-            across = second - first
+            across = 2 * ((1 - apart) * second - apart * first)
             across = across - b * np.sum(across * b, axis=1, keepdims=True)
             mean = (first + second) / masses
             # Joints: a node moves as little as the stiffest of its rods lets it.
-            out[rods[:, 0]] = mean - 3 * across / masses
-            out[rods[:, 1]] = mean + 3 * across / masses
+            out[rods[:, 0]] = mean - 3 * across / masses * back
+            out[rods[:, 1]] = mean + 3 * across / masses * ahead
         for row, mass in points:
             out[row] = forces[row] / mass
         return out

@@ -100,7 +100,7 @@ class Contacts:
         model, structure = copying.copy(self.model), self.structure
         data = mujoco.MjData(model)
         owner, pairs = _geom_owners(structure, model), structure.rod_nodes
-        point = np.array([structure.node_index[mass.node] for mass in structure.point_masses], int)
+        point = np.array([structure.node_index[mass.node] for mass in structure.lone_masses], int)
         out = np.zeros((len(states), len(structure.nodes), 3))
         counts, largest, deepest = np.zeros(len(states), int), np.zeros(len(states)), 0.0
         local = np.zeros(6)
@@ -159,6 +159,6 @@ def _geom_owners(structure: Structure, model: mujoco.MjModel) -> NDArray[np.int6
     bodies = np.full(model.nbody, -1)
     for number, rod in enumerate(structure.rods):
         bodies[model.site_bodyid[model.site(rod.nodes[0]).id]] = number
-    for number, mass in enumerate(structure.point_masses):
+    for number, mass in enumerate(structure.lone_masses):
         bodies[model.site_bodyid[model.site(mass.node).id]] = len(structure.rods) + number
     return np.asarray(bodies[model.geom_bodyid])

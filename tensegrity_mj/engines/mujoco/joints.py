@@ -152,11 +152,12 @@ class JointForces:
             out[:, owner, self._end(owner, node)] += pulls[:, number]
             out[:, other, self._end(other, node)] -= pulls[:, number]
         gravity = np.array(self.scene.gravity)
+        centers = rods.mass_at_ends(structure)[:, 1] / structure.rod_masses
         for rod in forest.order[::-1]:
             parent, node = int(forest.parent[rod]), int(forest.hinge[rod])
             if parent < 0:
                 continue
-            middle = accelerations[:, rod].mean(axis=1)
+            middle = (1.0 - centers[rod]) * accelerations[:, rod, 0] + centers[rod] * accelerations[:, rod, 1]
             pull = structure.rod_masses[rod] * (middle - gravity) - out[:, rod].sum(axis=1)
             out[:, rod, self._end(int(rod), node)] += pull
             out[:, parent, self._end(parent, node)] -= pull

@@ -33,6 +33,7 @@ from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, distinct
 from tensegrity_mj.engines.mujoco.mjcf_tree import initial_velocities as initial_velocities
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import StructureError
+from tensegrity_mj.model.elements.resistance import nodal_damping
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure
@@ -209,7 +210,8 @@ def _remarks(scene: Scene) -> str:
         "By itself, without tensegrity_mj, this model lets the damper of a slack string act.": damped,
         'The motion starts with the velocities of the keyframe "start".': np.any(scene.velocities0),
         "The scene's external loads are not in this file.": bool(scene.loads),
-        "What resists the motion of the scene is not in this file.": scene.resistance is not None,
+        "What resists the motion of the scene is not in this file.": scene.resistance is not None
+        or bool(len(nodal_damping(scene.structure)[0])),
         "The water of the scene is not in this file.": scene.water is not None,
         "The motions of the scene's supports are not in this file: what drives them is.": bool(scene.motions),
     }

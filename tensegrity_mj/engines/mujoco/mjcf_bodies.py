@@ -12,6 +12,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.engines.mujoco.mjcf_frames import TURNED_AXIS, TURNED_SITE, must_turn, numbers, quaternion
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, Turn, distinct
 from tensegrity_mj.model.elements.contact import Contact
+from tensegrity_mj.model.rods import centers_and_moments
 from tensegrity_mj.model.scene import Scene
 
 # The axial moment of inertia as a part of the transverse one: strings attach on the axis, so 1e-4 to 1e-6 change no
@@ -23,6 +24,7 @@ AXIAL_INERTIA = 1e-5
 NESTED_AXIAL_INERTIA = 1e-2
 LEAST_INERTIA = 1e-14  # kg m²: ten times MuJoCo's mjMINVAL
 POINT_RADIUS = 1e-6  # of the structure's size: a point mass touches the floor with a ball of this radius
+BALL: dict[str, Any] = {"contype": "0", "conaffinity": "0", "rgba": "0.4 0.4 0.45 1"}  # the picture of a mass
 FLOOR, MEMBER = 1, 2  # bits that say what may touch
 # What drives a support is a slide whose armature is this many times all masses of the scene. It is pushed with as much
 # times d̈, and what reacts on it changes its acceleration by 1e-14 of that which it would give the whole scene. Between
@@ -36,7 +38,7 @@ class Names:
 
     def __init__(self, scene: Scene, tree: BodyTree) -> None:
         structure = scene.structure
-        rods, points = structure.rods, structure.point_masses
+        rods, points = structure.rods, structure.lone_masses
         moved = [structure.node_names[row] for row, _ in tree.moved_nodes]
         members = [rod.name for rod in rods] + [point.node for point in points] + moved
         own = [body.name for body in structure.bodies]
@@ -70,7 +72,7 @@ def add_bodies(world: ET.Element, scene: Scene, tree: BodyTree, names: Names, th
     for number in tree.order:
         carrier = elements[tree.joints[number].parent]
         elements[number] = _rod_body(carrier, scene, tree, number, names, site)
-    for number in range(len(scene.structure.point_masses)):
+    for number in range(len(scene.structure.lone_masses)):
         _point_body(world, scene, number, names, site, thickness)
     for number in range(len(tree.moved_nodes)):
         _moved_node(world, scene, tree, number, names, site)
@@ -89,8 +91,8 @@ def _rod_body(
     if joint.parent >= 0:
         origin, carried = _frame(scene, tree, joint.parent)
         position, place = carried.T @ (position - origin), carried.T @ rotation
-    at: dict[str, Any] = {"pos": numbers(position), "quat": numbers(quaternion(place))}
-    body = ET.SubElement(carrier, "body", name=names.rods[number], **at)
+    frame: dict[str, Any] = {"pos": numbers(position), "quat": numbers(quaternion(place))}
+    body = ET.SubElement(carrier, "body", name=names.rods[number], **frame)
     turn = names.turns[number]
     if joint.turn is Turn.FREE:
         ET.SubElement(body, "freejoint", name=turn)
@@ -103,20 +105,20 @@ def _rod_body(
             ET.SubElement(body, "joint", name=turn, type="ball")
         else:
             ET.SubElement(body, "joint", name=turn, type="hinge", axis=numbers(rotation.T @ tree.normals[number]))
-    transverse = rod.mass * length**2 / 12
+    middle, transverse = centers_and_moments(rod.mass, length, structure.rod_lumps[:, number])
     # Where rods touch something they may roll on it: then it is a solid cylinder's.
     thin = AXIAL_INERTIA if structure.class_number < 2 else NESTED_AXIAL_INERTIA
     axial = transverse * (thin if scene.contact is None else 1.0)
     # MuJoCo takes none below mjMINVAL; a part of up to 1e-2 changes no motion either.
     axial = max(axial, min(1e-2 * transverse, LEAST_INERTIA))
     back, ahead = -sigma * length, (1 - sigma) * length
-    center = (0.0, 0.0, (0.5 - sigma) * length)
+    center = (0.0, 0.0, (middle - sigma) * length)
     turned: dict[str, Any] = {"quat": TURNED_AXIS} if must_turn(center, [np.zeros(3)], length) else {}
     ET.SubElement(
         body,
         "inertial",
         pos=numbers(center),
-        mass=numbers([rod.mass]),
+        mass=numbers([structure.rod_masses[number]]),
         diaginertia=numbers([transverse, transverse, axial]),
         **turned,
     )
@@ -130,6 +132,9 @@ def _rod_body(
         **touching(scene, rods=True),
         rgba="0.25 0.35 0.55 1",
     )
+    for lump in rod.masses:
+        at = numbers([0, 0, back + lump.at * length])
+        ET.SubElement(body, "geom", type="sphere", pos=at, size=numbers([1.6 * rod.radius]), **BALL)
     own = {
         node: name for (node, _, other), name in zip(tree.forest.closures, names.ends, strict=True) if other == number
     }
@@ -175,7 +180,7 @@ def _add_slide(body: ET.Element, name: str, axis: Array, armature: float = 0.0) 
 def _point_body(
     world: ET.Element, scene: Scene, number: int, names: Names, site: dict[str, Any], thickness: float
 ) -> None:
-    point = scene.structure.point_masses[number]
+    point = scene.structure.lone_masses[number]
     position = scene.nodes0[scene.structure.node_index[point.node]]
     body = ET.SubElement(world, "body", name=names.points[number], pos=numbers(position))
     for name, axis in zip(names.point_slides[number], point.translation_basis.T, strict=True):
@@ -184,7 +189,7 @@ def _point_body(
     inertia = numbers([point.mass * size(scene) ** 2 * 1e-4] * 3)
     ET.SubElement(body, "inertial", pos="0 0 0", mass=numbers([point.mass]), diaginertia=inertia)
     radius = numbers([4 * thickness])
-    ET.SubElement(body, "geom", type="sphere", size=radius, contype="0", conaffinity="0", rgba="0.4 0.4 0.45 1")
+    ET.SubElement(body, "geom", type="sphere", size=radius, **BALL)
     if scene.contact is not None and scene.contact.floor is not None:
         ball = numbers([POINT_RADIUS * size(scene)])
         ET.SubElement(body, "geom", type="sphere", size=ball, **touching(scene, rods=False), rgba="0 0 0 0")

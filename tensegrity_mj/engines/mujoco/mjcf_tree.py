@@ -206,7 +206,7 @@ def joint_coordinates(scene: Scene, tree: BodyTree, nodes: Array, velocities: Ar
                 angle = angle - np.sign(normal @ tree.normals[parent]) * angles[parent]
             places.append(np.array([angle]))
             rates.append(np.array([spin @ normal]))
-    for point in structure.point_masses:
+    for point in structure.lone_masses:
         row, E = structure.node_index[point.node], point.translation_basis
         places.append(E.T @ (nodes[row] - start[row]))
         rates.append(E.T @ velocities[row])

@@ -30,6 +30,7 @@ from tensegrity_mj.dynamics.native.views import Table
 from tensegrity_mj.engines.mujoco.mjcf_bodies import Names
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree
 from tensegrity_mj.engines.mujoco.run_view import SLIDE
+from tensegrity_mj.model.rods import mass_at_ends
 from tensegrity_mj.model.scene import Scene
 
 
@@ -154,6 +155,7 @@ class Supports:
                     places.append((model.body(name).id, 0, axes, number))
         count = sum(axes.shape[1] for _, _, axes, _ in places)
         self.slides = np.zeros(count, SLIDE)
+        shares = mass_at_ends(structure)
         masses, members, reach = np.zeros((count, N)), np.zeros((count, N)), np.zeros((count, len(paths.nodes)))
         at = 0
         for body, before, axes, number in places:
@@ -168,7 +170,7 @@ class Supports:
                 reach[at] = members[at][paths.nodes] @ [1.0, -1.0]
                 for rod, pair in enumerate(structure.rod_nodes):
                     if roots[rods[rod]] == body:
-                        masses[at, pair] += 0.5 * structure.rod_masses[rod]
+                        masses[at, pair] += shares[rod]
                 slide["weight"] = masses[at].sum() * (np.array(scene.gravity) @ axis)
                 at += 1
         run.set(

@@ -10,6 +10,7 @@ from tensegrity_mj.engines.mujoco.mjcf_bodies import Names
 from tensegrity_mj.engines.mujoco.mjcf_frames import SNAP
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree
 from tensegrity_mj.errors import StructureError
+from tensegrity_mj.model.rods import mass_at_ends
 from tensegrity_mj.model.scene import Scene
 
 TOLERANCE = 1e-12  # of the structure's size
@@ -53,7 +54,9 @@ def check_places(scene: Scene, model: mujoco.MjModel, tree: BodyTree | None = No
     bodies = model.geom_bodyid[geoms]
     middle = 0.5 * (nodes[first] + nodes[second])
     names = tuple(rod.name for rod in structure.rods)
-    _compare("center of mass of rod", names, data.xipos[bodies], middle, allowed)
+    share = (mass_at_ends(structure)[:, 1] / structure.rod_masses)[:, None]
+    centers = (1.0 - share) * nodes[first] + share * nodes[second]
+    _compare("center of mass of rod", names, data.xipos[bodies], centers, allowed)
     _compare("capsule of rod", names, data.geom_xpos[geoms], middle, allowed)
 
 

@@ -165,11 +165,12 @@ def _rods_alone(request: Request) -> _Model:
 def _check_masses(structure: Structure) -> None:
     """Raise OptionError where the masses of rods that hang together are too far apart for forces of joints."""
     for cluster in structure.clusters:
-        rods = sorted((structure.rods[row] for row in cluster), key=lambda rod: rod.mass)
-        light, heavy = rods[0], rods[-1]
-        if heavy.mass > LARGEST_MASS_RATIO * light.mass:
+        rows = sorted(cluster, key=lambda row: structure.rod_masses[row])
+        light, heavy = (structure.rods[row].name for row in (rows[0], rows[-1]))
+        least, most = structure.rod_masses[[rows[0], rows[-1]]]
+        if most > LARGEST_MASS_RATIO * least:
             raise OptionError(
-                f"DAE: rods '{light.name}' of {light.mass:g} kg and '{heavy.name}' of {heavy.mass:g} kg hang together; "
+                f"DAE: rods '{light}' of {least:g} kg and '{heavy}' of {most:g} kg hang together; "
                 f"Solver.JOINTS allows masses to be {LARGEST_MASS_RATIO:g} times each other: use solver=Solver.DENSE"
             )
 

@@ -4,7 +4,7 @@ State y: q = (z, β) of every rod and point mass, q̇, the time where supports m
 ledger.
 
 A rod whose support moves by d(t) is one at rest in a frame that moves so: its anchor is displaced, ḋ is added to the
-velocities of its nodes, and -m d̈/2 acts on either of them, which is what a uniform rod's inertia amounts to.
+velocities of its nodes, and -d̈ times its share of the mass acts on either of them: what its inertia amounts to.
 """
 
 from __future__ import annotations
@@ -125,8 +125,8 @@ def add_inertia_of_supports(table: int) -> None:
         if carried[a, 0] >= 0:
             rod = rods[carried[a, 0]]
             for k in range(3):
-                forces[rod.i, k] -= 0.5 * rod.mass * moved[a, 2, k]
-                forces[rod.j, k] -= 0.5 * rod.mass * moved[a, 2, k]
+                forces[rod.i, k] -= (1.0 - rod.center) * rod.mass * moved[a, 2, k]
+                forces[rod.j, k] -= rod.center * rod.mass * moved[a, 2, k]
 
 
 @njit
@@ -141,7 +141,8 @@ def power_of_supports(q: Any, rates: Any, accelerations: Any, table: int) -> flo
         for k in range(3):
             if carried[a, 0] >= 0:
                 rod = rods[carried[a, 0]]
-                need = rod.mass * (0.5 * (nodes[rod.i, k] + nodes[rod.j, k]) - gravity[k])
+                middle = (1.0 - rod.center) * nodes[rod.i, k] + rod.center * nodes[rod.j, k]
+                need = rod.mass * (middle - gravity[k])
                 power += (need - forces[rod.i, k] - forces[rod.j, k]) * moved[a, 1, k]
             else:
                 power -= forces[carried[a, 1], k] * moved[a, 1, k]

@@ -104,7 +104,7 @@ def floor_gaps(structure: Structure, contact: Contact, nodes: Array) -> Array:
     heights = nodes @ contact.up - contact.floor
     for rod, pair in zip(structure.rods, structure.rod_nodes, strict=True):
         gaps[pair] = heights[pair] - rod.radius
-    for point in structure.point_masses:
+    for point in structure.lone_masses:
         row = structure.node_index[point.node]
         gaps[row] = heights[row]
     return gaps
@@ -174,7 +174,7 @@ def overlaps(structure: Structure, contact: Contact, nodes: Array) -> list[str]:
     """What touches or overlaps at these node positions, in words that say by how much; none: empty."""
     found = []
     owner = {name: f"rod '{rod.name}' at node '{name}'" for rod in structure.rods for name in rod.nodes}
-    owner |= {point.node: f"the point mass on node '{point.node}'" for point in structure.point_masses}
+    owner |= {point.node: f"the point mass on node '{point.node}'" for point in structure.lone_masses}
     for name, gap in zip(structure.node_names, floor_gaps(structure, contact, nodes), strict=True):
         if gap < 0:
             found.append(f"{owner[name]} is {-gap:.3g} m inside the floor")

@@ -1,4 +1,4 @@
-"""What resists the motion of rods: the fluid around them, and the stiffness and damping of joints in bending.
+"""What resists motion: the fluid around rods, stiffness and damping of joints in bending, damping of point masses.
 
 With u = v - w the velocity of a point of a rod [m/s] in a fluid that moves with the wind w, a rod feels per length
 
@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import many, not_negative, pair, part, positive, vector
 from tensegrity_mj.model.elements.element import Element, Work, energy_of, forces_of
@@ -219,6 +219,31 @@ class BendingDamping(Element):
     def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
         """See `Element`."""
         return _bending(scene.structure, self.bending, self.bending.damping, velocities)
+
+
+def nodal_damping(structure: Structure) -> tuple[IntArray, Array]:
+    """Rows of the nodes whose point masses have a damping, and c [N s/m] of each."""
+    damped = [point for point in structure.point_masses if point.damping]
+    rows = np.array([structure.node_index[point.node] for point in damped], np.int64)
+    return rows, np.array([point.damping for point in damped], float)
+
+
+@dataclass(frozen=True)
+class NodalDamping(Element):
+    """-c v on the nodes of point masses that have a damping c."""
+
+    work = Work.LOST
+    smooth = True
+    vectorized = True
+    compiled = "tensegrity_mj.dynamics.native.resistance:pack_nodal"
+    label = "damping of point masses"
+
+    def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
+        """See `Element`."""
+        out = np.zeros_like(velocities)
+        rows, factors = nodal_damping(scene.structure)
+        out[..., rows, :] = -factors[:, None] * velocities[..., rows, :]
+        return out
 
 
 def _bending(structure: Structure, bending: Bending, factor: float, values: Array) -> Array:

@@ -110,8 +110,9 @@ def _support(table: Table) -> Support:
 
 def _rod_table(rod: Rod) -> dict[str, Any]:
     table = fields_of(rod)
-    support = table.pop("support")
-    return table if support == Support.free() else table | {"support": support}
+    last = {"support": Support.free(), "masses": ()}
+    own = {key: table.pop(key) for key in last}
+    return table | {key: held for key, held in own.items() if held != last[key]}
 
 
 def _support_table(support: Support) -> dict[str, Any]:

@@ -38,7 +38,7 @@ class Chain:
                 point masses.
         """
         where = f"structure '{structure.name}'"
-        if structure.strings or structure.point_masses:
+        if structure.strings or structure.point_masses or structure.rod_lumps.any():
             raise OptionError(f"{where}: a chain is of rods alone; this has strings or point masses")
         held = [row for row, rod in enumerate(structure.rods) if len(rod.support.directions)]
         if len(held) != 1 or structure.rods[held[0]].support.sigma not in (0.0, 1.0):

@@ -25,7 +25,8 @@ from tensegrity_mj.studies.extremes.verdicts import USEFUL
 def applies(setup: Setup) -> bool:
     """Whether the setup can be run so: in MuJoCo, and without what the engine's callback would have to do."""
     scene = setup.experiment.scene
-    plain = not scene.motions and scene.resistance is None and scene.water is None
+    resisted = scene.resistance is not None or any(point.damping for point in scene.structure.point_masses)
+    plain = not scene.motions and not resisted and scene.water is None
     return plain and not setup.engine.startswith(("dae", "ode"))
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.model.rigidity import members_at
+from tensegrity_mj.model.rods import mass_products
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import elastic_tension
 from tensegrity_mj.model.structure import Structure
@@ -72,15 +73,17 @@ def mobility(structure: Structure, nodes: Array) -> Any:
         columns.append(np.tile(index, len(index)))
         values.append(block.ravel())
 
-    for rod, (i, j), mass in zip(structure.rods, structure.rod_nodes, structure.rod_masses, strict=True):
+    for rod, (i, j), lumps in zip(structure.rods, structure.rod_nodes, structure.rod_lumps.T, strict=True):
         b, sigma = nodes[j] - nodes[i], rod.support.sigma
         E = rod.support.translation_basis
         swings = np.cross(_axes(rod.support.plane, b), b).T  # (3, 1 or 2): d b / d angle
         J = np.vstack([np.hstack([E, -sigma * swings]), np.hstack([E, (1 - sigma) * swings])])
         # A thin rod's kinetic energy in its ends' velocities: m/6 (v1·v1 + v1·v2 + v2·v2).
-        M = mass / 6 * np.kron(np.array([[2.0, 1.0], [1.0, 2.0]]), np.eye(3))
+        first, second, both = mass_products(0.0, lumps)
+        M = rod.mass / 6 * np.array([[2.0, 1.0], [1.0, 2.0]]) + np.array([[first, both], [both, second]])
+        M = np.kron(M, np.eye(3))
         add([int(i), int(j)], J @ np.linalg.solve(J.T @ M @ J, J.T))
-    for point in structure.point_masses:
+    for point in structure.lone_masses:
         E = point.translation_basis
         add([structure.node_index[point.node]], E @ E.T / point.mass)
     size = 3 * len(structure.nodes)

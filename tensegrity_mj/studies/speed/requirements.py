@@ -137,7 +137,7 @@ def degrees_of_freedom(structure: Structure) -> int:
     )
     turns = sum(rod.support.rotation_basis.shape[1] - 1 for rod in structure.rods)
     turns += 6 * sum(not body.held for body in structure.bodies)
-    return int(slides + turns + sum(point.translation_basis.shape[1] for point in structure.point_masses))
+    return int(slides + turns + sum(point.translation_basis.shape[1] for point in structure.lone_masses))
 
 
 def largest_tree(structure: Structure) -> int:
@@ -231,7 +231,10 @@ def _reasons(scene: Scene, limit: float) -> list[str]:
     callbacks = (
         (np.any(structure.damping > 0), "the string law: the damper of a slack string must not act"),
         (scene.loads, "external forces: the scene has loads"),
-        (scene.resistance, "what resists motion: the scene has resistance"),
+        (
+            scene.resistance or any(point.damping for point in structure.point_masses),
+            "what resists motion: the scene has resistance",
+        ),
         (scene.water, "water, which finds each rod's acceleration with its added mass: the scene has water"),
         (scene.breaks, "breaking strings"),
     )

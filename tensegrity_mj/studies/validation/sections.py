@@ -307,7 +307,7 @@ def perturbed(scene: Scene, amplitude: float, generator: np.random.Generator) ->
         b /= np.linalg.norm(b)
         r = r + _moved(rod.support.translation_basis, amplitude * size, generator)
         nodes[i], nodes[j] = r - sigma * length * b, r + (1 - sigma) * length * b
-    for point in structure.point_masses:
+    for point in structure.lone_masses:
         row = structure.node_index[point.node]
         nodes[row] += _moved(point.translation_basis, amplitude * size, generator)
     return nodes

@@ -135,7 +135,7 @@ def with_gain(law: Any, scene: Scene, gain: str, factor: float) -> Any:
     """
     if gain == "decay_rate":
         return dataclasses.replace(law, decay_rate=law.decay_rate * factor)
-    names = [rod.name for rod in scene.structure.rods] + [point.node for point in scene.structure.point_masses]
+    names = [rod.name for rod in scene.structure.rods] + [point.node for point in scene.structure.lone_masses]
 
     def scaled(given: Any) -> Any:
         every = given if isinstance(given, Mapping) else dict.fromkeys(names, given)
