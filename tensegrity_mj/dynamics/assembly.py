@@ -93,7 +93,7 @@ class AssemblyRecords:
             q[at : at + 3] = (1 - rod["sigma"]) * first + rod["sigma"] * second
             q[at + 3 : at + 6] = (second - first) / rod["length"]
         at = 6 * len(self.rods)
-        for point in self.structure.point_masses:
+        for point in self.structure.lone_masses:
             q[at : at + 3] = nodes[self.structure.node_index[point.node]]
             at += 3
         for frame in _moving(self.structure):
@@ -113,7 +113,7 @@ class AssemblyRecords:
         """(nq,) for people."""
         structure = self.structure
         members = [f"rod {rod.name}: {part}" for rod in structure.rods for part in "rb"]
-        members += [f"point mass {point.node}: r" for point in structure.point_masses]
+        members += [f"point mass {point.node}: r" for point in structure.lone_masses]
         moving = [body for body in structure.bodies if not body.held]
         members += [f"body {body.name}: {part}" for body in moving for part in ("r", "e1", "e2", "e3")]
         return [f"{member}{axis}" for member in members for axis in "xyz"]
@@ -139,7 +139,7 @@ class _Parts:
         self.rods = rod_records(structure)
         self.rods["q"] = 6 * np.arange(len(self.rods))
         points, self.forest = 6 * len(self.rods), spanning_forest(structure)
-        self.bodies = points + 3 * len(structure.point_masses)
+        self.bodies = points + 3 * len(structure.lone_masses)
         self.size = self.bodies + 12 * len(_moving(structure))
         self.motion_of = {motion.support: number for number, motion in enumerate(motions)}
         self.mass, self.weights = np.zeros((self.size, self.size)), np.zeros(self.size)
@@ -157,7 +157,7 @@ class _Parts:
         for name in structure.fixed_nodes:
             row = structure.node_index[name]
             self.bases[row], self.carried[row] = structure.positions[row], self.motion_of.get(name, -1)
-        for number, point in enumerate(structure.point_masses):
+        for number, point in enumerate(structure.lone_masses):
             at, row = points + 3 * number, structure.node_index[point.node]
             self.move(at, at, point.mass)
             self.weights[at : at + 3] = point.mass

@@ -1,8 +1,8 @@
-"""Structures at other places, mirror images of them, and two in one: what `Structure.moved` and others are made of."""
+"""Structures moved, mirrored, merged, or with other strings: what `Structure.moved` and others are made of."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,8 @@ from tensegrity_mj.basics.checks import instance, real_array, shape_of
 from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.model.bodies import Body
 from tensegrity_mj.model.constraints import Constraint
-from tensegrity_mj.model.members import PointMass, Rod, String, Support
+from tensegrity_mj.model.members import LIMITS, PRESTRESS, PointMass, Rod, String, Support
+from tensegrity_mj.model.node_indices import array_of_shape
 from tensegrity_mj.model.structure_checks import CONSTRAINT_TOLERANCE, names_of, size_of, unknown_node
 
 if TYPE_CHECKING:
@@ -71,6 +72,29 @@ def mapped(structure: Structure, matrix: Array, shift: Array) -> Structure:
         constraints=tuple(map(constraint_of, structure.constraints)),
         bodies=tuple(body.mapped(matrix, shift) for body in structure.bodies),
     )
+
+
+def with_strings(structure: Structure, changes: Mapping[str, ArrayLike | None]) -> Structure:
+    """See `Structure.with_strings`."""
+    optional = (*PRESTRESS, *LIMITS, "strength")
+    allowed = ("stiffness", "damping", *optional)
+    for key in changes:
+        if key not in allowed:
+            raise StructureError(f"with_strings: '{key}' is no property of strings; allowed: {', '.join(allowed)}")
+    columns: dict[str, Sequence[float | None]] = {}
+    if set(changes) & set(PRESTRESS):
+        columns = {key: [None] * len(structure.strings) for key in PRESTRESS}
+    for key, values in changes.items():
+        if values is None and key in optional:
+            columns[key] = [None] * len(structure.strings)
+        else:
+            shape = (len(structure.strings),)
+            columns[key] = np.broadcast_to(array_of_shape(key, values, shape), shape).tolist()
+    strings = (
+        replace(string, **{key: column[row] for key, column in columns.items()})  # type: ignore[arg-type]
+        for row, string in enumerate(structure.strings)
+    )
+    return replace(structure, strings=tuple(strings))
 
 
 def merged(one: Structure, other: Structure, join: Mapping[str, str] | bool, prefix: str) -> Structure:

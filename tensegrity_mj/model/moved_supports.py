@@ -196,7 +196,7 @@ def _projected(
         if support.plane is not None:
             normal = np.array(support.plane) / np.linalg.norm(support.plane)
             require([(i, -normal), (j, normal)], 0.0)
-    for point in structure.point_masses:
+    for point in structure.lone_masses:
         row = structure.node_index[point.node]
         if row in place:
             mass[place[row], place[row]] = point.mass

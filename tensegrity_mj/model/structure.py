@@ -20,9 +20,9 @@ from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import Kind, Wrong, choice, direction, names, parts, printable_name, text, vector
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.bodies import Body, Frame, frame_of
-from tensegrity_mj.model.composition import mapped, merged, rotation_matrix
+from tensegrity_mj.model.composition import mapped, merged, rotation_matrix, with_strings
 from tensegrity_mj.model.constraints import Constraint, constraint_rows
-from tensegrity_mj.model.members import LIMITS, PRESTRESS, PointMass, Rod, String, Support, Vector
+from tensegrity_mj.model.members import LIMITS, PointMass, Rod, String, Support, Vector
 from tensegrity_mj.model.node_indices import array_of_shape, index_pairs
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.string_paths import Paths
@@ -155,25 +155,7 @@ class Structure:
         there; None removes it, so that the strings are taut without tension at the reference nodes. A limit of None
         is lifted, and a strength of None is unknown.
         """
-        optional = (*PRESTRESS, *LIMITS, "strength")
-        allowed = ("stiffness", "damping", *optional)
-        for key in changes:
-            if key not in allowed:
-                raise StructureError(f"with_strings: '{key}' is no property of strings; allowed: {', '.join(allowed)}")
-        columns: dict[str, Sequence[float | None]] = {}
-        if set(changes) & set(PRESTRESS):
-            columns = {key: [None] * len(self.strings) for key in PRESTRESS}
-        for key, values in changes.items():
-            if values is None and key in optional:
-                columns[key] = [None] * len(self.strings)
-            else:
-                shape = (len(self.strings),)
-                columns[key] = np.broadcast_to(array_of_shape(key, values, shape), shape).tolist()
-        strings = (
-            replace(string, **{key: column[row] for key, column in columns.items()})  # type: ignore[arg-type]
-            for row, string in enumerate(self.strings)
-        )
-        return replace(self, strings=tuple(strings))
+        return with_strings(self, changes)
 
     def placed(self, nodes: ArrayLike) -> Structure:
         """A copy whose reference nodes are at nodes (N, 3) [m]; rods are as long as they are there."""

@@ -99,7 +99,7 @@ class DAE(ReferenceEngine):
         """Bytes of state, stages and matrices."""
         structure = scene.structure
         if self.solver is Solver.GENERAL or needs_assembly(structure):
-            return self._bytes(6 * len(structure.rods) + 3 * len(structure.point_masses) + 12 * len(structure.bodies))
+            return self._bytes(6 * len(structure.rods) + 3 * len(structure.lone_masses) + 12 * len(structure.bodies))
         return self._bytes(LinkedRecords.of(structure).nq)
 
     def accelerations(self, request: Request) -> Accelerations:
