@@ -97,7 +97,7 @@ def frame(
     prefix_ticks(panel)
     panel.grid(True, color=palette.GRID, lw=0.7)
     panel.set_axisbelow(True)
-    panel.tick_params(labelsize=8 - small, color=GREY)
+    panel.tick_params(which="both", labelsize=8 - small, color=GREY)
     for side in panel.spines.values():
         side.set_color(GREY)
         side.set_linewidth(0.7)

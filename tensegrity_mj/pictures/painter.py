@@ -219,9 +219,9 @@ class Painter:
         for patch in dark:
             color = _rgba(palette.mixed(palette.FLOOR, palette.SHADE, patch.darkness), 1.0)
             place = patch.middle - (0.7 - 0.6 * patch.darkness) * thickness * floor[1]
-            height = 0.05 * thickness
-            kind, size = ("CYLINDER", (patch.half[0], height, 0.0)) if patch.round else ("BOX", (*patch.half, height))
-            geom = self._put(kind, size, place, patch.axes, color)
+            # These two have the fewest faces of what is flat.
+            kind, tall = ("ELLIPSOID", 0.05 * thickness) if patch.round else ("PLANE", 1.0)
+            geom = self._put(kind, (*patch.half, tall), place, patch.axes, color)
             geom.emission, geom.specular = 0.12, 0.0
 
     def water(self, surface: Surface, points: Array) -> None:

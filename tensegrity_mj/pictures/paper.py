@@ -60,6 +60,7 @@ class Paper:
             line.set_markersize(THINNER * line.get_markersize())
         for panel in figure.findobj(lambda artist: hasattr(artist, "tick_params")):
             panel.tick_params(labelsize=SMALLEST, labelfontfamily=FONTS, width=0.5, length=2.5)  # type: ignore[attr-defined]
+            panel.tick_params(which="minor", labelsize=SMALLEST, labelfontfamily=FONTS)  # type: ignore[attr-defined]
 
 
 _PAPER: ContextVar[Paper | None] = ContextVar("paper", default=None)

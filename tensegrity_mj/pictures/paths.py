@@ -85,7 +85,8 @@ def _draw(panel: Any, axes: list[int], run: Trajectory, aim: Array | None, numbe
     if len(structure.strings):
         lines(end[structure.paths.nodes], color=STRING, lw=0.7)
     if aim is not None and len(structure.rod_nodes):
-        lines(aim[-1, structure.rod_nodes], color=palette.TARGET, lw=4.0, alpha=0.5)
+        label = "" if number else "target"
+        lines(aim[-1, structure.rod_nodes], color=palette.TARGET, lw=4.0, alpha=0.5, label=label)
     if len(structure.rod_nodes):
         lines(end[structure.rod_nodes], color="black", lw=2.0, solid_capstyle="round")
     for point, held in supported_points(structure, end):

@@ -7,7 +7,7 @@ the height, and where a rod's end comes down, a round one darkens to the touch. 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,7 @@ PALER = 0.35  # of the extent: at such a height a shadow has half its darkness
 SOFT = ((1.7, 0.5), (1.0, 1.0))  # width and darkness, relative: an outer part, and an inner one over it
 
 
-@dataclass(frozen=True)
-class Patch:
+class Patch(NamedTuple):
     """A flat dark part of the floor: middle (3,), half length and half width [m], its axes (3, 3), and how dark."""
 
     middle: Array
@@ -55,12 +54,12 @@ def patches(
     directions = along / np.maximum(lengths, 1e-300)[:, None]
     directions[lengths <= 1e-9 * extent] = _across(up)
     frames = np.stack([directions, np.cross(up, directions), np.broadcast_to(up, directions.shape)], axis=2)
-    ends = zip(members, pairs, heights[pairs].tolist(), along, lengths.tolist(), frames, strict=True)
-    for (radius, pieces, weight), (i, _), (low, high), way, length, axes in ends:
+    ends = zip(members, heights[pairs].tolist(), flat[pairs[:, 0]], along, lengths.tolist(), frames, strict=True)
+    for (radius, pieces, weight), (low, high), start, way, length, axes in ends:
         for k in range(pieces):
             share = (k + 0.5) / pieces
             height = max(0.0, (1.0 - share) * low + share * high - radius)
-            middle = flat[i] + share * way
+            middle = start + share * way
             for wide, dark in SOFT if pieces > 1 else SOFT[1:]:
                 half = (0.5 * length / pieces, wide * (radius + WIDER * height))
                 yield Patch(middle, half, axes, weight * dark * _darkness(height, extent), False)

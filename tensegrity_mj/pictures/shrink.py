@@ -70,6 +70,10 @@ def _average(source, background, result, height, width, step, doubled):  # type:
                     for k in range(3):
                         out[place + k] = through[0, k]
                     continue
+                if upper == lower and upper >> 32 == (upper << 32) >> 32 and upper & _OPAQUE == _OPAQUE:
+                    for k in range(3):
+                        out[place + k] = pixels[first, 2 * j, k]
+                    continue
                 ends = (upper & _EVERY_OTHER) + (lower & _EVERY_OTHER)
                 middle = ((upper >> 8) & _EVERY_OTHER) + ((lower >> 8) & _EVERY_OTHER)
                 ends, middle = ends + (ends >> 32), middle + (middle >> 32)

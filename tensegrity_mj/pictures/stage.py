@@ -34,7 +34,7 @@ from tensegrity_mj.pictures.view import Layout, Quality, View
 
 Image = NDArray[np.uint8]
 
-TRACE_TOLERANCE = 0.4  # px
+TRACE_TOLERANCE = 0.6  # px
 LINE = 1.5  # px; of lines on water
 MAX_GRID_LINES = 40  # a cell is at least 1/15 of the extent
 HALF_VIEW = math.tan(math.radians(FIELD_OF_VIEW) / 2.0)  # of the distance: what half a picture's height spans

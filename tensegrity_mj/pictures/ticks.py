@@ -64,5 +64,7 @@ def _write_out(axis: Any) -> None:
         axis.set_minor_locator(NullLocator())
     if low >= 1e-3 and high <= 1e4 and high < 100.0 * low:
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        few = FuncFormatter(lambda value, _: f"{value:g}") if high < 10.0 * low else NullFormatter()
-        axis.set_minor_formatter(few)
+        # Between 3 and 10 times the lowest, 6 to 9 stand too near one another.
+        written = "23456789" if high < 3.0 * low else "235"
+        few = FuncFormatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in written else "")
+        axis.set_minor_formatter(few if high < 10.0 * low else NullFormatter())

@@ -199,6 +199,24 @@ def test_ticks_are_written_with_prefixes(top, label, ticks):
     assert ticks <= {text.get_text() for text in panel.get_yticklabels()}
 
 
+@pytest.mark.parametrize(
+    ("ends", "written"), [((0.013, 0.09), ["0.02", "0.03", "0.05"]), ((0.021, 0.049), ["0.03", "0.04"])]
+)
+def test_marks_within_a_decade_are_written_where_they_have_room(ends, written):
+    figure = new_figure(2.2, 2.2)
+    panel = figure.subplots()
+    panel.loglog(ends, [1.0, 2.0])
+    panel.set_xlim(ends)
+    frame(panel, x="wall time [s]", small=1.0)
+    figure.draw_without_rendering()
+    low, high = ends
+    shown = [text for text in panel.get_xticklabels(which="minor") if low <= text.get_position()[0] <= high]
+    shown = [text for text in shown if text.get_text()]
+    assert [text.get_text() for text in shown] == written
+    boxes = sorted(text.get_window_extent().extents[[0, 2]].tolist() for text in shown)
+    assert all(first[1] < second[0] for first, second in itertools.pairwise(boxes))
+
+
 def test_the_legend_below_hides_neither_curves_nor_the_axis():
     figure = plot_run(cone_run())
     figure.draw_without_rendering()
@@ -255,6 +273,8 @@ def test_paths_follow_the_nodes_and_end_with_the_rods():
     assert np.allclose(np.transpose(paths[0].get_data_3d()), run.nodes[:, 1])
     assert paths[0].get_linewidth() > paths[1].get_linewidth()  # so that it shows under the second
     assert paths[0].get_color() == palette.CYCLE[0]
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert labels.count("target") == 1
     assert paths[1].get_linestyle() == "--"
     black = [line for line in axes.lines if line.get_color() == "black" and len(line.get_data_3d()[0]) == 2]
     assert np.allclose(np.transpose(black[0].get_data_3d()), run.nodes[-1, :2])
