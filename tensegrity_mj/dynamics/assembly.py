@@ -50,6 +50,8 @@ Assembly, _pack = view_of(
     rows=("f8", "row_count", "size"),  # G
     offsets=("f8", "row_count"),  # g where nothing moves
     drives=("f8", "row_count", "motion_count", 3),  # what each displacement d adds to g
+    links=("i8", "row_count"),  # the linear constraint on nodes that a row is, or -1
+    shares=("f8", "row_count"),  # the constraint's force is so many times the row's
 )
 
 
@@ -80,6 +82,7 @@ class AssemblyRecords:
             parts.hold_rod(number)
         parts.place_bodies()
         parts.share_nodes()
+        parts.hold_constraints()
         return cls(structure, parts.rods, parts.size, parts.packed(), moved)
 
     def state(self, nodes: Array, velocities: Array) -> tuple[Array, Array]:
@@ -148,6 +151,7 @@ class _Parts:
         self.bases, self.carried = np.zeros((len(structure.nodes), 3)), np.full(len(structure.nodes), -1)
         self._pairs: list[tuple[int, int, int, float, float, float]] = []
         self._rows: list[tuple[Array, float, Array]] = []
+        self._links: dict[int, tuple[int, float]] = {}  # of a row
         for rod in self.rods:
             r, b = int(rod["q"]), int(rod["q"]) + 3
             self.move(r, r, rod["mass"])
@@ -206,14 +210,13 @@ class _Parts:
                 drives[self.motion_of[motion]] = driven[number] / length
             self._rows.append((row / length, float(value) / length, drives))
 
-    def hold_nodes(self, rows: Array, values: Array) -> None:
-        """Keep rows (k, N, 3) · the nodes at values (k,), whatever moves those of them that are fixed."""
-        for row, value in zip(rows, values, strict=True):
-            length = float(np.linalg.norm(linear := np.einsum("nx,nxq->q", row, self.maps)))
-            drives = np.zeros((self.count, 3))
-            for node in np.flatnonzero(self.carried >= 0):
-                drives[self.carried[node]] -= row[node] / length
-            self._rows.append((linear / length, float(value - np.sum(row * self.bases)) / length, drives))
+    def hold_constraints(self) -> None:
+        """The structure's linear constraints on nodes, none of which is a fixed one."""
+        structure = self.structure
+        for number, (one, row) in enumerate(zip(structure.constraints, structure.constraint_rows, strict=True)):
+            linear, value = row @ self.maps.reshape(-1, self.size), row @ structure.positions.ravel()
+            self._links[len(self._rows)] = number, 1.0 / float(np.linalg.norm(linear))
+            self.hold(linear[None], np.array([value]), one.unit[None], one.name)
 
     def end(self, number: int, end: int) -> Array:
         """(3, n): where a rod has its first or second end."""
@@ -252,6 +255,8 @@ class _Parts:
             sizes = np.abs(np.diag(triangle))
             kept = np.sort(order[: len(sizes)][sizes > RANK_TOLERANCE])
             rows, self._rows = rows[kept], [self._rows[k] for k in kept]
+            self._links = {place: self._links[k] for place, k in enumerate(kept.tolist()) if k in self._links}
+        links = np.array([self._links.get(row, (-1, 0.0)) for row in range(len(rows))]).reshape(-1, 2)
         pairs = np.array(self._pairs, float).reshape(-1, 6)
         by_mass = self.scale == 0
         self.scale[by_mass] = 1.0 / np.sqrt(np.diag(self.mass)[by_mass])
@@ -272,12 +277,14 @@ class _Parts:
             rows=rows,
             offsets=np.array([offset for _, offset, _ in self._rows]),
             drives=np.array([drive for _, _, drive in self._rows]).reshape(len(rows), self.count, 3),
+            links=links[:, 0],
+            shares=links[:, 1],
         )
 
 
 def needs_assembly(structure: Structure) -> bool:
     """Whether a structure has members that only this form of the equations has."""
-    return bool(structure.bodies)
+    return bool(structure.bodies or structure.constraints)
 
 
 def _moving(structure: Structure) -> list[Frame]:

@@ -157,8 +157,10 @@ def assembled_accelerations(model: Any, added: Any, q: Any, rates: Any, out: Any
     for a in range(P):
         if system.members[a] >= 0:
             model.multipliers[system.members[a]] = solved[n + a]
-    power = 0.0
+    power, forces = 0.0, model.multipliers[len(model.multipliers) - model.constraint_count :]
     for a in range(system.row_count):
+        if system.links[a] >= 0:
+            forces[system.links[a]] = -system.shares[a] * solved[n + P + a]
         power -= solved[n + P + a] * _driven(system, moved, a, 1)
     for node in range(system.node_count):
         if system.carried[node] >= 0:

@@ -35,7 +35,6 @@ _WITHOUT_CONTACT = "leave it out (scene.with_(contact=None))"
 _OWN_NODES = "give each rod nodes of its own"
 _NO_CONTACT = Limit(CONTACT, "the thesis' equations have no forces of contact", _WITHOUT_CONTACT, OptionError)
 _ROWS = "hold nodes by supports and planes of rods"
-_NO_ROWS = Limit(CONSTRAINTS, "its equations have no forces of linear constraints yet", _ROWS, StructureError)
 JOINED_CONTACT_LIMIT = Limit(JOINED_CONTACT, "contact is for rods of class 1", f"{_WITHOUT_CONTACT}, or {_OWN_NODES}")
 
 ENGINES = {
@@ -99,7 +98,13 @@ ENGINES = {
         {"method": "rk4"},
         (
             _NO_CONTACT,
-            _NO_ROWS,
+            Limit(
+                CONSTRAINTS,
+                "its matrix is that of rods, their supports and joints",
+                "use Solver.GENERAL, as by default",
+                OptionError,
+                lambda engine: f"Solver.{engine.solver.name}" if engine.solver.value in ("dense", "full") else "",
+            ),
             Limit(
                 ADDED_MASS,
                 "it changes as they move, and Solver.DENSE inverts a constant mass matrix beforehand",

@@ -135,7 +135,8 @@ def velocities_with_supports(
                 continue
         given[rows] = _projected(structure, nodes, cluster, rows, starts, given[rows])
     if structure.constraints:  # which may join any rods and point masses
-        rows = [row for row, name in enumerate(structure.node_names) if name not in structure.fixed_nodes]
+        others = {*structure.fixed_nodes, *(node for body in structure.bodies for node in body.nodes)}
+        rows = [row for row, name in enumerate(structure.node_names) if name not in others]
         given[rows] = _projected(structure, nodes, range(len(structure.rods)), rows, starts, given[rows])
     given.flags.writeable = False
     return given

@@ -157,7 +157,7 @@ def _rows(
         if support.plane is not None:
             held.append(np.array(support.plane) @ apart[k])
     directions = (nodes[pairs[:, 1]] - nodes[pairs[:, 0]]) / lengths[:, None]
-    for point in structure.point_masses:
+    for point in structure.lone_masses:
         if point.plane is not None and structure.node_index[point.node] in places:
             at_point = np.zeros((len(places), 3))
             at_point[np.searchsorted(places, structure.node_index[point.node])] = point.plane

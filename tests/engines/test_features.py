@@ -77,6 +77,17 @@ def lightened(structure: tmj.Structure) -> tmj.Structure:
     return replace(structure, bodies=tuple(body.times(0.5) for body in structure.bodies))
 
 
+def railed(scene: tmj.Scene, first: str, second: str, *motions: tmj.model.Motion) -> tmj.Scene:
+    """With a weighted mean of two nodes that keeps its place along a direction, or moves along it."""
+    rail = tmj.model.Constraint("rail", {first: 0.7, second: 0.5}, (0.2, 0.1, 1.0))
+    return scene.with_(structure=replace(scene.structure, constraints=(rail,)), motions=(*scene.motions, *motions))
+
+
+def without_rail(scene: tmj.Scene) -> tmj.Scene:
+    motions = tuple(motion for motion in scene.motions if motion.support != "rail")
+    return scene.with_(structure=replace(scene.structure, constraints=()), motions=motions)
+
+
 def without_path(scene: tmj.Scene) -> tmj.Scene:
     """Without its last string."""
     return scene.with_(structure=replace(scene.structure, strings=scene.structure.strings[:-1]))
@@ -122,6 +133,11 @@ FEATURES = {
     "loads": Feature(pushed, lambda scene: scene.with_(loads=())),
     "moved supports": Feature(moved, lambda scene: scene.with_(motions=())),
     "ground": Feature(shaken, lambda scene: scene.with_(motions=())),
+    "constraints": Feature(lambda: railed(hung(), "n3", "n5"), without_rail),
+    "constraints, moved": Feature(
+        lambda: railed(moved(), "n3", "n5", tmj.model.Motion.in_line("rail", 0.03, 1.5, (0.5, 0.0, 1.0))), without_rail
+    ),
+    "constraints, water": Feature(lambda: railed(in_water(), "b", "c"), without_rail),
     "breaks": Feature(lambda: hung().with_(breaks=(tmj.model.Break("s1", 0.2),)), lambda scene: scene.with_(breaks=())),
     "resistance": Feature(lambda: hung().with_(resistance=RESISTANCE), lambda _: hung()),
     "states of elements": Feature(dashed, lambda scene: scene.with_(elements=())),

@@ -19,7 +19,7 @@ from tensegrity_mj.dynamics.native.pointers import borrowing, floats, inlined
 from tensegrity_mj.dynamics.native.vectors import dot, minus, plus, row_of, times
 
 OF_GAP, OF_RATE = 0.25, 0.875  # see above
-DEPENDENT = 1e-12  # of a row's own compliance, what is left of it beside those before it: squares of singular values
+DEPENDENT = 1e-12  # of `scales`, what is left of a row's compliance beside others: squares of singular values
 
 
 class Links(NamedTuple):
@@ -28,7 +28,7 @@ class Links(NamedTuple):
     Attributes:
         forces: (C,) λ [N].
         closing: (C,) [m/s²] what closes the gaps.
-        scales: (C,) the compliance of each alone.
+        scales: (C,) [1/kg] what the compliance of each would be at the most: its terms without their directions.
         rows: (C, C + 1) S, and what is to be made up.
         answers: (nv, 1 + C) accelerations without λ, and of a unit of each.
     """
@@ -60,9 +60,10 @@ def links_at(room: int, count: int, nv: int) -> Links:
 
 @borrowing
 def start_rows(own: Any, links: Links, run: Any, h: float) -> None:
-    """Set the rows to the accelerations that are prescribed, and what closes gaps (h > 0: anew; < 0: nothing)."""
+    """Set rows to prescribed accelerations and what closes gaps (h > 0: anew; < 0: nothing), and λ to zero."""
     nodes, velocities, moved, last = run.nodes, run.velocities, run.moved, len(links.forces)
     for c in range(last):
+        links.scales[c] = links.forces[c] = 0.0
         for e in range(last + 1):
             links.rows[c, e] = 0.0
         motion = own.drives[c]
@@ -102,7 +103,9 @@ def add_columns(own: Any, tree: Any, links: Links, run: Any, A: Array) -> None:
         links.rows[row, count] -= dot(pull, drift)
         for e in range(own.chains[last, 0], own.chains[last, 0] + own.chains[last, 1]):
             d = own.chain[e]
-            A[d - start, right + row] += dot(pull, carried_by(axes, d, offset))
+            moves = carried_by(axes, d, offset)
+            A[d - start, right + row] += dot(pull, moves)
+            links.scales[row] += dot(pull, pull) * dot(moves, moves) / A[d - start, d - start]
 
 
 @borrowing
@@ -129,8 +132,6 @@ def solve_rows(links: Links) -> None:
     """Solve the rows for λ, by elimination with the largest pivots of the diagonal, as long as there are any."""
     rows, forces, scales = links.rows, links.forces, links.scales
     count = len(forces)
-    for c in range(count):
-        scales[c], forces[c] = rows[c, c], 0.0
     for _ in range(count):
         best, most = -1, DEPENDENT
         for c in range(count):

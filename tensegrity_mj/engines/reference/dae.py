@@ -53,7 +53,9 @@ class Solver(enum.Enum):
     JOINTS = "joints"  # forces of the joints, in a time proportional to the number of rods of a chain or a tree
     DENSE = "dense"  # (3.19)-(3.22): a K x K matrix for K rods, the mass matrix inverted beforehand
     FULL = "full"  # (3.17): one matrix of all coordinates, multipliers, supports and closures
-    GENERAL = "general"  # any structure as one system: vectors of all members, and rows for every joint and support
+    # Any structure as one system: vectors of all members, and rows for every joint and support; linear constraints on
+    # nodes always make it this one.
+    GENERAL = "general"
 
 
 @value("DAE", OptionError)
@@ -212,12 +214,13 @@ def _assembled(request: Request) -> _Model:
     scene, plant = request.scene, _plant(request, assembled.ASSEMBLED)
     records = AssemblyRecords.of(scene.structure, scene.motions, plant["moved"])
     note_redundancy(records.table, records.state(scene.nodes0, scene.velocities0)[0])
-    plant.set(assembly=records.table.address)
+    constraints = len(scene.structure.constraints)
+    plant.set(assembly=records.table.address, constraint_count=constraints)
     equations = Equations(
         rates=(assembled.assembled_wet_rates if plant["wet_rods"] else assembled.assembled_rates).address,
         place=assembled.assembled_place.address,
         project=assembled.assembled_project.address,
-        multipliers=np.zeros(len(records.rods) + EXTRA),
+        multipliers=np.zeros(len(records.rods) + EXTRA + constraints),
         keep=(records,),
     )
     return plant, records, equations

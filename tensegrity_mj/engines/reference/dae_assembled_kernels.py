@@ -24,6 +24,7 @@ ASSEMBLED: Fields = (
     *MODEL,
     ("coordinates", "size"),
     ("assembly", "size"),  # address of an `Assembly`
+    ("constraint_count", "size"),
     ("gravity", ("f8", 3)),
     ("kp", "real"),  # Baumgarte's gains of (3.25), for all constraints, or zero
     ("kd", "real"),

@@ -34,7 +34,7 @@ class Equations:
         rates, place: dy/dt, and where a state has the nodes.
         project: puts a state where constraints hold.
         guard: says whether the coordinates can hold a state.
-        multipliers: (R,) λ, and gaps of closed loops behind it, where `rates` leaves them.
+        multipliers: (R,) λ, behind it gaps of closed loops and then forces of constraints, where `rates` leaves them.
         keep: what has to live as long as the table holds its address.
         explain_singular: says why the state that `guard` or `rates` refused last cannot be held, and what to do.
     """
@@ -108,6 +108,7 @@ class IntegratedRun:
                 "closure_drift": float(rows[:, end].max(initial=0.0)),  # [m]
                 "closure_rate_drift": float(rows[:, end + 1].max(initial=0.0)),  # [m/s]
             }
+        constraint_forces = rows[:, rows.shape[1] - len(self.request.scene.structure.constraints) :].copy()
         options = {name: getattr(value, "value", value) for name, value in vars(self.options).items()}
         cost = {"wall_time": seconds, "steps": self.steps, "evaluations": self.evaluations}
         return make_trajectory(
@@ -117,7 +118,7 @@ class IntegratedRun:
             time,
             rows[:, :width],
             rows[:, width:end].copy(),
-            Account(status, message, cost, {"name": self.name, **options}, reports),
+            Account(status, message, cost, {"name": self.name, **options}, reports, constraint_forces),
         )
 
     def fixed_steps(self) -> Trajectory:
