@@ -24,7 +24,7 @@ G = 9.81
 GRAVITY = (0.0, 0.0, -G)
 Y = (0.0, 1.0, 0.0)
 TIGHT = tmj.DAE(rtol=1e-12, atol=1e-13)
-SOLVERS = [replace(TIGHT, solver=solver) for solver in ("joints", "dense", "full")]
+SOLVERS = [replace(TIGHT, solver=solver) for solver in ("joints", "dense", "full", "general")]
 FIXED: dict[str, Callable[[float], Any]] = {
     "mujoco": lambda step: tmj.MuJoCo(timestep=step),
     "dae": lambda step: tmj.DAE(method=tmj.Method.RK4, timestep=step),
@@ -170,7 +170,7 @@ def test_accelerations_are_those_of_points_of_mass(seed: int, planar: bool) -> N
         assert np.abs(found - expected).max() <= 1e-9 * max(1.0, np.abs(expected).max()), engine
 
 
-MOVING = dict(zip(("joints", "dense", "full"), SOLVERS, strict=True)) | {
+MOVING = dict(zip(("joints", "dense", "full", "general"), SOLVERS, strict=True)) | {
     "mujoco": tmj.MuJoCo(1e-3),
     "ode": TRUTH["ode"],
 }
