@@ -17,7 +17,10 @@ from scipy.special import ellipk
 
 import tensegrity_mj as tmj
 from tensegrity_mj.controllers import from_scene
+from tensegrity_mj.engines.accuracy.rates import string_rates
 from tensegrity_mj.model import PointMass, RodMass
+from tensegrity_mj.model.moved_supports import velocities_with_supports
+from tensegrity_mj.studies.extremes.pace import mobility
 from tensegrity_mj.vibration.stable_step import stable_step
 
 G = 9.81
@@ -164,10 +167,13 @@ def test_accelerations_are_those_of_points_of_mass(seed: int, planar: bool) -> N
     velocities = natural.consistent_velocities(structure, scene.nodes0, rng.normal(size=scene.nodes0.shape))
     scene = scene.with_(initial_velocities=velocities)
     forces = natural.string_forces(structure, scene.nodes0, velocities)
-    expected, _ = natural.accelerations(structure, scene.nodes0, velocities, forces, GRAVITY)
+    expected, pulls = natural.accelerations(structure, scene.nodes0, velocities, forces, GRAVITY)
     for engine in [*SOLVERS, *([] if loops else [tmj.MuJoCo()])]:
         _, found = engine.accelerations(request(scene))(0.0, scene.nodes0, velocities)
         assert np.abs(found - expected).max() <= 1e-9 * max(1.0, np.abs(expected).max()), engine
+        if not loops:  # where the forces in rods are the only ones
+            run = tmj.simulate(scene, None, engine, duration=2e-3)
+            np.testing.assert_allclose(run.rod_force_densities[0], pulls, atol=1e-9 * np.abs(pulls).max())
 
 
 MOVING = dict(zip(("joints", "dense", "full", "general"), SOLVERS, strict=True)) | {
@@ -272,3 +278,39 @@ def test_the_stable_step_is_that_of_the_end_that_is_heavier_or_lighter(end: int)
         found = stable_step(scene, engine)
         assert found.omega == pytest.approx(omega, rel=1e-10)
         assert found.limit == pytest.approx(math.sqrt(8) / omega, rel=1e-6)
+
+
+def test_bounds_of_rates_and_the_pace_know_what_rods_carry() -> None:
+    """Of one string across a rod the bound is its frequency; forces at rest accelerate nodes by points of mass."""
+    k = 200.0
+    nodes = {"i": (0.0, 0.0, 0.0), "j": (LENGTH, 0.0, 0.0), "hook": (LENGTH, 0.0, 1.0)}
+    alone = rod_with_bob({name: nodes[name] for name in "ij"}, tmj.Support.free())
+    string = (tmj.String("s", ("hook", "j"), k, 3.0, rest_length=1.0),)
+    structure = replace(alone, nodes=nodes, strings=string, fixed_nodes=("hook",))
+    mobility_of_end = 1 / TOTAL + ((1 - CENTER) * LENGTH) ** 2 / ABOUT_CENTER
+    found = string_rates(structure, structure.positions)
+    np.testing.assert_allclose(found, (math.sqrt(k * mobility_of_end), 3.0 * mobility_of_end), rtol=1e-12)
+    scene = loaded(tmj.load_scene("prism"))
+    forces = np.random.default_rng(3).normal(size=scene.nodes0.shape)
+    expected, _ = natural.accelerations(scene.structure, scene.nodes0, np.zeros_like(forces), forces, (0.0, 0.0, 0.0))
+    W = mobility(scene.structure, scene.nodes0)
+    np.testing.assert_allclose((W @ forces.ravel()).reshape(-1, 3), expected, atol=1e-12 * np.abs(expected).max())
+
+
+def test_a_damped_point_mass_limits_the_step() -> None:
+    """RK4 of ẋ = -(c/m) x is stable up to h c/m = 2.7852936, where |1 + z + z²/2 + z³/6 + z⁴/24| = 1."""
+    c, m = 0.8, 0.05
+    free = tmj.Structure("free", {"p": (0.0, 0.0, 0.0)}, point_masses=(PointMass("p", m, damping=c),))
+    limit = stable_step(tmj.Scene(free), tmj.MuJoCo()).limit
+    assert limit == pytest.approx(2.785293563405282 * m / c, rel=1e-9)
+
+
+def test_a_blow_of_the_support_leaves_the_momentum_about_it() -> None:
+    """A rod that moves across itself at v when its pin is found at rest turns at f v / J, by what it carries."""
+    scene = pendulum(0.0)
+    motion = tmj.model.Motion.in_line("rod", 0.1, 1.0, (0.0, 0.0, 1.0))
+    v = 0.7
+    rates = velocities_with_supports(scene.structure, scene.nodes0, (motion,), np.full((2, 3), (v, 0.0, 0.0)))
+    up = motion.at(0.0)[1]
+    turning = TOTAL * CENTER * LENGTH / ABOUT_END * v * LENGTH
+    np.testing.assert_allclose(rates, [up, up + np.array([turning, 0.0, 0.0])], atol=1e-12)

@@ -21,8 +21,11 @@ from tensegrity_mj.model.elements.element import forces_of
 from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.statics import find_equilibrium, natural_modes
+from tensegrity_mj.statics.lightest import minimal_mass
+from tensegrity_mj.statics.materials import STEEL
 from tensegrity_mj.statics.modes import mass_matrix
 from tensegrity_mj.studies.sweep import Sweep, drafted
+from tensegrity_mj.thesis.disturbance import Disturbance, Quantity, disturbed
 
 MASS, LENGTH = 0.7, 1.3
 LUMPS = (RodMass(0.2, 0.5), RodMass(0.9, 0.3, 8e-3))
@@ -230,6 +233,32 @@ def test_modes_of_a_prestressed_prism_are_those_of_its_own_matrices() -> None:
     for engine in (tmj.DAE(), tmj.ODE(), tmj.MuJoCo()):
         found = np.linalg.eigvals(tmj.linearize(here, engine=engine).A)
         np.testing.assert_allclose(np.sort(found.imag**2)[::2], squares, atol=1e-5 * squares[-1])
+
+
+def test_the_lightest_mast_carries_what_is_on_it() -> None:
+    """A mass in the middle is half at the foot, which is held, and half at the top, as a point mass there is."""
+
+    def mass(masses: tuple[RodMass, ...], points: tuple[PointMass, ...]) -> float:
+        nodes = {"foot": (0, 0, 0), "top": (0, 0, 1), "a": (1, 0, 0), "b": (-1, 1, 0), "c": (-1, -1, 0)}
+        rod = tmj.Rod("mast", ("foot", "top"), 1.0, support=tmj.Support.pinned(), masses=masses)
+        guys = tuple(tmj.String(f"to {name}", (name, "top"), 1e4) for name in "abc")
+        mast = tmj.Structure("mast", nodes, (rod,), guys, ("a", "b", "c"), points)
+        found = minimal_mass(mast, rods=STEEL, strings=STEEL, gravity=GRAVITY, least_force_density=10.0)
+        return float(found.rod_masses[0])
+
+    with_point = mass((), (PointMass("top", 200.0),))
+    assert mass((RodMass(0.5, 400.0),), ()) == pytest.approx(with_point, rel=1e-5)  # its tolerance is 1e-6
+    assert mass((RodMass(1.0, 200.0),), ()) == pytest.approx(with_point, rel=1e-5)
+    assert with_point > 1.1 * mass((), ())
+
+
+def test_an_error_of_masses_is_one_of_what_rods_carry_too() -> None:
+    scene = prism()
+    heavy = disturbed(scene, Disturbance(Quantity.MASS, 1.1)).structure
+    np.testing.assert_allclose(heavy.rod_lumps, 1.1 * scene.structure.rod_lumps, rtol=1e-14)
+    np.testing.assert_allclose(heavy.rod_masses, 1.1 * scene.structure.rod_masses, rtol=1e-14)
+    slow = disturbed(scene, Disturbance(Quantity.DAMPING, 2.0)).structure
+    assert {point.damping for point in slow.point_masses} == {0.8}
 
 
 def test_a_scene_without_them_has_the_mjcf_that_it_had() -> None:
