@@ -17,7 +17,7 @@ from tensegrity_mj.basics.checks import instance, real_array
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.dynamics.native.elements import native_element
 from tensegrity_mj.dynamics.native.pointers import address_of
-from tensegrity_mj.errors import OptionError
+from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.model.elements.element import Element
 from tensegrity_mj.model.elements.resistance import Resistance
 from tensegrity_mj.model.elements.water import Water
@@ -86,6 +86,12 @@ def set_model(law: Any) -> None:
         OptionError, SceneError: for what cannot be its model.
     """
     instance("structure", law.structure, Structure, "use a Structure (scene.structure)")
+    for rod in law.structure.rods:
+        if rod.stiffness is not None:
+            raise StructureError(
+                f"rod '{rod.name}' is elastic: the laws of chapters 4 to 6 are for rigid rods; use a law of your own, "
+                "a recording, or none, or make the rods rigid (without stiffness)"
+            )
     if law.target is None:
         raise OptionError("target = None: the law needs a target; give node positions (N, 3) or a Target")
     target = law.target if isinstance(law.target, Target) else Target.set_point(law.target)

@@ -81,6 +81,7 @@ def describe(scene: model.Scene, timing: bool = False) -> dict[str, Any]:
         **plain_values(structure, "nodes", "fixed_nodes"),
         "rods": [
             plain_values(rod, "name", "nodes", "mass", "group")
+            | ({} if rod.stiffness is None else plain_values(rod, "stiffness", "damping"))
             | {"length": float(length), "support": support_text(rod), "sigma": rod.support.sigma}
             | ({"carried": float(carried)} if carried else {})
             for rod, length, carried in zip(structure.rods, structure.rod_lengths, structure.rod_lumps[0], strict=True)
@@ -317,6 +318,7 @@ def _text(data: dict[str, Any]) -> str:
     rods = [
         f"  {rod['name']}: {' - '.join(rod['nodes'])}, {rod['mass']:g} kg, {rod['length']:.6g} m, {rod['support']}"
         + (f", carries {rod['carried']:g} kg" if "carried" in rod else "")
+        + (f", k = {rod['stiffness']:g} N/m, c = {rod['damping']:g} N s/m" if "stiffness" in rod else "")
         for rod in data["rods"]
     ]
     strings = [

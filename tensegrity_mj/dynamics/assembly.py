@@ -77,8 +77,9 @@ class AssemblyRecords:
     def of(cls, structure: Structure, motions: Sequence[Motion], moved: Array) -> AssemblyRecords:
         """The system of a structure whose supports have these motions."""
         parts = _Parts(structure, motions)
-        for number in range(len(parts.rods)):
-            parts.keep_length(number)
+        for number, rod in enumerate(structure.rods):
+            if rod.stiffness is None:
+                parts.keep_length(number)
             parts.hold_rod(number)
         parts.place_bodies()
         parts.share_nodes()

@@ -52,7 +52,7 @@ def answer_of_rod(rod: Any, held: int, b: Any, c: float, first: Any, second: Any
         return r_acc, b_acc, along
     torque = times(0.5 * rod.length, minus(second, first))
     inertia = rod.mass * rod.length * rod.length / 12.0
-    along = dot(b, torque) / dot(b, b)
+    along = rod.rigid * dot(b, torque) / dot(b, b)
     centre = _in_plane(rod, plus(times(1.0 / rod.mass, plus(first, second)), g))
     b_acc = minus(times(1.0 / inertia, _in_plane(rod, torque)), times(along / inertia + c, b))
     return plus(centre, times((rod.sigma - 0.5) * rod.length, b_acc)), b_acc, inertia * c + along
@@ -62,7 +62,7 @@ def answer_of_rod(rod: Any, held: int, b: Any, c: float, first: Any, second: Any
 def _compliance(rod: Any, held: int, b: Any, A: Any) -> None:
     """(3, 3) blocks of how the ends answer forces at the ends: A[0] of i to i, A[1] of i to j, A[2] of j to j."""
     if not held:
-        per_square, per_mass = 1.0 / dot(b, b), 1.0 / rod.mass
+        per_square, per_mass = rod.rigid / dot(b, b), 1.0 / rod.mass
         for x in range(3):
             for y in range(3):
                 plane = 1.0 if x == y else 0.0
@@ -207,7 +207,7 @@ def joint_accelerations(model: Any, added: Any, q: Any, rates: Any, out: Any) ->
         rod = linked.rods[link.rod]
         place = rod.q + link.nz
         b, b_rate = direction_of(rod, q, place), direction_of(rod, rates, place)
-        c = stretch_term(b, b_rate, kp, kd)
+        c = stretch_term(rod, b, b_rate, kp, kd)
         joints.c[link.rod] = c
         joints.b[link.rod, 0], joints.b[link.rod, 1], joints.b[link.rod, 2] = b[0], b[1], b[2]
         if joints.attached[k] == joints.attached[k + 1]:

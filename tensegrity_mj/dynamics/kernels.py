@@ -55,9 +55,10 @@ def rod_accelerations(rod: Any, b: Any, c: float, t_r: Any, t_b: Any) -> tuple[A
 
     With P = B Bᵀ - b bᵀ/‖b‖², the two equations are b̈ = P (t_b - f r̈)/J - c b and
     Eᵀ (m I - f²/J P) r̈ = Eᵀ v, v = t_r - f/J P t_b + f c b. The matrix is a constant plus κ b bᵀ, κ = f²/(J ‖b‖²),
-    and W the inverse of the constant (`ROD`), so that r̈ = W v - κ bᵀWv/(1 + κ bᵀWb) W b (Sherman and Morrison).
+    and W the inverse of the constant (`ROD`), so that r̈ = W v - κ bᵀWv/(1 + κ bᵀWb) W b (Sherman and Morrison). Of an
+    elastic rod, whose length is free, P = B Bᵀ, κ = 0 and c = 0.
     """
-    per_square, f, per_J = 1.0 / dot(b, b), rod.f, rod.per_J
+    per_square, f, per_J = rod.rigid / dot(b, b), rod.f, rod.per_J
     pull = across_rod(rod, b, per_square, t_b)
     r_acc = ZERO
     if rod.nz > 0:
@@ -149,7 +150,7 @@ def accelerations(members: Any, q: Any, rates: Any, forces: Any, out: Any, multi
         square = dot(b, b)
         t_r, t_b = rod_forces(rod, forces, gravity)
         # bᵀb̈ + ‖ḃ‖² = -k_d bᵀḃ - k_p (bᵀb - 1)/2, (3.26).
-        c = (dot(b_rate, b_rate) + kd * dot(b, b_rate) + 0.5 * kp * (square - 1.0)) / square
+        c = rod.rigid * (dot(b_rate, b_rate) + kd * dot(b, b_rate) + 0.5 * kp * (square - 1.0)) / square
         r_acc, b_acc = rod_accelerations(rod, b, c, t_r, t_b)
         multipliers[a] = c - dot(b, minus(times(rod.f, r_acc), t_b)) / (rod.J * square)
         for p in range(rod.nz):
@@ -173,13 +174,15 @@ def direction_of(rod: Any, q: Any, at: int) -> Any:
 def normalize(q: Any, rates: Any, rods: Any) -> None:
     """(3.23)-(3.24) for every rod."""
     for a in range(len(rods)):
-        normalize_direction(q, rates, rods[a].q + rods[a].nz, rods[a].nb)
+        normalize_direction(rods[a], q, rates, rods[a].q + rods[a].nz)
 
 
 @inlined
-def normalize_direction(q: Any, rates: Any, at: int, nb: int) -> None:
-    """(3.23)-(3.24): the b from place `at` of q on to unit length, ḃ orthogonal to it."""
-    square, along = 0.0, 0.0
+def normalize_direction(rod: Any, q: Any, rates: Any, at: int) -> None:
+    """(3.23)-(3.24): the b of a rigid rod, from place `at` of q on, to unit length, ḃ orthogonal to it."""
+    if rod.rigid == 0.0:
+        return
+    nb, square, along = rod.nb, 0.0, 0.0
     for p in range(at, at + nb):
         square += q[p] * q[p]
     norm = np.sqrt(square)

@@ -271,14 +271,14 @@ def normalize_linked(address: int, q: Any, rates: Any) -> None:
     linked = Linked(address)
     for k in range(len(linked.links)):
         rod = linked.rods[linked.links[k].rod]
-        normalize_direction(q, rates, rod.q + linked.links[k].nz, rod.nb)
+        normalize_direction(rod, q, rates, rod.q + linked.links[k].nz)
 
 
 @inlined
-def stretch_term(b: Any, b_rate: Any, kp: float, kd: float) -> float:
-    """c of bᵀb̈ = -c bᵀb: (‖ḃ‖² + k_d bᵀḃ + k_p (bᵀb - 1)/2) / ‖b‖², (3.26)."""
+def stretch_term(rod: Any, b: Any, b_rate: Any, kp: float, kd: float) -> float:
+    """c of bᵀb̈ = -c bᵀb: (‖ḃ‖² + k_d bᵀḃ + k_p (bᵀb - 1)/2) / ‖b‖², (3.26); 0 of an elastic rod."""
     square = dot(b, b)
-    return (dot(b_rate, b_rate) + kd * dot(b, b_rate) + 0.5 * kp * (square - 1.0)) / square
+    return rod.rigid * (dot(b_rate, b_rate) + kd * dot(b, b_rate) + 0.5 * kp * (square - 1.0)) / square
 
 
 @inlined

@@ -33,6 +33,7 @@ ROD = np.dtype(
         ("per_J", "f8"),
         ("E", "f8", (3, 3)),  # columns 0..nz-1
         ("B", "f8", (3, 3)),  # columns 0..nb-1
+        ("rigid", "f8"),  # 1, or 0 of a rod whose length is free: b has all the motions that B gives it
         ("W", "f8", (3, 3)),  # E (m I - f²/J Eᵀ B Bᵀ E)⁻¹ Eᵀ: how r̈ answers a force, but for what b adds
         ("anchor", "f8", (3,)),
     ],
@@ -67,6 +68,7 @@ def rod_records(structure: Structure) -> Records:
         record["mass"], record["length"], record["sigma"] = structure.rod_masses[number], length, support.sigma
         record["center"] = centers_and_moments(rod.mass, length, lumps)[0]
         record["f"], record["J"] = inertia_terms(rod.mass, length, support.sigma, lumps)
+        record["rigid"] = rod.stiffness is None
         record["per_length"], record["per_J"] = 1.0 / record["length"], 1.0 / record["J"]
         record["E"][:, : E.shape[1]] = E
         record["B"][:, : B.shape[1]] = B

@@ -118,8 +118,8 @@ def dense_accelerations(model: Any, q: Any, rates: Any, out: Any) -> float:
         row, place = linked.links[k].rod, tree.at[linked.links[k].rod]
         b, b_rate = direction_of(rod, q, place), direction_of(rod, rates, place)
         for p in range(rod.nb):
-            Y[row, p] = rod.J * q[place + p]
-        y[row] = -rod.J * dot(b, b) * stretch_term(b, b_rate, kp, kd)
+            Y[row, p] = rod.rigid * rod.J * q[place + p]
+        y[row] = -rod.J * dot(b, b) * stretch_term(rod, b, b_rate, kp, kd)
     free = np.dot(inverse, u)
     # M⁻¹Y and W = YᵀM⁻¹Y, (3.20).
     answers, W, t = np.zeros((R, n)), np.empty((R, R)), np.empty(R)
@@ -138,6 +138,7 @@ def dense_accelerations(model: Any, q: Any, rates: Any, out: Any) -> float:
             for p in range(nb):
                 total += Y[a, p] * answers[e, place + p]
             W[a, e] = total
+        W[a, a] += 1.0 - linked.rods[a].rigid  # of an elastic rod: λ = 0
     if size == 0:
         multipliers[:R] = np.linalg.solve(W, t - y)
         acceleration = free - np.dot(multipliers[:R], answers)
@@ -189,8 +190,9 @@ def full_accelerations(model: Any, added: Any, q: Any, rates: Any, out: Any) -> 
         rod, row, place = linked.rods[link.rod], n + link.rod, linked.rods[link.rod].q + link.nz
         b, b_rate = direction_of(rod, q, place), direction_of(rod, rates, place)
         for p in range(3):
-            matrix[row, tree.at[link.rod] + p] = rod.J * b[p]
-        x[row] = -rod.J * dot(b, b) * stretch_term(b, b_rate, kp, kd)
+            matrix[row, tree.at[link.rod] + p] = rod.rigid * rod.J * b[p]
+        matrix[row, row] = 1.0 - rod.rigid  # of an elastic rod: λ = 0
+        x[row] = -rod.J * dot(b, b) * stretch_term(rod, b, b_rate, kp, kd)
     matrix[n + R : n + R + held, :n] = tree.held
     matrix[n + R + held :, :n] = tree.loops
     _gap_rates(linked, joints, kp, kd, x[n + R + held :])
@@ -198,7 +200,7 @@ def full_accelerations(model: Any, added: Any, q: Any, rates: Any, out: Any) -> 
     for i in range(n):
         scale[i] = 1.0 / np.sqrt(matrix[i, i])
     for i in range(n, total):
-        square = 0.0
+        square = matrix[i, i]
         for j in range(n):
             square += (matrix[i, j] * scale[j]) ** 2
         scale[i] = 1.0 / np.sqrt(square)

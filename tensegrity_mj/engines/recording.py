@@ -94,6 +94,8 @@ def make_trajectory(
         multipliers = rods.multipliers(structure, nodes, velocities, forces, gravity, rod.r_accelerations)
     else:
         multipliers = rod
+    if structure.elastic.any():
+        multipliers = rods.with_elastic_multipliers(structure, nodes, velocities, multipliers)
     trajectory = Trajectory(
         scene=scene,
         time=time,

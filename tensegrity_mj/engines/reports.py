@@ -30,6 +30,7 @@ ENERGY_WARNING = 0.01  # part of the energy exchanged beyond which a run says th
 RESOLUTION_WARNING, FIRST_ORDER_WARNING = 0.002, 0.01
 # What no winch can do is no error of a run: what its warnings say, which studies of errors leave out.
 NO_LINE, NO_PUSH = "no winch hauls in more line than there is", "a winch cannot push"
+BUCKLES = "is pushed with more than Euler's load"  # which is no error of a run either
 RESOLUTION_FLOOR = 1e-10  # of the structure's size: what errs by less is near round-off
 LIMIT_ROUND_OFF = 1e-6  # part of a limit: u = k (1 - L0/L) loses digits where k is much larger than u
 DECAY_WARNING = 0.01  # part of V
@@ -45,7 +46,7 @@ def reports_of(request: Request, run: Trajectory, plant: Plant, step: float | No
     limits = _limits(request, run)
     rest, pushed = impossible(plant)
     resolution = None if step is None else _resolution(run, plant, step)
-    twice = run.scene.redundancy
+    twice, bent = run.scene.redundancy, _buckled(run)
     warnings = [
         *_balance_warnings(run),
         *_drift_warnings(run, drift),
@@ -53,6 +54,7 @@ def reports_of(request: Request, run: Trajectory, plant: Plant, step: float | No
         *([twice.warning] if twice.singular else []),
         *_law_warnings(request, run, decay_error, since),
         *_limit_warnings(limits),
+        *_buckling_warnings(bent),
         *_string_warnings(structure, rest, pushed),
     ]
     below = np.asarray((run.rest_lengths <= 0).any(axis=1))
@@ -74,6 +76,8 @@ def reports_of(request: Request, run: Trajectory, plant: Plant, step: float | No
         },
         "negative_force_densities": pushed.to_dict(),  # that a law commanded
     }
+    if bent is not None:
+        reports["buckling"] = bent
     if resolution is not None:
         reports["resolution"] = resolution
     if run.scene.water is not None and len(run.time):
@@ -98,13 +102,13 @@ def _holding_ratio(request: Request, run: Trajectory) -> float:
 
 
 def _drifts(run: Trajectory) -> tuple[Array, Array]:
-    """(T, R): |bᵀb - 1| and |bᵀḃ| [1/s] of the rods."""
+    """(T, R): |bᵀb - 1| and |bᵀḃ| [1/s] of the rods, zero of elastic ones."""
     structure = run.scene.structure
     first, second = rods.ends(structure, run.nodes)
     b = (second - first) / structure.rod_lengths[:, None]
     first, second = rods.ends(structure, run.velocities)
     b_rate = (second - first) / structure.rod_lengths[:, None]
-    return np.abs(dot(b, b) - 1), np.abs(dot(b, b_rate))
+    return tuple(np.where(structure.elastic, 0.0, np.abs(part)) for part in (dot(b, b) - 1, dot(b, b_rate)))  # type: ignore[return-value]
 
 
 def _balance_warnings(run: Trajectory) -> list[str]:
@@ -197,6 +201,37 @@ def _law_warnings(request: Request, run: Trajectory, decay_error: float | None, 
     if law.until is not None and law.until < request.duration * (1 - 1e-9):
         warnings.append(f"the recording ends at {law.until:g} s; until {request.duration:g} s its last values are held")
     return warnings
+
+
+def _buckled(run: Trajectory) -> dict[str, Any] | None:
+    """Of each rod that is pushed with more than Euler's load of its section: when first, that push and that load [N].
+
+    None where no rod has a section. Nothing buckles in a run: rods stay straight.
+    """
+    members = run.scene.structure.rods
+    if all(rod.section is None for rod in members):
+        return None
+    lengths, forces, found = rods.lengths(run.scene.structure, run.nodes), run.rod_forces, {}
+    for number, rod in enumerate(members):
+        if rod.section is None:
+            continue
+        loads = rod.section.euler_load(1.0) / np.broadcast_to(lengths, forces.shape)[:, number] ** 2
+        beyond = -forces[:, number] > loads
+        if beyond.any():
+            row = int(np.argmax(beyond))
+            found[rod.name] = {"time": run.time[row], "push": -forces[row, number], "euler_load": loads[row]}
+    return {name: {key: float(value) for key, value in one.items()} for name, one in found.items()}
+
+
+def _buckling_warnings(bent: dict[str, Any] | None) -> list[str]:
+    if not bent:
+        return []
+    name, first = min(bent.items(), key=lambda item: item[1]["time"])
+    more = f" (and {len(bent) - 1} more)" if len(bent) > 1 else ""
+    return [
+        f"rod '{name}'{more} {BUCKLES} of its section, {first['push']:.3g} N of {first['euler_load']:.3g} N at t = "
+        f"{first['time']:.6g} s: it would bend out there, and stays straight here; give it a stiffer section"
+    ]
 
 
 def _limit_warnings(limits: dict[str, Any]) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from tensegrity_mj.engines.table import ENGINES, JOINED_CONTACT_LIMIT
+from tensegrity_mj.engines.table import ELASTIC_LIMITS, ENGINES, JOINED_CONTACT_LIMIT
 from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.model.capabilities import (
     ADDED_MASS,
@@ -13,6 +13,7 @@ from tensegrity_mj.model.capabilities import (
     BREAKS,
     CLASS_K,
     CONTACT,
+    ELASTIC,
     ELEMENT_STATES,
     MOVED_SUPPORTS,
     PUSHING_DAMPERS,
@@ -50,8 +51,9 @@ USES: Mapping[str, tuple[Limit, ...]] = {
         Limit(BREAKS, "a break belongs to a run, which begins and ends", "use simulate_many", OptionError),
         Limit(ELEMENT_STATES, "a state belongs to a run, which integrates it", "use simulate_many", OptionError),
     ),
-    "MuJoCo's model": (JOINED_CONTACT_LIMIT,),
+    "MuJoCo's model": (JOINED_CONTACT_LIMIT, *ELASTIC_LIMITS),
     "dm_control models": (
+        Limit(ELASTIC, "dm_control knows no armature of tendons", "use simulate or law_in, or make the rods rigid"),
         Limit(
             CLASS_K,
             "they are for structures of class 1, whose rods share no node",

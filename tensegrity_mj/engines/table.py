@@ -25,6 +25,11 @@ from tensegrity_mj.model.capabilities import (
     CONSTRAINTS_IN_CONTACT,
     CONSTRAINTS_IN_LOOPS,
     CONTACT,
+    ELASTIC,
+    ELASTIC_ADDED_MASS,
+    ELASTIC_CONTACT,
+    ELASTIC_HELD_BETWEEN,
+    ELASTIC_JOINED,
     JOINED_CONTACT,
     UNEVEN_MASS,
     Descriptor,
@@ -35,6 +40,26 @@ _WITHOUT_CONTACT = "leave it out (scene.with_(contact=None))"
 _OWN_NODES = "give each rod nodes of its own"
 _NO_CONTACT = Limit(CONTACT, "the thesis' equations have no forces of contact", _WITHOUT_CONTACT, OptionError)
 _ROWS = "hold nodes by supports and planes of rods"
+_RIGID = "make the rods rigid (without stiffness)"
+_ELASTIC_ADDED_MASS = Limit(
+    ELASTIC_ADDED_MASS, "added mass is that of rods of constant length", f"leave one of the two out, or {_RIGID}"
+)
+# Of any model that MuJoCo has of a scene.
+ELASTIC_LIMITS = (
+    Limit(ELASTIC_CONTACT, "the bodies of contact have a constant length", f"{_WITHOUT_CONTACT}, or {_RIGID}"),
+    Limit(
+        ELASTIC_JOINED,
+        "the bodies that share a node hang on each other, and none of them has a second node that moves by itself",
+        f"{_OWN_NODES}, or {_RIGID}",
+        StructureError,
+    ),
+    Limit(
+        ELASTIC_HELD_BETWEEN,
+        "its bodies slide from one of its ends on",
+        f"hold it at an end (sigma = 0 or 1), or {_RIGID}",
+        StructureError,
+    ),
+)
 JOINED_CONTACT_LIMIT = Limit(JOINED_CONTACT, "contact is for rods of class 1", f"{_WITHOUT_CONTACT}, or {_OWN_NODES}")
 
 ENGINES = {
@@ -64,6 +89,8 @@ ENGINES = {
                 OptionError,
                 lambda engine: "" if engine.is_explicit else f"Integrator.{engine.integrator.name}",
             ),
+            *ELASTIC_LIMITS,
+            _ELASTIC_ADDED_MASS,
             Limit(
                 ADDED_MASS_IN_CONTACT,
                 "accelerations of added mass are found before the forces of contact are known",
@@ -105,6 +132,7 @@ ENGINES = {
                 OptionError,
                 lambda engine: f"Solver.{engine.solver.name}" if engine.solver.value in ("dense", "full") else "",
             ),
+            _ELASTIC_ADDED_MASS,
             Limit(
                 ADDED_MASS,
                 "it changes as they move, and Solver.DENSE inverts a constant mass matrix beforehand",
@@ -128,6 +156,7 @@ ENGINES = {
         {"method": "rk4"},
         (
             _NO_CONTACT,
+            Limit(ELASTIC, "its angles are those of rods of constant length", _RIGID, StructureError),
             Limit(
                 CONSTRAINTS,
                 "minimal coordinates are those that rods have by their own supports; linear constraints couple them",

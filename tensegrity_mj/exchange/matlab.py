@@ -237,7 +237,8 @@ class _Reader:
             rods.append(Rod(f"b{row + 1}", (self.names[i], self.names[j]), masses[row], radii[row], section=section))
         if any(rod.section is not None for rod in rods):
             self.out.notes.append(
-                "bars are elastic in the program, and rigid in simulations here; statics can use E and A"
+                "bars are elastic in the program, and rigid in simulations here; statics can use E and A, and "
+                "with_elastic_rods() of the structure makes them elastic here"
             )
         return rods
 

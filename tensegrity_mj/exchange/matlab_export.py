@@ -84,6 +84,8 @@ def save_mat(scene: Scene, path: str | os.PathLike[str]) -> tuple[Path, list[str
         notes.append("point masses where rods end are left out")
     if any(rod.section is not None for rod in structure.rods):
         notes.append("sections of rods are left out")
+    if structure.elastic.any():
+        notes.append("bars are rigid in the file: what rods have of stiffness, damping and rest length is left out")
     with replacing(destination) as part:
         savemat(part, values, oned_as="column")
     return destination, notes

@@ -75,7 +75,14 @@ def _rename(root: ET.Element) -> None:
         if not isinstance(element.tag, str):
             continue
         own = kinds.get(element.tag, element.tag)
-        for key, kind in (("name", own), ("site", "site"), ("site1", "site"), ("site2", "site"), ("tendon", "tendon")):
+        for key, kind in (
+            ("name", own),
+            ("site", "site"),
+            ("site1", "site"),
+            ("site2", "site"),
+            ("tendon", "tendon"),
+            ("joint", "joint"),
+        ):
             if key in element.attrib and kind in words:
                 element.set(key, words[kind].get(element.attrib[key], element.attrib[key]))
     root.set("model", re.sub(r"\W+", "_", root.get("model", "")).strip("_") or "structure")

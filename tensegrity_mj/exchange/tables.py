@@ -33,6 +33,7 @@ POSITION, VELOCITY = ("x", "y", "z"), ("vx", "vy", "vz")
 NODE_COLUMNS = ("name", *POSITION, "fixed", "mass", *VELOCITY)
 SECTION = tuple(item_of(Section).keys)
 STRING = tuple(key for key in item_of(String).keys if key not in ("name", "nodes", "group"))
+BAR = ("stiffness", "damping", "rest_length")  # of an elastic rod
 MEMBER_COLUMNS = ("name", "kind", "i", "j", "group", "mass", "radius", *SECTION, *STRING)
 WORDS = ("name", "kind", "i", "j", "group", "fixed")
 
@@ -165,7 +166,8 @@ def save_csv(scene: Scene, path: str | os.PathLike[str]) -> tuple[list[Path], li
     for rod in structure.rods:
         section = {} if rod.section is None else {key: getattr(rod.section, key) for key in SECTION}
         row = {"name": rod.name, "kind": "rod", "group": rod.group, "mass": rod.mass, "radius": rod.radius}
-        rows.append(row | {"nodes": rod.nodes} | section)
+        elastic = {} if rod.stiffness is None else {key: getattr(rod, key) for key in BAR}
+        rows.append(row | {"nodes": rod.nodes} | section | elastic)
     for string, rest in zip(structure.strings, structure.rest_lengths.tolist(), strict=True):
         row = {key: getattr(string, key) for key in STRING}
         if scene.initial_nodes is not None:

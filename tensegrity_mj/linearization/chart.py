@@ -1,7 +1,7 @@
 """The chart of linear models: coordinates δ about a state that are built from that state alone.
 
 For each rod the translations z - z₀ along its support's `translation_basis`, then the central projection of b onto the
-tangent plane at b₀; for each point mass its translations. See the text of `linearization`.
+tangent plane at b₀, or b - b₀ of an elastic rod; for each point mass its translations. See the text of `linearization`.
 """
 
 from __future__ import annotations
@@ -32,13 +32,18 @@ class Chart:
 
     def __init__(self, structure: Structure, nodes: Array) -> None:
         self.records = records = LinkedRecords.of(structure)
-        self.q0 = records.coordinates(nodes)
+        self.q0, self._elastic = records.coordinates(nodes), structure.elastic
         names: list[str] = []
         roots, count = records.forest.parent < 0, len(records.rods)
         self._b0, self._T = np.zeros((count, 3)), np.zeros((count, 3, 2))
         straight, turned, parts = [], [], []  # (in q, in δ) of z; (rod, component, in δ) of δ_b; (rod, component, in q)
         for number, rod in enumerate(records.rods):
             at, nz, nb = int(rod["q"]), int(rod["nz"]) if roots[number] else 0, int(rod["nb"])
+            label = f"rod {structure.rods[number].name}"
+            if structure.elastic[number]:
+                straight += [(at + k, len(names) + k) for k in range(nz + nb)]
+                names += [f"{label}: z{k + 1}" for k in range(nz)] + [f"{label}: b{k + 1}" for k in range(nb)]
+                continue
             b0 = self.q0[at + nz : at + nz + nb]
             b0 = b0 / np.linalg.norm(b0)
             self._b0[number, :nb] = b0
@@ -46,7 +51,6 @@ class Chart:
             straight += [(at + k, len(names) + k) for k in range(nz)]
             turned += [(number, k, len(names) + nz + k) for k in range(nb - 1)]
             parts += [(number, k, at + nz + k) for k in range(nb)]
-            label = f"rod {structure.rods[number].name}"
             names += [f"{label}: z{k + 1}" for k in range(nz)] + [f"{label}: b{k + 1}" for k in range(nb - 1)]
         for number, point in enumerate(records.points):
             at, nz = int(point["q"]), int(point["nz"])
@@ -84,6 +88,7 @@ class Chart:
         in_q, in_delta = self._straight
         delta[in_delta], rate[in_delta] = q[in_q] - self.q0[in_q], q_rate[in_q]
         (b, along), (b_rate, along_rate) = self._directions(q), self._directions(q_rate)
+        along = np.where(self._elastic[:, None], 1.0, along)
         x = self._across(b) / along
         rods, columns, places = self._turned
         delta[places] = x[rods, columns]

@@ -134,7 +134,22 @@ def _bodies(scene: Scene) -> str:
     return _first([f"'{body.name}' is a body (structure.bodies)" for body in scene.structure.bodies])
 
 
+def _elastic(scene: Scene) -> str:
+    return _first([f"rod '{rod.name}' is elastic" for rod in scene.structure.rods if rod.stiffness is not None])
+
+
+def _elastic_between(scene: Scene) -> str:
+    """An elastic rod that something holds between its ends."""
+    held = [rod for rod in scene.structure.rods if rod.stiffness is not None and rod.support.directions]
+    return _first([f"elastic rod '{rod.name}' is held between its ends" for rod in held if rod.support.sigma % 1])
+
+
 CONTACT = Trait("contact", _contact)
+ELASTIC = Trait("elastic rods", _elastic)
+ELASTIC_JOINED = Trait("elastic rods in a structure whose rods share nodes", _and(_elastic, _joined_rods))
+ELASTIC_CONTACT = Trait("elastic rods and contact", _and(_elastic, _contact))
+ELASTIC_ADDED_MASS = Trait("elastic rods and added mass", _and(_elastic, _added))
+ELASTIC_HELD_BETWEEN = Trait("elastic rods held between their ends", _elastic_between)
 BODIES = Trait("bodies", _bodies)
 BODIES_IN_CONTACT = Trait("bodies and contact", _and(_bodies, _contact))
 CLASS_K = Trait("rods that share nodes", _joined_rods)

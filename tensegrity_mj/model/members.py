@@ -137,10 +137,11 @@ class RodMass:
 
 @value("rod {name!r}", StructureError, whole=True)
 class Rod:
-    """A rigid thin rod of uniform mass between two nodes (thesis, Assumption 2.3), and the masses that it carries.
+    """A thin rod of uniform mass between two nodes, and the masses that it carries: rigid (thesis, Assumption 2.3), or
+    elastic along itself.
 
-    Engines simulate every rod as rigid. Its section is for statics: how far it gives under
-    its force, and whether it yields or buckles.
+    An elastic rod stays straight and uniform: it pulls its nodes together with k (L - L0) + c dL/dt, and pushes them
+    apart where that is negative. Its section is for checks of members, whether it yields or buckles, and for statics.
 
     Attributes:
         name: unique among the rods.
@@ -151,6 +152,9 @@ class Rod:
         section: cross section and material, None where not known; `mass` and `radius` do not follow from it.
         masses: what it carries, rigidly.
         group: what rods that belong together are called in files, plots and sweeps; None for none.
+        stiffness: k [N/m] along the rod, EA/L0 of a uniform one; None for a rigid rod.
+        damping: c [N s/m] along an elastic rod.
+        rest_length: L0 [m] of an elastic rod without force; None for its length at the reference nodes.
     """
 
     name: str = field(printable_name())
@@ -161,6 +165,18 @@ class Rod:
     section: Section | None = field(part(Section, "Section, Section.tube or Section.solid"), default=None, none="None")
     masses: tuple[RodMass, ...] = field(parts(RodMass), default=())
     group: str | None = field(GROUP, default=None, none="absent")
+    stiffness: float | None = field(positive("N/m"), default=None, none="absent")
+    damping: float = field(not_negative("N s/m"), default=0.0)
+    rest_length: float | None = field(LENGTH, default=None, none="absent")
+
+    def __attrs_post_init__(self) -> None:
+        if self.stiffness is not None and any(mass.inertia for mass in self.masses):
+            raise refused(
+                self, "masses: one has an inertia, but the rod is elastic: give it masses without, or two apart"
+            )
+        if self.stiffness is None and (self.damping or self.rest_length is not None):
+            what = "damping" if self.damping else "rest_length"
+            raise refused(self, f"{what} = {getattr(self, what)!r}, but the rod is rigid: give it a stiffness as well")
 
 
 @value("string {name!r}", StructureError)

@@ -64,8 +64,8 @@ def redundancy(structure: Structure, nodes: Array) -> Redundancy:
     clusters, constrained = _clusters(structure)
     for number, cluster in enumerate(clusters):
         linked = constrained and number == 0
-        if not (closed & set(cluster) or linked):
-            continue  # as many joints as a tree needs, and rods of constant length
+        if not (closed & set(cluster) or linked) or structure.elastic[list(cluster)].any():
+            continue  # as many joints as a tree needs, and rods of constant length; or rods that give way
         if len(cluster) > MOST_RODS:
             skipped += len(cluster)
             continue
@@ -84,7 +84,7 @@ def approached(structure: Structure, start: Array, end: Array) -> str:
     `start` and `end` are node positions (N, 3) [m]. Clusters of more than `MOST_RODS` rods are not looked at.
     """
     for cluster in structure.clusters if spanning_forest(structure).closures else ():
-        if len(cluster) > MOST_RODS:
+        if len(cluster) > MOST_RODS or structure.elastic[list(cluster)].any():
             continue
         values = np.linalg.svd(_rows(structure, start, cluster)[0], compute_uv=False)
         last = int(np.sum(values > RANK * values[0])) - 1

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, dot, norm
+from tensegrity_mj.model.elements.elastic_rods import Bars
 from tensegrity_mj.model.structure import Structure
 
 NONE = (0.0, 0.0, 0.0)
@@ -171,10 +172,24 @@ def multipliers_of_ends(
     return dot(b_rate, b_rate) / square - along / (J * square)
 
 
+def with_elastic_multipliers(structure: Structure, nodes: Array, velocities: Array, multipliers: Array) -> Array:
+    """λ (..., R) with those of elastic rods from their axial forces N: J λ / ℓ² = N / L."""
+    bars, found = Bars.of(structure), multipliers.copy()
+    _, lengths, forces = bars.stretched(nodes, velocities)
+    found[..., bars.rows] = forces / lengths * bars.lengths**2 / inertia_of_rods(structure)[1][bars.rows]
+    return found
+
+
 def force_densities(structure: Structure, multipliers: Array) -> Array:
     """J λ / ℓ² [N/m] of the rods, (..., R); negative in compression."""
     _, J = inertia_of_rods(structure)
     return multipliers * J / structure.rod_lengths**2
+
+
+def lengths(structure: Structure, nodes: Array) -> Array:
+    """ℓ (..., R) [m] of the rods at nodes (..., N, 3): those of elastic ones as they are there."""
+    first, second = ends(structure, nodes)
+    return np.where(structure.elastic, norm(second - first), structure.rod_lengths)
 
 
 def _sigmas(structure: Structure) -> Array:

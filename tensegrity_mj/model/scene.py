@@ -16,6 +16,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import SAME_ARRAY, field, value
 from tensegrity_mj.basics.kinds import array, part, parts, positive, text, vector
 from tensegrity_mj.model.elements.contact import Contact
+from tensegrity_mj.model.elements.elastic_rods import ElasticRods
 from tensegrity_mj.model.elements.element import Element
 from tensegrity_mj.model.elements.loads import NodalLoads
 from tensegrity_mj.model.elements.resistance import NodalDamping, Resistance
@@ -128,7 +129,8 @@ class Scene:
         loads = (NodalLoads(),) if callable(self.loads) or self.loads else ()
         resistance = () if self.resistance is None else self.resistance.elements
         nodal = (NodalDamping(),) if any(point.damping for point in self.structure.point_masses) else ()
-        return (*loads, *resistance, *nodal, *(() if self.water is None else (self.water,)), *self.elements)
+        own = (ElasticRods(),) if self.structure.elastic.any() else ()
+        return (*loads, *resistance, *nodal, *(() if self.water is None else (self.water,)), *self.elements, *own)
 
     def nodal_forces(self, time: float) -> Array:
         """External forces (N, 3) [N] at a time [s]; neither gravity nor resistance nor water is among them."""

@@ -147,7 +147,7 @@ def check_configuration(
         if gap > limit:
             raise SceneError(f"{where}: fixed node '{name}' is {gap:.3g} m from its place; it must stay there")
     lengths = np.linalg.norm(nodes[structure.rod_nodes[:, 1]] - nodes[structure.rod_nodes[:, 0]], axis=1)
-    for row in np.flatnonzero(np.abs(lengths - structure.rod_lengths) > limit)[:1]:
+    for row in np.flatnonzero((np.abs(lengths - structure.rod_lengths) > limit) & ~structure.elastic)[:1]:
         raise SceneError(
             f"{where}: rod '{structure.rods[row].name}' would be {lengths[row]:.12g} m long; its length is "
             f"{structure.rod_lengths[row]:.12g} m"
@@ -193,7 +193,7 @@ def check_velocities(
     first, second = structure.rod_nodes.T
     b = nodes[second] - nodes[first]
     stretch = np.sum(b * (velocities[second] - velocities[first]), axis=1) / np.linalg.norm(b, axis=1)
-    for row in np.flatnonzero(np.abs(stretch) > limit)[:1]:
+    for row in np.flatnonzero((np.abs(stretch) > limit) & ~structure.elastic)[:1]:
         raise SceneError(
             f"{where}: rod '{structure.rods[row].name}' would lengthen at {stretch[row]:.3g} m/s; the velocities of "
             "its nodes must be equal along it"
@@ -273,7 +273,7 @@ def _check_curve(structure: Structure, target: Target) -> None:
     pairs = structure.rod_nodes
     nodes = curve.nodes(between)
     lengths = np.linalg.norm(nodes[:, pairs[:, 1]] - nodes[:, pairs[:, 0]], axis=-1)
-    stretch = np.abs(lengths - structure.rod_lengths)
+    stretch = np.where(structure.elastic, 0.0, np.abs(lengths - structure.rod_lengths))
     again = float(np.abs(curve.nodes(curve.parameters) - curve.shapes).max())
     if again > CONSTRAINT_TOLERANCE * size_of(structure) or stretch.max(initial=0.0) > CURVE_TOLERANCE * size_of(
         structure

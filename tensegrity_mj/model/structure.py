@@ -177,6 +177,19 @@ class Structure:
         rods = (replace(rod, section=section) for rod, section in zip(self.rods, chosen, strict=True))
         return replace(self, rods=tuple(rods))
 
+    def with_elastic_rods(self, damping: float = 0.0) -> Structure:
+        """A copy whose rods have the stiffness EA/ℓ of their sections, and that damping [N s/m].
+
+        Raises:
+            StructureError: where a rod has no section.
+        """
+        rods = []
+        for rod, length in zip(self.rods, self.rod_lengths.tolist(), strict=True):
+            if rod.section is None:
+                raise StructureError(f"rod '{rod.name}' has no section: give it one (with_sections), or a stiffness")
+            rods.append(replace(rod, stiffness=rod.section.axial_stiffness / length, damping=damping))
+        return replace(self, rods=tuple(rods))
+
     def moved(self, rotation: Any = None, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Structure:
         """The structure rotated about the origin and then translated, supports, planes and fixed nodes with it.
 
@@ -301,9 +314,22 @@ class Structure:
 
     @cached_property
     def rod_lengths(self) -> Array:
-        """ℓ (R,) [m]."""
+        """ℓ (R,) [m]; of elastic rods without force."""
         pairs = self.rod_nodes
-        return _readonly(np.linalg.norm(self.positions[pairs[:, 1]] - self.positions[pairs[:, 0]], axis=1))
+        lengths = np.linalg.norm(self.positions[pairs[:, 1]] - self.positions[pairs[:, 0]], axis=1)
+        for row in np.flatnonzero(self.elastic):
+            lengths[row] = self.rods[row].rest_length or lengths[row]
+        return _readonly(lengths)
+
+    @cached_property
+    def rod_stiffness(self) -> Array:
+        """k (R,) [N/m] along the rods, ∞ for rigid ones."""
+        return _readonly(np.array([np.inf if rod.stiffness is None else rod.stiffness for rod in self.rods], float))
+
+    @cached_property
+    def elastic(self) -> NDArray[np.bool_]:
+        """Which rods are elastic, (R,)."""
+        return _readonly(np.isfinite(self.rod_stiffness))
 
     @cached_property
     def lone_masses(self) -> tuple[PointMass, ...]:

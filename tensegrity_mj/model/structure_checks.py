@@ -40,7 +40,8 @@ def check_structure(structure: Structure) -> None:
     _check_rods(structure, size)
     _ = structure.frames
     along = _check_joints(structure)
-    _check_strings(structure, size, along)
+    rigid = {rod.name for rod in structure.rods if rod.stiffness is None}
+    _check_strings(structure, size, {ends: name for ends, name in along.items() if name in rigid})
     _check_unique("constraint", (one.name for one in structure.constraints))
     for one in structure.constraints:
         for node in one.nodes:
@@ -140,7 +141,8 @@ def _plane(normal: ArrayLike | None) -> str:
 def _check_rods(structure: Structure, size: float) -> None:
     ends = structure.positions[structure.rod_nodes]
     # Below this part of the coordinates, their round-off decides where a rod points.
-    _check_lengths("rod", structure.rods, structure.rod_lengths, 1e-12 * np.abs(ends).max(axis=(1, 2), initial=0.0))
+    lengths = norm(ends[:, 1] - ends[:, 0])
+    _check_lengths("rod", structure.rods, lengths, 1e-12 * np.abs(ends).max(axis=(1, 2), initial=0.0))
     for rod, (a, b) in zip(structure.rods, ends, strict=True):
         support = rod.support
         if support.values is not None:

@@ -88,8 +88,7 @@ def forces(panel: Axes, run: Trajectory) -> None:
         over_time(panel, "Contact force, mean between samples", "force [N]")
         return
     structure = run.scene.structure
-    pulls = run.rod_force_densities * structure.rod_lengths
-    draw_curves(panel, run.time, pulls, [rod.name for rod in structure.rods], rod_groups(structure))
+    draw_curves(panel, run.time, run.rod_forces, [rod.name for rod in structure.rods], rod_groups(structure))
     over_time(panel, "Force of the rods, negative in compression", "force [N]")
 
 

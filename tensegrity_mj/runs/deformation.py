@@ -84,4 +84,4 @@ def deformation(run: Trajectory, groups: Sequence[Sequence[int]] | None = None) 
 
 def rod_forces(run: Trajectory) -> Array:
     """(T, R) [N]: internal forces of rods, below zero where they are compressed."""
-    return np.asarray(run.rod_force_densities * run.scene.structure.rod_lengths)
+    return run.rod_forces

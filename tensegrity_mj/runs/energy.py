@@ -76,7 +76,7 @@ def _torn_rods(run: Trajectory) -> tuple[int, str]:
     """The first sample at which a rod is not nearly as long as it should be (none: their number), and what to say."""
     structure = run.scene.structure
     first, second = rods.ends(structure, run.nodes)
-    strain = norm(second - first) / structure.rod_lengths - 1
+    strain = np.where(structure.elastic, 0.0, norm(second - first) / structure.rod_lengths - 1)
     bad = np.any(np.abs(strain) > STRAIN_BOUND, axis=1)
     if not bad.any():
         return len(bad), ""
@@ -135,7 +135,7 @@ def energy_unresolved(run: Trajectory) -> float:
     extent = float(np.max(np.abs(run.nodes), initial=0.0))
     walk = max(1.0, float(np.sqrt(run.cost.get("steps", 0.0))) / 30)
     first, second = rods.ends(structure, run.nodes)
-    drift = np.abs(np.sum((second - first) ** 2, axis=-1) - structure.rod_lengths**2)
+    drift = np.abs(np.sum((second - first) ** 2, axis=-1) - rods.lengths(structure, run.nodes) ** 2)
     drifted = 0.0
     if np.all(drift <= DRIFT_WARNING * structure.rod_lengths**2):  # beyond, nothing is excused
         drifted = float(np.max(np.sum(np.abs(run.rod_force_densities) * drift, axis=1), initial=0.0))

@@ -134,7 +134,7 @@ def statistics(run: Trajectory, quantity: str = "tension", after: float = 0.0) -
     if quantity == "tension":
         names, values = labels["string"], run.tensions
     elif quantity == "rod_force":
-        names, values = labels["rod"], run.rod_force_densities * run.scene.structure.rod_lengths
+        names, values = labels["rod"], run.rod_forces
     else:
         members = labels["rod" if quantity == "water_load" else "node"]
         names = tuple(f"{member}.{axis}" for member in members for axis in AXES)

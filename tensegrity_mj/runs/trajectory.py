@@ -15,6 +15,7 @@ from tensegrity_mj.basics.files import checked, replacing
 from tensegrity_mj.basics.texts import at_a_glance
 from tensegrity_mj.model.elements.element import energy_of, state_names
 from tensegrity_mj.model.elements.resistance import bending_energy
+from tensegrity_mj.model.rods import lengths
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.summary import html_of, rows_of
 from tensegrity_mj.runs.variables import DICTIONARIES, STATES, VARIABLES, labels_of
@@ -151,10 +152,14 @@ class Trajectory:
         """(T,) [m] of a string by its name; OptionError where there is none."""
         return np.asarray(self.rest_lengths[:, self._number("string", string)])
 
+    @property
+    def rod_forces(self) -> Array:
+        """(T, R) [N] along the rods, negative in compression."""
+        return np.asarray(self.rod_force_densities * lengths(self.scene.structure, self.nodes))
+
     def rod_force(self, rod: str) -> Array:
         """(T,) [N] along a rod by its name, negative in compression; OptionError where there is none."""
-        number = self._number("rod", rod)
-        return np.asarray(self.rod_force_densities[:, number] * self.scene.structure.rod_lengths[number])
+        return np.asarray(self.rod_forces[:, self._number("rod", rod)])
 
     def water_loads(self) -> Array:
         """(T, R, 3) [N]: the force of the water on each rod; see `runs.water_loads`, also for its error."""

@@ -39,7 +39,7 @@ RANK = 1e-9  # of the largest singular value
 
 
 class Rods(enum.Enum):
-    """Whether rods keep their lengths, or stretch by their sections' EA."""
+    """Whether rods without a stiffness of their own keep their lengths, or stretch by their sections' EA."""
 
     RIGID = "rigid"
     ELASTIC = "elastic"
@@ -56,7 +56,7 @@ class StaticModel:
         rest_lengths: L0 (M,) [m].
         stiffness: k (M,) [N/m]; zero for a string that is broken.
         rod_lengths: ℓ (R,) [m] without force.
-        compliance: ℓ/EA (R,) [m/N]; zero for rigid rods.
+        compliance: 1/k, or ℓ/EA, (R,) [m/N]; zero for rigid rods.
         forces: (N, 3) [N] weights, loads, wind, water, and elements without energy, at rest where the model starts.
         loads: (N, 3) [N] further loads, which a path multiplies by its parameter.
         holds: further boundary conditions, whose displacements a path multiplies by its parameter.
@@ -88,7 +88,7 @@ class StaticModel:
 
         Args:
             scene: or a structure by itself, without weight.
-            rods: rigid, or elastic: then every rod needs a `section`.
+            rods: rigid, or elastic: then every rod needs a `stiffness` or a `section`. One with a stiffness always is.
             nodes: (N, 3) [m] where to start; the scene's start by default. Rods keep the lengths of the structure.
             rest_lengths: (M,) [m]; the structure's by default.
             loads: (N, 3) [N] further loads, times the parameter of a path (1 in `find_equilibrium`).
@@ -119,9 +119,11 @@ class StaticModel:
         given = structure.rest_lengths if rest_lengths is None else real_array("rest_lengths", rest_lengths, (strings,))
         start = scene.nodes0 if nodes is None else real_array("nodes", nodes, (count, 3), "m", scalar=False)
         extra = np.zeros((count, 3)) if loads is None else real_array("loads", loads, (count, 3), "N", scalar=False)
-        compliance = np.zeros(len(structure.rods))
+        compliance = 1.0 / structure.rod_stiffness
         if rods is Rods.ELASTIC:
             for row, rod in enumerate(structure.rods):
+                if rod.stiffness is not None:
+                    continue
                 if rod.section is None:
                     raise StructureError(
                         f"rod '{rod.name}' has no section, so its stiffness EA is unknown; give it one "

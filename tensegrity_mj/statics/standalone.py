@@ -45,8 +45,11 @@ def require_rigid_and_free(model: StaticModel) -> None:
     Raises:
         OptionError: for elastic rods, and holds.
     """
-    if np.any(model.compliance > 0):
-        raise OptionError("engine: its rods are rigid, and the study's are elastic; leave one of the two out")
+    if np.any((model.compliance > 0) & ~model.structure.elastic):
+        raise OptionError(
+            "engine: rods without a stiffness are rigid there, and the study's are elastic: use with_elastic_rods() of "
+            "the structure, or leave one of the two out"
+        )
     if model.holds:
         raise OptionError("engine: it has no holds; give the structure a support there, or leave the engine out")
 

@@ -132,13 +132,17 @@ class StaticState:
     def scene(self, name: str | None = None) -> Scene:
         """The scene that starts here at rest, with these nodes as its structure's reference; strings keep their L0.
 
-        Its rods are rigid, as long as they are here. Holds, further loads and broken strings are of the study, not of
-        the scene.
+        Rods without a stiffness are rigid, as long as they are here. Holds, further loads and broken strings are of the
+        study, not of the scene.
         """
         scene, structure = self.model.scene, self.model.structure
         there = structure.with_strings(rest_length=self.model.rest_lengths).placed(self.nodes)
+        rods = [
+            rod if rod.stiffness is None else replace(rod, rest_length=length)
+            for rod, length in zip(there.rods, structure.rod_lengths.tolist(), strict=True)
+        ]
         return scene.with_(
-            structure=replace(there, name=name or structure.name),
+            structure=replace(there, name=name or structure.name, rods=tuple(rods)),
             initial_nodes=None,
             initial_velocities=None,
             name=scene.name if name is None else name,

@@ -20,6 +20,7 @@ from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import ENGINES, checked_engine
 from tensegrity_mj.errors import ControllerError, DivergenceError, InfeasibleError, OptionError, TensegrityError
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
+from tensegrity_mj.model.elements.elastic_rods import carried
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import provenance_of, request_for
@@ -267,7 +268,7 @@ def law_in(
         )
     require(engine, scene, "law_in")
     model = engine.model(scene)
-    plant = Plant(scene, request.law, request.actuation, on_infeasible, RUN)
+    plant = Plant(scene, request.law, request.actuation, on_infeasible, RUN, carried(scene))
     with installed(model, plant) as answers:
         yield model
     if answers[OTHER_STRINGS]:

@@ -35,7 +35,7 @@ class Blocks:
 
     def row_sums(self, bodies: int) -> float:
         """The largest sum of absolute values along a row of a matrix of that many bodies: a bound on eigenvalues."""
-        sums = np.zeros((bodies + 1, SLOTS))
+        sums = np.zeros((bodies + 1, self.values.shape[-1]))
         np.add.at(sums, self.rows, np.abs(self.values).sum(axis=2))
         return float(sums[:bodies].max(initial=0.0))
 
@@ -56,7 +56,7 @@ class Assembly:
     """Matrices (n, n) of sums over couples of segments of Xᵀ W X, with W (P, 3, 3), and of blocks."""
 
     def __init__(self, structure: Structure, bodies: Bodies, turned: Array, joints: Joints | None) -> None:
-        self.B, self.joints = len(bodies.mass), joints
+        self.B, self.slots, self.joints = len(bodies.mass), bodies.slots, joints
         paths = structure.paths
         first, second = (
             [(p, turned[k], bodies.body[k]) for p, k in zip((1.0, -1.0), paths.nodes[rows].T, strict=True)]
@@ -77,24 +77,24 @@ class Assembly:
         if blocks is not None:
             found.append((blocks.values, blocks.rows, blocks.columns))
         if not found:
-            found.append((np.zeros((0, SLOTS, SLOTS)), np.zeros(0, np.int64), np.zeros(0, np.int64)))
+            found.append((np.zeros((0, self.slots, self.slots)), np.zeros(0, np.int64), np.zeros(0, np.int64)))
         return self._matrix(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
 
     def _matrix(self, values: Array, row: IntArray, column: IntArray) -> Any:
+        slots, size = self.slots, self.slots * self.B
         if is_dense(self.B):
-            matrix = np.zeros((self.B + 1, self.B + 1, SLOTS, SLOTS))
+            matrix = np.zeros((self.B + 1, self.B + 1, slots, slots))
             np.add.at(matrix, (row, column), values)
             kept = matrix[: self.B, : self.B]
-            full = np.ascontiguousarray(kept.transpose(0, 2, 1, 3)).reshape(SLOTS * self.B, SLOTS * self.B)
+            full = np.ascontiguousarray(kept.transpose(0, 2, 1, 3)).reshape(size, size)
             return full if self.joints is None else self.joints.projection @ full @ self.joints.projection
         from scipy.sparse import coo_array
 
         inside = (row < self.B) & (column < self.B)
         values, row, column = values[inside], row[inside], column[inside]
-        slot = np.arange(SLOTS)
+        slot = np.arange(slots)
         at = (
-            SLOTS * row[:, None, None] + slot[:, None] + 0 * slot,
-            SLOTS * column[:, None, None] + 0 * slot[:, None] + slot,
+            slots * row[:, None, None] + slot[:, None] + 0 * slot,
+            slots * column[:, None, None] + 0 * slot[:, None] + slot,
         )
-        shape = (SLOTS * self.B, SLOTS * self.B)
-        return coo_array((values.ravel(), (at[0].ravel(), at[1].ravel())), shape=shape).tocsr()
+        return coo_array((values.ravel(), (at[0].ravel(), at[1].ravel())), shape=(size, size)).tocsr()

@@ -13,7 +13,7 @@ from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.rods import inertia_of_rods
 from tensegrity_mj.model.structure import Structure
 
-SLOTS = 5  # coordinates a body
+SLOTS = 5  # coordinates a body; one more each where rods are elastic, by which these lengthen
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +77,11 @@ class Bodies:
         """(J, 2) which end, 0 or 1, of each joint's two bodies is there."""
         return (self.structure.rod_nodes[self.joints[:, 1:], 1] == self.joints[:, :1]).astype(int)
 
+    @cached_property
+    def slots(self) -> int:
+        """Coordinates of each body."""
+        return SLOTS + bool(self.structure.elastic.any())
+
     @property
     def mobilities(self) -> Array:
         """(N,) [1/kg] bound on what a force at a node accelerates it by: that of a free rod, 0 for a fixed node."""
@@ -91,36 +96,37 @@ class Motion(NamedTuple):
     """How nodes move with the coordinates y."""
 
     b: Array  # (R, 3)
-    T: Array  # (B, 3, 2) the ways that b can turn
-    inverse: Array  # (B, 5, 5) L⁻ᵀ
-    turned: Array  # (N, 3, 5) X
+    T: Array  # (B, 3, slots - 3) the ways that b can turn, and lengthen
+    inverse: Array  # (B, slots, slots) L⁻ᵀ
+    turned: Array  # (N, 3, slots) X
 
 
 def motion_of_bodies(bodies: Bodies, nodes: Array) -> Motion:
     """How the bodies of a structure move about these node positions (N, 3) [m]."""
-    R, B = len(bodies.length), len(bodies.mass)
+    R, B, slots = len(bodies.length), len(bodies.mass), bodies.slots
     first, second = bodies.structure.rod_nodes.T
     b = (nodes[second] - nodes[first]) / bodies.length[:, None]
     b = b / np.sqrt(np.sum(b * b, axis=1))[:, None]
     planar = np.any(bodies.planes != 0, axis=1)
     one = _cross(np.where(planar[:, None], bodies.planes, np.eye(3)[np.argmin(np.abs(b), axis=1)]), b)
     one = one / np.sqrt(np.sum(one * one, axis=1))[:, None]
-    T = np.zeros((B, 3, 2))
+    T = np.zeros((B, 3, slots - 3))
+    T[:R, :, 2:] = np.where(bodies.structure.elastic[:, None], b, 0.0)[:, :, None]
     T[:R, :, 0] = one
     T[:R, :, 1] = np.where(planar[:, None], 0.0, _cross(b, one))
 
-    M = np.zeros((B, SLOTS, SLOTS))
+    M = np.zeros((B, slots, slots))
     M[:, :3, :3] = bodies.mass[:, None, None] * np.eye(3)
-    M[:, 3:, 3:] = bodies.J[:, None, None] * np.eye(2)
+    M[:, 3:, 3:] = bodies.J[:, None, None] * np.eye(slots - 3)
     coupling = bodies.f[:, None, None] * (np.swapaxes(bodies.E, 1, 2) @ T)
     M[:, :3, 3:], M[:, 3:, :3] = coupling, np.swapaxes(coupling, 1, 2)
     inverse = np.swapaxes(np.linalg.inv(np.linalg.cholesky(M)), 1, 2)
 
-    moved = np.zeros((B + 1, 3, SLOTS))
+    moved = np.zeros((B + 1, 3, slots))
     moved[:B, :, :3] = bodies.E
-    levered = np.zeros((B + 1, 3, SLOTS))
+    levered = np.zeros((B + 1, 3, slots))
     levered[:B, :, 3:] = T
-    padded = np.zeros((B + 1, SLOTS, SLOTS))
+    padded = np.zeros((B + 1, slots, slots))
     padded[:B] = inverse
     turned = (moved[bodies.body] + bodies.lever[:, None, None] * levered[bodies.body]) @ padded[bodies.body]
     return Motion(b, T, inverse, turned)

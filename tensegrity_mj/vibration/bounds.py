@@ -80,7 +80,7 @@ def bounds_at(scene: Scene, bodies: Bodies, nodes: Array, velocities: Array, res
     # Two directions across, and each rod's own part.
     blocks, _ = geometric_of_rods(state, s * pull[:, None])
     rest, other = largest(ends_free * (2 * density)) + float(np.abs(blocks).sum(axis=2).max(initial=0.0)), 0.0
-    stiff, lossy = state.resisting()
+    stiff, lossy = ([*parts, bars] for parts, bars in zip(state.resisting(), state.bars(), strict=True))
     rest += sum(part.row_sums(B) for part in stiff)
     other += sum(part.row_sums(B) for part in lossy)
     return Bounds(along(structure.stiffness), rest, along(structure.damping), other)

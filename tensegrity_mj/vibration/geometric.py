@@ -11,10 +11,10 @@ from __future__ import annotations
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.elements.elastic_rods import Bars
 from tensegrity_mj.model.elements.element import forces_of
 from tensegrity_mj.model.elements.resistance import BendingDamping, BendingStiffness
 from tensegrity_mj.model.elements.water import Water
-from tensegrity_mj.vibration.bodies import SLOTS
 from tensegrity_mj.vibration.resistance import bending_pulls
 from tensegrity_mj.vibration.state import State
 
@@ -22,7 +22,7 @@ ROUND_OFF = 1e-14  # of the forces on a rod's ends
 
 
 def geometric_of_rods(state: State, pulls: Array) -> tuple[Array, Array]:
-    """(B, 5, 5) [1/s²] of every body, and ÿ (n,) [√kg m/s²], with pulls (S, 3) [N] of segments on their first nodes.
+    """(B, slots, slots) [1/s²] of every body, and ÿ (n,) [√kg m/s²]; pulls (S, 3) [N] of segments on their first nodes.
 
     Each rod's (t_b - f r̈)·b on its turns.
     """
@@ -41,7 +41,7 @@ def geometric_of_rods(state: State, pulls: Array) -> tuple[Array, Array]:
     b_rate = _turning_rates(state)
     turning = np.sum(b_rate * b_rate, axis=1)
 
-    pushed = np.zeros((B + 1, SLOTS))
+    pushed = np.zeros((B + 1, bodies.slots))
     np.add.at(pushed, bodies.body, np.einsum("nxs,nx->ns", motion.turned, forces))
     slides = np.einsum("bx,bxz->bz", bodies.mass[:, None] * weight, bodies.E)
     slides[:R] += (bodies.f[:R] * turning)[:, None] * np.einsum("rx,rxz->rz", motion.b, bodies.E[:R])
@@ -62,6 +62,9 @@ def geometric_of_rods(state: State, pulls: Array) -> tuple[Array, Array]:
     # Forces that cancel leave round-off, which is no stiffness.
     largest = np.sum(np.abs(bodies.ends) * np.linalg.norm(at_ends, axis=2), axis=1) + np.linalg.norm(bends, axis=1)
     along = np.where(np.abs(along) > ROUND_OFF * largest, along, 0.0)
+    bars = Bars.of(structure)
+    _, lengths, pulled = bars.stretched(state.nodes, state.velocities)
+    along[bars.rows] = pulled / lengths * bars.lengths**2  # what holds an elastic rod's length is its own force
     return _on_turns(state, along + bodies.J[:R] * turning, b_rate), acceleration.ravel()
 
 
@@ -82,16 +85,18 @@ def _turning_rates(state: State) -> Array:
         return np.zeros((len(state.bodies.length), 3))
     first, second = state.scene.structure.rod_nodes.T
     rate = (state.velocities[second] - state.velocities[first]) / state.bodies.length[:, None]
+    rate = np.where(state.scene.structure.elastic[:, None], 0.0, rate)  # nothing keeps their lengths as they turn
     return np.asarray(rate - state.motion.b * np.sum(state.motion.b * rate, axis=1)[:, None])
 
 
 def _on_turns(state: State, along: Array, b_rate: Array) -> Array:
-    """(B, 5, 5): a stiffness (R,) of each rod's turns, less what the turning of jointed rods takes from it."""
+    """(B, slots, slots): a stiffness (R,) of each rod's turns, less what the turning of jointed rods takes from it."""
     bodies, motion = state.bodies, state.motion
     R, B = len(bodies.length), len(bodies.mass)
     # A planar rod has one turn alone.
     held = np.any(motion.T[:R] != 0, axis=1) * along[:, None]
-    inner = held[:, :, None] * np.eye(2)
+    held[:, 2:] = 0.0
+    inner = held[:, :, None] * np.eye(bodies.slots - 3)
     if state.joints is not None:
         # What a rod alone would have of |II(δ, ḃ)|², II the second fundamental form of where it can be: of a rod that
         # turns about a pin, all in the plane of its turning.
@@ -99,7 +104,7 @@ def _on_turns(state: State, along: Array, b_rate: Array) -> Array:
         bent = bodies.J[:R] - np.sum(np.einsum("rij,ri->rj", motion.inverse[:R, :3], pull) ** 2, axis=1)
         way = np.einsum("rx,rxt->rt", b_rate, motion.T[:R])
         inner = inner - bent[:, None, None] * way[:, :, None] * way[:, None, :]
-    blocks = np.zeros((B, SLOTS, SLOTS))
+    blocks = np.zeros((B, bodies.slots, bodies.slots))
     levers = motion.inverse[:R, 3:, :]
     blocks[:R] = np.swapaxes(levers, 1, 2) @ inner @ levers
     return blocks

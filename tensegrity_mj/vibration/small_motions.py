@@ -4,6 +4,7 @@
 
 in coordinates that make the mass matrix one. A body (a rod, then a point mass) has five of them: three for its
 translations z along the support's basis E (2.41), two for the ways that b can turn; what a support forbids stays zero.
+Where rods are elastic there is a sixth, by which b lengthens: their k and c are part of what is said of strings below.
 With M = L Lᵀ the mass matrix of a body (m, f, J of (2.30)), (z, turns) = L⁻ᵀ y, and a node moves by X y.
 
     K = material + geometric
@@ -38,7 +39,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.string_paths import Paths
 from tensegrity_mj.model.strings import StringLaw, on_taut_side
 from tensegrity_mj.vibration.blocks import Assembly, Blocks, is_dense, spring_blocks
-from tensegrity_mj.vibration.bodies import SLOTS, Bodies
+from tensegrity_mj.vibration.bodies import Bodies
 from tensegrity_mj.vibration.geometric import geometric_of_rods
 from tensegrity_mj.vibration.joints import Joints
 from tensegrity_mj.vibration.state import State
@@ -54,7 +55,7 @@ class LawDerivative:
 
 @dataclass(frozen=True, eq=False)
 class Vibration:
-    """The linear model of one state; n = 5 B coordinates. Matrices are dense up to `DENSE` coordinates, else sparse.
+    """The linear model of one state; n coordinates. Matrices are dense up to `DENSE` coordinates, else sparse.
 
     Attributes:
         scene: what moves.
@@ -65,12 +66,13 @@ class Vibration:
         stiffness: (M,) [N/m] of each string in this model: k, or u where force densities are held.
         damping: (M,) [N s/m].
         segments: lengths (S,) and unit vectors (S, 3) of the strings' segments.
-        turned: (N, 3, 5) X of each node, in the coordinates of its body.
+        turned: (N, 3, slots) X of each node, in the coordinates of its body.
         material, geometric, damper: the matrices K and D above, (n, n) [1/s²], [1/s²], [1/s].
         string_damper: (n, n) [1/s] the part of D that strings have: what MuJoCo's `discrete` integrator counts with.
         body_damper: (n, n) [1/s] the blocks of that on single bodies: what the implicit ones count with. Where rods
             share nodes half of `string_damper`, as if there were no dampers: `tree` has what they know there.
         acceleration: (n,) [√kg m/s²] ÿ of the state: zero at rest in an equilibrium.
+        bars: (n, n) [1/s²] the part of `material` that elastic rods have.
         law: what a law in the loop adds, or None.
         joints: what of y they forbid, or None where no rods share a node. Dense matrices have that taken out already;
             of sparse ones, it is for `project` to do.
@@ -93,13 +95,14 @@ class Vibration:
     string_damper: Any = field(repr=False)
     body_damper: Any = field(repr=False)
     acceleration: Array = field(repr=False)
+    bars: Any = field(repr=False)
     law: LawDerivative | None = None
     joints: Joints | None = None
 
     @property
     def size(self) -> int:
         """n."""
-        return SLOTS * len(self.bodies.mass)
+        return self.bodies.slots * len(self.bodies.mass)
 
     @cached_property
     def seen(self) -> Any:
@@ -107,7 +110,7 @@ class Vibration:
         k = np.where(self.taut, self.scene.structure.stiffness, 0.0)
         structure, directions = self.scene.structure, self.segments.directions
         assemble = Assembly(structure, self.bodies, self.turned, self.joints)
-        return assemble(spring_blocks(structure.paths, directions, k, np.zeros(len(directions))))
+        return assemble(spring_blocks(structure.paths, directions, k, np.zeros(len(directions)))) + self.bars
 
     @property
     def pull_per_length(self) -> Array:
@@ -125,9 +128,9 @@ class Vibration:
 
     def motion(self, y: Array) -> Array:
         """(..., N, 3) displacements of the nodes of coordinates y (..., n), of what joints allow."""
-        B = len(self.bodies.mass)
-        parts = np.zeros((*y.shape[:-1], B + 1, SLOTS))
-        parts[..., :B, :] = y.reshape(*y.shape[:-1], B, SLOTS)
+        B, slots = len(self.bodies.mass), self.bodies.slots
+        parts = np.zeros((*y.shape[:-1], B + 1, slots))
+        parts[..., :B, :] = y.reshape(*y.shape[:-1], B, slots)
         return np.asarray(np.einsum("nxs,...ns->...nx", self.turned, parts[..., self.bodies.body, :]))
 
 
@@ -171,8 +174,10 @@ def vibration(
     assemble = Assembly(structure, bodies, state.motion.turned, joints)
     rods, acceleration = geometric_of_rods(state, s * tension[paths.strings, None])
     material = assemble(spring_blocks(paths, s, stiffness, none))
-    dampers = spring_blocks(paths, s, damping, none)
-    strings = damper = assemble(dampers)
+    dampers, (stretching, slowing) = spring_blocks(paths, s, damping, none), state.bars()
+    bars = assemble.sum(stretching)
+    material, strings = material + bars, assemble(dampers, slowing)
+    damper = strings
     stiff, lossy = state.resisting()
     material = sum((assemble.sum(part) for part in stiff), material)
     damper = sum((assemble.sum(part) for part in lossy), damper)
@@ -196,8 +201,9 @@ def vibration(
         damper=damper,
         string_damper=strings,
         # In a tree of MuJoCo's bodies, which dampers an implicit integrator knows depends on the tree: `tree`.
-        body_damper=0.5 * strings if joints is not None else assemble(dampers, between=False),
+        body_damper=0.5 * strings if joints is not None else assemble(dampers, slowing, between=False),
         acceleration=acceleration,
+        bars=bars,
         joints=joints,
     )
 

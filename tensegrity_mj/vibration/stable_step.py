@@ -29,7 +29,7 @@ from tensegrity_mj.model.capabilities import require_class_1
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.scene_checks import check_configuration
 from tensegrity_mj.runs.trajectory import Trajectory
-from tensegrity_mj.vibration.bodies import SLOTS, Bodies
+from tensegrity_mj.vibration.bodies import Bodies
 from tensegrity_mj.vibration.closed_loop import LawAtStates, Loop
 from tensegrity_mj.vibration.integrators import largest_frequency, limit_of
 from tensegrity_mj.vibration.notes import notes_on
@@ -210,7 +210,7 @@ def step_of(model: Vibration, stepping: Stepping, time: float) -> StableStep:
         limit, y = limit_of(model, scheme, stepping.constraints)
     motion = model.motion(y)
     largest = np.abs(motion).max(initial=0.0)
-    kinetic = np.sum(y.reshape(-1, SLOTS) ** 2, axis=1)
+    kinetic = np.sum(y.reshape(-1, model.bodies.slots) ** 2, axis=1)
     body, body_share = _leader(kinetic)
     names = [rod.name for rod in structure.rods] + [point.node for point in structure.lone_masses]
     string, string_share = _leader(_string_energies(model, y, limit))

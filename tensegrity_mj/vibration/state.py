@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.elements.elastic_rods import Bars
 from tensegrity_mj.model.rigidity import Members, members_at
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.vibration.blocks import Blocks, is_dense
@@ -63,6 +64,15 @@ class State:
             plain = np.concatenate([bodies.E[rods], lever[:, None, None] * motion.T[rods]], axis=2)
             maps.append(plain @ motion.inverse[rods])
         return Joints(pairs, np.array(maps), len(bodies.mass), is_dense(len(bodies.mass)))
+
+    def bars(self) -> tuple[Blocks, Blocks]:
+        """Stiffness and dampers of elastic rods along themselves."""
+        bars = Bars.of(self.scene.structure)
+        along = bars.lengths[:, None] * self.motion.inverse[bars.rows, -1]
+        values = along[:, :, None] * along[:, None, :]
+        weights = (bars.stiffness, bars.damping)
+        first, second = (Blocks(weight[:, None, None] * values, bars.rows, bars.rows) for weight in weights)
+        return first, second
 
     def resisting(self) -> tuple[list[Blocks], list[Blocks]]:
         """Stiffness and dampers of what is no string: joints in bending, a viscous fluid, the scene's elements."""

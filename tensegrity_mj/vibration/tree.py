@@ -56,7 +56,8 @@ def has_tree_model(model: Vibration) -> bool:
     """Whether the model is one of a tree, or of several, and small enough: no loops, no supports that are driven."""
     if model.joints is None or not model.is_dense or model.scene.motions or model.scene.contact is not None:
         return False
-    return not spanning_forest(model.scene.structure).closures
+    structure = model.scene.structure
+    return not structure.elastic.any() and not spanning_forest(structure).closures
 
 
 def tree_model(model: Vibration) -> TreeModel:

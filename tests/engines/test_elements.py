@@ -15,6 +15,7 @@ import pytest
 from compiled_spring import CompiledSpring
 from ground_spring import GroundSpring, tethered
 from linked_scenes import hanging_chain
+from soft_scenes import soft_pair
 
 import tensegrity_mj as tmj
 from tensegrity_mj.basics import fields
@@ -182,7 +183,7 @@ def test_many_simulations_at_once_have_the_water_of_single_ones() -> None:
 def scenes_with_energy() -> list[tuple[str, tmj.Scene]]:
     bent = tmj.model.Resistance(bending=tmj.model.Bending(3.0, 0.1))
     chain = hanging_chain([0.3, 0.5, 0.4], [1.0, 1.0, 1.0]).with_(resistance=bent)
-    return [("bent", chain), ("own", tethered(OWN)), ("compiled", tethered(COMPILED))]
+    return [("bent", chain), ("elastic rods", soft_pair()), ("own", tethered(OWN)), ("compiled", tethered(COMPILED))]
 
 
 @pytest.mark.parametrize(("name", "scene"), scenes_with_energy())

@@ -19,11 +19,13 @@ from loaded_rods import loaded
 from maxwell import Maxwell
 from numpy.typing import NDArray
 from pulley_scenes import threaded
+from soft_scenes import rigid, soft_pair
 
 import tensegrity_mj as tmj
 
 REFERENCE = tmj.DAE(rtol=1e-12, atol=1e-13)
 RESISTANCE = tmj.Resistance(0.3, tmj.model.Bending(2.0, 0.1), tmj.model.Drag(1.1, 0.2, 30.0), (1.0, 2.0, -0.5))
+IN_AIR = tmj.Resistance(0.3, None, tmj.model.Drag(1.1, 0.2, 30.0), (1.0, 2.0, -0.5))
 DURATION = 0.5  # s
 # What the reference's own tolerance leaves of motions of 1 m and energies of 10 J: some ten times rtol of each.
 FLOOR, ENERGY_FLOOR = 2e-11, 2e-10
@@ -38,6 +40,11 @@ def shaken() -> tmj.Scene:
     """By a record of noise whose times are those of steps."""
     record = np.random.default_rng(3).normal(0.0, 3.0, (20, 3))
     return tmj.model.Ground(0.02 * np.arange(1, 21), record).shake(hung())
+
+
+def shaken_pair(scene: tmj.Scene) -> tmj.Scene:
+    """Whose pinned rod's support goes to and fro."""
+    return scene.with_(motions=(tmj.model.Motion.in_line("r1", 0.05, 9.0, (1.0, 0.5, 0.3)),))
 
 
 def in_water(
@@ -130,6 +137,9 @@ FEATURES = {
     # Of this seed no string falls slack, where RK4 falls to its first order.
     "masses on rods, water": Feature(lambda: loaded(in_water(), seed=2), unloaded),
     "damping of point masses": Feature(lambda: loaded(hung(), damping=0.7), lambda _: loaded(hung())),
+    "elastic rods": Feature(soft_pair, rigid),
+    "elastic rods, moved supports": Feature(lambda: shaken_pair(soft_pair()), rigid),
+    "elastic rods, resistance": Feature(lambda: soft_pair().with_(resistance=IN_AIR), rigid),
     "loads": Feature(pushed, lambda scene: scene.with_(loads=())),
     "moved supports": Feature(moved, lambda scene: scene.with_(motions=())),
     "ground": Feature(shaken, lambda scene: scene.with_(motions=())),

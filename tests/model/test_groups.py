@@ -83,8 +83,8 @@ def test_what_is_written_has_numbers_in_each_member_and_keeps_the_groups() -> No
 WRONG = [
     ("[structure.groups.saddle]\nstiffness", "[structure.groups.saddle]\nstifness", FormatError,
      "structure.groups.saddle (of strings): unknown key 'stifness' (did you mean 'stiffness'?); allowed: stiffness, "),
-    ("[structure.groups.heavy]\nmass", "[structure.groups.heavy]\nstiffness", FormatError,
-     "structure.groups.heavy (of rods): unknown key 'stiffness'"),
+    ("[structure.groups.heavy]\nmass", "[structure.groups.heavy]\nstrength", FormatError,
+     "structure.groups.heavy (of rods): unknown key 'strength'"),
     ("stiffness = 800", "stiffness = -1", StructureError,
      "structure.groups.saddle (of strings): stiffness = -1.0; it must be > 0 N/m"),
     ("stiffness = 500", 'stiffness = "500"', FormatError,

@@ -11,7 +11,7 @@ that of forces which an integrator of one stage holds over a step.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -41,9 +41,9 @@ from tensegrity_mj.model.elements.loads import NodalLoads
 from tensegrity_mj.model.scene import Scene
 
 Motion, pack_motion = view_of("Motion", count="size", nodes=("f8", "count", 3), velocities=("f8", "count", 3))
-# given: of surroundings that move, the power that they give [W], or what an element with a state loses of what it has
-# stored; added: α of the rods [kg], of all elements together, rows (α_11, α_12, α_21, α_22), of which there are none
-# where no element adds mass; state: of an element that has one, as it is now; rates: its derivative, for it to write.
+# given: of surroundings that move, the power that they give [W], or what an element that stores its work loses of it;
+# added: α of the rods [kg], of all elements together, rows (α_11, α_12, α_21, α_22), of which there are none where no
+# element adds mass; state: of an element that has one, as it is now; rates: its derivative, for it to write.
 _EFFECT: dict[str, Field] = {
     "count": "size",
     "forces": ("f8", "count", 3),
@@ -67,7 +67,7 @@ RECORD_SIZE = 4  # numbers of a record
 _read_elements = records_reader(ELEMENT)
 _WORKS = {Work.GIVEN: 0, Work.LOST: 1, Work.STORED: 2}
 GIVEN, LOST = _WORKS[Work.GIVEN], _WORKS[Work.LOST]
-LOSING = 3  # of what stores its work and, by its state, loses some of it
+LOSING = 3  # of what stores its work and loses some of it
 
 
 @intrinsic
@@ -295,9 +295,9 @@ class PackedElements:
         failures: what an element in Python raised: it, and the first exception.
     """
 
-    def __init__(self, scene: Scene, plant: Table) -> None:
+    def __init__(self, scene: Scene, plant: Table, effects: Sequence[Element]) -> None:
         self.failures: Failures = []
-        effects, N, R = scene.effects, len(scene.structure.nodes), len(scene.structure.rods)
+        N, R = len(scene.structure.nodes), len(scene.structure.rods)
         self.records = np.zeros(len(effects), ELEMENT)
         self.seen = np.array([N, address_of(plant["nodes"]), address_of(plant["velocities"])], np.int64)  # a `Motion`
         self.added = np.zeros((R if any(one.adds_mass for one in effects) else 0, 4))
@@ -318,7 +318,7 @@ class PackedElements:
                 state=state,
                 rates=rates,
             )
-            losing = element.has_state and element.work is Work.STORED
+            losing = (element.has_state or element.loses) and element.work is Work.STORED
             record["function"], record["context"] = native.address, native.context
             record["effect"], record["work"] = effect.address, LOSING if losing else _WORKS[element.work]
             self._keep += [native, effect]

@@ -6,6 +6,7 @@ so that an engine passes a single integer.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,7 @@ from tensegrity_mj.dynamics.native.pointers import address, borrowing, copy, flo
 from tensegrity_mj.dynamics.native.views import Fields, Table
 from tensegrity_mj.errors import ControllerError
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
+from tensegrity_mj.model.elements.element import Element
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure
@@ -81,8 +83,9 @@ class Plant(Table):
         actuation: Actuation,
         on_infeasible: OnInfeasible,
         fields: Fields = PLANT,
+        effects: Sequence[Element] | None = None,
     ) -> None:
-        """`fields`: `PLANT`, and those of an engine behind them, which it sets."""
+        """`fields`: `PLANT`, and those of an engine behind them, which it sets; `effects`: in place of the scene's."""
         super().__init__("plant", fields)
         structure = scene.structure
         N, M, m = len(structure.nodes), len(structure.strings), len(scene.motions)
@@ -122,7 +125,7 @@ class Plant(Table):
             **{name: np.zeros(M) for name in ("command", "lengths", "rates", "tensions", "elastic", "sampled_lengths")},
         )
         self._set_limits(structure, actuation)
-        self.elements = PackedElements(scene, self)
+        self.elements = PackedElements(scene, self, scene.effects if effects is None else effects)
         self["row_width"] = 6 * N + 3 * M + 3 + self.elements.states.shape[1] + REPORT_SIZE
 
     def _set_limits(self, structure: Structure, actuation: Actuation) -> None:

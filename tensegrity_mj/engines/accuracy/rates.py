@@ -16,6 +16,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.model.actuation import Mode
+from tensegrity_mj.model.elements.elastic_rods import Bars
 from tensegrity_mj.model.rods import centers_and_moments, own_masses
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import tension
@@ -89,7 +90,10 @@ def _rates(scene: Scene, nodes: Array, velocities: Array, tensions: Array, stiff
     some = np.unique(np.linspace(0, len(nodes) - 1, LOOKED_AT).astype(int))
     vibration, decay = np.max([string_rates(structure, nodes[one]) for one in some], axis=0)
     sway, spin = _turning(scene, nodes, velocities, tensions)
-    return Rates(max(math.hypot(vibration * stiff, sway), spin), float(decay))
+    bars = Bars.of(structure)  # ω² = 12 k/m of a free uniform one, and twice its decay, 12 c/m
+    moments = centers_and_moments(own_masses(structure), structure.rod_lengths, structure.rod_lumps)[1][bars.rows]
+    own, slowing = (np.max(part * bars.lengths**2 / moments, initial=0.0) for part in (bars.stiffness, bars.damping))
+    return Rates(max(math.hypot(vibration * stiff, sway, math.sqrt(own)), spin), float(decay) + slowing)
 
 
 def _turning(scene: Scene, nodes: Array, velocities: Array, tensions: Array) -> tuple[float, float]:
@@ -145,6 +149,7 @@ def string_rates(structure: Structure, nodes: Array) -> tuple[float, float]:
     rods = structure.rod_nodes
     axes = nodes[rods[:, 1]] - nodes[rods[:, 0]]
     b = axes / np.maximum(np.linalg.norm(axes, axis=1), 1e-300)[:, None]
+    b = np.where(structure.elastic[:, None], 0.0, b)  # an elastic rod's ends move along it as they do across
     masses, (back, ahead) = structure.rod_masses[:, None], _mobilities(structure)[..., None]
     apart = back / (back + ahead)
     points = [(structure.node_index[point.node], point.mass) for point in structure.lone_masses]

@@ -26,6 +26,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.engines.mujoco.mjcf_bodies import DRIVE, FLOOR, Names, add_bodies, add_site, hardness, size
+from tensegrity_mj.engines.mujoco.mjcf_elastic import add_bars
 from tensegrity_mj.engines.mujoco.mjcf_frames import must_turn, numbers
 from tensegrity_mj.engines.mujoco.mjcf_frames import quaternion as quaternion
 from tensegrity_mj.engines.mujoco.mjcf_frames import rotation_to as rotation_to
@@ -116,6 +117,7 @@ def scene_to_mjcf(scene: Scene, timestep: float = 1e-3, integrator: str = "RK4")
     add_bodies(world, scene, tree, names, thickness)
     if structure.strings:
         _strings(root, scene, thickness)
+    add_bars(root, world, scene, tree, names)
     _closures(root, scene, tree, names, timestep)
     if np.any(scene.velocities0):
         keyframe = ET.SubElement(root, "keyframe")

@@ -12,7 +12,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.engines.mujoco.mjcf_frames import TURNED_AXIS, TURNED_SITE, must_turn, numbers, quaternion
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, Turn, distinct
 from tensegrity_mj.model.elements.contact import Contact
-from tensegrity_mj.model.rods import centers_and_moments
+from tensegrity_mj.model.rods import centers_and_moments, mass_at_ends
 from tensegrity_mj.model.scene import Scene
 
 # The axial moment of inertia as a part of the transverse one: strings attach on the axis, so 1e-4 to 1e-6 change no
@@ -43,12 +43,14 @@ class Names:
         members = [rod.name for rod in rods] + [point.node for point in points] + moved
         own = [body.name for body in structure.bodies]
         bodies = distinct([*members, *own], taken={"world"})
+        # The second body of an elastic rod.
+        self.bars = distinct([f"{rod.name} end" for rod in rods], taken={"world", *bodies})
         cuts = (len(rods), len(rods) + len(points))
         self.rods, self.points, self.moved = _cut(bodies[: len(members)], cuts)
         self.bodies = bodies[len(members) :]
         # A rod's own name goes to the joint that turns it, whatever the slides of the others are called.
         self.turns = [rod.name for rod in rods]
-        counts = [0 if joint.turn is Turn.FREE else joint.axes.shape[1] for joint in tree.joints]
+        counts = [0 if j.turn is Turn.FREE else j.axes.shape[1] + j.stretches.shape[1] for j in tree.joints]
         counts += [point.translation_basis.shape[1] for point in points]
         counts += [axes.shape[1] for _, axes in tree.moved_nodes]
         wanted = [f"{name} {k + 1}" for name, count in zip(members, counts, strict=True) for k in range(count)]
@@ -70,6 +72,9 @@ def add_bodies(world: ET.Element, scene: Scene, tree: BodyTree, names: Names, th
     site: dict[str, Any] = {"size": numbers([2 * thickness]), "rgba": "0.2 0.2 0.2 1"}
     elements: dict[int, ET.Element] = {-1: world}
     for number in tree.order:
+        if tree.joints[number].turn is Turn.NONE:
+            _bar_bodies(world, scene, tree, number, names, site)
+            continue
         carrier = elements[tree.joints[number].parent]
         elements[number] = _rod_body(carrier, scene, tree, number, names, site)
     for number in range(len(scene.structure.lone_masses)):
@@ -145,6 +150,33 @@ def _rod_body(
         elif node in own:
             add_site(body, own[node], [0, 0, height], site, center, length)
     return body
+
+
+def _bar_bodies(
+    world: ET.Element, scene: Scene, tree: BodyTree, number: int, names: Names, site: dict[str, Any]
+) -> None:
+    """The bodies of an elastic rod's ends, the second of which slides relative to the first; see `mjcf_elastic`."""
+    structure, joint = scene.structure, tree.joints[number]
+    rod, ends = structure.rods[number], scene.nodes0[structure.rod_nodes[number]]
+    near, driven, count = int(joint.sigma), joint.slides.shape[1], joint.axes.shape[1]
+    slides = names.rod_slides[number]
+    own, (total, first, second) = rod.mass / 6, structure.rod_lumps[:, number]
+    heavy: list[dict[str, Any]] = [{}, {}]  # what a body weighs more than its own mass does
+    if np.any(scene.gravity):
+        heavy = [{"gravcomp": numbers([1 - weight / own])} for weight in mass_at_ends(structure)[number]]
+    # The moment of inertia never counts: the bodies only slide.
+    inertia: dict[str, Any] = {"mass": numbers([own]), "diaginertia": numbers([rod.mass] * 3)}
+    body = ET.SubElement(world, "body", name=names.rods[number], pos=numbers(ends[near]), **heavy[near])
+    for k, axis in enumerate(joint.axes.T):
+        _add_slide(body, slides[k], axis, drive(scene) if k >= driven else 0.0)
+    inner = ET.Element("body", name=names.bars[number], pos=numbers(ends[1 - near] - ends[near]), **heavy[1 - near])
+    apart = max(second - first**2 / total, 0.0) if total else 0.0  # of the masses about their own centre
+    for name, axis in zip(slides[count:], joint.stretches.T, strict=True):
+        _add_slide(inner, name, axis, apart)
+    for part, node in ((body, rod.nodes[near]), (inner, rod.nodes[1 - near])):
+        ET.SubElement(part, "inertial", pos="0 0 0", **inertia)
+        add_site(part, node, [0, 0, 0], site)
+    body.append(inner)
 
 
 def add_site(

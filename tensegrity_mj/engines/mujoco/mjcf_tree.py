@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
@@ -37,6 +37,7 @@ class Turn(enum.Enum):
     FREE = "free"  # one joint for all six coordinates
     BALL = "ball"
     HINGE = "hinge"
+    NONE = "none"  # of an elastic rod, whose second end slides relative to the first
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +50,7 @@ class RodJoint:
         slides: (3, n) directions in which that point moves freely, in the world.
         moved: (3, m) directions along which a motion drives it, in the world.
         turn: see `Turn`.
+        stretches: (3, p) directions in which the other end of an elastic rod slides relative to that point, its first.
     """
 
     parent: int
@@ -56,6 +58,7 @@ class RodJoint:
     slides: Array
     moved: Array
     turn: Turn
+    stretches: Array = field(default_factory=lambda: np.zeros((3, 0)))
 
     @property
     def axes(self) -> Array:
@@ -117,6 +120,10 @@ def _body_tree(scene: Scene) -> BodyTree:
             continue
         slides, motion = rod.support.translation_basis, motions.get(rod.name)
         moved = np.zeros((3, 0)) if motion is None else moved_directions(motion, held_directions(rod))
+        if rod.stiffness is not None:
+            first = rod.support.sigma if rod.support.directions else 0.0
+            joints.append(RodJoint(-1, first, slides, moved, Turn.NONE, rod.support.rotation_basis))
+            continue
         turn = Turn.HINGE if flat else Turn.FREE if slides.shape[1] == 3 else Turn.BALL
         joints.append(RodJoint(-1, rod.support.sigma, slides, moved, turn))
     children: list[list[int]] = [[] for _ in structure.rods]
@@ -192,6 +199,11 @@ def joint_coordinates(scene: Scene, tree: BodyTree, nodes: Array, velocities: Ar
             # Slides and turns count from where the model was built.
             places.append(axes.T @ (r - ((1 - sigma) * start[i] + sigma * start[j])))
             rates.append(axes.T @ r_rate)
+            if joint.turn is Turn.NONE:
+                near, far = (j, i) if sigma else (i, j)
+                places.append(joint.stretches.T @ (nodes[far] - nodes[near] - (start[far] - start[near])))
+                rates.append(joint.stretches.T @ (velocities[far] - velocities[near]))
+                continue
         else:
             spin = spin - spins[parent]
         if joint.turn is Turn.BALL:

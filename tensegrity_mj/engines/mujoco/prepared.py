@@ -162,6 +162,8 @@ def _slides(scene: Scene, model: mujoco.MjModel, tree: BodyTree) -> Array:
     if structure.class_number > 1:
         return slides
     for row, rod, joint in zip(slides, structure.rods, tree.joints, strict=True):
+        if rod.stiffness is not None:
+            continue  # its λ follows from its length
         axes = joint.axes
         basis = np.zeros((3, 3))
         basis[:, : axes.shape[1]] = axes

@@ -38,6 +38,7 @@ from tensegrity_mj.engines.recording import Account, RodMotion, allocate_rows, m
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.errors import DivergenceError, TensegrityError
+from tensegrity_mj.model.elements.elastic_rods import carried
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.energy import BEYOND, blame_divergence, check_energy
 from tensegrity_mj.runs.trajectory import Status, Trajectory
@@ -95,7 +96,7 @@ class MuJoCoRun:
         if table is None or ready.data is not data:
             table = bound(self.model, data, ready.nodes, ready.slides)
         self.data: Any = data
-        self.plant = plant = Plant(scene, request.law, request.actuation, request.on_infeasible, RUN)
+        self.plant = plant = Plant(scene, request.law, request.actuation, request.on_infeasible, RUN, carried(scene))
         self.times = self.grid.times
         self.width = plant["row_width"]
         plant.take(table)

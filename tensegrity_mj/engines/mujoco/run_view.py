@@ -100,7 +100,8 @@ def bound(model: Any, data: Any, nodes: tuple[Any, Any, Any], slides: Any) -> Ta
     table, (sites, bodies, roots) = Table("run", RUN), nodes
     sizes = {"site_count": model.nsite, "body_count": model.nbody, "nq": model.nq, "nv": model.nv}
     table.set(node_count=len(sites), string_count=model.nu, rod_count=len(slides), entries=len(data.M), **sizes)
-    table.set(**{name: getattr(data, ALIASES.get(name, name)) for name in (*OF_DATA, *ALIASES)})
+    table.set(**{name: getattr(data, name) for name in OF_DATA})
+    table.set(**{name: getattr(data, of)[: model.nu] for name, of in ALIASES.items()})  # strings are the first tendons
     table.set(data=data._address, force_range=model.actuator_forcerange, slides=slides)
     table.set(node_sites=sites, node_bodies=bodies, node_roots=roots)
     return table

@@ -63,6 +63,7 @@ class Element:
             needs it; "" for none, and `act` is called.
         label: its name in messages; by default that of its class.
         has_state: whether it has `state0`; found by itself.
+        loses: of a compiled STORED element without a state, whether it adds what it loses to its effect's `given`.
     """
 
     work: ClassVar[Work] = Work.GIVEN
@@ -73,6 +74,7 @@ class Element:
     compiled: ClassVar[str] = ""
     label: ClassVar[str] = ""
     has_state: ClassVar[bool] = False
+    loses: ClassVar[bool] = False
 
     def __init_subclass__(cls, **options: object) -> None:
         super().__init_subclass__(**options)

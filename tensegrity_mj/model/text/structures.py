@@ -110,6 +110,8 @@ def _support(table: Table) -> Support:
 
 def _rod_table(rod: Rod) -> dict[str, Any]:
     table = fields_of(rod)
+    if rod.stiffness is None:
+        del table["damping"]
     last = {"support": Support.free(), "masses": ()}
     own = {key: table.pop(key) for key in last}
     return table | {key: held for key, held in own.items() if held != last[key]}

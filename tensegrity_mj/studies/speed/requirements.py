@@ -135,7 +135,7 @@ def degrees_of_freedom(structure: Structure) -> int:
     slides = sum(
         rod.support.translation_basis.shape[1] for rod, hangs in zip(structure.rods, hanging, strict=True) if not hangs
     )
-    turns = sum(rod.support.rotation_basis.shape[1] - 1 for rod in structure.rods)
+    turns = sum(rod.support.rotation_basis.shape[1] - (rod.stiffness is None) for rod in structure.rods)
     turns += 6 * sum(not body.held for body in structure.bodies)
     return int(slides + turns + sum(point.translation_basis.shape[1] for point in structure.lone_masses))
 
@@ -202,13 +202,15 @@ def _flags(model: Any) -> tuple[str, ...]:
 
 def _reasons(scene: Scene, limit: float) -> list[str]:
     structure, contact = scene.structure, scene.contact
-    spinning = sum(rod.support.plane is None for rod in structure.rods)
+    spinning = sum(rod.support.plane is None and rod.stiffness is None for rod in structure.rods)
     found = []
     if spinning:
         found.append(
             f"spin of {spinning} rod{'s' if spinning > 1 else ''}: one that turns in space has a ball or free joint, "
             "which also spins it about its own axis"
         )
+    if elastic := int(structure.elastic.sum()):
+        found.append(f"two bodies and up to four tendons for each elastic rod, of which there are {elastic}")
     closures = spanning_forest(structure).closures
     if closures:
         found.append(

@@ -133,7 +133,7 @@ def peaks(run: Trajectory) -> Values:
     structure = run.scene.structure
     strings = [string.name for string in structure.strings]
     members = [rod.name for rod in structure.rods]
-    forces = run.rod_force_densities * structure.rod_lengths
+    forces = run.rod_forces
     u = run.force_densities
     return {
         "force_density": _peak(run.time, u, strings),

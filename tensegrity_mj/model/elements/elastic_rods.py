@@ -1,0 +1,80 @@
+"""Elastic rods as an element: what pulls their nodes together, or pushes them apart.
+
+A rod of stiffness k is the two-node bar of finite elements: straight, its velocity linear along it, so that it has the
+kinetic energy of a rigid thin rod (2.25), which now moves along itself, too. It pulls its nodes together with
+N = k (L - ℓ) + c dL/dt, of which ½ k (L - ℓ)² is stored and c (dL/dt)² is lost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from tensegrity_mj.basics.arrays import Array, IntArray, dot, norm
+from tensegrity_mj.model.elements.element import Element, Work
+from tensegrity_mj.model.structure import Structure
+
+if TYPE_CHECKING:
+    from tensegrity_mj.model.scene import Scene
+
+
+class Bars(NamedTuple):
+    """The E elastic rods of a structure: their rows (E,), nodes (E, 2), k [N/m], c [N s/m] and ℓ [m], (E,) each."""
+
+    rows: IntArray
+    nodes: IntArray
+    stiffness: Array
+    damping: Array
+    lengths: Array
+
+    @classmethod
+    def of(cls, structure: Structure) -> Bars:
+        """Those of a structure."""
+        rows = np.flatnonzero(structure.elastic)
+        damping = np.array([structure.rods[row].damping for row in rows], float)
+        lengths = structure.rod_lengths[rows]
+        return cls(rows, structure.rod_nodes[rows], structure.rod_stiffness[rows], damping, lengths)
+
+    def stretched(self, nodes: Array, velocities: Array) -> tuple[Array, Array, Array]:
+        """Spans (..., E, 3) [m], lengths [m] and forces N [N] (..., E) at positions and velocities (..., N, 3)."""
+        (i, j), v = self.nodes.T, velocities
+        spans = nodes[..., j, :] - nodes[..., i, :]
+        now = norm(spans)
+        rates = dot(spans, v[..., j, :] - v[..., i, :]) / now
+        return spans, now, self.stiffness * (now - self.lengths) + self.damping * rates
+
+
+def carried(scene: Scene) -> tuple[Element, ...]:
+    """What acts in a scene, for an engine that lets elastic rods pull itself."""
+    return tuple(ElasticRods(carried=True) if isinstance(one, ElasticRods) else one for one in scene.effects)
+
+
+@dataclass(frozen=True)
+class ElasticRods(Element):
+    """The elastic rods of its scene's structure; `carried` where the engine itself lets them pull."""
+
+    carried: bool = False
+    work = Work.STORED
+    smooth = True
+    vectorized = True
+    loses = True
+    compiled = "tensegrity_mj.dynamics.native.elastic_rods:pack_elastic_rods"
+    label = "elastic rods"
+
+    def act(self, scene: Scene, time: Array | float, nodes: Array, velocities: Array) -> Array:
+        """See `Element`."""
+        bars, out = Bars.of(scene.structure), np.zeros_like(nodes)
+        spans, lengths, forces = bars.stretched(nodes, velocities)
+        pulls = (forces / lengths)[..., None] * spans
+        for row, (i, j) in enumerate(bars.nodes):
+            out[..., i, :] += pulls[..., row, :]
+            out[..., j, :] -= pulls[..., row, :]
+        return out
+
+    def energy(self, scene: Scene, nodes: Array) -> Array:  # type: ignore[override]
+        """Σ ½ k (L - ℓ)² [J]."""
+        bars = Bars.of(scene.structure)
+        stretch = bars.stretched(nodes, np.zeros_like(nodes))[1] - bars.lengths
+        return np.asarray(0.5 * np.sum(bars.stiffness * stretch**2, axis=-1))
