@@ -229,8 +229,9 @@ def rows(width: int = 0, need: str = "") -> Kind:
         return tuple(map(tuple, array.tolist())) if width else tuple(array.tolist())
 
     need = need or ("rows of three numbers" if width else "a list of numbers")
-    schema = list_schema(list_schema(NUMBER, 3) if width else NUMBER)
-    return Kind(plain, need, lambda value: is_list(value, is_row if width else is_number), schema=schema)
+    schema = list_schema(list_schema(NUMBER, width) if width else NUMBER)
+    row = partial(is_row, width=width) if width else is_number
+    return Kind(plain, need, lambda value: is_list(value, row), schema=schema)
 
 
 def each(need: str, **of: Kind) -> Kind:
@@ -373,6 +374,6 @@ def is_list(value: Any, valid: Callable[[Any], bool]) -> bool:
     return isinstance(value, list) and all(valid(item) for item in value)
 
 
-def is_row(value: Any) -> bool:
-    """Whether it is a list of three numbers."""
-    return is_list(value, is_number) and len(value) == 3
+def is_row(value: Any, width: int = 3) -> bool:
+    """Whether it is a list of so many numbers."""
+    return is_list(value, is_number) and len(value) == width

@@ -15,7 +15,6 @@ from tensegrity_mj.model import strings
 from tensegrity_mj.model.elements.element import acted
 from tensegrity_mj.model.elements.loads import NodalLoads
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.strings import StringLaw
 
 
 def point_velocities(model: Any, data: Any, bodies: Any, points: Array) -> Array:
@@ -41,7 +40,7 @@ class StringActuators:
         self._largest_u = structure.limits("max_force_density")
         self._least_length = structure.limits("min_rest_length")
         self._winch_speed = structure.limits("winch_speed")
-        self._clipped = structure.string_law is StringLaw.CLIPPED
+        self._clipped = structure.clipped
         # What a taut string may push with, by its own damper.
         self._most = np.where(self._clipped | (self.c == 0), 0.0, UNLIMITED)
         # A break is due at the step that begins then; MuJoCo's time is a sum with its roundings.
@@ -86,8 +85,7 @@ class StringActuators:
     def tensions(self, ctrl: Array, lengths: Array, rates: Array, time: float) -> Array:
         """T (M,) [N], dampers included."""
         total = self.force_densities(ctrl, lengths, time) * lengths + self.c * rates
-        if self._clipped:
-            total = np.maximum(0.0, total)
+        total = np.where(self._clipped, np.maximum(0.0, total), total)
         return np.where(self.idle(ctrl, lengths, time), 0.0, total)
 
     def force_limits(self, ctrl: Array, lengths: Array, time: float) -> Array:

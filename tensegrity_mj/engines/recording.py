@@ -108,7 +108,7 @@ def make_trajectory(
         rod_force_densities=rods.force_densities(structure, multipliers),
         kinetic_energy=rods.kinetic_energy(structure, velocities),
         gravity_energy=rods.gravity_energy(structure, nodes, np.array(scene.gravity)),
-        string_energy=np.sum(elastic**2 / (2 * structure.stiffness), axis=1),  # none in slack and broken strings
+        string_energy=np.sum(structure.curves.stored(lengths - rest, elastic), axis=1),  # none in slack and broken ones
         winch_work=winch,
         external_work=external,
         dissipation=lost,

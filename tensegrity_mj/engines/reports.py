@@ -57,7 +57,7 @@ def reports_of(request: Request, run: Trajectory, plant: Plant, step: float | No
         *_buckling_warnings(bent),
         *_string_warnings(structure, rest, pushed),
     ]
-    below = np.asarray((run.rest_lengths <= 0).any(axis=1))
+    below = np.asarray(((run.rest_lengths <= 0) & ~structure.curves.constant).any(axis=1))
     rows = np.flatnonzero(below)
     reports: dict[str, Any] = {
         "warnings": warnings,

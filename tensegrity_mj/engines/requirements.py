@@ -16,7 +16,9 @@ from tensegrity_mj.model.capabilities import (
     ELASTIC,
     ELEMENT_STATES,
     MOVED_SUPPORTS,
+    NOT_LINEAR,
     PUSHING_DAMPERS,
+    YIELDING,
     Descriptor,
     Limit,
 )
@@ -48,6 +50,7 @@ USES: Mapping[str, tuple[Limit, ...]] = {
     ),
     "law_in": (
         _PUSHING_DAMPERS,
+        Limit(YIELDING, "their memory belongs to a run, which goes on", "use simulate_many", OptionError),
         Limit(BREAKS, "a break belongs to a run, which begins and ends", "use simulate_many", OptionError),
         Limit(ELEMENT_STATES, "a state belongs to a run, which integrates it", "use simulate_many", OptionError),
     ),
@@ -67,6 +70,7 @@ USES: Mapping[str, tuple[Limit, ...]] = {
             "they hold forces over a step, and that of added mass depends on the accelerations of each stage",
             "use simulate or law_in, or leave it out (scene.with_(water=None))",
         ),
+        Limit(NOT_LINEAR, "their actuators are linear, and act between the steps alone", "use simulate or law_in"),
         Limit(ELEMENT_STATES, "they integrate no states but MuJoCo's own", "use simulate or simulate_many"),
     ),
 }

@@ -241,6 +241,8 @@ def _together(first: String, second: String, length: float) -> String:
         return string.tension if string.tension is not None else (string.force_density or 0.0) * length
 
     k, c = first.stiffness + second.stiffness, first.damping + second.damping
+    if k == 0:  # constant forces
+        return replace(first, damping=c, tension=tension(first) + tension(second))
     rest = length - (tension(first) + tension(second)) / k
     return replace(first, stiffness=k, damping=c, rest_length=rest, tension=None, force_density=None)
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from tensegrity_mj.basics.fields import item_of
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
+from tensegrity_mj.model.structure_checks import names_of
 
 WORDS = {"name": "", "source": "", "structure": "", "duration": ""}
 
@@ -16,6 +17,13 @@ def left_out(scene: Scene, kept: Sequence[str]) -> list[str]:
     notes = []
     if scene.structure.string_law is not StringLaw.CLIPPED:
         notes.append(f"the string law '{scene.structure.string_law.value}' is left out")
+    for words, has in (
+        ("the tension curves of strings {} are left out, but for their first slopes", lambda one: len(one.curve) > 1),
+        ("strings {} pull with a constant force, which is left out", lambda one: one.is_constant),
+        ("the string laws of strings {} are left out", lambda one: one.string_law is not None),
+    ):
+        if names := [one.name for one in scene.structure.strings if has(one)]:
+            notes.append(words.format(names_of(names)))
     structure = scene.structure
     carried = structure.rods and any(rod.masses for rod in structure.rods)
     if any(point.damping for point in structure.point_masses):

@@ -45,8 +45,11 @@ def strings_of(model: mujoco.MjModel, data: mujoco.MjData, node_of: NodeOf, opti
                 out.notes.append(
                     f"the damper of tendon '{name}' acts where it is slack, too; that of a string does not"
                 )
-        elif k == 0 and options.stiffness is not None:
+        elif tendon not in pulls and options.stiffness is not None:
             k, pull, c = options.stiffness, options.stiffness * float(data.ten_length[tendon]), options.damping or 0.0
+        if k == 0 and pull < 0:
+            out.strings.append(String(name, path, 0.0, c, tension=-pull))
+            continue
         if k <= 0 or pull <= 0:
             what = (
                 f"no stiffness, such as of --stiffness ({k:g} N/m)" if k <= 0 else f"a rest length of {pull / k:.3g} m"
@@ -67,7 +70,8 @@ def _pulls(model: mujoco.MjModel, data: mujoco.MjData, out: Draft) -> dict[int, 
     for row in range(model.nu):
         name, tendon = model.actuator(row).name or str(row), int(model.actuator_trnid[row, 0])
         gear, bias = float(model.actuator_gear[row, 0]), model.actuator_biasprm[row]
-        affine = int(model.actuator_biastype[row]) == int(mujoco.mjtBias.mjBIAS_AFFINE) and bias[1] < 0
+        affine = int(model.actuator_biastype[row]) == int(mujoco.mjtBias.mjBIAS_AFFINE)
+        affine &= bool(bias[1] < 0 or (bias[1] == 0 and gear * bias[0] < 0))  # a spring, or a constant force
         if int(model.actuator_trntype[row]) != int(mujoco.mjtTrn.mjTRN_TENDON) or not affine or tendon in found:
             out.notes.append(f"actuator '{name}' is no spring along a tendon, and is left out")
             continue

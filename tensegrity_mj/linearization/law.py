@@ -17,6 +17,7 @@ from tensegrity_mj.linearization.assembled_chart import AnyChart
 from tensegrity_mj.linearization.differences import central
 from tensegrity_mj.model.actuation import Actuation, OnInfeasible
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.strings import force_density
 
 # A law's derivative: steps tried, relative to R. Where its kinks are near, only short ones are right.
 LAW_STEPS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
@@ -61,7 +62,10 @@ class SetRestLengths:
             rest = self(nodes, velocities)
             if inputs is Command.REST_LENGTH:
                 return rest
-            return structure.stiffness * (1 - rest / structure.string_lengths(nodes))
+            lengths = structure.string_lengths(nodes)
+            if not structure.curves.linear:
+                return force_density(structure.curves, lengths, rest)
+            return structure.stiffness * (1 - rest / lengths)
 
         here = value(np.zeros(2 * n))
         gain = np.zeros((len(structure.strings), 2 * n))

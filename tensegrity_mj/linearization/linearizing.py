@@ -123,7 +123,7 @@ def linearize(
     else:
         rest = np.array(structure.rest_lengths) if loop is None else loop(scene.nodes0, scene.velocities0)
     strings = KeptStrings(structure, scene, rest, broken, inputs, PAIRS * STEP * reach, reach)
-    elements = ElementStates(scene)
+    elements = ElementStates(scene if strings.linear is structure else scene.with_(structure=strings.linear))
     field: Accelerations = engine.accelerations(Request(elements.scene, native_law(None, structure)))
 
     def motion(delta: Array, rate: Array, change: Array, states: Array = elements.start) -> tuple[Array, Array]:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.kinds import SMALLEST
 from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.linearization.differences import STEP
+from tensegrity_mj.model.members import PRESTRESS
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.strings import StringLaw, on_taut_side
+from tensegrity_mj.model.strings import on_taut_side
 from tensegrity_mj.model.structure import Structure
 
 
@@ -40,42 +45,73 @@ class KeptStrings:
         rates = structure.string_rates(scene.nodes0, scene.velocities0)
         stretch = lengths - rest
         taut, self.at_edge = on_taut_side(lengths, rest, broken)
-        elastic = structure.stiffness * stretch
+        self.k, self.pull, self.free = self._tangents(lengths, rest)
+        elastic = self.pull if self.curved else structure.stiffness * stretch
         dampers = structure.damping * rates
-        clipped = structure.string_law is StringLaw.CLIPPED
         # A clipped string whose damper pushes more than it pulls carries nothing, and goes on so.
-        self.taut = taut & ~(clipped & ~self.at_edge & (elastic + dampers <= 0))
-        self.u = structure.stiffness * stretch / lengths
+        self.taut = taut & ~(structure.clipped & ~self.at_edge & (elastic + dampers <= 0))
+        self.u = elastic / lengths
         self.input_step = (
             np.full(len(rest), STEP * reach)
             if inputs is Command.REST_LENGTH
-            else STEP * structure.stiffness * np.ones(len(rest))
+            else STEP * np.where(structure.curves.constant, self.u, structure.stiffness)
         )
         # Above all that nodes that move by `move`, inputs, and dampers at unit rates of δ can make of a tension.
         self.offset = (
-            structure.stiffness * (np.abs(stretch) + 4 * move)
-            + 2 * self.input_step * (structure.stiffness if inputs is Command.REST_LENGTH else lengths)
+            (np.abs(self.pull) + self.k * 4 * move if self.curved else self.k * (np.abs(stretch) + 4 * move))
+            + 2 * self.input_step * (self.k if inputs is Command.REST_LENGTH else lengths)
             + 2 * structure.damping * (np.abs(rates) + 2 * float(structure.rod_lengths.max(initial=1.0)))
         )
 
     def rest_lengths(self, lengths: Array, change: Array, offsets: float) -> Array:
         """(M,) [m] for the tension at these lengths and inputs plus a number of offsets."""
-        k = self.structure.stiffness
         if self.inputs is Command.REST_LENGTH:
-            elastic = k * (lengths - self.rest - change)
+            elastic = self.k * (lengths - self.free - change)
         else:
             elastic = (self.u + change) * lengths
+        if self.curved:
+            elastic = np.where(self.structure.curves.constant | (self.k == 0), self.pull, elastic)
+        k = self.linear.stiffness
         return np.where(self.taut, lengths - (elastic + offsets * self.offset) / k, 3 * lengths)
+
+    def _tangents(self, lengths: Array, rest: Array) -> tuple[Array, Array, Array]:
+        """Slopes [N/m] and elastic tensions [N] (M,) at the state, and where tangents of that slope are at zero [m]."""
+        curves = self.structure.curves
+        if not self.curved:
+            return curves.stiffness, curves.stiffness * (lengths - rest), rest
+        stretch = lengths - rest
+        k, pull = curves.slope(np.maximum(stretch, SMALLEST)), curves.tension(stretch)
+        one = np.array([string.is_linear for string in self.structure.strings], bool)
+        return k, pull, np.where(one, rest, lengths - pull / np.where(k > 0, k, np.inf))
+
+    @property
+    def curved(self) -> bool:
+        """Whether any string has more than its stiffness."""
+        return not self.structure.curves.linear
+
+    @cached_property
+    def linear(self) -> Structure:
+        """The structure, with linear strings that engines give any tension by their rest lengths."""
+        if not self.curved:
+            return self.structure
+        none = dict.fromkeys(PRESTRESS)
+        strings = [
+            one if one.is_linear else replace(one, stiffness=one.stiffness or 1.0, curve=(), yields=False, **none)  # type: ignore[arg-type]
+            for one in self.structure.strings
+        ]
+        return replace(self.structure, strings=tuple(strings))
 
     def remarks(self) -> list[str]:
         """What the caller should know about strings at the edge."""
-        names = self._named(self.at_edge)
-        if not names:
-            return []
-        return [
-            f"strings {names} are at the edge of slackness (their length is their rest length): the model "
-            "is that of the taut side; it has a kink there"
-        ]
+        remarks = []
+        if names := self._named(self.at_edge):
+            remarks.append(
+                f"strings {names} are at the edge of slackness (their length is their rest length): the model "
+                "is that of the taut side; it has a kink there"
+            )
+        if names := self._named(self.structure.curves.yields & self.taut):
+            remarks.append(f"strings {names} yield: the model has them unload and reload, with their first slope")
+        return remarks
 
     def losses(self) -> list[str]:
         """What the caller should know about broken strings."""

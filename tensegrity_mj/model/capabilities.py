@@ -121,13 +121,14 @@ def _constrained(scene: Scene) -> str:
 
 
 def _pushing(scene: Scene) -> str:
-    from tensegrity_mj.model.strings import StringLaw
+    structure = scene.structure
+    pairs = zip(structure.strings, structure.clipped, strict=True)
+    return _first([f"string '{one.name}' is damped and not clipped" for one, kept in pairs if one.damping and not kept])
 
-    if scene.structure.string_law is StringLaw.CLIPPED:
-        return ""
-    return _first(
-        [f"string '{one.name}' is damped and not clipped" for one in scene.structure.strings if one.damping > 0]
-    )
+
+def _string_that(words: str, has: Callable[[Any], bool]) -> Callable[[Scene], str]:
+    """Words for the first string of a scene that has something."""
+    return lambda scene: _first([f"string '{one.name}' {words}" for one in scene.structure.strings if has(one)])
 
 
 def _bodies(scene: Scene) -> str:
@@ -174,6 +175,11 @@ ELEMENT_STATES = Trait(
     lambda scene: _first([f"{one.label} has a state (state0)" for one in scene.elements if one.has_state]),
 )
 PUSHING_DAMPERS = Trait("damped strings that are not clipped", _pushing)
+YIELDING = Trait("strings that yield", _string_that("yields", lambda one: one.yields))
+NOT_LINEAR = Trait(
+    "strings that are not linear", _string_that("has a curve, or a constant force", lambda one: not one.is_linear)
+)
+OWN_LAWS = Trait("strings with a law of their own", _string_that("has a string_law", lambda one: one.string_law))
 JOINED_CONTACT = Trait("contact of rods that share nodes", _and(_contact, _joined_rods))
 ADDED_MASS_IN_CONTACT = Trait("contact and added mass", _and(_added, _contact))
 CONSTRAINTS_IN_CONTACT = Trait("contact and linear constraints", _and(_constrained, _contact))

@@ -90,8 +90,9 @@ def with_strings(structure: Structure, changes: Mapping[str, ArrayLike | None]) 
         else:
             shape = (len(structure.strings),)
             columns[key] = np.broadcast_to(array_of_shape(key, values, shape), shape).tolist()
+    columns.setdefault("stiffness", structure.stiffness.tolist())
     strings = (
-        replace(string, **{key: column[row] for key, column in columns.items()})  # type: ignore[arg-type]
+        string.scaled_to(**{key: column[row] for key, column in columns.items()})  # type: ignore[arg-type]
         for row, string in enumerate(structure.strings)
     )
     return replace(structure, strings=tuple(strings))
@@ -103,10 +104,9 @@ def merged(one: Structure, other: Structure, join: Mapping[str, str] | bool, pre
     instance("merged: join", join, (bool, Mapping), "it must be True, False, or a table {node of the other: node}")
     instance("merged: prefix", prefix, str, "it must be a text, as 'b_'")
     if one.string_law is not other.string_law:
-        raise StructureError(
-            f"merged: the string law of '{one.name}' is {one.string_law.value}, that of '{other.name}' "
-            f"{other.string_law.value}; both must have the same: replace(structure, string_law=...)"
-        )
+        laws = [string.string_law or other.string_law for string in other.strings]
+        strings = (replace(string, string_law=law) for string, law in zip(other.strings, laws, strict=True))
+        other = replace(other, strings=tuple(strings), string_law=one.string_law)
     joined = dict(join) if isinstance(join, Mapping) else _meeting(one, other) if join else {}
     names = {name: joined.get(name, f"{prefix}{name}") for name in other.nodes}
     new = {names[name]: place for name, place in other.nodes.items() if name not in joined}

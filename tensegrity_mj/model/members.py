@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +13,10 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import field, refused, value
 from tensegrity_mj.basics.kinds import (
+    SMALLEST,
+    choice,
     direction,
+    flag,
     many,
     not_negative,
     number,
@@ -26,6 +31,7 @@ from tensegrity_mj.basics.kinds import (
 )
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.section import Section
+from tensegrity_mj.model.strings import StringLaw
 
 Vector = tuple[float, float, float]
 
@@ -33,6 +39,7 @@ Vector = tuple[float, float, float]
 PRESTRESS = ("rest_length", "tension", "force_density")  # of a string, at most one of them
 LIMITS = ("max_force_density", "min_rest_length", "winch_speed")  # of a string
 LENGTH = number("a finite number > 0 m", lambda x: x > 0, minimum=0, exclusiveMinimum=True)
+STIFFNESS = number("> 0 N/m, or 0 N/m for a constant force", lambda x: x >= SMALLEST or x == 0, minimum=0)
 GROUP = printable_name("the name of a group, a non-empty string of printable characters")
 
 
@@ -181,10 +188,18 @@ class Rod:
 
 @value("string {name!r}", StructureError)
 class String:
-    """A massless linear string between two nodes (thesis, Assumption 2.1; law in `strings`), or along a path of more.
+    """A massless string between two nodes (thesis, Assumption 2.1; law in `strings`), or along a path of more.
 
     `nodes` are those of its path, in order. It slides through those between its ends without friction, as over pulleys
     of no size: it has one rest length, one tension, and the length of all its segments together (`string_paths`).
+
+    It is linear, T = k s of its stretch s = L - L0, or has a tension `curve`: points (s, T) [m], [N] of a polygon that
+    begins at (0, 0) and goes on with its last slope; k is then the first one. It may stiffen, give way or stay level,
+    and must not fall. With `yields`, it unloads along a line of slope k from the largest stretch that it has had and
+    keeps a permanent stretch (`tension_curves`). A `stiffness` of 0 makes its `tension` a constant force at any length:
+    there is no rest length that a law could set.
+
+    `string_law` is that of this string alone, where it is not the structure's.
 
     At most one of `rest_length` [m], `tension` [N] and `force_density` [N/m] is given, the latter two at the
     structure's reference nodes; none of them means taut without tension there.
@@ -198,7 +213,7 @@ class String:
 
     name: str = field(printable_name())
     nodes: tuple[str, ...] = field(pair("node", more=True))
-    stiffness: float = field(positive("N/m"))
+    stiffness: float = field(STIFFNESS, default=None, none="absent, with a curve")
     damping: float = field(not_negative("N s/m"), default=0.0)
     rest_length: float | None = field(LENGTH, default=None, none="absent")
     tension: float | None = field(not_negative("N"), default=None, none="absent")
@@ -208,16 +223,74 @@ class String:
     winch_speed: float | None = field(positive("m/s"), default=None, none="absent")
     strength: float | None = field(positive("N"), default=None, none="absent")
     group: str | None = field(GROUP, default=None, none="absent")
+    curve: tuple[tuple[float, float], ...] = field(rows(2, "rows of two numbers, [stretch, tension]"), default=())
+    yields: bool = field(flag(), default=False)
+    string_law: StringLaw | None = field(choice(StringLaw), default=None, none="absent")
 
     def __attrs_post_init__(self) -> None:
         given = [name for name in PRESTRESS if getattr(self, name) is not None]
         if len(given) > 1:
             raise refused(self, f"{' and '.join(given)} are given; give at most one of them")
+        if self.stiffness is None:
+            if not self.curve:
+                raise refused(self, "'stiffness' is missing; it must be a number [N/m], or follow from a curve")
+            object.__setattr__(self, "stiffness", self.curve[0][1] / self.curve[0][0] if self.curve[0][0] else 0.0)
+        if wrong := _wrong_curve(self):
+            raise refused(self, wrong)
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether it pulls with a constant force."""
+        return self.stiffness == 0
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether it has no more than its stiffness."""
+        return self.stiffness > 0 and len(self.curve) < 2
+
+    def scaled_to(self, stiffness: float, **changes: Any) -> String:
+        """A copy with another stiffness [N/m], a curve with tensions in that proportion, and other changes."""
+        curve = tuple((s, T * (stiffness / self.stiffness)) for s, T in self.curve)
+        given: Any = None if curve else stiffness
+        return replace(self, stiffness=given, curve=curve, **changes)
 
     @property
     def unordered(self) -> tuple[str, ...]:
         """Its nodes, the same whichever of its ends comes first."""
         return min(self.nodes, self.nodes[::-1])
+
+
+def _wrong_curve(string: String) -> str:
+    """What is wrong with how a string's tension grows with its stretch; "" for nothing."""
+    k, curve = string.stiffness, string.curve
+    if string.is_constant and not curve:
+        others = [name for name in ("rest_length", "force_density", *LIMITS, "yields") if getattr(string, name)]
+        if string.tension and not others:
+            return ""
+        but = f" and no {others[0]}" if others else ""
+        return f"stiffness = {k!r}; it must be > 0 N/m, or for a constant force 0 with a tension > 0 N{but}"
+    points = ((0.0, 0.0), *curve)
+    for place, ((s0, T0), (s1, T1)) in enumerate(zip(points, curve, strict=False)):
+        if not s1 > s0:
+            return f"curve[{place}]: its stretch of {s1:g} m must be above {s0:g} m, of the point before"
+        if T1 < T0 or T1 <= 0:
+            return (
+                f"curve[{place}]: its tension of {T1:g} N must be above zero and not below {T0:g} N, of the point "
+                "before: where a curve falls, a string has several lengths at one tension, and breaks"
+            )
+    if curve and abs(curve[0][1] / curve[0][0] - k) > 1e-9 * k:
+        return (
+            f"stiffness = {k:g} N/m, but its curve begins with {curve[0][1] / curve[0][0]:g} N/m: leave stiffness out"
+        )
+    slopes = [(T1 - T0) / (s1 - s0) for (s0, T0), (s1, T1) in zip(points, curve, strict=False)]
+    if string.yields and (len(curve) < 2 or max(slopes) > k * (1 + 1e-9)):
+        return (
+            "yields needs a curve of two points or more that nowhere rises faster than at first: it unloads with the "
+            f"first slope, {k:g} N/m"
+        )
+    if len(curve) > 1 and string.min_rest_length is not None:
+        return "min_rest_length is for linear strings: a law turns it into a force density by k; use max_force_density"
+    return ""
 
 
 @value("point mass on node {node!r}", StructureError)

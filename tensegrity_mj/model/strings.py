@@ -6,6 +6,9 @@ dL/dt [m/s], pulls with the tension [N]
     T = max(0, k (L - L0) + c dL/dt)   where L > L0,   else 0          (CLIPPED)
     T =        k (L - L0) + c dL/dt    where L > L0,   else 0          (UNCLIPPED)
 
+where k (L - L0) stands for the elastic tension f(L - L0) of a string with a tension curve: functions here take a
+structure's `curves` for its stiffness.
+
 The clipped law is a string: it never pushes. The unclipped variant lets the damper push in a taut string
 that shortens fast; it exists to compare with codes that compute so. The elastic part k (L - L0) over L is
 the force density u [N/m] of the thesis, (2.58); its inverse is L0 = L (1 - u/k).
@@ -19,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.tension_curves import TensionCurves
 
 EDGE = 1e-12  # of its length: within round-off of its rest length, a string is at the edge of slackness
 
@@ -30,40 +34,48 @@ class StringLaw(enum.Enum):
     UNCLIPPED = "unclipped"
 
 
-def elastic_tension(stiffness: ArrayLike, length: ArrayLike, rest_length: ArrayLike) -> Array:
+def elastic_tension(stiffness: ArrayLike | TensionCurves, length: ArrayLike, rest_length: ArrayLike) -> Array:
     """Elastic part k max(0, L - L0) of the tension [N]; arguments broadcast."""
+    if isinstance(stiffness, TensionCurves):
+        return stiffness.tension(np.asarray(length) - np.asarray(rest_length))
     return np.asarray(stiffness) * np.maximum(0.0, np.asarray(length) - np.asarray(rest_length))
 
 
 def tension(
-    stiffness: ArrayLike,
+    stiffness: ArrayLike | TensionCurves,
     damping: ArrayLike,
     length: ArrayLike,
     length_rate: ArrayLike,
     rest_length: ArrayLike,
-    law: StringLaw = StringLaw.CLIPPED,
+    law: StringLaw | NDArray[np.bool_] = StringLaw.CLIPPED,
 ) -> Array:
-    """Tension T [N] of the law above; arguments broadcast."""
-    stretch = np.asarray(length) - np.asarray(rest_length)
-    total = np.asarray(stiffness) * stretch + np.asarray(damping) * np.asarray(length_rate)
-    if law is StringLaw.CLIPPED:
-        total = np.maximum(0.0, total)
-    return np.where(stretch > 0.0, total, 0.0)
+    """Tension T [N] of the law above; arguments broadcast. `law`: or whether each string is clipped."""
+    elastic = elastic_tension(stiffness, length, rest_length)
+    total = elastic + np.asarray(damping) * np.asarray(length_rate)
+    clipped = law is StringLaw.CLIPPED if isinstance(law, StringLaw) else law
+    return np.where(elastic > 0.0, np.where(clipped, np.maximum(0.0, total), total), 0.0)
 
 
-def energy(stiffness: ArrayLike, length: ArrayLike, rest_length: ArrayLike) -> Array:
+def energy(stiffness: ArrayLike | TensionCurves, length: ArrayLike, rest_length: ArrayLike) -> Array:
     """Elastic energy k max(0, L - L0)^2 / 2 [J]; arguments broadcast."""
+    if isinstance(stiffness, TensionCurves):
+        return stiffness.energy(np.asarray(length) - np.asarray(rest_length))
     stretch = np.maximum(0.0, np.asarray(length) - np.asarray(rest_length))
     return 0.5 * np.asarray(stiffness) * stretch**2
 
 
-def force_density(stiffness: ArrayLike, length: ArrayLike, rest_length: ArrayLike) -> Array:
+def force_density(stiffness: ArrayLike | TensionCurves, length: ArrayLike, rest_length: ArrayLike) -> Array:
     """Force density u = k (1 - L0/L)+ [N/m], thesis (2.58); arguments broadcast."""
     return elastic_tension(stiffness, length, rest_length) / np.asarray(length)
 
 
-def rest_length(stiffness: ArrayLike, length: ArrayLike, force_density: ArrayLike) -> Array:
+def rest_length(stiffness: ArrayLike | TensionCurves, length: ArrayLike, force_density: ArrayLike) -> Array:
     """Rest length L0 = L (1 - u/k) [m] that gives the force density u [N/m], below (2.58)."""
+    if isinstance(stiffness, TensionCurves) and not stiffness.linear:
+        found = np.asarray(length) - stiffness.stretch(np.asarray(force_density) * np.asarray(length))
+        return np.asarray(np.where(stiffness.constant, 0.0, found))
+    if isinstance(stiffness, TensionCurves):
+        stiffness = stiffness.stiffness
     return np.asarray(length) * (1.0 - np.asarray(force_density) / np.asarray(stiffness))
 
 

@@ -28,6 +28,7 @@ from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.string_paths import Paths
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure_checks import check_structure, check_two_nodes
+from tensegrity_mj.model.tension_curves import TensionCurves
 
 T = TypeVar("T", bound=NDArray[Any])
 
@@ -153,7 +154,7 @@ class Structure:
 
         Values are scalars or (M,). Giving a rest length, tension or force density replaces whichever of the three was
         there; None removes it, so that the strings are taut without tension at the reference nodes. A limit of None
-        is lifted, and a strength of None is unknown.
+        is lifted, and a strength of None is unknown. A stiffness scales the tensions of a string's curve.
         """
         return with_strings(self, changes)
 
@@ -383,23 +384,25 @@ class Structure:
         return _readonly(np.array([s.stiffness for s in self.strings], float))
 
     @cached_property
+    def curves(self) -> TensionCurves:
+        """Their tensions by their stretches."""
+        return TensionCurves.of(self.strings)
+
+    @cached_property
+    def clipped(self) -> NDArray[np.bool_]:
+        """(M,) whether a string never pushes, damper included: its own `string_law`, or the structure's."""
+        laws = [string.string_law or self.string_law for string in self.strings]
+        return _readonly(np.array([law is StringLaw.CLIPPED for law in laws], bool))
+
+    @cached_property
     def damping(self) -> Array:
         """c (M,) [N s/m]."""
         return _readonly(np.array([s.damping for s in self.strings], float))
 
     @cached_property
     def rest_lengths(self) -> Array:
-        """L0 (M,) [m], resolved from whatever the strings specify at the reference nodes."""
-        lengths = self.string_lengths(self.positions)
-        values = []
-        for s, length in zip(self.strings, lengths, strict=True):
-            if s.rest_length is not None:
-                values.append(s.rest_length)
-            elif s.tension is not None:
-                values.append(length - s.tension / s.stiffness)
-            else:
-                values.append(length * (1.0 - (s.force_density or 0.0) / s.stiffness))
-        return _readonly(np.array(values, float))
+        """L0 (M,) [m], resolved from whatever the strings specify at the reference nodes; 0 of a constant force."""
+        return _readonly(self.curves.rest_lengths(self.strings, self.string_lengths(self.positions)))
 
     def string_lengths(self, nodes: Array) -> Array:
         """L [m] of every string for node positions (..., N, 3), ‖s‖ between two nodes; shape (..., M)."""

@@ -177,13 +177,18 @@ def _check_strings(structure: Structure, size: float, along: dict[frozenset[str]
     _check_lengths("string", pieces, segments, np.full(len(segments), 1e-12 * size))
     lengths = paths.total(segments)
     seen: dict[tuple[str, ...], str] = {}
-    for string, length in zip(structure.strings, lengths.tolist(), strict=True):
+    for string, length, rest in zip(structure.strings, lengths.tolist(), structure.rest_lengths, strict=True):
+        if not string.is_linear and not string.is_constant and not rest > 0:
+            raise StructureError(
+                f"string '{string.name}': its curve leaves it a rest length of {rest:.3g} m at its prestress; it must "
+                "be above zero: use a stiffer string, or less prestress"
+            )
         for name, most, unit in (
             ("tension", string.stiffness * length, "N"),
             ("force_density", string.stiffness, "N/m"),
         ):
             value = getattr(string, name)
-            if value is not None and value >= most:
+            if string.is_linear and value is not None and value >= most:
                 raise StructureError(
                     f"string '{string.name}': {name} = {value:g} {unit} leaves it a rest length of "
                     f"{length * (1 - value / most):.3g} m, by L0 = L (1 - u/k); it must be below {most:g} {unit} for a "

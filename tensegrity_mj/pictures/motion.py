@@ -109,7 +109,7 @@ class Motion:
         rest = structure.rest_lengths
         lengths = structure.string_lengths(nodes)
         rates = structure.string_rates(nodes, scene.velocities0)
-        pull = strings.tension(structure.stiffness, structure.damping, lengths, rates, rest, structure.string_law)
+        pull = strings.tension(structure.curves, structure.damping, lengths, rates, rest, structure.clipped)
         samples = {"nodes": nodes, "velocities": scene.velocities0, "tensions": pull, "rest_lengths": rest}
         at_once = {name: values[None] for name, values in samples.items()}
         return cls._in(scene, label="", note="", diverged=False, time=np.zeros(1), **at_once)

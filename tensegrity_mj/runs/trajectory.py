@@ -109,6 +109,16 @@ class Trajectory:
         return float(np.max(np.abs(self.energy_balance), initial=0.0))
 
     @property
+    def permanent_stretch(self) -> Array:
+        """(T, M) [m] of strings that yield, as of the last recorded time at which they pulled; zero of all others."""
+        structure = self.scene.structure
+        lengths = structure.string_lengths(self.nodes)
+        elastic = self.force_densities * lengths
+        known = structure.curves.yields & (elastic > 0)
+        left = np.where(known, lengths - self.rest_lengths - elastic / np.where(known, structure.stiffness, 1.0), 0.0)
+        return np.asarray(np.maximum.accumulate(np.maximum(left, 0.0), axis=0))
+
+    @property
     def max_force_density(self) -> float:
         """Largest u over strings and time [N/m]."""
         return float(np.max(self.force_densities, initial=0.0))

@@ -23,14 +23,22 @@ def winch_increments(run: Trajectory) -> Array:
 
     Exact where rest lengths or force densities are held and every control sample is recorded; else by the trapezoidal
     rule, of second order in the recorded interval. Of the interval in which a string breaks, what its winch did is
-    known only where a sample is recorded at the break.
+    known only where a sample is recorded at the break. NaN for strings that yield, where commands are held.
     """
     structure = run.scene.structure
-    k = structure.stiffness
+    curves, k = structure.curves, structure.stiffness
     L, L0 = structure.string_lengths(run.nodes), run.rest_lengths
     elastic = run.force_densities * L
     mode = (run.provenance.get("actuation") or {}).get("mode", Mode.CONTINUOUS.value)
     intact = run.time[:, None] < break_times(run.scene)  # what a breaking string sets free is no winch's work
+    gradual = np.asarray(-0.5 * (elastic[1:] + elastic[:-1]) * np.diff(L0, axis=0))
+    if not curves.linear and mode != Mode.CONTINUOUS.value:
+        if mode == Mode.HOLD_REST_LENGTH.value:
+            jumps = curves.energy(L[1:] - L0[1:]) - curves.energy(L[1:] - L0[:-1])
+        else:
+            stored = curves.energy(curves.stretch(elastic))
+            jumps = np.diff(stored, axis=0) - 0.5 * run.force_densities[:-1] * np.diff(L**2, axis=0)
+        return np.where(curves.yields, np.nan, np.where(intact[1:], jumps, 0.0))
     if mode == Mode.HOLD_REST_LENGTH.value:
         # All of it at the sample, where the string's length does not change.
         before, after = np.maximum(L[1:] - L0[:-1], 0.0), np.maximum(L[1:] - L0[1:], 0.0)
@@ -40,7 +48,7 @@ def winch_increments(run: Trajectory) -> Array:
         u = run.force_densities
         between = -0.5 * u[:-1] * (1 - u[:-1] / k) * (L[1:] ** 2 - L[:-1] ** 2)
         return np.asarray(between + intact[1:] * 0.5 * (u[1:] ** 2 - u[:-1] ** 2) * L[1:] ** 2 / k)
-    return np.asarray(-0.5 * (elastic[1:] + elastic[:-1]) * np.diff(L0, axis=0))
+    return gradual
 
 
 def winch_power(run: Trajectory) -> Array:

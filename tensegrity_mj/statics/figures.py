@@ -39,7 +39,7 @@ def structure_figure(before: Array, state: StaticState) -> Figure:
     view = _view(np.concatenate([before, state.nodes]))
     figure = new_figure(WIDTH, _height(np.concatenate([before, state.nodes]), view))
     panel = figure.subplots()
-    structure, whole = state.model.structure, state.model.stiffness > 0
+    structure, whole = state.model.structure, state.model.whole
     _draw_plain(panel, structure, before @ view.T, whole, FAINT, 0.9)
     largest = float(state.tensions.max(initial=0.0))
     colors = palette.tension_colors(state.tensions / (largest or 1.0))
@@ -61,7 +61,7 @@ def structure_figure(before: Array, state: StaticState) -> Figure:
 
 def members_figure(state: StaticState) -> Figure:
     """Tensions of the strings and axial forces of the rods, the largest first."""
-    structure, whole = state.model.structure, state.model.stiffness > 0
+    structure, whole = state.model.structure, state.model.whole
     kinds = [
         (
             "strings",
@@ -147,7 +147,7 @@ def _shapes_figure(
 ) -> Figure | None:
     if not shapes:
         return None
-    structure, whole = state.model.structure, state.model.stiffness > 0
+    structure, whole = state.model.structure, state.model.whole
     at = [state.nodes] * len(shapes) if places is None else places
     reach = MODE_SIZE * float(np.max(state.nodes.max(axis=0) - state.nodes.min(axis=0)) or 1.0)
     sizes = [float(np.linalg.norm(shape, axis=1).max()) for shape in shapes]

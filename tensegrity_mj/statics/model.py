@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from tensegrity_mj.basics.arrays import Array, IntArray
@@ -31,8 +31,8 @@ from tensegrity_mj.model.redundancy import MOST_RODS
 from tensegrity_mj.model.rigidity import Members, members_at, spans_at
 from tensegrity_mj.model.rods import lumped_masses
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.strings import elastic_tension
 from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.tension_curves import TensionCurves
 from tensegrity_mj.statics.boundary import Boundary, Hold
 
 RANK = 1e-9  # of the largest singular value
@@ -54,7 +54,7 @@ class StaticModel:
             contact nor what resists motion.
         start: (N, 3) [m] where the nodes are before anything is solved for; holds refer to it.
         rest_lengths: L0 (M,) [m].
-        stiffness: k (M,) [N/m]; zero for a string that is broken.
+        whole: (M,) whether a string is not broken.
         rod_lengths: ℓ (R,) [m] without force.
         compliance: 1/k, or ℓ/EA, (R,) [m/N]; zero for rigid rods.
         forces: (N, 3) [N] weights, loads, wind, water, and elements without energy, at rest where the model starts.
@@ -65,7 +65,7 @@ class StaticModel:
     scene: Scene
     start: Array
     rest_lengths: Array
-    stiffness: Array
+    whole: NDArray[np.bool_]
     rod_lengths: Array
     compliance: Array
     forces: Array
@@ -134,7 +134,7 @@ class StaticModel:
             scene=scene,
             start=np.array(start, float),
             rest_lengths=np.array(given, float),
-            stiffness=np.where(whole, structure.stiffness, 0.0),
+            whole=whole,
             rod_lengths=np.array(structure.rod_lengths),
             compliance=compliance,
             forces=weights_and_loads(scene, np.array(start, float)),
@@ -154,6 +154,11 @@ class StaticModel:
     def structure(self) -> Structure:
         """The structure."""
         return self.scene.structure
+
+    @cached_property
+    def curves(self) -> TensionCurves:
+        """The strings' tensions; none of a broken one. Those that yield go on along their curves."""
+        return self.structure.curves.only(self.whole)
 
     @cached_property
     def elements(self) -> tuple[Element, ...]:
@@ -198,14 +203,14 @@ class StaticModel:
         weight = float(np.abs(self.forces).max(initial=0.0) + np.abs(self.loads).max(initial=0.0))
         bent = 0.0 if self.bending_stiffness is None else float(self.bending_stiffness.diagonal().max())
         own = float(self._element_diagonal.max(initial=0.0))
-        return length, max(float(self.stiffness.max(initial=0.0)), bent, own, weight / length) or 1.0
+        return length, max(float(self.curves.steepest.max(initial=0.0)), bent, own, weight / length) or 1.0
 
     @cached_property
     def stiffest(self) -> tuple[float, float]:
         """What resists most: [N] a strain of 1 of an elastic rod and a bend of 1 rad of a joint; [N/m] any member."""
         axial = 1.0 / self.compliance[self.compliance > 0]
         strained = float(np.max(self.rod_lengths[self.compliance > 0] * axial, initial=0.0))
-        stiffness = max(float(np.max(part, initial=0.0)) for part in (self.stiffness, axial, self._element_diagonal))
+        stiffness = max(float(np.max(k, initial=0.0)) for k in (self.curves.steepest, axial, self._element_diagonal))
         if self.bends is None or self.bending_stiffness is None:
             return strained, stiffness
         bent = float(np.max(self.bends.data**2 * self.rod_lengths[self.bends.indices // 3]))
@@ -268,7 +273,7 @@ class StaticModel:
 
     def tensions(self, lengths: Array) -> Array:
         """(M,) [N]."""
-        return elastic_tension(self.stiffness, lengths, self.rest_lengths)
+        return self.curves.tension(lengths - self.rest_lengths)
 
     def external(self, parameter: float = 1.0) -> Array:
         """(3N,) [N]: weights, loads, and the further loads times the parameter."""
@@ -276,12 +281,11 @@ class StaticModel:
 
     def energy(self, x: Array, parameter: float = 1.0) -> float:
         """Π [J] at x (3N,): strings, bent joints and external forces, without elastic rods."""
-        stretch = np.maximum(0.0, self.lengths(x) - self.rest_lengths)
         bent = 0.0 if self.bends is None else 0.5 * float(np.sum((self.bends @ self._spans(x)) ** 2))
         # From the start, so that heavy things far from the origin leave digits for the rest.
         work = float(self.external(parameter) @ (x - self.start.ravel()))
         own = float(energy_of(self.elements, self.scene, x.reshape(-1, 3))) if self.elements else 0.0
-        return 0.5 * float(self.stiffness @ stretch**2) + bent + own - work
+        return self.curves.total_energy(self.lengths(x) - self.rest_lengths) + bent + own - work
 
     def rod_energy(self, x: Array) -> float:
         """½ Σ (EA/ℓ) (L - ℓ)² [J] of the elastic rods."""
@@ -331,7 +335,7 @@ class StaticModel:
         lengths = paths.total(parts)
         first, second = paths.couples.T
         along = s[first, :, None] * s[second, None, :]
-        taut = np.where(lengths > self.rest_lengths, self.stiffness, 0.0)[paths.strings[first], None, None]
+        taut = self.curves.slope(lengths - self.rest_lengths, loading=True)[paths.strings[first], None, None]
         across = self.tensions(lengths)[paths.strings] / np.where(parts > 0, parts, 1.0)
         turning = np.where(first == second, across[first], 0.0)[:, None, None]
         blocks = (taut - turning) * along + turning * np.eye(3)

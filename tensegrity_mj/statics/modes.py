@@ -307,8 +307,7 @@ def _film(modes: Modes, number: int, time: Array, places: Array, rates: Array, a
         data["force_densities"][row] = data["tensions"][row] / np.where(lengths > 0, lengths, 1.0)
         N_rods = linear_systems.rod_forces(model, x, model.gradient(x, state.parameter) + modes.masses @ a)
         data["rod_force_densities"][row] = N_rods / model.rods(x).lengths
-        stretch = np.maximum(0.0, lengths - model.rest_lengths)
-        data["string_energy"][row] = 0.5 * float(model.stiffness @ stretch**2)
+        data["string_energy"][row] = model.curves.total_energy(lengths - model.rest_lengths)
     data["multipliers"] = data["rod_force_densities"] * structure.rod_lengths**2 / J
     data["kinetic_energy"] = 0.5 * np.einsum("tm,tm->t", rates, (modes.masses @ rates.T).T)
     data["gravity_energy"] = np.asarray(thin.gravity_energy(structure, data["nodes"], np.array(model.scene.gravity)))

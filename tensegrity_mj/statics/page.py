@@ -141,7 +141,7 @@ def _tables(study: StaticStudy, state: StaticState) -> list[Table]:
     for row, string in enumerate(structure.strings):
         use = float("nan") if check is None else float(check.loads.breaking[0, row])
         can = "" if found is None else "yes" if found.can_pull[row] else "no"
-        tension = state.tensions[row] if model.stiffness[row] > 0 else "broken"
+        tension = state.tensions[row] if model.whole[row] else "broken"
         strings.append((string.name, model.rest_lengths[row], state.lengths[row], tension, use, can))
     rods = []
     for row, rod in enumerate(structure.rods):

@@ -241,7 +241,7 @@ def prestressability(
         places = model.start if nodes is None else real_array("nodes", nodes, shape, "m", scalar=False)
     if holds and isinstance(source, (StaticModel, StaticState)):
         raise OptionError("prestressability: holds: a model has its own; leave them out, or give its scene")
-    at = Assembly.of(model.structure, model.boundary, np.array(places, float), model.stiffness > 0)
+    at = Assembly.of(model.structure, model.boundary, np.array(places, float), model.whole)
     return _analysed(at, None if tensions is None or forces is None else np.concatenate([tensions, forces]))
 
 

@@ -18,7 +18,7 @@ def round_off(model: StaticModel, x: Array, parameter: float, rod_forces: Array)
     are from the origin, which stiffness multiplies.
     """
     strained, stiffness = model.stiffest
-    pulled = float(np.max(model.stiffness * model.lengths(x), initial=0.0))
+    pulled = float(np.max(model.curves.steepest * model.lengths(x), initial=0.0))
     forces = (rod_forces, model.external(parameter), model.element_forces(x))
     largest = strained + pulled + sum(float(np.abs(part).max(initial=0.0)) for part in forces)
     return EPS * max(8 * largest + stiffness * float(np.abs(x).max(initial=0.0)), 1e-290)

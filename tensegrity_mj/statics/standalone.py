@@ -25,7 +25,7 @@ def standalone_scene(state: StaticState) -> Scene:
         StructureError, SceneError: where what is left makes no valid scene.
     """
     scene, model = state.scene(), state.model
-    whole = model.stiffness > 0
+    whole = model.whole
     if not whole.all():
         strings = scene.structure.strings
         gone = {string.name for string, there in zip(strings, whole, strict=True) if not there}

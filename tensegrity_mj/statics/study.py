@@ -299,7 +299,7 @@ def _rest_lengths(structure: Structure, given: Mapping[str, float] | ArrayLike |
 def _sized(model: StaticModel, materials: Materials) -> Sizing:
     instance("materials", materials, Materials, "use Materials(rods=STEEL, strings=STEEL)")
     scene, structure = model.scene, model.structure
-    if not np.all(model.stiffness > 0):
+    if not np.all(model.whole):
         raise OptionError("materials: strings that are to be sized are whole; leave broken ones out of the study")
     return minimal_mass(
         structure.placed(model.start),
@@ -333,7 +333,7 @@ def _checked(run: Trajectory, structure: Structure) -> TrajectoryCheck:
 
 def _edge_notes(state: StaticState) -> list[str]:
     model = state.model
-    edge = state.at_edge & (model.stiffness > 0)
+    edge = state.at_edge & model.whole
     if not edge.any():
         return []
     first = model.structure.strings[int(np.argmax(edge))].name

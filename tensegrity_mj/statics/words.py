@@ -70,7 +70,7 @@ def _found(study: StaticStudy, state: StaticState) -> list[tuple[str, str]]:
         differ = f"lengths of members differ by {study.difference:.2g} m at most"
         rows.append(("by relaxation", f"{counted(steps, 'step')}; {differ}"))
     for name, values, unit in (
-        ("tensions", state.settled(state.tensions)[model.stiffness > 0], "N"),
+        ("tensions", state.settled(state.tensions)[model.whole], "N"),
         ("rod forces", state.settled(state.rod_forces), "N"),
         ("rod stresses", _stresses(study), "Pa"),
     ):
@@ -138,7 +138,7 @@ def to_dict(study: StaticStudy) -> dict[str, Any]:
             "gravity": list(model.scene.gravity),
             "loads": {name: force.tolist() for name, force in zip(names, model.loads, strict=True) if np.any(force)},
             "holds": [vars(hold) for hold in model.holds],
-            "broken": [s.name for s, k in zip(structure.strings, model.stiffness, strict=True) if not k > 0],
+            "broken": [s.name for s, k in zip(structure.strings, model.whole, strict=True) if not k],
             "path": study.response is not None,
         },
         "start": {
@@ -181,7 +181,7 @@ def _state(study: StaticStudy, state: StaticState) -> dict[str, Any]:
             for name, force in zip(structure.node_names, _reactions(state), strict=True)
             if np.any(force)
         },
-        "tensions": statistics(state.tensions[study.model.stiffness > 0]),
+        "tensions": statistics(state.tensions[study.model.whole]),
         "rod_forces": statistics(state.rod_forces),
         "rod_stresses": statistics(_stresses(study)),
         "slack": slack_strings(state),
@@ -215,8 +215,8 @@ def statistics(values: Array) -> dict[str, float]:
 def slack_strings(state: StaticState) -> list[str]:
     """Names of those without tension, or at the edge of it (`StaticState.at_edge`); what is broken is not slack."""
     model = state.model
-    pairs = zip(model.structure.strings, state.slack | state.at_edge, model.stiffness, strict=True)
-    return [string.name for string, slack, stiffness in pairs if slack and stiffness > 0]
+    pairs = zip(model.structure.strings, state.slack | state.at_edge, model.whole, strict=True)
+    return [string.name for string, slack, whole in pairs if slack and whole]
 
 
 def _reactions(state: StaticState) -> Array:

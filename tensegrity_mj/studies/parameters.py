@@ -13,7 +13,8 @@
     scene.elements[KIND].FIELD, .elements[0].FIELD       of all elements of a kind, or of one by its number
     scene.loads.force, .angular_frequency, .phase        of all loads, or loads[NODE]: of those on a node
     structure.rods.mass                                  of all rods; rods[rod1] or rods[rod1,rod2]: of some
-    structure.strings.stiffness, .damping, ...           any number of a string, and so for point_masses
+    structure.strings.stiffness, .damping, ...           any number of a string, and so for point_masses; a stiffness
+                                                         scales a tension curve, as .curve=*1.2 does
     structure.nodes[NODE]                                reference positions; also with .x, .y, .z
     structure.string_law                                 clipped, unclipped
     plant....                                            as structure.... and scene...., but of what is simulated only:

@@ -16,10 +16,10 @@ from tensegrity_mj.model.elements.resistance import Resistance
 from tensegrity_mj.model.events import Break
 from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.strings import StringLaw, elastic_tension, force_density
+from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.studies.motion_parameters import with_motions
 from tensegrity_mj.studies.parameter_values import Scaled, axis_of, no_more, number_from, parts_of, vector_from
-from tensegrity_mj.studies.value_parameters import MEMBER, changed
+from tensegrity_mj.studies.value_parameters import MEMBER, changed, single
 
 PARTS_OF_SCENE = tuple(key for key in item_of(Scene).keys if key not in ("structure", "name", "source", "control"))
 MEMBERS = {"rods": "rod", "strings": "string", "point_masses": "point mass", "bodies": "body"}
@@ -120,7 +120,7 @@ def _with_members(scene: Scene, kind: str, which: str | None, others: Sequence[s
     keys = item_of(type(by_name[chosen[0]])).keys
     inner = keys.get(others[0].partition("[")[0]) if len(others) > 1 else None
     inside = inner is not None and inner.kind.part is not None
-    known = [key for key, one in keys.items() if one.kind.single]
+    known = [key for key, one in keys.items() if one.kind.single or (key == "curve" and isinstance(value, Scaled))]
     if not inside and (len(others) != 1 or others[0] not in known):
         given = others[0] if others else ""
         raise OptionError(f"{path}: {unknown(given, known, f'number of a {MEMBERS[kind]}')}")
@@ -130,9 +130,12 @@ def _with_members(scene: Scene, kind: str, which: str | None, others: Sequence[s
             by_name[name] = changed(member, others, path, f"{MEMBERS[kind]} '{name}'", value)
         elif name in chosen:
             where = f"{path} of '{name}'" if isinstance(value, Scaled) else path
-            new = number_from(where, value, _now(structure, member, part, number))
+            new = single(keys[part].kind, where, value, _now(structure, member, part, number))
             given_by = dict.fromkeys(REST) if part in REST else {}
-            by_name[name] = replace(member, **(given_by | {part: new}))
+            if kind == "strings" and part in ("stiffness", "curve"):  # tensions in proportion
+                by_name[name] = member.scaled_to(new)
+            else:
+                by_name[name] = replace(member, **(given_by | {part: new}))
     members: dict[str, Any] = {kind: tuple(by_name.values())}
     return scene.with_(structure=replace(structure, **members))
 
@@ -140,12 +143,12 @@ def _with_members(scene: Scene, kind: str, which: str | None, others: Sequence[s
 def _now(structure: Any, member: Any, name: str, number: int) -> Any:
     """What a number of a member is now; of strings, what follows from how they are given."""
     if name not in REST:
-        return getattr(member, name)
+        return getattr(member, "stiffness" if name == "curve" else name)
     length, rest = structure.string_lengths(structure.positions)[number], structure.rest_lengths[number]
     if name == "rest_length":
         return float(rest)
-    law = elastic_tension if name == "tension" else force_density
-    return float(law(member.stiffness, length, rest))
+    tensions = structure.curves.tension(structure.string_lengths(structure.positions) - structure.rest_lengths)
+    return float(tensions[number] / (1.0 if name == "tension" else length))
 
 
 def _with_node(scene: Scene, which: str | None, others: Sequence[str], path: str, value: Any) -> Scene:

@@ -65,11 +65,11 @@ def changed(now: Any, parts: Sequence[str], path: str, what: str, value: Any) ->
         new = vector_from(path, value, axis_of(others, path), held)
     else:
         no_more(None, others, path)
-        new = _single(kind, path, value, held)
+        new = single(kind, path, value, held)
     return replace(now, **{one.name: new})
 
 
-def _single(kind: Kind, path: str, value: Any, now: Any) -> Any:
+def single(kind: Kind, path: str, value: Any, now: Any) -> Any:
     """What a number, a truth value or a member of an enum becomes."""
     if isinstance(value, Scaled):
         return scaled(path, value, now)

@@ -65,7 +65,9 @@ def bounds_at(scene: Scene, bodies: Bodies, nodes: Array, velocities: Array, res
     free_along = paths.total(ends_free)
     mobility = bodies.mobilities
     stretch = state.lengths - rest_lengths
-    pulls = np.where(stretch >= 0, np.abs(structure.stiffness * stretch + structure.damping * state.rates), 0.0)
+    curves = structure.curves
+    elastic = curves.stiffness * stretch if curves.linear else curves.tension(stretch)
+    pulls = np.where(stretch >= 0, np.abs(elastic + structure.damping * state.rates), 0.0)
     pull = pulls[paths.strings]
     density = pull / np.where(length > 0, length, np.inf)
 
@@ -83,7 +85,8 @@ def bounds_at(scene: Scene, bodies: Bodies, nodes: Array, velocities: Array, res
     stiff, lossy = ([*parts, bars] for parts, bars in zip(state.resisting(), state.bars(), strict=True))
     rest += sum(part.row_sums(B) for part in stiff)
     other += sum(part.row_sums(B) for part in lossy)
-    return Bounds(along(structure.stiffness), rest, along(structure.damping), other)
+    rest += along(curves.steepest - curves.stiffness)  # `discrete` knows the first slopes alone
+    return Bounds(along(curves.stiffness), rest, along(structure.damping), other)
 
 
 def _explicit_bound(stiffness: float, damper: float) -> float:

@@ -13,6 +13,7 @@ from tensegrity_mj.dynamics.native.pointers import address_of
 from tensegrity_mj.errors import InfeasibleError, OptionError
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.strings import force_density, rest_length
 from tensegrity_mj.vibration.blocks import DENSE
 from tensegrity_mj.vibration.bodies import SLOTS, Bodies
 from tensegrity_mj.vibration.small_motions import LawDerivative, Vibration, vibration
@@ -66,7 +67,7 @@ class LawAtStates:
         if self.native.command is Command.FORCE_DENSITY:
             weight = np.where(model.taut, model.length, 0.0)
         else:
-            weight = -np.where(model.taut, model.scene.structure.stiffness, 0.0)
+            weight = -np.where(model.taut, model.stiffness, 0.0)
         push = (stretch * weight[:, None]).T
         return LawDerivative(push @ slopes[0], push @ slopes[1])
 
@@ -109,9 +110,12 @@ class Loop:
             lengths = structure.string_lengths(nodes)
             sets_densities = law.native.command is Command.FORCE_DENSITY
             if rest_lengths is None:
-                rest = lengths * (1 - command / structure.stiffness) if sets_densities else command
+                rest = rest_length(structure.curves, lengths, command) if sets_densities else command
             if (sets_densities and self.is_closed) or self.mode is Mode.HOLD_FORCE_DENSITY:
-                densities = np.maximum(0.0, structure.stiffness * (1 - rest / lengths))
+                k = structure.stiffness
+                linear = structure.curves.linear
+                densities = k * (1 - rest / lengths) if linear else force_density(structure.curves, lengths, rest)
+                densities = np.maximum(0.0, densities)
         model = vibration(
             self.scene,
             nodes,

@@ -34,10 +34,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.kinds import SMALLEST
 from tensegrity_mj.model.rigidity import Members
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.string_paths import Paths
-from tensegrity_mj.model.strings import StringLaw, on_taut_side
+from tensegrity_mj.model.strings import on_taut_side
 from tensegrity_mj.vibration.blocks import Assembly, Blocks, is_dense, spring_blocks
 from tensegrity_mj.vibration.bodies import Bodies
 from tensegrity_mj.vibration.geometric import geometric_of_rods
@@ -63,7 +64,7 @@ class Vibration:
         taut: (M,) bool.
         at_edge: (M,) bool, taut without tension: half of any motion makes it slack.
         tension, length: (M,) [N], [m].
-        stiffness: (M,) [N/m] of each string in this model: k, or u where force densities are held.
+        stiffness: (M,) [N/m] of each string in this model: k, or its curve's slope; u where force densities are held.
         damping: (M,) [N s/m].
         segments: lengths (S,) and unit vectors (S, 3) of the strings' segments.
         turned: (N, 3, slots) X of each node, in the coordinates of its body.
@@ -161,12 +162,14 @@ def vibration(
     bodies = bodies or Bodies.of(structure)
     state = State(scene, bodies, nodes, velocities, time)
     paths, length, s = structure.paths, state.lengths, state.segments.directions
-    k = structure.stiffness
+    curves = structure.curves
     taut, at_edge = on_taut_side(length, rest_lengths, broken)
-    total = k * (length - rest_lengths) + structure.damping * state.rates
-    if structure.string_law is StringLaw.CLIPPED:
-        total = np.maximum(0.0, total)
+    pull = curves.stiffness * (length - rest_lengths) if curves.linear else curves.tension(length - rest_lengths)
+    total = pull + structure.damping * state.rates
+    total = np.where(structure.clipped, np.maximum(0.0, total), total)
     tension = np.where(taut, total, 0.0)
+    # At the edge of slackness, that of the taut side.
+    k = curves.slope(np.maximum(length - rest_lengths, SMALLEST))
     stiffness = np.where(taut, k if force_densities is None else force_densities, 0.0)
     damping = np.where(taut, structure.damping, 0.0)
 

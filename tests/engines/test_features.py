@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -106,6 +107,20 @@ def unloaded(scene: tmj.Scene) -> tmj.Scene:
     return scene.with_(structure=replace(scene.structure, rods=rods, point_masses=scene.structure.lone_masses))
 
 
+def curved(points: Callable[[float], tuple[tuple[float, float], ...]], **more: Any) -> tmj.Scene:
+    """With other strings: tensions by stretches as a function of k, which a motion that stays taut has one piece of."""
+    structure = hung().structure
+    strings = (replace(one, stiffness=None, curve=points(one.stiffness), **more) for one in structure.strings)
+    return hung().with_(structure=replace(structure, strings=tuple(strings)))
+
+
+def pulled() -> tmj.Scene:
+    """With a constant force of 8 N instead of its first string."""
+    structure = hung().structure
+    first = replace(structure.strings[0], stiffness=0.0, tension=8.0, rest_length=None, force_density=None)
+    return hung().with_(structure=replace(structure, strings=(first, *structure.strings[1:])))
+
+
 @dataclass(frozen=True)
 class Feature:
     """One thing that acts.
@@ -141,6 +156,13 @@ FEATURES = {
     "elastic rods, moved supports": Feature(lambda: shaken_pair(soft_pair()), rigid),
     "elastic rods, resistance": Feature(lambda: soft_pair().with_(resistance=IN_AIR), rigid),
     "loads": Feature(pushed, lambda scene: scene.with_(loads=())),
+    "tension curves": Feature(lambda: curved(lambda k: ((1e-3, 1e-3 * k), (2e-3, 4e-3 * k))), lambda _: hung()),
+    # Memory is that of steps, where a string turns within one: not located, an error of the third order.
+    "strings that yield": Feature(
+        lambda: curved(lambda k: ((1e-3, 1e-3 * k), (2e-3, 1.5e-3 * k)), yields=True), lambda _: hung(), 3
+    ),
+    "constant forces": Feature(pulled, lambda _: hung()),
+    "loads": Feature(loaded, lambda scene: scene.with_(loads=())),
     "moved supports": Feature(moved, lambda scene: scene.with_(motions=())),
     "ground": Feature(shaken, lambda scene: scene.with_(motions=())),
     "constraints": Feature(lambda: railed(hung(), "n3", "n5"), without_rail),

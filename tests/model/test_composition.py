@@ -120,6 +120,13 @@ def test_merging_side_by_side() -> None:
     assert len(one.merged(one, prefix="b_").nodes) == 8
 
 
+def test_strings_keep_their_law_where_structures_have_different_ones() -> None:
+    other = replace(half(), string_law=StringLaw.UNCLIPPED)
+    both = half().merged(other.moved(translation=(0, 0, 9)), prefix="b_")
+    count = len(half().strings)
+    assert both.clipped.tolist() == [True] * count + [False] * count
+
+
 WRONG = [
     (lambda s: s.merged(s.moved(translation=(0, 0, 9))),
      "merged: both have nodes 'a', 'b', 'top', 'low'; give the names of the other a prefix, as in merged(other, "),
@@ -127,8 +134,6 @@ WRONG = [
     (lambda s: s.merged(s, {"top": "tip"}, "b_"), "merged: join, in 'half': unknown node 'tip'"),
     (lambda s: s.merged(s.moved(translation=(0, 0, 2)), {"top": "top"}, "b_"),
      "merged: join: node 'top' is 2 m from 'top'; joined nodes stand at one place: other.moved(translation=[0.0"),
-    (lambda s: s.merged(replace(s, string_law=StringLaw.UNCLIPPED), True, "b_"),
-     "merged: the string law of 'half' is clipped, that of 'half' unclipped; both must have the same"),
     (lambda s: s.merged(s.with_strings(stiffness=99.0), True, "b_"),
      "string 'b_s1' joins 'b' and 'top' as string 's1' does: remove one of them"),
 ]  # fmt: skip

@@ -102,7 +102,7 @@ WRONG = [
      "structure.groups.more: no rod or string has group = 'more'; give it to some, or leave it out"),
     ("[structure.groups.rim]", "[structure.groups]\nrim = 3", FormatError, "structure.groups.rim (of strings) = 3"),
     ('kind = "pinned"', 'kind = "pined"', FormatError, 'structure.defaults.rods.support: kind = \'pined\' (a text)'),
-    ("stiffness = 500\n", "", FormatError, "structure.strings[3] 's4': 'stiffness' is missing; it must be a number"),
+    ("stiffness = 500\n", "", StructureError, "structure.strings[3] 's4': 'stiffness' is missing; it must be a number"),
 ]  # fmt: skip
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.dynamics.native.curves import curved_energy, curved_pull, spent_since, stretch_of, yield_strings
 from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, NOT_FINITE, SOLVED
 from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS, HOLD_FORCE_DENSITY, NO_LAW, PlantView
 from tensegrity_mj.dynamics.native.pointers import address, borrowing, call_law, copy
@@ -19,7 +20,9 @@ def _limit_command(table: int) -> None:
     command, lengths, stiffness = plant.command, plant.lengths, plant.stiffness
     most, least, returns_lengths = plant.max_force_density, plant.min_rest_length, plant.returns_lengths
     for m in range(len(command)):
-        if returns_lengths:
+        if returns_lengths and plant.curved:
+            command[m] = max(command[m], least[m], lengths[m] - stretch_of(plant, m, most[m] * lengths[m]))
+        elif returns_lengths:
             command[m] = max(command[m], least[m], lengths[m] * (1.0 - most[m] / stiffness[m]))
         else:
             command[m] = min(command[m], most[m], stiffness[m] * (1.0 - least[m] / lengths[m]))
@@ -48,12 +51,22 @@ def evaluate_law(table: int, t: float) -> int:
 
 
 @borrowing
+def _curved_lengths(plant: Any, densities: Any, out: Any) -> None:
+    """Rest lengths of force densities u, by the curves: L - f⁻¹(u L)."""
+    lengths = plant.lengths
+    for m in range(len(out)):
+        out[m] = lengths[m] - stretch_of(plant, m, densities[m] * lengths[m])
+
+
+@borrowing
 def command_as_lengths(table: int, out: Any) -> None:
     """Write the rest lengths of the command at the current lengths."""
     plant = PlantView(table)
     command, compliance, lengths = plant.command, plant.compliance, plant.lengths
     if plant.returns_lengths:
         copy(command, out)
+    elif plant.curved:
+        _curved_lengths(plant, command, out)
     else:
         for m in range(len(command)):
             out[m] = lengths[m] * (1.0 - command[m] * compliance[m])
@@ -71,7 +84,9 @@ def set_rest_lengths(table: int, t: float) -> int:
         else:
             copy(plant.memory, rest)
         return status
-    if plant.holds_force_density:
+    if plant.holds_force_density and plant.curved:
+        _curved_lengths(plant, held, rest)
+    elif plant.holds_force_density:
         stiffness, lengths = plant.stiffness, plant.lengths
         for m in range(len(rest)):
             rest[m] = lengths[m] * (1.0 - held[m] / stiffness[m])
@@ -94,6 +109,8 @@ def start_ledger(table: int) -> None:
     """Count winch work from here on, at the current lengths and rest lengths."""
     plant = PlantView(table)
     winch = plant.winch
+    if plant.yielding:
+        yield_strings(table, 0.0)
     winch[0], winch[1], winch[2] = 0.0, string_energy(table), 0.0
     copy(plant.lengths, plant.sampled_lengths)
 
@@ -104,21 +121,28 @@ def winch_work(table: int, stored: float) -> float:
 
     Continuous: by parts, since L0 = L - T/k: -∫ T dL0 = Δ(T²/2k) - ∫ T dL (so the string energy drops out of the
     balance in this mode, which tests the rest of it). Sampled: the energy step at each jump of
-    L0, and where the force density u is held, -∫ u L d(L (1 - u/k)) = -u (1 - u/k) Δ(L²)/2 between the jumps.
+    L0, and where the force density u is held, -∫ u L d(L (1 - u/k)) = -u (1 - u/k) Δ(L²)/2 between the jumps: by parts
+    ΔE - u Δ(L²)/2, as it is of any tension curve.
     """
     plant = PlantView(table)
     winch = plant.winch
     if plant.mode == NO_LAW:
         return 0.0
+    spent = spent_since(table) if plant.yielding else 0.0
     if plant.mode == CONTINUOUS:
-        return string_energy(table) + winch[2] - winch[1] - stored
-    total = winch[0]
+        return string_energy(table) + (winch[2] + spent) - winch[1] - stored
+    total = winch[0] + spent if plant.holds_force_density else winch[0]
     if plant.holds_force_density:
         held, stiffness, broken = plant.held, plant.stiffness, plant.broken
         lengths, start = plant.lengths, plant.sampled_lengths
         for m in range(len(held)):
             if held[m] > 0.0 and not broken[m]:
                 square = lengths[m] * lengths[m] - start[m] * start[m]
+                if plant.curved:
+                    total -= 0.5 * held[m] * square
+                    for end, sign in ((lengths[m], 1.0), (start[m], -1.0)):
+                        total += sign * curved_energy(plant, m, stretch_of(plant, m, held[m] * end))
+                    continue
                 total -= 0.5 * held[m] * (1.0 - held[m] / stiffness[m]) * square
     return total
 
@@ -129,7 +153,9 @@ def take_sample(table: int, t: float) -> int:
     plant = PlantView(table)
     held, rest = plant.held, plant.rest
     set_rest_lengths(table, t)  # those in force until now
-    work, before = winch_work(table, 0.0), string_energy(table)
+    if plant.yielding:
+        yield_strings(table, t)
+    work, before, spent = winch_work(table, 0.0), string_energy(table), plant.winch[2]
     status = evaluate_law(table, t)
     if status != SOLVED:
         copy(rest, held)
@@ -138,6 +164,8 @@ def take_sample(table: int, t: float) -> int:
         command, stiffness, lengths = plant.command, plant.stiffness, plant.lengths
         for m in range(len(held)):
             held[m] = stiffness[m] * (1.0 - command[m] / lengths[m]) if plant.returns_lengths else command[m]
+            if plant.curved and plant.returns_lengths:
+                held[m] = curved_pull(plant, m, lengths[m] - command[m]) / lengths[m]
         plant.holds_force_density = 1
     else:
         command_as_lengths(table, held)
@@ -146,7 +174,9 @@ def take_sample(table: int, t: float) -> int:
             for m in range(len(held)):
                 held[m] = min(max(held[m], rest[m] - reach[m]), rest[m] + reach[m])
     set_rest_lengths(table, t)
-    plant.winch[0] = work + string_energy(table) - before
+    if plant.yielding:  # what strings lose by the jump is the winches' work, too
+        yield_strings(table, t)
+    plant.winch[0] = work + string_energy(table) - before + (plant.winch[2] - spent)
     copy(plant.lengths, plant.sampled_lengths)
     return status
 
@@ -163,6 +193,8 @@ def break_strings(table: int, t: float) -> bool:
     if not due:
         return False
     set_rest_lengths(table, t)
+    if plant.yielding:
+        yield_strings(table, t)
     work, before = winch_work(table, 0.0), string_energy(table)
     for m in range(len(broken)):
         if not broken[m] and times[m] <= t * (1.0 + 1e-12):

@@ -13,6 +13,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.actuation import winch_work
+from tensegrity_mj.dynamics.native.curves import spent_since
 from tensegrity_mj.dynamics.native.elements import PackedElements
 from tensegrity_mj.dynamics.native.law import FAILED, NOT_FINITE, Command, NativeLaw, Report
 from tensegrity_mj.dynamics.native.motion import PackedMotions
@@ -29,11 +30,10 @@ from tensegrity_mj.dynamics.native.plant_view import (
 )
 from tensegrity_mj.dynamics.native.pointers import address, borrowing, copy, floats
 from tensegrity_mj.dynamics.native.views import Fields, Table
-from tensegrity_mj.errors import ControllerError
+from tensegrity_mj.errors import ControllerError, OptionError
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.elements.element import Element
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure
 
 _MODES = {
@@ -58,6 +58,8 @@ def write_row(table: int, stored: float, lost: float, external: float, row: Any)
     at += 3 * M
     row[at] = winch_work(table, stored)
     row[at + 1], row[at + 2] = lost + plant.winch[2], external
+    if plant.yielding:
+        row[at + 1] += spent_since(table)
     copy(states, row[at + 3 :])
     copy(plant.report, row[at + 3 + len(states) :])
 
@@ -66,6 +68,35 @@ def break_times(scene: Scene) -> Array:
     """When each string breaks (M,) [s], ∞ for never."""
     times = {event.string: event.time for event in scene.breaks}
     return np.array([times.get(string.name, np.inf) for string in scene.structure.strings], float)
+
+
+def _require_rest_lengths(structure: Structure) -> None:
+    """Raise OptionError where a law has a string of constant force to command."""
+    for string in structure.strings:
+        if string.is_constant:
+            raise OptionError(
+                f"string '{string.name}' pulls with a constant force at any length (stiffness = 0), and a law sets "
+                "rest lengths: give it a stiffness, or make it a load"
+            )
+
+
+def _packed_curves(structure: Structure) -> dict[str, Any]:
+    """The fields of a plant that have the strings' tension curves."""
+    curves, M = structure.curves, len(structure.strings)
+    there = np.isfinite(curves.starts)
+    counts = there.sum(axis=1)
+    ends = np.cumsum(counts)
+    columns = (curves.starts, curves.tensions, curves.slopes, curves.energies)
+    return {
+        "curved": not curves.linear,
+        "piece_count": int(there.sum()),
+        "pieces": np.stack([column[there] for column in columns], axis=1),
+        "piece_ranges": np.stack([ends - counts, ends], axis=1).astype(np.int64),
+        "yielding": bool(curves.yields.any()),
+        "yields": curves.yields.astype(np.int64),
+        "permanent": np.zeros(M),
+        "last_stretch": np.zeros((M, 4)),
+    }
 
 
 class Plant(Table):
@@ -88,6 +119,8 @@ class Plant(Table):
         """`fields`: `PLANT`, and those of an engine behind them, which it sets; `effects`: in place of the scene's."""
         super().__init__("plant", fields)
         structure = scene.structure
+        if law.address:
+            _require_rest_lengths(structure)
         N, M, m = len(structure.nodes), len(structure.strings), len(scene.motions)
         self.scene, self.law, self.motions = scene, law, PackedMotions(scene.motions)
         self.set(
@@ -102,10 +135,11 @@ class Plant(Table):
             ranges=np.array(structure.paths.ranges),
             segment_lengths=np.zeros(len(structure.paths.nodes)),
             stiffness=np.array(structure.stiffness),
-            compliance=1.0 / np.array(structure.stiffness),
+            compliance=1.0 / np.where(structure.stiffness > 0, structure.stiffness, np.inf),
             damping=np.array(structure.damping),
             damped=bool(np.any(structure.damping > 0)),
-            clipped=structure.string_law is StringLaw.CLIPPED,
+            clipped=structure.clipped.astype(np.int64),
+            **_packed_curves(structure),
             breaking=len(scene.breaks),
             break_times=break_times(scene),
             broken=np.zeros(M, np.int64),

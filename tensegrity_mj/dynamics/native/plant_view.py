@@ -29,7 +29,20 @@ PLANT: Fields = (
     ("compliance", ("f8", "string_count")),  # 1/k
     ("damping", ("f8", "string_count")),
     ("damped", "size"),  # whether any string has a damper
-    ("clipped", "size"),  # whether no string pushes
+    ("clipped", ("i8", "string_count")),  # whether a string never pushes
+    # Tension curves, `curves`: whether any string has more than its stiffness; pieces of all, string by string.
+    ("curved", "size"),
+    ("piece_count", "size"),
+    ("pieces", ("f8", "piece_count", 4)),
+    ("piece_ranges", ("i8", "string_count", 2)),
+    # Strings that yield: whether any does, and whether a state that a run has come to is next; their permanent
+    # stretches; stretch and rate at the last such state, and when that was; the largest stretch, and what it has lost.
+    ("yielding", "size"),
+    ("arrived", "state"),
+    ("yields", ("i8", "string_count")),
+    ("permanent", ("f8", "string_count")),
+    ("last_stretch", ("f8", "string_count", 4)),
+    ("yielded_at", "real"),
     ("lengths", ("f8", "string_count")),
     ("rates", ("f8", "string_count")),
     ("rest", ("f8", "string_count")),
@@ -54,7 +67,10 @@ PLANT: Fields = (
     ("max_force_density", ("f8", "string_count")),
     ("min_rest_length", ("f8", "string_count")),
     ("winch_reach", ("f8", "string_count")),
-    ("winch", ("f8", 3)),  # work of the jumps so far, energy at the start, energy set free by breaking strings
+    (
+        "winch",
+        ("f8", 3),
+    ),  # work of the jumps so far, energy at the start, energy set free by strings that break or yield
     ("sampled_lengths", ("f8", "string_count")),
     # Elements (`elements`), and moved supports: their `PackedMotions`, and d, ḋ, d̈ of each.
     ("status", "state"),  # not 0 where one of them failed

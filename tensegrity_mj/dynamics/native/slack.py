@@ -1,5 +1,8 @@
 """When strings begin and cease to pull within a step: what every engine that splits its steps there has in common.
 
+So it is where the tension of a string passes a corner of its curve, at a level of its stretch that takes the place of
+zero, and where one that yields turns back: there its rate is the margin, and the level ∞.
+
 A string pulls where its margin min(k s, k s + c ds/dt) > 0, with its stretch s = L - L0: it must be taut, and a damper
 must not outweigh it. What is known of the strings at a time is `look`ed up after the engine has set lengths, rates and
 rest lengths, in an array (3, M) of margins [N], stretches [m] and their rates [m/s]. Slack strings stay so while the
@@ -26,6 +29,7 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.dynamics.native.curves import corner_between, curved_pull
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION
 from tensegrity_mj.dynamics.native.plant_view import CONTINUOUS, PlantView
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
@@ -52,6 +56,7 @@ Search, _pack_search = view_of(
     strings=("f8", 6, 3, "count"),
     pulled=("b1", "count"),  # whether each string pulls at the start, and is slack there
     slack=("b1", "count"),
+    levels=("f8", "count"),  # of the stretch, of what is searched: zero, a corner, or ∞
     low="real",  # the parts of the step of BELOW, ABOVE, NOW and BEFORE
     high="real",
     at_now="real",
@@ -67,21 +72,59 @@ def search_of(count: int) -> Table:
     numbers = dict.fromkeys(("low", "high", "at_now", "at_before", "trials", "known", "tried"), 0)
     marks = np.zeros((2, count), np.bool_)
     strings = np.zeros((CHORDS + 1, 3, count))
-    return _pack_search(count=count, strings=strings, pulled=marks[0], slack=marks[1], **numbers)
+    levels = np.zeros(count)
+    return _pack_search(count=count, strings=strings, pulled=marks[0], slack=marks[1], levels=levels, **numbers)
 
 
 @borrowing
-def _look(plant: Any, out: Any) -> None:
-    """Margin, stretch and rate of each string now (3, M)."""
+def _look(plant: Any, levels: Any, out: Any) -> None:
+    """Margin, stretch over its level, and rate of each string now (3, M)."""
     stiffness, damping, clipped, broken = plant.stiffness, plant.damping, plant.clipped, plant.broken
-    lengths, speeds, rest = plant.lengths, plant.rates, plant.rest
+    lengths, speeds, rest, curved = plant.lengths, plant.rates, plant.rest, plant.curved
     for m in range(len(rest)):
         stretch = lengths[m] - rest[m]
+        if curved:
+            stretch -= plant.permanent[m]
         margin = stiffness[m] * stretch
-        if clipped:
+        if curved and stretch > 0.0:
+            margin = curved_pull(plant, m, stretch + plant.permanent[m])
+        if clipped[m]:
             margin = min(margin, margin + damping[m] * speeds[m])
         out[MARGIN, m] = -1.0 if broken[m] == 1 else margin
         out[STRETCH, m], out[SPEED, m] = stretch, speeds[m]
+        if curved and levels[m] != 0.0:
+            _over_level(levels[m], m, out)
+
+
+@borrowing
+def _over_level(level: float, m: int, out: Any) -> None:
+    """What `_look` says of a string whose stretch has a level."""
+    if level == np.inf:
+        out[MARGIN, m] = out[SPEED, m]
+    else:
+        out[STRETCH, m] -= level
+        out[MARGIN, m] = out[STRETCH, m]
+
+
+@borrowing
+def _set_levels(plant: Any, search: Any) -> None:
+    """Levels of strings that pull at both ends of a step, or at its start, and come past a corner first, or turn."""
+    strings, levels, broken = search.strings, search.levels, plant.broken
+    start, end = strings[START], strings[ABOVE]
+    for m in range(len(levels)):
+        s0, s1, shift = start[STRETCH, m], end[STRETCH, m], plant.permanent[m]
+        if broken[m] != WHOLE or not search.pulled[m]:
+            continue
+        corner = corner_between(plant, m, s0 + shift, s1 + shift)
+        if corner > 0.0:
+            levels[m] = corner - shift
+        elif plant.yields[m] and start[SPEED, m] > 0.0 > end[SPEED, m] and s0 + shift >= plant.last_stretch[m, 2]:
+            levels[m] = np.inf
+        else:
+            continue
+        _over_level(levels[m], m, start)
+        _over_level(levels[m], m, end)
+        search.pulled[m] = start[MARGIN, m] > 0.0
 
 
 @inlined
@@ -99,8 +142,10 @@ def follows_law(table: int) -> bool:
 def look_at_start(table: int, searched: int) -> None:
     """Note which strings pull at the start of a step, and which are slack."""
     search = Search(searched)
-    start, pulled, slack = search.strings[START], search.pulled, search.slack
-    _look(PlantView(table), start)
+    start, pulled, slack, levels = search.strings[START], search.pulled, search.slack, search.levels
+    for m in range(len(levels)):
+        levels[m] = 0.0
+    _look(PlantView(table), levels, start)
     for m in range(len(pulled)):
         pulled[m], slack[m] = start[MARGIN, m] > 0.0, start[STRETCH, m] <= 0.0
 
@@ -125,7 +170,9 @@ def look_at_end(table: int, searched: int, h: float) -> float:
     A kink at the very start is none within the step: such a string counts as changed, in `pulled` and `slack`.
     """
     plant, search = PlantView(table), Search(searched)
-    _look(plant, search.strings[ABOVE])
+    _look(plant, search.levels, search.strings[ABOVE])
+    if plant.curved and not (_follows_law(plant) or plant.holds_force_density):
+        _set_levels(plant, search)
     if _any_changes(search, ABOVE):
         return 1.0 if _matters(plant, search, h) else 0.0
     part = _turn(plant, search, h)
@@ -180,7 +227,7 @@ def _matters(plant: Any, search: Any, h: float) -> bool:
     for m in range(len(pulled)):
         if pulled[m] == (end[MARGIN, m] > 0.0):
             continue
-        if not _by_stretch(plant, m, slack[m]):
+        if not _by_stretch(plant, search, m):
             any_matters = True
             continue
         at = _cubic_root(start[STRETCH, m], end[STRETCH, m], h * start[SPEED, m], h * end[SPEED, m])
@@ -208,11 +255,13 @@ def _within(plant: Any, m: int, slack: bool, off_chord: float) -> float:
 
 
 @inlined
-def _by_stretch(plant: Any, m: int, slack: bool) -> bool:
+def _by_stretch(plant: Any, search: Any, m: int) -> bool:
     """Whether a string changes where its stretch does, the rate of which is known."""
     if _follows_law(plant) or plant.holds_force_density:
         return False
-    return slack or plant.damping[m] == 0.0
+    if search.levels[m] != 0.0:
+        return search.levels[m] < np.inf
+    return search.slack[m] or plant.damping[m] == 0.0
 
 
 @borrowing
@@ -261,7 +310,7 @@ def next_part(table: int, searched: int, h: float) -> float:
             if pulled[m] == (above[MARGIN, m] > 0.0):
                 continue
             at = 0.5 * (low + high)
-            if _by_stretch(plant, m, slack[m]):
+            if _by_stretch(plant, search, m):
                 d = (high - low) * h
                 s0, s1, d0, d1 = below[STRETCH, m], above[STRETCH, m], below[SPEED, m], above[SPEED, m]
                 at = low + (high - low) * _cubic_root(s0, s1, d * d0, d * d1)
@@ -298,7 +347,7 @@ def look_at_trial(table: int, searched: int, part: float, answer: int) -> bool:
     if answer > NO_SOLUTION:
         search.tried = 0
         return False
-    _look(PlantView(table), strings[NOW])
+    _look(PlantView(table), search.levels, strings[NOW])
     search.at_now = part
     if _any_changes(search, NOW):
         search.tried, search.high = 1, part

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from tensegrity_mj.dynamics.native.curves import curved_energy, curved_pull
 from tensegrity_mj.dynamics.native.plant_view import PlantView
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
 from tensegrity_mj.dynamics.native.vectors import dot, minus, row_of
@@ -52,13 +53,15 @@ def tighten_strings(table: int) -> tuple[float, float]:
     stiffness, damping, clipped, broken = plant.stiffness, plant.damping, plant.clipped, plant.broken
     lengths, rates, rest = plant.lengths, plant.rates, plant.rest
     tension, elastic = plant.tensions, plant.elastic
-    stored, lost = 0.0, 0.0
+    stored, lost, curved = 0.0, 0.0, plant.curved
     for m in range(len(rest)):
         stretch, pull, total = lengths[m] - rest[m], 0.0, 0.0
         if stretch > 0.0 and not broken[m]:
-            pull = stiffness[m] * stretch
+            pull = curved_pull(plant, m, stretch) if curved else stiffness[m] * stretch
             total = pull + damping[m] * rates[m]
-            if clipped:
+            if curved and pull <= 0.0:
+                total = 0.0
+            elif clipped[m]:
                 total = max(0.0, total)
         elastic[m], tension[m] = pull, total
         stored += pull * rates[m]
@@ -71,10 +74,12 @@ def string_energy(table: int) -> float:
     """Elastic energy of all strings at the current lengths and rest lengths."""
     plant = PlantView(table)
     stiffness, lengths, rest, broken = plant.stiffness, plant.lengths, plant.rest, plant.broken
-    total = 0.0
+    total, curved = 0.0, plant.curved
     for m in range(len(rest)):
         stretch = lengths[m] - rest[m]
-        if stretch > 0.0 and not broken[m]:
+        if curved and not broken[m]:
+            total += curved_energy(plant, m, stretch)
+        elif stretch > 0.0 and not broken[m]:
             total += 0.5 * stiffness[m] * stretch * stretch
     return total
 

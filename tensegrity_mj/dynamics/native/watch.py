@@ -28,10 +28,10 @@ PUSH_ROUND_OFF, STRAIN_ROUND_OFF = 1e-9, 1e-15
 def watch_strings(table: int, t: float, answered: bool) -> None:
     """Count what is impossible at a state whose rest lengths are set; `answered`: the command is the law's for it."""
     plant = PlantView(table)
-    rest, broken, seen = plant.rest, plant.broken, plant.watched
+    rest, broken, seen, k = plant.rest, plant.broken, plant.watched, plant.stiffness
     M = len(rest)
     for m in range(M):
-        if rest[m] <= 0.0 and not broken[m]:
+        if rest[m] <= 0.0 and not broken[m] and k[m] > 0.0:
             _count(seen[m], rest[m], t, 0)
     if not answered or plant.returns_lengths:
         return

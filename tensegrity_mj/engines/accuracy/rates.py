@@ -67,9 +67,7 @@ def rates_at_start(request: Request) -> Rates:
     scene, structure = request.scene, request.scene.structure
     nodes, velocities = scene.nodes0, scene.velocities0
     lengths, moving = structure.string_lengths(nodes), structure.string_rates(nodes, velocities)
-    pulls = tension(
-        structure.stiffness, structure.damping, lengths, moving, structure.rest_lengths, structure.string_law
-    )
+    pulls = tension(structure.curves, structure.damping, lengths, moving, structure.rest_lengths, structure.clipped)
     return _rates(scene, nodes[None], velocities[None], pulls[None], stiffness_acts(request))
 
 
@@ -182,4 +180,4 @@ def string_rates(structure: Structure, nodes: Array) -> tuple[float, float]:
             value = float(np.linalg.norm(x))
         return value
 
-    return math.sqrt(largest(structure.stiffness)), largest(structure.damping)
+    return math.sqrt(largest(structure.curves.steepest)), largest(structure.damping)

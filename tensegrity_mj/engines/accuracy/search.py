@@ -21,7 +21,6 @@ from tensegrity_mj.engines.accuracy.rates import Rates, rates_along
 from tensegrity_mj.engines.accuracy.steps import Steps
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import ControllerError, DivergenceError, OptionError, TensegrityError
-from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.runs.convergence import ROUND_OFF
 from tensegrity_mj.runs.trajectory import Status, Trajectory
@@ -123,7 +122,7 @@ def can_locate(structure: Structure) -> bool:
 
     A damper that may push stops at once where its string goes slack, and no stage of a step may look beyond.
     """
-    return structure.string_law is StringLaw.CLIPPED or not bool(np.any(structure.damping > 0))
+    return not bool(np.any((structure.damping > 0) & ~structure.clipped))
 
 
 def round_off(request: Request) -> float:

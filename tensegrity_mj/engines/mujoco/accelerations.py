@@ -28,7 +28,7 @@ class NodeAccelerations:
         model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
         run.plant["stages"] = 4  # a stage is no step: states of elements stay those of the start
         self.sites = [model.site(name).id for name in self.scene.structure.nodes]
-        run.plant["resets"] = 0  # the state is the one that is requested
+        run.plant.set(resets=0, yielding=0)  # the state is the one that is requested, and no string was longer before
 
     def __call__(
         self, time: float, nodes: Array, velocities: Array, rest_lengths: Array | None = None

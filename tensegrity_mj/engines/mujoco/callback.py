@@ -13,6 +13,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from tensegrity_mj.dynamics.native.actuation import break_strings, remember, set_rest_lengths, start_ledger, take_sample
+from tensegrity_mj.dynamics.native.curves import yield_strings
 from tensegrity_mj.dynamics.native.elements import held_powers, set_motions
 from tensegrity_mj.dynamics.native.law import NO_SOLUTION, SOLVED
 from tensegrity_mj.dynamics.native.plant import write_row
@@ -279,13 +280,17 @@ def _set_strings(table: int, now: Moment) -> tuple[int, float, float]:
         run.answered = 0
     else:
         answer = set_rest_lengths(table, now.time)
+    if run.yielding and now.stage == 0:
+        yield_strings(table, now.time)
     stored, lost = tighten_strings(table)
     return answer, stored, lost
 
 
 @borrowing
 def set_controls(table: int) -> bool:
-    """Controls from rest lengths, such that neither spring nor damper of a slack string acts; False for one beyond.
+    """Controls such that neither spring nor damper of a slack string acts; False for one beyond.
+
+    They follow from rest lengths, and where strings have curves from tensions: the rest length L - T/k has the same.
 
     A slack string's control takes its actuator well beyond the limit of zero tension, where MuJoCo gives exactly zero
     and implicit integrators know that no damper is there. Without clipping, only slack strings have that limit.
@@ -293,16 +298,21 @@ def set_controls(table: int) -> bool:
     run = RunView(table)
     rest, designed, lengths, rates = run.rest, run.designed, run.lengths, run.rates
     stiffness, damping, ctrl, force_range = run.stiffness, run.damping, run.ctrl, run.force_range
-    broken, damped, clipped = run.broken, run.damped, run.clipped
+    broken, damped, clipped, curved, elastic = run.broken, run.damped, run.clipped, run.curved, run.elastic
     sane = True
     for m in range(len(ctrl)):
         L0 = max(rest[m], lengths[m]) if broken[m] else rest[m]
         slack = lengths[m] <= L0
-        if slack and (damped or broken[m]):
-            L0 += lengths[m] + max(0.0, damping[m] * rates[m] / stiffness[m])
-        if not clipped:
+        if curved and stiffness[m] > 0.0:
+            slack = elastic[m] <= 0.0
+            L0 = max(L0, lengths[m]) if slack else lengths[m] - elastic[m] / stiffness[m]
+        if slack and (damped or broken[m] or curved):
+            L0 += lengths[m] + max(0.0, damping[m] * rates[m] / stiffness[m] if stiffness[m] > 0.0 else 0.0)
+        if not clipped[m]:
             force_range[m, 1] = 0.0 if slack else UNLIMITED
         ctrl[m] = L0 - designed[m]
+        if stiffness[m] == 0.0:  # [N] off its pull, of which a broken one has nothing
+            ctrl[m] = run.pieces[run.piece_ranges[m, 0], 1] + abs(damping[m] * rates[m]) if broken[m] else 0.0
         sane &= abs(ctrl[m]) < BEYOND
     return sane
 

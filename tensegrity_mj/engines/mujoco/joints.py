@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.engines.mujoco.mjcf import UNLIMITED
+from tensegrity_mj.engines.mujoco.mjcf import UNLIMITED, controls_for
 from tensegrity_mj.engines.mujoco.mjcf_bodies import Names
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree
 from tensegrity_mj.engines.mujoco.motion import Supports
@@ -94,7 +94,6 @@ class JointForces:
         accelerations, pulls, gaps = np.zeros((T, R, 2, 3)), np.zeros((T, C, 3)), np.zeros((T, C))
         gravity, spatial = np.array(scene.gravity), np.zeros(6)
         kind = mujoco.mjtObj.mjOBJ_SITE
-        designed = np.array(structure.rest_lengths)
         with np.errstate(all="ignore"):
             for row in range(T):
                 if not np.all(np.isfinite(states[row])):
@@ -105,10 +104,9 @@ class JointForces:
                     data.qfrc_applied[:] = self.supports.forces(scene, float(time[row]), model.nv)
                 mujoco.mj_fwdPosition(model, data)
                 mujoco.mj_fwdVelocity(model, data)
-                if len(designed):
+                if len(structure.strings):
                     # The control that makes MuJoCo's tension the recorded one, whatever law or breaking string it was.
-                    k, c = structure.stiffness, structure.damping
-                    data.ctrl[:] = data.ten_length - designed + (c * data.ten_velocity - tensions[row]) / k
+                    data.ctrl[:] = controls_for(structure, data.ten_length, data.ten_velocity, tensions[row])
                 self._apply(data, loads[row])
                 mujoco.mj_forward(model, data)
                 if self._gaps:

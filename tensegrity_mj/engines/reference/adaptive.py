@@ -32,6 +32,7 @@ from tensegrity_mj.engines.reference.integration import IntegratedRun
 from tensegrity_mj.engines.reference.marks import marks_of, output_times
 from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.reference.pulls import LOOKS, pulls_within
+from tensegrity_mj.engines.reference.turns import turn_within
 from tensegrity_mj.engines.reports import V_ROUND_OFF
 from tensegrity_mj.errors import DivergenceError, OptionError, TensegrityError
 from tensegrity_mj.runs.energy import check_energy
@@ -276,6 +277,10 @@ class ErrorControlled:
         if self.continuous and self._feasible(end, at_end) == bool(self.plant["suspended"]):
             switched, stuck = True, False
             end = self._locate(self._interpolant(), solver.t_old, end)
+        turned = False
+        if self.plant["yielding"] and not switched:
+            turn = turn_within(self.plant, solver.t_old, end, self._interpolant())
+            turned, stuck, end = turn < end, stuck and turn == end, turn
         limit = math.nextafter(end, -math.inf) if keep_last and end == mark else end
         outputs = self.times[self.next : np.searchsorted(self.times, limit, side="right")]
         if len(outputs):
@@ -285,9 +290,12 @@ class ErrorControlled:
         if stuck:
             self.t, self.y = end, self._interpolant()(end)
             raise _Singular
-        if switched:
+        if switched or turned:
             self.t, self.y = end, self._interpolant()(end)
-            self._switch()
+            if switched:
+                self._switch()
+            else:
+                self.solver = None
         else:
             self.t, self.y = solver.t, solver.y
             if self.run.equations.project:
@@ -297,6 +305,9 @@ class ErrorControlled:
                 self._evaluate(self.t, self.y)
                 watch_strings(self.table, self.t, True)
                 remember(self.table)
+        if self.plant["yielding"]:
+            self.plant["arrived"] = 1
+            self._evaluate(self.t, self.y)
 
     def _feasible(self, t: float, y: Array) -> bool:
         self._evaluate(t, y)  # places the nodes

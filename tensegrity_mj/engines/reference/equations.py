@@ -18,6 +18,7 @@ from typing import Any
 
 from tensegrity_mj.dynamics.native.actuation import break_strings, set_rest_lengths, take_sample
 from tensegrity_mj.dynamics.native.compiling import intrinsic, njit
+from tensegrity_mj.dynamics.native.curves import yield_strings
 from tensegrity_mj.dynamics.native.elements import let_act
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.plant import write_row
@@ -101,6 +102,9 @@ def let_forces_act(t: float, dwork: Any, table: int) -> int:
         return SOLVED
     measure_strings(table)
     status = set_rest_lengths(table, t)
+    if plant.arrived:
+        plant.arrived = 0
+        yield_strings(table, t)
     dwork[0], damped = tighten_strings(table)
     dwork[1] += damped
     add_string_forces(table, plant.forces)

@@ -140,6 +140,7 @@ def located_step(table: int, number: int, h: float, y: Any, room: Room) -> tuple
         if left <= JUMP_WITHIN * h:
             x[:] = z
             return worst, evaluations, False, SOLVED
+        model.arrived = model.yielding
         worst = rates(t, z, room.k1, table)
         resolve_start(table, left)
         evaluations += 1

@@ -50,7 +50,8 @@ def rk4_steps(table: int, y: Any, first: int, count: int) -> tuple[int, int, int
             status = sample_law(t, y, table)
             if n == 0:
                 start_ledger(table)
-        if known and not broke and not last:
+        model.arrived = model.yielding
+        if known and not broke and not last and not model.yielding:
             room.k1[:] = room.k_end
         else:
             answer = rates(t, y, room.k1, table)

@@ -198,7 +198,7 @@ def _path_values(path: Path, axis: int, displacement: float) -> dict[str, Any]:
         "turned": (path.parameter_rates <= 0).tolist(),
         "stress": stress.tolist(),
         "slack": [int(state.slack.sum()) for state in path.states],
-        "least": [float(np.min(model.stiffness * (one.lengths - model.rest_lengths))) for one in path.states],
+        "least": [float(np.min(model.curves.stiffness * (one.lengths - model.rest_lengths))) for one in path.states],
         "unstable": path.unstable.tolist(),
     }
 
