@@ -162,7 +162,6 @@ FEATURES = {
         lambda: curved(lambda k: ((1e-3, 1e-3 * k), (2e-3, 1.5e-3 * k)), yields=True), lambda _: hung(), 3
     ),
     "constant forces": Feature(pulled, lambda _: hung()),
-    "loads": Feature(loaded, lambda scene: scene.with_(loads=())),
     "moved supports": Feature(moved, lambda scene: scene.with_(motions=())),
     "ground": Feature(shaken, lambda scene: scene.with_(motions=())),
     "constraints": Feature(lambda: railed(hung(), "n3", "n5"), without_rail),
