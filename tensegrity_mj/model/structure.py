@@ -22,8 +22,9 @@ from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.bodies import Body, Frame, frame_of
 from tensegrity_mj.model.composition import mapped, merged, rotation_matrix, with_strings
 from tensegrity_mj.model.constraints import Constraint, constraint_rows
+from tensegrity_mj.model.from_arrays import members_from
 from tensegrity_mj.model.members import LIMITS, PointMass, Rod, String, Support, Vector
-from tensegrity_mj.model.node_indices import array_of_shape, index_pairs
+from tensegrity_mj.model.node_indices import array_of_shape
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.string_paths import Paths
 from tensegrity_mj.model.strings import StringLaw
@@ -106,48 +107,8 @@ class Structure:
         Raises:
             StructureError: as the constructor, and for arrays of the wrong shape.
         """
-        positions = array_of_shape("nodes", nodes, (-1, 3))
-        count = len(positions)
-        names = [f"n{i + 1}" for i in range(count)]
-        rod_pairs = index_pairs("rods", rods, count)
-        string_paths = index_pairs("strings", strings, count, more=True)
-
-        def per_member(what: str, values: ArrayLike | None, size: int) -> list[float | None]:
-            if values is None:
-                return [None] * size
-            return [float(x) for x in np.broadcast_to(array_of_shape(what, values, (size,)), (size,))]
-
-        masses = per_member("rod_mass", rod_mass, len(rod_pairs))
-        radii = per_member("rod_radius", rod_radius, len(rod_pairs))
-        held = list(supports) if supports is not None else [Support.free()] * len(rod_pairs)
-        array_of_shape("supports (one a rod)", np.zeros(len(held)), (len(rod_pairs),), broadcast=False)
-        size = len(string_paths)
-        columns = zip(
-            per_member("stiffness", stiffness, size),
-            per_member("damping", damping, size),
-            per_member("rest_length", rest_length, size),
-            per_member("tension", tension, size),
-            per_member("force_density", force_density, size),
-            strict=True,
-        )
-        fixed = [i for i, _ in index_pairs("fixed_nodes", [(i, i) for i in fixed_nodes], count, allow_equal=True)]
-        heavy = dict(point_masses or {})
-        mass_nodes = [i for i, _ in index_pairs("point_masses", [(i, i) for i in heavy], count, allow_equal=True)]
-        return cls(
-            name=name,
-            nodes={key: (float(p[0]), float(p[1]), float(p[2])) for key, p in zip(names, positions, strict=True)},
-            rods=tuple(
-                Rod(f"r{a + 1}", (names[i], names[j]), masses[a] or 0.0, radii[a] or 0.0, held[a])
-                for a, (i, j) in enumerate(rod_pairs)
-            ),
-            strings=tuple(
-                String(f"s{a + 1}", tuple(names[i] for i in path), k or 0.0, c or 0.0, l0, t, u)
-                for a, (path, (k, c, l0, t, u)) in enumerate(zip(string_paths, columns, strict=True))
-            ),
-            fixed_nodes=tuple(names[i] for i in fixed),
-            point_masses=tuple(PointMass(names[i], m) for i, m in zip(mass_nodes, heavy.values(), strict=True)),
-            string_law=string_law,
-        )
+        given = {key: value for key, value in locals().items() if key not in ("cls", "name", "string_law")}
+        return cls(name=name, string_law=string_law, **members_from(given))
 
     def with_strings(self, **changes: ArrayLike | None) -> Structure:
         """A copy whose strings have other numbers: stiffness, damping, how they are taut, limits or `strength`.
