@@ -92,6 +92,7 @@ def describe(scene: model.Scene, timing: bool = False) -> dict[str, Any]:
         ],
         "point_masses": {point.node: point.mass for point in structure.point_masses},
         "bodies": [plain_values(body, "name", "nodes", "mass", "held") for body in structure.bodies],
+        "constraints": [plain_values(one, "name", "nodes", "direction") for one in structure.constraints],
         "degrees_of_freedom": needs["degrees_of_freedom"],
         "mujoco_velocities": needs["velocities"],
         "needs": {key: value for key, value in needs.items() if key not in ("scene", "degrees_of_freedom")},
@@ -293,6 +294,7 @@ def _text(data: dict[str, Any]) -> str:
         ),
         ("rods", str(len(data["rods"]))),
         ("strings", str(len(data["strings"]))),
+        *([("constraints", ", ".join(one["name"] for one in held))] if (held := data["constraints"]) else []),
         (
             "degrees of freedom",
             f"{data['degrees_of_freedom']} ({data['mujoco_velocities']} in MuJoCo, where free rods also spin)",

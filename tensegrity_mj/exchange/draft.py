@@ -6,7 +6,7 @@ notes whatever it cannot carry over.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,6 +15,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.constraints import Constraint
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
 from tensegrity_mj.model.scene import Scene
@@ -36,6 +37,7 @@ class Draft:
         held: node -> the axes in which it is held, some of "xyz".
         masses: node -> point mass [kg].
         loads, velocities: forces on nodes; node -> velocity (3,) [m/s].
+        constraints: linear ones of nodes, and those that hold what no support of a rod does.
         settings: other fields of `Scene`, and "string_law" of `Structure`.
         notes: what cannot be carried over, a sentence each.
     """
@@ -49,6 +51,7 @@ class Draft:
     masses: dict[str, float] = field(default_factory=dict)
     loads: list[Load] = field(default_factory=list)
     velocities: dict[str, Any] = field(default_factory=dict)
+    constraints: list[Constraint] = field(default_factory=list)
     settings: dict[str, Any] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
@@ -70,18 +73,17 @@ class Draft:
             if held == ALL or name not in self.masses:
                 continue
             axis = min(held, default=None)
-            if len(held) > 1:
-                self.notes.append(
-                    f"node '{name}' is held along {_words(held)}; its point mass is held along {axis} only"
-                )
-            points.append(PointMass(name, self.masses[name], None if axis is None else _unit(axis)))
+            self._hold(name, held - {axis})
+            points.append(PointMass(name, self.masses[name], None if axis is None else unit_of(axis)))
+        fixed = tuple(n for n in self.nodes if n not in ends and self.held.get(n) == ALL)
         structure = Structure(
             name=self.name,
             nodes={name: tuple(float(x) for x in at) for name, at in self.nodes.items()},  # type: ignore[misc]
             rods=tuple(rods),
             strings=tuple(self.strings),
-            fixed_nodes=tuple(n for n in self.nodes if n not in ends and self.held.get(n) == ALL),
+            fixed_nodes=fixed,
             point_masses=tuple(points),
+            constraints=tuple(_loose(self.constraints, {*self.nodes} - {*fixed})),
             **{key: self.settings.pop(key) for key in ("string_law",) if key in self.settings},
         )
         velocities = np.array([np.asarray(self.velocities.get(name, (0, 0, 0)), float) for name in self.nodes])
@@ -93,6 +95,10 @@ class Draft:
             initial_velocities=velocities if velocities.any() else None,
             **self.settings,
         )
+
+    def _hold(self, name: str, axes: Iterable[str]) -> None:
+        """Hold coordinates of a node by constraints."""
+        self.constraints += [Constraint(f"{name} {axis}", {name: 1.0}, unit_of(axis)) for axis in sorted(axes)]
 
     def _merge_rods(self) -> None:
         """One rod between two nodes, as structures have them."""
@@ -158,17 +164,14 @@ class Draft:
         supports: dict[int, Support] = {}
         for (name, held), place in zip(wanted, chosen, strict=True):
             if place < 0:
-                self.notes.append(
-                    f"node '{name}' is held along {_words(held)}, and its rods are all held elsewhere, where each has "
-                    "one support: it is left free"
-                )
+                self._hold(name, held)  # its rods are all held elsewhere, where each has one support
                 continue
             rod = self.rods[free[place]]
             sigma, plane = float(rod.nodes.index(name)), _plane(planes, name)
             if held | planes.get(name, frozenset()) == ALL:
                 supports[free[place]] = Support.pinned(sigma, plane)
             else:
-                rows = [_unit(axis) for axis in sorted(held)]
+                rows = [unit_of(axis) for axis in sorted(held)]
                 supports[free[place]] = Support.constrained(rows, sigma, plane=plane)
         for row in free:
             plane = _plane(planes, self.rods[row].nodes[0])
@@ -212,7 +215,19 @@ def held_axes(structure: Structure) -> tuple[dict[str, frozenset[str]], list[str
             notes.append(f"the plane of the point mass on node '{point.node}', which is across no axis, is left out")
         elif plane:
             held[point.node] = set(plane)
+    for one in structure.constraints:
+        axes = _axes_of((one.direction,))
+        if axes is None or len(one.nodes) > 1:
+            notes.append(f"the constraint '{one.name}', which holds no axis of one node, is left out")
+        else:
+            held.setdefault(next(iter(one.nodes)), set()).update(axes)
     return {name: frozenset(axes) for name, axes in held.items()}, notes
+
+
+def _loose(constraints: Iterable[Constraint], free: Collection[str]) -> list[Constraint]:
+    """What of the constraints is of nodes that are free, each value of which the reference gives."""
+    kept = [({node: w for node, w in one.nodes.items() if node in free}, one) for one in constraints]
+    return [replace(one, nodes=nodes) for nodes, one in kept if nodes]
 
 
 def _axes_of(rows: Sequence[Sequence[float]]) -> str | None:
@@ -249,12 +264,9 @@ def _together(first: String, second: String, length: float) -> String:
 
 def _plane(planes: Mapping[str, frozenset[str]], name: str) -> tuple[float, float, float] | None:
     axes = planes.get(name)
-    return None if not axes else _unit(min(axes))
+    return None if not axes else unit_of(min(axes))
 
 
-def _unit(axis: str) -> tuple[float, float, float]:
+def unit_of(axis: str) -> tuple[float, float, float]:
+    """The unit vector of an axis, "x", "y" or "z"."""
     return (float(axis == "x"), float(axis == "y"), float(axis == "z"))
-
-
-def _words(axes: frozenset[str]) -> str:
-    return " and ".join(sorted(axes))

@@ -30,6 +30,8 @@ def left_out(scene: Scene, kept: Sequence[str]) -> list[str]:
         notes.append("the damping of point masses is left out")
     if carried:
         notes.append("the masses that rods carry are left out")
+    if structure.constraints and "constraints" not in kept:
+        notes.append("the linear constraints are left out")
     for key, one in item_of(Scene).keys.items():
         value = getattr(scene, one.name)
         if key in WORDS or key in kept or value is None or value is one.default or value == one.default:

@@ -25,8 +25,9 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.errors import FormatError
-from tensegrity_mj.exchange.draft import ALL, AXES, Draft
+from tensegrity_mj.exchange.draft import ALL, AXES, Draft, unit_of
 from tensegrity_mj.exchange.options import ImportOptions
+from tensegrity_mj.model.constraints import Constraint
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.members import Rod, String
 from tensegrity_mj.model.section import Section
@@ -183,17 +184,29 @@ class _Reader:
             raise self.v.wrong(
                 values[0], f"its shape is {D.shape}; for P of shape {P.shape} it must be (3, {P.shape[1:]})"
             )
-        for column, value in zip(P.T, D.T, strict=True):
+        joined: dict[int, int] = {}
+        weighted: list[tuple[str, dict[int, float]]] = []
+        for number, (column, value) in enumerate(zip(P.T, D.T, strict=True), start=1):
             rows = np.flatnonzero(column)
             if len(rows) == 1:
                 self.out.held[self.names[rows[0]]] = ALL
             elif len(rows) == 2 and column[rows].sum() == 0 and not value.any():
                 first, second = rows.tolist()
                 self.out.nodes.pop(self.names[second], None)
+                joined[second] = first
                 for pairs in (bars, strings):
                     pairs[pairs == second] = first
             else:
-                self.out.notes.append(f"a constraint N P = D of nodes {_listed(rows + 1)} is left out")
+                weights = {row: float(column[row]) for row in rows.tolist()}
+                weighted.append((f"P{number}", weights))
+        for name, weights in weighted:
+            nodes: dict[str, float] = {}
+            for row, weight in weights.items():
+                node = self.names[joined.get(row, row)]
+                nodes[node] = nodes.get(node, 0.0) + weight
+            nodes = {node: weight for node, weight in nodes.items() if weight}
+            for axis in AXES if nodes else "":
+                self.out.constraints.append(Constraint(f"{name} {axis}", nodes, unit_of(axis)))
 
     def _given(self, key: str, values: Array | None, count: int, what: str, needed: bool = True) -> Array:
         """Values of members: the file's, else those of the options, else the program's defaults."""

@@ -17,7 +17,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure_checks import check_bars_alone
 
 STRING_RADIUS = 1e-3  # m: STEDY has strings by radius and modulus, of which only E π r² counts
-KEPT = ("gravity", "initial_nodes", "initial_velocities")
+KEPT = ("gravity", "initial_nodes", "initial_velocities", "constraints")
 
 
 def save_mat(scene: Scene, path: str | os.PathLike[str]) -> tuple[Path, list[str]]:

@@ -29,7 +29,7 @@ from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.camera import clearest, corners_of
 from tensegrity_mj.pictures.framing import BLOWN_UP, DEEP, FAR
 from tensegrity_mj.pictures.motion import Motion
-from tensegrity_mj.pictures.painter import SLACKNESS, Sizes
+from tensegrity_mj.pictures.painter import SLACKNESS, Sizes, support_places
 from tensegrity_mj.runs.trajectory import Trajectory
 
 MOST_BYTES = 8_000_000  # of a page, of which plotly's JavaScript is 5 MB
@@ -133,8 +133,8 @@ def _data(motion: Motion, times: Array) -> dict[str, Any]:
     among = [np.interp(times, motion.time, one) for one in np.hstack([motion.tensions, motion.rest_lengths]).T]
     tensions, rest = np.split(np.array(among).reshape(-1, len(times)).T, 2, axis=1)
     box = _Box.of(motion, nodes, aims)
-    paths, rows = structure.paths, structure.node_index
-    held = [rod for rod in structure.rods if len(rod.support.directions)]
+    paths = structure.paths
+    held = support_places(structure)
     scale = palette.TensionScale.of(motion.tensions)
     ticks = np.linspace(0.0, scale.end, 5)
     slack = np.any(motion.rest_lengths > structure.string_lengths(motion.nodes) * (1.0 + SLACKNESS))
@@ -145,7 +145,7 @@ def _data(motion: Motion, times: Array) -> dict[str, Any]:
         "strings": structure.strings,
         "slack": slack,
         "masses": masses,
-        "supports": structure.fixed_nodes or held,
+        "supports": held,
         "target": aims is not None and structure.rods,
         "floor": motion.floor is not None,
         "water": box.wet,
@@ -156,7 +156,7 @@ def _data(motion: Motion, times: Array) -> dict[str, Any]:
             "nodes": _names(structure.node_names),
             "rods": _names(rod.name for rod in structure.rods),
             "strings": _names(string.name for string in structure.strings),
-            "supports": _names([*structure.fixed_nodes, *(f"support of {rod.name}" for rod in held)]),
+            "supports": _names(name for *_, name in held),
             "masses": _names(words for *_, words in masses),
         },
         "time": _packed(times),
@@ -171,10 +171,7 @@ def _data(motion: Motion, times: Array) -> dict[str, Any]:
         ],
         "strings": [[*map(int, pair), int(row)] for pair, row in zip(paths.nodes, paths.strings, strict=True)],
         "breaks": motion.break_times,  # infinite, that is never, becomes null
-        "supports": [
-            *([rows[name], rows[name], 0.0] for name in structure.fixed_nodes),
-            *([rows[rod.nodes[0]], rows[rod.nodes[1]], rod.support.sigma] for rod in held),
-        ],
+        "supports": [[i, j, sigma] for i, j, sigma, *_ in held],
         "masses": [place for *place, _ in masses],
         "sea": _waves(motion) if box.wet else None,
         "floor": None if motion.floor is None else _floor(motion.floor, motion, box),

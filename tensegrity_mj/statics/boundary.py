@@ -133,6 +133,8 @@ class Boundary:
         for point in structure.point_masses:
             if point.plane is not None:
                 add([(index[point.node], 1.0)], np.array(point.plane) / np.linalg.norm(point.plane))
+        for one in structure.constraints:
+            add([(index[node], weight) for node, weight in one.nodes.items()], one.unit)
         for hold in holds:
             if not isinstance(hold, Hold):
                 raise OptionError(f"holds: {hold!r} is no Hold; use Hold(nodes, directions, displacement)")

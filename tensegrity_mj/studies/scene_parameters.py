@@ -22,7 +22,13 @@ from tensegrity_mj.studies.parameter_values import Scaled, axis_of, no_more, num
 from tensegrity_mj.studies.value_parameters import MEMBER, changed, single
 
 PARTS_OF_SCENE = tuple(key for key in item_of(Scene).keys if key not in ("structure", "name", "source", "control"))
-MEMBERS = {"rods": "rod", "strings": "string", "point_masses": "point mass", "bodies": "body"}
+MEMBERS = {
+    "rods": "rod",
+    "strings": "string",
+    "point_masses": "point mass",
+    "bodies": "body",
+    "constraints": "constraint",
+}
 REST = ("rest_length", "tension", "force_density")  # of a string, which has one of them at most
 
 

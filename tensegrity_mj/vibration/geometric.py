@@ -12,6 +12,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.model.elements.elastic_rods import Bars
+from tensegrity_mj.model.constraints import constraint_values
 from tensegrity_mj.model.elements.element import forces_of
 from tensegrity_mj.model.elements.resistance import BendingDamping, BendingStiffness
 from tensegrity_mj.model.elements.water import Water
@@ -50,7 +51,12 @@ def geometric_of_rods(state: State, pulls: Array) -> tuple[Array, Array]:
     turns[:R] += np.einsum("rx,rxt->rt", bends, motion.T[:R])
     acceleration = pushed[:B] + np.einsum("bij,bi->bj", motion.inverse, np.concatenate([slides, turns], axis=1))
     if joints is not None:
-        carried = joints.forces(acceleration.ravel(), _joint_bias(state, driven, turning))
+        carried, row_forces = joints.forces(acceleration.ravel(), _joint_bias(state, driven, turning))
+        held = (row_forces @ structure.constraint_rows).reshape(-1, 3)
+        for end, rows in enumerate((first, second)):
+            own = bodies.body[rows] == np.arange(R)
+            at_ends[own, end] += held[rows[own]]
+        acceleration += (row_forces @ joints.linear).reshape(B, SLOTS)
         for side, sign in ((0, 1.0), (1, -1.0)):
             rods, ends = joints.pairs[:, side], bodies.joint_ends[:, side]
             np.add.at(at_ends, (rods, ends), sign * carried)
@@ -121,10 +127,18 @@ def _driven(state: State) -> Array:
 
 
 def _joint_bias(state: State, driven: Array, turning: Array) -> Array:
-    """(J, 3) [m/s²] how much faster the end of the first rod of each joint accelerates than the second's at ÿ = 0."""
+    """(3 J + L,) [m/s²] how much faster the end of the first rod of each joint accelerates than the second's at ÿ = 0.
+
+    And how much faster a linear constraint's sum does than its value.
+    """
     bodies = state.bodies
     bias = np.zeros((len(bodies.joints), 3))
     for side, sign in ((0, 1.0), (1, -1.0)):
         rods, end = bodies.joints[:, 1 + side], bodies.joint_ends[:, side]
         bias += sign * (driven[rods] - (bodies.ends[rods, end] * turning[rods])[:, None] * state.motion.b[rods])
-    return bias
+    R, structure = len(turning), state.scene.structure
+    nodes, on_rods = np.append(driven, np.zeros((1, 3)), axis=0)[bodies.body], bodies.body < R
+    rods = bodies.body[on_rods]
+    nodes[on_rods] -= (bodies.lever[on_rods] * turning[rods])[:, None] * state.motion.b[rods]
+    ahead = structure.constraint_rows @ nodes.ravel() - constraint_values(state.scene, state.time)[2]
+    return np.append(bias, ahead)

@@ -11,7 +11,7 @@ from tensegrity_mj.model.elements.elastic_rods import Bars
 from tensegrity_mj.model.rigidity import Members, members_at
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.vibration.blocks import Blocks, is_dense
-from tensegrity_mj.vibration.bodies import Bodies, Motion, motion_of_bodies
+from tensegrity_mj.vibration.bodies import SLOTS, Bodies, Motion, motion_of_bodies
 from tensegrity_mj.vibration.joints import Joints
 from tensegrity_mj.vibration.resistance import bending_blocks, element_blocks, nodal_blocks, viscous_blocks
 
@@ -53,9 +53,10 @@ class State:
 
     @cached_property
     def joints(self) -> Joints | None:
-        """What they forbid; None where no rods share a node."""
+        """What they and linear constraints forbid; None where there are none."""
         bodies, motion = self.bodies, self.motion
-        if not len(bodies.joints):
+        held = self.scene.structure.constraint_rows.reshape(-1, len(bodies.body), 3)
+        if not len(bodies.joints) and not len(held):
             return None
         pairs = bodies.joints[:, 1:]
         maps = []
@@ -63,7 +64,11 @@ class State:
             lever = bodies.ends[rods, bodies.joint_ends[:, side]]
             plain = np.concatenate([bodies.E[rods], lever[:, None, None] * motion.T[rods]], axis=2)
             maps.append(plain @ motion.inverse[rods])
-        return Joints(pairs, np.array(maps), len(bodies.mass), is_dense(len(bodies.mass)))
+        B = len(bodies.mass)
+        linear = np.zeros((len(held), B + 1, SLOTS))
+        for node, body in enumerate(bodies.body):
+            linear[:, body] += held[:, node] @ motion.turned[node]
+        return Joints(pairs, np.array(maps), B, is_dense(B), linear[:, :B].reshape(len(held), SLOTS * B))
 
     def bars(self) -> tuple[Blocks, Blocks]:
         """Stiffness and dampers of elastic rods along themselves."""

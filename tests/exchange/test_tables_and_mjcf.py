@@ -277,6 +277,9 @@ def test_supports_of_nodes_find_rods_or_are_noted(tmp_path: Path) -> None:
         "string 's2' joins the nodes of 's1': one string stands for both",
         "string 's3' runs along rod 'r1'",
         "nodes of no member are left out: 'd', 'e'",
-        "node 'b' is held along x, and its rods are all held elsewhere",
     ):
         assert part in notes
+    # Its rod is held at 'a', and has one support.
+    assert [(one.name, dict(one.nodes), one.direction) for one in structure.constraints] == [
+        ("b x", {"b": 1.0}, (1, 0, 0))
+    ]

@@ -32,9 +32,8 @@ def incline(slope: float = 0.5) -> Scene:
     return Scene(structure, gravity=(0, 0, -G), duration=0.5)
 
 
-def trammel(at: float = 0.5, length: float = 1.5) -> Scene:
+def trammel(at: float = 0.5, length: float = 1.5, angle: float = 0.7) -> Scene:
     """A free rod whose first node stays on the x axis, and its point at σ = `at` on the z axis: an ellipsograph."""
-    angle = 0.7
     first = np.array([-at * length * np.sin(angle), 0.0, 0.0])
     nodes = {"a": first, "b": first + length * np.array([np.sin(angle), 0.0, np.cos(angle)])}
     rod = Rod("arm", ("a", "b"), 1.2)

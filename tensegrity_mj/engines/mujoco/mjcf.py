@@ -229,6 +229,7 @@ def _remarks(scene: Scene) -> str:
         "What resists the motion of the scene is not in this file.": scene.resistance is not None
         or bool(len(nodal_damping(scene.structure)[0])),
         "The water of the scene is not in this file.": scene.water is not None,
+        "The linear constraints of its nodes are not in this file.": bool(scene.structure.constraints),
         "The motions of the scene's supports are not in this file: what drives them is.": bool(scene.motions),
     }
     return " ".join(text for text, holds in remarks.items() if holds)

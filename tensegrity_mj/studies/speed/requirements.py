@@ -129,7 +129,7 @@ def requirements(scene: Scene, timing: bool = False) -> Requirements:
 def degrees_of_freedom(structure: Structure) -> int:
     """Number of independent velocities; the spin of a thin rod about its axis, which has no inertia, is none.
 
-    What joints that close loops take away of it is not subtracted.
+    What joints that close loops take away of it is not subtracted; each linear constraint takes one.
     """
     hanging = spanning_forest(structure).parent >= 0
     slides = sum(
@@ -137,7 +137,8 @@ def degrees_of_freedom(structure: Structure) -> int:
     )
     turns = sum(rod.support.rotation_basis.shape[1] - (rod.stiffness is None) for rod in structure.rods)
     turns += 6 * sum(not body.held for body in structure.bodies)
-    return int(slides + turns + sum(point.translation_basis.shape[1] for point in structure.lone_masses))
+    points = sum(point.translation_basis.shape[1] for point in structure.lone_masses)
+    return int(slides + turns + points - len(structure.constraints))
 
 
 def largest_tree(structure: Structure) -> int:
