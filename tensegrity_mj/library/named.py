@@ -26,6 +26,8 @@ _HOME = {
     "cable": "cable",
     "chapter7_tower": "thesis_towers",
     "cross": "cross",
+    "fish_net": "fish_farm",
+    "moored_chain": "fish_farm",
     "net": "net",
     "planar_beam": "planar_beam",
     "suspended_cable": "suspended_cable",
