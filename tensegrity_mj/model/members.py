@@ -315,6 +315,26 @@ class PointMass:
         return null_space_basis(np.array([] if self.plane is None else [self.plane], float).reshape(-1, 3))
 
 
+def lumps_of(rods: Sequence[Rod], lengths: Array, points: Sequence[PointMass]) -> Array:
+    """(3, R): Σ m [kg], Σ m s and Σ (m s² + I/ℓ²) of what each rod carries, s from 0 at n_i to 1 at n_j.
+
+    That is its `masses`, and the point masses at its ends, each on the first rod there.
+    """
+    found = np.zeros((3, len(rods)))
+    first: dict[str, tuple[int, int]] = {}
+    for row, (rod, length) in enumerate(zip(rods, lengths, strict=True)):
+        for end, name in enumerate(rod.nodes):
+            first.setdefault(name, (row, end))
+        for lump in rod.masses:
+            moment = lump.mass * lump.at**2 + lump.inertia / length**2
+            found[:, row] += (lump.mass, lump.mass * lump.at, moment)
+    for point in points:
+        if point.node in first:
+            row, end = first[point.node]
+            found[:, row] += (point.mass, end * point.mass, end * point.mass)
+    return found
+
+
 def null_space_basis(rows: Array) -> Array:
     """Orthonormal basis (3, 3 - r) of the vectors orthogonal to the given rows (r, 3).
 

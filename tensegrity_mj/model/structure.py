@@ -23,7 +23,7 @@ from tensegrity_mj.model.bodies import Body, Frame, frame_of
 from tensegrity_mj.model.composition import mapped, merged, rotation_matrix, with_strings
 from tensegrity_mj.model.constraints import Constraint, constraint_rows
 from tensegrity_mj.model.from_arrays import members_from
-from tensegrity_mj.model.members import LIMITS, PointMass, Rod, String, Support, Vector
+from tensegrity_mj.model.members import LIMITS, PointMass, Rod, String, Support, Vector, lumps_of
 from tensegrity_mj.model.node_indices import array_of_shape
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.string_paths import Paths
@@ -300,20 +300,8 @@ class Structure:
 
     @cached_property
     def rod_lumps(self) -> Array:
-        """(3, R): Σ m [kg], Σ m s and Σ (m s² + I/ℓ²) of what each rod carries, s from 0 at n_i to 1 at n_j.
-
-        That is its `masses`, and the point masses at its ends.
-        """
-        found = np.zeros((3, len(self.rods)))
-        for row, rod in enumerate(self.rods):
-            for lump in rod.masses:
-                moment = lump.mass * lump.at**2 + lump.inertia / self.rod_lengths[row] ** 2
-                found[:, row] += (lump.mass, lump.mass * lump.at, moment)
-        for point in self.point_masses:
-            for row in self.rods_at[point.node][:1]:
-                end = float(self.rods[row].nodes[1] == point.node)
-                found[:, row] += point.mass * np.array([1.0, end, end])
-        return _readonly(found)
+        """(3, R): what rods carry, see `members.lumps_of`."""
+        return _readonly(lumps_of(self.rods, self.rod_lengths, self.point_masses))
 
     @cached_property
     def rod_masses(self) -> Array:
