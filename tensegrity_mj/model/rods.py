@@ -109,6 +109,12 @@ def lumped_masses(structure: Structure) -> Array:
     return masses
 
 
+def total_mass(structure: Structure) -> float:
+    """[kg] of all members."""
+    points = sum(point.mass for point in structure.lone_masses)
+    return float(structure.rod_masses.sum()) + points + sum(body.mass for body in structure.bodies)
+
+
 def mass_places(structure: Structure) -> list[tuple[int, int, float, str]]:
     """Where point masses and those on rods are: node rows i, j, the part s of the way between; and in words."""
     points = [

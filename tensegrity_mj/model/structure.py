@@ -308,12 +308,6 @@ class Structure:
         """m (R,) [kg] of the rods with what they carry; `Rod.mass` is that of a rod alone."""
         return _readonly(np.array([rod.mass for rod in self.rods], float) + self.rod_lumps[0])
 
-    @property
-    def mass(self) -> float:
-        """[kg] of all members."""
-        points = sum(point.mass for point in self.lone_masses)
-        return float(self.rod_masses.sum()) + points + sum(body.mass for body in self.bodies)
-
     def limits(self, name: str) -> Array:
         """One of `LIMITS` (M,) of the strings; where there is none, ∞, or -∞ for the smallest rest length."""
         return self._limits[name]

@@ -131,7 +131,9 @@ def energy_unresolved(run: Trajectory) -> float:
         run.dissipation,
     )
     total = sum(float(np.max(np.abs(term), initial=0.0)) for term in terms)
-    forces = float(np.max(run.tensions, axis=0, initial=0.0).sum() + structure.mass * np.linalg.norm(run.scene.gravity))
+    forces = float(
+        np.max(run.tensions, axis=0, initial=0.0).sum() + rods.total_mass(structure) * np.linalg.norm(run.scene.gravity)
+    )
     extent = float(np.max(np.abs(run.nodes), initial=0.0))
     walk = max(1.0, float(np.sqrt(run.cost.get("steps", 0.0))) / 30)
     first, second = rods.ends(structure, run.nodes)

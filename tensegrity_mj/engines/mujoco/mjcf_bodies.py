@@ -12,7 +12,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.engines.mujoco.mjcf_frames import TURNED_AXIS, TURNED_SITE, must_turn, numbers, quaternion
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, Turn, distinct
 from tensegrity_mj.model.elements.contact import Contact
-from tensegrity_mj.model.rods import centers_and_moments, mass_at_ends
+from tensegrity_mj.model.rods import centers_and_moments, mass_at_ends, total_mass
 from tensegrity_mj.model.scene import Scene
 
 # The axial moment of inertia as a part of the transverse one: strings attach on the axis, so 1e-4 to 1e-6 change no
@@ -201,7 +201,7 @@ def _frame(scene: Scene, tree: BodyTree, number: int) -> tuple[Array, Array]:
 
 def drive(scene: Scene) -> float:
     """Armature [kg] of the slides that drive supports."""
-    return DRIVE * (scene.structure.mass or 1.0)
+    return DRIVE * (total_mass(scene.structure) or 1.0)
 
 
 def _add_slide(body: ET.Element, name: str, axis: Array, armature: float = 0.0) -> None:
