@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tensegrity_mj.controllers.gains import Gains as Gains
     from tensegrity_mj.controllers.known import KnownWater as KnownWater
     from tensegrity_mj.controllers.lyapunov import Lyapunov as Lyapunov
+    from tensegrity_mj.controllers.program import Program as Program
     from tensegrity_mj.controllers.projection import Projection as Projection
     from tensegrity_mj.controllers.quadratic_terms import Onto as Onto
     from tensegrity_mj.controllers.replay import Replay as Replay

@@ -5,6 +5,7 @@ The plain cross-model experiment, in which no law can hide a plant's error: what
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -44,6 +45,12 @@ def _replay(t, nodes_at, velocities_at, context, command_at, report_at):  # type
         c = coefficients[piece, m]
         out[m] = c[3] + x * (c[2] + x * (c[1] + x * c[0]))
     return SOLVED
+
+
+def cubics(times: Array, coefficients: Array, command: Command) -> NativeLaw:
+    """The compiled law of cubics (T - 1, M, 4) in the time since each of the times (T,) [s], highest power first."""
+    packed = _pack_record(times=times, coefficients=coefficients)
+    return NativeLaw(address=_replay.address, context=packed.address, keep=(packed,), command=command, stateless=True)
 
 
 class Replay:
@@ -154,16 +161,11 @@ class Replay:
             coefficients[:, :, 3] = self.values
         else:
             coefficients = np.moveaxis(self._spline.c, 0, -1)
-        packed = _pack_record(times=times, coefficients=coefficients)
-        return NativeLaw(
-            address=_replay.address,
-            context=packed.address,
-            keep=(packed,),
-            command=self.command,
+        return replace(
+            cubics(times, coefficients, self.command),
             discontinuous=self.discontinuous,
             period=self.period,
             until=float(self.times[-1]),
-            stateless=True,
         )
 
     def __call__(self, time: float, nodes: Array, velocities: Array) -> Array:

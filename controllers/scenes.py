@@ -80,7 +80,7 @@ def _made(entry: NamedLaw, name: str, scene: Scene, given: Mapping[str, Any]) ->
         if key not in entry.options:
             allowed = f"{closest(key, entry.options)}; allowed: {', '.join(entry.options)}"
             raise OptionError(f"{where}: law '{name}' has no option '{key}'{allowed}")
-    if scene.target is None:
+    if scene.target is None and entry.needs_target:
         raise OptionError(f"{where} has no target, which its law needs: add [scene.target]")
     options = {key: entry.options[key](value, f"{where}: {key}") for key, value in given.items()}
     water = options.pop("water", KnownWater.ALL).of(scene.water)

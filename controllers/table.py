@@ -30,10 +30,12 @@ class NamedLaw:
     Attributes:
         law: makes it, called as law(structure, target, *, gravity, known, **options).
         options: the reader of each, by name.
+        needs_target: whether it goes anywhere; a program of strings does not.
     """
 
     law: Callable[..., Any]
     options: Mapping[str, Reader]
+    needs_target: bool = True
 
 
 class _Laws(Mapping[str, "NamedLaw | OwnLaw"]):

@@ -64,7 +64,7 @@ def brake(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[None]:
 
 @pytest.mark.usefixtures("brake")
 def test_commands_and_scene_files_have_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert list(LAWS) == ["brake", "feedback_linearization", "lyapunov", "projection"]
+    assert list(LAWS) == ["brake", "feedback_linearization", "lyapunov", "program", "projection"]
     scene = tmj.load_scene("pinned_rod")
     spinning = np.zeros((len(scene.structure.nodes), 3))
     tip = scene.structure.node_index["n1"]  # of the rod whose foot is pinned at the origin

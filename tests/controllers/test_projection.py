@@ -521,14 +521,14 @@ def test_any_scene_runs_with_any_law(name):
     assert from_scene(scene, "projection", stiffness={scene.structure.rods[0].name: 0.3}).gains["Kb"][0, 0, 0] == 0.3
     with pytest.raises(tmj.errors.OptionError, match="onto = 'up'; allowed: current, target"):
         from_scene(scene, "projection", onto="up")
-    with pytest.raises(tmj.errors.OptionError, match=r"unknown law 'magic'; allowed: .*lyapunov, projection"):
+    with pytest.raises(tmj.errors.OptionError, match=r"unknown law 'magic'; allowed: .*lyapunov, program, projection"):
         from_scene(scene, "magic")
     with pytest.raises(tmj.errors.OptionError, match="'lyapunov' has no option 'onto'"):
         from_scene(scene, "lyapunov", onto="target")
 
 
 def test_the_command_line_knows_every_law(capsys):
-    assert list(LAWS) == ["feedback_linearization", "lyapunov", "projection"]
+    assert list(LAWS) == ["feedback_linearization", "lyapunov", "program", "projection"]
     command = (
         "run pinned_rod --law projection --law-option onto=target --law-option stiffness={rod=0.1} --duration 0.05"
     )

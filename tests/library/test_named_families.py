@@ -27,6 +27,9 @@ from tensegrity_mj.library.cross import cross
 from tensegrity_mj.library.named import _HOME, family_names, is_family_call
 from tensegrity_mj.library.net import Held, net
 from tensegrity_mj.library.planar_beam import planar_beam
+from tensegrity_mj.library.prism import prism, three_bar_robot
+from tensegrity_mj.library.rolling import six_bar_roll
+from tensegrity_mj.library.six_bar import icosahedron, superball
 from tensegrity_mj.library.suspended_cable import suspended_cable
 from tensegrity_mj.library.thesis_towers import appendix_beam, chapter7_tower
 from tensegrity_mj.library.tower import Axis, Topology, tower
@@ -60,6 +63,14 @@ CALLS: dict[str, tuple[str, Any]] = {
         "beam_in_waves('TB1', 3, end='clamped')",
         lambda: beam_in_waves("TB1", 3, end=BeamEnd.CLAMPED),
     ),
+    "three names": (
+        "icosahedron(base=['r1a', 'r5b', 'r6b'], tilt=(0.1, 0, 0))",
+        lambda: icosahedron(base=("r1a", "r5b", "r6b"), tilt=(0.1, 0.0, 0.0)),
+    ),
+    "any number of rods": ("prism(7, tension=5)", lambda: prism(7, tension=5.0)),
+    "published robots": ("superball(drop=1)", lambda: superball(drop=1.0)),
+    "another of them": ("three_bar_robot(prestress=.1)", lambda: three_bar_robot(prestress=0.1)),
+    "with its program": ("six_bar_roll(steps=2)", lambda: six_bar_roll(steps=2)),
     "of the study": ("chapter7_tower(2e4, 0.15)", lambda: chapter7_tower(2e4, 0.15)),
 }
 

@@ -470,7 +470,7 @@ def test_bad_options_are_refused(pinned_rod: Any, options: dict[str, Any], words
 
 
 def test_a_scene_without_a_law_needs_one() -> None:
-    words = "'tbar' names no control law: .*choose one of feedback_linearization, lyapunov, projection"
+    words = "'tbar' names no control law: .*choose one of feedback_linearization, lyapunov, program, projection"
     with pytest.raises(OptionError, match=words):
         tmj.studies.validate("tbar")
 
