@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.model.elements.elastic_rods import Bars
 from tensegrity_mj.model.constraints import constraint_values
+from tensegrity_mj.model.elements.elastic_rods import Bars
 from tensegrity_mj.model.elements.element import forces_of
 from tensegrity_mj.model.elements.resistance import BendingDamping, BendingStiffness
 from tensegrity_mj.model.elements.water import Water
@@ -56,7 +56,7 @@ def geometric_of_rods(state: State, pulls: Array) -> tuple[Array, Array]:
         for end, rows in enumerate((first, second)):
             own = bodies.body[rows] == np.arange(R)
             at_ends[own, end] += held[rows[own]]
-        acceleration += (row_forces @ joints.linear).reshape(B, SLOTS)
+        acceleration += (row_forces @ joints.linear).reshape(B, -1)
         for side, sign in ((0, 1.0), (1, -1.0)):
             rods, ends = joints.pairs[:, side], bodies.joint_ends[:, side]
             np.add.at(at_ends, (rods, ends), sign * carried)
