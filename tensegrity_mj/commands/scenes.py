@@ -328,4 +328,9 @@ def _text(data: dict[str, Any]) -> str:
         f"L0 = {s['rest_length']:.6g} m"
         for s in data["strings"]
     ]
-    return "\n".join([table(head), "rods:", *rods, "strings:", *strings])
+    bodies = [
+        f"  {body['name']}: {' - '.join(body['nodes'])}, {body['mass']:g} kg, {'held' if body['held'] else 'free'}"
+        for body in data["bodies"]
+    ]
+    shown = ["bodies:", *bodies] if bodies else []
+    return "\n".join([table(head), "rods:", *rods, "strings:", *strings, *shown])

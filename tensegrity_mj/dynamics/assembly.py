@@ -16,7 +16,6 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.native.views import Table, view_of
 from tensegrity_mj.dynamics.records import ROD, Records, rod_records
-from tensegrity_mj.model.bodies import Frame
 from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.structure import Structure
@@ -100,7 +99,7 @@ class AssemblyRecords:
         for point in self.structure.lone_masses:
             q[at : at + 3] = nodes[self.structure.node_index[point.node]]
             at += 3
-        for frame in _moving(self.structure):
+        for frame in self.structure.moving_frames:
             q[at : at + 12] = (frame.fit @ nodes[frame.rows]).ravel()
             at += 12
         return q
@@ -144,7 +143,7 @@ class _Parts:
         self.rods["q"] = 6 * np.arange(len(self.rods))
         points, self.forest = 6 * len(self.rods), spanning_forest(structure)
         self.bodies = points + 3 * len(structure.lone_masses)
-        self.size = self.bodies + 12 * len(_moving(structure))
+        self.size = self.bodies + 12 * len(structure.moving_frames)
         self.motion_of = {motion.support: number for number, motion in enumerate(motions)}
         self.mass, self.weights = np.zeros((self.size, self.size)), np.zeros(self.size)
         self.scale = np.zeros(self.size)  # where it is not that of the masses
@@ -189,7 +188,7 @@ class _Parts:
         for body, frame in zip(self.structure.bodies, self.structure.frames, strict=True):
             if body.held:
                 self.bases[frame.rows] = self.structure.positions[frame.rows]
-        for number, frame in enumerate(_moving(self.structure)):
+        for number, frame in enumerate(self.structure.moving_frames):
             r, axes = self.bodies + 12 * number, [self.bodies + 12 * number + 3 * k for k in (1, 2, 3)]
             mass = float(frame.masses.sum())
             self.move(r, r, mass)
@@ -286,11 +285,6 @@ class _Parts:
 def needs_assembly(structure: Structure) -> bool:
     """Whether a structure has members that only this form of the equations has."""
     return bool(structure.bodies or structure.constraints)
-
-
-def _moving(structure: Structure) -> list[Frame]:
-    """The bodies that are not held."""
-    return [frame for body, frame in zip(structure.bodies, structure.frames, strict=True) if not body.held]
 
 
 def slopes_of(table: Table, q: Array) -> Array:

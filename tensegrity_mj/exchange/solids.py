@@ -54,8 +54,7 @@ def shape(scene: Scene) -> Array:
     for i, j, s, _ in mass_places(structure):
         at = (1 - s) * nodes[i] + s * nodes[j]
         parts.append(_capsule(at, at, 4 * thin))
-    for frame in structure.frames:
-        parts += [_capsule(nodes[i], nodes[j], 2 * thin) for i, j in frame.rows[frame.edges]]
+    parts += [_capsule(nodes[i], nodes[j], 2 * thin) for i, j in structure.body_edges]
     return np.concatenate(parts)
 
 

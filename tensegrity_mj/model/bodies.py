@@ -68,6 +68,11 @@ class Body:
         """The same with its mass and moments of inertia times a factor."""
         return replace(self, mass=self.mass * factor, inertia=tuple(factor * x for x in self.inertia))
 
+    def placed(self, frame: Frame, nodes: Array) -> Body:
+        """The same where nodes (N, 3) [m] have it."""
+        center, rotation = frame.placed(nodes)
+        return self.mapped(rotation, center - rotation @ (self.center or np.zeros(3)))
+
     def mapped(self, matrix: Array, shift: Array) -> Body:
         """The same where an orthogonal matrix (3, 3) and a shift (3,) [m] take its nodes."""
         I = matrix @ self.inertia_matrix @ matrix.T  # noqa: E741
@@ -93,6 +98,11 @@ class Frame(NamedTuple):
     second: Array
     masses: Array
 
+    @property
+    def inertia(self) -> Array:
+        """(3, 3) [kg m²] about the centre of mass, at the reference."""
+        return np.asarray(np.trace(self.second) * np.eye(3) - self.second)
+
     def placed(self, nodes: Array) -> tuple[Array, Array]:
         """r (3,) and the rotation (3, 3) that comes nearest, of the nodes (N, 3) of a structure."""
         fitted = self.fit @ nodes[self.rows]
@@ -105,6 +115,41 @@ class Frame(NamedTuple):
         fitted, rotation = self.fit @ velocities[self.rows], self.placed(nodes)[1]
         spin = fitted[1:].T @ rotation.T
         return fitted[0], 0.5 * np.array([spin[2, 1] - spin[1, 2], spin[0, 2] - spin[2, 0], spin[1, 0] - spin[0, 1]])
+
+    @property
+    def base(self) -> IntArray:
+        """(4,) which of its nodes span it best: where they are, all of it is."""
+        from scipy.linalg import qr
+
+        spread = np.hstack([np.ones((len(self.rows), 1)), self.offsets / np.abs(self.offsets).max()])
+        return np.sort(qr(spread.T, mode="r", pivoting=True)[1][:4])
+
+    @property
+    def braces(self) -> IntArray:
+        """(6, 2) rows of nodes whose distances keep it rigid."""
+        corners = self.rows[self.base]
+        return np.array([(corners[i], corners[j]) for i in range(4) for j in range(i)], np.int64)
+
+    @property
+    def followers(self) -> list[tuple[int, Array]]:
+        """Rows of its other nodes, and the weights (4,) of `base` that place each."""
+        affine = np.hstack([np.ones((len(self.rows), 1)), self.offsets])
+        weights = affine @ np.linalg.inv(affine[self.base])
+        return [(int(self.rows[k]), weights[k]) for k in range(len(self.rows)) if k not in self.base]
+
+    def motions(self, nodes: Array) -> Array:
+        """(N, 3, 6): how nodes (N, 3) move with it, by three shifts and three turns about its centre of mass."""
+        moved = np.zeros((len(nodes), 3, 6))
+        moved[self.rows, :, :3] = np.eye(3)
+        away = nodes[self.rows] - self.fit[0] @ nodes[self.rows]
+        for axis in range(3):
+            moved[self.rows, :, 3 + axis] = np.cross(np.eye(3)[axis], away)
+        return moved
+
+    def mobility(self, nodes: Array) -> Array:
+        """(3n, 3n) [1/kg]: how forces on its nodes, where nodes (N, 3) are, accelerate them from rest."""
+        X = self.motions(nodes)[self.rows].reshape(-1, 6)
+        return np.asarray(X @ np.linalg.solve(X.T @ np.kron(self.masses, np.eye(3)) @ X, X.T))
 
     @property
     def edges(self) -> IntArray:

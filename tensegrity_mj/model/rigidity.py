@@ -151,6 +151,9 @@ def _motions_of_ends(structure: Structure, positions: Array) -> tuple[Array, Arr
         add({i: -sigma, j: 1.0 - sigma}, _turning_basis(span, rod.support.plane))
     for point in structure.lone_masses:
         add({structure.node_index[point.node]: 1.0}, point.translation_basis)
+    for frame in structure.moving_frames:
+        moved = frame.motions(positions).reshape(3 * len(positions), 6)
+        columns += list(np.pad(moved, ((0, 3 * len(copied)), (0, 0))).T)
     apart = np.zeros((len(copied), count))
     apart[np.arange(len(copied)), len(positions) + np.arange(len(copied))] = 1.0
     apart[np.arange(len(copied)), copied] -= 1.0

@@ -120,9 +120,10 @@ class Structure:
         return with_strings(self, changes)
 
     def placed(self, nodes: ArrayLike) -> Structure:
-        """A copy whose reference nodes are at nodes (N, 3) [m]; rods are as long as they are there."""
-        places = array_of_shape("nodes", nodes, (len(self.nodes), 3)).tolist()
-        return replace(self, nodes=dict(zip(self.nodes, places, strict=True)))
+        """A copy whose reference nodes are at nodes (N, 3) [m]; rods are as long as they are there, bodies turned."""
+        places = array_of_shape("nodes", nodes, (len(self.nodes), 3))
+        bodies = tuple(body.placed(frame, places) for body, frame in zip(self.bodies, self.frames, strict=True))
+        return replace(self, nodes=dict(zip(self.nodes, places.tolist(), strict=True)), bodies=bodies)
 
     def with_sections(self, sections: Section | Sequence[Section | None] | None) -> Structure:
         """A copy whose rods have that section, or one each (R of them) in their order; None: not known.
@@ -253,6 +254,17 @@ class Structure:
     def frames(self) -> tuple[Frame, ...]:
         """The bodies by their nodes."""
         return tuple(frame_of(self, body) for body in self.bodies)
+
+    @cached_property
+    def moving_frames(self) -> tuple[Frame, ...]:
+        """Those of the bodies that are not held."""
+        return tuple(frame for body, frame in zip(self.bodies, self.frames, strict=True) if not body.held)
+
+    @cached_property
+    def body_edges(self) -> IntArray:
+        """Node rows (e, 2) of the edges of the bodies' hulls, which pictures show."""
+        edges = [frame.rows[frame.edges] for frame in self.frames]
+        return _readonly(np.concatenate([np.zeros((0, 2), np.int64), *edges]))
 
     @cached_property
     def paths(self) -> Paths:

@@ -30,7 +30,7 @@ def check_structure(structure: Structure) -> None:
     """Raise StructureError if the members of the structure do not fit each other."""
     if not structure.nodes:
         raise StructureError(f"structure '{structure.name}' has no nodes; it needs at least a rod or a point mass")
-    if not structure.rods and not structure.point_masses and not structure.bodies:
+    if not structure.rods and not structure.point_masses and all(body.held for body in structure.bodies):
         raise StructureError(f"structure '{structure.name}' has neither rods nor point masses: nothing can move")
     _check_unique("rod", (rod.name for rod in structure.rods))
     _check_unique("string", (string.name for string in structure.strings))

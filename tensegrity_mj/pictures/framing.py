@@ -135,7 +135,7 @@ class Framing:
     def _corners(self) -> Array:
         """Where members of the first structure meet, at a few instants; of very many, every so many."""
         motion = self.motions[0]
-        pairs = np.concatenate([motion.structure.rod_nodes, motion.structure.paths.nodes])
+        pairs = np.concatenate([motion.structure.rod_nodes, motion.structure.paths.nodes, motion.structure.body_edges])
         nodes = motion.positions(np.linspace(motion.start, motion.end, 1 if len(motion.time) == 1 else 7))
         return corners_of(pairs[:: 1 + len(pairs) // 150], nodes)
 

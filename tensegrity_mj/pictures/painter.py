@@ -69,6 +69,9 @@ class Look(enum.Enum):
         return _rgba(color, alpha)
 
 
+EDGE = 2.5  # times as thick as strings: edges of bodies
+
+
 @dataclass(frozen=True)
 class Sizes:
     """Radii [m] at which members show, whatever the scale of the structure."""
@@ -265,11 +268,14 @@ class Painter:
         look: Look = Look.SOLID,
         thickness: bool = False,
     ) -> None:
-        """Rods, strings and point masses at one instant; with `thickness`, strings are as thick as they pull."""
+        """All members at one instant; with `thickness`, strings are as thick as they pull."""
         structure, nodes = motion.structure, pose.nodes
         color = look.rgba
         for (i, j), radius in zip(structure.rod_nodes, sizes.rod, strict=True):
             self._capsule(nodes[i], nodes[j], look.width * radius, color, look)
+        for i, j in structure.body_edges:
+            shade = _rgba(palette.POINT_MASS, 1.0) if look is Look.SOLID else color
+            self._capsule(nodes[i], nodes[j], EDGE * look.width * sizes.string, shade, look)
         for i, j, s, _ in mass_places(structure):
             shade = _rgba(palette.POINT_MASS, 1.0) if look is Look.SOLID else color
             place, radius = (1 - s) * nodes[i] + s * nodes[j], look.width * sizes.point_mass
@@ -351,6 +357,7 @@ def geoms_needed(structure: Structure) -> int:
     """Most geoms that a structure can take: every string slack, and shadows of all."""
     members = len(structure.rods) + len(mass_places(structure)) + SLACK_SEGMENTS * len(structure.paths.nodes)
     shadows = 2 * ((PIECES + 2) * len(structure.rods) + min(len(structure.paths.nodes), MOST_STRINGS))
+    members += len(structure.body_edges)
     return members + len(structure.rods) + len(structure.fixed_nodes) + shadows
 
 

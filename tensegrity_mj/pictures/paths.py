@@ -87,7 +87,8 @@ def _draw(panel: Any, axes: list[int], run: Trajectory, aim: Array | None, numbe
     if aim is not None and len(structure.rod_nodes):
         label = "" if number else "target"
         lines(aim[-1, structure.rod_nodes], color=palette.TARGET, lw=4.0, alpha=0.5, label=label)
-    if len(structure.rod_nodes):
-        lines(end[structure.rod_nodes], color="black", lw=2.0, solid_capstyle="round")
+    bars = np.concatenate([structure.rod_nodes, structure.body_edges])
+    if len(bars):
+        lines(end[bars], color="black", lw=2.0, solid_capstyle="round")
     for point, held in supported_points(structure, end):
         panel.plot(*point[axes][:, None], marker="s", color="black" if held == 3 else GREY, ms=5)

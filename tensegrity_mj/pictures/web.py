@@ -29,7 +29,7 @@ from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.camera import clearest, corners_of
 from tensegrity_mj.pictures.framing import BLOWN_UP, DEEP, FAR
 from tensegrity_mj.pictures.motion import Motion
-from tensegrity_mj.pictures.painter import SLACKNESS, Sizes, support_places
+from tensegrity_mj.pictures.painter import EDGE, SLACKNESS, Sizes, support_places
 from tensegrity_mj.runs.trajectory import Trajectory
 
 MOST_BYTES = 8_000_000  # of a page, of which plotly's JavaScript is 5 MB
@@ -135,13 +135,15 @@ def _data(motion: Motion, times: Array) -> dict[str, Any]:
     box = _Box.of(motion, nodes, aims)
     paths = structure.paths
     held = support_places(structure)
+    edges = [body.name for body, frame in zip(structure.bodies, structure.frames, strict=True) for _ in frame.edges]
+    sizes = Sizes.of(structure, box.extent)
     scale = palette.TensionScale.of(motion.tensions)
     ticks = np.linspace(0.0, scale.end, 5)
     slack = np.any(motion.rest_lengths > structure.string_lengths(motion.nodes) * (1.0 + SLACKNESS))
     masses = mass_places(structure)
     drawn = {
         "nodes": True,
-        "rods": structure.rods,
+        "rods": structure.rods or structure.bodies,
         "strings": structure.strings,
         "slack": slack,
         "masses": masses,
@@ -154,7 +156,7 @@ def _data(motion: Motion, times: Array) -> dict[str, Any]:
         "drawn": [name for name, there in drawn.items() if there],
         "names": {
             "nodes": _names(structure.node_names),
-            "rods": _names(rod.name for rod in structure.rods),
+            "rods": _names([*(rod.name for rod in structure.rods), *edges]),
             "strings": _names(string.name for string in structure.strings),
             "supports": _names(name for *_, name in held),
             "masses": _names(words for *_, words in masses),
@@ -165,10 +167,8 @@ def _data(motion: Motion, times: Array) -> dict[str, Any]:
         "tensions": _packed(tensions),
         "rest": _packed(rest),
         "target": None if aims is None else _packed(aims),
-        "rods": [
-            [*map(int, pair), radius]
-            for pair, radius in zip(structure.rod_nodes, Sizes.of(structure, box.extent).rod, strict=True)
-        ],
+        "rods": [[*map(int, pair), radius] for pair, radius in zip(structure.rod_nodes, sizes.rod, strict=True)]
+        + [[*map(int, pair), EDGE * sizes.string] for pair in structure.body_edges],
         "strings": [[*map(int, pair), int(row)] for pair, row in zip(paths.nodes, paths.strings, strict=True)],
         "breaks": motion.break_times,  # infinite, that is never, becomes null
         "supports": [[i, j, sigma] for i, j, sigma, *_ in held],
@@ -276,7 +276,7 @@ def _eye(motion: Motion, half: Array) -> Array:
     least.
     """
     nodes = motion.nodes[:: max(1, len(motion.nodes) // 50)]
-    pairs = np.concatenate([motion.structure.rod_nodes, motion.structure.paths.nodes])
+    pairs = np.concatenate([motion.structure.rod_nodes, motion.structure.paths.nodes, motion.structure.body_edges])
     corners = corners_of(pairs[:: 1 + len(pairs) // 150], nodes[:: max(1, len(nodes) // 6)])
     camera = clearest(nodes.reshape(-1, 3), corners, motion.sea)
     corners = np.array(np.meshgrid(*[[-0.5, 0.5]] * 3)).reshape(3, -1).T * half / np.max(half)

@@ -130,6 +130,13 @@ class Boundary:
         for name in structure.fixed_nodes:
             for axis in np.eye(3):
                 add([(index[name], 1.0)], axis)
+        for body, frame in zip(structure.bodies, structure.frames, strict=True):
+            corners = frame.rows[frame.base].tolist()
+            for axis in np.eye(3):
+                for corner in corners if body.held else ():
+                    add([(corner, 1.0)], axis)
+                for node, weights in frame.followers:
+                    add([(node, -1.0), *zip(corners, weights.tolist(), strict=True)], axis)
         for point in structure.point_masses:
             if point.plane is not None:
                 add([(index[point.node], 1.0)], np.array(point.plane) / np.linalg.norm(point.plane))

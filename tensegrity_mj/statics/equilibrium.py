@@ -184,7 +184,7 @@ def _kicked(model: StaticModel, state: StaticState, motion: Array) -> Array:
     step = KICK * length / float(np.abs(motion).max())
     tried = []
     for sign in (1.0, -1.0):
-        x = linear_systems.projected(model, state.x + sign * step * motion, state.rod_lengths)
+        x = linear_systems.projected(model, state.x + sign * step * motion, state.bar_lengths)
         if x is not None:
             tried.append((model.energy(x, state.parameter) + model.rod_energy(x), -sign, x))
     if not tried:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.basics.texts import figure_text
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures import palette
@@ -45,7 +45,7 @@ def structure_figure(before: Array, state: StaticState) -> Figure:
     colors = palette.tension_colors(state.tensions / (largest or 1.0))
     colors[state.slack] = palette.SLACK
     flat = state.nodes @ view.T
-    _draw(panel, flat, structure.rod_nodes, [palette.ROD] * len(structure.rods), 2.6)
+    _draw(panel, flat, _bars(structure), palette.ROD, 2.6)
     _draw_strings(panel, structure, flat, whole, colors, 1.1)
     if largest > 0:
         from matplotlib.cm import ScalarMappable
@@ -161,7 +161,7 @@ def _shapes_figure(
     panels = np.atleast_1d(figure.subplots(rows, columns)).ravel()
     for panel, x, there, title in zip(panels, at, moved, titles, strict=False):
         _draw_plain(panel, structure, x @ view.T, whole, FAINT, 0.7)
-        _draw(panel, there @ view.T, structure.rod_nodes, [palette.CYCLE[0]] * len(structure.rods), 1.8)
+        _draw(panel, there @ view.T, _bars(structure), palette.CYCLE[0], 1.8)
         _draw_strings(panel, structure, there @ view.T, whole, palette.CYCLE[5], 0.8)
         panel.set_title(title, fontsize=9)
         _space(panel)
@@ -208,8 +208,13 @@ def _draw(panel: Axes, flat: Array, pairs: Any, colors: Any, width: float) -> No
         panel.add_collection(LineCollection(lines, colors=colors, linewidths=width, capstyle="round"))
 
 
+def _bars(structure: Structure) -> IntArray:
+    """Node rows of the rods, and of the edges of bodies."""
+    return np.concatenate([structure.rod_nodes, structure.body_edges])
+
+
 def _draw_plain(panel: Axes, structure: Structure, flat: Array, whole: Any, color: Any, width: float) -> None:
-    _draw(panel, flat, structure.rod_nodes, [color] * len(structure.rods), 2 * width)
+    _draw(panel, flat, _bars(structure), color, 2 * width)
     _draw_strings(panel, structure, flat, whole, color, width)
 
 

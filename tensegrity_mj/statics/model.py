@@ -47,7 +47,7 @@ class Rods(enum.Enum):
 
 @dataclass(frozen=True, eq=False)
 class StaticModel:
-    """A problem of statics; N nodes, R rods, M strings, n = 3N.
+    """A problem of statics; N nodes, R rods, M strings, n = 3N. Rods are here all that keep distances: `bars`.
 
     Attributes:
         scene: what it is of; its gravity, its loads at t = 0 and the bending stiffness of joints count, but neither
@@ -130,13 +130,14 @@ class StaticModel:
                         "(structure.with_sections(Section.tube(...))), or use Rods.RIGID"
                     )
                 compliance[row] = structure.rod_lengths[row] / rod.section.axial_stiffness
+        braces = members_at(_braces(structure), structure.positions)
         model = cls(
             scene=scene,
             start=np.array(start, float),
             rest_lengths=np.array(given, float),
             whole=whole,
-            rod_lengths=np.array(structure.rod_lengths),
-            compliance=compliance,
+            rod_lengths=np.concatenate([structure.rod_lengths, braces.lengths]),
+            compliance=np.concatenate([compliance, np.zeros(len(braces.lengths))]),
             forces=weights_and_loads(scene, np.array(start, float)),
             loads=np.array(extra, float),
             holds=tuple(holds),
@@ -159,6 +160,11 @@ class StaticModel:
     def curves(self) -> TensionCurves:
         """The strings' tensions; none of a broken one. Those that yield go on along their curves."""
         return self.structure.curves.only(self.whole)
+
+    @cached_property
+    def bars(self) -> IntArray:
+        """(R, 2) node rows of the rods, and of six braces that keep each body rigid."""
+        return np.concatenate([self.structure.rod_nodes, _braces(self.structure)])
 
     @cached_property
     def elements(self) -> tuple[Element, ...]:
@@ -230,7 +236,7 @@ class StaticModel:
         for row, joint in enumerate(joints):
             for rod, tail, side in zip(joint.rods, joint.nodes[:2], (1.0, -1.0), strict=True):
                 # Along the two rods: to the joint, and away from it.
-                along = side if self.structure.rod_nodes[rod, 0] == tail else -side
+                along = side if self.bars[rod, 0] == tail else -side
                 for k in range(3):
                     out[3 * row + k, 3 * rod + k] = along * np.sqrt(bending.stiffness) / self.rod_lengths[rod]
         return sparse.csr_array(out)
@@ -242,7 +248,7 @@ class StaticModel:
             return None
         count = len(self.rod_lengths)
         ends = sparse.csr_array(
-            (np.tile([-1.0, 1.0], count), (np.repeat(np.arange(count), 2), self.structure.rod_nodes.ravel())),
+            (np.tile([-1.0, 1.0], count), (np.repeat(np.arange(count), 2), self.bars.ravel())),
             shape=(count, len(self.structure.nodes)),
         )
         rates = sparse.csr_array(self.bends @ sparse.kron(ends, sparse.eye_array(3)))
@@ -250,12 +256,12 @@ class StaticModel:
 
     @cached_property
     def _blocks(self) -> tuple[IntArray, IntArray]:
-        paths, rods = self.structure.paths, self.structure.rod_nodes
+        paths, rods = self.structure.paths, self.bars
         first, second = (np.concatenate([paths.nodes[rows], rods]) for rows in paths.couples.T)
         return _block_places(first, second)
 
     def _spans(self, x: Array) -> Array:
-        return spans_at(self.structure.rod_nodes, x.reshape(-1, 3)).ravel()
+        return spans_at(self.bars, x.reshape(-1, 3)).ravel()
 
     # ---------------------------------------------------------------------------------------------- at given nodes
 
@@ -269,7 +275,7 @@ class StaticModel:
 
     def rods(self, x: Array) -> Members:
         """Lengths and directions of the rods."""
-        return members_at(self.structure.rod_nodes, x.reshape(-1, 3))
+        return members_at(self.bars, x.reshape(-1, 3))
 
     def tensions(self, lengths: Array) -> Array:
         """(M,) [N]."""
@@ -301,7 +307,7 @@ class StaticModel:
         _add_spans(out, paths.nodes, tensions[:, None] * directions)
         if self.bends is not None:
             bent = self.bends.T @ (self.bends @ self._spans(x))
-            _add_spans(out, self.structure.rod_nodes, bent.reshape(-1, 3))
+            _add_spans(out, self.bars, bent.reshape(-1, 3))
         if self.elements:
             out -= self.element_forces(x)
         return out
@@ -309,7 +315,7 @@ class StaticModel:
     def rod_pulls(self, x: Array, rod_forces: Array) -> Array:
         """Cᵀ N (3N,) [N] for axial forces N (R,)."""
         out = np.zeros_like(x)
-        _add_spans(out, self.structure.rod_nodes, rod_forces[:, None] * self.rods(x).directions)
+        _add_spans(out, self.bars, rod_forces[:, None] * self.rods(x).directions)
         return out
 
     def hessian(self, x: Array, rod_forces: Array) -> sparse.csr_array:
@@ -356,7 +362,7 @@ class StaticModel:
         return C
 
     def _slope_entries(self, x: Array) -> tuple[Array, tuple[IntArray, IntArray]]:
-        pairs, b = self.structure.rod_nodes, self.rods(x).directions
+        pairs, b = self.bars, self.rods(x).directions
         columns = (3 * pairs[:, :, None] + np.arange(3)).reshape(-1)
         return np.stack([-b, b], axis=1).reshape(-1), (np.repeat(np.arange(len(pairs)), 6), columns)
 
@@ -370,6 +376,11 @@ class StaticModel:
     def reactions(self, x: Array, rod_forces: Array, parameter: float = 1.0) -> Array:
         """(N, 3) [N]: what supports and holds push the nodes with, in equilibrium."""
         return np.asarray((self.gradient(x, parameter) + self.rod_pulls(x, rod_forces)).reshape(-1, 3))
+
+
+def _braces(structure: Structure) -> IntArray:
+    """(b, 2) node rows between which bodies that are not held keep their distances."""
+    return np.concatenate([np.zeros((0, 2), np.int64), *(frame.braces for frame in structure.moving_frames)])
 
 
 def steady_forces(scene: Scene, nodes: Array) -> Array:

@@ -134,7 +134,7 @@ class Modes:
 
 
 def mass_matrix(structure: Structure) -> sparse.csr_array:
-    """M (3N, 3N) [kg] of rods and point masses, nodes one after another."""
+    """M (3N, 3N) [kg] of rods, point masses and bodies, nodes one after another."""
     count = len(structure.nodes)
     i, j = structure.rod_nodes.T
     m, (a, b, both) = thin.own_masses(structure) / 6, thin.mass_products(0.0, structure.rod_lumps)
@@ -143,6 +143,10 @@ def mass_matrix(structure: Structure) -> sparse.csr_array:
     rows, columns = np.concatenate([i, j, i, j, at]), np.concatenate([i, j, j, i, at])
     masses = [point.mass for point in structure.lone_masses]
     values = np.concatenate([2 * m + a, 2 * m + b, m + both, m + both, masses])
+    for frame in structure.frames:
+        rows = np.concatenate([rows, np.repeat(frame.rows, len(frame.rows))])
+        columns = np.concatenate([columns, np.tile(frame.rows, len(frame.rows))])
+        values = np.concatenate([values, frame.masses.ravel()])
     by_node = sparse.coo_array((values, (rows, columns)), shape=(count, count))
     return sparse.csr_array(sparse.kron(by_node, sparse.eye_array(3)))
 
@@ -271,7 +275,7 @@ def mode_trajectory(
 
     def at(t: float) -> Array:
         x = state.x + math.sin(omega * t) * moved
-        target = np.where(state.model.compliance > 0, state.model.rods(x).lengths, state.rod_lengths)
+        target = np.where(state.model.compliance > 0, state.model.rods(x).lengths, state.bar_lengths)
         placed = linear_systems.projected(state.model, x, target)
         if placed is None:
             raise OptionError(
@@ -306,7 +310,7 @@ def _film(modes: Modes, number: int, time: Array, places: Array, rates: Array, a
         data["tensions"][row] = model.tensions(lengths)
         data["force_densities"][row] = data["tensions"][row] / np.where(lengths > 0, lengths, 1.0)
         N_rods = linear_systems.rod_forces(model, x, model.gradient(x, state.parameter) + modes.masses @ a)
-        data["rod_force_densities"][row] = N_rods / model.rods(x).lengths
+        data["rod_force_densities"][row] = (N_rods / model.rods(x).lengths)[:R]
         data["string_energy"][row] = model.curves.total_energy(lengths - model.rest_lengths)
     data["multipliers"] = data["rod_force_densities"] * structure.rod_lengths**2 / J
     data["kinetic_energy"] = 0.5 * np.einsum("tm,tm->t", rates, (modes.masses @ rates.T).T)

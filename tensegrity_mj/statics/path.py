@@ -278,13 +278,13 @@ class _Course:
 def _reaction_change(state: StaticState, dx: Array, ds: float) -> Array:
     """dF (3N,) of the reactions along a tangent."""
     model = state.model
-    K, slopes = model.hessian(state.x, state.rod_forces), model.rod_slopes(state.x)
+    K, slopes = model.hessian(state.x, state.bar_forces), model.rod_slopes(state.x)
     moved = K @ dx - ds * model.loads.ravel()
     # What the rods' forces change by follows from the free coordinates, which stay in balance.
     Z = model.boundary.Z
     C = sparse.csr_array(slopes @ Z)
     elastic = model.compliance > 0
-    change = np.zeros(len(state.rod_forces))
+    change = np.zeros(len(state.bar_forces))
     change[elastic] = (slopes @ dx)[elastic] / model.compliance[elastic]
     rigid = np.flatnonzero(~elastic)
     if len(rigid):

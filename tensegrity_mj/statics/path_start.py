@@ -43,10 +43,10 @@ def starting_state(
         holds=tuple(Hold(h.nodes, h.directions) for h in model.holds) if holds is None else tuple(holds),
     )
     model.boundary  # noqa: B018  its errors belong here
-    state = StaticState(model, start.nodes, start.rod_forces, 0.0, 0)
-    left = model.gradient(state.x, 0.0) + model.rod_pulls(state.x, state.rod_forces)
+    state = StaticState(model, start.nodes, start.bar_forces, 0.0, 0)
+    left = model.gradient(state.x, 0.0) + model.rod_pulls(state.x, state.bar_forces)
     left = np.abs(model.boundary.Z @ (model.boundary.Z.T @ left))
-    if state.residual > 1e4 * round_off(model, state.x, 0.0, state.rod_forces):
+    if state.residual > 1e4 * round_off(model, state.x, 0.0, state.bar_forces):
         raise InfeasibleError(
             f"'{model.scene.name}': the start is not in equilibrium under the holds given: {left.max():.3g} N are left "
             f"on node '{list(model.structure.nodes)[int(left.argmax()) // 3]}', which nothing holds any more; hold "
@@ -65,11 +65,11 @@ def begin(state: StaticState, goal: float, direction: ArrayLike | None) -> tuple
         way = model.boundary.Z @ (model.boundary.Z.T @ way)
         if not np.any(way):
             raise OptionError("direction: it moves nothing but what supports and holds keep; give another")
-    at = Linearized(model, state.x, state.parameter, state.rod_forces)
-    nothing = Tangent(np.zeros_like(state.x), 1.0, np.zeros_like(state.rod_forces))
+    at = Linearized(model, state.x, state.parameter, state.bar_forces)
+    nothing = Tangent(np.zeros_like(state.x), 1.0, np.zeros_like(state.bar_forces))
     first = Point.of(state, at, nothing)
     idle = first.modes[:, np.abs(first.values) <= zero(model)]  # the tangent goes across what nothing resists
-    right = (np.zeros(model.boundary.Z.shape[1]), np.zeros_like(state.rod_forces), 1.0)
+    right = (np.zeros(model.boundary.Z.shape[1]), np.zeros_like(state.bar_forces), 1.0)
     found = bordered(at, right, nothing, 1.0, 1.0, np.hstack([state.neutral_motions, idle]))
     pushed = found is None or found.pushed > 1e-6
     if pushed and way is None:

@@ -84,13 +84,13 @@ class Walk:
             idle: (n, p) motions that the correction does not make.
         """
         t = at.tangent
-        x, s, forces = at.state.x + arc * t.x, at.state.parameter + arc * t.s, at.state.rod_forces + arc * t.forces
+        x, s, forces = at.state.x + arc * t.x, at.state.parameter + arc * t.s, at.state.bar_forces + arc * t.forces
         return self._arrived(at, x, s, forces, t, bend, idle)
 
     def corner(self, at: Point, arc: float) -> Point | None:
         """The point so far ahead, around a corner: where strings that the tangent slackens, or pulls taut, are so."""
         model, t = self.model, at.tangent
-        x, s, forces = at.state.x + arc * t.x, at.state.parameter + arc * t.s, at.state.rod_forces + arc * t.forces
+        x, s, forces = at.state.x + arc * t.x, at.state.parameter + arc * t.s, at.state.bar_forces + arc * t.forces
         slack = model.tensions(model.lengths(x)) <= 0
         changed = np.flatnonzero(slack != at.state.slack)
         if not len(changed):
@@ -110,7 +110,7 @@ class Walk:
         """The point at a value of the parameter between two points."""
         part = (goal - before.state.parameter) / (after.state.parameter - before.state.parameter)
         x = before.state.x + part * (after.state.x - before.state.x)
-        forces = before.state.rod_forces + part * (after.state.rod_forces - before.state.rod_forces)
+        forces = before.state.bar_forces + part * (after.state.bar_forces - before.state.bar_forces)
         found = self._corrected(x, goal, forces, Tangent(np.zeros_like(x), 1.0, np.zeros_like(forces)))
         if found is None:
             return None

@@ -27,15 +27,16 @@ class StaticState:
     Attributes:
         model: the problem that it solves.
         nodes: (N, 3) [m].
-        rod_forces: (R,) [N] axial forces, negative in compression. Where rigid rods are redundant, nothing determines
-            their own states of self-stress: these are the forces of least sum of squares, which have none of them.
+        bar_forces: [N] axial forces of the model's `bars`, rods first, negative in compression. Where rigid rods
+            are redundant, nothing determines their own states of self-stress: these are the forces of least sum of
+            squares, which have none of them.
         parameter: of the path that it is on: what further loads and holds' displacements are multiplied by.
         iterations: how many it took.
     """
 
     model: StaticModel
     nodes: Array
-    rod_forces: Array
+    bar_forces: Array
     parameter: float = 1.0
     iterations: int = 0
 
@@ -71,24 +72,34 @@ class StaticState:
 
     def settled(self, forces: Array) -> Array:
         """Forces [N] of members with zero for those that round-off may have made."""
-        least = NOISE * round_off(self.model, self.x, self.parameter, self.rod_forces)
+        least = NOISE * round_off(self.model, self.x, self.parameter, self.bar_forces)
         return np.where(np.abs(forces) <= least, 0.0, forces)
 
-    @cached_property
+    @property
+    def rod_forces(self) -> Array:
+        """(R,) [N] axial forces of the rods."""
+        return self.bar_forces[: len(self.model.structure.rods)]
+
+    @property
     def rod_lengths(self) -> Array:
         """(R,) [m]: as they are; those of elastic rods change with their forces."""
+        return self.bar_lengths[: len(self.model.structure.rods)]
+
+    @cached_property
+    def bar_lengths(self) -> Array:
+        """[m] of the model's `bars`."""
         return self.model.rods(self.x).lengths
 
     @cached_property
     def residual(self) -> float:
         """[N]: the largest force that is left on a free coordinate."""
-        left = self.model.gradient(self.x, self.parameter) + self.model.rod_pulls(self.x, self.rod_forces)
+        left = self.model.gradient(self.x, self.parameter) + self.model.rod_pulls(self.x, self.bar_forces)
         return float(np.abs(self.model.boundary.Z.T @ left).max(initial=0.0))
 
     @cached_property
     def reactions(self) -> Array:
         """(N, 3) [N]: what supports and holds push the nodes with."""
-        return self.model.reactions(self.x, self.rod_forces, self.parameter)
+        return self.model.reactions(self.x, self.bar_forces, self.parameter)
 
     @property
     def energy(self) -> float:
@@ -98,12 +109,12 @@ class StaticState:
     @property
     def linearized(self) -> Linearized:
         """The equations of equilibrium and their derivatives here."""
-        return Linearized(self.model, self.x, self.parameter, self.rod_forces)
+        return Linearized(self.model, self.x, self.parameter, self.bar_forces)
 
     @cached_property
     def neutral_motions(self) -> Array:
         """(3N, p) orthonormal: motions of the whole as one body that nothing resists."""
-        return neutral_motions(self.model, self.x, self.parameter, self.rod_forces)
+        return neutral_motions(self.model, self.x, self.parameter, self.bar_forces)
 
     @cached_property
     def lowest_stiffness(self) -> float:

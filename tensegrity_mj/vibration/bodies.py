@@ -1,4 +1,4 @@
-"""Rods and point masses as bodies of small motions: their coordinates, masses and how nodes move with them."""
+"""Rods, point masses and bodies in small motions: their coordinates, masses and how nodes move with them."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array, IntArray
+from tensegrity_mj.model.bodies import Frame
 from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.rods import inertia_of_rods
 from tensegrity_mj.model.structure import Structure
 
-SLOTS = 5  # coordinates a body; one more each where rods are elastic, by which these lengthen
+SLOTS = 5  # coordinates each; one more where rods lengthen, which are elastic, and where there are rigid bodies
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,15 +48,17 @@ class Bodies:
     @classmethod
     def of(cls, structure: Structure) -> Bodies:
         """The bodies of a structure."""
-        R, P = len(structure.rods), len(structure.lone_masses)
-        body = np.full(len(structure.nodes), R + P)
+        R, P, frames = len(structure.rods), len(structure.lone_masses), structure.moving_frames
+        B = R + P + len(frames)
+        body = np.full(len(structure.nodes), B)
         lever = np.zeros(len(structure.nodes))
-        E, planes = np.zeros((R + P, 3, 3)), np.zeros((R, 3))
+        E, planes = np.zeros((B, 3, 3)), np.zeros((R, 3))
         sigma = np.array([rod.support.sigma for rod in structure.rods], float)
         length = structure.rod_lengths
-        f, J = np.zeros(R + P), np.ones(R + P)
+        f, J = np.zeros(B), np.ones(B)
         f[:R], J[:R] = inertia_of_rods(structure)
         mass = np.concatenate([structure.rod_masses, [point.mass for point in structure.lone_masses]])
+        mass = np.concatenate([mass, [frame.masses.sum() for frame in frames]])
         ends = np.stack([-sigma * length, (1 - sigma) * length], axis=1)
         forest = spanning_forest(structure)
         for rod in forest.order[::-1]:  # so that the first one stays
@@ -70,7 +73,15 @@ class Bodies:
             body[structure.node_index[point.node]] = R + number
             basis = point.translation_basis
             E[R + number, :, : basis.shape[1]] = basis
+        for number, frame in enumerate(frames, R + P):
+            body[frame.rows], E[number] = number, np.eye(3)
         return cls(structure, body, lever, ends, joints, mass, f, J, length, sigma, E, planes)
+
+    @property
+    def frames(self) -> list[tuple[int, Frame]]:
+        """Bodies other than rods and point masses, with their numbers."""
+        frames = self.structure.moving_frames
+        return list(enumerate(frames, len(self.mass) - len(frames)))
 
     @cached_property
     def joint_ends(self) -> IntArray:
@@ -80,7 +91,7 @@ class Bodies:
     @cached_property
     def slots(self) -> int:
         """Coordinates of each body."""
-        return SLOTS + bool(self.structure.elastic.any())
+        return SLOTS + bool(self.structure.elastic.any() or self.structure.moving_frames)
 
     @property
     def mobilities(self) -> Array:
@@ -89,7 +100,10 @@ class Bodies:
         per_body_mass, per_body_moment = np.append(1 / self.mass, 0.0), np.append(1 / moment, 0.0)
         # From the center of mass, r + (f/m) b.
         arm = self.lever - np.append(self.f / self.mass, 0.0)[self.body]
-        return np.asarray(per_body_mass[self.body] + arm**2 * per_body_moment[self.body])
+        found = np.asarray(per_body_mass[self.body] + arm**2 * per_body_moment[self.body])
+        for _, frame in self.frames:
+            found[frame.rows] += np.sum(frame.offsets**2, axis=1) / np.linalg.eigvalsh(frame.inertia)[0]
+        return found
 
 
 class Motion(NamedTuple):
@@ -120,6 +134,9 @@ def motion_of_bodies(bodies: Bodies, nodes: Array) -> Motion:
     M[:, 3:, 3:] = bodies.J[:, None, None] * np.eye(slots - 3)
     coupling = bodies.f[:, None, None] * (np.swapaxes(bodies.E, 1, 2) @ T)
     M[:, :3, 3:], M[:, 3:, :3] = coupling, np.swapaxes(coupling, 1, 2)
+    for number, frame in bodies.frames:
+        rotation = frame.placed(nodes)[1]
+        M[number, 3:, 3:] = rotation @ frame.inertia @ rotation.T
     inverse = np.swapaxes(np.linalg.inv(np.linalg.cholesky(M)), 1, 2)
 
     moved = np.zeros((B + 1, 3, slots))
@@ -129,6 +146,8 @@ def motion_of_bodies(bodies: Bodies, nodes: Array) -> Motion:
     padded = np.zeros((B + 1, slots, slots))
     padded[:B] = inverse
     turned = (moved[bodies.body] + bodies.lever[:, None, None] * levered[bodies.body]) @ padded[bodies.body]
+    for number, frame in bodies.frames:
+        turned[frame.rows] = frame.motions(nodes)[frame.rows] @ inverse[number]
     return Motion(b, T, inverse, turned)
 
 

@@ -25,7 +25,8 @@ ROUND_OFF = 1e-14  # of the forces on a rod's ends
 def geometric_of_rods(state: State, pulls: Array) -> tuple[Array, Array]:
     """(B, slots, slots) [1/s²] of every body, and ÿ (n,) [√kg m/s²]; pulls (S, 3) [N] of segments on their first nodes.
 
-    Each rod's (t_b - f r̈)·b on its turns.
+    Each rod's (t_b - f r̈)·b on its turns, and Σ (F·ξ) 1 - (F ξᵀ + ξ Fᵀ)/2 on those of every other body, of forces F on
+    its nodes at ξ from its centre of mass.
     """
     bodies, motion, joints, structure = state.bodies, state.motion, state.joints, state.scene.structure
     R, B = len(bodies.length), len(bodies.mass)
@@ -71,7 +72,13 @@ def geometric_of_rods(state: State, pulls: Array) -> tuple[Array, Array]:
     bars = Bars.of(structure)
     _, lengths, pulled = bars.stretched(state.nodes, state.velocities)
     along[bars.rows] = pulled / lengths * bars.lengths**2  # what holds an elastic rod's length is its own force
-    return _on_turns(state, along + bodies.J[:R] * turning, b_rate), acceleration.ravel()
+    blocks = _on_turns(state, along + bodies.J[:R] * turning, b_rate)
+    for number, frame in bodies.frames:
+        away = state.nodes[frame.rows] - frame.placed(state.nodes)[0]
+        moment = away.T @ forces[frame.rows]
+        levers = motion.inverse[number, 3:]
+        blocks[number] = levers.T @ (np.trace(moment) * np.eye(3) - 0.5 * (moment + moment.T)) @ levers
+    return blocks, acceleration.ravel()
 
 
 def _forces_on_nodes(state: State, pulls: Array) -> Array:

@@ -213,6 +213,7 @@ def step_of(model: Vibration, stepping: Stepping, time: float) -> StableStep:
     kinetic = np.sum(y.reshape(-1, model.bodies.slots) ** 2, axis=1)
     body, body_share = _leader(kinetic)
     names = [rod.name for rod in structure.rods] + [point.node for point in structure.lone_masses]
+    names += [body.name for body in structure.bodies if not body.held]
     string, string_share = _leader(_string_energies(model, y, limit))
     return StableStep(
         limit=limit,

@@ -95,7 +95,8 @@ def may_be_the_step(run: Trajectory, engine: Any, law: NativeLaw, actuation: Act
         return False
     if not run.reports.get("warnings") or run.reports.get("stability", {}).get("exceeded"):
         return False
-    coordinates = SLOTS * (len(run.scene.structure.rods) + len(run.scene.structure.lone_masses))
+    structure = run.scene.structure
+    coordinates = SLOTS * (len(structure.rods) + len(structure.lone_masses) + len(structure.bodies))
     return coordinates <= (LAW_COORDINATES if law.address else RUN_COORDINATES)
 
 

@@ -53,11 +53,11 @@ class TreeModel:
 
 
 def has_tree_model(model: Vibration) -> bool:
-    """Whether the model is one of a tree, or of several, and small enough: no loops, no supports that are driven."""
+    """Whether the model is one of trees of rods, and small enough: no loops, no supports that are driven, no bodies."""
     if model.joints is None or not model.is_dense or model.scene.motions or model.scene.contact is not None:
         return False
     structure = model.scene.structure
-    return not structure.elastic.any() and not spanning_forest(structure).closures
+    return not (structure.elastic.any() or structure.bodies or spanning_forest(structure).closures)
 
 
 def tree_model(model: Vibration) -> TreeModel:

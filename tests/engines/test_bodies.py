@@ -174,3 +174,38 @@ def test_what_cannot_be_done_is_refused_with_its_reason():
         tmj.simulate(scene.with_(contact=tmj.model.Contact(floor=-3.0)), duration=0.1)
     with pytest.raises(tmj.errors.StructureError, match="'stone' is a body"):
         tmj.simulate(scene, tmj.controllers.Lyapunov(scene.structure, scene.nodes0))
+
+
+def test_statics_modes_and_steps_are_those_of_the_engines_linear_models():
+    """Three models that share no equation: Newton's method on distances, differences of engines, and 6 x 6 blocks."""
+    still = slung(initial_velocities=None)
+    still = still.with_(structure=still.structure.with_strings(damping=0.0))
+    state = tmj.statics.find_equilibrium(still)
+    scene = state.scene()
+    models = [tmj.linearize(scene, engine) for engine in (tmj.DAE(), tmj.MuJoCo())]
+    # Both engines' differences: 1e-8 of stiffness over mass, as where joints close loops.
+    assert np.abs(models[0].A - models[1].A).max() <= 1e-8 * np.abs(models[0].A).max()
+    assert np.abs(models[0].residual).max() <= 1e-10
+    omega = np.sort(np.abs(models[0].eigenvalues.imag))[::2]
+    modes = tmj.statics.natural_modes(state)
+    assert 2 * np.pi * modes.frequencies == pytest.approx(omega, rel=1e-7)
+    assert modes.effective_masses.sum(axis=0) == pytest.approx([4.3] * 3, rel=1e-9)
+    step = tmj.stable_step(scene, tmj.MuJoCo(1e-3))
+    # |R(iy)| = 1 of classical Runge-Kutta at y = 2√2.
+    assert step.limit == pytest.approx(np.sqrt(8) / omega[-1], rel=1e-4)
+    assert step.rod == "stone"
+    assert state.reactions.sum(axis=0) == pytest.approx([0, 0, 4.3 * 9.81], abs=1e-9)
+
+
+def test_a_body_of_many_nodes_has_the_statics_of_its_four():
+    scene = slung(initial_velocities=None)
+    more = {"e": (0.25, 0.2, 0.3), "k": (-0.1, 0.05, 0.25)}
+    structure = scene.structure
+    moved = [replace(one, nodes=("f", "e")) if one.name == "s3" else one for one in structure.strings]
+    found = []
+    for body in (stone(nodes=(*CORNERS, *more)), stone(nodes=("a", "k", "b", "c", "e", "d"))):
+        whole = replace(structure, nodes={**structure.nodes, **more}, strings=tuple(moved), bodies=(body,))
+        found.append(tmj.statics.find_equilibrium(tmj.Scene(whole, gravity=scene.gravity)))
+        frame = whole.frames[0]
+        assert frame.out_of_shape(found[-1].nodes) <= 1e-12
+    assert found[0].nodes == pytest.approx(found[1].nodes, abs=1e-10)

@@ -33,8 +33,8 @@ LOOPS = ("contact off", "autoreset off", "diagexact on")
 # pinned rod: two angles and the spin. Prism: 3 · 5 - 6 and three spins; its rods slide in 0, 2 and 1 directions. Cross:
 # two angles and a slide. Planar beam: 40 rods of 3, less 2 + 1 of two supports. T-bar: two angles. Falling prism: 3 · 5
 # and three spins, each of three rods with the floor; six-bar robots likewise. Derrick: an angle and two slides of its
-# load. Towers: 5 and a spin for each of 45 or 87 free rods, 2 if pinned. Moored chain: 2 and a spin for each of 13 rods.
-# Net: three slides for each of 12 knots.
+# load. Towers: 5 and a spin for each of 45 or 87 free rods, 2 if pinned. Moored chain: 2 and a spin for each of 13
+# rods. Net: three slides for each of 12 knots.
 EXPECTED = {
     "pinned_rod": (2, 3, 4, (0, 1, 0, 0), 3, 0, OFF),
     "pinned_rod_mirror": (2, 3, 4, (0, 1, 0, 0), 3, 0, OFF),

@@ -150,6 +150,7 @@ def string_rates(structure: Structure, nodes: Array) -> tuple[float, float]:
     b = np.where(structure.elastic[:, None], 0.0, b)  # an elastic rod's ends move along it as they do across
     masses, (back, ahead) = structure.rod_masses[:, None], _mobilities(structure)[..., None]
     apart = back / (back + ahead)
+    solids = [(frame, frame.mobility(nodes)) for frame in structure.moving_frames]
     points = [(structure.node_index[point.node], point.mass) for point in structure.lone_masses]
 
     def moved(forces: Array) -> Array:
@@ -162,6 +163,8 @@ def string_rates(structure: Structure, nodes: Array) -> tuple[float, float]:
             # Joints: a node moves as little as the stiffest of its rods lets it.
             out[rods[:, 0]] = mean - 3 * across / masses * back
             out[rods[:, 1]] = mean + 3 * across / masses * ahead
+        for frame, answers in solids:
+            out[frame.rows] = (answers @ forces[frame.rows].ravel()).reshape(-1, 3)
         for row, mass in points:
             out[row] = forces[row] / mass
         return out

@@ -86,6 +86,8 @@ def mobility(structure: Structure, nodes: Array) -> Any:
     for point in structure.lone_masses:
         E = point.translation_basis
         add([structure.node_index[point.node]], E @ E.T / point.mass)
+    for frame in structure.moving_frames:
+        add(frame.rows.tolist(), frame.mobility(nodes))
     size = 3 * len(structure.nodes)
     if not values:
         return sparse.csr_matrix((size, size))
