@@ -34,6 +34,7 @@ _HOME = {
     "prism": "prism",
     "six_bar_roll": "rolling",
     "superball": "six_bar",
+    "spine": "spine",
     "suspended_cable": "suspended_cable",
     "three_bar_robot": "prism",
     "tower": "tower",

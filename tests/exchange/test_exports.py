@@ -102,7 +102,7 @@ def test_names_without_spaces_stay_different(tmp_path: Path) -> None:
 
 
 # Strings through more than two nodes have no place there: `test_pulley_exchange` has the refusal.
-@pytest.mark.parametrize("name", [name for name in scene_names() if name != "pulley"])
+@pytest.mark.parametrize("name", [name for name in scene_names() if name not in ("pulley", "spine")])
 def test_matlab_data_of_every_scene_come_back(name: str, tmp_path: Path) -> None:
     scene = tmj.load_scene(name)
     path, notes = save_mat(scene, tmp_path / f"{name}.mat")

@@ -61,7 +61,7 @@ def test_mjcf_of_every_scene_comes_back(name: str, tmp_path: Path) -> None:
 
 
 # Strings through more than two nodes have no place there: `test_pulley_exchange` has the refusal.
-@pytest.mark.parametrize("name", [name for name in scene_names() if name != "pulley"])
+@pytest.mark.parametrize("name", [name for name in scene_names() if name not in ("pulley", "spine")])
 def test_tables_of_every_scene_come_back(name: str, tmp_path: Path) -> None:
     scene = tmj.load_scene(name)
     paths, notes = save_csv(scene, tmp_path / f"{name}_nodes.csv")

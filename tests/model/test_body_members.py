@@ -35,6 +35,7 @@ WRONG = {
         lambda: replace(slung().structure, bodies=(stone(nodes=("a", "b", "c", "d", "p")),)),
         r"node 'p' of body 'stone' is rod 'r' already: a body has nodes of its own",
     ),
+    "nothing that moves": (lambda: solid(held=True), "neither rods nor point masses: nothing can move"),
     "two of one name": (lambda: replace(solid(), bodies=(stone(), stone())), "body 'stone' is defined twice"),
     "a shared node": (
         lambda: replace(solid(), bodies=(stone(), stone(name="other"))),
@@ -74,7 +75,7 @@ def test_files_hold_bodies_without_loss():
     scene = scene.with_(structure=replace(scene.structure, bodies=(stone(),)))
     assert scene_from_toml(scene_to_toml(scene)) == scene
     plain = Body("plain", tuple("abcd"), 1.0, (1, 1, 1), held=True)
-    other = tmj.Scene(replace(solid(), bodies=(plain,)))
+    other = tmj.Scene(replace(scene.structure, bodies=(plain,)))
     assert scene_from_toml(scene_to_toml(other)) == other
     schema = format_schema()["definitions"]["Body"]
     assert set(schema["properties"]) == {"name", "nodes", "mass", "inertia", "center", "held"}
