@@ -71,7 +71,7 @@ class Spine:
         inertia = tuple((self.mass / 12 * (np.sum(ends**2) - np.sum(ends**2, axis=0))).tolist())
         nodes, bodies, strings = {}, [], []
         for k in range(count):
-            places = ends + [0, 0, k * self.spacing + half]
+            places = ends + np.array([0, 0, k * self.spacing + half])
             names = tuple(f"{corner}{k}" for corner in CORNERS)
             nodes |= dict(zip(names, map(tuple, places.tolist()), strict=True))
             bodies.append(Body(f"vertebra{k}", names, self.mass, inertia, held=k == 0))

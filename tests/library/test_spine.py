@@ -1,4 +1,4 @@
-"""The spine of tetrahedral vertebrae: in equilibrium as made, swaying alike in both engines, and refused where it must."""
+"""The spine of tetrahedral vertebrae: in equilibrium as made, swaying alike in both engines, refused where it must."""
 
 from __future__ import annotations
 
