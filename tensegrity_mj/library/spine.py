@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from tensegrity_mj.basics import kinds
@@ -69,7 +71,8 @@ class Spine:
         ends = np.array([[-w, 0, -half], [w, 0, -half], [0, -w, half], [0, w, half]])
         # Four thin rods of m/4 from the centre to the corners p: Σ m/12 (p·p 1 - p pᵀ), diagonal here.
         inertia = tuple((self.mass / 12 * (np.sum(ends**2) - np.sum(ends**2, axis=0))).tolist())
-        nodes, bodies, strings = {}, [], []
+        nodes: dict[str, Any] = {}
+        bodies, strings = [], []
         for k in range(count):
             places = ends + np.array([0, 0, k * self.spacing + half])
             names = tuple(f"{corner}{k}" for corner in CORNERS)
