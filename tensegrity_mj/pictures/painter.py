@@ -20,6 +20,7 @@ from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera
 from tensegrity_mj.pictures.motion import Motion, Pose
 from tensegrity_mj.pictures.sag import slack_arcs
 from tensegrity_mj.pictures.shade import MOST_STRINGS, PIECES, Patch
+from tensegrity_mj.pictures.supports import supported_points
 from tensegrity_mj.pictures.surface import Surface
 from tensegrity_mj.pictures.traces import MAX_PIECES, Traces
 
@@ -376,29 +377,6 @@ def slack_curves(motion: Motion, pose: Pose, slack: NDArray[np.bool_]) -> Array:
     rest = pose.rest_lengths[strings] / paths.shares(norm(paths.spans(pose.nodes)))[loose]
     outward = 0.5 * (start + end) - pose.nodes.mean(axis=0)
     return slack_arcs(start, end, rest, motion.down, outward, SLACK_SEGMENTS)
-
-
-def supported_points(structure: Structure, nodes: Array) -> list[tuple[Array, int]]:
-    """Where the structure is held: points [m] with the number of directions (1 to 3) that each is held in."""
-    places = support_places(structure)
-    return [((1.0 - sigma) * nodes[i] + sigma * nodes[j], held) for i, j, sigma, held, _ in places]
-
-
-def support_places(structure: Structure) -> list[tuple[int, int, float, int, str]]:
-    """Rows of two nodes, σ of the held point between them, in how many directions it is held, and what holds it.
-
-    Linear constraints of one or two nodes are among them.
-    """
-    rows = structure.node_index
-    places = [(rows[name], rows[name], 0.0, 3, name) for name in structure.fixed_nodes]
-    for rod, (i, j) in zip(structure.rods, structure.rod_nodes.tolist(), strict=True):
-        if held := len(rod.support.directions):
-            places.append((i, j, rod.support.sigma, held, f"support of {rod.name}"))
-    for one in structure.constraints:
-        (first, *_), (last, weight), total = one.nodes, list(one.nodes.items())[-1], sum(one.nodes.values())
-        if len(one.nodes) <= 2 and total:
-            places.append((rows[first], rows[last], weight / total, 1, one.name))
-    return places
 
 
 def _rgba(color: palette.Color, alpha: float) -> NDArray[np.float32]:

@@ -67,7 +67,7 @@ def _space(points: Array) -> tuple[Any, list[int]]:
 
 def _draw(panel: Any, axes: list[int], run: Trajectory, aim: Array | None, number: int) -> None:
     """One run: its paths, where it ends, and its target."""
-    from tensegrity_mj.pictures.painter import supported_points
+    from tensegrity_mj.pictures.supports import supported_points
 
     def lines(pieces: Array, **look: Any) -> None:
         """Pieces (n, P, 3) as one curve with gaps."""

@@ -26,9 +26,9 @@ from tensegrity_mj.pictures.painter import (
     geoms_needed,
     make_model,
     plate_thickness,
-    supported_points,
 )
 from tensegrity_mj.pictures.shade import patches
+from tensegrity_mj.pictures.supports import supported_points
 from tensegrity_mj.pictures.traces import MAX_PIECES, Traces, moving_rows
 from tensegrity_mj.pictures.view import Layout, Quality, View
 

@@ -29,7 +29,8 @@ from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.camera import clearest, corners_of
 from tensegrity_mj.pictures.framing import BLOWN_UP, DEEP, FAR
 from tensegrity_mj.pictures.motion import Motion
-from tensegrity_mj.pictures.painter import EDGE, SLACKNESS, Sizes, support_places
+from tensegrity_mj.pictures.painter import EDGE, SLACKNESS, Sizes
+from tensegrity_mj.pictures.supports import support_places
 from tensegrity_mj.runs.trajectory import Trajectory
 
 MOST_BYTES = 8_000_000  # of a page, of which plotly's JavaScript is 5 MB

@@ -34,6 +34,7 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.tension_curves import TensionCurves
 from tensegrity_mj.statics.boundary import Boundary, Hold
+from tensegrity_mj.statics.spans import add_spans, block_places, block_values
 
 RANK = 1e-9  # of the largest singular value
 
@@ -258,7 +259,7 @@ class StaticModel:
     def _blocks(self) -> tuple[IntArray, IntArray]:
         paths, rods = self.structure.paths, self.bars
         first, second = (np.concatenate([paths.nodes[rows], rods]) for rows in paths.couples.T)
-        return _block_places(first, second)
+        return block_places(first, second)
 
     def _spans(self, x: Array) -> Array:
         return spans_at(self.bars, x.reshape(-1, 3)).ravel()
@@ -304,10 +305,10 @@ class StaticModel:
         out = -self.external(parameter)
         paths, (lengths, directions) = self.structure.paths, self.segments(x)
         tensions = self.tensions(paths.total(lengths))[paths.strings]
-        _add_spans(out, paths.nodes, tensions[:, None] * directions)
+        add_spans(out, paths.nodes, tensions[:, None] * directions)
         if self.bends is not None:
             bent = self.bends.T @ (self.bends @ self._spans(x))
-            _add_spans(out, self.bars, bent.reshape(-1, 3))
+            add_spans(out, self.bars, bent.reshape(-1, 3))
         if self.elements:
             out -= self.element_forces(x)
         return out
@@ -315,7 +316,7 @@ class StaticModel:
     def rod_pulls(self, x: Array, rod_forces: Array) -> Array:
         """Cᵀ N (3N,) [N] for axial forces N (R,)."""
         out = np.zeros_like(x)
-        _add_spans(out, self.bars, rod_forces[:, None] * self.rods(x).directions)
+        add_spans(out, self.bars, rod_forces[:, None] * self.rods(x).directions)
         return out
 
     def hessian(self, x: Array, rod_forces: Array) -> sparse.csr_array:
@@ -347,7 +348,7 @@ class StaticModel:
         blocks = (taut - turning) * along + turning * np.eye(3)
         lengths, b = self.rods(x)
         turned = (rod_forces / lengths)[:, None, None] * (np.eye(3) - b[:, :, None] * b[:, None, :])
-        return np.concatenate([_block_values(blocks), _block_values(turned)]), self._blocks
+        return np.concatenate([block_values(blocks), block_values(turned)]), self._blocks
 
     def rod_slopes(self, x: Array) -> sparse.csr_array:
         """C (R, 3N): how the rods' lengths change."""
@@ -392,22 +393,3 @@ def steady_forces(scene: Scene, nodes: Array) -> Array:
 def weights_and_loads(scene: Scene, nodes: Array) -> Array:
     """(N, 3) [N]: `steady_forces` and weights."""
     return np.asarray(lumped_masses(scene.structure)[:, None] * np.array(scene.gravity) + steady_forces(scene, nodes))
-
-
-def _add_spans(out: Array, pairs: IntArray, pulls: Array) -> None:
-    """Add to (3N,) forces that grow with the spans of members: plus at the second node, minus at the first."""
-    places = out.reshape(-1, 3)
-    np.add.at(places, pairs[:, 1], pulls)
-    np.subtract.at(places, pairs[:, 0], pulls)
-
-
-def _block_places(first: IntArray, second: IntArray) -> tuple[IntArray, IntArray]:
-    """Rows and columns of the four blocks of (3, 3) that couple two spans, of a member or of two: ii, jj, ij, ji."""
-    k, m = np.repeat(np.arange(3), 3), np.tile(np.arange(3), 3)
-    rows, columns = 3 * first[:, [0, 1, 0, 1]], 3 * second[:, [0, 1, 1, 0]]
-    return (rows[:, :, None] + k).reshape(-1), (columns[:, :, None] + m).reshape(-1)
-
-
-def _block_values(blocks: Array) -> Array:
-    flat = blocks.reshape(-1, 1, 9)
-    return np.concatenate([flat, flat, -flat, -flat], axis=1).reshape(-1)
