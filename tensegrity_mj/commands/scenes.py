@@ -87,7 +87,10 @@ def describe(scene: model.Scene, timing: bool = False) -> dict[str, Any]:
             for rod, length, carried in zip(structure.rods, structure.rod_lengths, structure.rod_lumps[0], strict=True)
         ],
         "strings": [
-            plain_values(string, "name", "nodes", "stiffness", "damping", "group") | {"rest_length": float(rest_length)}
+            plain_values(string, "name", "nodes", "stiffness", "damping", "group")
+            | {"rest_length": float(rest_length)}
+            | ({} if string.is_linear else plain_values(string, "curve", "yields", "tension"))
+            | ({} if string.string_law is None else plain_values(string, "string_law"))
             for string, rest_length in zip(structure.strings, structure.rest_lengths, strict=True)
         ],
         "point_masses": {point.node: point.mass for point in structure.point_masses},
@@ -324,8 +327,12 @@ def _text(data: dict[str, Any]) -> str:
         for rod in data["rods"]
     ]
     strings = [
-        f"  {s['name']}: {' - '.join(s['nodes'])}, k = {s['stiffness']:g} N/m, c = {s['damping']:g} N s/m, "
-        f"L0 = {s['rest_length']:.6g} m"
+        f"  {s['name']}: {' - '.join(s['nodes'])}, "
+        + (f"k = {s['stiffness']:g} N/m, " if s["stiffness"] else f"constant {s['tension']:g} N, ")
+        + f"c = {s['damping']:g} N s/m"
+        + (f", L0 = {s['rest_length']:.6g} m" if s["stiffness"] else "")
+        + (f", a curve of {len(s['curve'])} points" + ", yields" * s["yields"] if s.get("curve") else "")
+        + (f", {s['string_law']}" if "string_law" in s else "")
         for s in data["strings"]
     ]
     bodies = [

@@ -237,6 +237,8 @@ class String:
             object.__setattr__(self, "stiffness", self.curve[0][1] / self.curve[0][0] if self.curve[0][0] else 0.0)
         if wrong := _wrong_curve(self):
             raise refused(self, wrong)
+        if self.curve:
+            object.__setattr__(self, "stiffness", self.curve[0][1] / self.curve[0][0])
 
     @property
     def is_constant(self) -> bool:

@@ -126,5 +126,12 @@ def _support_table(support: Support) -> dict[str, Any]:
     return {"kind": kind} | {key: given[key] for key in ("sigma", "D", "values", "plane") if key in given}
 
 
+def _string_table(string: String) -> dict[str, Any]:
+    table = fields_of(string)
+    if string.curve:  # which has it
+        del table["stiffness"]
+    return table
+
+
 READERS[Section], READERS[Support] = _section, _support
-WRITERS[Rod], WRITERS[Support] = _rod_table, _support_table
+WRITERS[Rod], WRITERS[Support], WRITERS[String] = _rod_table, _support_table, _string_table

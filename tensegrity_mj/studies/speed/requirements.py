@@ -233,6 +233,7 @@ def _reasons(scene: Scene, limit: float) -> list[str]:
         found.append("exact diagonal of the constraints' inertia: so that each contact obeys the stated law")
     callbacks = (
         (np.any(structure.damping > 0), "the string law: the damper of a slack string must not act"),
+        (any(len(one.curve) > 1 for one in structure.strings), "tension curves: controls that make up for them"),
         (scene.loads, "external forces: the scene has loads"),
         (
             scene.resistance or any(point.damping for point in structure.point_masses),
