@@ -89,6 +89,7 @@ class Motion:
             note = f"{source.status.value} at t = {source.time[count - 1]:.4g} s"
         elif count < len(source.time):
             note = f"not finite after t = {source.time[count - 1]:.4g} s"
+        rest = source.rest_lengths + source.permanent_stretch
         return cls._in(
             source.scene,
             label=source.engine,
@@ -99,7 +100,7 @@ class Motion:
             velocities=np.nan_to_num(source.velocities[:count], posinf=0.0, neginf=0.0),
             tensions=np.nan_to_num(source.tensions[:count], posinf=0.0, neginf=0.0),
             # A rest length that is not known is drawn as taut.
-            rest_lengths=np.nan_to_num(source.rest_lengths[:count], posinf=0.0, neginf=0.0),
+            rest_lengths=np.nan_to_num(rest[:count], posinf=0.0, neginf=0.0),
         )
 
     @classmethod

@@ -112,6 +112,8 @@ class Trajectory:
     def permanent_stretch(self) -> Array:
         """(T, M) [m] of strings that yield, as of the last recorded time at which they pulled; zero of all others."""
         structure = self.scene.structure
+        if not structure.curves.yields.any():
+            return np.zeros_like(self.rest_lengths)
         lengths = structure.string_lengths(self.nodes)
         elastic = self.force_densities * lengths
         known = structure.curves.yields & (elastic > 0)

@@ -190,10 +190,10 @@ def _along(run: Trajectory, loop: Loop, stepping: Stepping) -> StableStep:
     if run.scene.structure.node_names != scene.structure.node_names or len(run.time) == 0:
         raise OptionError(f"run: it has no samples, or is of another structure than scene '{scene.name}'")
     rows = np.unique(np.linspace(0, len(run.time) - 1, SAMPLES).round().astype(int))
-    found = None
+    rest_lengths, found = run.rest_lengths + run.permanent_stretch, None  # yielded strings are elastic, and longer
     for row in rows.tolist():
         time = float(run.time[row])
-        rest = None if loop.is_closed else run.rest_lengths[row]
+        rest = None if loop.is_closed else rest_lengths[row]
         here = step_of(loop.at(run.nodes[row], run.velocities[row], rest, time), stepping, time)
         if found is None or here.limit < found.limit:
             found = here

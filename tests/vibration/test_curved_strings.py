@@ -152,3 +152,19 @@ def test_a_load_path_goes_round_the_corners_of_a_curve() -> None:
         wanted = np.interp(M * G + 25.0 * state.parameter, [0, 10, 40, 50], [0, 0.1, 0.2, 0.4])
         assert -state.nodes[1, 2] - 1 == pytest.approx(wanted, abs=1e-8)
     assert path.states[-1].parameter == pytest.approx(1.0)
+
+
+def test_a_run_has_the_stable_step_of_its_yielded_strings_and_pictures_show_them_slack() -> None:
+    """Caught at 4 m/s on 30 N, it unloads with 300 N/m: 2/√(300/M) wherever it pulls, none where it is slack."""
+    from tensegrity_mj.pictures.motion import Motion
+
+    down = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -4.0]])
+    scene = hung(1.05, curve=((0.1, 30.0), (0.6, 36.0)), yields=True).with_(initial_velocities=down, duration=1.5)
+    engine = tmj.MuJoCo(1e-3, "euler")
+    run = tmj.simulate(scene, None, tmj.MuJoCo(1e-3), output_interval=0.01)
+    assert tmj.stable_step(scene, engine, run=run).limit == pytest.approx(2 / math.sqrt(300 / M), rel=1e-6)
+    lengths = scene.structure.string_lengths(run.nodes)
+    slack = (run.tensions == 0)[:, 0]
+    assert (lengths > 1.0)[slack].any()
+    motion = Motion.of(run)
+    np.testing.assert_array_equal((motion.rest_lengths >= lengths)[:, 0][slack], True)
