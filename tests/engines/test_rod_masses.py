@@ -314,3 +314,16 @@ def test_a_blow_of_the_support_leaves_the_momentum_about_it() -> None:
     up = motion.at(0.0)[1]
     turning = TOTAL * CENTER * LENGTH / ABOUT_END * v * LENGTH
     np.testing.assert_allclose(rates, [up, up + np.array([turning, 0.0, 0.0])], atol=1e-12)
+
+
+def test_on_a_floor_a_rod_presses_by_its_centre_of_mass() -> None:
+    """Each end carries its share of the weight, once the contact's damping of some 100 /s has let nothing move."""
+    ends = {"i": (0.0, 0.0, 0.0105), "j": (LENGTH, 0.0, 0.0105)}
+    scene = tmj.Scene(
+        rod_with_bob(ends, tmj.Support.free()), gravity=GRAVITY, contact=tmj.model.Contact(floor=0.0), duration=2.0
+    )
+    run = tmj.simulate(scene, None, tmj.MuJoCo(1e-3), output_interval=1.0)
+    pressed = run.reports["contact"]["final_forces"]
+    shares = {"i": TOTAL * G * (1 - CENTER), "j": TOTAL * G * CENTER}
+    for name, share in shares.items():
+        assert pressed[name][2] == pytest.approx(share, rel=1e-6)
