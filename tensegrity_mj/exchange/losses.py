@@ -25,10 +25,9 @@ def left_out(scene: Scene, kept: Sequence[str]) -> list[str]:
         if names := [one.name for one in scene.structure.strings if has(one)]:
             notes.append(words.format(names_of(names)))
     structure = scene.structure
-    carried = structure.rods and any(rod.masses for rod in structure.rods)
     if any(point.damping for point in structure.point_masses):
         notes.append("the damping of point masses is left out")
-    if carried:
+    if any(rod.masses for rod in structure.rods):
         notes.append("the masses that rods carry are left out")
     if structure.constraints and "constraints" not in kept:
         notes.append("the linear constraints are left out")
