@@ -61,6 +61,17 @@ def test_supports_that_move_carry_what_hangs_on_them_and_give_the_same_work(plan
     assert runs[1].reports["closure_drift"] <= 1e-12
 
 
+def test_elastic_rods_lengthen_as_by_their_usual_equations():
+    scene = everything_moves(planar=False)
+    section = tmj.model.Section.solid(0.004, 2e8)
+    scene = scene.with_(structure=scene.structure.with_sections(section).with_elastic_rods(damping=2.0))
+    stretched = scene.nodes0 * 1.001
+    stretched[[0, 6, 7, 8]] = scene.nodes0[[0, 6, 7, 8]]  # held
+    scene = scene.with_(initial_nodes=stretched)
+    found, expected = (answers(scene, solver)[0] for solver in (GENERAL, Solver.JOINTS))
+    assert spread(found, expected) <= TOLERANCE
+
+
 def wet(weights):
     """A loop in waves, on supports that move."""
     scene = everything_moves(planar=False)
