@@ -108,19 +108,19 @@ class Sizing:
                     f"sizing: {name} carries nothing, so that its least mass is zero, and there is no such member; "
                     "give minimal_mass a least_radius, or leave it out of the structure"
                 )
-        rods = tuple(
-            replace(
-                rod, mass=mass, radius=radius, section=Section.solid(radius, of.elasticity_modulus, of.yield_stress)
-            )
-            for rod, mass, radius, of in zip(
-                self.given.rods, self.rod_masses.tolist(), self.rod_radii.tolist(), self.rod_materials, strict=True
-            )
-        )
+        rods = []
+        parts = (self.given.rods, self.given.rod_lengths, self.rod_masses, self.rod_radii, self.rod_materials)
+        for rod, length, mass, radius, of in zip(*(list(part) for part in parts), strict=True):
+            section = Section.solid(float(radius), of.elasticity_modulus, of.yield_stress)
+            k = None if rod.stiffness is None else section.axial_stiffness / float(length)
+            rods.append(replace(rod, mass=float(mass), radius=float(radius), section=section, stiffness=k))
         area = np.pi * self.string_radii**2
         axial = np.array([of.elasticity_modulus for of in self.string_materials]) * area
         rest = self.given.string_lengths(self.given.positions) / (1.0 + self.tensions[0] / axial)
         strength = np.array([of.yield_stress for of in self.string_materials]) * area
-        return replace(self.given, rods=rods).with_strings(stiffness=axial / rest, rest_length=rest, strength=strength)
+        return replace(self.given, rods=tuple(rods)).with_strings(
+            stiffness=axial / rest, rest_length=rest, strength=strength
+        )
 
     def describe(self) -> tuple[str, ...]:
         """Lines for people."""

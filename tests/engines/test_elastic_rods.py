@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -125,9 +126,19 @@ def held(name: str, **options: Any) -> tmj.Scene:
 
 
 @pytest.mark.parametrize("name", SUPPORTS)
-def test_mujocos_mass_matrix_is_that_of_the_two_node_bar(name: str) -> None:
-    """Jᵀ (m/6 [2 1; 1 2] ⊗ 1) J, by the speeds of its nodes for a unit of each joint; weights half at either node."""
-    scene = held(name, gravity=(1.0, 2.0, -G))
+@pytest.mark.parametrize("laden", [False, True])
+def test_mujocos_mass_matrix_is_that_of_the_two_node_bar(name: str, laden: bool) -> None:
+    """Jᵀ (m/6 [2 1; 1 2] ⊗ 1) J, by the speeds of its nodes for a unit of each joint; weights half at either node.
+
+    A mass at the part s of the rod adds m [(1 - s)², s (1 - s); s (1 - s), s²], and its weight by 1 - s and s.
+    """
+    scene, lumps = held(name, gravity=(1.0, 2.0, -G)), ((0.8, 1.5), (0.1, 0.4), (1.0, 0.2)) if laden else ()
+    rods = tuple(replace(rod, masses=[tmj.model.RodMass(*lump) for lump in lumps]) for rod in scene.structure.rods)
+    scene = scene.with_(structure=replace(scene.structure, rods=rods))
+    nodal, shares = MASS / 6 * np.array([[2.0, 1.0], [1.0, 2.0]]), MASS / 2 * np.ones(2)
+    for at, mass in lumps:
+        nodal += mass * np.outer([1 - at, at], [1 - at, at])
+        shares += mass * np.array([1 - at, at])
     model = tmj.MuJoCo(1e-3).model(scene)
     data = mujoco.MjData(model)
     place(data, scene, scene.nodes0, scene.velocities0)
@@ -137,10 +148,9 @@ def test_mujocos_mass_matrix_is_that_of_the_two_node_bar(name: str) -> None:
     J = np.zeros((6, model.nv))
     for row, node in enumerate(scene.structure.node_names):
         mujoco.mj_jacSite(model, data, J[3 * row : 3 * row + 3], None, model.site(node).id)
-    nodal = np.kron(MASS / 6 * np.array([[2.0, 1.0], [1.0, 2.0]]), np.eye(3))
-    np.testing.assert_allclose(found, J.T @ nodal @ J, atol=8e-15 * MASS)  # some sums of round-off
-    weight = J.T @ np.tile(MASS / 2 * np.array(scene.gravity), 2)
-    np.testing.assert_allclose(data.qfrc_gravcomp - data.qfrc_bias, weight, atol=1e-13 * MASS * G)
+    np.testing.assert_allclose(found, J.T @ np.kron(nodal, np.eye(3)) @ J, atol=2e-15 * MASS)  # some sums of round-off
+    weight = J.T @ np.kron(shares, scene.gravity)
+    np.testing.assert_allclose(data.qfrc_gravcomp - data.qfrc_bias, weight, atol=1e-14 * MASS * G)
     assert tmj.studies.requirements(scene).degrees_of_freedom == model.nv
 
 
@@ -170,6 +180,13 @@ def nodal(scene: tmj.Scene) -> Callable[[float, Array], Array]:
         M[i, j] += rod.mass / 6
         M[j, i] += rod.mass / 6
         weights[[i, j]] += rod.mass / 2 * np.array(scene.gravity)
+        for lump in rod.masses:
+            shares = np.array([1 - lump.at, lump.at])
+            M[np.ix_([i, j], [i, j])] += lump.mass * np.outer(shares, shares)
+            weights[[i, j]] += lump.mass * np.outer(shares, scene.gravity)
+    for point in structure.point_masses:
+        M[structure.node_index[point.node], structure.node_index[point.node]] += point.mass
+        weights[structure.node_index[point.node]] += point.mass * np.array(scene.gravity)
     free = [row for row in range(n) if row not in fixed]
     inverse = np.linalg.inv(M[np.ix_(free, free)])
 

@@ -20,7 +20,7 @@ from loaded_rods import loaded
 from maxwell import Maxwell
 from numpy.typing import NDArray
 from pulley_scenes import threaded
-from soft_scenes import rigid, soft_pair
+from soft_scenes import laden_pair, rigid, soft_pair
 
 import tensegrity_mj as tmj
 
@@ -154,6 +154,7 @@ FEATURES = {
     "damping of point masses": Feature(lambda: loaded(hung(), damping=0.7), lambda _: loaded(hung())),
     "elastic rods": Feature(soft_pair, rigid),
     "elastic rods, moved supports": Feature(lambda: shaken_pair(soft_pair()), rigid),
+    "elastic rods with masses": Feature(laden_pair, lambda _: soft_pair()),
     "elastic rods, resistance": Feature(lambda: soft_pair().with_(resistance=IN_AIR), rigid),
     "loads": Feature(pushed, lambda scene: scene.with_(loads=())),
     "tension curves": Feature(lambda: curved(lambda k: ((1e-3, 1e-3 * k), (2e-3, 4e-3 * k))), lambda _: hung()),

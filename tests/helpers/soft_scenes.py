@@ -49,6 +49,15 @@ def soft_pair() -> tmj.Scene:
     return tmj.Scene(tmj.Structure("soft pair", nodes, rods, strings, ("hook",)), gravity=(0.0, 0.0, -9.81))
 
 
+def laden_pair() -> tmj.Scene:
+    """The same with masses along the rods and on a node of one."""
+    scene = soft_pair()
+    masses = ((tmj.model.RodMass(0.8, 1.5), tmj.model.RodMass(0.1, 0.4)), (tmj.model.RodMass(0.25, 0.7),))
+    rods = tuple(replace(rod, masses=own) for rod, own in zip(scene.structure.rods, masses, strict=True))
+    structure = replace(scene.structure, rods=rods, point_masses=(tmj.PointMass("d", 0.5),))
+    return scene.with_(structure=structure)
+
+
 def soft_chain(closed: bool = False) -> tmj.Scene:
     """Rigid and elastic rods that share nodes, one of them shorter without force than it is; `closed` in a loop."""
     nodes = {"o": (0, 0, 0), "a": (1, 0.2, 0), "b": (2, 0, 0.3), "c": (1.2, -0.5, 1.0)}

@@ -19,6 +19,7 @@ from tensegrity_mj.exchange.tables import save_csv
 from tensegrity_mj.model import Section
 from tensegrity_mj.statics import find_equilibrium, natural_modes
 from tensegrity_mj.studies.scene_parameters import changed_scene
+from tensegrity_mj.studies.validation import measures, sentences
 
 ENGINES = {"mujoco": tmj.MuJoCo(1e-3), "dae": tmj.DAE()}
 TUBE = Section.tube(0.01, 0.002, 2e9)
@@ -31,6 +32,8 @@ def test_what_is_wrong_is_named() -> None:
         tmj.Rod("r", ("a", "b"), 1.0, damping=2.0)
     with pytest.raises(StructureError, match=r"rod 'r': rest_length = 2.0, but the rod is rigid"):
         tmj.Rod("r", ("a", "b"), 1.0, rest_length=2.0)
+    with pytest.raises(StructureError, match=r"rod 'r': masses: one has an inertia, but the rod is elastic"):
+        tmj.Rod("r", ("a", "b"), 1.0, stiffness=2.0, masses=(tmj.model.RodMass(0.5, 1.0, 0.1),))
     with pytest.raises(StructureError, match=r"rod 'bar' has no section: give it one"):
         bar().structure.with_elastic_rods()
 
@@ -233,6 +236,9 @@ def test_a_rod_that_is_pushed_with_more_than_eulers_load_is_reported(elastic: bo
     assert any(
         "rod 'bar' is pushed with more than Euler's load of its section" in text for text in run.reports["warnings"]
     )
+    values = measures.of_run(run)
+    said = " ".join(sentences._winch_sentences({"nominal": {"engines": {"dae": values}}}, "dae"))
+    assert "Rod bar is pushed with more than Euler's load of the section, first at 0.0" in said
     # A sudden load pushes an elastic bar with twice itself at most.
     below = scene.with_(structure=structure, loads=(tmj.model.Load("b", (0.0, 0.0, -0.4 * euler)),))
     assert tmj.simulate(below, None, tmj.DAE(), duration=0.1).reports["buckling"] == {}

@@ -45,6 +45,7 @@ def of_run(run: Trajectory, promised_rate: float | None = None, floor: ArrayLike
         "switching": switching(run, floor),
         "rest_lengths": run.reports.get("nonpositive_rest_lengths"),
         "limits": run.reports.get("limits", {}),
+        **({"buckling": run.reports["buckling"]} if run.reports.get("buckling") else {}),
         "winch": winch(run),
         "energy_residual": run.energy_residual,
         "warnings": list(run.reports.get("warnings", [])),

@@ -116,6 +116,12 @@ def _winch_sentences(found: Data, engine: str) -> list[str]:
     for name, limit in values["limits"].items():
         if limit["strings"]:
             sentences.append(f"{name} is reached by {', '.join(limit['strings'])}.")
+    if bent := values.get("buckling"):
+        first = min(one["time"] for one in bent.values())
+        pushed = f"{'Rods' if len(bent) > 1 else 'Rod'} {', '.join(bent)} {'are' if len(bent) > 1 else 'is'} pushed"
+        sentences.append(
+            f"{pushed} with more than Euler's load of the section, first at {first:g} s, and would buckle."
+        )
     if winch["peak"] is not None:
         sentences.append(
             f"The winches do {winch['done']:.3g} J and get {winch['recovered']:.3g} J back; the power of a single "
