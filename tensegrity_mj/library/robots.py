@@ -13,9 +13,9 @@ from tensegrity_mj.basics.fields import refused
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.elements.contact import Contact, floor_gaps
 from tensegrity_mj.model.members import Vector
+from tensegrity_mj.model.rods import centre_of_mass
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.runs.standing import centre_of_mass
 
 PRESTRESS = 0.1  # force density over stiffness of strings, where a robot is given neither it nor a tension
 FLAT = 1e-9  # of the size of a structure: nodes that far from a plane are in it

@@ -115,6 +115,12 @@ def total_mass(structure: Structure) -> float:
     return float(structure.rod_masses.sum()) + points + sum(body.mass for body in structure.bodies)
 
 
+def centre_of_mass(structure: Structure, nodes: Array) -> Array:
+    """(..., 3) [m] of nodes (..., N, 3)."""
+    masses = lumped_masses(structure)
+    return np.asarray(np.einsum("n,...nk->...k", masses / masses.sum(), nodes))
+
+
 def mass_places(structure: Structure) -> list[tuple[int, int, float, str]]:
     """Where point masses and those on rods are: node rows i, j, the part s of the way between; and in words."""
     points = [

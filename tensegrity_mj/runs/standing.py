@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.elements.contact import floor_gaps
-from tensegrity_mj.model.rods import lumped_masses
-from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.model.rods import centre_of_mass
 from tensegrity_mj.runs.trajectory import Trajectory
 
 
@@ -73,12 +72,6 @@ def standing(run: Trajectory, near: float | None = None) -> Standing:
         for nodes, on, centre in zip(run.nodes, touching, path, strict=True)
     ]
     return Standing(run.time, tuple(tuple(names[on].tolist()) for on in touching), np.array(margins), path)
-
-
-def centre_of_mass(structure: Structure, nodes: Array) -> Array:
-    """(..., 3) [m] of nodes (..., N, 3)."""
-    masses = lumped_masses(structure)
-    return np.asarray(np.einsum("n,...nk->...k", masses / masses.sum(), nodes))
 
 
 def edge_margins(corners: ArrayLike, point: ArrayLike, up: Sequence[float] | Array = (0.0, 0.0, 1.0)) -> Array:

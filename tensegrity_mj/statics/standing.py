@@ -15,8 +15,9 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import names_from
 from tensegrity_mj.errors import InfeasibleError
+from tensegrity_mj.model.rods import centre_of_mass
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.runs.standing import centre_of_mass, edge_margins
+from tensegrity_mj.runs.standing import edge_margins
 from tensegrity_mj.statics.boundary import Hold
 from tensegrity_mj.statics.equilibrium import find_equilibrium
 from tensegrity_mj.statics.model import StaticModel
