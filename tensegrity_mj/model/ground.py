@@ -105,13 +105,15 @@ class Ground:
         return found
 
     def motions(self, structure: Structure) -> tuple[Motion, ...]:
-        """The motion of each support: of a fixed node, all; of a rod, what its support holds.
+        """The motion of each support: of a fixed node, all; of a rod, what its support holds; of constraints.
 
         Raises:
             SceneError: where nothing is held, or the plane of a rod or a point mass does not let it follow.
         """
         held = {rod.name: held_directions(rod) for rod in structure.rods if rod.support.directions}
         held |= dict.fromkeys(structure.fixed_nodes, np.eye(3))
+        weights = {one.name: sum(one.nodes.values()) for one in structure.constraints}
+        held |= {one.name: one.unit[None] for one in structure.constraints if weights[one.name]}
         if not held:
             raise refused(self, f"structure '{structure.name}' has neither a support nor a fixed node that could shake")
         if len(held) * len(self.times) > MOST_STATES:
@@ -131,8 +133,9 @@ class Ground:
                         f"it shakes across the plane of {kind} '{name}' of normal {list(plane)}, which stands still: "
                         "leave that direction out of the record, or the plane out of the structure",
                     )
-        found = ((name, states @ axes.T @ axes) for name, axes in held.items())
-        return tuple(Motion.data(name, self.record[0], *np.moveaxis(own, 1, 0)) for name, own in found)
+        found = ((name, weights.get(name, 1.0) * (states @ axes.T @ axes)) for name, axes in held.items())
+        moving = [(name, own) for name, own in found if name not in weights or np.any(own)]
+        return tuple(Motion.data(name, self.record[0], *np.moveaxis(own, 1, 0)) for name, own in moving)
 
     def shake(self, scene: Scene) -> Scene:
         """The scene whose supports follow the record.

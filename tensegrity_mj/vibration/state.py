@@ -11,7 +11,7 @@ from tensegrity_mj.model.elements.elastic_rods import Bars
 from tensegrity_mj.model.rigidity import Members, members_at
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.vibration.blocks import Blocks, is_dense
-from tensegrity_mj.vibration.bodies import SLOTS, Bodies, Motion, motion_of_bodies
+from tensegrity_mj.vibration.bodies import Bodies, Motion, motion_of_bodies
 from tensegrity_mj.vibration.joints import Joints
 from tensegrity_mj.vibration.resistance import bending_blocks, element_blocks, nodal_blocks, viscous_blocks
 
@@ -65,10 +65,10 @@ class State:
             plain = np.concatenate([bodies.E[rods], lever[:, None, None] * motion.T[rods]], axis=2)
             maps.append(plain @ motion.inverse[rods])
         B = len(bodies.mass)
-        linear = np.zeros((len(held), B + 1, SLOTS))
+        linear = np.zeros((len(held), B + 1, bodies.slots))
         for node, body in enumerate(bodies.body):
             linear[:, body] += held[:, node] @ motion.turned[node]
-        return Joints(pairs, np.array(maps), B, is_dense(B), linear[:, :B].reshape(len(held), SLOTS * B))
+        return Joints(pairs, np.array(maps), B, is_dense(B), linear[:, :B].reshape(len(held), bodies.slots * B))
 
     def bars(self) -> tuple[Blocks, Blocks]:
         """Stiffness and dampers of elastic rods along themselves."""

@@ -68,3 +68,17 @@ def test_an_equilibrium_keeps_them() -> None:
     assert abs(head[0]) < 1e-12
     # The residual of the equilibrium is 1e-12 of its forces or less, its stiffness 200 N/m.
     assert k * (foot[0] - 0.7) == pytest.approx(3.0 * G * foot[0] / head[2] / 2, rel=1e-9)
+
+
+def test_the_shipped_ladder_swings_as_its_energy_says() -> None:
+    """V'' = -m g ℓ cos φ/2 + k ℓ² cos² φ - T ℓ sin φ of V = m g ℓ cos φ/2 + k (ℓ sin φ - L0)²/2, over m ℓ²/3."""
+    scene = tmj.load_scene("ladder")
+    mass, k, tension = 8.0, 100.0, 13.08
+    stiffness = -mass * G * 3.0 / 2 + k * 9.0 - tension * 1.0
+    damping, inertia = 1.0 * 9.0, mass * 10.0 / 3
+    found = tmj.linearize(scene, tmj.MuJoCo(), velocities=np.zeros((3, 3))).A
+    # δ̈ = -(K δ + C δ̇)/I for any coordinate of one freedom.
+    np.testing.assert_allclose(found[1], [-stiffness / inertia, -damping / inertia], rtol=1e-8)
+    run = tmj.simulate(scene, None, tmj.MuJoCo(timestep=1e-3), output_interval=0.1)
+    assert run.constraint_forces.min() > 0  # the wall pushes all the time
+    assert run.tensions.min() > 0

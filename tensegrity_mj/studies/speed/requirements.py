@@ -240,6 +240,7 @@ def _reasons(scene: Scene, limit: float) -> list[str]:
             "what resists motion: the scene has resistance",
         ),
         (scene.water, "water, which finds each rod's acceleration with its added mass: the scene has water"),
+        (structure.constraints, "linear constraints on nodes: MuJoCo has none, and their forces are found there"),
         (scene.breaks, "breaking strings"),
     )
     found += [f"a callback for {what}" for there, what in callbacks if there]
