@@ -80,7 +80,7 @@ def known_scene(structure: Structure, gravity: tuple[float, float, float], known
 def set_model(law: Any) -> None:
     """Check what a law believes it controls and where to, and keep its `target`, `gravity` and `known` in one form.
 
-    Its `model` is the scene in which acts what it accounts for.
+    Its `structure` has no mass on strings. Its `model` is the scene in which acts what it accounts for.
 
     Raises:
         OptionError, SceneError: for what cannot be its model.
@@ -92,6 +92,7 @@ def set_model(law: Any) -> None:
                 f"rod '{rod.name}' is elastic: the laws of chapters 4 to 6 are for rigid rods; use a law of your own, "
                 "a recording, or none, or make the rods rigid (without stiffness)"
             )
+    object.__setattr__(law, "structure", law.structure.massless)
     if law.target is None:
         raise OptionError("target = None: the law needs a target; give node positions (N, 3) or a Target")
     target = law.target if isinstance(law.target, Target) else Target.set_point(law.target)

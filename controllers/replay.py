@@ -116,6 +116,13 @@ class Replay:
             OptionError: where the run held the other quantity, or recorded it too seldom.
         """
         values = run.rest_lengths if command is Command.REST_LENGTH else run.force_densities
+        if run.scene.structure.ropes:  # each of them is one string to a law
+            light = run.scene.structure.massless
+            values, lengths = (
+                np.stack([of(string.name) for string in light.strings], axis=1) for of in (run.rest_length, run.length)
+            )
+            if command is Command.FORCE_DENSITY:
+                values = light.stiffness * (1 - values / lengths)
         actuation = run.provenance.get("actuation") or {}
         mode = actuation.get("mode", "continuous")
         if mode == "continuous":

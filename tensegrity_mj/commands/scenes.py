@@ -93,6 +93,12 @@ def describe(scene: model.Scene, timing: bool = False) -> dict[str, Any]:
             | ({} if string.string_law is None else plain_values(string, "string_law"))
             for string, rest_length in zip(structure.strings, structure.rest_lengths, strict=True)
         ],
+        "ropes": [
+            plain_values(rope.string, "name", "nodes", "stiffness", "damping", "mass")
+            | {"rest_length": sum(part.rest_length or 0.0 for part in rope.parts), "segments": len(rope.points)}
+            | {"strings": [part.name for part in rope.parts]}
+            for rope in structure.ropes
+        ],
         "point_masses": {point.node: point.mass for point in structure.point_masses},
         "bodies": [plain_values(body, "name", "nodes", "mass", "held") for body in structure.bodies],
         "constraints": [plain_values(one, "name", "nodes", "direction") for one in structure.constraints],
@@ -326,6 +332,7 @@ def _text(data: dict[str, Any]) -> str:
         + (f", k = {rod['stiffness']:g} N/m, c = {rod['damping']:g} N s/m" if "stiffness" in rod else "")
         for rod in data["rods"]
     ]
+    parts = {name for rope in data["ropes"] for name in rope["strings"]}
     strings = [
         f"  {s['name']}: {' - '.join(s['nodes'])}, "
         + (f"k = {s['stiffness']:g} N/m, " if s["stiffness"] else f"constant {s['tension']:g} N, ")
@@ -333,7 +340,8 @@ def _text(data: dict[str, Any]) -> str:
         + (f", L0 = {s['rest_length']:.6g} m" if s["stiffness"] else "")
         + (f", a curve of {len(s['curve'])} points" + ", yields" * s["yields"] if s.get("curve") else "")
         + (f", {s['string_law']}" if "string_law" in s else "")
-        for s in data["strings"]
+        + (f", {s['mass']:g} kg in {s['segments']} segments" if "mass" in s else "")
+        for s in [*data["ropes"], *(s for s in data["strings"] if s["name"] not in parts)]
     ]
     bodies = [
         f"  {body['name']}: {' - '.join(body['nodes'])}, {body['mass']:g} kg, {'held' if body['held'] else 'free'}"

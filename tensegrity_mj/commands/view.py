@@ -101,12 +101,12 @@ def _view_scene(options: argparse.Namespace) -> Outcome:
 
 
 def _held(scene: model.Scene) -> Any:
-    """A law that leaves every string at its rest length."""
+    """A law that leaves every string at its rest length, those with mass as wholes."""
     import numpy as np
 
     from tensegrity_mj.dynamics.native.law import Command
 
-    rest = np.array(scene.structure.rest_lengths)
+    rest = np.array(scene.structure.massless.rest_lengths)
 
     def law(time: float, nodes: Any, velocities: Any) -> Any:
         return rest

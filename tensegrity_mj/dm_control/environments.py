@@ -18,6 +18,7 @@ from tensegrity_mj.dynamics.native.law import Command
 from tensegrity_mj.engines.mujoco.settings import Integrator
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import whole_ratio
+from tensegrity_mj.model.ropes import completed
 from tensegrity_mj.model.scene import Scene
 
 if TYPE_CHECKING:
@@ -135,5 +136,5 @@ def _largest(scene: Scene, action: Command) -> Array:
         return np.minimum(structure.stiffness, structure.limits("max_force_density"))
     lengths = [structure.rest_lengths, structure.string_lengths(scene.nodes0)]
     if scene.target is not None:
-        lengths.extend(structure.string_lengths(scene.target.nodes))
+        lengths.extend(structure.string_lengths(completed(structure, scene.target.nodes, structure.positions)))
     return np.asarray(2 * np.max(lengths, axis=0))

@@ -14,6 +14,7 @@ from tensegrity_mj.dynamics.native.compiling import c_function
 from tensegrity_mj.dynamics.native.pointers import borrowing, floats, inlined, stack_doubles
 from tensegrity_mj.dynamics.native.views import Table, view_of
 from tensegrity_mj.dynamics.records import POINT, ROD, StructureRecords
+from tensegrity_mj.model.ropes import completed
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
 
@@ -290,13 +291,14 @@ def _target_nodes(table):  # type: ignore[no-untyped-def]
 
 
 def target_nodes(structure: Structure, target: Target, times: Array) -> Array:
-    """Node positions (T, N, 3) [m] of the target at the given times (T,)."""
-    records, packed = StructureRecords.of(structure), pack_target(target)
-    out = np.empty((len(times), len(structure.nodes), 3))
-    out[:] = structure.positions
+    """Node positions (T, N, 3) [m] of the target at the given times (T,); ropes, which have none, are straight."""
+    light = structure.massless
+    records, packed = StructureRecords.of(light), pack_target(target)
+    out = np.empty((len(times), len(light.nodes), 3))
+    out[:] = light.positions
     table = _pack_places(target=packed.address, times=times, rods=records.rods, points=records.points, nodes=out)
     _target_nodes(table.address)
-    return out
+    return completed(structure, out, structure.positions)
 
 
 def target_positions(structure: Structure, target: Target | None, times: Array) -> Array | None:
@@ -305,6 +307,7 @@ def target_positions(structure: Structure, target: Target | None, times: Array) 
         return None
     moments = np.atleast_1d(np.asarray(times, float))
     if len(target.times) == 1:
-        return np.broadcast_to(target.nodes[0], (len(moments), *target.nodes.shape[1:]))
+        nodes = completed(structure, target.nodes[0], structure.positions)
+        return np.broadcast_to(nodes, (len(moments), *nodes.shape))
 
     return target_nodes(structure, target, moments)

@@ -248,7 +248,7 @@ def _matching(names: Sequence[str], ends: Sequence[tuple[str, str]]) -> list[int
 
 
 def _together(first: String, second: String, length: float) -> String:
-    """One string for two between the same nodes, of this length [m]: stiffness, damping and tension add up."""
+    """One string for two between the same nodes, of this length [m]: stiffness, damping, tension and mass add up."""
 
     def tension(string: String) -> float:
         if string.rest_length is not None:
@@ -259,7 +259,10 @@ def _together(first: String, second: String, length: float) -> String:
     if k == 0:  # constant forces
         return replace(first, damping=c, tension=tension(first) + tension(second))
     rest = length - (tension(first) + tension(second)) / k
-    return replace(first, stiffness=k, damping=c, rest_length=rest, tension=None, force_density=None)
+    mass = (first.mass or 0.0) + (second.mass or 0.0) or None
+    segments = max(first.segments or 0, second.segments or 0) or None
+    changes: dict[str, Any] = {"mass": mass, "segments": segments, "tension": None, "force_density": None}
+    return replace(first, stiffness=k, damping=c, rest_length=rest, **changes)
 
 
 def _plane(planes: Mapping[str, frozenset[str]], name: str) -> tuple[float, float, float] | None:

@@ -34,7 +34,7 @@ NODE_COLUMNS = ("name", *POSITION, "fixed", "mass", *VELOCITY)
 SECTION = tuple(item_of(Section).keys)
 STRING = tuple(key for key, one in item_of(String).keys.items() if one.kind.load is float)
 BAR = ("stiffness", "damping", "rest_length")  # of an elastic rod
-MEMBER_COLUMNS = ("name", "kind", "i", "j", "group", "mass", "radius", *SECTION, *STRING)
+MEMBER_COLUMNS = tuple(dict.fromkeys(("name", "kind", "i", "j", "group", "mass", "radius", *SECTION, *STRING)))
 WORDS = ("name", "kind", "i", "j", "group", "fixed")
 
 
@@ -132,7 +132,7 @@ def _rows(path: Path, columns: Sequence[str]) -> Iterator[Table]:
 def _plain(column: str, cell: str) -> Any:
     """A cell as a number, where its column has numbers and it is one."""
     try:
-        return cell if column in WORDS else float(cell)
+        return cell if column in WORDS else int(cell) if column == "segments" else float(cell)
     except ValueError:
         return cell
 

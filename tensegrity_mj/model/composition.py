@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tensegrity_mj.basics.arrays import Array
-from tensegrity_mj.basics.checks import instance, real_array, shape_of
+from tensegrity_mj.basics.checks import instance, real_array, sequence_of, shape_of
 from tensegrity_mj.errors import OptionError, StructureError
 from tensegrity_mj.model.bodies import Body
 from tensegrity_mj.model.constraints import Constraint
 from tensegrity_mj.model.members import LIMITS, PRESTRESS, PointMass, Rod, String, Support
 from tensegrity_mj.model.node_indices import array_of_shape
+from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.structure_checks import CONSTRAINT_TOLERANCE, names_of, size_of, unknown_node
 
 if TYPE_CHECKING:
@@ -63,12 +64,14 @@ def mapped(structure: Structure, matrix: Array, shift: Array) -> Structure:
     def constraint_of(one: Constraint) -> Constraint:
         return replace(one, direction=turned(one.direction), value=None)
 
-    places = (structure.positions @ matrix.T + shift).tolist()
+    given = structure.given
+    places = (np.array(list(given.nodes.values())).reshape(-1, 3) @ matrix.T + shift).tolist()
     return replace(
         structure,
-        nodes=dict(zip(structure.nodes, places, strict=True)),
-        rods=tuple(replace(rod, support=support_of(rod)) for rod in structure.rods),
-        point_masses=tuple(replace(point, plane=plane_of(point)) for point in structure.point_masses),
+        nodes=dict(zip(given.nodes, places, strict=True)),
+        rods=tuple(replace(rod, support=support_of(rod)) for rod in given.rods),
+        strings=given.strings,
+        point_masses=tuple(replace(point, plane=plane_of(point)) for point in given.point_masses),
         constraints=tuple(map(constraint_of, structure.constraints)),
         bodies=tuple(body.mapped(matrix, shift) for body in structure.bodies),
     )
@@ -81,19 +84,22 @@ def with_strings(structure: Structure, changes: Mapping[str, ArrayLike | None]) 
     for key in changes:
         if key not in allowed:
             raise StructureError(f"with_strings: '{key}' is no property of strings; allowed: {', '.join(allowed)}")
+    members = structure.strings
+    if structure.ropes and all(np.size(x) in (1, len(structure.given.strings)) for x in changes.values()):  # type: ignore[arg-type]
+        members = structure.given.strings
+    count = len(members)
     columns: dict[str, Sequence[float | None]] = {}
     if set(changes) & set(PRESTRESS):
-        columns = {key: [None] * len(structure.strings) for key in PRESTRESS}
+        columns = {key: [None] * count for key in PRESTRESS}
     for key, values in changes.items():
         if values is None and key in optional:
-            columns[key] = [None] * len(structure.strings)
+            columns[key] = [None] * count
         else:
-            shape = (len(structure.strings),)
-            columns[key] = np.broadcast_to(array_of_shape(key, values, shape), shape).tolist()
-    columns.setdefault("stiffness", structure.stiffness.tolist())
+            columns[key] = np.broadcast_to(array_of_shape(key, values, (count,)), (count,)).tolist()
+    columns.setdefault("stiffness", [string.stiffness for string in members])
     strings = (
         string.scaled_to(**{key: column[row] for key, column in columns.items()})  # type: ignore[arg-type]
-        for row, string in enumerate(structure.strings)
+        for row, string in enumerate(members)
     )
     return replace(structure, strings=tuple(strings))
 
@@ -109,7 +115,7 @@ def merged(one: Structure, other: Structure, join: Mapping[str, str] | bool, pre
         other = replace(other, strings=tuple(strings), string_law=one.string_law)
     joined = dict(join) if isinstance(join, Mapping) else _meeting(one, other) if join else {}
     names = {name: joined.get(name, f"{prefix}{name}") for name in other.nodes}
-    new = {names[name]: place for name, place in other.nodes.items() if name not in joined}
+    new = {names[name]: place for name, place in other.given.nodes.items() if name not in joined}
     if twice := [name for name in new if name in one.nodes]:
         raise StructureError(
             f"merged: both have nodes {names_of(twice)}; give the names of the other a prefix, as in merged(other, "
@@ -118,7 +124,7 @@ def merged(one: Structure, other: Structure, join: Mapping[str, str] | bool, pre
     for name, own in joined.items():
         for node, structure in ((name, other), (own, one)):
             if node not in structure.nodes:
-                raise StructureError(f"merged: join, in '{structure.name}': {unknown_node(node, structure)}")
+                raise StructureError(f"merged: join, in '{structure.name}': {unknown_node(node, structure.nodes)}")
         away = np.subtract(one.nodes[own], other.nodes[name])
         if np.linalg.norm(away) > CONSTRAINT_TOLERANCE * max(size_of(one), size_of(other)):
             raise StructureError(
@@ -136,11 +142,23 @@ def merged(one: Structure, other: Structure, join: Mapping[str, str] | bool, pre
 
     members: dict[str, Any] = {}
     for kind in ("rods", "strings", "point_masses", "constraints", "bodies"):
-        known = {_nameless(member) for member in getattr(one, kind)}
-        added = [renamed(member) for member in getattr(other, kind)]
-        members[kind] = (*getattr(one, kind), *(member for member in added if _nameless(member) not in known))
+        own, others = (getattr(whole.given, kind, getattr(whole, kind)) for whole in (one, other))
+        known = {_nameless(member) for member in own}
+        added = [renamed(member) for member in others]
+        members[kind] = (*own, *(member for member in added if _nameless(member) not in known))
     fixed = (*one.fixed_nodes, *(names[node] for node in other.fixed_nodes))
-    return replace(one, nodes={**one.nodes, **new}, fixed_nodes=tuple(dict.fromkeys(fixed)), **members)
+    return replace(one, nodes={**one.given.nodes, **new}, fixed_nodes=tuple(dict.fromkeys(fixed)), **members)
+
+
+def sectioned(structure: Structure, sections: Section | Sequence[Section | None] | None) -> Structure:
+    """See `Structure.with_sections`."""
+    same = sections is None or isinstance(sections, Section)
+    count = len(structure.rods)
+    chosen = (sections,) * count if same else sequence_of("with_sections: sections", sections, StructureError)
+    if len(chosen) != count:
+        raise StructureError(f"with_sections: {len(chosen)} sections for {count} rods; give one a rod")
+    rods = (replace(rod, section=section) for rod, section in zip(structure.rods, chosen, strict=True))
+    return replace(structure, rods=tuple(rods))
 
 
 def _meeting(one: Structure, other: Structure) -> dict[str, str]:
@@ -148,9 +166,10 @@ def _meeting(one: Structure, other: Structure) -> dict[str, str]:
     from scipy.spatial import KDTree
 
     limit = CONSTRAINT_TOLERANCE * max(size_of(one), size_of(other))
-    gaps, rows = KDTree(one.positions).query(other.positions)
-    pairs = zip(other.nodes, rows.tolist(), (gaps <= limit).tolist(), strict=True)
-    return {name: one.node_names[row] for name, row, meets in pairs if meets}
+    here, there = one.given.nodes, other.given.nodes
+    gaps, rows = KDTree(list(here.values())).query(list(there.values()))
+    pairs = zip(there, rows.tolist(), (gaps <= limit).tolist(), strict=True)
+    return {name: list(here)[row] for name, row, meets in pairs if meets}
 
 
 def _nameless(member: Any) -> Any:

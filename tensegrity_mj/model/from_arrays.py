@@ -41,6 +41,9 @@ def members_from(given: Mapping[str, Any]) -> dict[str, Any]:
     array_of_shape("supports (one a rod)", np.zeros(len(held)), (len(rods),), broadcast=False)
     bars = columns(rods, "rod_mass", "rod_radius")
     strings = columns(paths, "stiffness", "damping", "rest_length", "tension", "force_density")
+    massive = [
+        {"mass": mass, "segments": given["segments"]} if mass else {} for (mass,) in columns(paths, "string_mass")
+    ]
     heavy = dict(given["point_masses"] or {})
     return {
         "nodes": dict(zip(names, map(tuple, positions.tolist()), strict=True)),
@@ -49,7 +52,8 @@ def members_from(given: Mapping[str, Any]) -> dict[str, Any]:
             for a, ((i, j), (mass, radius), support) in enumerate(zip(rods, bars, held, strict=True))
         ),
         "strings": tuple(
-            String(f"s{a + 1}", tuple(names[i] for i in path), *strings[a]) for a, path in enumerate(paths)
+            String(f"s{a + 1}", tuple(names[i] for i in path), *strings[a], **massive[a])
+            for a, path in enumerate(paths)
         ),
         "fixed_nodes": tuple(single("fixed_nodes", given["fixed_nodes"])),
         "point_masses": tuple(

@@ -27,6 +27,7 @@ from tensegrity_mj.basics.kinds import (
     printable_name,
     rows,
     vector,
+    whole,
     within,
 )
 from tensegrity_mj.errors import StructureError
@@ -37,6 +38,7 @@ Vector = tuple[float, float, float]
 
 
 PRESTRESS = ("rest_length", "tension", "force_density")  # of a string, at most one of them
+MOST_SEGMENTS = 10_000  # of a string with mass
 LIMITS = ("max_force_density", "min_rest_length", "winch_speed")  # of a string
 LENGTH = number("a finite number > 0 m", lambda x: x > 0, minimum=0, exclusiveMinimum=True)
 STIFFNESS = number("> 0 N/m, or 0 N/m for a constant force", lambda x: x >= SMALLEST or x == 0, minimum=0)
@@ -188,7 +190,8 @@ class Rod:
 
 @value("string {name!r}", StructureError)
 class String:
-    """A massless string between two nodes (thesis, Assumption 2.1; law in `strings`), or along a path of more.
+    """A string between two nodes (law in `strings`), or along a path of more: massless (thesis, Assumption 2.1) unless
+    it has a mass.
 
     `nodes` are those of its path, in order. It slides through those between its ends without friction, as over pulleys
     of no size: it has one rest length, one tension, and the length of all its segments together (`string_paths`).
@@ -209,6 +212,8 @@ class String:
 
     `strength` is the tension [N] at which it breaks, None where it is not known. Nothing keeps it: checks of members
     compare tensions with it. `group` is what strings that belong together are called in files, plots and sweeps.
+
+    `mass` [kg] makes it a rope: light strings between `segments` point masses, 10 by default, see `ropes`.
     """
 
     name: str = field(printable_name())
@@ -226,6 +231,8 @@ class String:
     curve: tuple[tuple[float, float], ...] = field(rows(2, "rows of two numbers, [stretch, tension]"), default=())
     yields: bool = field(flag(), default=False)
     string_law: StringLaw | None = field(choice(StringLaw), default=None, none="absent")
+    mass: float | None = field(positive("kg"), default=None, none="absent for a massless string")
+    segments: int | None = field(whole(1, MOST_SEGMENTS), default=None, none="absent")
 
     def __attrs_post_init__(self) -> None:
         given = [name for name in PRESTRESS if getattr(self, name) is not None]
@@ -239,6 +246,16 @@ class String:
             raise refused(self, wrong)
         if self.curve:
             object.__setattr__(self, "stiffness", self.curve[0][1] / self.curve[0][0])
+        if self.segments is not None and self.mass is None:
+            raise refused(self, f"segments = {self.segments} without mass: a massless string has none; give both")
+        if self.mass is not None and len(self.nodes) > 2:
+            raise refused(
+                self,
+                f"mass = {self.mass:g} kg on a path of {len(self.nodes)} nodes: a string slides over pulleys without "
+                "mass only; leave its mass out, or end strings with mass at the pulleys",
+            )
+        if self.mass is not None and self.is_constant:
+            raise refused(self, f"mass = {self.mass:g} kg with a constant force: it has no rest length to be shared")
 
     @property
     def is_constant(self) -> bool:

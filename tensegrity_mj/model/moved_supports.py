@@ -12,6 +12,7 @@ from tensegrity_mj.errors import SceneError
 from tensegrity_mj.model.members import Rod, null_space_basis
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.rods import mass_products
+from tensegrity_mj.model.ropes import with_ropes
 from tensegrity_mj.model.structure import Structure
 
 if TYPE_CHECKING:
@@ -101,6 +102,7 @@ def moved_positions(structure: Structure, motions: Sequence[Motion]) -> Array:
         shift, fits = _common(structure, cluster, starts)
         if fits:
             nodes[_rows_of(structure, cluster)] += shift
+    nodes = with_ropes(structure, nodes, structure.positions)
     nodes.flags.writeable = False
     return nodes
 
@@ -138,6 +140,8 @@ def velocities_with_supports(
         others = {*structure.fixed_nodes, *(node for body in structure.bodies for node in body.nodes)}
         rows = [row for row, name in enumerate(structure.node_names) if name not in others]
         given[rows] = _projected(structure, nodes, range(len(structure.rods)), rows, starts, given[rows])
+    if velocities is None:
+        given = with_ropes(structure, given, np.zeros_like(nodes))
     given.flags.writeable = False
     return given
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -52,3 +53,22 @@ def index_pairs(
             raise StructureError(f"{what}[{row}] = {path}: it must join two different nodes")
         found.append(path)
     return found
+
+
+def joined_rods(ends: Sequence[tuple[str, str]], rods_at: Mapping[str, tuple[int, ...]]) -> tuple[tuple[int, ...], ...]:
+    """See `Structure.clusters`."""
+    seen: set[int] = set()
+    left = dict(rods_at)  # each node is looked at once, however many rods it has
+    found = []
+    for first in range(len(ends)):
+        if first in seen:
+            continue
+        cluster, todo = {first}, [first]
+        while todo:
+            for name in ends[todo.pop()]:
+                new = [row for row in left.pop(name, ()) if row not in cluster]
+                cluster.update(new)
+                todo.extend(new)
+        seen |= cluster
+        found.append(tuple(sorted(cluster)))
+    return tuple(found)

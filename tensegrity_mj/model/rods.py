@@ -122,10 +122,10 @@ def centre_of_mass(structure: Structure, nodes: Array) -> Array:
 
 
 def mass_places(structure: Structure) -> list[tuple[int, int, float, str]]:
-    """Where point masses and those on rods are: node rows i, j, the part s of the way between; and in words."""
+    """Where masses are as given, on nodes and rods: node rows i, j, the part s of the way between; and in words."""
     points = [
         (i, i, 0.0, f"{one.mass:.4g} kg at {one.node}")
-        for one in structure.point_masses
+        for one in structure.given.point_masses
         for i in [structure.node_index[one.node]]
     ]
     return points + [

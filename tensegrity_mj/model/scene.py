@@ -27,6 +27,7 @@ from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.motion import Motion
 from tensegrity_mj.model.moved_supports import moved_positions, velocities_with_supports
 from tensegrity_mj.model.redundancy import Redundancy, redundancy
+from tensegrity_mj.model.ropes import completed
 from tensegrity_mj.model.scene_checks import check_scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
@@ -45,7 +46,7 @@ class Scene:
         initial_velocities: (N, 3) [m/s]; at rest by default, seen from the supports where these move.
         loads: external forces on nodes, either `Load`s or a function t -> (N, 3) [N].
         breaks: strings that break, each at its time.
-        target: what a controller aims at.
+        target: what a controller aims at; of the nodes that are no rope's.
         control: the law that the scene is run with unless another is given.
         duration: [s], what the scene is run for unless another duration is given.
         contact: what may touch: rods and a floor, rods and rods; None, the default, for nothing.
@@ -86,7 +87,20 @@ class Scene:
     def __attrs_post_init__(self) -> None:
         if self.name == "":
             object.__setattr__(self, "name", self.structure.name)
+        if self.structure.ropes:
+            self._complete()
         check_scene(self)
+
+    def _complete(self) -> None:
+        """Ropes stand straight where a start has none of their nodes, and break at their first part."""
+        structure = self.structure
+        for what, base in (("initial_nodes", structure.positions), ("initial_velocities", 0 * structure.positions)):
+            given = getattr(self, what)
+            if given is not None:
+                object.__setattr__(self, what, completed(structure, given, base))
+        parts = {rope.string.name: rope.parts[0].name for rope in structure.ropes}
+        breaks = (replace(event, string=parts.get(event.string, event.string)) for event in self.breaks)
+        object.__setattr__(self, "breaks", tuple(breaks))
 
     def __repr__(self) -> str:
         structure = self.structure

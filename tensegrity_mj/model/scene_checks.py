@@ -48,7 +48,7 @@ def check_scene(scene: Scene) -> None:
         check_water(scene)
     check_elements(scene)
     if scene.target is not None:
-        check_target(structure, scene.target)
+        check_target(structure.massless, scene.target)
 
 
 def _check_loads(scene: Scene) -> None:
@@ -56,7 +56,7 @@ def _check_loads(scene: Scene) -> None:
     if not callable(scene.loads):
         for number, load in enumerate(scene.loads):
             if load.node not in structure.node_index:
-                raise SceneError(f"loads[{number}]: {unknown_node(load.node, structure)}")
+                raise SceneError(f"loads[{number}]: {unknown_node(load.node, structure.nodes)}")
         return
     try:
         forces = np.asarray(scene.loads(0.0), float)

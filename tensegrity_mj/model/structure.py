@@ -15,16 +15,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tensegrity_mj.basics.arrays import Array, IntArray
-from tensegrity_mj.basics.checks import checked, real_array, sequence_of
+from tensegrity_mj.basics.checks import checked, real_array
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import Kind, Wrong, choice, direction, names, parts, printable_name, text, vector
 from tensegrity_mj.errors import StructureError
 from tensegrity_mj.model.bodies import Body, Frame, frame_of
-from tensegrity_mj.model.composition import mapped, merged, rotation_matrix, with_strings
+from tensegrity_mj.model.composition import mapped, merged, rotation_matrix, sectioned, with_strings
 from tensegrity_mj.model.constraints import Constraint, constraint_rows
 from tensegrity_mj.model.from_arrays import members_from
 from tensegrity_mj.model.members import LIMITS, PointMass, Rod, String, Support, Vector, lumps_of
-from tensegrity_mj.model.node_indices import array_of_shape
+from tensegrity_mj.model.node_indices import array_of_shape, joined_rods
+from tensegrity_mj.model.ropes import Given, Rope, as_given, expanded, without_mass
 from tensegrity_mj.model.section import Section
 from tensegrity_mj.model.string_paths import Paths
 from tensegrity_mj.model.strings import StringLaw
@@ -60,6 +61,8 @@ class Structure:
         fixed_nodes: names of nodes that are fixed in space and belong to no rod.
         string_law: clipped (default) or unclipped, see `strings`.
         constraints: what nodes keep besides, each a linear equation of their coordinates.
+        ropes: of the strings with mass, what stands for them among `nodes`, `strings` and `point_masses`; not to be
+            given. `given` has these as they were.
 
     Raises:
         StructureError: on construction, if anything is invalid; the message names the item at fault.
@@ -74,10 +77,13 @@ class Structure:
     string_law: StringLaw = field(choice(StringLaw), default=StringLaw.CLIPPED)
     constraints: tuple[Constraint, ...] = field(parts(Constraint), default=())
     bodies: tuple[Body, ...] = field(parts(Body), default=())
+    ropes: tuple[Rope, ...] = field(None, default=())
 
     __hash__ = None  # type: ignore[assignment]
 
     def __attrs_post_init__(self) -> None:
+        for name, of_all in expanded(self).items():
+            object.__setattr__(self, name, of_all)
         check_structure(self)
 
     @classmethod
@@ -97,12 +103,14 @@ class Structure:
         supports: Sequence[Support] | None = None,
         fixed_nodes: Sequence[int] = (),
         point_masses: Mapping[int, float] | None = None,
+        string_mass: ArrayLike | None = None,
+        segments: int | None = None,
         name: str = "structure",
         string_law: StringLaw = StringLaw.CLIPPED,
     ) -> Structure:
         """The same from arrays: nodes (N, 3); rods (R, 2) and strings (M, 2), or M paths, as node indices from 0.
 
-        Scalars broadcast over members. Nodes become n1, n2, ...; rods r1, ...; strings s1, ...
+        Scalars broadcast over members; no `string_mass` is 0. Nodes become n1, n2, ...; rods r1, ...; strings s1, ...
 
         Raises:
             StructureError: as the constructor, and for arrays of the wrong shape.
@@ -113,7 +121,8 @@ class Structure:
     def with_strings(self, **changes: ArrayLike | None) -> Structure:
         """A copy whose strings have other numbers: stiffness, damping, how they are taut, limits or `strength`.
 
-        Values are scalars or (M,). Giving a rest length, tension or force density replaces whichever of the three was
+        Values are scalars or (M,); of a structure with ropes, scalars and one value for each of its strings as given
+        are of ropes as wholes. Giving a rest length, tension or force density replaces whichever of the three was
         there; None removes it, so that the strings are taut without tension at the reference nodes. A limit of None
         is lifted, and a strength of None is unknown. A stiffness scales the tensions of a string's curve.
         """
@@ -122,8 +131,9 @@ class Structure:
     def placed(self, nodes: ArrayLike) -> Structure:
         """A copy whose reference nodes are at nodes (N, 3) [m]; rods are as long as they are there, bodies turned."""
         places = array_of_shape("nodes", nodes, (len(self.nodes), 3))
+        stay = tuple(replace(rope, straight=None) for rope in self.ropes)  # wherever their points are
         bodies = tuple(body.placed(frame, places) for body, frame in zip(self.bodies, self.frames, strict=True))
-        return replace(self, nodes=dict(zip(self.nodes, places.tolist(), strict=True)), bodies=bodies)
+        return replace(self, nodes=dict(zip(self.nodes, places.tolist(), strict=True)), bodies=bodies, ropes=stay)
 
     def with_sections(self, sections: Section | Sequence[Section | None] | None) -> Structure:
         """A copy whose rods have that section, or one each (R of them) in their order; None: not known.
@@ -131,14 +141,7 @@ class Structure:
         Raises:
             StructureError: if there are not as many sections as rods, or one of them is not valid.
         """
-        same = sections is None or isinstance(sections, Section)
-        chosen = (
-            (sections,) * len(self.rods) if same else sequence_of("with_sections: sections", sections, StructureError)
-        )
-        if len(chosen) != len(self.rods):
-            raise StructureError(f"with_sections: {len(chosen)} sections for {len(self.rods)} rods; give one a rod")
-        rods = (replace(rod, section=section) for rod, section in zip(self.rods, chosen, strict=True))
-        return replace(self, rods=tuple(rods))
+        return sectioned(self, sections)
 
     def with_elastic_rods(self, damping: float = 0.0) -> Structure:
         """A copy whose rods have the stiffness EA/ℓ of their sections, and that damping [N s/m].
@@ -197,6 +200,20 @@ class Structure:
         return merged(self, other, join, prefix)
 
     @cached_property
+    def given(self) -> Given:
+        """What it was made of: `nodes`, `rods`, `strings` and `point_masses` with ropes as strings with mass."""
+        return as_given(self)
+
+    @cached_property
+    def massless(self) -> Structure:
+        """As laws see it: ropes are light strings, so that nodes are the first of this structure's; or this itself.
+
+        Raises:
+            StructureError: where a string is tied to a point of a rope.
+        """
+        return without_mass(self)
+
+    @cached_property
     def node_names(self) -> tuple[str, ...]:
         """Names in the order of the rows of every (N, 3) array."""
         return tuple(self.nodes)
@@ -228,21 +245,7 @@ class Structure:
     @cached_property
     def clusters(self) -> tuple[tuple[int, ...], ...]:
         """Rows of the rods that hang together through joints, a cluster each, in the order of their first rods."""
-        seen: set[int] = set()
-        left = dict(self.rods_at)  # each node is looked at once, however many rods it has
-        found = []
-        for first in range(len(self.rods)):
-            if first in seen:
-                continue
-            cluster, todo = {first}, [first]
-            while todo:
-                for name in self.rods[todo.pop()].nodes:
-                    new = [row for row in left.pop(name, ()) if row not in cluster]
-                    cluster.update(new)
-                    todo.extend(new)
-            seen |= cluster
-            found.append(tuple(sorted(cluster)))
-        return tuple(found)
+        return joined_rods([rod.nodes for rod in self.rods], self.rods_at)
 
     @cached_property
     def rod_nodes(self) -> IntArray:

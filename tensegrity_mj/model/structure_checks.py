@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -45,7 +45,7 @@ def check_structure(structure: Structure) -> None:
     _check_unique("constraint", (one.name for one in structure.constraints))
     for one in structure.constraints:
         for node in one.nodes:
-            _check_known(f"constraint '{one.name}'", node, structure)
+            _check_known(f"constraint '{one.name}'", node, structure.nodes)
     used = set(owner).union(*(string.nodes for string in structure.strings))
     for name in structure.nodes:
         if name not in used:
@@ -67,12 +67,12 @@ def size_of(structure: Structure) -> float:
 def _check_node_roles(structure: Structure) -> dict[str, str]:
     owner: dict[str, str] = {}
     for rod in structure.rods:
-        _check_ends(f"rod '{rod.name}'", rod.nodes, structure)
+        check_ends(f"rod '{rod.name}'", rod.nodes, structure.nodes)
         for name in rod.nodes:
             owner.setdefault(name, f"rod '{rod.name}'")
     _check_unique("fixed node", structure.fixed_nodes)
     for name in structure.fixed_nodes:
-        _check_known("fixed_nodes", name, structure)
+        _check_known("fixed_nodes", name, structure.nodes)
         if name in owner:
             raise StructureError(
                 f"fixed node '{name}' is an end of {owner[name]}: pin the rod there instead (support pinned at σ = 0 "
@@ -81,7 +81,7 @@ def _check_node_roles(structure: Structure) -> dict[str, str]:
         owner[name] = "a fixed node"
     ends = {name for rod in structure.rods for name in rod.nodes}
     for point in structure.point_masses:
-        _check_known("point mass", point.node, structure)
+        _check_known("point mass", point.node, structure.nodes)
         if point.node in ends and point.plane is not None:
             raise StructureError(
                 f"point mass on node '{point.node}': plane = {shown(point.plane)}, but {owner[point.node]} ends there "
@@ -95,7 +95,7 @@ def _check_node_roles(structure: Structure) -> dict[str, str]:
         owner[point.node] = f"the point mass on node '{point.node}'"
         ends.discard(point.node)
     for body in structure.bodies:
-        _check_ends(f"body '{body.name}'", body.nodes, structure)
+        check_ends(f"body '{body.name}'", body.nodes, structure.nodes)
         for name in body.nodes:
             if name in owner:
                 raise StructureError(
@@ -142,7 +142,7 @@ def _check_rods(structure: Structure, size: float) -> None:
     ends = structure.positions[structure.rod_nodes]
     # Below this part of the coordinates, their round-off decides where a rod points.
     lengths = norm(ends[:, 1] - ends[:, 0])
-    _check_lengths("rod", structure.rods, lengths, 1e-12 * np.abs(ends).max(axis=(1, 2), initial=0.0))
+    check_lengths("rod", structure.rods, lengths, 1e-12 * np.abs(ends).max(axis=(1, 2), initial=0.0))
     for rod, (a, b) in zip(structure.rods, ends, strict=True):
         support = rod.support
         if support.values is not None:
@@ -164,7 +164,7 @@ def _check_rods(structure: Structure, size: float) -> None:
 
 def _check_strings(structure: Structure, size: float, along: dict[frozenset[str], str]) -> None:
     for string in structure.strings:
-        _check_ends(f"string '{string.name}'", string.nodes, structure)
+        check_ends(f"string '{string.name}'", string.nodes, structure.nodes)
     paths = structure.paths
     if (pairs := int(np.sum(paths.counts**2))) > max(MOST_COUPLES, len(structure.strings)):
         longest = structure.strings[int(np.argmax(paths.counts))]
@@ -174,26 +174,11 @@ def _check_strings(structure: Structure, size: float, along: dict[frozenset[str]
         )
     segments = norm(paths.spans(structure.positions))
     pieces = [_Piece(string.name, pair) for string in structure.strings for pair in itertools.pairwise(string.nodes)]
-    _check_lengths("string", pieces, segments, np.full(len(segments), 1e-12 * size))
+    check_lengths("string", pieces, segments, np.full(len(segments), 1e-12 * size))
     lengths = paths.total(segments)
     seen: dict[tuple[str, ...], str] = {}
-    for string, length, rest in zip(structure.strings, lengths.tolist(), structure.rest_lengths, strict=True):
-        if not string.is_linear and not string.is_constant and not rest > 0:
-            raise StructureError(
-                f"string '{string.name}': its curve leaves it a rest length of {rest:.3g} m at its prestress; it must "
-                "be above zero: use a stiffer string, or less prestress"
-            )
-        for name, most, unit in (
-            ("tension", string.stiffness * length, "N"),
-            ("force_density", string.stiffness, "N/m"),
-        ):
-            value = getattr(string, name)
-            if string.is_linear and value is not None and value >= most:
-                raise StructureError(
-                    f"string '{string.name}': {name} = {value:g} {unit} leaves it a rest length of "
-                    f"{length * (1 - value / most):.3g} m, by L0 = L (1 - u/k); it must be below {most:g} {unit} for a "
-                    "rest length above zero: use a stiffer string, or less prestress"
-                )
+    for string, length, rest in zip(structure.strings, lengths.tolist(), structure.rest_lengths.tolist(), strict=True):
+        check_prestress(string, length, rest)
         same = seen.setdefault(string.unordered, string.name)
         if same != string.name:
             raise StructureError(
@@ -208,6 +193,23 @@ def _check_strings(structure: Structure, size: float, along: dict[frozenset[str]
                 "its length cannot change; remove it"
             )
         # A string between two fixed points is harmless, and found in published data: it loads nothing that moves.
+
+
+def check_prestress(string: String, length: float, rest: float) -> None:
+    """Raise StructureError unless how a string is taut at a length [m] leaves it a rest length [m] above zero."""
+    if not string.is_linear and not string.is_constant and not rest > 0:
+        raise StructureError(
+            f"string '{string.name}': its curve leaves it a rest length of {rest:.3g} m at its prestress; it must "
+            "be above zero: use a stiffer string, or less prestress"
+        )
+    for name, most, unit in (("tension", string.stiffness * length, "N"), ("force_density", string.stiffness, "N/m")):
+        value = getattr(string, name)
+        if string.is_linear and value is not None and value >= most:
+            raise StructureError(
+                f"string '{string.name}': {name} = {value:g} {unit} leaves it a rest length of "
+                f"{length * (1 - value / most):.3g} m, by L0 = L (1 - u/k); it must be below {most:g} {unit} for a "
+                "rest length above zero: use a stiffer string, or less prestress"
+            )
 
 
 class _Piece(NamedTuple):
@@ -231,7 +233,7 @@ def check_two_nodes(structure: Structure, reason: str) -> None:
             raise StructureError(f"string '{string.name}' runs through {len(string.nodes)} nodes: {reason}")
 
 
-def _check_lengths(kind: str, members: Sequence[Rod | _Piece], lengths: Array, limits: Array) -> None:
+def check_lengths(kind: str, members: Sequence[Rod | String | _Piece], lengths: Array, limits: Array) -> None:
     """Raise StructureError unless lengths [m] are above the limits that round-off sets, and of magnitudes that fit."""
     wrong = ~((lengths > limits) & (lengths >= SMALLEST) & (lengths <= LARGEST))
     for row in np.flatnonzero(wrong)[:1]:
@@ -242,9 +244,10 @@ def _check_lengths(kind: str, members: Sequence[Rod | _Piece], lengths: Array, l
         )
 
 
-def _check_ends(what: str, nodes: tuple[str, ...], structure: Structure) -> None:
+def check_ends(what: str, nodes: tuple[str, ...], known: Collection[str]) -> None:
+    """Raise StructureError unless a member's nodes are known, and each is another than the one before."""
     for name in nodes:
-        _check_known(what, name, structure)
+        _check_known(what, name, known)
     if len(nodes) == 2 and nodes[0] == nodes[1]:
         raise StructureError(f"{what} starts and ends on node '{nodes[0]}'; it must join two different nodes")
     for one, other in itertools.pairwise(nodes):
@@ -260,18 +263,18 @@ def _check_unique(kind: str, names: Iterable[str]) -> None:
         seen.add(name)
 
 
-def _check_known(what: str, name: str, structure: Structure) -> None:
-    if name not in structure.nodes:
-        raise StructureError(f"{what}: {unknown_node(name, structure)}")
+def _check_known(what: str, name: str, known: Collection[str]) -> None:
+    if name not in known:
+        raise StructureError(f"{what}: {unknown_node(name, known)}")
 
 
 def _nodes_of(member: Rod | String | _Piece) -> str:
     return " and ".join(f"'{name}'" for name in member.nodes)
 
 
-def unknown_node(name: object, structure: Structure) -> str:
-    meant = closest(name, structure.nodes) if isinstance(name, str) else ""
-    return f"unknown node {name!r}{meant}; the nodes are {names_of(structure.nodes)}"
+def unknown_node(name: object, known: Collection[str]) -> str:
+    meant = closest(name, known) if isinstance(name, str) else ""
+    return f"unknown node {name!r}{meant}; the nodes are {names_of(known)}"
 
 
 def names_of(members: Iterable[str]) -> str:

@@ -203,7 +203,7 @@ def plot_errors(runs: Trajectory | Sequence[Trajectory], path: PathLike | None =
                 look = {"color": palette.color_of(a), "marker": palette.marker_of(a), "ms": 3.5}
                 every = MARKS[a % len(MARKS)]
                 row[0].plot(run.time, values[:, a], lw=WIDTH, ls=style, label=label, markevery=every, **look)
-        for k, mass in enumerate(structure.point_masses):
+        for k, mass in enumerate(structure.given.point_masses):
             i = structure.node_index[mass.node]
             distance = np.linalg.norm(run.nodes[:, i] - reference[:, i], axis=-1)
             name = figure_text(mass.node) if k < MAX_LEGEND // 2 else None

@@ -66,14 +66,18 @@ def heights(panel: Axes, run: Trajectory) -> None:
 
 
 def tensions(panel: Axes, run: Trajectory) -> None:
-    """Of the strings, alike ones together; where there are none, speeds."""
+    """Of the strings, alike ones together and those with mass as wholes; where there are none, speeds."""
     structure = run.scene.structure
     if not structure.strings:
         speeds = np.linalg.norm(run.velocities, axis=-1)
         draw_curves(panel, run.time, speeds, structure.node_names)
         over_time(panel, "Speed of the nodes", "speed [m/s]")
         return
-    draw_curves(panel, run.time, run.tensions, [s.name for s in structure.strings], string_groups(structure))
+    names = [string.name for string in structure.given.strings]
+    if structure.ropes:
+        draw_curves(panel, run.time, np.stack([run.tension(name) for name in names], axis=1), names)
+    else:
+        draw_curves(panel, run.time, run.tensions, names, string_groups(structure))
     over_time(panel, "Tension of the strings", "tension [N]")
 
 

@@ -54,10 +54,10 @@ class Traces:
 
 
 def moving_rows(motion: Motion, tolerance: float) -> NDArray[np.int64]:
-    """Rows of the nodes of members that move farther than `tolerance` [m] from where they start."""
+    """Rows of the nodes of members as given that move farther than `tolerance` [m] from where they start."""
     index = motion.structure.node_index
     carried = set(motion.structure.rod_nodes.ravel().tolist())
-    carried |= {index[mass.node] for mass in motion.structure.point_masses}
+    carried |= {index[mass.node] for mass in motion.structure.given.point_masses}
     carried |= {int(row) for frame in motion.structure.moving_frames for row in frame.rows}
     travel = np.max(np.linalg.norm(motion.nodes - motion.nodes[0], axis=-1), axis=0)
     return np.array([row for row in sorted(carried) if travel[row] > tolerance], np.int64)

@@ -140,13 +140,13 @@ class Trajectory:
         return float(self.reports.get("accuracy", {}).get("error_estimate", float("nan")))
 
     def target_error(self) -> Array:
-        """(T,) [m]: largest distance of a node from its target at each time; NaN without a target."""
+        """(T,) [m]: largest distance of a node that is no rope's from its target at each time; NaN without a target."""
         if self.scene.target is None:
             return np.full(len(self.time), np.nan)
         from tensegrity_mj.dynamics.target import target_nodes
 
-        aims = target_nodes(self.scene.structure, self.scene.target, self.time)
-        return np.max(np.linalg.norm(self.nodes - aims, axis=-1), axis=1)
+        aims = target_nodes(self.scene.structure.massless, self.scene.target, self.time)
+        return np.max(np.linalg.norm(self.nodes[:, : aims.shape[1]] - aims, axis=-1), axis=1)
 
     def position(self, node: str) -> Array:
         """(T, 3) [m] of a node by its name; OptionError where there is none."""
@@ -157,12 +157,17 @@ class Trajectory:
         return np.asarray(self.velocities[:, self._number("node", node)])
 
     def tension(self, string: str) -> Array:
-        """(T,) [N] of a string by its name; OptionError where there is none."""
-        return np.asarray(self.tensions[:, self._number("string", string)])
+        """(T,) [N] of a string by its name, of one with mass the mean along it; OptionError where there is none."""
+        rows, shares = self._parts(string)
+        return np.asarray(self.tensions[:, rows] @ shares)
 
     def rest_length(self, string: str) -> Array:
-        """(T,) [m] of a string by its name; OptionError where there is none."""
-        return np.asarray(self.rest_lengths[:, self._number("string", string)])
+        """(T,) [m] of a string by its name, of one with mass the whole; OptionError where there is none."""
+        return np.asarray(self.rest_lengths[:, self._parts(string)[0]].sum(axis=1))
+
+    def length(self, string: str) -> Array:
+        """(T,) [m] of a string by its name, of one with mass along its parts; OptionError where there is none."""
+        return np.asarray(self.scene.structure.string_lengths(self.nodes)[:, self._parts(string)[0]].sum(axis=1))
 
     @property
     def rod_forces(self) -> Array:
@@ -184,6 +189,14 @@ class Trajectory:
         from tensegrity_mj.runs.statistics import statistics
 
         return statistics(self, quantity, after)
+
+    def _parts(self, string: str) -> tuple[list[int], Array]:
+        """The rows of what a string is made of, itself alone unless it has mass, and what part of it each is."""
+        rope = next((one for one in self.scene.structure.ropes if one.string.name == string), None)
+        if rope is None:
+            return [self._number("string", string)], np.ones(1)
+        first = self._number("string", rope.parts[0].name)
+        return list(range(first, first + len(rope.parts))), rope.shares
 
     def _number(self, dimension: str, name: str) -> int:
         names = labels_of(self.scene)[dimension]

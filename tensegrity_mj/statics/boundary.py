@@ -147,7 +147,7 @@ class Boundary:
                 raise OptionError(f"holds: {hold!r} is no Hold; use Hold(nodes, directions, displacement)")
             for name in hold.nodes:
                 if name not in index:
-                    raise OptionError(f"hold: {unknown_node(name, structure)}")
+                    raise OptionError(f"hold: {unknown_node(name, structure.nodes)}")
                 for direction in hold.basis:
                     add([(index[name], 1.0)], direction, float(direction @ np.array(hold.displacement)))
         places = [(r, c, v) for r, row in enumerate(rows) for c, v in row.items()]

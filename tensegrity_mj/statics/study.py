@@ -279,7 +279,7 @@ def _loads(structure: Structure, loads: Mapping[str, Sequence[float]] | ArrayLik
     forces = np.zeros((len(structure.nodes), 3))
     for name, force in loads.items():
         if name not in structure.node_index:
-            raise OptionError(f"loads: {unknown_node(name, structure)}")
+            raise OptionError(f"loads: {unknown_node(name, structure.nodes)}")
         forces[structure.node_index[name]] += real_array(f"load on '{name}'", force, (3,), "N", scalar=False)
     return forces
 

@@ -14,7 +14,7 @@ from tensegrity_mj.basics import interrupts, kinds
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import checked, instance, member
 from tensegrity_mj.basics.functions import function_of
-from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, NOT_FINITE, Law, NativeLaw
+from tensegrity_mj.dynamics.native.law import FAILED, NO_SOLUTION, NOT_FINITE, Law, NativeLaw, native_law
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.engines.requirements import require
 from tensegrity_mj.engines.table import ENGINES, checked_engine
@@ -167,10 +167,8 @@ class ManyRuns:
         for number, (scene, law) in enumerate(zip(scenes, laws, strict=True)):
             shared = (self.actuation, self.on_infeasible, self.output_interval, self.progress and number == 0)
             if id(law) in known and callable(getattr(law, "native", None)):
-                native: NativeLaw = law.native(scene.structure)  # type: ignore[union-attr]
-                first = requests[0]
-                native = replace(native, description=known[id(law)].description)
-                requests.append(replace(first, scene=scene, law=native, progress=False))
+                native = native_law(law, scene.structure, known[id(law)].description)
+                requests.append(replace(requests[0], scene=scene, law=native, progress=False))
             else:
                 requests.append(request_for(scene, law, total, *shared))
                 known[id(law)] = requests[-1].law

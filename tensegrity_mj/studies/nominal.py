@@ -53,6 +53,7 @@ class NominalWinches:
     @classmethod
     def between(cls, law: Any, nominal: Structure, plant: Structure) -> Any:
         """The law itself where stiffnesses are equal, or where it commands rest lengths, which need none."""
+        nominal, plant = nominal.massless, plant.massless
         lengths = getattr(law, "command", Command.FORCE_DENSITY) is Command.REST_LENGTH
         return law if lengths or np.array_equal(nominal.stiffness, plant.stiffness) else cls(law, nominal, plant)
 

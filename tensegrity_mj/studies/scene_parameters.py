@@ -44,7 +44,7 @@ def member_names(scene: Scene, path: str) -> list[str] | None:
     kind = head.rpartition(".")[2]
     known: Iterable[str] = ()
     if kind in MEMBERS:
-        known = _named(getattr(scene.structure, kind))
+        known = _named(getattr(scene.structure.given, kind))
     elif kind in ("nodes", "initial_nodes", "initial_velocities"):
         known = scene.structure.node_names
     elif kind == "motions":
@@ -109,7 +109,7 @@ def changed_scene(scene: Scene, kind: str, rest: str, path: str, value: Any) -> 
 
 def _with_members(scene: Scene, kind: str, which: str | None, others: Sequence[str], path: str, value: Any) -> Scene:
     structure = scene.structure
-    by_name = _named(getattr(structure, kind))
+    by_name = _named(getattr(structure.given, kind))
     meant: dict[str, list[str]] = {}  # members by their groups, or by their own names, which come first
     for key, member in by_name.items():
         meant.setdefault(getattr(member, "group", None) or key, []).append(key)
@@ -136,14 +136,19 @@ def _with_members(scene: Scene, kind: str, which: str | None, others: Sequence[s
             by_name[name] = changed(member, others, path, f"{MEMBERS[kind]} '{name}'", value)
         elif name in chosen:
             where = f"{path} of '{name}'" if isinstance(value, Scaled) else path
-            new = single(keys[part].kind, where, value, _now(structure, member, part, number))
+            new = single(keys[part].kind, where, value, _now(structure.massless, member, part, number))
             given_by = dict.fromkeys(REST) if part in REST else {}
             if kind == "strings" and part in ("stiffness", "curve"):  # tensions in proportion
                 by_name[name] = member.scaled_to(new)
             else:
                 by_name[name] = replace(member, **(given_by | {part: new}))
-    members: dict[str, Any] = {kind: tuple(by_name.values())}
-    return scene.with_(structure=replace(structure, **members))
+    members = structure.given._asdict() | {kind: tuple(by_name.values())}
+    changes: dict[str, Any] = {"structure": replace(structure, **members)}
+    if len(changes["structure"].nodes) != len(structure.nodes):  # ropes have other points, which stand straight
+        rows = len(structure.nodes) - sum(len(rope.points) for rope in structure.ropes)
+        starts = {key: getattr(scene, key) for key in ("initial_nodes", "initial_velocities")}
+        changes |= {key: start[:rows] for key, start in starts.items() if start is not None}
+    return scene.with_(**changes)
 
 
 def _now(structure: Any, member: Any, name: str, number: int) -> Any:
@@ -188,12 +193,14 @@ def _with_resistance(scene: Scene, others: Sequence[str], path: str, value: Any)
 
 
 def _with_break(scene: Scene, which: str | None, others: Sequence[str], path: str, value: Any) -> Scene:
-    strings = _named(scene.structure.strings)
+    strings = _named((*scene.structure.strings, *scene.structure.given.strings))
+    parts = {rope.string.name: rope.parts[0].name for rope in scene.structure.ropes}
     if which is None or others != ["time"]:
         raise OptionError(f"{path}: write breaks[STRING].time, with a string of {', '.join(strings)}")
     check_known(path, which, strings, "string")
     times = {event.string: event.time for event in scene.breaks}
-    times[which] = number_from(path, value, times.get(which))
+    broken = parts.get(which, which)  # a rope breaks at its first part
+    times[broken] = number_from(path, value, times.get(broken))
     return scene.with_(breaks=tuple(Break(string, time) for string, time in times.items()))
 
 

@@ -64,6 +64,7 @@ class CompiledLaw:
             )
         if not isinstance(self.structure, Structure):
             raise OptionError(f"CompiledLaw: structure = {self.structure!r}; use a Structure (scene.structure)")
+        object.__setattr__(self, "structure", self.structure.massless)
         member("CompiledLaw: command", self.command, Command)
         try:
             parameters = np.array(self.parameters, float).ravel()

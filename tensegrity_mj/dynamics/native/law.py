@@ -110,7 +110,7 @@ def around(inner: NativeLaw, function: Any, packed: Table) -> NativeLaw:
 
 def check_made_for(own: Structure, structure: Structure) -> None:
     """Raise OptionError unless a law's own structure has the nodes and strings of the plant's, in the same order."""
-    one, other = ((len(s.nodes), s.paths.nodes.tolist(), s.paths.ranges.tolist()) for s in (own, structure))
+    one, other = ((len(s.nodes), s.paths.nodes.tolist(), s.paths.ranges.tolist()) for s in (own.massless, structure))
     if one != other:
         raise OptionError(
             f"the law was made for '{own.name}' with {len(own.nodes)} nodes and {len(own.strings)} strings; "
@@ -118,8 +118,15 @@ def check_made_for(own: Structure, structure: Structure) -> None:
         )
 
 
-def native_law(law: Law | Callable[..., ArrayLike] | None, structure: Structure) -> NativeLaw:
+def native_law(
+    law: Law | Callable[..., ArrayLike] | None, structure: Structure, description: dict[str, Any] | None = None
+) -> NativeLaw:
     """The law as a C function: its own where it has one, else a call back into Python.
+
+    A structure with ropes is to it one whose strings have no mass, and its command is spread over their parts.
+
+    Args:
+        description: what the law says of itself, where that is known.
 
     Raises:
         OptionError: if it is neither callable nor a law.
@@ -132,10 +139,22 @@ def native_law(law: Law | Callable[..., ArrayLike] | None, structure: Structure)
             "not a class)"
         )
     if callable(getattr(law, "native", None)):
-        native: NativeLaw = law.native(structure)  # type: ignore[union-attr]
+        native: NativeLaw = law.native(structure.massless)  # type: ignore[union-attr]
     else:
-        native = _python_law(law, structure)
-    return replace(native, description=_description(law))
+        native = _python_law(law, structure.massless)
+    if structure.ropes:
+        from tensegrity_mj.dynamics.native.rope_law import rope_law  # needs numba
+
+        densities = native.command is Command.FORCE_DENSITY
+        curved = [string.name for string in structure.massless.strings if not string.is_linear]
+        if densities and curved:
+            raise OptionError(
+                f"string '{curved[0]}' is not linear, and other strings have mass: only rest lengths are commanded to "
+                "both; use a law that returns these, or leave out the masses or the curve"
+            )
+        spread = around(native, *rope_law(structure, native.address, native.context, densities))
+        native = replace(spread, command=Command.REST_LENGTH)
+    return replace(native, description=_description(law) if description is None else description)
 
 
 def _description(law: Any) -> dict[str, Any]:

@@ -220,7 +220,8 @@ def _point_body(
     # The moment of inertia never counts: the body only slides.
     inertia = numbers([point.mass * size(scene) ** 2 * 1e-4] * 3)
     ET.SubElement(body, "inertial", pos="0 0 0", mass=numbers([point.mass]), diaginertia=inertia)
-    radius = numbers([4 * thickness])
+    own = sum(len(rope.points) for rope in scene.structure.ropes)  # the last of them, drawn as strings are
+    radius = numbers([thickness if number >= len(scene.structure.lone_masses) - own else 4 * thickness])
     ET.SubElement(body, "geom", type="sphere", size=radius, **BALL)
     if scene.contact is not None and scene.contact.floor is not None:
         ball = numbers([POINT_RADIUS * size(scene)])

@@ -44,7 +44,7 @@ def scene_of(top: Table, structure: Structure, folder: Path | None = None) -> Sc
         if key in table.data and key in keys:
             by_node = BY_NODE.get(key)
             # What belongs to the world, such as a target, knows the structure where it stands.
-            known = structure if key in ("initial_nodes", "initial_velocities") else placed
+            known = structure if key in ("initial_nodes", "initial_velocities") else placed.massless
             given[key] = by_node(table, known) if by_node else read_key(keys[key], table, key)
     if whole is not None:
         turn = rotation_matrix(whole.rotation).T

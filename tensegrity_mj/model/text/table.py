@@ -11,6 +11,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.kinds import is_list, is_number, is_text
 from tensegrity_mj.basics.texts import closest
 from tensegrity_mj.errors import FormatError
+from tensegrity_mj.model.ropes import moved_ropes
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.structure_checks import names_of
 
@@ -86,7 +87,10 @@ class Table:
         return Table(data, self.file, f"{self.path}.{name}" if self.path else name, keys)
 
     def node_rows(self, structure: Structure, base: Array) -> Array:
-        """This table as node name = [x, y, z], over the rows of `base` (N, 3) for the nodes it leaves out."""
+        """This table as node name = [x, y, z], over the rows of `base` (N, 3) for the nodes it leaves out.
+
+        Those of ropes are left out together with their ends, or move with them.
+        """
         rows = np.array(base)
         for name in self.data:
             if name not in structure.node_index:
@@ -95,6 +99,9 @@ class Table:
                     f"{self.where}: unknown node '{name}'{closest(name, known)}; the nodes are {names_of(known)}"
                 )
             rows[structure.node_index[name]] = self.vector(name)
+        carried = moved_ropes(structure, rows, base)
+        left_out = [row for name, row in structure.node_index.items() if name not in self.data]
+        rows[left_out] = carried[left_out]
         return rows
 
 

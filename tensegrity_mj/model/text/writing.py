@@ -18,6 +18,7 @@ from tensegrity_mj.basics.fields import item_of
 from tensegrity_mj.basics.files import write_text
 from tensegrity_mj.basics.kinds import part
 from tensegrity_mj.errors import FormatError, SceneError
+from tensegrity_mj.model.ropes import moved_ropes
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure
@@ -86,11 +87,11 @@ def _structure_lines(structure: Structure, file_name: str) -> list[str]:
         lines.append(_entry("name", structure.name))
     if structure.string_law is not StringLaw.CLIPPED:
         lines.append(_entry("string_law", structure.string_law.value))
-    lines += [f"nodes.{_key(name)} = {_value(position)}" for name, position in structure.nodes.items()]
+    lines += [f"nodes.{_key(name)} = {_value(position)}" for name, position in structure.given.nodes.items()]
     if structure.fixed_nodes:
         lines.append(_entry("fixed_nodes", structure.fixed_nodes))
     for key in MEMBER_KEYS:
-        lines += _array(key, getattr(structure, key))
+        lines += _array(key, getattr(structure.given, key, getattr(structure, key)))
     return lines
 
 
@@ -112,7 +113,7 @@ def _scene_lines(scene: Scene) -> list[str]:
         still = np.zeros_like(structure.positions)
         lines += _section("scene.initial_velocities", _node_lines(structure, scene.initial_velocities, still))
     if scene.target is not None:
-        lines += _target_lines(structure, scene.target)
+        lines += _target_lines(structure.massless, scene.target)
     if scene.control is not None:
         lines += _section("scene.control", _lines(scene.control))
     return lines
@@ -149,8 +150,8 @@ def _node_table_lines(
 
 
 def _node_lines(structure: Structure, nodes: Array, base: Array) -> list[str]:
-    """A line for each node whose row is not bit by bit that of `base`."""
-    rows = zip(structure.node_names, nodes, base, strict=True)
+    """A line for each node whose row is not bit by bit that of `base`, for a rope's when its ends are as in `nodes`."""
+    rows = zip(structure.node_names, nodes, moved_ropes(structure, nodes, base), strict=True)
     return [_entry(name, row.tolist()) for name, row, other in rows if row.tobytes() != other.tobytes()]
 
 
