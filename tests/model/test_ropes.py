@@ -296,7 +296,7 @@ def test_what_does_not_fit_is_refused() -> None:
 
 
 def test_sweeps_know_ropes_by_their_names() -> None:
-    draft = Draft(mast()).apply({"structure.strings[s1].segments": 7.0, "structure.strings[s1].mass": Scaled(2.0)})
+    draft = Draft(mast()).apply({"structure.strings[s1].segments": 7, "structure.strings[s1].mass": Scaled(2.0)})
     assert string_of(draft.scene) == replace(string_of(mast()), mass=0.4, segments=7)
     draft = Draft(mast()).apply({"structure.strings.stiffness": 500.0, "scene.breaks[s1].time": 0.3})
     assert [string.stiffness for string in draft.scene.structure.given.strings] == [500.0] * 3
