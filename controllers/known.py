@@ -17,7 +17,8 @@ from tensegrity_mj.basics.checks import instance, real_array
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.dynamics.native.elements import native_element
 from tensegrity_mj.dynamics.native.pointers import address_of
-from tensegrity_mj.errors import OptionError, StructureError
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.capabilities import require_rigid
 from tensegrity_mj.model.elements.element import Element
 from tensegrity_mj.model.elements.resistance import Resistance
 from tensegrity_mj.model.elements.water import Water
@@ -86,12 +87,7 @@ def set_model(law: Any) -> None:
         OptionError, SceneError: for what cannot be its model.
     """
     instance("structure", law.structure, Structure, "use a Structure (scene.structure)")
-    for rod in law.structure.rods:
-        if rod.stiffness is not None:
-            raise StructureError(
-                f"rod '{rod.name}' is elastic: the laws of chapters 4 to 6 are for rigid rods; use a law of your own, "
-                "a recording, or none, or make the rods rigid (without stiffness)"
-            )
+    require_rigid(law.structure, "the laws of chapters 4 to 6 (use one of your own, a recording, or none) are")
     object.__setattr__(law, "structure", law.structure.massless)
     if law.target is None:
         raise OptionError("target = None: the law needs a target; give node positions (N, 3) or a Target")

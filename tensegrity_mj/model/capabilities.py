@@ -189,6 +189,13 @@ CONSTRAINTS_IN_LOOPS = Trait(
 ADDED_MASS_IN_LOOPS = Trait("closed loops and added mass", _and(_added, lambda scene: _closed(scene.structure)))
 
 
+def require_rigid(structure: Structure, who: str) -> None:
+    """Raise StructureError where a rod is elastic; `who` begins the sentence."""
+    for rod in structure.rods:
+        if rod.stiffness is not None:
+            raise StructureError(f"{who} for rods of constant length; here rod '{rod.name}' is elastic")
+
+
 def require_class_1(structure: Structure, who: str) -> None:
     """Raise StructureError where rods share nodes; `who` begins the sentence, as "the laws of chapters 4 to 6 are"."""
     if structure.bodies:

@@ -25,7 +25,7 @@ from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.dynamics.native.law import Law, NativeLaw, native_law
 from tensegrity_mj.errors import OptionError, SceneError
 from tensegrity_mj.model.actuation import Actuation
-from tensegrity_mj.model.capabilities import require_class_1
+from tensegrity_mj.model.capabilities import require_class_1, require_rigid
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.scene_checks import check_configuration
 from tensegrity_mj.runs.trajectory import Trajectory
@@ -103,7 +103,7 @@ class StepSearch:
     Raises:
         OptionError: for arrays of another shape, a time below zero, a run of another structure, and for what is no
             scene, engine, actuation or run.
-        StructureError: for the ODE, where rods share nodes.
+        StructureError: for the ODE, where rods share nodes or are elastic.
         SceneError: for nodes that stretch a rod, or are not where supports have them at that time, and where the
             scene's numbers are too far apart for eigenvalues.
         InfeasibleError, ControllerError: what the law says at the state.
@@ -126,6 +126,7 @@ class StepSearch:
         stepping = self.engine.stepping
         if stepping.polar:
             require_class_1(scene.structure, "the ODE is")
+            require_rigid(scene.structure, "the ODE is")
         mode = (self.actuation or Actuation.continuous()).mode
         law = self.law
         native = law if isinstance(law, NativeLaw) or law is None else native_law(law, scene.structure)

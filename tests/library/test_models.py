@@ -83,7 +83,7 @@ def test_plain_mujoco_loads_and_steps_the_mjcf(folder: Path) -> None:
     assert model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
     own = any(len(string.curve) > 1 for string in scene.structure.strings) or scene.structure.constraints
     if own or scene.motions or scene.loads or scene.water or scene.structure.string_law is StringLaw.UNCLIPPED:
-        # What moves supports, holds nodes, pulls by curves, flows and lets dampers push is the engine's, not in the file.
+        # What moves supports, holds nodes, pulls by curves, flows and lets dampers push is the engine's alone.
         return
     # The very model that the engine steps, so the very same motion: there is no law, and control zero is the design.
     mujoco.mj_kinematics(model, data)

@@ -12,12 +12,16 @@ import pytest
 from soft_scenes import LENGTH, MASS, K, bar, rigid, soft_chain, soft_pair
 
 import tensegrity_mj as tmj
+from tensegrity_mj.dynamics.native.law import native_law
+from tensegrity_mj.engines.accuracy.rates import rates_at_start
+from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import StructureError, TensegrityError
 from tensegrity_mj.exchange.importing import import_scene
 from tensegrity_mj.exchange.menagerie import save_menagerie
 from tensegrity_mj.exchange.tables import save_csv
 from tensegrity_mj.model import Section
 from tensegrity_mj.statics import find_equilibrium, natural_modes
+from tensegrity_mj.studies.extremes.pace import pace
 from tensegrity_mj.studies.scene_parameters import changed_scene
 from tensegrity_mj.studies.validation import measures, sentences
 
@@ -145,7 +149,9 @@ def test_the_dae_has_a_rod_held_between_its_ends() -> None:
 def test_laws_of_the_thesis_refuse_elastic_rods() -> None:
     scene = tmj.load_scene("prism")
     soft = replace(scene.structure, rods=tuple(replace(rod, stiffness=1e4) for rod in scene.structure.rods))
-    with pytest.raises(StructureError, match="rod 'rod1' is elastic: the laws of chapters 4 to 6 are for rigid rods"):
+    with pytest.raises(
+        StructureError, match=r"laws of chapters 4 to 6 .* for rods of constant length; here rod 'rod1'"
+    ):
         tmj.simulate(scene.with_(structure=soft), "lyapunov", duration=0.1)
 
 
@@ -184,6 +190,21 @@ def test_linear_models_of_rods_that_share_nodes_agree_with_small_motions() -> No
     values = np.abs(np.linalg.eigvals(tmj.linearize(scene, tmj.DAE()).A))
     found = tmj.stable_step(scene, tmj.DAE(method=tmj.Method.RK4, timestep=1e-3))
     assert found.omega == pytest.approx(values.max(), rel=1e-8)
+
+
+def test_rough_rates_have_the_axial_mode() -> None:
+    """Those by which accuracy and the audit of extremes begin: ω² = 12 k/m, and 12 c/m; with a mass m on an end
+    μ = m/3 - (m/2)²/2m of it moves, and the stiffest of two springs in a chain is no less than either.
+    """
+    scene = bar(damping=2.0)
+    rates, rough = rates_at_start(Request(scene, native_law(None, scene.structure), duration=1.0)), pace(scene)
+    for omega, decay in ((rates.turn, rates.decay), (rough.vibration, rough.decay)):
+        assert omega == pytest.approx(math.sqrt(12 * K / MASS), rel=1e-12)
+        assert decay == pytest.approx(12 * 2.0 / MASS, rel=1e-12)
+    laden = scene.with_(structure=replace(scene.structure, point_masses=(tmj.PointMass("b", MASS),)))
+    moving = MASS / 3 - (MASS / 2) ** 2 / (2 * MASS)
+    assert pace(laden).vibration == pytest.approx(math.sqrt(K / moving), rel=1e-12)
+    assert tmj.stable_step(laden, tmj.MuJoCo(1e-3)).omega == pytest.approx(math.sqrt(K / moving), rel=1e-12)
 
 
 STEPS = {

@@ -13,9 +13,11 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.model.elements.elastic_rods import Bars
 from tensegrity_mj.model.rigidity import members_at
 from tensegrity_mj.model.rods import mass_products
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.model.string_paths import Paths
 from tensegrity_mj.model.strings import elastic_tension
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.vibration.blocks import spring_blocks
@@ -54,8 +56,13 @@ def pace(scene: Scene, force_density: float = 0.0) -> Pace:
     held = force_density * paths.shares(lengths)
     across = np.maximum(tension[paths.strings] / lengths, held)
     material = np.maximum(structure.stiffness, force_density)
-    K = _assembled(structure, spring_blocks(paths, along, material, across))
-    C = _assembled(structure, spring_blocks(paths, along, structure.damping, 0.0 * across))
+    N, bars = len(structure.nodes), Bars.of(structure)
+    bar_paths, bar_along = Paths.of(bars.nodes), members_at(bars.nodes, scene.nodes0).directions
+    none = np.zeros(len(bars.rows))
+    K = _assembled(paths, N, spring_blocks(paths, along, material, across))
+    K = K + _assembled(bar_paths, N, spring_blocks(bar_paths, bar_along, bars.stiffness, none))
+    C = _assembled(paths, N, spring_blocks(paths, along, structure.damping, 0.0 * across))
+    C = C + _assembled(bar_paths, N, spring_blocks(bar_paths, bar_along, bars.damping, none))
     first, second = (scene.velocities0[structure.rod_nodes[:, end]] for end in (0, 1))
     spins = np.linalg.norm(second - first, axis=1) / structure.rod_lengths
     return Pace(float(np.sqrt(_largest(W, K))), _largest(W, C), float(spins.max(initial=0.0)))
@@ -77,6 +84,7 @@ def mobility(structure: Structure, nodes: Array) -> Any:
         b, sigma = nodes[j] - nodes[i], rod.support.sigma
         E = rod.support.translation_basis
         swings = np.cross(_axes(rod.support.plane, b), b).T  # (3, 1 or 2): d b / d angle
+        swings = swings if rod.stiffness is None else rod.support.rotation_basis  # which lengthens, too
         J = np.vstack([np.hstack([E, -sigma * swings]), np.hstack([E, (1 - sigma) * swings])])
         # A thin rod's kinetic energy in its ends' velocities: m/6 (v1·v1 + v1·v2 + v2·v2).
         first, second, both = mass_products(0.0, lumps)
@@ -105,13 +113,13 @@ def _axes(plane: Any, b: Array) -> Array:
     return np.asarray(vt[1:])
 
 
-def _assembled(structure: Structure, blocks: Array) -> Any:
+def _assembled(paths: Paths, count: int, blocks: Array) -> Any:
     """Σ over couples of segments of (e_j - e_i) block (e_j - e_i)ᵀ, (3N, 3N) sparse, from blocks (P, 3, 3)."""
     from scipy import sparse
 
-    size, axes = 3 * len(structure.nodes), np.arange(3)
+    size, axes = 3 * count, np.arange(3)
     rows, columns, values = [], [], []
-    first, second = (structure.paths.nodes[row] for row in structure.paths.couples.T)
+    first, second = (paths.nodes[row] for row in paths.couples.T)
     for one, sign in ((0, -1.0), (1, 1.0)):
         for other, other_sign in ((0, -1.0), (1, 1.0)):
             a, b = first[:, one], second[:, other]
