@@ -36,6 +36,7 @@ class Kind(enum.Enum):
     INFEASIBLE = "infeasible targets"
     PAST_LIMIT = "steps near and past the stability limit"
     SPIN = "free flight with spin"
+    THREADED = "strings over pulleys"
     JOINED = "rods that share nodes: trees and loops"
     MOVED = "supports that move"
     RESISTED = "fluid, bending joints and wind"

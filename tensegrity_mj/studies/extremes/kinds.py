@@ -291,6 +291,21 @@ def _spin(rng: Rng) -> Experiment:
     return Experiment(scene, facts={"spin": spin, "strings": len(structure.strings)}, cycles=(1.0, 10.0))
 
 
+def _threaded(rng: Rng) -> Experiment:
+    structure = ordinary(rng, stiffness=(10.0, log_uniform(rng, 11.0, 1e5)))
+    names = list(structure.nodes)
+    # No node twice in a row: a draw of another one each time.
+    path = [int(rng.integers(len(names)))]
+    for _ in range(int(rng.integers(2, 7))):
+        path.append((path[-1] + int(rng.integers(1, len(names)))) % len(names))
+    length = float(np.linalg.norm(np.diff(structure.positions[path], axis=0), axis=1).sum())
+    k, taut = log_uniform(rng, 10.0, 1e5), rng.uniform(-0.3, 0.3)
+    string = String("threaded", tuple(names[i] for i in path), k, rest_length=length * (1 - taut))
+    structure = replace(structure, strings=(*structure.strings, string))
+    facts = {"nodes": len(path), "k": k, "stretch": taut}
+    return maybe_driven(rng, _scene(rng, structure), facts)
+
+
 def _large(rng: Rng) -> Experiment:
     structure = random_structure(rng, rods=500, support=["free", "pinned"], strings=1500, stretch=(0.05, 0.1))
     scene = random_scene(rng, structure, moving=0.1)
@@ -321,6 +336,7 @@ _DRAW: dict[Kind, Callable[[Rng], Experiment]] = {
     Kind.INFEASIBLE: _infeasible,
     Kind.PAST_LIMIT: _past_limit,
     Kind.SPIN: _spin,
+    Kind.THREADED: _threaded,
     Kind.JOINED: surroundings.joined,
     Kind.MOVED: surroundings.moved,
     Kind.RESISTED: surroundings.resisted,

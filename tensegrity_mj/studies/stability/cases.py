@@ -104,8 +104,8 @@ def base_structure(scene: Scene) -> tuple[Structure, str]:
     plain = found.with_strings(stiffness=STIFFNESS, force_density=0.0)
     even = _with_densities(plain, u * (PRESTRAIN * STIFFNESS / u.max()))
     return _at_prestrain(even, PRESTRAIN), (
-        f"a random taut structure of {count} rods (seed {SUBSTITUTE_SEED}) in place of {structure.name}, which cannot "
-        f"be prestressed as it is: {reason}"
+        f"a random taut structure of {count} rod{'s' * (count > 1)} (seed {SUBSTITUTE_SEED}) in place of "
+        f"{structure.name}, which cannot be prestressed as it is: {reason}"
     )
 
 
