@@ -105,6 +105,8 @@ def _matrix(system: Any, added: Any, q: Any, scale: Any) -> Any:
 def _solve(system: Any, matrix: Any, scale: Any, x: Any) -> Any:
     """What the scaled equations have as their solution, that of least norm where constraints depend on each other."""
     scaled = scale * x
+    if not (np.all(np.isfinite(scaled)) and np.all(np.isfinite(matrix))):  # of a run that diverges
+        return np.full(len(x), np.nan)
     if system.redundant:
         return scale * np.linalg.lstsq(matrix, scaled, LEAST_SINGULAR_VALUE)[0]
     return scale * np.linalg.solve(matrix, scaled)

@@ -223,7 +223,7 @@ def prestressability(
         holds: further nodes that are held; not with a model or a state, which have their own.
 
     Raises:
-        OptionError: for arguments that do not fit, and members without length.
+        OptionError: for arguments that do not fit, members without length, and structures with bodies.
     """
     tensions = forces = None
     if isinstance(source, StaticState):
@@ -241,6 +241,11 @@ def prestressability(
         places = model.start if nodes is None else real_array("nodes", nodes, shape, "m", scalar=False)
     if holds and isinstance(source, (StaticModel, StaticState)):
         raise OptionError("prestressability: holds: a model has its own; leave them out, or give its scene")
+    for body in model.structure.bodies:
+        raise OptionError(
+            f"prestressability: '{body.name}' is a body; what prestress does to motions is found for rods and strings "
+            "alone: self_stress counts its states, and find_equilibrium(...).lowest_stiffness says whether it stands"
+        )
     at = Assembly.of(model.structure, model.boundary, np.array(places, float), model.whole)
     return _analysed(at, None if tensions is None or forces is None else np.concatenate([tensions, forces]))
 

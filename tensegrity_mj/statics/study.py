@@ -266,8 +266,10 @@ class Analysis:
 analyse = function_of(Analysis)
 
 
-def _prestressability(state: StaticState) -> Prestressability:
+def _prestressability(state: StaticState) -> Prestressability | None:
     """Of the state's own forces; where nothing is under any, of what could be prestressed there."""
+    if state.model.structure.bodies:
+        return None
     if np.any(state.settled(state.tensions)) or np.any(state.settled(state.rod_forces)):
         return prestressability(state)
     return prestressability(state.model, nodes=state.nodes)

@@ -174,6 +174,8 @@ def test_what_cannot_be_done_is_refused_with_its_reason():
         tmj.simulate(scene.with_(contact=tmj.model.Contact(floor=-3.0)), duration=0.1)
     with pytest.raises(tmj.errors.StructureError, match="'stone' is a body"):
         tmj.simulate(scene, tmj.controllers.Lyapunov(scene.structure, scene.nodes0))
+    with pytest.raises(tmj.errors.OptionError, match=r"prestressability: 'stone' is a body.*lowest_stiffness"):
+        tmj.statics.prestressability(scene)
 
 
 def test_statics_modes_and_steps_are_those_of_the_engines_linear_models():
