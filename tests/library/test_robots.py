@@ -37,6 +37,8 @@ def test_a_prism_is_in_balance_at_its_closed_form(n: int) -> None:
     scene = prism(n, tension=30.0)
     structure = scene.structure
     assert (len(structure.rods), len(structure.strings)) == (n, 3 * n)
+    np.testing.assert_allclose(structure.rod_lengths, 0.5, rtol=1e-13)
+    assert np.ptp(structure.positions[:, 2]) == pytest.approx(0.3, rel=1e-13)
     lengths = structure.string_lengths(structure.positions)
     tensions = structure.stiffness * (lengths - structure.rest_lengths)
     np.testing.assert_allclose(tensions[: 2 * n], 30.0, rtol=1e-12)
