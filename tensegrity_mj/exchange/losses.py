@@ -17,12 +17,13 @@ def left_out(scene: Scene, kept: Sequence[str]) -> list[str]:
     notes = []
     if scene.structure.string_law is not StringLaw.CLIPPED:
         notes.append(f"the string law '{scene.structure.string_law.value}' is left out")
-    for words, has in (
-        ("the tension curves of strings {} are left out, but for their first slopes", lambda one: len(one.curve) > 1),
-        ("strings {} pull with a constant force, which is left out", lambda one: one.is_constant),
-        ("the string laws of strings {} are left out", lambda one: one.string_law is not None),
+    strings = scene.structure.strings
+    curved, own = [len(one.curve) > 1 for one in strings], [one.string_law is not None for one in strings]
+    for words, having in (
+        ("the tension curves of strings {} are left out, but for their first slopes", curved),
+        ("the string laws of strings {} are left out", own),
     ):
-        if names := [one.name for one in scene.structure.strings if has(one)]:
+        if names := [string.name for string, has in zip(strings, having, strict=True) if has]:
             notes.append(words.format(names_of(names)))
     structure = scene.structure
     if any(point.damping for point in structure.point_masses):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.basics.files import checked, replacing
+from tensegrity_mj.errors import StructureError
 from tensegrity_mj.exchange.draft import AXES, held_axes
 from tensegrity_mj.exchange.losses import left_out
 from tensegrity_mj.model.rods import own_masses
@@ -35,6 +36,12 @@ def save_mat(scene: Scene, path: str | os.PathLike[str]) -> tuple[Path, list[str
         structure,
         "MATLAB data of STEDY and MOTES have two nodes a member, in C_b and C_s; save the scene as MJCF",
     )
+    for string in structure.strings:
+        if string.is_constant:
+            raise StructureError(
+                f"string '{string.name}' pulls with a constant force: MATLAB data of STEDY and MOTES have a "
+                "stiffness for each string; save the scene as MJCF or CSV"
+            )
     # Where supports move, the start is that of their motion, which is left out.
     start, speeds = (scene.nodes0, scene.velocities0) if not scene.motions else (structure.positions, 0 * scene.nodes0)
     nodes = start.T

@@ -121,8 +121,9 @@ def _add_controls(root: ET.Element, scene: Scene) -> None:
     sensors = ET.Element("sensor")
     least = np.maximum(structure.limits("min_rest_length"), 0.0)
     for actuator, rest, low in zip(actuators, structure.rest_lengths, least, strict=True):
-        actuator.set("ctrllimited", "true")
-        actuator.set("ctrlrange", numbers([min(low - rest, 0.0), rest]))
+        if rest > 0:  # a string of constant force has no rest length
+            actuator.set("ctrllimited", "true")
+            actuator.set("ctrlrange", numbers([min(low - rest, 0.0), rest]))
         for tag, kind, word in CONVENTIONS["sensors"]:
             name = str(actuator.get("name"))
             ET.SubElement(sensors, tag, {kind: name, "name": f"{name}_{word}"})

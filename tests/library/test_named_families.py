@@ -24,12 +24,14 @@ from tensegrity_mj.library import load_structure
 from tensegrity_mj.library.beam_in_waves import BeamEnd, beam_in_waves
 from tensegrity_mj.library.cable import RopeMass, cable
 from tensegrity_mj.library.cross import cross
+from tensegrity_mj.library.fish_farm import fish_net, moored_chain
 from tensegrity_mj.library.named import _HOME, family_names, is_family_call
 from tensegrity_mj.library.net import Held, net
 from tensegrity_mj.library.planar_beam import planar_beam
 from tensegrity_mj.library.prism import prism, three_bar_robot
 from tensegrity_mj.library.rolling import six_bar_roll
 from tensegrity_mj.library.six_bar import icosahedron, superball
+from tensegrity_mj.library.spine import spine
 from tensegrity_mj.library.suspended_cable import suspended_cable
 from tensegrity_mj.library.thesis_towers import appendix_beam, chapter7_tower
 from tensegrity_mj.library.tower import Axis, Topology, tower
@@ -71,6 +73,9 @@ CALLS: dict[str, tuple[str, Any]] = {
     "published robots": ("superball(drop=1)", lambda: superball(drop=1.0)),
     "another of them": ("three_bar_robot(prestress=.1)", lambda: three_bar_robot(prestress=0.1)),
     "with its program": ("six_bar_roll(steps=2)", lambda: six_bar_roll(steps=2)),
+    "moored": ("moored_chain(5, pull=2000)", lambda: moored_chain(5, pull=2000.0)),
+    "a net": ("fish_net(2, 3, solidity=.1)", lambda: fish_net(2, 3, solidity=0.1)),
+    "bodies": ("spine(3, push=0)", lambda: spine(3, push=0.0)),
     "of the study": ("chapter7_tower(2e4, 0.15)", lambda: chapter7_tower(2e4, 0.15)),
 }
 

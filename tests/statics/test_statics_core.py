@@ -102,7 +102,7 @@ def test_gradient_and_hessian_are_derivatives_of_the_energy(case: int | str, rod
     Z = model.boundary.Z.toarray()
     # Round-off of energies and forces, in units of force and stiffness.
     tension = float(
-        np.sum(model.stiffness * model.lengths(x)) + np.abs(model.external(parameter)).sum() + np.abs(N).sum()
+        np.sum(model.structure.stiffness * model.lengths(x)) + np.abs(model.external(parameter)).sum() + np.abs(N).sum()
     )
     rod = 0.0 if rods is Rods.RIGID else float(np.sum(model.rod_lengths / model.compliance))
     for _ in range(3):
@@ -322,7 +322,7 @@ def test_equilibria_are_those_of_another_assembly(name: str, gravity: tuple[floa
     scene = tmj.load_scene(name).with_(gravity=gravity, resistance=None)
     state = find_equilibrium(scene)
     left = equilibrium_residual(scene.structure, state.nodes, state.force_densities, gravity, scene.nodal_forces(0.0))
-    largest = float(np.max(state.model.stiffness * state.lengths, initial=0.0)) + float(
+    largest = float(np.max(state.model.structure.stiffness * state.lengths, initial=0.0)) + float(
         np.abs(state.model.forces).max()
     )
     assert np.abs(left).max() < 1e-11 * largest
