@@ -44,7 +44,7 @@ def member_names(scene: Scene, path: str) -> list[str] | None:
     kind = head.rpartition(".")[2]
     known: Iterable[str] = ()
     if kind in MEMBERS:
-        known = _named(getattr(scene.structure.given, kind))
+        known = _named(_members(scene.structure, kind))
     elif kind in ("nodes", "initial_nodes", "initial_velocities"):
         known = scene.structure.node_names
     elif kind == "motions":
@@ -109,7 +109,7 @@ def changed_scene(scene: Scene, kind: str, rest: str, path: str, value: Any) -> 
 
 def _with_members(scene: Scene, kind: str, which: str | None, others: Sequence[str], path: str, value: Any) -> Scene:
     structure = scene.structure
-    by_name = _named(getattr(structure.given, kind))
+    by_name = _named(_members(structure, kind))
     meant: dict[str, list[str]] = {}  # members by their groups, or by their own names, which come first
     for key, member in by_name.items():
         meant.setdefault(getattr(member, "group", None) or key, []).append(key)
@@ -211,6 +211,11 @@ def _node(scene: Scene, which: str | None, path: str) -> int:
         raise OptionError(f"{path}: name a node in brackets: {', '.join(names)}")
     check_known(path, which, names, "node")
     return scene.structure.node_index[which]
+
+
+def _members(structure: Any, kind: str) -> Any:
+    """Those of a kind as they were given, strings with mass among them."""
+    return getattr(structure.given, kind, getattr(structure, kind))
 
 
 def _named(members: Iterable[Any]) -> dict[str, Any]:

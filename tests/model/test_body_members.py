@@ -122,3 +122,5 @@ def test_a_sweep_sets_the_mass_of_a_body():
 
     changed = changed_scene(slung(), "structure", "bodies.mass", "structure.bodies.mass", 3.0)
     assert changed.structure.bodies[0].mass == 3.0
+    held = changed_scene(tmj.load_scene("spine"), "structure", "bodies[vertebra3].mass", "mass", 0.2)
+    assert [body.mass for body in held.structure.bodies] == [0.136, 0.136, 0.136, 0.2]
