@@ -287,6 +287,17 @@ def _set_strings(table: int, now: Moment) -> tuple[int, float, float]:
 
 
 @borrowing
+def _curved_control(run: Any, m: int, slack: bool) -> float:
+    """ctrl of a string where some have curves: by its tension, and well beyond zero tension where it is slack."""
+    k, length, damper = run.stiffness[m], run.lengths[m], run.damping[m] * run.rates[m]
+    if k == 0.0:  # [N] off its pull, of which a broken one has nothing
+        return run.pieces[run.piece_ranges[m, 0], 1] + abs(damper) if slack else 0.0
+    if slack:
+        return max(run.rest[m], length) + length + max(0.0, damper / k) - run.designed[m]
+    return length - run.elastic[m] / k - run.designed[m]
+
+
+@borrowing
 def set_controls(table: int) -> bool:
     """Controls such that neither spring nor damper of a slack string acts; False for one beyond.
 
@@ -301,18 +312,17 @@ def set_controls(table: int) -> bool:
     broken, damped, clipped, curved, elastic = run.broken, run.damped, run.clipped, run.curved, run.elastic
     sane = True
     for m in range(len(ctrl)):
-        L0 = max(rest[m], lengths[m]) if broken[m] else rest[m]
-        slack = lengths[m] <= L0
-        if curved and stiffness[m] > 0.0:
+        if curved:
             slack = elastic[m] <= 0.0
-            L0 = max(L0, lengths[m]) if slack else lengths[m] - elastic[m] / stiffness[m]
-        if slack and (damped or broken[m] or curved):
-            L0 += lengths[m] + max(0.0, damping[m] * rates[m] / stiffness[m] if stiffness[m] > 0.0 else 0.0)
+            ctrl[m] = _curved_control(run, m, slack)
+        else:
+            L0 = max(rest[m], lengths[m]) if broken[m] else rest[m]
+            slack = lengths[m] <= L0
+            if slack and (damped or broken[m]):
+                L0 += lengths[m] + max(0.0, damping[m] * rates[m] / stiffness[m])
+            ctrl[m] = L0 - designed[m]
         if not clipped[m]:
             force_range[m, 1] = 0.0 if slack else UNLIMITED
-        ctrl[m] = L0 - designed[m]
-        if stiffness[m] == 0.0:  # [N] off its pull, of which a broken one has nothing
-            ctrl[m] = run.pieces[run.piece_ranges[m, 0], 1] + abs(damping[m] * rates[m]) if broken[m] else 0.0
         sane &= abs(ctrl[m]) < BEYOND
     return sane
 
