@@ -57,11 +57,13 @@ def tighten_strings(table: int) -> tuple[float, float]:
     for m in range(len(rest)):
         stretch, pull, total = lengths[m] - rest[m], 0.0, 0.0
         if stretch > 0.0 and not broken[m]:
-            pull = curved_pull(plant, m, stretch) if curved else stiffness[m] * stretch
-            total = pull + damping[m] * rates[m]
-            if curved and pull <= 0.0:
-                total = 0.0
-            elif clipped[m]:
+            if curved:
+                pull = curved_pull(plant, m, stretch)
+                total = pull + damping[m] * rates[m] if pull > 0.0 else 0.0
+            else:
+                pull = stiffness[m] * stretch
+                total = pull + damping[m] * rates[m]
+            if clipped[m]:
                 total = max(0.0, total)
         elastic[m], tension[m] = pull, total
         stored += pull * rates[m]
