@@ -37,6 +37,7 @@ class Kind(enum.Enum):
     PAST_LIMIT = "steps near and past the stability limit"
     SPIN = "free flight with spin"
     THREADED = "strings over pulleys"
+    MASSIVE = "strings with mass"
     JOINED = "rods that share nodes: trees and loops"
     MOVED = "supports that move"
     RESISTED = "fluid, bending joints and wind"
@@ -85,7 +86,7 @@ def maybe_driven(rng: Rng, scene: Scene, facts: dict[str, Any]) -> Experiment:
     """A third of the scenes are driven by a smooth law about their own prestress."""
     if rng.uniform() > 1 / 3 or not scene.structure.strings:
         return Experiment(scene, facts=facts | {"law": "none"})
-    structure = scene.structure
+    structure = scene.structure.massless  # as laws see it
     lengths = structure.string_lengths(structure.positions)
     u = structure.stiffness * np.abs(lengths - structure.rest_lengths) / lengths
     depth, beat = float(rng.uniform(0.1, 1.5)), float(rng.uniform(0.5, 5.0))

@@ -25,6 +25,7 @@ from tensegrity_mj.library.random_structures import (
 )
 from tensegrity_mj.model.actuation import Mode, OnInfeasible
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
+from tensegrity_mj.model.rods import lumped_masses
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
@@ -306,6 +307,17 @@ def _threaded(rng: Rng) -> Experiment:
     return maybe_driven(rng, _scene(rng, structure), facts)
 
 
+def _massive(rng: Rng) -> Experiment:
+    structure = ordinary(rng)
+    row, segments = int(rng.integers(len(structure.strings))), int(rng.integers(1, 9))
+    string = structure.strings[row]
+    mass = log_uniform(rng, 1e-3, 1.0) * float(lumped_masses(structure).sum())
+    heavy = replace(string, mass=mass, segments=segments)
+    strings = (*structure.strings[:row], heavy, *structure.strings[row + 1 :])
+    facts = {"mass": mass, "segments": segments, "k": string.stiffness}
+    return maybe_driven(rng, _scene(rng, replace(structure, strings=strings)), facts)
+
+
 def _large(rng: Rng) -> Experiment:
     structure = random_structure(rng, rods=500, support=["free", "pinned"], strings=1500, stretch=(0.05, 0.1))
     scene = random_scene(rng, structure, moving=0.1)
@@ -337,6 +349,7 @@ _DRAW: dict[Kind, Callable[[Rng], Experiment]] = {
     Kind.PAST_LIMIT: _past_limit,
     Kind.SPIN: _spin,
     Kind.THREADED: _threaded,
+    Kind.MASSIVE: _massive,
     Kind.JOINED: surroundings.joined,
     Kind.MOVED: surroundings.moved,
     Kind.RESISTED: surroundings.resisted,
