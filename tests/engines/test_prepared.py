@@ -80,7 +80,9 @@ def compilations(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return made
 
 
-@pytest.mark.parametrize("name", scene_names())
+# A constant force has no rest length; a string with mass whose parts change one by one is none any more, and its points
+# do not start with the support that moves.
+@pytest.mark.parametrize("name", [name for name in scene_names() if name not in ("arrester", "massive_string")])
 def test_numbers_of_strings_are_set_as_the_compiler_sets_them(name: str, compilations: list[str]) -> None:
     scene = tmj.load_scene(name)
     for law in StringLaw:
