@@ -57,12 +57,9 @@ def deviations(system: Any, moved: Any, q: Any, rates: Any, off: Any) -> None:
         off[1, P + a] = speeds[a] - _driven(system, moved, a, 1)
 
 
-@owning
-def largest_deviations(address: int, moved: Any, q: Any, rates: Any) -> Any:
-    """The most that rows are off [m], and bodies out of shape, and the rate of that."""
-    system = Assembly(address)
-    off = np.empty((2, system.pair_count + system.row_count))
-    deviations(system, moved, q, rates, off)
+@borrowing
+def _largest(system: Any, off: Any) -> Any:
+    """The most of `deviations` that rows are off [m], and bodies out of shape, and the rate of that."""
     largest = (0.0, 0.0)
     for a in range(off.shape[1]):
         length = system.lengths[a] / system.factors[a] if a < system.pair_count else 1.0
@@ -134,7 +131,7 @@ def _add_mass(system: Any, added: Any, q: Any, matrix: Any) -> None:
 
 @owning
 def assembled_accelerations(model: Any, added: Any, q: Any, rates: Any, out: Any) -> float:
-    """q̈ (nq,) into `out`, and λ (R,) of the rods, for the forces (N, 3) [N] of a model.
+    """q̈ (nq,) into `out`, for the forces (N, 3) [N] of a model, and λ of its R rods, and how far constraints are off.
 
     Returns the power [W] of what moves supports: that of their constraints, and of the forces on fixed nodes.
     """
@@ -146,6 +143,8 @@ def assembled_accelerations(model: Any, added: Any, q: Any, rates: Any, out: Any
         x[k] += system.weights[k] * model.gravity[k % 3]
     off = np.empty((2, P + system.row_count))
     deviations(system, moved, q, rates, off)
+    R = system.rod_count
+    model.multipliers[R], model.multipliers[R + 1] = _largest(system, off)
     for a in range(P + system.row_count):
         x[n + a] = -kd * off[1, a] - kp * off[0, a]
     for a in range(P):

@@ -9,7 +9,6 @@ from typing import Any
 
 from tensegrity_mj.dynamics.assembly_equations import (
     assembled_accelerations,
-    largest_deviations,
     place_assembly,
     project_assembly,
 )
@@ -52,21 +51,12 @@ def _before(t: float, y: Any, dy: Any, table: int) -> int:
     return let_forces_act(t, dy[work:], table)
 
 
-@owning
-def _after(y: Any, dy: Any, power: float, table: int) -> None:
-    """The power of what moves supports, and how far constraints are off behind λ."""
-    own = _AssembledView(table)
-    nq, R, observed = own.coordinates, own.rod_count, own.multipliers
-    dy[len(dy) - 1] += power
-    observed[R], observed[R + 1] = largest_deviations(own.assembly, own.moved, y[:nq], y[nq : 2 * nq])
-
-
 @c_function(RATES_SIGNATURE, "the equations of the DAE for any structure")
 def assembled_rates(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     own = _AssembledView(table)
     nq, y, dy = own.coordinates, floats(y_at, own.state_size), floats(dy_at, own.state_size)
     status = _before(t, y, dy, table)
-    _after(y, dy, assembled_accelerations(own, None, y[:nq], y[nq : 2 * nq], dy[nq : 2 * nq]), table)
+    dy[len(dy) - 1] += assembled_accelerations(own, None, y[:nq], y[nq : 2 * nq], dy[nq : 2 * nq])
     return status
 
 
@@ -77,8 +67,8 @@ def assembled_wet_rates(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
     nq, y, dy = own.coordinates, floats(y_at, own.state_size), floats(dy_at, own.state_size)
     status = _before(t, y, dy, table)
     added = (own.added, own.held_mass)
-    _after(y, dy, assembled_accelerations(own, added, y[:nq], y[nq : 2 * nq], dy[nq : 2 * nq]), table)
-    dy[len(dy) - 1] += power_of(own.held_mass, own.velocities)
+    power = assembled_accelerations(own, added, y[:nq], y[nq : 2 * nq], dy[nq : 2 * nq])
+    dy[len(dy) - 1] += power + power_of(own.held_mass, own.velocities)
     return status
 
 
