@@ -12,7 +12,6 @@ from tensegrity_mj.model.capabilities import (
     BODIES,
     BREAKS,
     CLASS_K,
-    CONTACT,
     ELASTIC,
     ELEMENT_STATES,
     MOVED_SUPPORTS,
@@ -44,10 +43,7 @@ USES: Mapping[str, tuple[Limit, ...]] = {
         _STATES_AT_REST,
     ),
     "statics": (_STATES_AT_REST,),
-    "simulate_many": (
-        Limit(CONTACT, "the work of contacts is counted run by run", "use simulate, or run_many", OptionError),
-        _PUSHING_DAMPERS,
-    ),
+    "simulate_many": (_PUSHING_DAMPERS,),
     "law_in": (
         _PUSHING_DAMPERS,
         Limit(YIELDING, "their memory belongs to a run, which goes on", "use simulate_many", OptionError),

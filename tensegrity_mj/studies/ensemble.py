@@ -121,8 +121,8 @@ class Ensemble(Sequence[Trajectory]):
 class ManyRuns:
     """Simulate scenes that share a structure, in one process, on threads, in MuJoCo.
 
-    Each run is what `simulate` makes of its scene: initial states, targets, loads and breaks may differ; structure and
-    gravity may not. (`run_many` runs anything, in processes.)
+    Each run is what `simulate` makes of its scene: initial states, targets, loads and breaks may differ; structure,
+    gravity and contact may not. (`run_many` runs anything, in processes.)
 
     Attributes:
         scenes: of one structure.
@@ -136,8 +136,8 @@ class ManyRuns:
         StabilityWarning: where the step is beyond the largest stable one at the start of the first scene.
 
     Raises:
-        OptionError: for options that are out of range, and for scenes that differ in more than they may, or have
-            contacts. What becomes of a single run raises nothing here: see `Ensemble`.
+        OptionError: for options that are out of range, and for scenes that differ in more than they may.
+            What becomes of a single run raises nothing here: see `Ensemble`.
     """
 
     scenes: Sequence[Scene]
@@ -191,7 +191,7 @@ def _checked(scenes: Any, engine: MuJoCo) -> list[Scene]:
     for number, scene in enumerate(scenes):
         instance(f"scenes[{number}]", scene, Scene, "use a Scene, or load_scene(name or path)")
         require(engine, scene, "simulate_many", f"scenes[{number}]")
-        for what in ("structure", "gravity"):
+        for what in ("structure", "gravity", "contact"):
             if getattr(scene, what) is not getattr(first, what) and getattr(scene, what) != getattr(first, what):
                 raise OptionError(
                     f"scenes[{number}] ('{scene.name}') has another {what} than the first: simulate_many runs one "
@@ -246,7 +246,7 @@ def law_in(
 
     Raises:
         OptionError: for laws that must be sampled, or keep something between calls; for scenes with strings that
-            break or contacts; while another run is under way in this process. At the end, if a model of the same shape
+            break; while another run is under way in this process. At the end, if a model of the same shape
             with other strings was stepped: it was left alone.
         ControllerError, InfeasibleError: at the end, if the law failed, or had no solution, at some state.
     """

@@ -94,7 +94,7 @@ def test_functions_have_limits_of_their_own() -> None:
         "linearize": ["moved"],
         "engine_equilibrium": ["moved", "stateful"],
         "statics": ["stateful"],
-        "simulate_many": ["contact", "joined contact", "water contact"],
+        "simulate_many": [],
         "law_in": ["broken", "stateful"],
         "MuJoCo's model": ["joined contact"],
         "dm_control models": [*(set(SCENES) - {"plain", "contact"}), "stateful"],

@@ -196,15 +196,20 @@ def _move_supports(table: int, now: Moment) -> None:
 
 
 @borrowing
-def settle_constraints(table: int) -> None:
-    """Count what constraints did to moved supports over the last stage of a step, before their forces are lost."""
+def settle(table: int) -> None:
+    """What is known until another simulation uses the same MjData: a row's end, and the work of constraints since."""
+    finish_row(table)
     run = RunView(table)
     counters = Counters(address(run.counters))
     if counters.ended != RUNNING or counters.stage != 0:
         return
-    set_motions(table, counters.step * run.step)
     one_stage = run.stages == 1
-    run.work[2] += constraint_work(run, run.step if one_stage else run.step / 6.0, one_stage)
+    weight = run.step if one_stage else run.step / 6.0
+    if run.touches:
+        run.work[2] += last_stage_work(run, weight, one_stage)
+    if run.motion_count > 0 and run.constrained:
+        set_motions(table, counters.step * run.step)
+        run.work[2] += constraint_work(run, weight, one_stage)
 
 
 @borrowing

@@ -20,14 +20,13 @@ from tensegrity_mj.dynamics.native.plant import Plant
 from tensegrity_mj.engines.driving import Stopwatch, drive
 from tensegrity_mj.engines.mujoco import many
 from tensegrity_mj.engines.mujoco.answers import Answers
-from tensegrity_mj.engines.mujoco.callback import settle_constraints
-from tensegrity_mj.engines.mujoco.install import finish, installed
+from tensegrity_mj.engines.mujoco.install import installed
 from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_coordinates, place
 from tensegrity_mj.engines.mujoco.motion import Supports
 from tensegrity_mj.engines.mujoco.prepared import prepared_with
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun, causes_of
-from tensegrity_mj.engines.mujoco.run_view import ENDED, RUNNING, STEP, WAITING, bound
+from tensegrity_mj.engines.mujoco.run_view import ENDED, RUNNING, STEP, bound
 from tensegrity_mj.engines.recording import check_rows
 from tensegrity_mj.engines.request import Request
 from tensegrity_mj.errors import OptionError
@@ -63,7 +62,7 @@ class MuJoCoEnsemble:
         self.members: list[MuJoCoRun] = []
         self.counters = np.zeros((len(requests), 6), np.int64)
         qpos, qvel, userdata = (self.batch.bind(name) for name in ("qpos", "qvel", "userdata"))
-        unused = np.zeros((len(first.structure.strings), 2))  # limits of forces, which clipped strings never move
+        limits = np.array(self.model.actuator_forcerange)  # which clipped strings never move
         for number, request in enumerate(requests):
             check_motions(request.scene, first, tree)
             member = MuJoCoRun(options, request, ready, data, first)
@@ -71,7 +70,7 @@ class MuJoCoEnsemble:
                 check_rows(float(len(requests)) * member.rows.shape[0], member.rows.shape[1])
             self.counters[number] = member.counters
             member.counters = self.counters[number]
-            member.plant.set(counters=member.counters, force_range=unused)
+            member.plant.set(counters=member.counters, force_range=limits)
             self.members.append(member)
             scene = request.scene
             mujoco.mj_resetData(self.model, data)
@@ -82,49 +81,44 @@ class MuJoCoEnsemble:
             qpos[number], qvel[number] = data.qpos, data.qvel
             userdata[number] = TOKEN, number
         tables = np.array([member.plant.address for member in self.members], np.int64)
-        guide.set(token=TOKEN, run_count=len(tables), runs=tables)
-        # What a row waits for lies in MjData that the next simulation overwrites: copies of it, refreshed each call.
-        self._accelerations, self._forces = self.batch.bind("qacc"), self.batch.bind("actuator_force")
-        constrained = bool(first.motions and tree.forest.closures)
-        self._pulls = self.batch.bind("qfrc_constraint") if constrained else None
+        # What the end of a step leaves in MjData the next simulation overwrites: copies, refreshed at each call.
+        kept = ["qvel", "qacc", "actuator_force"]
+        if first.contact is not None or (first.motions and tree.forest.closures):
+            kept.append("qfrc_constraint")
+        self.kept = {name: self.batch.bind(name) for name in kept}
+        self.running = np.ones(len(tables), np.int64)
+        guide.set(token=TOKEN, run_count=len(tables), runs=tables, running=self.running)
+        guide.keep(self.kept)
 
     def run(self) -> None:
         """Simulate all; nothing is raised for what becomes of a simulation."""
         request, grid = self.members[0].request, self.members[0].grid
         label = f"MuJoCo {self.options.integrator.value}, {len(self.members)} runs"
-        running = np.ones(len(self.members), bool)
+        running, _ = self.running, many.end_of_steps.address  # compiled before any clock runs
 
         def advance(first: int, count: int) -> int:
-            self._advance(running, lambda ids: self.batch.step(ids, nstep=count))
-            self._judge(running, first + count)
+            self._advance(lambda ids: self.batch.step(ids, nstep=count))
+            self._judge(first + count)
             return first + count if running.any() else first
 
         with installed(self.guide, many.many_runs):
             clock = Stopwatch(*(member.request for member in self.members))
             if drive(grid, request, label, advance):
-                self._advance(running, self.batch.forward)  # the last row
+                self._advance(self.batch.forward)  # the last row
             self.seconds = clock.seconds
 
-    def _advance(self, running: NDArray[np.bool_], call: Any) -> None:
-        ids = None if running.all() else np.flatnonzero(running)
+    def _advance(self, call: Any) -> None:
+        ids = None if self.running.all() else np.flatnonzero(self.running)
         try:
             call(ids)
         except SimulationError as error:
             for number in error.ids:
                 self.members[number].cause = f"MuJoCo gave up: {self.batch.error(int(number))}"
-        for number in np.flatnonzero(running & (self.counters[:, WAITING] >= 0)):
-            plant = self.members[number].plant
-            plant.set(qacc=self._accelerations[number], actuator_force=self._forces[number])
-            finish(plant.address)
-        if self._pulls is None:
-            return
-        for number in np.flatnonzero(running):
-            plant = self.members[number].plant
-            plant["qfrc_constraint"] = self._pulls[number]
-            settle_constraints(plant.address)
+        many.end_of_steps(self.guide.address)
 
-    def _judge(self, running: NDArray[np.bool_], steps: int) -> None:
+    def _judge(self, steps: int) -> None:
         """Stop those that have ended, and those that MuJoCo warned of, that are not finite, or that lost steps."""
+        running = self.running
         running &= self.counters[:, ENDED] == RUNNING
         finite = np.isfinite(self.batch.bind("qpos")).all(axis=1) & np.isfinite(self.batch.bind("qvel")).all(axis=1)
         made = self.counters[:, STEP]

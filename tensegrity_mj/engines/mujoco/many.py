@@ -37,7 +37,14 @@ from tensegrity_mj.dynamics.native.pointers import (
 from tensegrity_mj.dynamics.native.strings import tighten_strings
 from tensegrity_mj.dynamics.native.views import Table, view_of
 from tensegrity_mj.engines.mujoco.answers import add_answers
-from tensegrity_mj.engines.mujoco.callback import apply_loads, control_stage, move_supports, read_nodes, set_controls
+from tensegrity_mj.engines.mujoco.callback import (
+    apply_loads,
+    control_stage,
+    move_supports,
+    read_nodes,
+    set_controls,
+    settle,
+)
 from tensegrity_mj.engines.mujoco.install import CALLBACK, active_table
 from tensegrity_mj.engines.mujoco.layout import check_layout, offset
 from tensegrity_mj.engines.mujoco.run_view import ALIASES, OF_DATA, RUN, RunView
@@ -66,10 +73,14 @@ GUIDE: dict[str, Any] = {
     "data_at": "size",  # of its userdata
     "field_count": "size",
     "fields": ("i8", "field_count", 2),
-    # Many runs: the token, and the addresses of their tables.
+    # Many runs: the token, the addresses of their tables, and whether they are under way.
     "token": "real",
     "run_count": "size",
     "runs": ("i8", "run_count"),
+    "running": ("i8", "run_count"),
+    # What outlives an MjData: the place in a run's table, the address for the first run, and bytes from run to run.
+    "kept_count": "size",
+    "kept": ("i8", "kept_count", 3),
     # A law alone: the table that is copied, places and sizes of what is lent, and what was answered.
     "law_table": "size",
     "lent_count": "size",
@@ -142,6 +153,18 @@ def stage_of_many(guide: Any, model: int, data: int) -> None:
 
 
 @borrowing
+def settle_many(guide: Any) -> None:
+    """After the steps of all: what each needs of its last stage, of which the batch has kept copies."""
+    kept = guide.kept
+    for number in range(guide.run_count):
+        if guide.running[number]:
+            words = integers(guide.runs[number], TABLE_SIZE)
+            for n in range(len(kept)):
+                words[kept[n, 0]] = kept[n, 1] + number * kept[n, 2]
+            settle(guide.runs[number])
+
+
+@borrowing
 def _command(guide: Any, data: int, table: int) -> int:
     """Set the controls of an MjData from the law at its state; at `table` is scratch."""
     words, lent = integers(table, TABLE_SIZE), guide.lent
@@ -207,6 +230,13 @@ def many_runs(model, data):  # type: ignore[no-untyped-def]
         stage_of_many(_GuideView(guide), model, data)
 
 
+@c_function("int64(int64)", "the end of steps of many simulations in MuJoCo")
+def end_of_steps(guide):  # type: ignore[no-untyped-def]
+    """`settle_many` by the guide at an address, for Python."""
+    settle_many(_GuideView(guide))
+    return 0
+
+
 @c_function(CALLBACK, "the callback of a law in MuJoCo's own loops")
 def law_alone(model, data):  # type: ignore[no-untyped-def]
     """The callback for a law without a run."""
@@ -254,3 +284,9 @@ class Guide(Table):
             field_count=len(fields),
             fields=fields,
         )
+
+    def keep(self, copies: dict[str, Any]) -> None:
+        """Set where copies of MjData's arrays are, each a row a simulation, by their names in a run's table."""
+        places = {name: place for place, (name, _) in enumerate(RUN)}
+        kept = [(places[name], array.ctypes.data, array.strides[0]) for name, array in copies.items()]
+        self.set(kept_count=len(kept), kept=np.array(kept, np.int64))

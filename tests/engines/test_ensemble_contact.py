@@ -1,0 +1,129 @@
+"""Many simulations with contact at once, and a law in MuJoCo's own loops, against single runs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+from mujoco import rollout
+from mujoco.batch import Batch
+
+import tensegrity_mj as tmj
+from tensegrity_mj.controllers import Delayed, Noisy
+from tensegrity_mj.engines import driving
+
+STEP = 5e-4
+RK4 = tmj.MuJoCo(STEP)
+EVERYTHING = ("nodes", "velocities", "rest_lengths", "tensions", "multipliers", "winch_work", "dissipation")
+
+
+def same(run: tmj.Trajectory, alone: tmj.Trajectory) -> None:
+    """To the last bit: what is recorded, the work of contacts, and their forces."""
+    for name in (*EVERYTHING, "external_work"):
+        assert np.array_equal(getattr(run, name), getattr(alone, name)), name
+    assert run.reports["contact"] == alone.reports["contact"]
+    assert run.energy_residual == alone.energy_residual
+
+
+def thrown(scene: tmj.Scene, seed: int, count: int) -> list[tmj.Scene]:
+    """The scene with rigid motions of its structure to begin with, so that it lands on other nodes at other times."""
+    draws = np.random.default_rng(seed)
+    middle = scene.nodes0.mean(axis=0)
+    starts = []
+    for _ in range(count):
+        velocity, spin = draws.normal(0.0, 1.0, 3), draws.normal(0.0, 3.0, 3)
+        moving = scene.velocities0 + velocity + np.cross(spin, scene.nodes0 - middle)
+        starts.append(scene.with_(initial_velocities=moving))
+    return starts
+
+
+@pytest.mark.filterwarnings("ignore::tensegrity_mj.errors.StabilityWarning")  # of first order: it is bits that count
+@pytest.mark.parametrize("integrator", [tmj.Integrator.RK4, tmj.Integrator.EULER, tmj.Integrator.DISCRETE])
+@pytest.mark.parametrize(("name", "duration"), [("prism_drop", 0.4), ("six_bar_drop", 0.4), ("six_bar_roll", 1.2)])
+def test_a_run_with_contact_among_many_is_the_single_run_to_the_last_bit(name, duration, integrator) -> None:
+    scene = tmj.load_scene(name)
+    law = tmj.controllers.from_scene(scene) if scene.control else None
+    engine = tmj.MuJoCo(STEP, integrator)
+    alone = tmj.simulate(scene, law, engine, duration=duration)
+    assert max(alone.reports["contact"]["touching"]) >= 1
+    for threads in (1, 2):
+        for run in tmj.simulate_many([scene] * 3, law, engine, duration=duration, threads=threads):
+            same(run, alone)
+
+
+def test_robots_that_land_apart_keep_apart(monkeypatch) -> None:
+    """In pieces of any size, between which each one's last forces are another simulation's in MjData."""
+    scenes = thrown(tmj.load_scene("six_bar_drop"), 1, 5)
+    alone = [tmj.simulate(scene, None, RK4, duration=0.5) for scene in scenes]
+    assert len({tuple(run.reports["contact"]["touching"]) for run in alone}) == 5
+    for sizes in ([1, 2, 7], [1000]):
+
+        def pieces(count: int, sizes: list[int] = sizes) -> Any:
+            first = 0
+            while first < count:
+                yield first, min(sizes[first % len(sizes)], count - first)
+                first += sizes[first % len(sizes)]
+
+        monkeypatch.setattr(driving, "chunks", pieces)
+        for run, one in zip(tmj.simulate_many(scenes, None, RK4, duration=0.5, threads=2), alone, strict=True):
+            same(run, one)
+
+
+def test_held_commands_delays_and_noise_with_contact() -> None:
+    scene = tmj.load_scene("six_bar_roll")
+    law = tmj.controllers.from_scene(scene)
+    hold = tmj.Actuation.hold_rest_length(0.01)
+    for one in (law, Delayed(law, 2, 0.01), Noisy(law, 1e-3, 1e-3, 3, 0.01)):
+        alone = tmj.simulate(scene, one, RK4, duration=0.6, actuation=hold)
+        for run in tmj.simulate_many([scene] * 3, one, RK4, duration=0.6, actuation=hold, threads=2):
+            same(run, alone)
+
+
+def test_one_that_ends_early_stops_no_other_that_touches() -> None:
+    scene = tmj.load_scene("six_bar_drop")
+    count = len(scene.structure.strings)
+
+    def explosive(time: float, nodes: Any, velocities: Any) -> Any:
+        return np.full(count, 1e9 if time > 0.3 else 0.0)
+
+    runs = tmj.simulate_many([scene] * 3, [None, explosive, None], RK4, duration=0.5, threads=2)
+    done = tmj.Status.COMPLETED
+    assert runs.status == (done, tmj.Status.DIVERGED, done)
+    alone = tmj.simulate(scene, None, RK4, duration=0.5)
+    same(runs[0], alone)
+    same(runs[2], alone)
+    with pytest.raises(tmj.errors.DivergenceError) as single:
+        tmj.simulate(scene, explosive, RK4, duration=0.5)
+    assert runs.message(1) == str(single.value)
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_law_in_rollout_and_batch_touches_as_in_simulate(threads) -> None:
+    scene = tmj.load_scene("prism_drop")
+    structure = scene.structure
+
+    def law(time: float, nodes: Any, velocities: Any) -> Any:
+        lengths = structure.string_lengths(nodes)
+        return np.clip(structure.stiffness * (1.0 - 0.99 * structure.rest_lengths / lengths), 0.0, None)
+
+    alone = tmj.simulate(scene, law, RK4, duration=0.4)
+    assert alone.reports["contact"]["touching"][-1] >= 1
+    steps = round(0.4 / STEP)
+    with tmj.law_in(scene, law, RK4) as model:
+        batch = Batch(model, 3, threads)
+        places = batch.bind("qpos")
+        for _ in range(4):  # warm starts are part of a simulation's state
+            batch.step(nstep=steps // 4)
+        full = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
+        start = np.zeros((3, mujoco.mj_stateSize(model, full)))
+        for row in start:
+            mujoco.mj_getState(model, mujoco.MjData(model), row, full)
+        found, _ = rollout.rollout(model, [mujoco.MjData(model) for _ in range(threads)], start, nstep=steps)
+    data = mujoco.MjData(model)
+    for qpos in (*places, *found[:, -1, 1 : 1 + model.nq]):
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        nodes = data.site_xpos[[model.site(name).id for name in structure.nodes]]
+        assert np.array_equal(nodes, alone.nodes[-1])
