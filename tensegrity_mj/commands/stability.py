@@ -53,7 +53,7 @@ def _write(folder: Path, data: dict[str, Any], small: bool) -> Path:
     write_text(folder / "stability.json", to_json(data) + "\n")
     for name, (figure, _) in figures.pictures(data).items():
         save_figure(figure, folder / f"{name}.png", SMALL_DPI if small else None)
-    return page.write(folder / "index.html", data)
+    return page.page_of(data).write(folder / "index.html")
 
 
 def _law_of(scene: Any, options: argparse.Namespace) -> Any:

@@ -11,16 +11,18 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tensegrity_mj.basics.checks import names_from, positive, whole
 from tensegrity_mj.basics.files import made_folder
 from tensegrity_mj.basics.texts import aligned
+from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.engines.reference.dae import DAE
+from tensegrity_mj.engines.reports import ENERGY_WARNING
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.library.load import load_scene
 from tensegrity_mj.library.random_structures import random_velocities
@@ -28,16 +30,23 @@ from tensegrity_mj.model import rods
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.reading import scene_from_toml
 from tensegrity_mj.model.text.writing import scene_to_toml
-from tensegrity_mj.runs.energy import energy_exchanged
+from tensegrity_mj.pictures.figure import frame, new_figure
+from tensegrity_mj.pictures.findings import Finding, Mark
+from tensegrity_mj.pictures.page import Picture, Section, Table
+from tensegrity_mj.runs.energy import DRIFT_WARNING, energy_exchanged
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate_as_far, versions
 from tensegrity_mj.studies.engine_names import engine_of
 from tensegrity_mj.studies.extremes.pace import pace
-from tensegrity_mj.studies.long_runs_page import QUANTITIES
 from tensegrity_mj.studies.many import run_many
-from tensegrity_mj.studies.report import Report
+from tensegrity_mj.studies.report import Page, Report
 from tensegrity_mj.studies.workers import Workers
 from tensegrity_mj.vibration.stable_step import stable_step
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Data = Mapping[str, Any]
 
 FORMAT = 1
 PAGE, RUNS = "drift.html", "runs"  # what a folder holds
@@ -57,13 +66,19 @@ COARSENESS = 0.1  # step times the fastest rate at the start: well within every 
 ROWS = 1000  # recorded times
 LEAST_STEPS = 1000
 RESOLVED = 1e-14  # a departure below it is none
+LEAST = 1e-17  # of a course that is drawn on a logarithmic axis
+QUANTITIES = {
+    "energy": "largest change of the energy, of all that was exchanged",
+    "length": "largest change of bᵀb",
+    "rate": "largest bᵀḃ [1/s]",
+}
 
 
 @dataclass(frozen=True, eq=False)
 class LongRuns(Report):
     """Finished long runs."""
 
-    NAME, PAGE = "drift", "tensegrity_mj.studies.long_runs_page:write_long_runs_page"
+    NAME = "drift"
 
     @property
     def text(self) -> str:
@@ -79,6 +94,33 @@ class LongRuns(Report):
             lines += [*aligned([["", *marks, "growth"], *cells], numbers=True), ""]
         lines += [f"{row['method']}: {row['reason']}" for row in self.data["rows"] if row["reason"]]
         return "\n".join(lines).rstrip()
+
+    def page(self) -> Page:
+        """A table and a course of each quantity, and a finding a method."""
+        data, setup = self.data, self.data["setup"]
+        marks = [str(mark) for mark in setup["marks"]]
+        heads = ["", *(f"{int(mark):,} steps" for mark in marks), "growth, power of time", ""]
+        sections = []
+        for name, meaning in QUANTITIES.items():
+            table = [
+                [row["method"], *(row[name].get(mark) for mark in marks), row["growth"].get(name), row["reason"]]
+                for row in data["rows"]
+            ]
+            sections.append(
+                Section(meaning, (), [Picture(course_figure(data, name), meaning), Table("", heads, table)])
+            )
+        findings = list(_findings(data))
+        kept = sum(one.mark is Mark.GOOD for one in findings)
+        verdict = (
+            f"{kept} of {len(findings)} methods keep energy and lengths over {setup['steps']:,} steps of "
+            f"{quantity(setup['timestep'], 's')}: within {ENERGY_WARNING:.0%} of the energy exchanged, and bᵀb within "
+            f"{DRIFT_WARNING:.1%} of 1."
+        )
+        introduction = (
+            f"The scene {setup['scene']}, in motion, without law, dampers and loads (seed {setup['seed']}): nothing "
+            "may change its energy. b is the direction of a rod, whose length is 1."
+        )
+        return Page(f"Long runs of {setup['scene']}", introduction, verdict, findings, sections)
 
 
 def long_runs(
@@ -223,3 +265,25 @@ def _cell(value: float | None) -> str:
 
 def _growth(power: float | None) -> str:
     return "-" if power is None else f"t^{max(0.0, power):.2f}"
+
+
+def _findings(data: Data) -> Iterator[Finding]:
+    """A method each, with how far energy and lengths went; what runs warn of is limited, or bad where rods stretch."""
+    for row in data["rows"]:
+        energy, length = (max(row[name].values(), default=0.0) for name in ("energy", "length"))
+        mark = Mark.LIMITED if energy > ENERGY_WARNING else Mark.GOOD
+        mark = Mark.BAD if row["reason"] or length > DRIFT_WARNING else mark
+        text = f"{row['method']}: the energy changes by {energy:.2g} of all that was exchanged, bᵀb by {length:.2g}."
+        yield Finding(mark, f"{row['method']}: {row['reason']}" if row["reason"] else text)
+
+
+def course_figure(data: Data, name: str) -> Figure:
+    """How a quantity grew over the steps, for each method that let it grow at all."""
+    figure = new_figure(9.0, 4.5)
+    axes = figure.add_subplot()
+    for row in data["rows"]:
+        course = row.get("course", {})
+        if any(value > 0 for value in course.get(name, [])):
+            axes.loglog(course["steps"], np.maximum(course[name], LEAST), label=row["method"])
+    frame(axes, "", "steps", QUANTITIES[name])
+    return figure

@@ -10,12 +10,13 @@ from typing import Any, cast
 
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.pictures.findings import Finding, Mark, mark_of, opening_of
-from tensegrity_mj.pictures.page import Table, pictures_and_tables, write_sections
+from tensegrity_mj.pictures.findings import Finding, Mark, mark_of
+from tensegrity_mj.pictures.page import Table, pictures_and_tables
 from tensegrity_mj.studies.axes import Together
 from tensegrity_mj.studies.figures import figures
 from tensegrity_mj.studies.many import Study
 from tensegrity_mj.studies.measures import MEASURES, USUAL
+from tensegrity_mj.studies.report import Page
 from tensegrity_mj.studies.sweep import Sweep
 from tensegrity_mj.studies.table import (
     Row,
@@ -46,7 +47,6 @@ def write_sweep_page(path: str | os.PathLike[str], sweep: Sweep, study: Study, m
     several = [axis.axes[0] if isinstance(axis, Together) else axis for axis in sweep.axes]
     axes = [axis.parameter for axis in several if len(axis.values) > 1]
     drawn = [draw.parameter for draw in sweep.draws]
-    opening = opening_of(_verdict(scene.name, rows), list(_findings(rows, several, measures)))
     lines: list[list[object]] = [
         [
             number,
@@ -68,7 +68,8 @@ def write_sweep_page(path: str | os.PathLike[str], sweep: Sweep, study: Study, m
         Table("What was held fixed", ["", ""], _fixed(sweep, study), folded=True),
     ]
     sections = pictures_and_tables(figures(rows, axes, drawn, measures), tables)
-    return write_sections(path, f"Sweep of {scene.name}", scene.source, sections, opening=opening)
+    findings = _findings(rows, several, measures)
+    return Page(f"Sweep of {scene.name}", scene.source, _verdict(scene.name, rows), findings, sections).write(path)
 
 
 def _verdict(name: str, rows: Sequence[Row]) -> str:

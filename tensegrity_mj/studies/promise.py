@@ -11,17 +11,22 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tensegrity_mj.basics.checks import whole
 from tensegrity_mj.errors import TensegrityError
-from tensegrity_mj.pictures.findings import Mark
+from tensegrity_mj.pictures.figure import frame, new_figure
+from tensegrity_mj.pictures.findings import Finding, Mark
+from tensegrity_mj.pictures.page import Picture, Table, pictures_and_tables
 from tensegrity_mj.runs.convergence import node_difference, way_of
 from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.studies.many import Study, run_many
 from tensegrity_mj.studies.promise_experiments import Kind
-from tensegrity_mj.studies.report import Report
+from tensegrity_mj.studies.report import Page, Report
 from tensegrity_mj.studies.workers import Workers
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Values = Mapping[str, Any]
 
@@ -29,6 +34,18 @@ WITHIN, BEYOND = 0.995, 3.0  # what is promised: the part that is within the req
 UNKNOWN = 0.05  # most of the experiments may have references that differ
 IDLE = 10.0  # a run that moves by less than so many times its request is no trial of it
 COSTED = 8  # one of so many experiments is swept for its cheapest setting, which takes longer than all the rest
+COLUMNS = {
+    "number": "",
+    "experiment": "experiment",
+    "engine": "engine",
+    "requested": "requested [m]",
+    "estimate": "estimate [m]",
+    "error": "true error [m]",
+    "settled": "settled",
+    "cost_ratio": "evaluations over the cheapest adequate",
+    "lucky_ratio": "even by chance",
+    "outcome": "outcome",
+}
 
 
 def measure(point: Mapping[str, Any]) -> dict[str, Any]:
@@ -92,7 +109,7 @@ def measure(point: Mapping[str, Any]) -> dict[str, Any]:
 class Promise(Report):
     """The study of the promise; `rows` of its data are one an experiment, as `measure` returns it, or "failed"."""
 
-    NAME, PAGE = "promise", "tensegrity_mj.studies.promise_page:write_promise_page"
+    NAME = "promise"
 
     @classmethod
     def of(cls, rows: Sequence[Values], seed: int, kind: Kind = Kind.RANDOM, folder: Path | None = None) -> Promise:
@@ -148,6 +165,35 @@ class Promise(Report):
             ("smooth runs that did not settle", part("unsettled_smooth"), mark(not now["unsettled_smooth"]["count"])),
             ("requests not met, reported so", part("unmet"), mark(not now["unmet"]["count"])),
         ]
+
+    def page(self) -> Page:
+        """The promises, those that were broken, and every experiment."""
+        data, rows = self.data, self.data["rows"]
+        which = ("number", "broken", "experiment", "engine")
+        failures = [[*(row.get(name, "") for name in which), *_why(row)] for row in self.failures]
+        silent = [[row["number"], row["outcome"], row.get("cause", "")] for row in rows if row.get("cause")]
+        broken = ["", "which", "experiment", "engine", "requested, true [m]", "cost", "why"]
+        pictures = [
+            Picture(_errors(rows), "True error and estimate against what was requested."),
+            Picture(_costs(rows), "Evaluations of all runs, over those of the cheapest adequate setting."),
+        ]
+        tables = [
+            Table("The promise", ["", ""], [line[:2] for line in self.summary]),
+            Table("Promises broken", broken, failures),
+            Table("Not measured", ["", "outcome", "cause"], silent),
+            Table.of("All experiments", COLUMNS, rows, folded=True),
+        ]
+        kept, cost = data["fractions"]["within_if_met"], data["fractions"]["cost"]["median"]
+        verdict = (
+            f"{kept['count']} of {kept['of']} accuracies reported as met were met, at a median of {cost:.3g} times "
+            "the evaluations of the cheapest setting that would have done."
+        )
+        if not kept["of"]:
+            verdict = f"None of {len(rows)} experiments reported its accuracy as met."
+        findings = [Finding(mark, f"{name}: {text}") for name, text, mark in self.summary if mark]
+        title, introduction = "What an accuracy promises, measured", f"Experiments drawn with seed {data['seed']}."
+        sections = pictures_and_tables(pictures, [table for table in tables if table.rows])
+        return Page(title, introduction, verdict, findings, sections)
 
 
 OUTCOMES = ("measured", "stopped", "no truth", "refused", "failed")
@@ -240,3 +286,34 @@ def _part(true: Any) -> dict[str, Any]:
     found: Sequence[bool] = [bool(one) for one in true]
     count, total = sum(found), len(found)
     return {"count": count, "of": total, "fraction": count / total if total else math.nan}
+
+
+def _why(row: Values) -> list[Any]:
+    if "error" not in row:
+        return ["", "", row.get("cause", "")]
+    return [f"{row['requested']:.1e}, {row['error']:.1e}", row.get("cost_ratio"), row["reason"]]
+
+
+def _errors(all_rows: Sequence[Values]) -> Figure:
+    figure = new_figure(6.5, 4.5)
+    axes = figure.add_subplot()
+    for settled, colour, label in ((True, "tab:blue", "settled"), (False, "tab:red", "not settled")):
+        rows = [row for row in all_rows if row["outcome"] == "measured" and row["settled"] is settled]
+        requested = [row["requested"] for row in rows]
+        axes.loglog(requested, [row["error"] or 1e-17 for row in rows], "o", color=colour, ms=4, label=f"true, {label}")
+        axes.loglog(requested, [row["estimate"] for row in rows], "_", color=colour, ms=7, label=f"estimate, {label}")
+    ends = [1e-10, 1e-2]
+    axes.loglog(ends, ends, "k-", lw=0.8, label="requested")
+    axes.loglog(ends, [3 * end for end in ends], "k:", lw=0.8, label="three times that")
+    frame(axes, "", "requested [m]", "largest node error [m]")
+    return figure
+
+
+def _costs(all_rows: Sequence[Values]) -> Figure:
+    figure = new_figure(6.5, 4.0)
+    axes = figure.add_subplot()
+    for engine in sorted({row["engine"] for row in all_rows if "engine" in row}):
+        rows = [row for row in all_rows if row.get("engine") == engine and "cost_ratio" in row and row["met"]]
+        axes.loglog([row["requested"] for row in rows], [row["cost_ratio"] for row in rows], "o", ms=4, label=engine)
+    frame(axes, "", "requested [m]", "cost over the cheapest")
+    return figure

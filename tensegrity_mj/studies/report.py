@@ -1,15 +1,37 @@
-"""A finished study: its data as plain values, and the folder that holds them with a page."""
+"""A finished study: its data as plain values, the folder that holds them, and its page."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from pkgutil import resolve_name
 from typing import Any, ClassVar, Self
 
 from tensegrity_mj.basics.files import write_text
 from tensegrity_mj.basics.jsontext import to_json
+from tensegrity_mj.pictures.findings import Finding, opening_of
+from tensegrity_mj.pictures.page import Section, write_sections
+
+
+@dataclass(frozen=True)
+class Page:
+    """What the page of a study says: a verdict in a sentence, what was found, and in sections all of it."""
+
+    title: str
+    introduction: str
+    verdict: str
+    findings: Iterable[Finding]
+    sections: Iterable[Section]
+
+    def write(self, path: str | os.PathLike[str]) -> Path:
+        """Write it as one self-contained file (.html); returns its path.
+
+        Raises:
+            OptionError: for a path that cannot be written.
+        """
+        opening = opening_of(self.verdict, list(self.findings))
+        return write_sections(path, self.title, self.introduction, self.sections, opening=opening)
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,12 +49,14 @@ class Report:
     seconds: float = 0.0
 
     NAME: ClassVar[str]  # of the files in the folder
-    PAGE: ClassVar[str]  # module:function that writes the page of data, imported when there is one to write
+
+    def page(self) -> Page:
+        """The page, made of the data alone."""
+        raise NotImplementedError
 
     def save_page(self, path: str | os.PathLike[str]) -> Path:
         """Write the page (.html); returns its path."""
-        written: Path = resolve_name(self.PAGE)(path, self.data)
-        return written
+        return self.page().write(path)
 
     def kept(self) -> Self:
         """The report, written into its folder where it has one: data as .json, and the page."""

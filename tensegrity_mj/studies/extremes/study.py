@@ -13,13 +13,15 @@ from tensegrity_mj.basics.checks import whole
 from tensegrity_mj.basics.files import made_folder
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.errors import OptionError
+from tensegrity_mj.pictures.findings import Finding, Mark
+from tensegrity_mj.pictures.page import Section, Table
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.attempt import DONE
 from tensegrity_mj.studies.extremes.experiment import Kind
 from tensegrity_mj.studies.extremes.task import run_extreme
 from tensegrity_mj.studies.extremes.verdicts import Verdict
 from tensegrity_mj.studies.many import run_many
-from tensegrity_mj.studies.report import Report
+from tensegrity_mj.studies.report import Page, Report
 from tensegrity_mj.studies.workers import Workers
 
 FORMAT = 1
@@ -28,13 +30,32 @@ EXPENSIVE = (Kind.LONG, Kind.LARGE)
 ONE_IN = 250  # of the expensive kinds
 # What must hold, as parts of all runs.
 LEAST_RIGHT, MOST_FALSE_REFUSALS = 0.6, 0.05
+MEANINGS = {
+    Verdict.UNDETECTED: "Completed without a warning and wrong, a traceback, NaN, or a message that does not help.",
+    Verdict.UNJUDGED: "Completed without a warning; no reference is accurate enough to judge by.",
+    Verdict.WARNED: "Completed, and the run says that it is not to be trusted: by a warning, or because its error "
+    "estimate does not settle or is larger than 5 % of the way that the nodes went.",
+    Verdict.STOPPED: "Stopped on the way, with time, cause and remedy.",
+    Verdict.REFUSED: "Refused before the first step, with cause and remedy.",
+}
+COLUMNS = {
+    "number": "run",
+    "kind": "kind",
+    "engine": "engine",
+    "step": "step [s]",
+    "tolerance": "tolerance",
+    "facts": "drawn",
+    "bound": "own bound [m]",
+    "error": "error [m]",
+    "cause": "cause",
+}
 
 
 @dataclass(frozen=True, eq=False)
 class Extremes(Report):
     """A finished study; docs/extremes.md explains the keys of its `data`."""
 
-    NAME, PAGE = "extremes", "tensegrity_mj.studies.extremes.page:write_extremes_page"
+    NAME = "extremes"
 
     @property
     def passed(self) -> bool:
@@ -46,6 +67,30 @@ class Extremes(Report):
         """The table, for a terminal."""
         table = [list(self.data["table"][0]), *(list(row.values()) for row in self.data["table"])]
         return "\n".join([*aligned(table, numbers=True), "", *self.data["summary"]])
+
+    def page(self) -> Page:
+        """What came out, by kind and by engine, and every run that is not right."""
+        data = self.data
+        setup, total = data["setup"], data["table"][-1]
+        wrong = total["undetected"]
+        headline = (
+            f"{wrong or 'None'} of {total['runs']} extreme runs {'was' if wrong < 2 else 'were'} wrong without a "
+            f"warning; {total['right']} were right."
+        )
+        marks = (
+            Mark.BAD if wrong else Mark.GOOD if data["passed"] else Mark.LIMITED,
+            Mark.LIMITED if total["refused without need"] else Mark.GOOD,
+            Mark.LIMITED if total["hidden"] else Mark.GOOD,
+        )
+        tables = [_counts("By kind", data["table"]), _counts("By engine", data["by_engine"])]
+        sections = [Section("What came of them", (), tables)]
+        for verdict, meaning in MEANINGS.items():
+            found = [one for one in data["results"] if one["verdict"] == verdict.value]
+            sections.append(Section(f"{verdict.value}: {len(found)}", [meaning], [_runs(found)] if found else []))
+        how = " MuJoCo stepped by hand with its autoreset on (the test of the test)." if setup["autoreset"] else ""
+        introduction = f"Runs at the extremes, drawn by chance with seed {setup['seed']}, each judged.{how}"
+        findings = map(Finding, marks, data["summary"])
+        return Page(f"{setup['runs']} extreme runs", introduction, headline, findings, sections)
 
 
 def mixture(runs: int, kinds: Sequence[Kind]) -> list[Kind]:
@@ -150,3 +195,13 @@ def _row(name: str, results: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "refused without need": sum(bool(one.get("false refusal")) for one in results),
         "hidden": sum(bool(one.get("hidden without the estimate")) for one in results),
     }
+
+
+def _counts(title: str, rows: Sequence[dict[str, Any]]) -> Table:
+    first, *others = rows[0]
+    return Table.of(title, {first: "", **{head: head for head in others}}, rows, folded=len(rows) > 8)
+
+
+def _runs(found: Sequence[dict[str, Any]]) -> Table:
+    runs = [{**one, "kind": Kind[one["kind"]].value} for one in found]
+    return Table.of("Each of them", COLUMNS, runs, folded=len(found) > 20)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 from tensegrity_mj.basics.units import quantity
-from tensegrity_mj.pictures.findings import Finding, Mark, mark_of, opening_of
-from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
+from tensegrity_mj.pictures.findings import Finding, Mark, mark_of
+from tensegrity_mj.pictures.page import Picture, Section, Table
+from tensegrity_mj.studies.report import Page
 from tensegrity_mj.studies.stability import figures
 from tensegrity_mj.studies.stability.cases import AXES
 from tensegrity_mj.studies.stability.engines import TITLES
@@ -31,12 +30,12 @@ POINTS = {
 HEADS = ("", "predicted [s]", "measured [s]", "predicted / measured", "over 2/ω", "rod or mass", "string", "remark")
 
 
-def write(path: str | os.PathLike[str], data: Data) -> Path:
-    """Write the page; returns its path."""
-    opening = opening_of(_verdict(data), list(_findings(data)))
+def page_of(data: Data) -> Page:
+    """The page of a study's data."""
     # Pictures come before tables.
     ordered = sorted(sections(data), key=lambda section: not any(isinstance(part, Picture) for part in section.parts))
-    return write_sections(path, f"The largest stable step: {data['scene']}", INTRODUCTION, ordered, opening=opening)
+    title = f"The largest stable step: {data['scene']}"
+    return Page(title, INTRODUCTION, _verdict(data), _findings(data), ordered)
 
 
 def _verdict(data: Data) -> str:

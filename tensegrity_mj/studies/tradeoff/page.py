@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 from tensegrity_mj.basics.texts import shortened
 from tensegrity_mj.basics.units import quantity
-from tensegrity_mj.pictures.findings import Finding, Mark, opening_of
-from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
+from tensegrity_mj.pictures.findings import Finding, Mark
+from tensegrity_mj.pictures.page import Picture, Section, Table
+from tensegrity_mj.studies.report import Page
 from tensegrity_mj.studies.tradeoff import sentence
 from tensegrity_mj.studies.tradeoff.figure import Cost, diagram, has_diagram
 
@@ -33,12 +32,8 @@ USUAL = 1e-6  # m, the accuracy that the verdict is about
 MOST_LETTERS = 160  # of a reason
 
 
-def write_tradeoff_page(path: str | os.PathLike[str], data: Data) -> Path:
-    """Write the page; returns its path.
-
-    Raises:
-        OptionError: for a path that cannot be written.
-    """
+def page_of(data: Data) -> Page:
+    """The page of a study's data."""
     scene = data["scene"]
     introduction = (
         f"{scene['name']}: {scene['rods']} rods, {scene['strings']} strings. Errors are the largest distance of a node "
@@ -46,9 +41,8 @@ def write_tradeoff_page(path: str | os.PathLike[str], data: Data) -> Path:
         "a control does to the motion is the modelling floor, the distance of a held experiment's reference from the "
         "continuous law's. Wall times are the smallest of several runs on one machine, without compiling and loading."
     )
-    opening = opening_of(_verdict(data), list(_findings(data)))
     title = f"Speed against accuracy: {scene['name']}"
-    return write_sections(path, title, introduction, list(_sections(data)), opening=opening)
+    return Page(title, introduction, _verdict(data), _findings(data), _sections(data))
 
 
 def _verdict(data: Data) -> str:

@@ -21,11 +21,12 @@ from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.plain import plain
-from tensegrity_mj.studies.report import Report
+from tensegrity_mj.studies.report import Page, Report
 from tensegrity_mj.studies.tradeoff import bench, sentence
 from tensegrity_mj.studies.tradeoff.experiments import Experiment, closed_loops, open_loop
 from tensegrity_mj.studies.tradeoff.measurement import Ended, Motion, attempt, record
 from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
+from tensegrity_mj.studies.tradeoff.page import page_of
 from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, Reference, find_reference
 from tensegrity_mj.studies.tradeoff.results import result_of, sentences
 from tensegrity_mj.studies.tradeoff.settings import Setting, divides, sweep_settings, weight
@@ -44,7 +45,11 @@ Data = dict[str, Any]
 class Tradeoff(Report):
     """A finished study; everything but data["timing"] is the same each time."""
 
-    NAME, PAGE = "tradeoff", "tensegrity_mj.studies.tradeoff.page:write_tradeoff_page"
+    NAME = "tradeoff"
+
+    def page(self) -> Page:
+        """Diagrams, advice, and each experiment with its settings."""
+        return page_of(self.data)
 
     @property
     def sentences(self) -> list[str]:

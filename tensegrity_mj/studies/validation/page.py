@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 from tensegrity_mj.basics.files import table_beside
 from tensegrity_mj.basics.texts import shortened
 from tensegrity_mj.basics.units import quantity
-from tensegrity_mj.pictures.findings import Finding, Mark, mark_of, opening_of
-from tensegrity_mj.pictures.page import Picture, Section, Table, write_sections
+from tensegrity_mj.pictures.findings import Finding, Mark, mark_of
+from tensegrity_mj.pictures.page import Picture, Section, Table
 from tensegrity_mj.studies.plain import value_at
+from tensegrity_mj.studies.report import Page
 from tensegrity_mj.studies.validation import figures
 from tensegrity_mj.studies.validation.sections import SECTIONS
 from tensegrity_mj.studies.validation.sentences import GOOD, title
@@ -28,12 +27,8 @@ TABLE = table_beside(__file__)
 COLUMNS, NOTES = TABLE["columns"], TABLE["notes"]
 
 
-def write_validation_page(path: str | os.PathLike[str], data: Data) -> Path:
-    """Write the page of a report's data; returns its path.
-
-    Raises:
-        OptionError: for a path that cannot be written.
-    """
+def page_of(data: Data) -> Page:
+    """The page of a report's data."""
     setup, law = data["setup"], data["law"]
     name = _law_name(law)
     scene = data["scene"]
@@ -44,10 +39,8 @@ def write_validation_page(path: str | os.PathLike[str], data: Data) -> Path:
         f"where the law must be sampled; seed {setup['seed']}. A run has converged if it ends within "
         f"{data['tolerance']:.2g} m of its target."
     )
-    title_ = f"Validation of {name} on {scene['name']}"
-    opening = opening_of(_verdict(data, name), _findings(data))
     parts = [*_sections(data), _details(data)]
-    return write_sections(path, title_, introduction, parts, opening=opening)
+    return Page(f"Validation of {name} on {scene['name']}", introduction, _verdict(data, name), _findings(data), parts)
 
 
 def _law_name(law: Data) -> str:

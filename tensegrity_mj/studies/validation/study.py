@@ -24,8 +24,9 @@ from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.studies.plain import plain
-from tensegrity_mj.studies.report import Report
+from tensegrity_mj.studies.report import Page, Report
 from tensegrity_mj.studies.validation.findings import findings
+from tensegrity_mj.studies.validation.page import page_of
 from tensegrity_mj.studies.validation.sections import SECTIONS, Extent, Setup, cases
 from tensegrity_mj.studies.validation.task import TICK, run_point
 from tensegrity_mj.studies.workers import Workers, workers_for
@@ -38,7 +39,11 @@ DATA, PAGE, RUNS = "validation.json", "validation.html", "runs"  # what a folder
 class Validation(Report):
     """A finished report; docs/validate.md explains the keys of its `data`."""
 
-    NAME, PAGE = "validation", "tensegrity_mj.studies.validation.page:write_validation_page"
+    NAME = "validation"
+
+    def page(self) -> Page:
+        """What was found, section by section."""
+        return page_of(self.data)
 
     @property
     def summary(self) -> list[str]:
