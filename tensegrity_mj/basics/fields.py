@@ -111,7 +111,7 @@ def value(
     """
 
     def by_name(cls: type, fields: list[attrs.Attribute[Any]]) -> list[attrs.Attribute[Any]]:
-        return [one.evolve(kw_only=positional is not None and n >= positional) for n, one in enumerate(fields)]
+        return [one if positional is None else one.evolve(kw_only=n >= positional) for n, one in enumerate(fields)]
 
     def made(cls: type[T]) -> type[T]:
         for name, kind in _typed_fields(cls):

@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from tensegrity_mj.model.elements.resistance import Drag as Drag
     from tensegrity_mj.model.elements.resistance import Resistance as Resistance
     from tensegrity_mj.model.elements.spectra import IrregularSea as IrregularSea
+    from tensegrity_mj.model.elements.terrain import Heights as Heights
+    from tensegrity_mj.model.elements.terrain import Ramp as Ramp
+    from tensegrity_mj.model.elements.terrain import Rough as Rough
+    from tensegrity_mj.model.elements.terrain import Stairs as Stairs
     from tensegrity_mj.model.elements.water import Water as Water
     from tensegrity_mj.model.elements.water import Weights as Weights
     from tensegrity_mj.model.elements.waves import AboveLevel as AboveLevel

@@ -39,6 +39,7 @@ class Framing:
         surface: of the water, or None.
         has_grid: whether there is a horizontal grid, from `grid_low` to `grid_high`.
         plate: two corners and the axes of the floor's plate, or None.
+        terrain: what is drawn in place of a plate and a grid, or None.
 
     Args:
         motions: one or two.
@@ -49,6 +50,7 @@ class Framing:
 
     def __init__(self, motions: list[Motion], seas: list[Sea | None], view: View, aspect: float) -> None:
         self.motions, self.seas, self.view = motions, seas, view
+        self.terrain = next((motion.terrain for motion in motions if motion.terrain is not None), None)
         clouds, arcs, own = [], [], []
         for motion in self.motions:
             times = np.linspace(motion.start, motion.end, min(SAMPLES, 4 * len(motion.time)))
@@ -170,6 +172,7 @@ class Framing:
         level = floor is None or floor[1][2] > LEVEL
         # Deep water has its grid on the surface.
         self.has_grid = camera.elevation < -2.0 and level and (self.surface is None or floor is not None)
+        self.has_grid &= self.terrain is None
         low, high = points.min(axis=0), points.max(axis=0)
         low[2] = low[2] - 1.05 * max(s.support for s in self.sizes) if floor is None else floor[0][2]
         # Whole cells that hold everything; a line a cell is drawn, so that their number is bounded by the extent.
@@ -184,7 +187,7 @@ class Framing:
     def _plan_floor(self, points: Array, floor: tuple[Array, Array] | None, camera: Camera) -> None:
         """Where the floor's plate lies: under all points, and under the grid; none where it is seen from below."""
         self.plate: tuple[Array, Array, Array] | None = None
-        if floor is None or camera.axes[2] @ floor[1] > -0.03:
+        if floor is None or self.terrain is not None or camera.axes[2] @ floor[1] > -0.03:
             return
         if self.has_grid:
             self.plate = (self.grid_low, self.grid_high, np.eye(3))

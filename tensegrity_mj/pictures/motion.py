@@ -13,6 +13,7 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.dynamics.target import target_positions
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model import strings
+from tensegrity_mj.model.elements.terrain import Terrain
 from tensegrity_mj.model.elements.water import sea_of
 from tensegrity_mj.model.elements.waves import Sea
 from tensegrity_mj.model.scene import Scene
@@ -46,6 +47,7 @@ class Motion:
         tensions, rest_lengths: (T, M) [N], [m].
         break_times: (M,) [s] when each string breaks, ∞ for never; it is not drawn from then on.
         floor: what it may land on: a point of it [m] and its unit normal, (3,) each, or None.
+        terrain: what is uneven on the floor, or None.
         sea: the waves of the water that it is in, or None.
     """
 
@@ -63,6 +65,7 @@ class Motion:
     rest_lengths: Array
     break_times: Array
     floor: tuple[Array, Array] | None
+    terrain: Terrain | None
     sea: Sea | None
 
     @classmethod
@@ -128,6 +131,7 @@ class Motion:
             title=scene.name,
             break_times=break_times(scene),
             floor=None if contact is None or contact.floor is None else (contact.floor * contact.up, contact.up),
+            terrain=None if contact is None else contact.terrain,
             sea=None if scene.water is None else sea_of(scene),
             **samples,
         )

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array, norm
+from tensegrity_mj.model.elements.terrain import Terrain
 from tensegrity_mj.model.rods import mass_places
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.pictures import palette
@@ -97,14 +98,22 @@ class Sizes:
         )
 
 
-def make_model(surface: Surface | None = None) -> Any:
-    """The MjModel that pictures are drawn with; with water, it lends the renderer a skin for each of its meshes."""
+def make_model(surface: Surface | None = None, terrain: Terrain | None = None, cell: float = 1.0) -> Any:
+    """The MjModel that pictures are drawn with; with water, it lends the renderer a skin for each of its meshes.
+
+    On a terrain there are lines a `cell` [m] apart.
+    """
     import mujoco
 
-    if surface is None:
-        return mujoco.MjModel.from_xml_string(_MODEL)
     specification = mujoco.MjSpec.from_string(_MODEL)
-    for faces in surface.faces:
+    if terrain is not None:
+        add_terrain(specification, terrain)
+        texture = specification.add_texture(name="lines", type=mujoco.mjtTexture.mjTEXTURE_2D, width=256, height=256)
+        texture.builtin, texture.mark = mujoco.mjtBuiltin.mjBUILTIN_FLAT, mujoco.mjtMark.mjMARK_EDGE
+        texture.rgb1, texture.markrgb = [1.0, 1.0, 1.0], [0.8, 0.8, 0.8]
+        lined = specification.add_material(name="lined", texuniform=True, texrepeat=[2.0 / cell, 2.0 / cell])
+        lined.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "lines"
+    for faces in () if surface is None else surface.faces:
         count = int(faces.max()) + 1
         # Where vertices are is said for each frame; here the triangles count, and that there is a bone.
         skin = specification.add_skin()
@@ -112,6 +121,13 @@ def make_model(surface: Surface | None = None) -> Any:
         skin.bodyname, skin.bindpos, skin.bindquat = ["world"], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
         skin.vertid, skin.vertweight = [list(range(count))], [[1.0] * count]
     return specification.compile()
+
+
+def add_terrain(specification: Any, terrain: Terrain) -> None:
+    """Add the height field of a terrain to a model's assets, its only one."""
+    _, sizes, shares = terrain.height_field()
+    rows, columns = shares.shape
+    specification.add_hfield(name="terrain", nrow=rows, ncol=columns, size=sizes, userdata=shares.ravel().tolist())
 
 
 class Painter:
@@ -217,6 +233,12 @@ class Painter:
         middle = 0.5 * (low + high) - 2.0 * thickness * frame[:, 2]
         geom = self._put("BOX", size, middle, frame, _rgba(palette.FLOOR, 1.0))
         geom.emission, geom.specular = 0.12, 0.0
+
+    def terrain(self, floor: tuple[Array, Array], terrain: Terrain) -> None:
+        """Uneven ground on a floor, for a model made with the same `terrain`."""
+        middle, sizes, _ = terrain.height_field()
+        geom = self._put("HFIELD", sizes[:3], floor[0] + middle, self._identity, _rgba(palette.FLOOR, 1.0))
+        geom.dataid, geom.matid, geom.emission, geom.specular = 0, 0, 0.0, 0.0
 
     def shadows(self, floor: tuple[Array, Array], thickness: float, dark: Iterable[Patch]) -> None:
         """Flat shadows just above a floor's plate of that thickness [m], darker ones over paler ones."""

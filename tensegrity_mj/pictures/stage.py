@@ -156,7 +156,7 @@ class Stage:
         """Only as large a part of each column as can show something is drawn: the rest stays as it is."""
         height = max(height, 1)
         wide, tall = column, height
-        if self.view.distance is None and not self.framing.follow:
+        if self.view.distance is None and not self.framing.follow and self.framing.terrain is None:
             spread = self.framing.spread()
             # In units of half the height, with room for the thickness of members.
             wide = min(column, math.ceil((1.08 * spread[0] + 0.06) * height))
@@ -199,7 +199,7 @@ class Stage:
             target=self.view.target and any(m.target is not None for m in self.motions),
             fixed=3 in held,
             guided=any(h < 3 for h in held),
-            grid=self.framing.cell if self.framing.has_grid or self._surface is not None else None,
+            grid=self.framing.cell if self.framing.has_grid or self._surface or self.framing.terrain else None,
             water=self._surface is not None,
         )
 
@@ -219,7 +219,7 @@ class Stage:
         pixel = 2.0 * nearest * HALF_VIEW / self.view.size[1]
         if self._surface is not None:
             self._surface = self._surface.lined(LINE * pixel, self.framing.camera)
-        model = make_model(self._surface)
+        model = make_model(self._surface, self.framing.terrain, self.framing.cell)
         port = self._ports[0]
         canvas = Canvas(model, *self._drawn_size(port))
         self._canvas = self._stack.enter_context(canvas)
@@ -274,6 +274,8 @@ class Stage:
             low, high, frame = self.framing.plate
             shift = shift - (shift @ frame[:, 2]) * frame[:, 2]
             painter.plate(low + shift, high + shift, frame)
+        if self.framing.terrain is not None and motion.floor is not None:
+            painter.terrain(motion.floor, self.framing.terrain)
         if self.framing.has_grid:
             shade = palette.GRID if self.framing.plate is None else palette.FLOOR_LINE
             painter.grid(self.framing.grid_low + shift, self.framing.grid_high + shift, self.framing.cell, shade)

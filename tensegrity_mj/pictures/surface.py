@@ -123,7 +123,7 @@ class Surface:
         """
         across, along = len(self.x), len(self.y)
         number = np.arange(across * along).reshape(across, along)
-        top = _both(_quads(number))
+        top = _both(quads(number))
         sides = [along, across, along, across]
         walls = _strips(sides)
         rows = len(self.y[:: self.every]), len(self.x[:: self.every])
@@ -146,7 +146,7 @@ def _shortest(sea: Sea) -> float:
     return 2.0 * math.pi / float(np.max(sea.number[counts])) if counts.any() else math.inf
 
 
-def _quads(number: Faces) -> Faces:
+def quads(number: Faces) -> Faces:
     """Two triangles a cell of a grid of vertices (I, J), whose second index runs to the left of its first."""
     a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
     return np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
@@ -156,7 +156,7 @@ def _strips(lengths: Sequence[int]) -> Faces:
     """Strips between two rows of vertices each, of these lengths, one after the other."""
     starts = np.concatenate([[0], 2 * np.cumsum(lengths)])[:-1]
     return np.concatenate(
-        [_quads((start + np.arange(2 * n)).reshape(2, n).T) for start, n in zip(starts, lengths, strict=True)]
+        [quads((start + np.arange(2 * n)).reshape(2, n).T) for start, n in zip(starts, lengths, strict=True)]
     )
 
 

@@ -16,10 +16,11 @@ import numpy as np
 
 import tensegrity_mj.engines.mujoco  # noqa: F401  (refuses an environment in which MuJoCo cannot be imported)
 from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.engines.mujoco.mjcf_frames import quaternion, rotation_to
 from tensegrity_mj.errors import MissingLibraryError
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.motion import Motion
-from tensegrity_mj.pictures.painter import Look, Painter, Sizes
+from tensegrity_mj.pictures.painter import Look, Painter, Sizes, add_terrain
 from tensegrity_mj.runs.trajectory import Trajectory
 
 FRAME = 1.0 / 60.0  # s
@@ -195,17 +196,20 @@ def _empty_model(motion: Motion, middle: Array, size: float) -> Any:
     import mujoco
 
     text = " ".join(f"{x:.9g}" for x in middle)
-    return mujoco.MjModel.from_xml_string(
+    specification = mujoco.MjSpec.from_string(
         f'<mujoco><statistic center="{text}" extent="{size:.9g}"/>'
         '<visual><headlight ambient="0.5 0.5 0.5" diffuse="0.5 0.5 0.5"/></visual>'
         '<asset><texture type="skybox" builtin="gradient" rgb1="0.95 0.96 0.98" rgb2="0.72 0.77 0.83" '
-        f'width="64" height="384"/></asset>{_floor(motion)}</mujoco>'
+        'width="64" height="384"/></asset></mujoco>'
     )
-
-
-def _floor(motion: Motion) -> str:
-    """The scene's floor as MJCF, or nothing."""
-    if motion.floor is None:
-        return ""
-    place, up = (" ".join(f"{x:.9g}" for x in v) for v in motion.floor)
-    return f'<worldbody><geom type="plane" pos="{place}" zaxis="{up}" size="0 0 1" rgba="0.8 0.82 0.84 1"/></worldbody>'
+    if motion.floor is not None:
+        look: dict[str, Any] = {"rgba": [0.8, 0.82, 0.84, 1]}
+        level = motion.floor[0].copy()
+        if motion.terrain is not None:
+            add_terrain(specification, motion.terrain)
+            kind, middle = mujoco.mjtGeom.mjGEOM_HFIELD, level + motion.terrain.height_field()[0]
+            specification.worldbody.add_geom(type=kind, hfieldname="terrain", pos=middle, **look)
+            level[2] += motion.terrain.lowest
+        place = {"pos": level, "quat": quaternion(rotation_to(motion.floor[1]))}
+        specification.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1], **place, **look)
+    return specification.compile()

@@ -31,11 +31,14 @@ from tensegrity_mj.pictures.framing import BLOWN_UP, DEEP, FAR
 from tensegrity_mj.pictures.motion import Motion
 from tensegrity_mj.pictures.painter import EDGE, SLACKNESS, Sizes
 from tensegrity_mj.pictures.supports import support_places
+from tensegrity_mj.pictures.surface import quads
 from tensegrity_mj.runs.trajectory import Trajectory
 
 MOST_BYTES = 8_000_000  # of a page, of which plotly's JavaScript is 5 MB
 RATE, LEAST, MOST = 60.0, 200, 2000  # frames a second of simulated time, and how few and how many they may be
 NAME_LETTERS = 80
+SQUARE = ((0, 1, 2), (0, 2, 3))  # triangles of its corners
+MOST_ACROSS = 80  # points of uneven ground
 MARGIN = 0.06  # of what is seen, around it
 ASPECT = 1.5  # width over height that the first view is made for
 HALF_VIEW = math.tan(math.radians(45.0) / 2.0)  # plotly's camera, vertically
@@ -259,15 +262,27 @@ def _foot(point: Array, floor: tuple[Array, Array]) -> Array:
     return point - (point - floor[0]) @ floor[1] * floor[1]
 
 
-def _floor(floor: tuple[Array, Array], motion: Motion, box: _Box) -> Array:
-    """Corners (4, 3) [m] of a square of the floor under all that the run passes through."""
+def _floor(floor: tuple[Array, Array], motion: Motion, box: _Box) -> dict[str, Any]:
+    """Points (P, 3) [m] of a square of the floor under all that the run passes through, and its triangles (F, 3)."""
     points = motion.nodes.reshape(-1, 3)
     reach = 1.5 * box.extent + (float(np.linalg.norm(np.ptp(points, axis=0))) if box.follow else 0.0)
     side = np.cross(floor[1], np.eye(3)[int(np.argmin(np.abs(floor[1])))])
     side *= reach / np.linalg.norm(side)
     across = np.cross(floor[1], side)
     middle = _foot(points.mean(axis=0) if box.follow else box.center, floor)
-    return middle + np.array([-side - across, side - across, side + across, across - side])
+    if motion.terrain is None:
+        return {
+            "points": middle + np.array([-side - across, side - across, side + across, across - side]),
+            "faces": SQUARE,
+        }
+    x, y, z = motion.terrain.points
+    rows, columns = (
+        np.flatnonzero(abs(marks - at) <= reach)[:: 1 + int(2 * reach / (marks[1] - marks[0])) // MOST_ACROSS]
+        for marks, at in ((x, middle[0]), (y, middle[1]))
+    )
+    places = np.meshgrid(x[rows], y[columns], indexing="ij")
+    points = np.stack([*places, z[np.ix_(rows, columns)] + floor[0][2]], axis=-1).reshape(-1, 3)
+    return {"points": points, "faces": quads(np.arange(len(points)).reshape(len(rows), len(columns)))}
 
 
 def _eye(motion: Motion, half: Array) -> Array:

@@ -58,7 +58,8 @@ def changed(now: Any, parts: Sequence[str], path: str, what: str, value: Any) ->
     no_more(which, (), path)
     if kind.part is not None:
         # A part that there is not begins with its defaults, where it has some for all.
-        if held is None and any(one.default is NOTHING for one in item_of(kind.part).keys.values()):
+        plain = is_dataclass(kind.part)  # of no kind that a file would have to name
+        if held is None and not (plain and all(one.default is not NOTHING for one in item_of(kind.part).keys.values())):
             raise OptionError(f"{path}: {what} has no {name}")
         new = changed(kind.part() if held is None else held, others, path, name, value)
     elif kind.row:

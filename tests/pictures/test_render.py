@@ -16,6 +16,7 @@ import tensegrity_mj as tmj
 from tensegrity_mj.engines.reference.dae import DAE
 from tensegrity_mj.errors import MissingLibraryError, OptionError
 from tensegrity_mj.model.elements.contact import floor_gaps
+from tensegrity_mj.model.elements.terrain import Heights
 from tensegrity_mj.model.events import Break
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
@@ -560,6 +561,20 @@ def test_a_landed_structure_has_shadows_on_its_floor():
         x, y = camera.project(place)
         shade = image[int(180 - 180 * y), int(320 + 180 * x)].astype(int)
         assert shade.sum() < 3 * 255 * np.mean(palette.FLOOR) - 40
+
+
+@needs_opengl
+def test_uneven_ground_is_drawn_at_its_height():
+    """A mound beside the structure hides the backdrop as far up as it stands, and no further."""
+    scene = tmj.load_scene("prism_drop")
+    mound = Heights(heights=[[0.0, 0.0, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]] * 9, spacing=0.3)
+    hilly = scene.with_(contact=replace(scene.contact, terrain=mound))
+    with stage_of(hilly, size=(640, 360), azimuth=90.0, elevation=-10.0, distance=3.0) as stage:
+        image = stage.frame(0.0).astype(int)
+        low, high = (image[pixel(stage, (-0.6, 0.0, z))[::-1]] for z in (0.4, 0.9))
+    backdrop = palette.to_bytes(palette.BACKGROUND)
+    assert np.abs(low - backdrop).max() > 40
+    assert np.abs(high - backdrop).max() < 5
 
 
 def test_a_camera_that_moves_never_loses_what_it_shows_and_comes_nearer():

@@ -19,6 +19,7 @@ from analytic_runs import cone_motion, cone_run, cone_scene, two_masses
 
 from tensegrity_mj.errors import MissingPackageError, OptionError
 from tensegrity_mj.library.load import load_scene
+from tensegrity_mj.model.elements.terrain import Stairs
 from tensegrity_mj.model.events import Break
 from tensegrity_mj.model.members import Rod
 from tensegrity_mj.model.scene import Scene
@@ -111,8 +112,14 @@ def test_floor_and_water_are_drawn_where_they_are_near() -> None:
     drop = load_scene("prism_drop")
     data = data_of(make_web_page(drop))
     assert "floor" in data["drawn"]
-    assert np.array(data["floor"])[:, 2] == pytest.approx(np.zeros(4), abs=1e-12)
+    assert np.array(data["floor"]["points"])[:, 2] == pytest.approx(np.zeros(4), abs=1e-12)
     assert data["center"][2] - data["half"][2] < 0.0
+    assert drop.contact is not None
+    stairs = Stairs(rise=-0.07, tread=0.3)
+    ground = data_of(make_web_page(drop.with_(contact=replace(drop.contact, terrain=stairs))))["floor"]
+    points, faces = np.array(ground["points"]), np.array(ground["faces"])
+    np.testing.assert_allclose(points[:, 2], stairs.height(points[:, :2]), rtol=0, atol=1e-12)
+    assert len(np.unique(faces)) == len(points) > 100
     waves = load_scene("tower_waves")
     data = data_of(make_web_page(waves))
     assert "water" in data["drawn"]

@@ -104,7 +104,7 @@ def scene_to_mjcf(scene: Scene, timestep: float = 1e-3, integrator: str = "RK4")
 
     world = ET.SubElement(root, "worldbody")
     ET.SubElement(world, "light", pos="0 0 4", dir="0 0 -1", directional="true")
-    _floor(world, scene)
+    _floor(root, world, scene)
     thickness = 0.25 * min((rod.radius for rod in structure.rods), default=0.02 * size(scene))
     site: dict[str, Any] = {"size": numbers([2 * thickness]), "rgba": "0.2 0.2 0.2 1"}
     moved = {structure.node_names[row] for row, _ in tree.moved_nodes}
@@ -125,19 +125,31 @@ def scene_to_mjcf(scene: Scene, timestep: float = 1e-3, integrator: str = "RK4")
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _floor(world: ET.Element, scene: Scene) -> None:
+def _floor(root: ET.Element, world: ET.Element, scene: Scene) -> None:
     contact = scene.contact
     if contact is None or contact.floor is None:
         return
+    bits: dict[str, Any] = {"contype": str(FLOOR), "conaffinity": "0", **hardness(contact)}
+    look: dict[str, Any] = {"rgba": "0.8 0.82 0.84 1"}
+    taken = {rod.name for rod in scene.structure.rods}
+    level = contact.floor
+    if contact.terrain is not None:
+        name = distinct(["terrain"], taken=taken)[0]
+        middle, sizes, shares = contact.terrain.height_field()
+        rows: dict[str, Any] = dict(zip(("nrow", "ncol"), map(str, shares.shape), strict=True))
+        field: dict[str, Any] = {"size": numbers(sizes), "elevation": numbers(shares[::-1].ravel())}  # text runs down
+        ET.SubElement(ET.SubElement(root, "asset"), "hfield", name=name, **rows, **field)
+        place: dict[str, Any] = {"pos": numbers(middle + level * contact.up)}
+        ET.SubElement(world, "geom", name=name, type="hfield", hfield=name, **place, **bits, **look)
+        level += contact.terrain.lowest
     # Endless: the size is for viewers, its last number a spacing of lines.
-    origin, rotation = contact.floor * contact.up, rotation_to(contact.up)
+    origin, rotation = level * contact.up, rotation_to(contact.up)
     if must_turn(origin, [np.zeros(3)], 0.0):
         rotation = rotation @ np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # about its normal
-    place: dict[str, Any] = {"pos": numbers(origin), "quat": numbers(quaternion(rotation))}
-    name = distinct(["floor"], taken={rod.name for rod in scene.structure.rods})[0]
-    bits: dict[str, Any] = {"contype": str(FLOOR), "conaffinity": "0"}
-    look: dict[str, Any] = {"size": numbers([0, 0, 0.1 * size(scene)]), "rgba": "0.8 0.82 0.84 1"}
-    ET.SubElement(world, "geom", name=name, type="plane", **place, **bits, **hardness(contact), **look)
+    place = {"pos": numbers(origin), "quat": numbers(quaternion(rotation))}
+    name = distinct(["floor"], taken=taken)[0]
+    extent = numbers([0, 0, 0.1 * size(scene)])
+    ET.SubElement(world, "geom", name=name, type="plane", **place, **bits, size=extent, **look)
 
 
 def _flags(option: ET.Element, scene: Scene, tree: BodyTree) -> None:

@@ -275,8 +275,8 @@ def touching(scene: Scene, rods: bool) -> dict[str, Any]:
 def hardness(contact: Contact) -> dict[str, Any]:
     """Friction, stiffness and damping, the same for all that touch: no mean of two materials is ever taken."""
     return {
-        "condim": "3" if contact.friction > 0 else "1",
-        "friction": numbers([contact.friction, 0, 0]),
+        "condim": "1" if contact.friction == 0 else "6" if contact.rolling > 0 else "4" if contact.torsion > 0 else "3",
+        "friction": numbers([contact.friction, contact.torsion, contact.rolling]),
         "solref": numbers([-contact.stiffness, -contact.damping]),
         "solimp": numbers(contact.impedance),
     }

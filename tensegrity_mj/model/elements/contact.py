@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.fields import field, refused, value
-from tensegrity_mj.basics.kinds import direction, each, flag, number, within
+from tensegrity_mj.basics.kinds import direction, each, flag, number, part, within
+from tensegrity_mj.model.elements.terrain import Terrain
 from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.structure import Structure
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 
 
 SHARE = within(1e-4, 0.9999)
+FRICTION = number("0, or within [1e-5, 1e5]", lambda x: x == 0 or 1e-5 <= x <= 1e5)
 
 
 @value("contact")
@@ -45,8 +47,12 @@ class Contact:
     Attributes:
         floor: height of the floor along `normal` [m]: bodies stay where normal · x >= floor. None for no floor.
         normal: of the floor, upwards; of any length but zero.
+        terrain: heights above the level of the floor, whose normal is then z; None for a floor that is a plane.
         rods: whether rods touch each other.
         friction: Coulomb's coefficient of sliding friction, within [1e-5, 1e5]; 0 for none.
+        torsion: of friction that resists a turn about the contact's normal [m]: its torque by the normal force, about
+            2/3 of the radius of what touches times `friction`. 0 for none.
+        rolling: of friction that resists rolling [m]: its torque by the normal force. 0 for none.
         stiffness: [1/s²], > 0 and at most 1e12: force by depth, on the mass that the contact feels.
         damping: [1/s], within [0, 1e7]: force by speed, likewise.
         impedance: (d₀, d₁, width [m], midpoint, power) of d(r): it grows from d₀ at touch to d₁ >= d₀ at the depth
@@ -62,7 +68,7 @@ class Contact:
     floor: float | None = field(number("a finite height [m]", lambda x: True), default=None, none="None for no floor")
     normal: Vector = field(direction(), default=(0.0, 0.0, 1.0))
     rods: bool = field(flag(), default=False)
-    friction: float = field(number("0, or within [1e-5, 1e5]", lambda x: x == 0 or 1e-5 <= x <= 1e5), default=0.6)
+    friction: float = field(FRICTION, default=0.6)
     stiffness: float = field(number("> 0 and at most 1e12 [1/s²]", lambda x: 0 < x <= 1e12), default=4e4)
     damping: float = field(number("within [0, 1e7] [1/s]", lambda x: 0 <= x <= 1e7), default=400.0)
     impedance: tuple[float, float, float, float, float] = field(
@@ -76,6 +82,9 @@ class Contact:
         ),
         default=(0.01, 0.95, 2e-3, 0.5, 2.0),
     )
+    torsion: float = field(FRICTION, default=0.0)
+    rolling: float = field(FRICTION, default=0.0)
+    terrain: Terrain | None = field(part(Terrain, "Ramp, Stairs, Rough or Heights"), default=None, none="None")
 
     def __attrs_post_init__(self) -> None:
         d0, d1, *_ = self.impedance
@@ -84,6 +93,18 @@ class Contact:
                 self,
                 f"impedance: d1 = {d1:g} at the depth `width` is below d0 = {d0:g} at touch; a contact that softens as "
                 "it is pressed may give energy: make d1 at least d0",
+            )
+        if self.friction == 0 and (self.torsion or self.rolling):
+            raise refused(
+                self,
+                f"torsion = {self.torsion:g} m and rolling = {self.rolling:g} m, but friction = 0: what slides freely "
+                "has neither; give friction, or leave them out",
+            )
+        if self.terrain is not None and (self.floor is None or self.up[2] != 1.0):
+            raise refused(
+                self,
+                f"terrain: with floor = {self.floor} and normal = {list(self.normal)}; heights are along z above the "
+                "level of a floor: give its height, and no other normal",
             )
 
     @property
@@ -98,16 +119,21 @@ PIECE = 1_000_000  # pairs of boxes that are looked at together
 
 def floor_gaps(structure: Structure, contact: Contact, nodes: Array) -> Array:
     """(N,) [m]: how far each node's ball is above the floor, negative inside it; ∞ for fixed nodes, or without one."""
-    gaps = np.full(len(structure.nodes), np.inf)
+    radii = np.full(len(structure.nodes), np.nan)
     if contact.floor is None:
-        return gaps
-    heights = nodes @ contact.up - contact.floor
+        return np.full(len(radii), np.inf)
     for rod, pair in zip(structure.rods, structure.rod_nodes, strict=True):
-        gaps[pair] = heights[pair] - rod.radius
-    for point in structure.lone_masses:
-        row = structure.node_index[point.node]
-        gaps[row] = heights[row]
-    return gaps
+        radii[pair] = rod.radius
+    radii[[structure.node_index[point.node] for point in structure.lone_masses]] = 0.0
+    return np.where(np.isfinite(radii), _clearance(contact, nodes, radii), np.inf)
+
+
+def _clearance(contact: Contact, centres: Array, radii: Array) -> Array:
+    """How far (P,) [m] balls are above the floor, along its normal."""
+    assert contact.floor is not None
+    if contact.terrain is None:
+        return np.asarray(centres @ contact.up - contact.floor - radii)
+    return contact.terrain.clearance(centres - contact.floor * contact.up, radii)
 
 
 def rod_gaps(structure: Structure, nodes: Array) -> tuple[NDArray[np.int64], Array]:
@@ -178,6 +204,14 @@ def overlaps(structure: Structure, contact: Contact, nodes: Array) -> list[str]:
     for name, gap in zip(structure.node_names, floor_gaps(structure, contact, nodes), strict=True):
         if gap < 0:
             found.append(f"{owner[name]} is {-gap:.3g} m inside the floor")
+    if contact.terrain is not None:
+        for rod, (start, end) in zip(structure.rods, nodes[structure.rod_nodes], strict=True):
+            # A ridge may be between the nodes: balls along it, no further apart than matters.
+            count = 2 + int(np.linalg.norm(end - start) / max(rod.radius, 0.1 * contact.terrain.spacing))
+            balls = np.linspace(start, end, count)
+            gap = float(_clearance(contact, balls, np.full(count, rod.radius)).min())
+            if gap < 0 and not any(repr(rod.name) in text for text in found):
+                found.append(f"rod '{rod.name}' is {-gap:.3g} m inside the floor between its nodes")
     if contact.rods and len(structure.rods) > 1:
         pairs, gaps = rod_gaps(structure, nodes)
         for (i, j), gap in zip(pairs[gaps < 0], gaps[gaps < 0], strict=True):
@@ -193,6 +227,13 @@ def check_contact(scene: Scene) -> None:
         raise refused(contact, "there is neither a floor nor contact between rods: give one, or leave contact out")
     if contact.rods and len(scene.structure.rods) < 2:
         raise refused(contact, "rods = True, but there are no two rods that could touch: leave it out")
+    if contact.terrain is not None and scene.structure.lone_masses:
+        # A ball as small as a point may be between two of MuJoCo's cells, and falls through.
+        raise refused(
+            contact,
+            f"terrain: the point mass on node '{scene.structure.lone_masses[0].node}' would touch it, which has no "
+            "size; rods alone may: put it on a rod, or leave the terrain out",
+        )
     found = overlaps(scene.structure, contact, scene.nodes0)
     if found:
         more = f" (and {len(found) - 1} more)" if len(found) > 1 else ""

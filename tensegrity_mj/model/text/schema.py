@@ -10,13 +10,13 @@ import enum
 import inspect
 import re
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import is_dataclass
 from typing import Any
 
 from attrs import NOTHING
 
 from tensegrity_mj.basics.fields import Key, item_of
 from tensegrity_mj.basics.kinds import NUMBER, TEXT, list_schema, positive, vector
-from tensegrity_mj.model.elements.element import Element
 from tensegrity_mj.model.ground import Ground
 from tensegrity_mj.model.members import Support
 from tensegrity_mj.model.scene import Scene
@@ -87,8 +87,8 @@ def _key(one: Key, about: str, parts: dict[str, Any]) -> dict[str, Any]:
 
 def _part(cls: type, parts: dict[str, Any]) -> dict[str, Any]:
     """A reference to the table of a class, which stands among the parts."""
-    if cls is Element:
-        parts["Element"] = {"type": "object", "properties": {"kind": TEXT}, "required": ["kind"]}  # the rest is its own
+    if not is_dataclass(cls):  # it has kinds, and the rest is theirs
+        parts[cls.__name__] = {"type": "object", "properties": {"kind": TEXT}, "required": ["kind"]}
     elif cls is Target:
         tables = {key: {one: NODES if one == "nodes" else NUMBER for one in keys} for key, keys in BY_NUMBER.items()}
         target = {key: list_schema(_table(keys, list(keys)[:1])) for key, keys in tables.items()}
