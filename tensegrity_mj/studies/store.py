@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from io import FileIO
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from typing import Any
 from tensegrity_mj.basics.files import replacing
 from tensegrity_mj.basics.jsontext import from_exact_json, to_exact_json
 from tensegrity_mj.errors import FormatError, OptionError
-from tensegrity_mj.studies.plain import difference, digest
+from tensegrity_mj.studies.plain import difference, digest, plain
 
 STUDY, POINTS, FILES, RESULT, LOCK = "study.json", "points.jsonl", "files", "result.json", ".lock"
 FORMAT = 1
@@ -56,6 +56,13 @@ class Store:
                 f"{self.folder / POINTS}: cannot be written ({error.strerror}); make room there and run the same again"
             ) from error
         self.outcomes[key] = outcome
+
+    def once(self, point: Mapping[str, Any], task: Callable[[], Mapping[str, Any]]) -> dict[str, Any]:
+        """The outcome of a point: as it was kept, or computed now, in this process, and kept."""
+        key = digest(point)
+        if key not in self.outcomes:
+            self.add(key, plain(task(), "an outcome"), {})
+        return self.outcomes[key]
 
 
 def line_of(key: str, outcome: dict[str, Any]) -> bytes:

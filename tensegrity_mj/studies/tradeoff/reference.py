@@ -10,7 +10,7 @@ at two fine steps, and then there is no second formulation.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -56,6 +56,16 @@ class Reference:
         """How wrong it may be itself [m]; infinite where there is none."""
         value = self.facts["own_error"]
         return float("inf") if value is None else float(value)
+
+    def to_keep(self) -> dict[str, Any]:
+        """Plain values, and arrays of the motion, of which `kept` makes it again."""
+        return {"facts": self.facts, "motion": None if self.motion is None else vars(self.motion)}
+
+    @classmethod
+    def kept(cls, found: Mapping[str, Any]) -> Reference:
+        """A reference as it was kept."""
+        motion = None if found["motion"] is None else Motion(**{k: np.array(v) for k, v in found["motion"].items()})
+        return cls(motion, found["facts"])
 
 
 def find_reference(experiment: Experiment, budget: float, run: Run | None = None) -> Reference:

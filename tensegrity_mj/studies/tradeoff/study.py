@@ -20,11 +20,13 @@ from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.simulation import versions
-from tensegrity_mj.studies.plain import plain
+from tensegrity_mj.studies.many import bar_of
+from tensegrity_mj.studies.plain import digest, plain
 from tensegrity_mj.studies.report import Page, Report
-from tensegrity_mj.studies.tradeoff import bench, sentence
+from tensegrity_mj.studies.store import Store, opened
+from tensegrity_mj.studies.tradeoff import sentence
 from tensegrity_mj.studies.tradeoff.experiments import Experiment, closed_loops, open_loop
-from tensegrity_mj.studies.tradeoff.measurement import Ended, Motion, attempt, record
+from tensegrity_mj.studies.tradeoff.measurement import Ended, attempt, record
 from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
 from tensegrity_mj.studies.tradeoff.page import page_of
 from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, Reference, find_reference
@@ -114,8 +116,12 @@ def tradeoff(
         "versions": versions(),
     }
     place = tempfile.TemporaryDirectory() if folder is None else contextlib.nullcontext(made_folder(folder))
-    with place as kept_in, bench.opened(Path(kept_in) / RUNS, study, progress) as kept:
-        found = _measure(scene, made, chosen, kept)
+    with place as kept_in, opened(Path(kept_in) / RUNS, plain(study, "the study")) as kept:
+        try:
+            found = _measure(scene, made, chosen, kept, progress)
+        except KeyboardInterrupt:
+            finished = f"{len(kept.outcomes)} runs are kept in {kept.folder}"
+            raise KeyboardInterrupt(f"{finished}; run the same again to go on") from None
     data: Data = {
         "format": FORMAT,
         "scene": {
@@ -136,7 +142,7 @@ def tradeoff(
 # ---------------------------------------------------------------------------------------------------- references
 
 
-def _measure(scene: Scene, law: Any, options: TradeoffOptions, kept: bench.Bench) -> Data:
+def _measure(scene: Scene, law: Any, options: TradeoffOptions, kept: Store, progress: bool) -> Data:
     """The experiments with their references, then every setting of each, pass by pass."""
     native = None if law is None else native_law(law, scene.structure)
     closed = [] if law is None or native is None else closed_loops(scene, law, native, options)
@@ -145,7 +151,7 @@ def _measure(scene: Scene, law: Any, options: TradeoffOptions, kept: bench.Bench
     _check_families(requested, options)
     _check_steps(requested, options)
     todo: list[tuple[Experiment, Reference]] = []
-    with kept.bar(f"{scene.name}: references", len(closed) + (Loop.OPEN in options.loops)) as bar:
+    with bar_of(f"{scene.name}: references", len(closed) + (Loop.OPEN in options.loops), 0, progress) as bar:
         references: dict[str, Reference] = {}
         for experiment in closed:
             # The open loop alone may need the state of one closed loop to start from.
@@ -157,7 +163,7 @@ def _measure(scene: Scene, law: Any, options: TradeoffOptions, kept: bench.Bench
             bar.update()
     todo += [(experiment, references[experiment.key]) for experiment in wanted]
     settings = {experiment.key: _settings(experiment, options) for experiment, _ in todo}
-    records = _passes(scene.name, todo, settings, options, kept)
+    records = _passes(scene.name, todo, settings, options, kept, progress)
     continuous = references.get(Mode.CONTINUOUS.value)
     results = [
         result_of(experiment, reference, continuous, settings[experiment.key], records[experiment.key])
@@ -170,25 +176,13 @@ def _measure(scene: Scene, law: Any, options: TradeoffOptions, kept: bench.Bench
     }
 
 
-def _reference(experiment: Experiment, options: TradeoffOptions, kept: bench.Bench) -> Reference:
-    name = f"{experiment.key}-{experiment.duration:g}"
+def _reference(experiment: Experiment, options: TradeoffOptions, kept: Store) -> Reference:
     point = {"kind": "reference", "experiment": experiment.to_dict()}
-
-    def compute() -> Data:
-        found = find_reference(experiment, options.budget)
-        if found.motion is not None:
-            kept.save_array(f"{name}-time", found.motion.time)
-            kept.save_array(f"{name}-nodes", found.motion.nodes)
-        return found.facts
-
-    facts = kept.once(point, compute)
-    if facts["engine"] is None:
-        return Reference(None, facts)
-    return Reference(Motion(kept.load_array(f"{name}-time"), kept.load_array(f"{name}-nodes")), facts)
+    return Reference.kept(kept.once(point, lambda: find_reference(experiment, options.budget).to_keep()))
 
 
 def _open(
-    scene: Scene, options: TradeoffOptions, closed: Sequence[Reference], kept: bench.Bench
+    scene: Scene, options: TradeoffOptions, closed: Sequence[Reference], kept: Store
 ) -> tuple[Experiment, Reference]:
     """The open loop and its reference: from the scene's start or, if nothing moves there, from a state of the law's."""
     experiment, reference = _shortened(open_loop(scene, options, None), options, kept)
@@ -206,7 +200,7 @@ def _open(
     return experiment, Reference(None, reference.facts | {"engine": None, "own_error": None, "reason": reason})
 
 
-def _shortened(experiment: Experiment, options: TradeoffOptions, kept: bench.Bench) -> tuple[Experiment, Reference]:
+def _shortened(experiment: Experiment, options: TradeoffOptions, kept: Store) -> tuple[Experiment, Reference]:
     """The experiment, shortened until a reference within the budget is known to `GOOD` of its motion."""
     found: list[tuple[Experiment, Reference]] = []
     for part in SHORTER:
@@ -281,7 +275,8 @@ def _passes(
     todo: Sequence[tuple[Experiment, Reference]],
     settings: Mapping[str, Sequence[Setting]],
     options: TradeoffOptions,
-    kept: bench.Bench,
+    kept: Store,
+    progress: bool,
 ) -> dict[str, list[list[Data]]]:
     """The records of every setting, one a pass: each pass runs all of them once, so that load hits all alike."""
     runs: dict[str, list[list[Data]]] = {key: [[] for _ in own] for key, own in settings.items()}
@@ -294,10 +289,10 @@ def _passes(
             for place, setting in enumerate(settings[experiment.key])
             if number == 0 or _again(experiment, runs[experiment.key][place][0], number, options)
         ]
-        with kept.bar(f"{name}: pass {number + 1} of {options.repeats}", len(points)) as bar:
+        with bar_of(f"{name}: pass {number + 1} of {options.repeats}", len(points), 0, progress) as bar:
             for experiment, reference, place, setting in points:
                 point = {"kind": "run", "pass": number, "experiment": experiment.key, "setting": setting.to_dict()}
-                if not kept.knows(point) and (experiment.key, setting.family) not in warm:
+                if digest(point) not in kept.outcomes and (experiment.key, setting.family) not in warm:
                     attempt(experiment, setting.engine, experiment.interval)  # compiles and loads
                     warm.add((experiment.key, setting.family))
 
