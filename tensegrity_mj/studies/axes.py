@@ -28,8 +28,12 @@ def _values(value: Any) -> tuple[Any, ...]:
     return listed
 
 
+class Axis:
+    """A parameter and its values, or several that go together."""
+
+
 @value("Vary {parameter}", OptionError)
-class Vary:
+class Vary(Axis):
     """A parameter and the values that it takes.
 
     Attributes:
@@ -40,9 +44,14 @@ class Vary:
     parameter: str = field(PATH)
     values: Sequence[Any] = field(Kind(_values))
 
+    @property
+    def axes(self) -> tuple[Vary]:
+        """Itself, as `Together` has several."""
+        return (self,)
+
 
 @value("Together", OptionError)
-class Together:
+class Together(Axis):
     """Parameters that go through their values together, the first of each, the second of each, ..."""
 
     axes: Sequence[Vary] = field(kinds.parts(Vary, "a list of Vary(parameter, values)"))
@@ -153,7 +162,7 @@ class Grid:
 
     def points(self) -> Iterator[dict[str, Any]]:
         """Path -> value, as points hold it."""
-        groups = [axis.axes if isinstance(axis, Together) else (axis,) for axis in self.axes]
+        groups = [axis.axes for axis in self.axes]
         rows = [list(zip(*(axis.values for axis in group), strict=True)) for group in groups]
         names = [[axis.parameter for axis in group] for group in groups]
         samples = [self.sample(number) for number in range(self.samples)]

@@ -12,7 +12,6 @@ from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.pictures.findings import Finding, Mark, mark_of
 from tensegrity_mj.pictures.page import Table, pictures_and_tables
-from tensegrity_mj.studies.axes import Together
 from tensegrity_mj.studies.figures import figures
 from tensegrity_mj.studies.many import Study
 from tensegrity_mj.studies.measures import MEASURES, USUAL
@@ -44,7 +43,7 @@ def write_sweep_page(path: str | os.PathLike[str], sweep: Sweep, study: Study, m
     """
     measures = check_measures(measures)
     scene, rows = cast(Scene, sweep.scene), rows_of(study)
-    several = [axis.axes[0] if isinstance(axis, Together) else axis for axis in sweep.axes]
+    several = [axis.axes[0] for axis in sweep.axes]
     axes = [axis.parameter for axis in several if len(axis.values) > 1]
     drawn = [draw.parameter for draw in sweep.draws]
     lines: list[list[object]] = [

@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, cast
 
-from tensegrity_mj.basics.checks import whole
+from tensegrity_mj.basics import kinds
+from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.controllers.own import Spec, is_own
 from tensegrity_mj.controllers.specs import own_of, spec_of
 from tensegrity_mj.controllers.table import LAWS, built_in
@@ -25,7 +26,7 @@ from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.simulation import simulate_as_far, versions
 from tensegrity_mj.studies.attempt import WithFiles
-from tensegrity_mj.studies.axes import Choice, Draw, Grid, Together, Vary
+from tensegrity_mj.studies.axes import Axis, Choice, Draw, Grid, Together, Vary
 from tensegrity_mj.studies.known_elements import elements_of, know_elements, scene_of
 from tensegrity_mj.studies.many import Study, run_many
 from tensegrity_mj.studies.measures import measure
@@ -38,7 +39,7 @@ from tensegrity_mj.studies.workers import Workers, workers_for
 TRAJECTORY = "trajectory.nc"
 
 
-@dataclass(frozen=True)
+@value("Sweep", OptionError)
 class Sweep:
     """Simulations of a scene, one for every combination of values and every draw.
 
@@ -59,47 +60,34 @@ class Sweep:
         family: the call; taken from `scene`.
     """
 
-    scene: Scene | str | os.PathLike[str]
-    axes: Sequence[Vary | Together] = ()
-    draws: Sequence[Draw] = ()
-    samples: int = 1
-    seed: int | None = None
-    fixed: Mapping[str, Any] = field(default_factory=dict)
-    engine: Any = None
-    law: Law | Callable[..., Any] | str | os.PathLike[str] | None = None
-    actuation: Actuation = field(default_factory=Actuation.continuous)
-    on_infeasible: OnInfeasible = OnInfeasible.STOP
-    output_interval: float | None = None
-    keep_trajectories: bool = False
-    family: str = ""
+    scene: Scene | str | os.PathLike[str] = field(None)
+    axes: Sequence[Vary | Together] = field(kinds.parts(Axis, "Vary(parameter, values) or Together([...])"), default=())
+    draws: Sequence[Draw] = field(kinds.parts(Draw, "Draw(parameter, distribution)"), default=())
+    samples: int = field(kinds.whole(1), default=1)
+    seed: int | None = field(kinds.whole(0), default=None, none="None where nothing is drawn")
+    fixed: Mapping[str, Any] = field(None, factory=dict)
+    engine: Any = field(None, default=None)
+    law: Law | Callable[..., Any] | str | os.PathLike[str] | None = field(None, default=None)
+    actuation: Actuation = field(None, factory=Actuation.continuous)
+    on_infeasible: OnInfeasible = field(None, default=OnInfeasible.STOP)
+    output_interval: float | None = field(None, default=None)
+    keep_trajectories: bool = field(None, default=False)
+    family: str = field(None, default="")
 
-    def __post_init__(self) -> None:
+    def __attrs_post_init__(self) -> None:
         if not isinstance(self.scene, Scene):
             if isinstance(self.scene, str) and is_family_call(self.scene):
                 object.__setattr__(self, "family", self.scene)
             object.__setattr__(self, "scene", load_scene(self.scene))
-        axes, draws = tuple(self.axes), tuple(self.draws)
-        for axis in axes:
-            if not isinstance(axis, (Vary, Together)):
-                raise OptionError(f"Sweep: axes holds {axis!r}; use Vary(parameter, values) or Together([...])")
-        for draw in draws:
-            if not isinstance(draw, Draw):
-                raise OptionError(f"Sweep: draws holds {draw!r}; use Draw(parameter, distribution)")
-        for name, least in (("samples", 1), ("seed", 0)):
-            value = getattr(self, name)
-            if name == "seed" and value is None:
-                continue
-            whole(f"Sweep: {name}", value, least)
-        if draws and self.seed is None:
+        if self.draws and self.seed is None:
             raise OptionError("Sweep: what is drawn needs a seed, so that it can be drawn again; give one, such as 0")
-        if self.samples > 1 and not draws:
+        if self.samples > 1 and not self.draws:
             raise OptionError(f"Sweep: samples = {self.samples}, and nothing is drawn; add draws, or leave it out")
         single = (
             replace(draw, parameter=path)
-            for draw in draws
+            for draw in self.draws
             for path in member_names(cast(Scene, self.scene), draw.parameter) or [draw.parameter]
         )
-        object.__setattr__(self, "axes", axes)
         object.__setattr__(self, "draws", tuple(single))
         self._check()
 
@@ -111,7 +99,7 @@ class Sweep:
     @property
     def parameters(self) -> list[str]:
         """The parameters that take several values, in order: those of the axes, then those drawn."""
-        axes = [one for axis in self.axes for one in (axis.axes if isinstance(axis, Together) else (axis,))]
+        axes = [one for axis in self.axes for one in axis.axes]
         return [axis.parameter for axis in axes if len(axis.values) > 1] + [draw.parameter for draw in self.draws]
 
     def common(self) -> dict[str, Any]:
@@ -166,7 +154,7 @@ class Sweep:
     @cached_property
     def _own_laws(self) -> dict[str, Spec]:
         """Own and installed laws that the parameter `law` takes, by their texts: workers make what was read here."""
-        axes = [one for axis in self.axes for one in (axis.axes if isinstance(axis, Together) else (axis,))]
+        axes = [one for axis in self.axes for one in axis.axes]
         draws = [draw.distribution for draw in self.draws if draw.parameter == "law"]
         values = [value for axis in axes if axis.parameter == "law" for value in axis.values]
         values += [value for one in draws if isinstance(one, Choice) for value in one.values]
@@ -183,7 +171,7 @@ class Sweep:
         seen: set[str] = set(self.fixed)
         singles: list[tuple[str, Any]] = list(self.fixed.items())
         for axis in self.axes:
-            for one in axis.axes if isinstance(axis, Together) else (axis,):
+            for one in axis.axes:
                 _once(one.parameter, seen)
                 if "[*]" in one.parameter:
                     raise OptionError(f"{one.parameter}: [*] is for draws; without it all of them take the value")
@@ -195,9 +183,9 @@ class Sweep:
         grid = self.grid
         singles += grid.sample(0).items()
         common = self.common()
-        for path, value in singles:
+        for path, setting in singles:
             try:
-                drafted(common).apply({path: encoded(value)})
+                drafted(common).apply({path: encoded(setting)})
             except OptionError:
                 raise
             except TensegrityError:
