@@ -233,6 +233,8 @@ def water_text(water: model.Water, segments: SegmentCount) -> str:
 
 def _needs(needs: dict[str, Any]) -> list[tuple[str, str]]:
     """What MuJoCo's model holds, in words."""
+    if needs["positions"] is None:
+        return [("engine for it", needs["engine"])]
     joints = ", ".join(f"{count} {kind}" for kind, count in needs["joints"].items() if count)
     pairs = needs["contact_pairs"]
     touching = (
@@ -306,7 +308,8 @@ def _text(data: dict[str, Any]) -> str:
         *([("constraints", ", ".join(one["name"] for one in held))] if (held := data["constraints"]) else []),
         (
             "degrees of freedom",
-            f"{data['degrees_of_freedom']} ({data['mujoco_velocities']} in MuJoCo, where free rods also spin)",
+            f"{data['degrees_of_freedom']}"
+            + (f" ({spun} in MuJoCo, where free rods also spin)" if (spun := data["mujoco_velocities"]) else ""),
         ),
         (
             "statics",

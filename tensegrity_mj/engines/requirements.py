@@ -18,8 +18,8 @@ from tensegrity_mj.model.capabilities import (
     NOT_LINEAR,
     PUSHING_DAMPERS,
     YIELDING,
-    Descriptor,
     Limit,
+    refusal,
 )
 from tensegrity_mj.model.scene import Scene
 
@@ -89,19 +89,13 @@ def require(engine: Any, scene: Scene, use: str = "", where: str = "") -> None:
     for limit in USES[use] if use else ():
         if found := limit.trait.find(scene):
             raise limit.error(f"{use}: {place}{found}: {limit.reason}; {limit.remedy}")
-    descriptor: Descriptor | None = getattr(engine, "descriptor", None)
-    if descriptor is None:
-        return
-    for limit in descriptor.limits:
-        setting = "" if limit.setting is None else limit.setting(engine)
-        if limit.setting is not None and not setting:
-            continue
-        if found := limit.trait.find(scene):
-            who, others = f"{descriptor.title} with {setting}" if setting else descriptor.title, ""
-            if not setting:
-                able = " or ".join(ENGINES[name].title for name in engines_for(scene))
-                others = f"use {able}, or " if able else "no engine simulates it: "
-            raise limit.error(f"{who}: {place}{found}: {limit.reason}; {others}{limit.remedy}")
+    if refused := refusal(engine, scene):
+        limit, found, setting = refused
+        title = engine.descriptor.title
+        able = " or ".join(ENGINES[name].title for name in engines_for(scene))
+        others = "" if setting else f"use {able}, or " if able else "no engine simulates it: "
+        who = f"{title} with {setting}" if setting else title
+        raise limit.error(f"{who}: {place}{found}: {limit.reason}; {others}{limit.remedy}")
 
 
 def engines_for(scene: Scene) -> list[str]:

@@ -218,8 +218,8 @@ def random_configuration(rng: np.random.Generator, structure: Structure, amount:
 
 
 def random_velocities(rng: np.random.Generator, structure: Structure, nodes: Array, speed: float) -> Array:
-    """Node velocities (N, 3) [m/s] that stretch no rod and break no support at the given nodes, of that order."""
-    if structure.class_number > 1:
+    """Node velocities (N, 3) [m/s] that stretch no rigid rod and break no support at the given nodes, of that order."""
+    if structure.class_number > 1 or structure.constraints:
         return _linked_velocities(rng, structure, nodes, speed)
     velocities = np.zeros((len(structure.nodes), 3))
     for rod, (i, j) in zip(structure.rods, structure.rod_nodes, strict=True):
@@ -227,10 +227,13 @@ def random_velocities(rng: np.random.Generator, structure: Structure, nodes: Arr
         middle = support.translation_basis @ (speed * rng.uniform(-1, 1, support.translation_basis.shape[1]))
         axis = unit(rng.normal(size=3)) if support.plane is None else unit(np.array(support.plane))
         turning = np.cross(speed * rng.uniform(-1, 1) * axis, span)
+        turning += span * (0.0 if rod.stiffness is None else speed * rng.uniform(-1, 1))
         velocities[i], velocities[j] = middle - support.sigma * turning, middle + (1 - support.sigma) * turning
     for point in structure.lone_masses:
         basis = point.translation_basis
         velocities[structure.node_index[point.node]] = basis @ (speed * rng.uniform(-1, 1, basis.shape[1]))
+    for frame in structure.moving_frames:
+        velocities += frame.motions(nodes) @ (speed * rng.uniform(-1, 1, 6))
     return velocities
 
 

@@ -189,6 +189,18 @@ CONSTRAINTS_IN_LOOPS = Trait(
 ADDED_MASS_IN_LOOPS = Trait("closed loops and added mass", _and(_added, lambda scene: _closed(scene.structure)))
 
 
+def refusal(engine: Any, scene: Scene) -> tuple[Limit, str, str] | None:
+    """The first limit of an engine's options that a scene meets, words for what meets it, and for the setting that has
+    the limit, "" where all have; None where the engine takes the scene, or has no `descriptor`.
+    """
+    descriptor: Descriptor | None = getattr(engine, "descriptor", None)
+    for limit in () if descriptor is None else descriptor.limits:
+        setting = "" if limit.setting is None else limit.setting(engine)
+        if (setting or limit.setting is None) and (found := limit.trait.find(scene)):
+            return limit, found, setting
+    return None
+
+
 def require_rigid(structure: Structure, who: str) -> None:
     """Raise StructureError where a rod is elastic; `who` begins the sentence."""
     for rod in structure.rods:

@@ -225,7 +225,8 @@ def _projected(
             f"motions: the supports of rods {names} start at velocities that the rods between them cannot follow (off "
             f"by {left:.3g} m/s): choose motions or a start that the structure allows"
         )
-    return np.asarray(given + change.reshape(-1, 3))
+    found = given + change.reshape(-1, 3)
+    return np.asarray(found if np.abs(found).max() > TOLERANCE * largest else 0.0 * found)  # round-off of what is held
 
 
 def _least_energy(mass: Array, C: Array, missing: Array, limit: float) -> Array:

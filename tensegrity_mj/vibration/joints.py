@@ -61,6 +61,12 @@ class Joints:
         own = coo_array((values.ravel(), (row.ravel(), column.ravel())), shape=shape)
         return vstack([own, coo_array(linear)]).tocsr(), size
 
+    @property
+    def rank(self) -> int:
+        """How many of the rows say what no other does."""
+        C, _ = self._rows
+        return int(np.linalg.matrix_rank(C if self.dense else C.toarray(), rtol=RANK))
+
     @cached_property
     def _solve(self) -> Callable[[Array], Array]:
         """x (3 J + L,) -> (C Cᵀ)⁺ x, with C of rows of length one."""

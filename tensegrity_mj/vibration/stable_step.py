@@ -25,7 +25,7 @@ from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.dynamics.native.law import Law, NativeLaw, native_law
 from tensegrity_mj.errors import OptionError, SceneError
 from tensegrity_mj.model.actuation import Actuation
-from tensegrity_mj.model.capabilities import require_class_1, require_rigid
+from tensegrity_mj.model.capabilities import refusal
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.scene_checks import check_configuration
 from tensegrity_mj.runs.trajectory import Trajectory
@@ -103,7 +103,7 @@ class StepSearch:
     Raises:
         OptionError: for arrays of another shape, a time below zero, a run of another structure, and for what is no
             scene, engine, actuation or run.
-        StructureError: for the ODE, where rods share nodes or are elastic.
+        OptionError, StructureError, SceneError: where the engine refuses the scene for anything but contact.
         SceneError: for nodes that stretch a rod, or are not where supports have them at that time, and where the
             scene's numbers are too far apart for eigenvalues.
         InfeasibleError, ControllerError: what the law says at the state.
@@ -124,9 +124,6 @@ class StepSearch:
         scene, run = self.scene, self.run
         self._check()
         stepping = self.engine.stepping
-        if stepping.polar:
-            require_class_1(scene.structure, "the ODE is")
-            require_rigid(scene.structure, "the ODE is")
         mode = (self.actuation or Actuation.continuous()).mode
         law = self.law
         native = law if isinstance(law, NativeLaw) or law is None else native_law(law, scene.structure)
@@ -146,6 +143,10 @@ class StepSearch:
         engine = self.engine
         if isinstance(engine, type) or not callable(getattr(engine, "run", None)):
             raise OptionError(f"engine = {engine!r}; use MuJoCo(...), DAE(...) or ODE(...)")
+        if refused := refusal(engine, self.scene.with_(contact=None)):  # which is in no model of small motions
+            limit, found, setting = refused
+            who = " with ".join(part for part in (engine.descriptor.title, setting) if part)
+            raise limit.error(f"{who} refuses the scene: {found}: {limit.reason}; {limit.remedy}")
         if self.run is not None and not isinstance(self.run, Trajectory):
             raise OptionError(f"run = {self.run!r}; use a trajectory, as simulate(...) returns it")
         if self.actuation is not None and not isinstance(self.actuation, Actuation):

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -120,7 +122,7 @@ def test_random_scenes_hold_the_least(seed: int) -> None:
     dof += sum(3 if mass.plane is None else 2 for mass in structure.point_masses)
     needs = tmj.studies.requirements(scene)
     assert (needs.degrees_of_freedom, needs.velocities) == (dof, dof + spins)
-    assert degrees_of_freedom(structure) == dof
+    assert degrees_of_freedom(scene) == dof
     balls, frees = needs.joints["ball"], needs.joints["free"]
     assert balls + frees == spins
     assert needs.positions == needs.velocities + spins
@@ -296,3 +298,46 @@ def test_the_engine_that_a_structures_size_calls_for() -> None:
     assert engine_for_size(long).startswith(f"the DAE: {MOST_HANGING + 1} rods hang on each other")
     assert engine_for_size(tmj.load_scene("prism_drop")).startswith("MuJoCo: it alone")
     assert tmj.studies.requirements(short).engine == engine_for_size(short)
+
+
+def looped_bars() -> tmj.Scene:
+    """A pinned elastic rod, and a triangle at its end of two elastic rods and a rigid one, with a string to the ground.
+
+    MuJoCo has elastic rods of class 1 alone.
+    """
+    nodes = {"a": (0, 0, 1), "b": (1, 0, 1), "c": (2, 0, 1.3), "d": (1, 0, 2.3), "f": (1, 0, 0)}
+    rods = (
+        tmj.Rod("r1", ("a", "b"), 1.0, support=tmj.Support.pinned(0.0), stiffness=1e4),
+        tmj.Rod("r2", ("b", "c"), 1.0, stiffness=1e4),
+        tmj.Rod("r3", ("c", "d"), 1.0, stiffness=1e4),
+        tmj.Rod("r4", ("d", "b"), 1.0),
+    )
+    strings = (tmj.String("s", ("c", "f"), 100.0, tension=3.0),)
+    return tmj.Scene(tmj.Structure("bars", nodes, rods, strings, fixed_nodes=("f",)), gravity=(0.0, 0.0, -9.81))
+
+
+def test_what_mujoco_refuses_has_its_requirements_all_the_same(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = looped_bars()
+    needs = tmj.studies.requirements(scene, timing=True)
+    # Nodes b, c and d move, and the rigid rod keeps two of them apart: 9 - 1.
+    assert needs.degrees_of_freedom == 8
+    assert (needs.positions, needs.velocities, needs.constraint_rows, needs.timing) == (None, None, None, None)
+    assert (needs.joints, needs.reasons, needs.flags) == ({}, (), ())
+    assert needs.engine.startswith("the DAE: MuJoCo refuses it: rod 'r1' is elastic, and rods 'r1' and 'r2' share node")
+    assert needs.stable_step == tmj.stable_step(scene, tmj.DAE(method=tmj.Method.RK4, timestep=1e-3)).limit
+    path = tmp_path / "bars.toml"
+    tmj.save_scene(scene, path)
+    assert main(["scenes", str(path)]) == 0
+    text = capsys.readouterr().out
+    assert re.search("degrees of freedom +8\n", text)
+    assert "the DAE: MuJoCo refuses it: rod 'r1' is elastic" in text
+    assert "nv =" not in text
+    assert tmj.simulate(scene, None, tmj.DAE(), duration=0.1).status is tmj.Status.COMPLETED
+
+
+def test_what_no_engine_simulates_is_refused_with_the_reason() -> None:
+    scene = looped_bars().with_(contact=Contact(floor=-5.0))
+    with pytest.raises(tmj.errors.TensegrityError, match="no engine simulates it"):
+        tmj.studies.requirements(scene)

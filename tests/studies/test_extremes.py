@@ -113,6 +113,24 @@ def test_each_kind_is_what_it_says() -> None:
     assert {one.bending is None for one in resisted if one is not None} == {True, False}
     assert all(one.scene.contact is not None for one in drawn(Kind.CONTACT))
     assert {bool(one.excess and one.excess > 1) for one in drawn(Kind.PAST_LIMIT)} == {True, False}
+    assert all(len(one.scene.structure.strings[-1].nodes) >= 3 for one in drawn(Kind.THREADED))
+    assert all(one.scene.structure.ropes for one in drawn(Kind.MASSIVE))
+    bars = [one.scene.structure.rod_stiffness[0] for one in drawn(Kind.ELASTIC, 40)]
+    assert min(bars) < 1e3
+    assert 1e7 < max(bars) < math.inf
+    curved = [string for one in drawn(Kind.CURVED, 24) for string in one.scene.structure.strings]
+    assert {(string.is_constant, string.yields) for string in curved} == {(True, False), (False, True), (False, False)}
+    pieces = [(string.stiffness, *string.curve) for string in curved if string.curve]
+    slopes = [(b[1] - a[1]) / (b[0] - a[0]) / k for k, a, b in pieces]
+    assert min(slopes) < 1e-2
+    assert max(slopes) > 1e2
+    masses = [one.scene.structure.bodies[0].mass for one in drawn(Kind.BODY, 40)]
+    assert min(masses) < 1e-2
+    assert max(masses) > 1e2
+    assert {len(one.scene.structure.constraints) for one in drawn(Kind.CONSTRAINED, 24)} == {1, 2, 3}
+    carried = [one.scene.structure for one in drawn(Kind.CARRIED, 24)]
+    assert all(rod.masses for structure in carried for rod in structure.rods)
+    assert {any(point.damping for point in structure.point_masses) for structure in carried} == {True, False}
     assert drawn(Kind.LONG, 1)[0].steps == 10**6
 
 
@@ -143,6 +161,57 @@ def test_steps_divide_what_they_must() -> None:
         if setup.fixed:
             result = attempt(setup, setup.engine_at(4 * setup.step))
             assert not isinstance(result.error, OptionError)
+
+
+MEMBERS = (Kind.ELASTIC, Kind.CURVED, Kind.BODY, Kind.CONSTRAINED, Kind.CARRIED)
+
+
+def test_engines_are_those_that_take_the_scene() -> None:
+    ode, implicit = {"ode rk4", "ode dop853"}, {"implicitfast", "implicit", "discrete"}
+    refused = {Kind.ELASTIC: ode, Kind.BODY: ode, Kind.CONSTRAINED: ode | implicit}
+    for kind in MEMBERS:
+        engines = {draw_setup(np.random.default_rng([8, number]), kind).engine for number in range(60)}
+        assert engines == set(ENGINES) - refused.get(kind, set())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", MEMBERS, ids=lambda kind: kind.name.lower())
+def test_runs_of_new_members_are_held_against_another_formulation(kind: Kind) -> None:
+    """None is wrong without a warning or stopped without need, and most are right: within their own error bound."""
+    found = [task.run_extreme({"kind": kind.name, "number": n, "seed": 12, "autoreset": False}) for n in range(3)]
+    verdicts = [one["verdict"] for one in found]
+    assert set(verdicts) <= {"right", "warned", "stopped"}, [one["cause"] for one in found]
+    assert verdicts.count("right") >= 2
+    assert not any(one.get("false refusal") for one in found)
+
+
+@pytest.mark.parametrize("kind", MEMBERS, ids=lambda kind: kind.name.lower())
+def test_a_member_that_an_engine_has_wrong_shows(kind: Kind, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run whose member is wrong by a tenth converges smoothly, and only the other formulation shows it."""
+
+    def wrong(structure: tmj.Structure) -> tmj.Structure:
+        rods = [replace(rod, masses=tuple(replace(m, mass=1.1 * m.mass) for m in rod.masses)) for rod in structure.rods]
+        rods = [rod if rod.stiffness is None else replace(rod, stiffness=1.1 * rod.stiffness) for rod in rods]
+        bodies = tuple(body.times(1.1) for body in structure.bodies)
+        strings = tuple(
+            replace(one, curve=tuple((s, 1.1 * T) for s, T in one.curve), stiffness=None) if one.curve else one
+            for one in structure.strings
+        )
+        return replace(structure, rods=tuple(rods), bodies=bodies, strings=strings, constraints=())
+
+    for number in range(40):
+        point = {"kind": kind.name, "number": number, "seed": 12, "autoreset": False}
+        setup = draw_setup(np.random.default_rng([12, number]), kind)
+        if setup.experiment.law is None and task.run_extreme(point)["verdict"] == "right":
+            break
+    scene = setup.experiment.scene
+
+    def attempted(one: Setup, level: Any) -> Attempt:
+        other = scene.with_(structure=wrong(scene.structure))
+        return attempt(replace(one, experiment=replace(one.experiment, scene=other)), level)
+
+    monkeypatch.setattr(task, "attempt", attempted)
+    assert task.run_extreme(point)["verdict"] == "undetected"
 
 
 def test_the_mixture_has_few_expensive_runs_and_all_others_in_turn() -> None:
@@ -189,6 +258,20 @@ def test_the_pace_of_an_oscillator() -> None:
     assert found.fastest == found.vibration
     # Across, a law's u pulls as a spring of that stiffness: u = 400 beats k = 50.
     assert pace(tmj.Scene(structure), 400.0).vibration == pytest.approx(math.sqrt(800 / m), rel=1e-12)
+
+
+def test_the_pace_has_nodal_dampers_and_the_steepest_of_a_curve() -> None:
+    # A mass on a string whose slope grows from 50 to 800 N/m, and a damper of 6 N s/m on it: ω² = 800 / m, λ = 6 / m.
+    structure = tmj.Structure(
+        "damped",
+        {"hook": (0, 0, 0), "m": (1, 0, 0)},
+        strings=(tmj.String("s", ("hook", "m"), curve=((0.1, 5.0), (0.2, 85.0))),),
+        fixed_nodes=("hook",),
+        point_masses=(tmj.PointMass("m", 2.0, damping=6.0),),
+    )
+    found = pace(tmj.Scene(structure))
+    assert found.vibration == pytest.approx(math.sqrt(800 / 2.0), rel=1e-12)
+    assert found.decay == pytest.approx(6.0 / 2.0, rel=1e-12)
 
 
 def test_the_pace_of_a_large_structure_is_close_to_exact(monkeypatch: pytest.MonkeyPatch) -> None:

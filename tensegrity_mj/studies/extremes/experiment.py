@@ -42,6 +42,11 @@ class Kind(enum.Enum):
     MOVED = "supports that move"
     RESISTED = "fluid, bending joints and wind"
     CONTACT = "landings on a floor"
+    ELASTIC = "elastic rods"
+    CURVED = "tension curves, yields and constant forces"
+    BODY = "rigid bodies"
+    CONSTRAINED = "linear constraints on nodes"
+    CARRIED = "masses on rods and dampers on nodes"
     LARGE = "500 rods"
     LONG = "1e6 steps"
 
@@ -60,7 +65,7 @@ class Experiment:
         excess: the step as a multiple of the stability limit, or None where it is drawn well below it.
         cycles: range of durations, in fastest vibrations.
         steps: exactly so many steps, or None.
-        engines: names of engines that are drawn from, or none for all.
+        engines: names of engines that are drawn from, or none for all that take the scene.
         facts: what was drawn, for people.
     """
 
@@ -84,7 +89,8 @@ COLLAPSE = (0.3, 10.0)
 
 def maybe_driven(rng: Rng, scene: Scene, facts: dict[str, Any]) -> Experiment:
     """A third of the scenes are driven by a smooth law about their own prestress."""
-    if rng.uniform() > 1 / 3 or not scene.structure.strings:
+    constant = any(string.is_constant for string in scene.structure.strings)  # which no law commands
+    if rng.uniform() > 1 / 3 or not scene.structure.strings or constant:
         return Experiment(scene, facts=facts | {"law": "none"})
     structure = scene.structure.massless  # as laws see it
     lengths = structure.string_lengths(structure.positions)

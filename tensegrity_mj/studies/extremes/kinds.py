@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,11 +26,10 @@ from tensegrity_mj.library.random_structures import (
 )
 from tensegrity_mj.model.actuation import Mode, OnInfeasible
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
-from tensegrity_mj.model.rods import lumped_masses
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.target import Target
-from tensegrity_mj.studies.extremes import laws, surroundings
+from tensegrity_mj.studies.extremes import laws, members, surroundings
 from tensegrity_mj.studies.extremes.experiment import (
     COLLAPSE,
     Experiment,
@@ -55,11 +55,16 @@ def _scene(rng: Rng, structure: Structure, speed: float = 0.0) -> Scene:
     return random_scene(
         rng,
         structure,
-        displaced=float(rng.choice([0.0, 0.05])),
+        displaced=float(rng.choice([0.0, 0.05])) * (not structure.constraints),  # which a displacement would not keep
         moving=speed or log_uniform(rng, 0.01, 3.0),
         gravity=bool(rng.integers(2)),
         loads=int(rng.integers(3)),
     )
+
+
+def _with_member(add: Callable[[Rng], members.Drawn], rng: Rng) -> Experiment:
+    structure, facts = add(rng)
+    return maybe_driven(rng, _scene(rng, structure), facts)
 
 
 def _stiff(rng: Rng) -> Experiment:
@@ -292,32 +297,6 @@ def _spin(rng: Rng) -> Experiment:
     return Experiment(scene, facts={"spin": spin, "strings": len(structure.strings)}, cycles=(1.0, 10.0))
 
 
-def _threaded(rng: Rng) -> Experiment:
-    structure = ordinary(rng, stiffness=(10.0, log_uniform(rng, 11.0, 1e5)))
-    names = list(structure.nodes)
-    # No node twice in a row: a draw of another one each time.
-    path = [int(rng.integers(len(names)))]
-    for _ in range(int(rng.integers(2, 7))):
-        path.append((path[-1] + int(rng.integers(1, len(names)))) % len(names))
-    length = float(np.linalg.norm(np.diff(structure.positions[path], axis=0), axis=1).sum())
-    k, taut = log_uniform(rng, 10.0, 1e5), rng.uniform(-0.3, 0.3)
-    string = String("threaded", tuple(names[i] for i in path), k, rest_length=length * (1 - taut))
-    structure = replace(structure, strings=(*structure.strings, string))
-    facts = {"nodes": len(path), "k": k, "stretch": taut}
-    return maybe_driven(rng, _scene(rng, structure), facts)
-
-
-def _massive(rng: Rng) -> Experiment:
-    structure = ordinary(rng)
-    row, segments = int(rng.integers(len(structure.strings))), int(rng.integers(1, 9))
-    string = structure.strings[row]
-    mass = log_uniform(rng, 1e-3, 1.0) * float(lumped_masses(structure).sum())
-    heavy = replace(string, mass=mass, segments=segments)
-    strings = (*structure.strings[:row], heavy, *structure.strings[row + 1 :])
-    facts = {"mass": mass, "segments": segments, "k": string.stiffness}
-    return maybe_driven(rng, _scene(rng, replace(structure, strings=strings)), facts)
-
-
 def _large(rng: Rng) -> Experiment:
     structure = random_structure(rng, rods=500, support=["free", "pinned"], strings=1500, stretch=(0.05, 0.1))
     scene = random_scene(rng, structure, moving=0.1)
@@ -348,12 +327,17 @@ _DRAW: dict[Kind, Callable[[Rng], Experiment]] = {
     Kind.INFEASIBLE: _infeasible,
     Kind.PAST_LIMIT: _past_limit,
     Kind.SPIN: _spin,
-    Kind.THREADED: _threaded,
-    Kind.MASSIVE: _massive,
+    Kind.THREADED: partial(_with_member, members.threaded),
+    Kind.MASSIVE: partial(_with_member, members.massive),
     Kind.JOINED: surroundings.joined,
     Kind.MOVED: surroundings.moved,
     Kind.RESISTED: surroundings.resisted,
     Kind.CONTACT: surroundings.contact,
+    Kind.ELASTIC: partial(_with_member, members.elastic),
+    Kind.CURVED: partial(_with_member, members.curved),
+    Kind.BODY: partial(_with_member, members.body),
+    Kind.CONSTRAINED: partial(_with_member, members.constrained),
+    Kind.CARRIED: partial(_with_member, members.carried),
     Kind.LARGE: _large,
     Kind.LONG: _long,
 }

@@ -18,7 +18,6 @@ from tensegrity_mj.model.rigidity import members_at
 from tensegrity_mj.model.rods import mass_products
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.string_paths import Paths
-from tensegrity_mj.model.strings import elastic_tension
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.vibration.blocks import spring_blocks
 
@@ -48,14 +47,16 @@ class Pace:
 
 def pace(scene: Scene, force_density: float = 0.0) -> Pace:
     """The rates of a scene; `force_density` [N/m] is the largest that a law will command of any string."""
+    from scipy.sparse import diags_array
+
     structure = scene.structure
     W = mobility(structure, scene.nodes0)
     paths = structure.paths
     lengths, along = members_at(paths.nodes, scene.nodes0)
-    tension = elastic_tension(structure.stiffness, paths.total(lengths), structure.rest_lengths)
+    tension = structure.curves.tension(paths.total(lengths) - structure.rest_lengths)
     held = force_density * paths.shares(lengths)
     across = np.maximum(tension[paths.strings] / lengths, held)
-    material = np.maximum(structure.stiffness, force_density)
+    material = np.maximum(structure.curves.steepest, force_density)
     N, bars = len(structure.nodes), Bars.of(structure)
     bar_paths, bar_along = Paths.of(bars.nodes), members_at(bars.nodes, scene.nodes0).directions
     none = np.zeros(len(bars.rows))
@@ -63,6 +64,10 @@ def pace(scene: Scene, force_density: float = 0.0) -> Pace:
     K = K + _assembled(bar_paths, N, spring_blocks(bar_paths, bar_along, bars.stiffness, none))
     C = _assembled(paths, N, spring_blocks(paths, along, structure.damping, 0.0 * across))
     C = C + _assembled(bar_paths, N, spring_blocks(bar_paths, bar_along, bars.damping, none))
+    nodal = np.zeros((N, 3))
+    for point in structure.point_masses:
+        nodal[structure.node_index[point.node]] = point.damping
+    C = C + diags_array(nodal.ravel())
     first, second = (scene.velocities0[structure.rod_nodes[:, end]] for end in (0, 1))
     spins = np.linalg.norm(second - first, axis=1) / structure.rod_lengths
     return Pace(float(np.sqrt(_largest(W, K))), _largest(W, C), float(spins.max(initial=0.0)))

@@ -13,6 +13,7 @@ import numpy as np
 from tensegrity_mj.engines.reports import BUCKLES, NO_LINE, NO_PUSH
 from tensegrity_mj.library.random_structures import log_uniform
 from tensegrity_mj.model.actuation import Actuation, Mode
+from tensegrity_mj.model.capabilities import refusal
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.simulation import simulate
 from tensegrity_mj.studies.engine_names import engine_of
@@ -84,7 +85,8 @@ def draw_setup(rng: np.random.Generator, kind: Kind) -> Setup:
         TensegrityError: where the scene that was drawn is refused.
     """
     experiment = draw(rng, kind)
-    engine = str(rng.choice(experiment.engines or ENGINES))
+    able = [name for name in ENGINES if refusal(engine_of(name, 1e-6), experiment.scene) is None]
+    engine = str(rng.choice(experiment.engines or able))
     here = pace(experiment.scene, experiment.force_density)
     rate = here.fastest + experiment.rate
     cycles = log_uniform(rng, *experiment.cycles)

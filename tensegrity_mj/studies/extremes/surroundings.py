@@ -28,9 +28,6 @@ from tensegrity_mj.studies.extremes.experiment import (
     ordinary,
 )
 
-MUJOCO = ("euler", "implicitfast", "implicit", "rk4", "discrete")
-JOINED_TOO = (*MUJOCO, "dae rk4", "dae dop853", "dae radau")  # the ODE refuses rods that share nodes
-
 
 def _linked(rng: Rng, **changes: Any) -> Structure:
     options: dict[str, Any] = {
@@ -76,7 +73,7 @@ def joined(rng: Rng) -> Experiment:
     )
     driven = maybe_driven(rng, scene, _facts(structure))
     rate = _hanging_rate(structure, 9.81 if gravity else 0.0)
-    return replace(driven, rate=rate, cycles=COLLAPSE, engines=JOINED_TOO)
+    return replace(driven, rate=rate, cycles=COLLAPSE)
 
 
 def _push(rng: Rng, structure: Structure) -> tuple[Load, ...]:
@@ -120,7 +117,7 @@ def moved(rng: Rng) -> Experiment:
     beats = [float(np.max([h.angular_frequency for h in motion.harmonics])) for motion in motions]
     rate = max(beats) + (_hanging_rate(structure, 9.81 * gravity + fastest) if linked else 0.0)
     facts = {"motions": len(motions), "joined": linked, "acceleration": fastest}
-    return Experiment(scene, rate=rate, cycles=COLLAPSE, engines=JOINED_TOO if linked else (), facts=facts)
+    return Experiment(scene, rate=rate, cycles=COLLAPSE, facts=facts)
 
 
 def resisted(rng: Rng) -> Experiment:
@@ -156,7 +153,7 @@ def resisted(rng: Rng) -> Experiment:
     facts: dict[str, Any] = {"joined": linked, "viscous": viscous}
     facts["bending"] = None if bending is None else bending.stiffness
     facts["density"] = None if drag is None else drag.density
-    return Experiment(scene, rate=rate, cycles=COLLAPSE, engines=JOINED_TOO if linked else (), facts=facts)
+    return Experiment(scene, rate=rate, cycles=COLLAPSE, facts=facts)
 
 
 def contact(rng: Rng) -> Experiment:
@@ -187,6 +184,5 @@ def contact(rng: Rng) -> Experiment:
         scene,
         rate=2 * rate,
         cycles=(2.0, 6.0),
-        engines=MUJOCO,
         facts={"stiffness": stiffness, "damping ratio": ratio, "speed": speed},
     )

@@ -15,15 +15,24 @@ other between two supports, MuJoCo has three rows of constraints a joint.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
+import mujoco
 import numpy as np
 
 from tensegrity_mj.basics.checks import instance
+from tensegrity_mj.engines.mujoco.engine import MuJoCo
+from tensegrity_mj.engines.requirements import engines_for, require
+from tensegrity_mj.engines.table import ENGINES
+from tensegrity_mj.model.capabilities import refusal
 from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.structure import Structure
+from tensegrity_mj.studies.engine_names import engine_of
+from tensegrity_mj.vibration.bodies import Bodies
+from tensegrity_mj.vibration.stable_step import stable_step
+from tensegrity_mj.vibration.state import State
 
 if TYPE_CHECKING:
     from tensegrity_mj.studies.speed.step_timing import StepTiming
@@ -34,13 +43,13 @@ MOST_RODS = 1000  # beyond which MuJoCo takes seconds to compile the model
 JOINTS = ("free", "ball", "slide", "hinge")  # in the order of MuJoCo's mjtJoint
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Requirements:
-    """What the model of a scene holds.
+    """What the model of a scene holds; what is MuJoCo's is None, or nothing, where MuJoCo refuses the scene.
 
     Attributes:
         scene: its name.
-        degrees_of_freedom: independent velocities of thin rods and point masses.
+        degrees_of_freedom: independent velocities at the start, of thin rods, bodies and point masses.
         positions, velocities: MuJoCo's nq and nv.
         joints: how many of each kind.
         bodies, tendons, actuators, sensors, equalities: how many; the world is no body here.
@@ -48,7 +57,8 @@ class Requirements:
         constraint_rows: rows that MuJoCo's solver has at the start; contacts add theirs as they touch.
         rows_per_contact: rows that each contact adds (0 where nothing may touch).
         flags: what is switched off or on of what MuJoCo does by default.
-        stable_step: RK4's largest stable step at the start by the linear model [s], ∞ for none.
+        stable_step: RK4's largest stable step at the start by the linear model [s], ∞ for none; the DAE's without
+            MuJoCo.
         hanging: rods of the largest tree of rods that hang on each other; 1 where none share nodes, 0 without rods.
         engine: which engine the structure's size calls for, in words.
         reasons: why each thing beyond the least is there.
@@ -57,18 +67,18 @@ class Requirements:
 
     scene: str
     degrees_of_freedom: int
-    positions: int
-    velocities: int
-    joints: dict[str, int]
-    bodies: int
-    tendons: int
-    actuators: int
-    sensors: int
-    equalities: int
-    contact_pairs: int
-    constraint_rows: int
-    rows_per_contact: int
-    flags: tuple[str, ...]
+    positions: int | None = None
+    velocities: int | None = None
+    joints: dict[str, int] = field(default_factory=dict)
+    bodies: int | None = None
+    tendons: int | None = None
+    actuators: int | None = None
+    sensors: int | None = None
+    equalities: int | None = None
+    contact_pairs: int | None = None
+    constraint_rows: int | None = None
+    rows_per_contact: int | None = None
+    flags: tuple[str, ...] = ()
     stable_step: float
     hanging: int
     engine: str
@@ -85,60 +95,63 @@ def requirements(scene: Scene, timing: bool = False) -> Requirements:
 
     Raises:
         OptionError: if it is no Scene.
-        StructureError: for what MuJoCo cannot hold.
+        SceneError, StructureError: for what no engine simulates.
     """
     instance("scene", scene, Scene, "use a Scene, or load_scene(name or path)")
-    import mujoco
-
-    from tensegrity_mj.engines.mujoco.engine import MuJoCo
-    from tensegrity_mj.vibration.stable_step import stable_step
-
-    engine = MuJoCo()
-    model = engine.model(scene)
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    limit = float(stable_step(scene.with_(contact=None), engine).limit)
+    if not (able := engines_for(scene)):
+        require(MuJoCo(), scene)
+    in_mujoco = "mujoco" in able
+    limit = float(stable_step(scene.with_(contact=None), MuJoCo() if in_mujoco else engine_of(able[0], 1.0)).limit)
     measured = None
-    if timing:
+    if timing and in_mujoco:
         from tensegrity_mj.studies.speed.step_timing import measure
 
         measured = measure(scene)
     return Requirements(
         scene=scene.name,
-        degrees_of_freedom=degrees_of_freedom(scene.structure) - _closed(model, data),
-        positions=int(model.nq),
-        velocities=int(model.nv),
-        joints={name: int(np.sum(model.jnt_type == kind)) for kind, name in enumerate(JOINTS)},
-        bodies=int(model.nbody) - 1,
-        tendons=int(model.ntendon),
-        actuators=int(model.nu),
-        sensors=int(model.nsensor),
-        equalities=int(model.neq),
-        contact_pairs=_contact_pairs(model),
-        constraint_rows=int(data.nefc),
-        rows_per_contact=0 if scene.contact is None else int(model.geom_condim[model.geom_conaffinity > 0].max()),
-        flags=_flags(model),
+        degrees_of_freedom=degrees_of_freedom(scene),
+        **(_counts(scene) if in_mujoco else {}),
         stable_step=limit,
         hanging=largest_tree(scene.structure),
         engine=engine_for_size(scene),
-        reasons=tuple(_reasons(scene, limit)),
+        reasons=tuple(_reasons(scene, limit)) if in_mujoco else (),
         timing=measured,
     )
 
 
-def degrees_of_freedom(structure: Structure) -> int:
-    """Number of independent velocities; the spin of a thin rod about its axis, which has no inertia, is none.
+def _counts(scene: Scene) -> dict[str, Any]:
+    """What MuJoCo's model of a scene holds."""
+    model = MuJoCo().model(scene)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return {
+        "positions": int(model.nq),
+        "velocities": int(model.nv),
+        "joints": {name: int(np.sum(model.jnt_type == kind)) for kind, name in enumerate(JOINTS)},
+        "bodies": int(model.nbody) - 1,
+        "tendons": int(model.ntendon),
+        "actuators": int(model.nu),
+        "sensors": int(model.nsensor),
+        "equalities": int(model.neq),
+        "contact_pairs": _contact_pairs(model),
+        "constraint_rows": int(data.nefc),
+        "rows_per_contact": 0 if scene.contact is None else int(model.geom_condim[model.geom_conaffinity > 0].max()),
+        "flags": _flags(model),
+    }
 
-    What joints that close loops take away of it is not subtracted; each linear constraint takes one.
+
+def degrees_of_freedom(scene: Scene) -> int:
+    """Number of independent velocities at the start; the spin of a thin rod about its axis, which has no inertia, is
+    none.
     """
-    hanging = spanning_forest(structure).parent >= 0
-    slides = sum(
-        rod.support.translation_basis.shape[1] for rod, hangs in zip(structure.rods, hanging, strict=True) if not hangs
+    structure = scene.structure
+    apart = sum(
+        rod.support.translation_basis.shape[1] + rod.support.rotation_basis.shape[1] - (rod.stiffness is None)
+        for rod in structure.rods
     )
-    turns = sum(rod.support.rotation_basis.shape[1] - (rod.stiffness is None) for rod in structure.rods)
-    turns += 6 * sum(not body.held for body in structure.bodies)
-    points = sum(point.translation_basis.shape[1] for point in structure.lone_masses)
-    return int(slides + turns + points - len(structure.constraints))
+    apart += sum(point.translation_basis.shape[1] for point in structure.lone_masses)
+    joints = State(scene, Bodies.of(structure), scene.nodes0, scene.velocities0, 0.0).joints
+    return int(apart + 6 * len(structure.moving_frames) - (0 if joints is None else joints.rank))
 
 
 def largest_tree(structure: Structure) -> int:
@@ -154,6 +167,9 @@ def largest_tree(structure: Structure) -> int:
 def engine_for_size(scene: Scene) -> str:
     """Which engine the size of a scene's structure calls for (docs/speed.md, "Large structures")."""
     hanging, rods = largest_tree(scene.structure), len(scene.structure.rods)
+    if (refused := refusal(MuJoCo(), scene)) and (able := engines_for(scene)):
+        others, (limit, found, _) = " or the ".join(ENGINES[name].title for name in able), refused
+        return f"the {others}: MuJoCo refuses it: {found}: {limit.reason}"
     if scene.contact is not None:
         return "MuJoCo: it alone has contact"
     if hanging > MOST_HANGING:
@@ -166,20 +182,6 @@ def engine_for_size(scene: Scene) -> str:
     return "MuJoCo or the DAE: their steps take about the same time at this size"
 
 
-def _closed(model: Any, data: Any) -> int:
-    """How many independent velocities the joints that close loops take away at the start."""
-    import mujoco
-
-    free = model.dof_armature == 0  # what drives a support is not free
-    rows = []
-    for one, other in zip(model.eq_obj1id, model.eq_obj2id, strict=True):
-        jacobians = np.zeros((2, 3, model.nv))
-        for jacobian, site in zip(jacobians, (one, other), strict=True):
-            mujoco.mj_jacSite(model, data, jacobian, None, int(site))
-        rows.append((jacobians[0] - jacobians[1])[:, free])
-    return int(np.linalg.matrix_rank(np.concatenate(rows), rtol=1e-9)) if rows else 0
-
-
 def _contact_pairs(model: Any) -> int:
     """Pairs of geoms of different bodies whose bits let them touch; the world's own geoms never touch each other."""
     types, affinities, bodies = model.geom_contype, model.geom_conaffinity, model.geom_bodyid
@@ -188,8 +190,6 @@ def _contact_pairs(model: Any) -> int:
 
 
 def _flags(model: Any) -> tuple[str, ...]:
-    import mujoco
-
     names = []
     for kinds, bits, word in (
         (mujoco.mjtDisableBit, model.opt.disableflags, "off"),

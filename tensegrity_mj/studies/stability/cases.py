@@ -16,13 +16,13 @@ from tensegrity_mj.model.elements.resistance import resisting_forces
 from tensegrity_mj.model.events import Load
 from tensegrity_mj.model.rods import lumped_masses, string_forces
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.model.strings import elastic_tension
 from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.model.text.reading import structure_from_toml
 from tensegrity_mj.model.text.writing import structure_to_toml
 from tensegrity_mj.statics.balance import balance
 from tensegrity_mj.statics.model import StaticModel
 from tensegrity_mj.statics.self_stress import prestress
+from tensegrity_mj.vibration.bodies import Bodies
 
 # Of the base: a string's stiffness [N/m], and the elongation u/k of the string that is pulled most.
 STIFFNESS = 1000.0
@@ -42,15 +42,25 @@ AXES: dict[str, tuple[str, tuple[float, ...], tuple[float, ...]]] = {
 }
 
 
-def scene_at_rest(scene: Scene) -> tuple[Scene, str]:
+def scene_at_rest(scene: Scene, maps: bool = False) -> tuple[Scene, str]:
     """A scene that stands still, for limits to be measured at, and what was done for that.
 
-    Rods that share nodes, or have no strings, stay as they are with their gravity: where they are not in equilibrium
-    when their supports are still, dead loads on the nodes hold them. Of other scenes it is `base_structure`.
+    Of class 1 it is `base_structure` where there are rods and light linear strings alone, where maps vary the strings,
+    and where it is not stable as it is. Other structures stay as they are with their gravity: where they are not in
+    equilibrium when their supports are still, dead loads on the nodes hold them.
     """
-    if scene.structure.class_number < 2 and scene.structure.strings:
+    structure = scene.structure
+    light = all(string.is_linear and len(string.nodes) == 2 for string in structure.strings) and not structure.ropes
+    rigid = not (structure.elastic.any() or structure.bodies or structure.constraints)
+    as_it_is = None if maps or (light and rigid) else _held(scene)
+    if structure.class_number < 2 and structure.strings and (as_it_is is None or not is_firm(as_it_is[0])):
         base, text = base_structure(scene)
         return Scene(base), text
+    return as_it_is or _held(scene)
+
+
+def _held(scene: Scene) -> tuple[Scene, str]:
+    """A scene as it is, at rest, in equilibrium by dead loads where need be, and what was done for that."""
     structure = scene.structure
     lengths = structure.string_lengths(structure.positions)
     edge = np.abs(lengths - structure.rest_lengths) <= 1e-9 * lengths
@@ -64,7 +74,7 @@ def scene_at_rest(scene: Scene) -> tuple[Scene, str]:
     still = Scene(structure, name=scene.name, gravity=scene.gravity, resistance=resistance)
     if balance(StaticModel.of(still)).is_equilibrium:
         return still, text
-    tensions = elastic_tension(structure.stiffness, lengths, structure.rest_lengths)
+    tensions = structure.curves.tension(lengths - structure.rest_lengths)
     pushes = string_forces(structure, structure.positions, tensions)
     pushes = pushes + lumped_masses(structure)[:, None] * np.array(scene.gravity)
     pushes = pushes + resisting_forces(still, structure.positions, np.zeros_like(structure.positions))
@@ -91,7 +101,7 @@ def base_structure(scene: Scene) -> tuple[Structure, str]:
             continue
         u = u * (PRESTRAIN * STIFFNESS / u.max())  # below the stiffness, whatever the self-stress is
         tight = _at_prestrain(_with_densities(plain, np.where(u > 0, u, LOOSE * STIFFNESS)), PRESTRAIN)
-        if is_firm(tight):
+        if is_firm(Scene(tight)):
             left = f" (strings {', '.join(slack)} slack)" if slack else ""
             return tight, f"{structure.name}, its own self-stress{left}"
         reason = "its equilibrium is not stable"
@@ -109,12 +119,12 @@ def base_structure(scene: Scene) -> tuple[Structure, str]:
     )
 
 
-def is_firm(structure: Structure) -> bool:
-    """Whether every motion but one of the whole is held: no stiffness below zero, to 1e-9 of the largest."""
+def is_firm(scene: Scene) -> bool:
+    """Whether every motion but one of the whole is held at rest: no stiffness below zero, to 1e-9 of the largest."""
     from tensegrity_mj.vibration.small_motions import vibration
 
-    still = np.zeros_like(structure.positions)
-    model = vibration(Scene(structure), structure.positions, still, structure.rest_lengths)
+    still = np.zeros_like(scene.nodes0)
+    model = vibration(scene, scene.nodes0, still, scene.structure.rest_lengths)
     matrix = model.material + model.geometric
     matrix = matrix if isinstance(matrix, np.ndarray) else matrix.toarray()
     values = np.linalg.eigvalsh(matrix)
@@ -125,7 +135,7 @@ def varied(base: Structure, axis: str, value: float) -> Structure:
     """The base with one property set; the number of rods is none of a base.
 
     Raises:
-        OptionError: for an unknown axis.
+        OptionError: for an unknown axis, and for one that varies a rod where there is none.
     """
     u, k = _densities(base), base.stiffness
     match axis:
@@ -134,9 +144,11 @@ def varied(base: Structure, axis: str, value: float) -> Structure:
             tension = u * (TENSION / u.max())
             return _with_densities(base.with_strings(stiffness=value), np.where(u > 0, tension, LOOSE * value))
         case "damping":
-            mass = 0.25 * float(base.rod_masses.mean())
+            mass = 0.25 * float((base.rod_masses if base.rods else Bodies.of(base).mass).mean())
             return base.with_strings(damping=2 * value * np.sqrt(k * mass))
         case "mass_ratio":
+            if not base.rods:
+                raise OptionError(f"axis = {axis!r} varies the mass of a rod, and structure '{base.name}' has none")
             first, *others = base.rods
             mass = value * (others[0].mass if others else first.mass)
             return replace(base, rods=(replace(first, mass=mass), *others))

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from tensegrity_mj.engines.requirements import engines_for
-from tensegrity_mj.engines.table import ENGINES
+from tensegrity_mj.model.capabilities import refusal
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.studies.engine_names import engine_of
 
 TITLES = {
     "euler": "MuJoCo Euler",
@@ -20,4 +20,4 @@ NAMES = tuple(TITLES)
 
 def simulates(name: str, scene: Scene) -> bool:
     """Whether the engine of that name simulates a scene; contact, which has no small motions, does not count."""
-    return (name if name in ENGINES else "mujoco") in engines_for(scene.with_(contact=None))
+    return refusal(engine_of(name, 1.0), scene.with_(contact=None)) is None

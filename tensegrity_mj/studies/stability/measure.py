@@ -124,9 +124,10 @@ def _why_unstable(scene: Scene, engine: Any, equilibrium: bool, steps: int) -> s
     lengths = structure.string_lengths(scene.nodes0)
     stretch = lengths - structure.rest_lengths
     tight = stretch > 1e-11 * lengths  # below, the perturbation itself would make it slack
+    pulls = structure.curves.tension(stretch)
     amplitude = AMPLITUDE
     if tight.any():
-        elastic = structure.stiffness[tight] * stretch[tight]
+        elastic = pulls[tight]
         with np.errstate(divide="ignore"):
             moved = DAMPER_PART * elastic / (2 * structure.damping[tight]) * step  # both ends move; ∞ without a damper
         small = min(STRETCH_PART * stretch[tight].min(), moved.min()) / size
@@ -154,7 +155,7 @@ def _why_unstable(scene: Scene, engine: Any, equilibrium: bool, steps: int) -> s
         spring = structure.stiffness * np.abs(structure.string_lengths(run.nodes) - lengths)
         damper = structure.damping * np.abs(structure.string_rates(run.nodes, run.velocities))
         change = np.maximum(spring / SPRING_SLACK, damper / DAMPER_SLACK).max(axis=0)
-        if np.any((change > structure.stiffness * stretch)[tight]):
+        if np.any((change > pulls)[tight]):
             return f"grew until strings slackened within {steps} steps"
     if last <= GROWTH * max(first, FLOOR * size):
         return ""

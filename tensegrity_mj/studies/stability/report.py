@@ -79,7 +79,7 @@ class StabilityStudy:
                 f"{'rods that share nodes' if linked else 'no strings'}: leave the maps out"
             )
         measured = [name for name in engines if simulates(name, scene)]
-        base, text = scene_at_rest(scene)
+        base, text = scene_at_rest(scene, bool(self.maps))
         data: dict[str, Any] = {
             "scene": scene.name,
             "engines": engines,

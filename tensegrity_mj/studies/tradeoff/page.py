@@ -35,11 +35,12 @@ MOST_LETTERS = 160  # of a reason
 def page_of(data: Data) -> Page:
     """The page of a study's data."""
     scene = data["scene"]
+    members = ", ".join(f"{kind}: {scene[kind]}" for kind in ("rods", "bodies", "strings") if scene.get(kind))
     introduction = (
-        f"{scene['name']}: {scene['rods']} rods, {scene['strings']} strings. Errors are the largest distance of a node "
-        "from where the reference has it, at the recorded times: of the same experiment, solved tightly. What holding "
-        "a control does to the motion is the modelling floor, the distance of a held experiment's reference from the "
-        "continuous law's. Wall times are the smallest of several runs on one machine, without compiling and loading."
+        f"{scene['name']} ({members}). Errors are the largest distance of a node from where the reference has it, at "
+        "the recorded times: of the same experiment, solved tightly. What holding a control does to the motion is the "
+        "modelling floor, the distance of a held experiment's reference from the continuous law's. Wall times are the "
+        "smallest of several runs on one machine, without compiling and loading."
     )
     title = f"Speed against accuracy: {scene['name']}"
     return Page(title, introduction, _verdict(data), _findings(data), _sections(data))

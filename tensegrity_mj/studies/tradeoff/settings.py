@@ -114,7 +114,7 @@ def most_evaluations(scene: Scene, law: NativeLaw | None = None, budget: float =
 def radau_steps(scene: Scene, law: NativeLaw | None = None, budget: float = BUDGET) -> int:
     """Steps of Radau within a budget: each factors matrices of the size of the state."""
     structure = scene.structure
-    size = 12 * len(structure.rods) + 6 * len(structure.lone_masses) + 3
+    size = 12 * len(structure.rods) + 6 * len(structure.lone_masses) + 24 * len(structure.moving_frames) + 3
     return int(budget / (RADAU_STAGES * weight(scene, law) + size**3 / FLOPS))
 
 

@@ -128,6 +128,7 @@ def tradeoff(
             "name": scene.name,
             "source": scene.source,
             "rods": len(scene.structure.rods),
+            "bodies": len(scene.structure.bodies),
             "strings": len(scene.structure.strings),
             "duration": scene.duration,
         },
