@@ -32,6 +32,8 @@ def execute(options: argparse.Namespace) -> Outcome:
     out = output_file(options.out, "--out", (".nc", ".csv", ".mat"))
     video = output_file(options.video, "--video", FILMS)
     plot = output_file(options.plot, "--plot", PLOT_SUFFIXES)
+    if options.water_loads and out is None:
+        raise OptionError("--water-loads needs --out FILE.nc")
     if plot is None:
         refuse(options, ("paper",), "needs --plot FILE.pdf")
     if video is None:
@@ -57,6 +59,8 @@ def execute(options: argparse.Namespace) -> Outcome:
         require_display()
 
     scene = library.load_scene(options.scene)
+    if options.water_loads and scene.water is None:
+        raise OptionError(f"--water-loads: scene '{scene.name}' has no water")
     engine = experiment.engine_of(options.engine, options)
     if options.replay:
         law, actuation, duration = _replay_of(options)
@@ -72,7 +76,7 @@ def execute(options: argparse.Namespace) -> Outcome:
             raise
         run = replace(cast("runs.Trajectory", error.trajectory), status=runs.Status.DIVERGED, message=str(error))
     if out:
-        run.save(out)
+        run.save(out, options.water_loads and len(run.time) > 1)
     if not len(run.time):  # it diverged where it began: there is nothing to draw
         video = plot = web = None
     if plot:

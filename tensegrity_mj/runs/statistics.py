@@ -26,7 +26,8 @@ from tensegrity_mj.runs.variables import AXES, labels_of
 if TYPE_CHECKING:
     from tensegrity_mj.runs.trajectory import Trajectory
 
-UNITS = {"tension": "N", "rod_force": "N", "position": "m", "velocity": "m/s", "water_load": "N"}
+OF_WATER = {"water_load": "rod", "string_water_load": "string"}
+UNITS = {"tension": "N", "rod_force": "N", "position": "m", "velocity": "m/s"} | dict.fromkeys(OF_WATER, "N")
 MOST_SHOWN = 8  # signals of a text
 MEASURES = ("mean", "deviation", "least", "greatest", "significant", "period")
 
@@ -37,7 +38,7 @@ class Statistics:
 
     Attributes:
         quantity, unit: what the signals are.
-        names: (K,) of strings, of rods, or of nodes (rods, for loads of water) with their axis, such as "n1.x".
+        names: (K,) of strings, of rods, or of nodes (members, for loads of water) with their axis, such as "n1.x".
         time: (T,) [s], two or more.
         values: (T, K).
         mean, deviation, least, greatest: (K,), the first two over time, also where samples are not even.
@@ -120,7 +121,8 @@ def statistics(run: Trajectory, quantity: str = "tension", after: float = 0.0) -
 
     Args:
         run: recorded often enough for its fastest motion of interest; only samples count.
-        quantity: "tension", "rod_force" (negative in compression), "position", "velocity" or "water_load".
+        quantity: "tension", "rod_force" (negative in compression), "position", "velocity", "water_load" (of rods) or
+            "string_water_load".
         after: [s], where it has settled.
 
     Raises:
@@ -136,10 +138,10 @@ def statistics(run: Trajectory, quantity: str = "tension", after: float = 0.0) -
     elif quantity == "rod_force":
         names, values = labels["rod"], run.rod_forces
     else:
-        members = labels["rod" if quantity == "water_load" else "node"]
-        names = tuple(f"{member}.{axis}" for member in members for axis in AXES)
-        vectors = {"position": lambda: run.nodes, "velocity": lambda: run.velocities, "water_load": run.water_loads}
-        values = vectors[quantity]().reshape(len(run.time), -1)
+        of = OF_WATER.get(quantity)
+        names = tuple(f"{member}.{axis}" for member in labels[of or "node"] for axis in AXES)
+        found = run.water_loads(of) if of else run.nodes if quantity == "position" else run.velocities
+        values = found.reshape(len(run.time), -1)
     return Statistics.of(quantity, UNITS[quantity], names, run.time[kept], values[kept])
 
 

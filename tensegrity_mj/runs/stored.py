@@ -25,6 +25,7 @@ from tensegrity_mj.runs.variables import (
     DICTIONARIES,
     LABELS,
     LAW_REPORTS,
+    LOADS,
     STATES,
     VARIABLES,
     Status,
@@ -32,6 +33,7 @@ from tensegrity_mj.runs.variables import (
     sizes_of,
     variables_of,
 )
+from tensegrity_mj.runs.water_loads import loaded_by_water
 
 if TYPE_CHECKING:
     from tensegrity_mj.runs.netcdf import Variables
@@ -42,12 +44,26 @@ CONVENTIONS = "CF-1.11"
 MOST_PACKED = 1032  # bytes that one byte of a file may stand for: the most that its compression, deflate, achieves
 
 
-def variables_in_file(run: Trajectory) -> Variables:
+def recorded(run: Trajectory, water_loads: bool = False) -> dict[str, tuple[tuple[str, ...], str, str, Array]]:
+    """Dimensions, unit, meaning and values of what a run has; with loads of water on members, where these are wanted.
+
+    Raises:
+        OptionError: for loads of water, as `Trajectory.water_loads`.
+    """
+    found = {name: (*about, getattr(run, name)) for name, about in variables_of(run.scene).items()}
+    if water_loads:
+        kinds = loaded_by_water(run.scene) or ("rod",)  # of which the message is that there is no water
+        wanted = {name: about for name, about in LOADS.items() if about[0][1] in kinds}
+        found |= {name: (*about, run.water_loads(about[0][1])) for name, about in wanted.items()}
+    return found
+
+
+def variables_in_file(run: Trajectory, water_loads: bool = False) -> Variables:
     """Dimensions, values and attributes of all that a file holds of a run: its coordinates first, then the rest."""
     labels = {name: ((name,), names, {"long_name": LABELS[name]}) for name, names in labels_of(run.scene).items()}
     data = {
-        name: (dimensions, getattr(run, name), _units(unit) | {"long_name": meaning})
-        for name, (dimensions, unit, meaning) in variables_of(run.scene).items()
+        name: (dimensions, values, _units(unit) | {"long_name": meaning})
+        for name, (dimensions, unit, meaning, values) in recorded(run, water_loads).items()
     }
     if "element_states" in data:
         data["element_states"][2]["names"] = ", ".join(run.element_state_names)
@@ -81,9 +97,9 @@ def attributes_in_file(run: Trajectory) -> dict[str, str | int]:
     }
 
 
-def write_run(run: Trajectory, path: Path) -> None:
+def write_run(run: Trajectory, path: Path, water_loads: bool = False) -> None:
     """Write the NetCDF-4 file of a run."""
-    write_netcdf(path, variables_in_file(run), attributes_in_file(run))
+    write_netcdf(path, variables_in_file(run, water_loads), attributes_in_file(run))
 
 
 def is_table(path: str | os.PathLike[str]) -> bool:

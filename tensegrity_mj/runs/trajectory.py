@@ -178,11 +178,16 @@ class Trajectory:
         """(T,) [N] along a rod by its name, negative in compression; OptionError where there is none."""
         return np.asarray(self.rod_forces[:, self._number("rod", rod)])
 
-    def water_loads(self) -> Array:
-        """(T, R, 3) [N]: the force of the water on each rod; see `runs.water_loads`, also for its error."""
+    def water_loads(self, of: str = "rod") -> Array:
+        """The force of the water on each "rod" (T, R, 3), or "string" (T, M, 3) [N]; see `runs.water_loads`."""
         from tensegrity_mj.runs.water_loads import water_loads
 
-        return water_loads(self)
+        return water_loads(self, of)
+
+    def water_load(self, member: str, of: str = "rod") -> Array:
+        """(T, 3) [N] on a rod or a string by its name, the whole of one with mass; OptionError where there is none."""
+        rows = self._parts(member)[0] if of == "string" else [self._number("rod", member)]
+        return np.asarray(self.water_loads(of)[:, rows].sum(axis=1))
 
     def statistics(self, quantity: str = "tension", after: float = 0.0) -> Statistics:
         """Means, deviations, extremes, significant responses and cycles, from a time on: see `runs.statistics`."""
@@ -218,7 +223,7 @@ class Trajectory:
     def to_dataframe(self, water_loads: bool = False) -> pandas.DataFrame:
         """A row for each time [s], the index, and a column for each number: "n1.x", "s1.tension", "kinetic_energy".
 
-        With `water_loads`, there are "rod1.water_x" and so on, too.
+        With `water_loads`, there are "rod1.water_x", "s1.drag_x" and so on, too.
 
         Raises:
             MissingPackageError: where pandas is not installed.
@@ -227,13 +232,13 @@ class Trajectory:
 
         return to_dataframe(self, water_loads)
 
-    def save(self, path: str | os.PathLike[str]) -> Path:
+    def save(self, path: str | os.PathLike[str], water_loads: bool = False) -> Path:
         """Write NetCDF-4 (.nc), which `load` reads, or a table: .csv, or .mat for MATLAB; returns the path.
 
-        The file appears whole: a crash leaves the old one or none.
+        The file appears whole: a crash leaves the old one or none. With `water_loads`, it has those, too.
 
         Raises:
-            OptionError: for another suffix, or a place where no file can be written.
+            OptionError: for another suffix, or a place where no file can be written; as `water_loads`.
             FormatError: if writing fails.
         """
         destination = checked(path, SUFFIXES, "trajectory")
@@ -245,7 +250,7 @@ class Trajectory:
             case _:
                 from tensegrity_mj.runs.stored import write_run as write
         with replacing(destination) as part:
-            write(self, part)
+            write(self, part, water_loads)
         return destination
 
     @classmethod

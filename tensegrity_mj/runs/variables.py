@@ -30,6 +30,7 @@ def _table(name: str) -> Variables:
 _FILE = table_beside(__file__)
 VARIABLES = _table("variables")
 STATES = _table("states")  # besides, of a scene that has what they are of
+LOADS = _table("loads")  # besides, where they are wanted
 LABELS: dict[str, str] = _FILE["labels"]  # what the names along each dimension are
 AXES = ("x", "y", "z")
 LAW_REPORTS = tuple(report.name.lower() for report in Report)  # those that are NaN where the law has none
