@@ -26,6 +26,7 @@ from tensegrity_mj.pictures.surface import Surface
 from tensegrity_mj.pictures.traces import MAX_PIECES, Traces
 
 SLACK_SEGMENTS = 12
+FIELD_BEYOND = 20.0  # times the reach of a picture: how far uneven ground is drawn
 TRANSLUCENT = 0.41  # opacity of all members that are; one for all, see `shrink.behind`
 TRACE = 1.6  # px
 SLACKNESS = 1e-6  # of its length: below, a slack string looks straight anyway
@@ -166,7 +167,7 @@ class Painter:
         self._identity = np.eye(3).ravel()
 
     def look_from(self, camera: Camera, reach: float, field_of_view: float) -> None:
-        """Place the camera; everything within `reach` [m] of the point looked at is drawn. Forgets no geom.
+        """Place the camera; everything within `reach` [m] of the point looked at is drawn, at least. Forgets no geom.
 
         `field_of_view` [degrees] is the vertical one of the part of the picture that is drawn.
         """
@@ -174,8 +175,10 @@ class Painter:
         extent = max(reach, 1e-9)
         self._model.stat.extent = extent
         self._model.vis.global_.fovy = field_of_view
-        self._model.vis.map.znear = max(0.05, (distance - reach) / extent) if distance > reach else 0.05
-        self._model.vis.map.zfar = (distance + 3.0 * reach) / extent
+        # Ground goes on around what is looked at.
+        beyond = 1.0 if self._model.nhfield == 0 else FIELD_BEYOND
+        self._model.vis.map.znear = max(0.05, (distance - beyond * reach) / extent)
+        self._model.vis.map.zfar = (distance + 3.0 * beyond * reach) / extent
         self._view.lookat[:] = camera.look_at
         self._view.distance = distance
         self._view.azimuth = camera.azimuth
