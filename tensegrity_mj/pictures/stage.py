@@ -17,6 +17,7 @@ from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera
 from tensegrity_mj.pictures.framing import Framing
 from tensegrity_mj.pictures.labels import Labels, Legend, Name
+from tensegrity_mj.pictures.lit_model import make_model
 from tensegrity_mj.pictures.motion import Motion, Pose
 from tensegrity_mj.pictures.opengl import MAX_BUFFER, Canvas, choose_backend
 from tensegrity_mj.pictures.painter import (
@@ -24,7 +25,6 @@ from tensegrity_mj.pictures.painter import (
     Look,
     Painter,
     geoms_needed,
-    make_model,
     plate_thickness,
 )
 from tensegrity_mj.pictures.shade import patches

@@ -26,8 +26,9 @@ from tensegrity_mj.pictures.camera import FIELD_OF_VIEW, Camera, corners_of, dir
 from tensegrity_mj.pictures.camera_path import NEAREST
 from tensegrity_mj.pictures.framing import Framing
 from tensegrity_mj.pictures.labels import Labels
+from tensegrity_mj.pictures.lit_model import make_model
 from tensegrity_mj.pictures.motion import Motion
-from tensegrity_mj.pictures.painter import Painter, geoms_needed, make_model
+from tensegrity_mj.pictures.painter import Painter, geoms_needed
 from tensegrity_mj.pictures.sag import slack_arcs
 from tensegrity_mj.pictures.shade import patches
 from tensegrity_mj.pictures.shrink import behind, shrink

@@ -17,6 +17,7 @@ from tensegrity_mj.model.elements.waves import Sea, Wave
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.pictures import opengl, palette
 from tensegrity_mj.pictures.camera import AFLOAT, Camera, broadside
+from tensegrity_mj.pictures.lit_model import make_model
 from tensegrity_mj.pictures.motion import Motion
 from tensegrity_mj.pictures.painter import make_model
 from tensegrity_mj.pictures.stage import Stage
