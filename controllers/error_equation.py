@@ -9,14 +9,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tensegrity_mj.dynamics.kernels import rod_accelerations
+from tensegrity_mj.dynamics.kernels import rod_accelerations, wet_rod_accelerations
 from tensegrity_mj.dynamics.native.compiling import njit
 from tensegrity_mj.dynamics.native.elements import known_forces
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.strings import share, string_length
 from tensegrity_mj.dynamics.native.vectors import minus, row_of, times, vector
 from tensegrity_mj.dynamics.target import Aim, point_target, rod_target
-from tensegrity_mj.dynamics.wet_rods import wet_rod_accelerations
 
 # Of K_p times a coordinate: a smaller error is no other than zero. Strings can only pull, so that at a target that
 # needs none of them, noise of the wrong sign would have no solution.

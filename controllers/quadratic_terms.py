@@ -21,7 +21,7 @@ import numpy as np
 
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.controllers.gains import GAINS
-from tensegrity_mj.dynamics.kernels import rod_accelerations
+from tensegrity_mj.dynamics.kernels import rod_accelerations, wet_rod_accelerations
 from tensegrity_mj.dynamics.native.elements import known_forces
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.pointers import floats, inlined, stack_doubles
@@ -30,7 +30,6 @@ from tensegrity_mj.dynamics.native.vectors import ZERO, apply, apply_transposed,
 from tensegrity_mj.dynamics.native.views import view_of
 from tensegrity_mj.dynamics.records import POINT, ROD
 from tensegrity_mj.dynamics.target import Aim, point_target, rod_target, standing_at
-from tensegrity_mj.dynamics.wet_rods import wet_rod_accelerations
 
 SCALARS = [("scalars_z", "f8", (3,)), ("scalars_b", "f8", (3,))]
 # Gains in world components, and where a block's three matrices are multiples of one, the scalars x, y, z > 0 (else 0).

@@ -3,7 +3,8 @@
 The coordinates are vectors of the world, three numbers each: r and b of every rod, the place of every point mass, and
 the centre of mass r of every body with the axes e1, e2, e3 that turn with it. Node positions are linear in them,
 n = Φ q + y, and so is all that joins or holds members: G q = g(t). What keeps members rigid is quadratic, v·w = const.
-Where several members share a node, the first of them places it, and rows hold the others' points there.
+Where several members share a node, the first of them places it, and rows hold the others' points there. With fewer
+coordinates and rows, a rod that hangs on another has b alone and its place from there: (3.17) of the thesis.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tensegrity_mj.basics.arrays import Array
+from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.dynamics.native.views import Table, view_of
 from tensegrity_mj.dynamics.records import ROD, Records, rod_records
 from tensegrity_mj.model.forest import spanning_forest
@@ -40,7 +41,7 @@ Assembly, _pack = view_of(
     maps=("f8", "node_rows", "size"),  # Φ
     bases=("f8", "node_count", 3),  # y where nothing moves
     carried=("i8", "node_count"),  # the motion of a fixed node, or -1
-    rods=(ROD, "rod_count"),  # `q` is where r starts, and b follows
+    rods=(ROD, "rod_count"),  # `q` is where b starts
     pairs=("i8", "pair_count", 2),
     members=("i8", "pair_count"),  # the rod that a pair keeps at its length, or -1
     values=("f8", "pair_count"),  # the constants v·w
@@ -61,6 +62,7 @@ class AssemblyRecords:
     Attributes:
         structure: what it is of.
         rods: record array of `ROD`.
+        roots: (R,) where r of each rod starts, -1 for one that has its place from another.
         nq: number of coordinates.
         table: an `Assembly`.
         moved: (m, 3, 3) displacement, velocity and acceleration of the motions now.
@@ -68,14 +70,19 @@ class AssemblyRecords:
 
     structure: Structure
     rods: Records
+    roots: IntArray
     nq: int
     table: Table
     moved: Array
 
     @classmethod
-    def of(cls, structure: Structure, motions: Sequence[Motion], moved: Array) -> AssemblyRecords:
-        """The system of a structure whose supports have these motions."""
-        parts = _Parts(structure, motions)
+    def of(cls, structure: Structure, motions: Sequence[Motion], moved: Array, hung: bool = False) -> AssemblyRecords:
+        """The system of a structure whose supports have these motions.
+
+        Every rod has coordinates r and b; where rods are `hung` on others, those have b alone, and their places from
+        these.
+        """
+        parts = _Parts(structure, motions, hung)
         for number, rod in enumerate(structure.rods):
             if rod.stiffness is None:
                 parts.keep_length(number)
@@ -83,7 +90,7 @@ class AssemblyRecords:
         parts.place_bodies()
         parts.share_nodes()
         parts.hold_constraints()
-        return cls(structure, parts.rods, parts.size, parts.packed(), moved)
+        return cls(structure, parts.rods, parts.roots, parts.size, parts.packed(), moved)
 
     def state(self, nodes: Array, velocities: Array) -> tuple[Array, Array]:
         """q and q̇ (nq,) of node positions and velocities (N, 3)."""
@@ -91,11 +98,13 @@ class AssemblyRecords:
 
     def _coordinates(self, nodes: Array) -> Array:
         q = np.zeros(self.nq)
-        for rod in self.rods:
+        at = 0
+        for rod, root in zip(self.rods, self.roots, strict=True):
             first, second, at = nodes[rod["i"]], nodes[rod["j"]], int(rod["q"])
-            q[at : at + 3] = (1 - rod["sigma"]) * first + rod["sigma"] * second
-            q[at + 3 : at + 6] = (second - first) / rod["length"]
-        at = 6 * len(self.rods)
+            if root >= 0:
+                q[root : root + 3] = (1 - rod["sigma"]) * first + rod["sigma"] * second
+            q[at : at + 3] = (second - first) / rod["length"]
+            at += 3
         for point in self.structure.lone_masses:
             q[at : at + 3] = nodes[self.structure.node_index[point.node]]
             at += 3
@@ -115,7 +124,8 @@ class AssemblyRecords:
     def coordinate_names(self) -> list[str]:
         """(nq,) for people."""
         structure = self.structure
-        members = [f"rod {rod.name}: {part}" for rod in structure.rods for part in "rb"]
+        rods = zip(structure.rods, self.roots, strict=True)
+        members = [f"rod {rod.name}: {part}" for rod, root in rods for part in ("rb" if root >= 0 else "b")]
         members += [f"point mass {point.node}: r" for point in structure.lone_masses]
         moving = [body for body in structure.bodies if not body.held]
         members += [f"body {body.name}: {part}" for body in moving for part in ("r", "e1", "e2", "e3")]
@@ -134,30 +144,27 @@ class _Parts:
 
     Attributes:
         size: n, the number of coordinates; those of the bodies start at `bodies`.
+        ends: (R, 2, 3, n) derivatives of the rods' ends.
         maps, bases, carried: of the nodes, as in `Assembly`.
     """
 
-    def __init__(self, structure: Structure, motions: Sequence[Motion]) -> None:
+    def __init__(self, structure: Structure, motions: Sequence[Motion], hung: bool) -> None:
         self.structure, self.count = structure, len(motions)
-        self.rods = rod_records(structure)
-        self.rods["q"] = 6 * np.arange(len(self.rods))
-        points, self.forest = 6 * len(self.rods), spanning_forest(structure)
+        self.rods, self.forest = rod_records(structure), spanning_forest(structure)
+        has_place = self.forest.parent < 0 if hung else np.ones(len(self.rods), bool)
+        self.rods["q"] = 3 * (np.arange(len(self.rods)) + np.cumsum(has_place))
+        self.roots = np.where(has_place, self.rods["q"] - 3, -1)
+        points = 3 * (len(self.rods) + int(np.sum(has_place)))
         self.bodies = points + 3 * len(structure.lone_masses)
         self.size = self.bodies + 12 * len(structure.moving_frames)
         self.motion_of = {motion.support: number for number, motion in enumerate(motions)}
-        self.mass, self.weights = np.zeros((self.size, self.size)), np.zeros(self.size)
         self.scale = np.zeros(self.size)  # where it is not that of the masses
         self.maps = np.zeros((len(structure.nodes), 3, self.size))
         self.bases, self.carried = np.zeros((len(structure.nodes), 3)), np.full(len(structure.nodes), -1)
         self._pairs: list[tuple[int, int, int, float, float, float]] = []
         self._rows: list[tuple[Array, float, Array]] = []
         self._links: dict[int, tuple[int, float]] = {}  # of a row
-        for rod in self.rods:
-            r, b = int(rod["q"]), int(rod["q"]) + 3
-            self.move(r, r, rod["mass"])
-            self.move(b, b, rod["J"])
-            self.move(r, b, rod["f"])
-            self.weights[r : r + 3], self.weights[b : b + 3] = rod["mass"], rod["f"]
+        self.place_rods()
         for name in structure.fixed_nodes:
             row = structure.node_index[name]
             self.bases[row], self.carried[row] = structure.positions[row], self.motion_of.get(name, -1)
@@ -178,9 +185,27 @@ class _Parts:
         for x in range(3):
             self.mass[one + x, other + x] = self.mass[other + x, one + x] = mass
 
+    def place_rods(self) -> None:
+        """Their ends, masses and weights, by r and b of every one."""
+        self.ends = np.zeros((len(self.rods), 2, 3, self.size))
+        places, turns = np.zeros((2, len(self.rods), 3, self.size))
+        for number in self.forest.order:
+            rod, root, parent = self.rods[number], self.roots[number], self.forest.parent[number]
+            held, sigma, turns[number] = self.vector(root), rod["sigma"], self.vector(int(rod["q"]))
+            if root < 0:
+                hinge = int(self.rods[parent]["j"] == self.forest.hinge[number])
+                held, sigma = self.ends[parent, hinge], float(self.forest.flipped[number])
+            for end in range(2):
+                self.ends[number, end] = held + (end - sigma) * rod["length"] * turns[number]
+            places[number] = held + (rod["sigma"] - sigma) * rod["length"] * turns[number]
+        r, b = places.reshape(-1, self.size), turns.reshape(-1, self.size)
+        m, f, J = (np.repeat(self.rods[name], 3)[:, None] for name in ("mass", "f", "J"))
+        self.mass = r.T @ (m * r + f * b) + b.T @ (f * r + J * b)
+        self.weights = (m * r + f * b).sum(axis=0)
+
     def keep_length(self, number: int) -> None:
         """b of a rod is a unit vector."""
-        b = int(self.rods[number]["q"]) + 3
+        b = int(self.rods[number]["q"])
         self._pairs.append((b, b, number, 1.0, float(self.rods[number]["J"]), 0.0))
 
     def place_bodies(self) -> None:
@@ -218,32 +243,26 @@ class _Parts:
             self._links[len(self._rows)] = number, 1.0 / float(np.linalg.norm(linear))
             self.hold(linear[None], np.array([value]), one.unit[None], one.name)
 
-    def end(self, number: int, end: int) -> Array:
-        """(3, n): where a rod has its first or second end."""
-        rod = self.rods[number]
-        lever = (end - rod["sigma"]) * rod["length"]
-        return np.asarray(self.vector(int(rod["q"])) + lever * self.vector(int(rod["q"]) + 3))
-
     def hold_rod(self, number: int) -> None:
         """Its support and its plane; a rod that hangs on another has its height from that."""
         rod, record, positions = self.structure.rods[number], self.rods[number], self.structure.positions
-        support, at = rod.support, int(record["q"])
+        support = rod.support
         if self.forest.parent[number] < 0:
             D, (i, j) = support.constraint_rows, (positions[record[end]] for end in "ij")
             r = (1 - support.sigma) * i + support.sigma * j
-            self.hold(D @ self.vector(at), D @ r, D, rod.name)
+            self.hold(D @ self.vector(self.roots[number]), D @ r, D, rod.name)
         if support.plane is not None:
-            self.hold(np.array([support.plane]) @ self.vector(at + 3), np.zeros(1))
+            self.hold(np.array([support.plane]) @ self.vector(int(record["q"])), np.zeros(1))
 
     def share_nodes(self) -> None:
         """Every node where its first member has it, and the others' points on it."""
         for number in self.forest.order:
             for end, node in enumerate(self.structure.rod_nodes[number].tolist()):
-                own = self.end(number, end)
-                if np.any(self.maps[node]):
-                    self.hold(own - self.maps[node], np.zeros(3))
-                else:
-                    self.maps[node] = own
+                gap = self.ends[number, end] - self.maps[node]
+                if not np.any(self.maps[node]):
+                    self.maps[node] = gap
+                elif np.any(gap):  # a rod that hangs there is there
+                    self.hold(gap, np.zeros(3))
 
     def packed(self) -> Table:
         """The table; rows that others imply are left out."""

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from tensegrity_mj.dynamics.assembly import Assembly
+from tensegrity_mj.dynamics.kernels import forces_of_ends, hold, own_mass
 from tensegrity_mj.dynamics.native.pointers import borrowing, owning
-from tensegrity_mj.dynamics.native.vectors import dot, plus, row_of, times, vector
-from tensegrity_mj.dynamics.wet_rods import forces_of_ends, hold, own_mass
+from tensegrity_mj.dynamics.native.vectors import dot, row_of, vector
 
 # Singular values of the scaled matrix below this part of the largest are those of constraints that others imply.
 LEAST_SINGULAR_VALUE = 1e-11
@@ -111,22 +111,18 @@ def _solve(system: Any, matrix: Any, scale: Any, x: Any) -> Any:
 
 @owning
 def _add_mass(system: Any, added: Any, q: Any, matrix: Any) -> None:
-    """Σ α_ij P of the ends, as r and b move them, to the mass matrix."""
+    """Σ Φᵀ_i α_ij P Φ_j of the rods' ends to the mass matrix."""
+    n, maps, W = system.size, np.empty((6, system.size)), np.empty((6, 6))
     for k in range(system.rod_count):
         rod = system.rods[k]
-        b = vector(q[rod.q + 3 :])
+        b = vector(q[rod.q :])
         square = dot(b, b)
-        for i in range(2):
-            for j in range(2):
-                alpha = added[0][k, 2 * i + j]
-                first, second = (i - rod.sigma) * rod.length, (j - rod.sigma) * rod.length
-                for x in range(3):
-                    for y in range(3):
-                        across = alpha * ((1.0 if x == y else 0.0) - b[x] * b[y] / square)
-                        matrix[rod.q + x, rod.q + y] += across
-                        matrix[rod.q + 3 + x, rod.q + y] += first * across
-                        matrix[rod.q + x, rod.q + 3 + y] += second * across
-                        matrix[rod.q + 3 + x, rod.q + 3 + y] += first * second * across
+        maps[:3], maps[3:] = system.maps[3 * rod.i : 3 * rod.i + 3], system.maps[3 * rod.j : 3 * rod.j + 3]
+        for i in range(6):
+            for j in range(6):
+                across = (1.0 if i % 3 == j % 3 else 0.0) - b[i % 3] * b[j % 3] / square
+                W[i, j] = added[0][k, 2 * (i // 3) + j // 3] * across
+        matrix[:n, :n] += np.dot(np.dot(maps.T, W), maps)
 
 
 @owning
@@ -171,18 +167,15 @@ def assembled_accelerations(model: Any, added: Any, q: Any, rates: Any, out: Any
     return power
 
 
-@borrowing
+@owning
 def _hold_mass(system: Any, added: Any, q: Any, accelerations: Any) -> None:
     """Write the forces of the added mass on the nodes."""
-    for node in range(system.node_count):
-        for x in range(3):
-            added[1][node, x] = 0.0
+    added[1][:] = 0.0
+    moves = np.dot(system.maps, accelerations)
     for k in range(system.rod_count):
         rod = system.rods[k]
-        r_acc, b_acc = vector(accelerations[rod.q :]), vector(accelerations[rod.q + 3 :])
-        first = plus(r_acc, times(-rod.sigma * rod.length, b_acc))
-        second = plus(first, times(rod.length, b_acc))
-        hold(rod, forces_of_ends(vector(q[rod.q + 3 :]), own_mass(added, k), first, second), added[1])
+        first, second = vector(moves[3 * rod.i :]), vector(moves[3 * rod.j :])
+        hold(rod, forces_of_ends(vector(q[rod.q :]), own_mass(added, k), first, second), added[1])
 
 
 @owning

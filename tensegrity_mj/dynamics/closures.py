@@ -44,8 +44,8 @@ def _close(address: int, joints_at: int, q: Any, change: Any, row: int) -> None:
     for k in range(len(linked.links)):
         link = linked.links[k]
         rod = linked.rods[link.rod]
-        b, ends = row_of(joints.b, link.rod), joints.ends[link.rod]
-        r, turn, _ = answer_of_rod(rod, link.held, b, 0.0, row_of(ends, 0), row_of(ends, 1), ZERO)
+        b, ends = row_of(joints.b, link.rod), (row_of(joints.ends[link.rod], 0), row_of(joints.ends[link.rod], 1))
+        r, turn, _ = answer_of_rod(rod, link, b, 0.0, ends, ZERO, ZERO, None)
         for p in range(link.nz):
             change[rod.q + p] += rod.E[0, p] * r[0] + rod.E[1, p] * r[1] + rod.E[2, p] * r[2]
         for p in range(rod.nb):

@@ -16,11 +16,21 @@ from __future__ import annotations
 from typing import Any
 
 from tensegrity_mj.dynamics.joint_plan import Joints
-from tensegrity_mj.dynamics.kernels import accelerate_points, direction_of, rod_accelerations
-from tensegrity_mj.dynamics.linked import Linked, stretch_term, write_coordinates
+from tensegrity_mj.dynamics.kernels import (
+    accelerate_points,
+    accelerate_rod,
+    added_forces,
+    direction_of,
+    forces_on_rod,
+    hold,
+    in_plane,
+    own_mass,
+    stretch_term,
+    write_coordinates,
+)
+from tensegrity_mj.dynamics.linked import Linked
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
 from tensegrity_mj.dynamics.native.vectors import ZERO, dot, minus, plus, row_of, times, vector
-from tensegrity_mj.dynamics.wet_rods import added_forces, answer_of_wet_rod, hold, own_mass, wet_compliance
 
 # Round-off leaves about 1e-15 of a pivot that should be zero. An error ε of the nodes makes a redundant joint's pivot
 # of the order of ε², so that drifts up to a millionth are recognized.
@@ -28,40 +38,40 @@ LEAST_PIVOT = 1e-12
 
 
 @inlined
-def _in_plane(rod: Any, v: Any) -> Any:
-    """B Bᵀ v."""
-    if rod.nb == 3:
-        return v
-    B = rod.B
-    p = B[0, 0] * v[0] + B[1, 0] * v[1] + B[2, 0] * v[2]
-    q = B[0, 1] * v[0] + B[1, 1] * v[1] + B[2, 1] * v[2]
-    return B[0, 0] * p + B[0, 1] * q, B[1, 0] * p + B[1, 1] * q, B[2, 0] * p + B[2, 1] * q
+def answer_of_rod(rod: Any, link: Any, b: Any, c: float, ends: Any, g: Any, drive: Any, added: Any) -> Any:
+    """r̈ at σ, b̈ and Jλ of a rod with forces at its ends under a gravity g; r̈ is seen from its support.
 
-
-@inlined
-def answer_of_rod(rod: Any, held: int, b: Any, c: float, first: Any, second: Any, g: Any) -> Any:
-    """r̈ at σ, b̈ and Jλ of a rod with forces at its ends under a gravity g, all as tuples.
-
-    A rod that is not held is uniform, and answers as a body about its centre of mass, where r and b do not mix.
+    The support accelerates by `drive`. A dry rod that is not held is uniform, and answers as a body about its centre of
+    mass, where r and b do not mix.
+    Added mass feels the whole acceleration, and acts across the rod, so that it has no part in λ.
     """
-    if held:
-        t_r = plus(plus(first, second), times(rod.mass, g))
-        t_b = plus(times(rod.length, minus(times(1.0 - rod.sigma, second), times(rod.sigma, first))), times(rod.f, g))
-        r_acc, b_acc = rod_accelerations(rod, b, c, t_r, t_b)
-        along = rod.J * c - dot(b, minus(times(rod.f, r_acc), t_b)) / dot(b, b)
-        return r_acc, b_acc, along
-    torque = times(0.5 * rod.length, minus(second, first))
-    inertia = rod.mass * rod.length * rod.length / 12.0
-    along = rod.rigid * dot(b, torque) / dot(b, b)
-    centre = _in_plane(rod, plus(times(1.0 / rod.mass, plus(first, second)), g))
-    b_acc = minus(times(1.0 / inertia, _in_plane(rod, torque)), times(along / inertia + c, b))
-    return plus(centre, times((rod.sigma - 0.5) * rod.length, b_acc)), b_acc, inertia * c + along
+    first, second = ends
+    g = minus(g, drive)
+    if added is None:
+        if not link.held:
+            torque = times(0.5 * rod.length, minus(second, first))
+            inertia = rod.mass * rod.length * rod.length / 12.0
+            along = rod.rigid * dot(b, torque) / dot(b, b)
+            centre = in_plane(rod, plus(times(1.0 / rod.mass, plus(first, second)), g))
+            b_acc = minus(times(1.0 / inertia, in_plane(rod, torque)), times(along / inertia + c, b))
+            return plus(centre, times((rod.sigma - 0.5) * rod.length, b_acc)), b_acc, inertia * c + along
+    else:
+        own = own_mass(added, link.rod)
+        across = minus(drive, times(dot(b, drive) / dot(b, b), b))
+        first = minus(first, times(own[0] + own[1], across))
+        second = minus(second, times(own[2] + own[3], across))
+    t_r, t_b = forces_on_rod(rod, first, second, g)
+    r_acc, b_acc = accelerate_rod(rod, link.rod, b, c, t_r, t_b, added)
+    return r_acc, b_acc, rod.J * c - dot(b, minus(times(rod.f, r_acc), t_b)) / dot(b, b)
 
 
 @borrowing
-def _compliance(rod: Any, held: int, b: Any, A: Any) -> None:
-    """(3, 3) blocks of how the ends answer forces at the ends: A[0] of i to i, A[1] of i to j, A[2] of j to j."""
-    if not held:
+def _compliance(rod: Any, link: Any, b: Any, added: Any, A: Any) -> None:
+    """(3, 3) blocks of how the ends answer forces at the ends: A[0] of i to i, A[1] of i to j, A[2] of j to j.
+
+    Of wet rods they are symmetric where α is.
+    """
+    if added is None and not link.held:
         per_square, per_mass = rod.rigid / dot(b, b), 1.0 / rod.mass
         for x in range(3):
             for y in range(3):
@@ -75,9 +85,9 @@ def _compliance(rod: Any, held: int, b: Any, A: Any) -> None:
     back, ahead = rod.sigma * rod.length, (1.0 - rod.sigma) * rod.length
     for y in range(3):
         unit = (1.0 if y == 0 else 0.0, 1.0 if y == 1 else 0.0, 1.0 if y == 2 else 0.0)
-        r_acc, b_acc = rod_accelerations(rod, b, 0.0, unit, times(-back, unit))
+        r_acc, b_acc = accelerate_rod(rod, link.rod, b, 0.0, unit, times(-back, unit), added)
         first = minus(r_acc, times(back, b_acc))
-        r_acc, b_acc = rod_accelerations(rod, b, 0.0, unit, times(ahead, unit))
+        r_acc, b_acc = accelerate_rod(rod, link.rod, b, 0.0, unit, times(ahead, unit), added)
         other, second = minus(r_acc, times(back, b_acc)), plus(r_acc, times(ahead, b_acc))
         A[0, 0, y], A[0, 1, y], A[0, 2, y] = first[0], first[1], first[2]
         A[1, 0, y], A[1, 1, y], A[1, 2, y] = other[0], other[1], other[2]
@@ -135,11 +145,7 @@ def _assemble(linked: Any, joints: Any, added: Any) -> None:
         if low == high:
             continue
         link = linked.links[k]
-        if added is None:
-            _compliance(linked.rods[link.rod], link.held, row_of(joints.b, link.rod), joints.blocks)
-        else:
-            own = own_mass(added, link.rod)
-            wet_compliance(linked.rods[link.rod], row_of(joints.b, link.rod), own, joints.blocks)
+        _compliance(linked.rods[link.rod], link, row_of(joints.b, link.rod), added, joints.blocks)
         for p in range(low, high):
             row_end, row_sign = attachments[p, 1], attachments[p, 2]
             for q in range(low, p + 1):
@@ -163,12 +169,9 @@ def push_joint(joints: Any, e: int, force: Any) -> None:
 
 @borrowing
 def _add_joint_forces(joints: Any) -> None:
-    """Add the forces x of the joints to the ends of the rods, and keep those of the closures."""
+    """Add the forces x of the joints to the ends of the rods."""
     for e in range(len(joints.joints)):
         push_joint(joints, e, joints.x[3 * e : 3 * e + 3])
-    for a in range(len(joints.closures)):
-        for x in range(3):
-            joints.closure_forces[a, x] = joints.x[3 * joints.closures[a] + x]
 
 
 @borrowing
@@ -191,7 +194,7 @@ def joint_accelerations(model: Any, added: Any, q: Any, rates: Any, out: Any) ->
         model: a view with `linked`, `joints` and `tree`, addresses of a `Linked`, a `Joints` and a `Tree`; `forces` on
             the nodes; `gravity` (3,) [m/s²]; `kp` and `kd`, Baumgarte's gains of (3.25) for lengths and closures, or
             zero; and `multipliers`, λ, which are written.
-        added: None; or α of the rods (R, 4) [kg], and the forces (N, 3) [N] of the added mass, which are written.
+        added: see `kernels`.
         q, rates: the state.
         out: q̈.
 
@@ -212,9 +215,9 @@ def joint_accelerations(model: Any, added: Any, q: Any, rates: Any, out: Any) ->
         joints.b[link.rod, 0], joints.b[link.rod, 1], joints.b[link.rod, 2] = b[0], b[1], b[2]
         if joints.attached[k] == joints.attached[k + 1]:
             continue
-        drive = _acceleration_of(linked, link.motion)
-        ends = joints.ends[link.rod]
-        r_acc, b_acc, _ = _answer(rod, link, b, c, (row_of(ends, 0), row_of(ends, 1)), g, drive, added)
+        drive = acceleration_of(linked, link.motion)
+        ends = row_of(joints.ends[link.rod], 0), row_of(joints.ends[link.rod], 1)
+        r_acc, b_acc, _ = answer_of_rod(rod, link, b, c, ends, g, drive, added)
         r_acc = plus(r_acc, drive)
         free = joints.free[link.rod]
         for x in range(3):
@@ -240,17 +243,16 @@ def joint_accelerations(model: Any, added: Any, q: Any, rates: Any, out: Any) ->
     for k in range(len(linked.links)):
         link = linked.links[k]
         rod = linked.rods[link.rod]
-        b, ends = row_of(joints.b, link.rod), joints.ends[link.rod]
-        drive = _acceleration_of(linked, link.motion)
-        first, second = row_of(ends, 0), row_of(ends, 1)
-        r_acc, b_acc, along = _answer(rod, link, b, joints.c[link.rod], (first, second), g, drive, added)
+        b, drive = row_of(joints.b, link.rod), acceleration_of(linked, link.motion)
+        ends = row_of(joints.ends[link.rod], 0), row_of(joints.ends[link.rod], 1)
+        r_acc, b_acc, along = answer_of_rod(rod, link, b, joints.c[link.rod], ends, g, drive, added)
         multipliers[link.rod] = along * rod.per_J
         write_coordinates(rod, link.nz, r_acc, b_acc, out)
         if added is not None:
             hold(rod, added_forces(rod, b, own_mass(added, link.rod), plus(r_acc, drive), b_acc), added[1])
         if link.motion >= 0:
             # What the support must pull with, for r to move as it does: m r̈ + f b̈ = t_r + reaction.
-            t_r = plus(plus(first, second), times(rod.mass, minus(g, drive)))
+            t_r = plus(plus(ends[0], ends[1]), times(rod.mass, minus(g, drive)))
             if added is not None:
                 pair = added_forces(rod, b, own_mass(added, link.rod), plus(r_acc, drive), b_acc)
                 t_r = plus(t_r, plus(pair[0], pair[1]))
@@ -260,16 +262,8 @@ def joint_accelerations(model: Any, added: Any, q: Any, rates: Any, out: Any) ->
     return power + moved_nodes_power(model.linked, forces)
 
 
-@borrowing
-def _answer(rod: Any, link: Any, b: Any, c: float, ends: Any, g: Any, drive: Any, added: Any) -> Any:
-    """`answer_of_rod` in the frame of the rod's support, which accelerates by `drive`, with its added mass if any."""
-    if added is None:
-        return answer_of_rod(rod, link.held, b, c, ends[0], ends[1], minus(g, drive))
-    return answer_of_wet_rod(rod, b, c, ends, minus(g, drive), drive, own_mass(added, link.rod))
-
-
 @inlined
-def _acceleration_of(linked: Any, motion: int) -> Any:
+def acceleration_of(linked: Any, motion: int) -> Any:
     """d̈ of a motion, zero for none."""
     return row_of(linked.motions[motion], 2) if motion >= 0 else ZERO
 

@@ -31,7 +31,6 @@ Joints, _pack_joints = view_of(
     free=("f8", "rod_count", 2, 3),  # accelerations of the ends without forces of joints [m/s²]
     b=("f8", "rod_count", 3),  # in world components
     c=("f8", "rod_count"),  # of `stretch_term`
-    closure_forces=("f8", "closure_count", 3),  # forces of the closures on the others [N]
     blocks=("f8", 3, 3, 3),  # room for `_compliance`
 )
 
@@ -84,7 +83,6 @@ def plan_joints(records: LinkedRecords) -> Table:
         free=np.zeros((count, 2, 3)),
         b=np.zeros((count, 3)),
         c=np.zeros(count),
-        closure_forces=np.zeros((closures, 3)),
         blocks=np.zeros((3, 3, 3)),
     )
 

@@ -1,5 +1,9 @@
 """The equations of motion of chapter 2, (2.45)-(2.49), compiled, for rods of every support and for point masses.
 
+Rods in water have added mass, which answers the very accelerations that are requested: `added` has α of all rods, rows
+(α_11, α_12, α_21, α_22) [kg], and the forces (N, 3) [N] of the added mass, which are written. It is None where rods are
+dry, whose compiled code has nothing of it.
+
 Vectors b and r are kept in world components; the bases E of (2.41) and B (planar rods, b = B β) of a rod's record
 say which directions they may have. Forces reach a rod only through t_r (conjugate to r) and t_b (conjugate to b).
 """
@@ -71,15 +75,89 @@ def rod_accelerations(rod: Any, b: Any, c: float, t_r: Any, t_b: Any) -> tuple[A
 
 
 @inlined
-def across_rod(rod: Any, b: Any, per_square: float, v: Any) -> Any:
-    """P v = (B Bᵀ - b bᵀ/‖b‖²) v."""
+def wet_rod_accelerations(rod: Any, b: Any, c: float, t_r: Any, t_b: Any, added: Any) -> tuple[Any, Any]:
+    """r̈ and b̈ of one rod whose ends feel F_i = -Σ_j α_ij P a_j besides; else as `rod_accelerations`.
+
+    `added` is (α_11, α_12, α_21, α_22). With a_1 = r̈ - σℓ b̈, a_2 = r̈ + (1 - σ)ℓ b̈ the forces on r and b are
+    -(α_rr P r̈ + α_rb P b̈) and -(α_br P r̈ + α_bb P b̈). What b may do across itself, P_B = B Bᵀ - b bᵀ/‖b‖², lies
+    within P, so that b̈ = P_B (t_b - f_b r̈) / J' - c b with f_b = f + α_br and J' = J + α_bb, and
+
+        Eᵀ (m I + α_rr P - f_r f_b / J' P_B) r̈ = Eᵀ (t_r - f_r / J' P_B t_b + f c b),  f_r = f + α_rb:
+
+    symmetric whatever α is, of as many rows as r has directions.
+    """
+    back, ahead = rod.sigma * rod.length, (1.0 - rod.sigma) * rod.length
+    first_b, second_b = ahead * added[1] - back * added[0], ahead * added[3] - back * added[2]
+    a_rr, a_rb = added[0] + added[1] + added[2] + added[3], first_b + second_b
+    a_br = ahead * (added[2] + added[3]) - back * (added[0] + added[1])
+    per_J = 1.0 / (rod.J + ahead * second_b - back * first_b)
+    f_r, f_b = rod.f + a_rb, rod.f + a_br
+    per_square = 1.0 / dot(b, b)
+    pull = across_rod(rod, b, per_square, t_b)
+    r_acc = ZERO
+    if rod.nz > 0:
+        v = plus(minus(t_r, times(f_r * per_J, pull)), times(rod.f * c, b))
+        r_acc = _held(rod, b, per_square, rod.mass, a_rr, f_r * f_b * per_J, v)
+        pull = minus(pull, across_rod(rod, b, per_square, times(f_b, r_acc)))
+    return r_acc, minus(times(per_J, pull), times(c, b))
+
+
+@inlined
+def _held(rod: Any, b: Any, per_square: float, mass: float, added: float, turning: float, v: Any) -> Any:
+    """E (Eᵀ K E)⁻¹ Eᵀ v of K = m I + α P - κ P_B, by L D Lᵀ; directions that r has not are rows of one."""
+    E = rod.E
+    e1, e2, e3 = (E[0, 0], E[1, 0], E[2, 0]), (E[0, 1], E[1, 1], E[2, 1]), (E[0, 2], E[1, 2], E[2, 2])
+    k1, k2, k3 = (
+        _times_K(rod, b, per_square, mass, added, turning, e1),
+        _times_K(rod, b, per_square, mass, added, turning, e2),
+        _times_K(rod, b, per_square, mass, added, turning, e3),
+    )
+    d1, l21, l31 = dot(e1, k1), dot(e2, k1), dot(e3, k1)
+    k22 = dot(e2, k2) if rod.nz > 1 else 1.0
+    k33 = dot(e3, k3) if rod.nz > 2 else 1.0
+    k32 = dot(e3, k2)
+    l21, l31, top = l21 / d1, l31 / d1, (l21, l31)
+    d2 = k22 - l21 * top[0]
+    l32 = (k32 - l31 * top[0]) / d2
+    d3 = k33 - l31 * top[1] - l32 * l32 * d2
+    x1 = dot(e1, v)
+    x2 = dot(e2, v) - l21 * x1
+    x3 = (dot(e3, v) - l31 * x1 - l32 * x2) / d3
+    x2 = x2 / d2 - l32 * x3
+    x1 = x1 / d1 - l21 * x2 - l31 * x3
+    return plus(plus(times(x1, e1), times(x2, e2)), times(x3, e3))
+
+
+@inlined
+def _times_K(rod: Any, b: Any, per_square: float, mass: float, added: float, turning: float, e: Any) -> Any:
+    across = minus(e, times(dot(b, e) * per_square, b))
+    return minus(plus(times(mass, e), times(added, across)), times(turning, across_rod(rod, b, per_square, e)))
+
+
+@inlined
+def accelerate_rod(rod: Any, row: int, b: Any, c: float, t_r: Any, t_b: Any, added: Any) -> tuple[Any, Any]:
+    """r̈ and b̈ of the rod of a row, dry or wet."""
+    if added is None:
+        return rod_accelerations(rod, b, c, t_r, t_b)
+    return wet_rod_accelerations(rod, b, c, t_r, t_b, own_mass(added, row))
+
+
+@inlined
+def in_plane(rod: Any, v: Any) -> Any:
+    """B Bᵀ v."""
     inside = v
     if rod.nb == 2:
         B = rod.B
         p = B[0, 0] * v[0] + B[1, 0] * v[1] + B[2, 0] * v[2]
         q = B[0, 1] * v[0] + B[1, 1] * v[1] + B[2, 1] * v[2]
         inside = (B[0, 0] * p + B[0, 1] * q, B[1, 0] * p + B[1, 1] * q, B[2, 0] * p + B[2, 1] * q)
-    return minus(inside, times(dot(b, v) * per_square, b))
+    return inside
+
+
+@inlined
+def across_rod(rod: Any, b: Any, per_square: float, v: Any) -> Any:
+    """P v = (B Bᵀ - b bᵀ/‖b‖²) v."""
+    return minus(in_plane(rod, v), times(dot(b, v) * per_square, b))
 
 
 @borrowing
@@ -133,31 +211,98 @@ def place_nodes(q: Any, rates: Any, rods: Any, points: Any, nodes: Any, velociti
 @inlined
 def rod_forces(rod: Any, forces: Any, gravity: Any) -> tuple[Any, Any]:
     """t_r and t_b of nodal forces (N, 3), Φᵀ f of (2.55), and of the rod's weight."""
-    fi, fj, g = row_of(forces, rod.i), row_of(forces, rod.j), vector(gravity)
-    t_r = plus(plus(fi, fj), times(rod.mass, g))
-    t_b = plus(times(rod.length, minus(times(1.0 - rod.sigma, fj), times(rod.sigma, fi))), times(rod.f, g))
+    return forces_on_rod(rod, row_of(forces, rod.i), row_of(forces, rod.j), vector(gravity))
+
+
+@inlined
+def forces_on_rod(rod: Any, first: Any, second: Any, g: Any) -> tuple[Any, Any]:
+    """t_r and t_b of forces on its ends and of its weight."""
+    t_r = plus(plus(first, second), times(rod.mass, g))
+    t_b = plus(times(rod.length, minus(times(1.0 - rod.sigma, second), times(rod.sigma, first))), times(rod.f, g))
     return t_r, t_b
 
 
+@inlined
+def stretch_term(rod: Any, b: Any, b_rate: Any, kp: float, kd: float) -> float:
+    """c of bᵀb̈ = -c bᵀb: (‖ḃ‖² + k_d bᵀḃ + k_p (bᵀb - 1)/2) / ‖b‖², (3.26); 0 of an elastic rod."""
+    square = dot(b, b)
+    return rod.rigid * (dot(b_rate, b_rate) + kd * dot(b, b_rate) + 0.5 * kp * (square - 1.0)) / square
+
+
+@inlined
+def write_coordinates(rod: Any, nz: int, r: Any, b: Any, out: Any) -> None:
+    """Eᵀr and Bᵀb into a rod's places of `out` (nq,), with as many z as it has there."""
+    iz = rod.q
+    ib = iz + nz
+    for p in range(nz):
+        out[iz + p] = rod.E[0, p] * r[0] + rod.E[1, p] * r[1] + rod.E[2, p] * r[2]
+    for p in range(rod.nb):
+        out[ib + p] = rod.B[0, p] * b[0] + rod.B[1, p] * b[1] + rod.B[2, p] * b[2]
+
+
 @borrowing
-def accelerations(members: Any, q: Any, rates: Any, forces: Any, out: Any, multipliers: Any) -> None:
-    """q̈ (nq,) and λ (R,) of `Members`, or what has such fields, for nodal forces (N, 3) [N]."""
-    rods, gravity, kp, kd = members.rods, members.gravity, members.kp, members.kd
+def accelerations(
+    members: Any, q: Any, rates: Any, forces: Any, out: Any, multipliers: Any, added: Any = None
+) -> float:
+    """q̈ (nq,) and λ (R,) of `Members`, or what has such fields, for nodal forces (N, 3) [N].
+
+    Returns the power [W] of added mass, whose forces are not written. With it there are `velocities` of nodes besides.
+    """
+    rods, gravity, kp, kd, power = members.rods, members.gravity, members.kp, members.kd, 0.0
     for a in range(len(rods)):
         rod = rods[a]
-        iz, ib = rod.q, rod.q + rod.nz
-        b, b_rate = direction_of(rod, q, ib), direction_of(rod, rates, ib)
-        square = dot(b, b)
+        b, b_rate = direction_of(rod, q, rod.q + rod.nz), direction_of(rod, rates, rod.q + rod.nz)
         t_r, t_b = rod_forces(rod, forces, gravity)
-        # bᵀb̈ + ‖ḃ‖² = -k_d bᵀḃ - k_p (bᵀb - 1)/2, (3.26).
-        c = rod.rigid * (dot(b_rate, b_rate) + kd * dot(b, b_rate) + 0.5 * kp * (square - 1.0)) / square
-        r_acc, b_acc = rod_accelerations(rod, b, c, t_r, t_b)
-        multipliers[a] = c - dot(b, minus(times(rod.f, r_acc), t_b)) / (rod.J * square)
-        for p in range(rod.nz):
-            out[iz + p] = rod.E[0, p] * r_acc[0] + rod.E[1, p] * r_acc[1] + rod.E[2, p] * r_acc[2]
-        for p in range(rod.nb):
-            out[ib + p] = rod.B[0, p] * b_acc[0] + rod.B[1, p] * b_acc[1] + rod.B[2, p] * b_acc[2]
+        c = stretch_term(rod, b, b_rate, kp, kd)
+        r_acc, b_acc = accelerate_rod(rod, a, b, c, t_r, t_b, added)
+        # Added mass acts across the rod, so that it has no part in λ.
+        multipliers[a] = c - dot(b, minus(times(rod.f, r_acc), t_b)) / (rod.J * dot(b, b))
+        write_coordinates(rod, rod.nz, r_acc, b_acc, out)
+        if added is not None:
+            first, second = row_of(members.velocities, rod.i), row_of(members.velocities, rod.j)
+            power += _power(rod, b, own_mass(added, a), (r_acc, b_acc), first, second)
     accelerate_points(forces, members.points, gravity, out)
+    return power
+
+
+@inlined
+def _power(rod: Any, b: Any, own: Any, accelerations: Any, v1: Any, v2: Any) -> float:
+    """-Σ_ij α_ij v_i · P a_j."""
+    (r_acc, b_acc), back, ahead = accelerations, rod.sigma * rod.length, (1.0 - rod.sigma) * rod.length
+    a1, a2, per_square = minus(r_acc, times(back, b_acc)), plus(r_acc, times(ahead, b_acc)), 1.0 / dot(b, b)
+    first, second = plus(times(own[0], a1), times(own[1], a2)), plus(times(own[2], a1), times(own[3], a2))
+    first = minus(first, times(dot(b, first) * per_square, b))
+    second = minus(second, times(dot(b, second) * per_square, b))
+    return -dot(first, v1) - dot(second, v2)
+
+
+@inlined
+def own_mass(added: Any, rod: int) -> Any:
+    """α of a rod."""
+    return added[0][rod, 0], added[0][rod, 1], added[0][rod, 2], added[0][rod, 3]
+
+
+@borrowing
+def added_forces(rod: Any, b: Any, own: Any, r_acc: Any, b_acc: Any) -> Any:
+    """-Σ_j α_ij P a_j on both ends, for the whole r̈ and b̈."""
+    a1 = minus(r_acc, times(rod.sigma * rod.length, b_acc))
+    return forces_of_ends(b, own, a1, plus(a1, times(rod.length, b_acc)))
+
+
+@inlined
+def forces_of_ends(b: Any, own: Any, a1: Any, a2: Any) -> Any:
+    """-Σ_j α_ij P a_j on both ends, for the accelerations of the ends."""
+    per_square = 1.0 / dot(b, b)
+    p1, p2 = minus(times(dot(b, a1) * per_square, b), a1), minus(times(dot(b, a2) * per_square, b), a2)
+    return plus(times(own[0], p1), times(own[1], p2)), plus(times(own[2], p1), times(own[3], p2))
+
+
+@inlined
+def hold(rod: Any, pair: Any, held: Any) -> None:
+    """Add the forces of a rod's ends to those on the nodes (N, 3)."""
+    for x in range(3):
+        held[rod.i, x] += pair[0][x]
+        held[rod.j, x] += pair[1][x]
 
 
 @inlined

@@ -17,7 +17,7 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array, IntArray
 from tensegrity_mj.dynamics.kernels import direction_of, normalize_direction, place_points
 from tensegrity_mj.dynamics.native.pointers import borrowing, inlined
-from tensegrity_mj.dynamics.native.vectors import ZERO, dot, minus, plus, row_of, times, vector
+from tensegrity_mj.dynamics.native.vectors import ZERO, minus, plus, row_of, times, vector
 from tensegrity_mj.dynamics.native.views import Table, view_of
 from tensegrity_mj.dynamics.records import POINT, ROD, Records, point_records, rod_records
 from tensegrity_mj.errors import SceneError
@@ -272,21 +272,3 @@ def normalize_linked(address: int, q: Any, rates: Any) -> None:
     for k in range(len(linked.links)):
         rod = linked.rods[linked.links[k].rod]
         normalize_direction(rod, q, rates, rod.q + linked.links[k].nz)
-
-
-@inlined
-def stretch_term(rod: Any, b: Any, b_rate: Any, kp: float, kd: float) -> float:
-    """c of bᵀb̈ = -c bᵀb: (‖ḃ‖² + k_d bᵀḃ + k_p (bᵀb - 1)/2) / ‖b‖², (3.26); 0 of an elastic rod."""
-    square = dot(b, b)
-    return rod.rigid * (dot(b_rate, b_rate) + kd * dot(b, b_rate) + 0.5 * kp * (square - 1.0)) / square
-
-
-@inlined
-def write_coordinates(rod: Any, nz: int, r: Any, b: Any, out: Any) -> None:
-    """Eᵀr and Bᵀb into a rod's places of `out` (nq,), with as many z as it has there."""
-    iz = rod.q
-    ib = iz + nz
-    for p in range(nz):
-        out[iz + p] = rod.E[0, p] * r[0] + rod.E[1, p] * r[1] + rod.E[2, p] * r[2]
-    for p in range(rod.nb):
-        out[ib + p] = rod.B[0, p] * b[0] + rod.B[1, p] * b[1] + rod.B[2, p] * b[2]

@@ -62,6 +62,11 @@ ELASTIC_LIMITS = (
 )
 JOINED_CONTACT_LIMIT = Limit(JOINED_CONTACT, "contact is for rods of class 1", f"{_WITHOUT_CONTACT}, or {_OWN_NODES}")
 
+
+def _is_dense(engine: Any) -> str:
+    return "Solver.DENSE" if engine.solver.value == "dense" else ""
+
+
 ENGINES = {
     "mujoco": Descriptor(
         "MuJoCo",
@@ -130,7 +135,7 @@ ENGINES = {
                 "its matrix is that of rods, their supports and joints",
                 "use Solver.GENERAL, as by default",
                 OptionError,
-                lambda engine: f"Solver.{engine.solver.name}" if engine.solver.value in ("dense", "full") else "",
+                _is_dense,
             ),
             _ELASTIC_ADDED_MASS,
             Limit(
@@ -138,7 +143,7 @@ ENGINES = {
                 "it changes as they move, and Solver.DENSE inverts a constant mass matrix beforehand",
                 "use Solver.JOINTS or Solver.FULL",
                 OptionError,
-                lambda engine: "Solver.DENSE" if engine.solver.value == "dense" else "",
+                _is_dense,
             ),
             Limit(
                 UNEVEN_MASS,

@@ -72,6 +72,16 @@ def test_elastic_rods_lengthen_as_by_their_usual_equations():
     assert spread(found, expected) <= TOLERANCE
 
 
+@pytest.mark.parametrize("name", ["ladder", "tower_beam"])
+def test_rods_without_places_of_their_own_move_as_those_that_have_them(name):
+    """Linear constraints, joints, loops."""
+    scene = tmj.load_scene(name)
+    expected, multipliers = answers(scene, GENERAL)
+    found, forces = answers(scene, Solver.FULL)
+    assert spread(found, expected) <= TOLERANCE
+    assert spread(forces, multipliers) <= TOLERANCE
+
+
 def wet(weights):
     """A loop in waves, on supports that move."""
     scene = everything_moves(planar=False)

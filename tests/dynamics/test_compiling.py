@@ -198,9 +198,9 @@ def test_a_law_of_the_users_is_compiled_anew_when_what_it_calls_changes(tmp_path
 
 def test_every_engine_knows_the_string_law_and_its_constants() -> None:
     from tensegrity_mj.engines.mujoco import callback as mujoco_callback
-    from tensegrity_mj.engines.reference import dae_kernels, ode_kernels
+    from tensegrity_mj.engines.reference import equations
 
-    for function in (dae_kernels.dae_rates, ode_kernels.ode_rates, mujoco_callback.control_stage):
+    for function in (equations.rates_of_state, mujoco_callback.control_stage):
         used = {digests.python_function(one) for one in digests.used_by(function)}
         assert add_string_forces.py_func in used, function
         assert digests.digest(function) is not None

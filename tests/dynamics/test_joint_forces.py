@@ -31,11 +31,17 @@ def on_manifold(structure, seed, **options):
 
 
 def rates_of(scene, solver, shift=0.0, drift=Drift.MONITOR, time=0.0):
-    """dy/dt and λ of a solver at the scene's start, or beside it by a random `shift` of q and q̇."""
+    """Node accelerations and λ of a solver at the scene's start, or beside it by a random `shift` of z, b and rates."""
     run, records = DAE(solver=solver, drift=drift)._prepared(request(scene))
-    nq = records.nq
-    run.y[: 2 * nq] += shift * np.random.default_rng(9).normal(size=2 * nq)
-    return run.rates_at(time, run.y, None), run.equations.multipliers[: len(records.rods)].copy()
+    usual = LinkedRecords.of(scene.structure, scene.motions)
+    q, rates = usual.state(scene.nodes0, scene.velocities0)
+    noise = shift * np.random.default_rng(9).normal(size=2 * usual.nq)
+    for row, motion in zip(usual.table["motions"], scene.motions, strict=True):
+        row[:] = motion.at(time)
+    nq, nodes, velocities = records.nq, *usual.place(q + noise[: usual.nq], rates + noise[usual.nq :])
+    run.y[:nq], run.y[nq : 2 * nq] = records.state(nodes, velocities)
+    found = records.node_accelerations(run.rates_at(time, run.y, None)[nq : 2 * nq])
+    return found, run.equations.multipliers[: len(records.rods)].copy()
 
 
 def spread(a, b):

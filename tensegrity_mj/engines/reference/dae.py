@@ -1,7 +1,8 @@
 """The reference engine: the thesis' differential-algebraic equations (chapters 2 and 3) in non-minimal coordinates.
 
 State: q = (z, b) of every rod that hangs on no other and b of those that do, q̇, and the work integrals of the energy
-ledger, integrated beside it. `Solver.GENERAL` has r and b of every rod, and rows for all that holds and joins them.
+ledger, integrated beside it. As one system all vectors are in world components, with rows for what holds and joins
+rods: `Solver.FULL` has r and b of the same rods, `Solver.GENERAL` of every rod.
 MuJoCo takes no part.
 """
 
@@ -53,8 +54,8 @@ class Solver(enum.Enum):
     JOINTS = "joints"  # forces of the joints, in a time proportional to the number of rods of a chain or a tree
     DENSE = "dense"  # (3.19)-(3.22): a K x K matrix for K rods, the mass matrix inverted beforehand
     FULL = "full"  # (3.17): one matrix of all coordinates, multipliers, supports and closures
-    # Any structure as one system: vectors of all members, and rows for every joint and support; linear constraints on
-    # nodes always make it this one.
+    # Any structure as one system: vectors of all members, and rows for every joint and support; bodies and linear
+    # constraints on nodes make it this one, unless it is FULL.
     GENERAL = "general"
 
 
@@ -100,9 +101,13 @@ class DAE(ReferenceEngine):
     def working_bytes(self, scene: Scene) -> int:
         """Bytes of state, stages and matrices."""
         structure = scene.structure
-        if self.solver is Solver.GENERAL or needs_assembly(structure):
+        if self._as_one(structure):
             return self._bytes(6 * len(structure.rods) + 3 * len(structure.lone_masses) + 12 * len(structure.bodies))
         return self._bytes(LinkedRecords.of(structure).nq)
+
+    def _as_one(self, structure: Structure) -> bool:
+        """Whether a structure is one system."""
+        return self.solver in (Solver.FULL, Solver.GENERAL) or needs_assembly(structure)
 
     def accelerations(self, request: Request) -> Accelerations:
         """Node accelerations of the equations that `run` integrates."""
@@ -124,7 +129,7 @@ class DAE(ReferenceEngine):
         baumgarte = self.drift is Drift.BAUMGARTE
         kp = self.baumgarte_frequency**2 if baumgarte else 0.0
         kd = 2 * self.baumgarte_damping * self.baumgarte_frequency if baumgarte else 0.0
-        plant.set(coordinates=nq, gravity=np.array(scene.gravity, float), kp=kp, kd=kd)
+        plant.set(coordinates=nq, kp=kp, kd=kd)
         y = np.zeros(2 * nq + (1 if scene.motions else 0) + WORK)
         y[:nq], y[nq : 2 * nq] = records.state(scene.nodes0, scene.velocities0)
         if self.drift is not Drift.NORMALIZE:
@@ -134,8 +139,8 @@ class DAE(ReferenceEngine):
     def _model(self, request: Request) -> _Model:
         """The equations for a structure and its supports."""
         structure = request.scene.structure
-        if self.solver is Solver.GENERAL or needs_assembly(structure):
-            return _assembled(request)
+        if self._as_one(structure):
+            return _assembled(request, self.solver is Solver.FULL)
         solver = self.solver if structure.rods else Solver.JOINTS  # point masses alone have no matrix
         alone = structure.class_number <= 1 and not request.scene.motions and solver is Solver.JOINTS
         return _rods_alone(request) if alone else _rods_linked(request, solver)
@@ -155,8 +160,8 @@ def _rods_alone(request: Request) -> _Model:
     plant, records = _plant(request, dae.RODS), StructureRecords.of(request.scene.structure)
     plant.set(rods=records.rods, point_count=len(records.points), points=records.points)
     equations = Equations(
-        rates=(dae.dae_wet_rates if plant["wet_rods"] else dae.dae_rates).address,
         place=dae.dae_place.address,
+        accelerate=(dae.dae_wet_accelerate if plant["wet_rods"] else dae.dae_accelerate).address,
         project=dae.dae_normalize.address,
         multipliers=np.zeros(len(records.rods)),
         keep=(records,),
@@ -180,7 +185,7 @@ def _check_masses(structure: Structure) -> None:
 def _rods_linked(request: Request, solver: Solver) -> _Model:
     """Rods that share nodes, moved supports."""
     from tensegrity_mj.dynamics.joint_plan import plan_joints
-    from tensegrity_mj.dynamics.tree_matrices import dense_matrices, full_matrices
+    from tensegrity_mj.dynamics.tree_matrices import tree_matrices
     from tensegrity_mj.engines.reference import dae_linked_kernels as linked
 
     scene, plant = request.scene, _plant(request, linked.LINKED)
@@ -188,18 +193,15 @@ def _rods_linked(request: Request, solver: Solver) -> _Model:
     plan, closures = plan_joints(records), len(records.forest.closures)
     plant.set(linked=records.table.address, joints=plan.address, closure_count=closures)
     keep: list[Any] = [records, plan]
-    rates = linked.linked_wet_rates if plant["wet_rods"] else linked.linked_rates
+    accelerate = linked.linked_wet_accelerate if plant["wet_rods"] else linked.linked_accelerate
     if solver is Solver.JOINTS:
         _check_masses(scene.structure)
     else:
-        tree = full_matrices(records) if solver is Solver.FULL else dense_matrices(records)
-        keep.append(tree)
-        plant["tree"] = tree.address
-        full = linked.full_wet_rates if plant["wet_rods"] else linked.full_rates
-        rates = full if solver is Solver.FULL else linked.dense_rates
+        keep.append(tree_matrices(records))
+        plant["tree"], accelerate = keep[-1].address, linked.dense_accelerate
     equations = Equations(
-        rates=rates.address,
         place=linked.linked_place.address,
+        accelerate=accelerate.address,
         project=linked.linked_project.address,
         multipliers=np.zeros(len(records.rods) + (EXTRA if closures else 0)),
         keep=tuple(keep),
@@ -207,18 +209,20 @@ def _rods_linked(request: Request, solver: Solver) -> _Model:
     return plant, records, equations
 
 
-def _assembled(request: Request) -> _Model:
-    """Any structure as one system."""
+def _assembled(request: Request, hung: bool) -> _Model:
+    """Any structure as one system, where rods have places of their own, or are hung on others."""
     from tensegrity_mj.engines.reference import dae_assembled_kernels as assembled
 
     scene, plant = request.scene, _plant(request, assembled.ASSEMBLED)
-    records = AssemblyRecords.of(scene.structure, scene.motions, plant["moved"])
+    records = AssemblyRecords.of(scene.structure, scene.motions, plant["moved"], hung)
     note_redundancy(records.table, records.state(scene.nodes0, scene.velocities0)[0])
     constraints = len(scene.structure.constraints)
     plant.set(assembly=records.table.address, constraint_count=constraints)
     equations = Equations(
-        rates=(assembled.assembled_wet_rates if plant["wet_rods"] else assembled.assembled_rates).address,
         place=assembled.assembled_place.address,
+        accelerate=(
+            assembled.assembled_wet_accelerate if plant["wet_rods"] else assembled.assembled_accelerate
+        ).address,
         project=assembled.assembled_project.address,
         multipliers=np.zeros(len(records.rods) + EXTRA + constraints),
         keep=(records,),

@@ -1,15 +1,18 @@
 """What the integrators use of a model: four compiled functions, reached through addresses in the plant's table.
 
-    int64 rates(double t, int64 y, int64 dy, int64 table)   dy/dt; leaves nodes, strings and λ of the state in the table
-    int64 place(int64 y, int64 table)                       node positions and velocities of a state, nothing else
+    int64 place(double t, int64 y, int64 table)             node positions and velocities of a state, nothing else
+    int64 accelerate(int64 y, int64 dy, int64 table)        q̈ for the forces on the nodes; leaves λ in the table
     int64 project(int64 y, int64 table)                     puts a state back onto the model's constraints (0: none)
     int64 guard(int64 y, int64 table)                       whether the model can hold a state (0: it always can)
 
-The integers are addresses: of the state y (state_size,), of its derivative, of the plant's table. They return SOLVED,
-what the law returned, or SINGULAR. The last three numbers of y are the work integrals of the energy ledger. So one
-compiled loop serves every model, and is cached for all of them.
+The integers are addresses: of the state y, of its derivative, of the plant's table. They return SOLVED or SINGULAR, or
+`OUTSIDE` where there are no nodes to be placed. What every model has besides is `rates`: one C function that
+places the nodes, lets forces act, and has the model accelerate. So one compiled loop serves every model, and is cached
+for all of them.
 
-Where elements have states, these are integrated behind all that (`element_states`), and no model has a part in it.
+State y: q and q̇, the time where supports move (so that a state alone says where its nodes are), and the work integrals
+of the energy ledger, of which the last counts what moves supports and what answers accelerations, too: `state_size`
+numbers. Behind these are the states of elements, in which no model has a part.
 """
 
 from __future__ import annotations
@@ -17,13 +20,13 @@ from __future__ import annotations
 from typing import Any
 
 from tensegrity_mj.dynamics.native.actuation import break_strings, set_rest_lengths, take_sample
-from tensegrity_mj.dynamics.native.compiling import intrinsic, njit
+from tensegrity_mj.dynamics.native.compiling import c_function, intrinsic, njit
 from tensegrity_mj.dynamics.native.curves import yield_strings
 from tensegrity_mj.dynamics.native.elements import let_act
 from tensegrity_mj.dynamics.native.law import SOLVED
 from tensegrity_mj.dynamics.native.plant import write_row
 from tensegrity_mj.dynamics.native.plant_view import PlantView
-from tensegrity_mj.dynamics.native.pointers import address, call_by_address
+from tensegrity_mj.dynamics.native.pointers import address, borrowing, call_by_address, copy, floats, inlined
 from tensegrity_mj.dynamics.native.strings import add_string_forces, measure_strings, tighten_strings
 from tensegrity_mj.dynamics.native.views import Fields, changing_view
 from tensegrity_mj.engines.driving import STEPPED
@@ -31,12 +34,17 @@ from tensegrity_mj.engines.driving import STEPPED
 # Of a plant whose equations are integrated here; a model's own fields come behind.
 MODEL: Fields = (
     *STEPPED,
-    ("rates_function", "size"),
+    ("rates_function", "size"),  # of `rates_of_state`
     ("place_function", "size"),
+    ("accelerate_function", "size"),
     ("project_function", "size"),
     ("guard_function", "size"),
-    ("model_rates", "size"),  # where elements have states: `rates_function` of the model alone
+    ("coordinates", "size"),
     ("state_size", "size"),
+    ("given", "real"),  # [W] from outside at a stage: models add that of supports and of what answers accelerations
+    ("gravity", ("f8", 3)),
+    ("kp", "real"),  # Baumgarte's gains of (3.25), or zero
+    ("kd", "real"),
     ("multiplier_count", "size"),
     ("multipliers", ("f8", "multiplier_count")),
     ("search", "size"),  # address of a `slack.Search`, 0 where steps are not split
@@ -45,14 +53,27 @@ ModelView = changing_view("Model", MODEL)
 
 WORK = 3  # work integrals at the end of y: elastic string work ∫ Σ T dL, dissipation, external work
 SINGULAR = 4  # beside the law's answers: the model's coordinates cannot hold this state
+OUTSIDE = -1  # nor place its nodes
 
 RATES_SIGNATURE = "int64(float64, int64, int64, int64)"
+PLACE_SIGNATURE = "int64(float64, int64, int64)"
+ACCELERATE_SIGNATURE = "int64(int64, int64, int64)"
 STATE_SIGNATURE = "int64(int64, int64)"
 
 
 @intrinsic
-def call_rates(typingctx: Any, function: Any, time: Any, y: Any, dy: Any, table: int) -> Any:
+def _call_rates(typingctx: Any, function: Any, time: Any, y: Any, dy: Any, table: int) -> Any:
     return call_by_address("diii")
+
+
+@intrinsic
+def _call_place(typingctx: Any, function: Any, time: Any, y: Any, table: int) -> Any:
+    return call_by_address("dii")
+
+
+@intrinsic
+def _call_accelerate(typingctx: Any, function: Any, y: Any, dy: Any, table: int) -> Any:
+    return call_by_address("iii")
 
 
 @intrinsic
@@ -60,16 +81,76 @@ def _call_on_state(typingctx: Any, function: Any, y: Any, table: int) -> Any:
     return call_by_address("ii")
 
 
+@inlined
+def halves(model: Any, y_at: int) -> Any:
+    """q and q̇ (nq,) of a state, or q̇ and q̈ of its derivative."""
+    nq = model.coordinates
+    return floats(y_at, nq), floats(y_at + 8 * nq, nq)
+
+
+@inlined
+def time_of(model: Any, y_at: int) -> float:
+    """Of a state, where supports move; anything else elsewhere."""
+    return floats(y_at + 16 * model.coordinates, 1)[0]
+
+
+@borrowing
+def let_forces_act(t: float, table: int) -> Any:
+    """Forces of elements and strings on the nodes at their current places.
+
+    Returns the law's answer, and the powers [W] of elastic tensions, of what is lost, and of what is given from outside
+    but for what answers accelerations.
+    """
+    given, lost = let_act(table, t)
+    plant = PlantView(table)
+    status, stored, damped = SOLVED, 0.0, 0.0
+    if plant.string_count > 0:
+        measure_strings(table)
+        status = set_rest_lengths(table, t)
+        if plant.arrived:
+            plant.arrived = 0
+            yield_strings(table, t)
+        stored, damped = tighten_strings(table)
+        add_string_forces(table, plant.forces)
+    return status, stored, lost + damped, given
+
+
+@borrowing
+def _rates(t: float, y_at: int, dy_at: int, table: int) -> int:
+    model = ModelView(table)
+    size, S, states = model.state_size, model.element_state_count, model.element_states
+    work = floats(dy_at + 8 * (size - WORK), WORK)
+    copy(floats(y_at + 8 * size, S), states[0])
+    placed = _call_place(model.place_function, t, y_at, table)
+    if placed == OUTSIDE:
+        return SINGULAR
+    status, work[0], work[1], model.given = let_forces_act(t, table)
+    copy(halves(model, y_at)[1], halves(model, dy_at)[0])
+    if model.motion_count > 0:
+        floats(dy_at + 16 * model.coordinates, 1)[0] = 1.0
+    _call_accelerate(model.accelerate_function, y_at, dy_at, table)
+    work[2] = model.given
+    copy(states[1], floats(dy_at + 8 * size, S))
+    return max(status, placed)
+
+
+@c_function(RATES_SIGNATURE, "what all equations of motion have in common")
+def rates_of_state(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
+    """dy/dt of a state, and the worst answer of law and model."""
+    return _rates(t, y_at, dy_at, table)
+
+
 @njit
 def rates(t: float, y: Any, dy: Any, table: int) -> int:
     """dy/dt of the model, and its answer."""
-    return call_rates(ModelView(table).rates_function, t, address(y), address(dy), table)
+    return _call_rates(ModelView(table).rates_function, t, address(y), address(dy), table)
 
 
 @njit
 def place(y: Any, table: int) -> int:
     """Place the nodes of a state and measure the strings."""
-    status = _call_on_state(ModelView(table).place_function, address(y), table)
+    model = ModelView(table)
+    status = _call_place(model.place_function, time_of(model, address(y)), address(y), table)
     measure_strings(table)
     return status
 
@@ -86,29 +167,6 @@ def guard(y: Any, table: int) -> int:
     """SINGULAR where the model's coordinates cannot hold a state."""
     model = ModelView(table)
     return _call_on_state(model.guard_function, address(y), table) if model.guard_function else SOLVED
-
-
-@njit
-def let_forces_act(t: float, dwork: Any, table: int) -> int:
-    """Forces of elements and strings on the nodes at their current places, for the rates of a model.
-
-    Writes into dwork (3,) the powers of elastic tensions, of what is lost, and of what is given from outside but for
-    what answers accelerations; returns the law's answer.
-    """
-    dwork[0] = 0.0
-    dwork[2], dwork[1] = let_act(table, t)
-    plant = PlantView(table)
-    if plant.string_count == 0:
-        return SOLVED
-    measure_strings(table)
-    status = set_rest_lengths(table, t)
-    if plant.arrived:
-        plant.arrived = 0
-        yield_strings(table, t)
-    dwork[0], damped = tighten_strings(table)
-    dwork[1] += damped
-    add_string_forces(table, plant.forces)
-    return status
 
 
 @njit

@@ -16,7 +16,6 @@ from tensegrity_mj.dynamics.native.slack import search_of
 from tensegrity_mj.engines.driving import Grid, Stopwatch, drive
 from tensegrity_mj.engines.recording import Account, allocate_rows, make_trajectory
 from tensegrity_mj.engines.reference import equations as kernels
-from tensegrity_mj.engines.reference.element_states import rates_with_states
 from tensegrity_mj.engines.reference.equations import SINGULAR
 from tensegrity_mj.engines.reference.method import Options
 from tensegrity_mj.engines.reference.rk4 import rk4_steps
@@ -31,16 +30,16 @@ class Equations:
     """A model's compiled functions by their addresses (0: none), and what goes with them.
 
     Attributes:
-        rates, place: dy/dt, and where a state has the nodes.
+        place, accelerate: where a state has the nodes, and its accelerations for the forces on them.
         project: puts a state where constraints hold.
         guard: says whether the coordinates can hold a state.
-        multipliers: (R,) λ, behind it gaps of closed loops and then forces of constraints, where `rates` leaves them.
+        multipliers: where `accelerate` leaves (R,) λ, behind it gaps of closed loops and then forces of constraints.
         keep: what has to live as long as the table holds its address.
-        explain_singular: says why the state that `guard` or `rates` refused last cannot be held, and what to do.
+        explain_singular: says why the state that `guard` or `place` refused last cannot be held, and what to do.
     """
 
-    rates: int
     place: int
+    accelerate: int
     multipliers: Array
     project: int = 0
     guard: int = 0
@@ -64,12 +63,13 @@ class IntegratedRun:
         self.name, self.options, self.request, self.plant, self.y = name, options, request, plant, y
         self.table = plant.address
         self.equations = equations
-        plant.set(rates_function=equations.rates, place_function=equations.place)
-        plant.set(project_function=equations.project, guard_function=equations.guard, state_size=len(y))
-        states = plant.elements.states[0]
-        if len(states):
-            plant.set(rates_function=rates_with_states.address, model_rates=equations.rates)
-            self.y = np.concatenate([y, states])
+        plant.set(
+            **{f"{name}_function": getattr(equations, name) for name in ("place", "accelerate", "project", "guard")}
+        )
+        plant.set(
+            rates_function=kernels.rates_of_state.address, state_size=len(y), gravity=np.array(request.scene.gravity)
+        )
+        self.y = np.concatenate([y, plant.elements.states[0]])
         plant.set(multiplier_count=len(equations.multipliers), multipliers=equations.multipliers)
         self.width = plant["row_width"] + len(equations.multipliers)
         self.evaluations = 0

@@ -84,7 +84,6 @@ class ODE(ReferenceEngine):
             rods=records.rods,
             point_count=len(records.points),
             points=records.points,
-            gravity=np.array(scene.gravity, float),
             least_sine=self.least_sine,
             step=self.timestep or 0.0,
             carried=carried,
@@ -118,8 +117,8 @@ class ODE(ReferenceEngine):
             plant,
             y,
             Equations(
-                rates=(ode.ode_wet_rates if plant["wet_rods"] else ode.ode_rates).address,
                 place=ode.ode_place.address,
+                accelerate=(ode.ode_wet_accelerate if plant["wet_rods"] else ode.ode_accelerate).address,
                 guard=ode.ode_guard.address,
                 multipliers=np.zeros(len(records.rods)),
                 explain_singular=explain,

@@ -1,10 +1,8 @@
 """The compiled equations of the minimal model, as the integrators call them, and where its coordinates end.
 
-State y: q = (z, β) of every rod and point mass, q̇, the time where supports move, and the work integrals of the energy
-ledger.
-
-A rod whose support moves by d(t) is one at rest in a frame that moves so: its anchor is displaced, ḋ is added to the
-velocities of its nodes, and -d̈ times its share of the mass acts on either of them: what its inertia amounts to.
+q = (z, β) of every rod and point mass. A rod whose support moves by d(t) is one at rest in a frame that moves so: its
+anchor is displaced, ḋ is added to the velocities of its nodes, and -d̈ times its share of the mass acts on either of
+them: what its inertia amounts to.
 """
 
 from __future__ import annotations
@@ -17,26 +15,20 @@ from tensegrity_mj.dynamics.minimal import minimal_accelerations, node_accelerat
 from tensegrity_mj.dynamics.native.compiling import c_function, njit
 from tensegrity_mj.dynamics.native.elements import set_motions
 from tensegrity_mj.dynamics.native.law import SOLVED
-from tensegrity_mj.dynamics.native.pointers import floats
 from tensegrity_mj.dynamics.native.views import Fields, changing_view
-from tensegrity_mj.dynamics.records import POINT, ROD
 from tensegrity_mj.dynamics.wet_minimal import wet_minimal_accelerations
+from tensegrity_mj.engines.reference.dae_kernels import RODS
 from tensegrity_mj.engines.reference.equations import (
-    MODEL,
-    RATES_SIGNATURE,
+    ACCELERATE_SIGNATURE,
+    OUTSIDE,
+    PLACE_SIGNATURE,
     SINGULAR,
     STATE_SIGNATURE,
-    WORK,
-    let_forces_act,
+    halves,
 )
 
 MINIMAL: Fields = (
-    *MODEL,
-    ("coordinates", "size"),
-    ("rods", (ROD, "rod_count")),
-    ("point_count", "size"),
-    ("points", (POINT, "point_count")),
-    ("gravity", ("f8", 3)),
+    *RODS,
     ("least_sine", "real"),
     ("last_singular", "state"),  # the rod, and one of the reasons below
     ("reason", "state"),
@@ -46,7 +38,6 @@ MINIMAL: Fields = (
 _MinimalView = changing_view("Minimal", MINIMAL)
 
 NEAR_POLE, ACROSS_POLE, TURNS_TOO_FAR = 1, 2, 3  # reasons
-ACROSS = -1  # of `_before`, which has found no forces then
 
 # θ turns the frame (e_θ, e_φ) about b by θ̇ cos φ a second, which is the rod's own ω cot φ near a pole. A fixed step h
 # errs there by (h θ̇)⁴ instead of (h ω)⁴: it is refused where a step turns the frame by more than MAX_TURN (1e-4 to the
@@ -78,10 +69,9 @@ def singular_rod(q: Any, rates: Any, rods: Any, least_sine: float, step: float) 
 
 
 @njit
-def _check(y: Any, table: int, least_sine: float) -> int:
+def _check(q: Any, rates: Any, table: int, least_sine: float) -> int:
     own = _MinimalView(table)
-    nq = own.coordinates
-    rod, reason = singular_rod(y[:nq], y[nq : 2 * nq], own.rods, least_sine, own.step)
+    rod, reason = singular_rod(q, rates, own.rods, least_sine, own.step)
     if rod < 0:
         return SOLVED
     own.last_singular, own.reason = rod, reason
@@ -149,91 +139,59 @@ def power_of_supports(q: Any, rates: Any, accelerations: Any, table: int) -> flo
     return power
 
 
-@njit
-def _place(t: float, y: Any, table: int) -> None:
-    """Nodes and velocities of a state at a time."""
-    own = _MinimalView(table)
-    nq, moves = own.coordinates, own.motion_count > 0
-    if moves:
-        carry_nodes(t, table)
-    place_minimal(y[:nq], y[nq : 2 * nq], own.rods, own.points, own.nodes, own.velocities)
-    if moves:
-        carry_velocities(table)
-
-
-@njit
-def _before(t: float, y: Any, dy: Any, table: int) -> int:
-    """Everything but the accelerations; the answer.
+@c_function(PLACE_SIGNATURE, "places of nodes in the ODE")
+def ode_place(t, y_at, table):  # type: ignore[no-untyped-def]
+    """And where a stage is beyond a pole.
 
     A fixed step cannot shorten itself: there every stage is held to what `ode_guard` requires of whole steps.
     """
     own = _MinimalView(table)
-    nq, work = own.coordinates, len(y) - WORK
-    singular = _check(y, table, own.least_sine if own.step > 0.0 else 1e-300)
-    if singular == SINGULAR and own.reason == ACROSS_POLE:
-        return ACROSS
-    _place(t, y, table)
-    status = let_forces_act(t, dy[work : work + 3], table)
+    q, rates = halves(own, y_at)
+    found = _check(q, rates, table, own.least_sine if own.step > 0.0 else 1e-300)
+    if own.motion_count > 0:
+        carry_nodes(t, table)
+    place_minimal(q, rates, own.rods, own.points, own.nodes, own.velocities)
+    if own.motion_count > 0:
+        carry_velocities(table)
+    return OUTSIDE if found == SINGULAR and own.reason == ACROSS_POLE else found
+
+
+@c_function(ACCELERATE_SIGNATURE, "the equations of the ODE")
+def ode_accelerate(y_at, dy_at, table):  # type: ignore[no-untyped-def]
+    own = _MinimalView(table)
+    (q, rates), out = halves(own, y_at), halves(own, dy_at)[1]
     if own.motion_count > 0:
         add_inertia_of_supports(table)
-    dy[:nq] = y[nq : 2 * nq]
-    return max(status, singular)
-
-
-@njit
-def _after(y: Any, dy: Any, table: int) -> None:
-    """Time, and what moves the supports."""
-    own = _MinimalView(table)
-    nq = own.coordinates
+    minimal_accelerations(own, q, rates, own.forces, out, own.multipliers)
     if own.motion_count > 0:
-        dy[2 * nq] = 1.0
-        dy[len(y) - 1] += power_of_supports(y[:nq], y[nq : 2 * nq], dy[nq : 2 * nq], table)
+        own.given += power_of_supports(q, rates, out, table)
+    return SOLVED
 
 
-@c_function(RATES_SIGNATURE, "the equations of the ODE")
-def ode_rates(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
-    own = _MinimalView(table)
-    nq, y, dy = own.coordinates, floats(y_at, own.state_size), floats(dy_at, own.state_size)
-    status = _before(t, y, dy, table)
-    if status == ACROSS:
-        return SINGULAR
-    minimal_accelerations(own, y[:nq], y[nq : 2 * nq], own.forces, dy[nq : 2 * nq], own.multipliers)
-    _after(y, dy, table)
-    return status
-
-
-@c_function(RATES_SIGNATURE, "the equations of the ODE in water")
-def ode_wet_rates(t, y_at, dy_at, table):  # type: ignore[no-untyped-def]
+@c_function(ACCELERATE_SIGNATURE, "the equations of the ODE in water")
+def ode_wet_accelerate(y_at, dy_at, table):  # type: ignore[no-untyped-def]
     """With added mass, whose forces join those on the nodes once they are known."""
     own = _MinimalView(table)
-    nq, y, dy = own.coordinates, floats(y_at, own.state_size), floats(dy_at, own.state_size)
-    status = _before(t, y, dy, table)
-    if status == ACROSS:
-        return SINGULAR
+    (q, rates), out = halves(own, y_at), halves(own, dy_at)[1]
     drives, carried, moved = np.zeros((own.rod_count, 3)), own.carried, own.moved
     for a in range(len(carried)):
         if carried[a, 0] >= 0:
             drives[carried[a, 0]] = moved[a, 2]
+    if own.motion_count > 0:
+        add_inertia_of_supports(table)
     forces, velocities, held = own.forces, own.velocities, own.held_mass
-    q, rates, out = y[:nq], y[nq : 2 * nq], dy[nq : 2 * nq]
     wet_minimal_accelerations(own, q, rates, forces, own.added, drives, out, own.multipliers)
     for n in range(len(forces)):
         for k in range(3):
             forces[n, k] += held[n, k]
-            dy[len(dy) - 1] += held[n, k] * velocities[n, k]
-    _after(y, dy, table)
-    return status
-
-
-@c_function(STATE_SIGNATURE, "places of nodes in the ODE")
-def ode_place(y_at, table):  # type: ignore[no-untyped-def]
-    own = _MinimalView(table)
-    y = floats(y_at, own.state_size)
-    _place(y[2 * own.coordinates], y, table)
+            own.given += held[n, k] * velocities[n, k]
+    if own.motion_count > 0:
+        own.given += power_of_supports(q, rates, out, table)
     return SOLVED
 
 
 @c_function(STATE_SIGNATURE, "poles of the ODE's angles")
 def ode_guard(y_at, table):  # type: ignore[no-untyped-def]
     own = _MinimalView(table)
-    return _check(floats(y_at, own.state_size), table, own.least_sine)
+    q, rates = halves(own, y_at)
+    return _check(q, rates, table, own.least_sine)
