@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,17 +23,12 @@ from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.studies.tradeoff import docs, reference, sentence
-from tensegrity_mj.studies.tradeoff.experiments import Experiment
+from tensegrity_mj.studies.tradeoff.experiments import Experiment, open_loop, recording_interval
 from tensegrity_mj.studies.tradeoff.front import cheapest, decades, pareto
 from tensegrity_mj.studies.tradeoff.measurement import Ended, Motion, attempt, record
-from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
+from tensegrity_mj.studies.tradeoff.options import BUDGET, Loop, TradeoffOptions
 from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, find_reference
-from tensegrity_mj.studies.tradeoff.settings import (
-    grid_of_steps,
-    most_evaluations,
-    recording_interval,
-    sweep_settings,
-)
+from tensegrity_mj.studies.tradeoff.settings import grid_of_steps, most_evaluations, settings_of
 from tensegrity_mj.studies.tradeoff.study import tradeoff
 
 # ------------------------------------------------------------------------------------------------------- the front
@@ -122,7 +118,8 @@ def test_every_step_divides_run_interval_and_period(duration: float, period: flo
 
 def test_the_sweep_covers_every_integrator_and_keeps_its_budget() -> None:
     scene = tmj.load_scene("prism")
-    found = {kind: sweep_settings(scene, kind) for kind in ENGINES}
+    experiment = open_loop(scene, TradeoffOptions(), None)
+    found = {kind: settings_of(experiment, TradeoffOptions(engines=[kind])) for kind in ENGINES}
     assert {one.engine.integrator for one in found["mujoco"]} == set(tmj.Integrator)  # type: ignore[union-attr]
     for kind in ("dae", "ode"):
         assert {one.engine.method for one in found[kind]} == set(Method)  # type: ignore[union-attr]
@@ -130,13 +127,14 @@ def test_the_sweep_covers_every_integrator_and_keeps_its_budget() -> None:
     for one in found["dae"]:  # a name says what is not the default
         default = tmj.DAE(method=one.engine.method, timestep=one.engine.timestep).drift  # type: ignore[union-attr]
         assert (one.engine.drift is default) == (one.family in ("DAE RK4", "DAE DOP853", "DAE Radau"))  # type: ignore[union-attr]
-    most = most_evaluations(scene)
+    most = most_evaluations(scene, None, BUDGET)
     for one in found["mujoco"]:
         assert one.engine.stages * scene.duration / one.engine.timestep <= most * (1 + 1e-9)  # type: ignore[union-attr]
     labels = [sentence.label(one.to_dict()) for kind in ENGINES for one in found[kind]]
     assert len(set(labels)) == len(labels)
     assert "MuJoCo RK4, 10 ms" in labels
-    sampled = sweep_settings(scene, "mujoco", period=1e-2)
+    held = replace(experiment, actuation=tmj.Actuation.hold_force_density(1e-2))
+    sampled = settings_of(held, TradeoffOptions(engines=["mujoco"]))
     assert max(one.engine.timestep for one in sampled) == 1e-2  # type: ignore[union-attr]
 
 
@@ -537,7 +535,8 @@ def test_what_is_recommended_completed_and_is_good_enough_even_if_the_reference_
 def test_below_the_references_own_error_the_front_has_one_point_the_cheapest() -> None:
     from tensegrity_mj.studies.tradeoff.results import result_of
 
-    chosen = sweep_settings(spring_scene(), "mujoco", steps=[0.02, 0.01, 0.005])[:3]
+    options = TradeoffOptions(engines=["mujoco"], steps=[0.02, 0.01, 0.005])
+    chosen = settings_of(spring_experiment(), options)[:3]
     costs_and_errors = [(1.0, 1e-3), (2.0, 5e-7), (4.0, 1e-7)]
     records = [
         [

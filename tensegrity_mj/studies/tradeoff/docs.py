@@ -13,7 +13,7 @@ from tensegrity_mj.basics.texts import file_name, markdown_table
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.studies.tradeoff import sentence
 from tensegrity_mj.studies.tradeoff.figure import Cost, diagram, has_diagram
-from tensegrity_mj.studies.tradeoff.settings import BUDGET
+from tensegrity_mj.studies.tradeoff.options import BUDGET
 
 Data = Mapping[str, Any]
 

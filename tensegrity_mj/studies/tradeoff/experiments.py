@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -12,12 +13,13 @@ from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.dynamics.native.law import NativeLaw
-from tensegrity_mj.model.actuation import Actuation, Mode
+from tensegrity_mj.errors import OptionError
+from tensegrity_mj.model.actuation import Actuation, Mode, whole_ratio
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.runs.convergence import way_of
 from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
-from tensegrity_mj.studies.tradeoff.settings import recording_interval
 
+MOST_INTERVAL, LEAST_ROWS = 0.1, 50  # s; of the recorded samples
 STILL = 1e-6  # of the structure's extent: a motion below it is none
 WORDS = {Mode.HOLD_FORCE_DENSITY: "force density held", Mode.HOLD_REST_LENGTH: "rest length held"}
 
@@ -74,6 +76,30 @@ class Experiment:
         own = plain_values(self, "key", "title", "loop")
         how = {"actuation": self.actuation.mode.value, "period": self.actuation.period}
         return {**own, **how, **plain_values(self, "duration", "interval", "note")}
+
+
+def recording_interval(duration: float) -> float:
+    """Between recorded samples [s]: the largest of 0.1, 0.05, 0.02, 0.01, ... that divides the run into 50 or more.
+
+    Where none down to a thousandth of the run divides it, its hundredth part.
+    """
+    for exponent in range(1, 13):
+        for digit in (1.0, 0.5, 0.2):
+            interval = float(f"{digit * 10.0**-exponent:.1e}")
+            if interval * LEAST_ROWS > duration * (1 + 1e-9):
+                continue
+            if duration / interval > 1000 and interval < MOST_INTERVAL:
+                return duration / 100
+            if divides(duration, interval):
+                return interval
+    return duration / 100
+
+
+def divides(time: float, step: float) -> bool:
+    """Whether a time is a whole number of steps."""
+    with contextlib.suppress(OptionError):
+        return whole_ratio(time, step, "time over the step") > 0
+    return False
 
 
 def closed_loops(scene: Scene, law: Any, native: NativeLaw, options: TradeoffOptions) -> list[Experiment]:

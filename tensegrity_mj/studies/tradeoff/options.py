@@ -13,10 +13,10 @@ from tensegrity_mj.basics.kinds import Kind
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.model.actuation import Mode
-from tensegrity_mj.studies.tradeoff.settings import BUDGET
 
 PERIODS = (1e-2, 1e-3)  # s
 REPEATS = 3
+BUDGET = 1e6  # of right-hand sides, each weighed as in `settings.weight`: seconds a run, for whatever structure
 
 
 class Loop(enum.Enum):

@@ -7,21 +7,19 @@ sides, weighed by strings and joints, so that what is run does not depend on how
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.dynamics.native.law import NativeLaw
 from tensegrity_mj.engines.table import ENGINES, engine_class, engine_settings
-from tensegrity_mj.errors import OptionError
-from tensegrity_mj.model.actuation import whole_ratio
 from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.scene import Scene
+from tensegrity_mj.studies.tradeoff.experiments import Experiment, divides
+from tensegrity_mj.studies.tradeoff.options import TradeoffOptions
 
 if TYPE_CHECKING:
     from tensegrity_mj.engines.mujoco.engine import MuJoCo
@@ -30,13 +28,11 @@ if TYPE_CHECKING:
 
     AnyEngine = MuJoCo | DAE | ODE
 
-BUDGET = 1e6  # of right-hand sides, each weighed as in `weight`: seconds a run, for whatever structure
 PYTHON_LAW = 50  # strings that cost as much as a call back into Python
 JOINED, CLOSED = 5, 50  # strings that cost as much as a rod that shares nodes, and as a joint that closes a loop
 LEAST_STEPS = 2  # of the grid, even where the budget has none
 TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11)  # rtol
 ATOL_OF_RTOL = 1e-2  # the ratio of the engines' defaults
-MOST_INTERVAL, LEAST_ROWS = 0.1, 50  # s; of the recorded samples
 DOP853_STAGES, RADAU_STAGES = 12, 10  # right-hand sides a step, at least
 FLOPS = 100  # of linear algebra that cost as much as a string in a right-hand side
 LEAST_RADAU = 50  # steps; where the budget has fewer, Radau is left out
@@ -64,23 +60,6 @@ class Setting:
         return {"family": self.family, "knob": self.knob, "engine": name, "options": options}
 
 
-def recording_interval(duration: float) -> float:
-    """Between recorded samples [s]: the largest of 0.1, 0.05, 0.02, 0.01, ... that divides the run into 50 or more.
-
-    Where none down to a thousandth of the run divides it, its hundredth part.
-    """
-    for exponent in range(1, 13):
-        for digit in (1.0, 0.5, 0.2):
-            interval = float(f"{digit * 10.0**-exponent:.1e}")
-            if interval * LEAST_ROWS > duration * (1 + 1e-9):
-                continue
-            if duration / interval > 1000 and interval < MOST_INTERVAL:
-                return duration / 100
-            if divides(duration, interval):
-                return interval
-    return duration / 100
-
-
 def grid_of_steps(interval: float, period: float | None, most_steps: float, duration: float) -> list[float]:
     """Steps [s] of the grid, the coarsest first: they divide the interval and the period.
 
@@ -106,118 +85,85 @@ def weight(scene: Scene, law: NativeLaw | None = None) -> float:
     return strings + (PYTHON_LAW if law is not None and law.failure is not None else 0)
 
 
-def most_evaluations(scene: Scene, law: NativeLaw | None = None, budget: float = BUDGET) -> float:
+def most_evaluations(scene: Scene, law: NativeLaw | None, budget: float) -> float:
     """Right-hand sides that a run may have within a budget."""
     return budget / weight(scene, law)
 
 
-def radau_steps(scene: Scene, law: NativeLaw | None = None, budget: float = BUDGET) -> int:
+def radau_steps(scene: Scene, law: NativeLaw | None, budget: float) -> int:
     """Steps of Radau within a budget: each factors matrices of the size of the state."""
     structure = scene.structure
     size = 12 * len(structure.rods) + 6 * len(structure.lone_masses) + 24 * len(structure.moving_frames) + 3
     return int(budget / (RADAU_STAGES * weight(scene, law) + size**3 / FLOPS))
 
 
-@dataclass(frozen=True, eq=False)
-class SettingsSweep:
-    """The settings of one engine for a scene, family by family, the coarsest first in each.
-
-    Attributes:
-        engine: a name of `engines.table.ENGINES`.
-        duration: of each run [s]; the scene's by default.
-        period: between control samples [s]; None where the law is not sampled.
-        steps: fixed steps [s] in place of the grid's.
-        tolerances: rtol in place of `TOLERANCES`; atol is a hundredth of it.
-        law: whose cost is counted; None: none.
-        budget: of right-hand sides of a run, weighed by strings; see `most_evaluations`.
+def settings_of(experiment: Experiment, options: TradeoffOptions) -> list[Setting]:
+    """The settings that an experiment is swept with, engine by engine, family by family, the coarsest first in each.
 
     Raises:
         OptionError: for steps or tolerances that an engine cannot have.
     """
-
-    scene: Scene
-    engine: str
-    _: KW_ONLY
-    duration: float | None = None
-    period: float | None = None
-    steps: Sequence[float] | None = None
-    tolerances: Sequence[float] | None = None
-    law: NativeLaw | None = None
-    budget: float = BUDGET
-
-    def __call__(self) -> list[Setting]:
-        own = {"mujoco": self._of_mujoco, "dae": self._of_reference, "ode": self._of_reference}
-        return own.get(self.engine, self._of_fixed_steps)()
-
-    @property
-    def _total(self) -> float:
-        return self.scene.duration if self.duration is None else self.duration
-
-    @property
-    def _most(self) -> float:
-        return most_evaluations(self.scene, self.law, self.budget)
-
-    def _at_steps(self, engine: Callable[..., AnyEngine], family: str, stages: int) -> list[Setting]:
-        """A family of fixed steps, of an integrator of so many stages, the coarsest first."""
-        if self.steps is not None:
-            steps = sorted(self.steps, reverse=True)
-        else:
-            interval = recording_interval(self._total)
-            steps = grid_of_steps(interval, self.period, self._most / stages, self._total)
-        return [Setting(engine(timestep=step), family, quantity(step, "s", 4)) for step in steps]
-
-    def _of_mujoco(self) -> list[Setting]:
-        from tensegrity_mj.engines.mujoco.engine import MuJoCo
-        from tensegrity_mj.engines.mujoco.settings import Integrator
-
-        found = []
-        for integrator in Integrator:
-            usual = MuJoCo(integrator=integrator)
-            found += self._at_steps(partial(MuJoCo, integrator=integrator), f"MuJoCo {usual.word}", usual.stages)
-        return found
-
-    def _of_fixed_steps(self) -> list[Setting]:
-        """Of an engine of which nothing more is known than that it has a time step."""
-        row = ENGINES[self.engine]
-        return self._at_steps(partial(engine_class(self.engine), **row.fixed_step), row.title, 1)
-
-    def _of_reference(self) -> list[Setting]:
-        from tensegrity_mj.engines.reference.dae import DAE, Drift
-        from tensegrity_mj.engines.reference.method import Method
-        from tensegrity_mj.engines.reference.ode import ODE
-
-        total, most, period = self._total, self._most, self.period
-        lean = period is not None  # sampled laws: no Radau, no drift treatments, half of the tolerances
-        rtols = sorted(TOLERANCES[::2] if lean else TOLERANCES, reverse=True)
-        if self.tolerances is not None:
-            rtols = sorted(self.tolerances, reverse=True)
-        engine: type[DAE] | type[ODE] = DAE if self.engine == "dae" else ODE
-        found: list[Setting] = []
-        for method, drift in itertools.product(Method, Drift if engine is DAE else [None]):
-            usual = Drift.NORMALIZE if method is Method.RK4 else Drift.MONITOR  # the DAE's default
-            treated, radau = drift not in (None, usual), method is Method.RADAU
-            if treated + radau + lean > 1:
-                continue
-            own: dict[str, Any] = {} if drift is None else {"drift": drift}
-            name = f"{ENGINES[self.engine].title} {'Radau' if radau else method.name}"
-            if treated and drift is not None:
-                name += f", {'Baumgarte' if drift is Drift.BAUMGARTE else drift.value}"
-            if method is Method.RK4:
-                found += self._at_steps(partial(engine, method=method, **own), name, 4)
-                continue
-            limit = radau_steps(self.scene, self.law, self.budget) if radau else int(most / DOP853_STAGES)
-            restarts = 0.0 if period is None else total / period * RESTART
-            if limit < (LEAST_RADAU if radau else 1) or restarts > HELD * most:
-                continue
-            own |= {"method": method, "max_steps": limit if period is None else HELD * limit}
-            found += [
-                Setting(engine(rtol=rtol, atol=ATOL_OF_RTOL * rtol, **own), name, f"rtol {power_text(rtol)}")
-                for rtol in (rtols[::2] if treated else rtols)
-            ]
-        return found
+    own = {"mujoco": _of_mujoco, "dae": _of_reference, "ode": _of_reference}
+    found = (own.get(engine, _of_fixed_steps)(engine, experiment, options) for engine in options.engines)
+    return [setting for some in found for setting in some if options.wants(setting.family)]
 
 
-sweep_settings = function_of(SettingsSweep)
+def _at_steps(
+    engine: Callable[..., AnyEngine], family: str, stages: int, experiment: Experiment, options: TradeoffOptions
+) -> list[Setting]:
+    """A family of fixed steps, of an integrator of so many stages, the coarsest first."""
+    steps: Sequence[float] | None = options.steps
+    if steps is None:
+        most = most_evaluations(experiment.scene, experiment.native, options.budget) / stages
+        steps = grid_of_steps(experiment.interval, experiment.actuation.period, most, experiment.duration)
+    return [Setting(engine(timestep=step), family, quantity(step, "s", 4)) for step in steps]
+
+
+def _of_mujoco(_: str, experiment: Experiment, options: TradeoffOptions) -> Iterator[Setting]:
+    from tensegrity_mj.engines.mujoco.engine import MuJoCo
+    from tensegrity_mj.engines.mujoco.settings import Integrator
+
+    for integrator in Integrator:
+        usual, engine = MuJoCo(integrator=integrator), partial(MuJoCo, integrator=integrator)
+        yield from _at_steps(engine, f"MuJoCo {usual.word}", usual.stages, experiment, options)
+
+
+def _of_fixed_steps(name: str, experiment: Experiment, options: TradeoffOptions) -> list[Setting]:
+    """Of an engine of which nothing more is known than that it has a time step."""
+    row = ENGINES[name]
+    return _at_steps(partial(engine_class(name), **row.fixed_step), row.title, 1, experiment, options)
+
+
+def _of_reference(name: str, experiment: Experiment, options: TradeoffOptions) -> Iterator[Setting]:
+    from tensegrity_mj.engines.reference.dae import DAE, Drift
+    from tensegrity_mj.engines.reference.method import Method
+    from tensegrity_mj.engines.reference.ode import ODE
+
+    scene, period, native = experiment.scene, experiment.actuation.period, experiment.native
+    most = most_evaluations(scene, native, options.budget)
+    lean = period is not None  # sampled laws: no Radau, no drift treatments, half of the tolerances
+    rtols = (TOLERANCES[::2] if lean else TOLERANCES) if options.tolerances is None else options.tolerances
+    engine: type[DAE] | type[ODE] = DAE if name == "dae" else ODE
+    for method, drift in itertools.product(Method, Drift if engine is DAE else [None]):
+        usual = Drift.NORMALIZE if method is Method.RK4 else Drift.MONITOR  # the DAE's default
+        treated, radau = drift not in (None, usual), method is Method.RADAU
+        if treated + radau + lean > 1:
+            continue
+        own: dict[str, Any] = {} if drift is None else {"drift": drift}
+        family = f"{ENGINES[name].title} {'Radau' if radau else method.name}"
+        if treated and drift is not None:
+            family += f", {'Baumgarte' if drift is Drift.BAUMGARTE else drift.value}"
+        if method is Method.RK4:
+            yield from _at_steps(partial(engine, method=method, **own), family, 4, experiment, options)
+            continue
+        limit = radau_steps(scene, native, options.budget) if radau else int(most / DOP853_STAGES)
+        restarts = 0.0 if period is None else experiment.duration / period * RESTART
+        if limit < (LEAST_RADAU if radau else 1) or restarts > HELD * most:
+            continue
+        own |= {"method": method, "max_steps": limit if period is None else HELD * limit}
+        for rtol in rtols[::2] if treated else rtols:
+            made = engine(rtol=rtol, atol=ATOL_OF_RTOL * rtol, **own)
+            yield Setting(made, family, f"rtol {power_text(rtol)}")
 
 
 def power_text(value: float) -> str:
@@ -230,10 +176,3 @@ def _parts() -> Iterator[int]:
     for power in itertools.count():
         for digit in (1, 2, 5):
             yield digit * 10**power
-
-
-def divides(time: float, step: float) -> bool:
-    """Whether a time is a whole number of steps."""
-    with contextlib.suppress(OptionError):
-        return whole_ratio(time, step, "time over the step") > 0
-    return False

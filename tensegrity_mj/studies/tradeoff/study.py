@@ -25,13 +25,13 @@ from tensegrity_mj.studies.plain import digest, plain
 from tensegrity_mj.studies.report import Page, Report
 from tensegrity_mj.studies.store import Store, opened
 from tensegrity_mj.studies.tradeoff import sentence
-from tensegrity_mj.studies.tradeoff.experiments import Experiment, closed_loops, open_loop
+from tensegrity_mj.studies.tradeoff.experiments import Experiment, closed_loops, divides, open_loop
 from tensegrity_mj.studies.tradeoff.measurement import Ended, attempt, record
 from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
 from tensegrity_mj.studies.tradeoff.page import page_of
 from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, Reference, find_reference
 from tensegrity_mj.studies.tradeoff.results import result_of, sentences
-from tensegrity_mj.studies.tradeoff.settings import Setting, divides, sweep_settings, weight
+from tensegrity_mj.studies.tradeoff.settings import Setting, settings_of, weight
 
 PICTURE, RUNS = "tradeoff.png", "runs"
 FORMAT = 1
@@ -163,7 +163,7 @@ def _measure(scene: Scene, law: Any, options: TradeoffOptions, kept: Store, prog
             todo.append(_open(scene, options, list(references.values()), kept))
             bar.update()
     todo += [(experiment, references[experiment.key]) for experiment in wanted]
-    settings = {experiment.key: _settings(experiment, options) for experiment, _ in todo}
+    settings = {experiment.key: settings_of(experiment, options) for experiment, _ in todo}
     records = _passes(scene.name, todo, settings, options, kept, progress)
     continuous = references.get(Mode.CONTINUOUS.value)
     results = [
@@ -229,29 +229,11 @@ def _uncertainty(reference: Reference) -> float:
 # -------------------------------------------------------------------------------------------------------- settings
 
 
-def _settings(experiment: Experiment, options: TradeoffOptions) -> list[Setting]:
-    return [
-        setting
-        for engine in options.engines
-        for setting in sweep_settings(
-            experiment.scene,
-            engine,
-            duration=experiment.duration,
-            period=experiment.actuation.period,
-            steps=options.steps,
-            tolerances=options.tolerances,
-            law=experiment.native,
-            budget=options.budget,
-        )
-        if options.wants(setting.family)
-    ]
-
-
 def _check_families(experiments: Sequence[Experiment], options: TradeoffOptions) -> None:
-    if any(_settings(experiment, options) for experiment in experiments):
+    if any(settings_of(experiment, options) for experiment in experiments):
         return
     names = dict.fromkeys(
-        one.family for experiment in experiments for one in _settings(experiment, replace(options, families=()))
+        one.family for experiment in experiments for one in settings_of(experiment, replace(options, families=()))
     )
     raise OptionError(
         f"tradeoff: families = {', '.join(options.families) or 'all'}: no setting has one of these words; there are "
