@@ -28,7 +28,7 @@ from tensegrity_mj.studies.tradeoff.front import cheapest, decades, pareto
 from tensegrity_mj.studies.tradeoff.measurement import Ended, Motion, attempt, record
 from tensegrity_mj.studies.tradeoff.options import BUDGET, Loop, TradeoffOptions
 from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, find_reference
-from tensegrity_mj.studies.tradeoff.settings import grid_of_steps, most_evaluations, settings_of
+from tensegrity_mj.studies.tradeoff.settings import grid_of_steps, most_evaluations, radau_steps, settings_of
 from tensegrity_mj.studies.tradeoff.study import tradeoff
 
 # ------------------------------------------------------------------------------------------------------- the front
@@ -136,6 +136,38 @@ def test_the_sweep_covers_every_integrator_and_keeps_its_budget() -> None:
     held = replace(experiment, actuation=tmj.Actuation.hold_force_density(1e-2))
     sampled = settings_of(held, TradeoffOptions(engines=["mujoco"]))
     assert max(one.engine.timestep for one in sampled) == 1e-2  # type: ignore[union-attr]
+
+
+def test_radau_has_the_budget_of_a_body_as_of_four_points() -> None:
+    # Three free vertebrae, 24 strings: r, three base vectors and their rates, a clock of three more.
+    scene = tmj.load_scene("spine")
+    assert radau_steps(scene, None, budget=1e6) == int(1e6 / (10 * 24 + (3 * 24 + 3) ** 3 / 100))
+
+
+IMPLICIT = ("implicit", "implicitfast", "discrete")
+
+
+@pytest.mark.parametrize(
+    ("name", "members", "refused"),
+    [
+        ("ladder", "ladder (rods: 1, strings: 1)", {*(f"MuJoCo {word}" for word in IMPLICIT), "ODE RK4"}),
+        ("spine", "spine (bodies: 4, strings: 24)", {"ODE RK4"}),
+    ],
+)
+def test_what_engines_refuse_is_in_the_study_with_the_reason(
+    name: str, members: str, refused: set[str], tmp_path: Path
+) -> None:
+    options = TradeoffOptions(
+        families=("MuJoCo", "DAE RK4, monitor", "ODE RK4"), steps=(2e-3, 1e-3), duration=0.1, repeats=1, budget=1e5
+    )
+    data = tradeoff(tmj.load_scene(name), folder=tmp_path, options=options).data
+    points = data["experiments"][0]["points"]
+    assert {one["family"] for one in points if one["status"] == "refused"} == refused
+    assert all(one["status"] == "completed" for one in points if one["family"] not in refused)
+    assert all("use " in one["reason"] for one in points if one["family"] in refused)
+    page = (tmp_path / "tradeoff.html").read_text(encoding="utf-8")
+    assert members in page
+    assert page.count("refused: ") == len(refused)
 
 
 def test_options_that_make_no_sense_are_refused() -> None:

@@ -64,12 +64,12 @@ def curved(rng: Rng) -> Drawn:
     strings, kinds = [], rng.choice(["stiffens", "gives way", "yields", "constant"], len(structure.strings)).tolist()
     for string, kind, rest in zip(structure.strings, kinds, structure.rest_lengths.tolist(), strict=True):
         k, bend, ratio = string.stiffness, rest * log_uniform(rng, 1e-3, 0.3), log_uniform(rng, 1e-3, 1.0)
-        slope = k / ratio if kind == "stiffens" else k * ratio
-        how: dict[str, Any] = {"curve": ((bend, k * bend), (2 * bend, (k + slope) * bend)), "yields": kind == "yields"}
-        how |= {"rest_length": rest, "tension": None, "force_density": None}
-        if kind == "constant":
-            how = {"stiffness": 0.0, "tension": k * bend, "rest_length": None, "force_density": None}
-        strings.append(replace(string, **how))
+        how: dict[str, Any] = {"stiffness": 0.0, "tension": k * bend}
+        if kind != "constant":
+            slope = k / ratio if kind == "stiffens" else k * ratio
+            curve = ((bend, k * bend), (2 * bend, (k + slope) * bend))
+            how = {"curve": curve, "yields": kind == "yields", "rest_length": rest}
+        strings.append(String(string.name, string.nodes, damping=string.damping, **how))
     return replace(structure, strings=tuple(strings)), {"strings": kinds}
 
 
