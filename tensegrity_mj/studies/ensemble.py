@@ -30,6 +30,11 @@ if TYPE_CHECKING:
     from tensegrity_mj.engines.mujoco.engine import MuJoCo
     from tensegrity_mj.engines.mujoco.ensemble import MuJoCoEnsemble
 
+_MEMBERS: dict[str, Callable[[Any], Any]] = {
+    "nodes": lambda structure: structure.node_names,
+    "rods": lambda structure: [(rod.name, rod.nodes) for rod in structure.rods],
+    "strings": lambda structure: [(string.name, string.nodes) for string in structure.strings],
+}
 AnyLaw = Law | Callable[..., ArrayLike] | None
 
 
@@ -119,13 +124,15 @@ class Ensemble(Sequence[Trajectory]):
 
 @dataclass(frozen=True, eq=False)
 class ManyRuns:
-    """Simulate scenes that share a structure, in one process, on threads, in MuJoCo.
+    """Simulate scenes whose structures have the same members, in one process, on threads, in MuJoCo.
 
-    Each run is what `simulate` makes of its scene: initial states, targets, loads and breaks may differ; structure,
-    gravity and contact may not. (`run_many` runs anything, in processes.)
+    Each run is what `simulate` makes of its scene: initial states, targets, loads, breaks, and any number of structure,
+    gravity and contact may differ. Nodes, rods and strings may not, nor what they have of joints and masses.
+    (`run_many` runs anything, in processes.) Scenes with the same structure, gravity and contact share one model; any
+    other has its own, which takes longer to set up.
 
     Attributes:
-        scenes: of one structure.
+        scenes: of the same members.
         controllers: a law for all, or one a scene. A law that keeps something between calls gets a fresh state a run.
         engine: `MuJoCo(...)`, without `accuracy`.
         duration, actuation, on_infeasible, output_interval, progress: as in `simulate`; the duration is the first
@@ -191,11 +198,11 @@ def _checked(scenes: Any, engine: MuJoCo) -> list[Scene]:
     for number, scene in enumerate(scenes):
         instance(f"scenes[{number}]", scene, Scene, "use a Scene, or load_scene(name or path)")
         require(engine, scene, "simulate_many", f"scenes[{number}]")
-        for what in ("structure", "gravity", "contact"):
-            if getattr(scene, what) is not getattr(first, what) and getattr(scene, what) != getattr(first, what):
+        for what, names in _MEMBERS.items():
+            if names(scene.structure) != names(first.structure):
                 raise OptionError(
-                    f"scenes[{number}] ('{scene.name}') has another {what} than the first: simulate_many runs one "
-                    "model; use run_many for different ones"
+                    f"scenes[{number}] ('{scene.name}') has other {what} than the first: simulate_many runs structures "
+                    "of the same members; use run_many for different ones"
                 )
     return list(scenes)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import mujoco
@@ -69,6 +70,32 @@ def test_robots_that_land_apart_keep_apart(monkeypatch) -> None:
         monkeypatch.setattr(driving, "chunks", pieces)
         for run, one in zip(tmj.simulate_many(scenes, None, RK4, duration=0.5, threads=2), alone, strict=True):
             same(run, one)
+
+
+def test_floors_frictions_and_masses_may_differ() -> None:
+    scene = tmj.load_scene("six_bar_drop")
+    contact, structure = scene.contact, scene.structure
+    heavy = [replace(rod, mass=(1.0 + 0.1 * k) * rod.mass) for k, rod in enumerate(structure.rods)]
+    scenes = [
+        scene,
+        scene.with_(contact=replace(contact, friction=0.2)),
+        scene.with_(contact=replace(contact, friction=0.0)),
+        scene.with_(contact=replace(contact, floor=contact.floor - 0.02, stiffness=1e5)),
+        scene.with_(structure=replace(structure, rods=heavy)),
+        *thrown(scene, 2, 2),
+    ]
+    runs = tmj.simulate_many(scenes, None, RK4, duration=0.5, threads=2)
+    for run, one in zip(runs, scenes, strict=True):
+        same(run, tmj.simulate(one, None, RK4, duration=0.5))
+    assert len({run.nodes[-1].tobytes() for run in runs}) == len(scenes)
+
+
+def test_scenes_that_touch_in_other_ways_are_refused() -> None:
+    scene = tmj.load_scene("six_bar_drop")
+    rods = scene.with_(contact=tmj.model.Contact(rods=True))
+    for pair in ([scene, rods], [scene, scene.with_(contact=None)], [rods, rods.with_(contact=None)]):
+        with pytest.raises(tmj.errors.OptionError, match=r"scenes.*built otherwise than the first's.*use run_many"):
+            tmj.simulate_many(pair, None, RK4, duration=0.1)
 
 
 def test_held_commands_delays_and_noise_with_contact() -> None:

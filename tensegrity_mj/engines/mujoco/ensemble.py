@@ -21,10 +21,9 @@ from tensegrity_mj.engines.driving import Stopwatch, drive
 from tensegrity_mj.engines.mujoco import many
 from tensegrity_mj.engines.mujoco.answers import Answers
 from tensegrity_mj.engines.mujoco.install import installed
-from tensegrity_mj.engines.mujoco.mjcf import scene_to_mjcf
 from tensegrity_mj.engines.mujoco.mjcf_tree import BodyTree, body_tree, joint_coordinates, place
 from tensegrity_mj.engines.mujoco.motion import Supports
-from tensegrity_mj.engines.mujoco.prepared import prepared_with
+from tensegrity_mj.engines.mujoco.prepared import Prepared, prepared, prepared_with
 from tensegrity_mj.engines.mujoco.run import MuJoCoRun, causes_of
 from tensegrity_mj.engines.mujoco.run_view import ENDED, RUNNING, STEP, bound
 from tensegrity_mj.engines.recording import check_rows
@@ -42,7 +41,7 @@ TOKEN = 0.7390851332151607  # separates userdata of ours from any other
 
 
 class MuJoCoEnsemble:
-    """Simulations of scenes that share one structure.
+    """Simulations of scenes whose structures have the same members.
 
     Attributes:
         members: a run each, which `conclude`s with its trajectory or its error.
@@ -52,32 +51,34 @@ class MuJoCoEnsemble:
     def __init__(self, options: MuJoCo, requests: Sequence[Request], threads: int) -> None:
         first = requests[0].scene
         self.options, self.seconds = options, 0.0
-        self.model = _with_userdata(first, options)
+        of_models = (options.timestep, options.word, many.USERDATA_SIZE)
+        shared = prepared(first, *of_models)
+        self.model, tree = shared.model, shared.tree
         guide = self.guide = many.Guide(self.model)
-        data = mujoco.MjData(self.model)
-        ready = prepared_with(self.model, first)
-        ready = replace(ready, data=data, table=bound(self.model, data, ready.nodes, ready.slides))
-        tree = ready.tree
         self.batch = Batch(self.model, len(requests), threads)
+        ready = [shared if _share_model(one.scene, first) else prepared(one.scene, *of_models) for one in requests]
+        _give_models(self.batch, [one.model for one in ready], requests)
+        data = mujoco.MjData(self.model)
+        shared = _bound(shared, data)
         self.members: list[MuJoCoRun] = []
         self.counters = np.zeros((len(requests), 6), np.int64)
         qpos, qvel, userdata = (self.batch.bind(name) for name in ("qpos", "qvel", "userdata"))
-        limits = np.array(self.model.actuator_forcerange)  # which clipped strings never move
-        for number, request in enumerate(requests):
-            check_motions(request.scene, first, tree)
-            member = MuJoCoRun(options, request, ready, data, first)
+        for number, (request, own) in enumerate(zip(requests, ready, strict=True)):
+            start = None
+            if own.model is self.model:
+                check_motions(request.scene, first, tree)
+                own, start = shared, first
+            else:
+                own = _bound(own, data)
+            member = MuJoCoRun(options, request, own, data, start)
             if number == 0:
                 check_rows(float(len(requests)) * member.rows.shape[0], member.rows.shape[1])
             self.counters[number] = member.counters
             member.counters = self.counters[number]
-            member.plant.set(counters=member.counters, force_range=limits)
+            # Limits of forces are of the run, though clipped strings never move them.
+            member.plant.set(counters=member.counters, force_range=np.array(own.model.actuator_forcerange))
             self.members.append(member)
-            scene = request.scene
-            mujoco.mj_resetData(self.model, data)
-            if np.array_equal(scene.nodes0, first.nodes0):
-                data.qvel[:] = joint_coordinates(first, tree, scene.nodes0, scene.velocities0)[1]
-            else:
-                place(data, first, scene.nodes0, scene.velocities0, tree)
+            _begin(data, own, request.scene, start)
             qpos[number], qvel[number] = data.qpos, data.qvel
             userdata[number] = TOKEN, number
         tables = np.array([member.plant.address for member in self.members], np.int64)
@@ -150,12 +151,47 @@ def check_motions(scene: Scene, first: Scene, tree: BodyTree) -> None:
             )
 
 
-def _with_userdata(scene: Scene, options: MuJoCo) -> mujoco.MjModel:
-    """The model of a scene, whose simulations can carry their number."""
-    options.model(scene)  # its errors are the better ones
-    spec = mujoco.MjSpec.from_string(scene_to_mjcf(scene, options.timestep, options.word))
-    spec.nuserdata = many.USERDATA_SIZE
-    return spec.compile()
+def _share_model(scene: Scene, first: Scene) -> bool:
+    """Whether a scene can do with the first one's model."""
+    pairs = ((getattr(scene, what), getattr(first, what)) for what in ("structure", "gravity", "contact"))
+    return all(one is other or one == other for one, other in pairs)
+
+
+def _bound(ready: Prepared, data: mujoco.MjData) -> Prepared:
+    """With the data that runs are set up in."""
+    return replace(ready, data=data, table=bound(ready.model, data, ready.nodes, ready.slides))
+
+
+def _begin(data: mujoco.MjData, ready: Prepared, scene: Scene, first: Scene | None) -> None:
+    """Have data at the start of a scene; `first`: what the model was made from, if another."""
+    mujoco.mj_resetData(ready.model, data)
+    if first is None:
+        data.qvel[:] = ready.velocities
+    elif np.array_equal(scene.nodes0, first.nodes0):
+        data.qvel[:] = joint_coordinates(first, ready.tree, scene.nodes0, scene.velocities0)[1]
+    else:
+        place(data, first, scene.nodes0, scene.velocities0, ready.tree)
+
+
+def _give_models(batch: Batch, models: Sequence[mujoco.MjModel], requests: Sequence[Request]) -> None:
+    """Have each simulation step its own model; OptionError unless they are of one kind."""
+    first, failed = batch.model, ""
+    if all(model is first for model in models):
+        return
+    for number, model in enumerate(models):
+        if model.signature != first.signature:
+            failed = f"scenes[{number}] ('{requests[number].scene.name}')"
+            break
+    else:
+        try:
+            batch.set_models(models)
+        except (ValueError, mujoco.FatalError) as error:
+            failed = f"scenes: {error}"
+    if failed:
+        raise OptionError(
+            f"{failed}: a model in MuJoCo is built otherwise than the first's (joints, floor, masses that move), and "
+            "simulate_many runs models of one kind: use run_many"
+        )
 
 
 @contextmanager

@@ -54,15 +54,15 @@ class Prepared:
     table: Table | None = None
 
 
-def prepared(scene: Scene, timestep: float, integrator: str) -> Prepared:
-    """A scene for MuJoCo's integrator of that name and a step [s]; the model is a copy.
+def prepared(scene: Scene, timestep: float, integrator: str, userdata: int = 0) -> Prepared:
+    """A scene for MuJoCo's integrator of that name and a step [s]; the model is a copy, with so many userdata.
 
     What is compiled is remembered while the scene lives, and of the last few layouts for other scenes.
 
     Raises:
         StructureError, SceneError, OptionError: as `MuJoCo.model`.
     """
-    found = _known(scene)
+    found = _known(scene, userdata)
     return _set(replace(found, model=copy.copy(found.model)), scene, timestep, integrator)
 
 
@@ -98,15 +98,15 @@ def _set(ready: Prepared, scene: Scene, timestep: float, integrator: str) -> Pre
     return ready
 
 
-def _known(scene: Scene) -> Prepared:
+def _known(scene: Scene, userdata: int = 0) -> Prepared:
     refuse_other_callbacks()
-    found: Prepared = _remembered.get(scene, None, lambda: _of_layout(scene))
+    found: Prepared = _remembered.get(scene, userdata, lambda: _of_layout(scene, userdata))
     return found
 
 
-def _of_layout(scene: Scene) -> Prepared:
-    layout = _layout(scene)
-    found = _layouts.pop(layout, None) or _compile(scene)
+def _of_layout(scene: Scene, userdata: int) -> Prepared:
+    layout = (userdata, _layout(scene))
+    found = _layouts.pop(layout, None) or _compile(scene, userdata)
     while len(_layouts) >= MOST:
         _layouts.pop(next(iter(_layouts)), None)
     _layouts[layout] = found
@@ -134,7 +134,7 @@ def prepared_with(model: mujoco.MjModel, scene: Scene) -> Prepared:
     return Prepared(model, tree, velocities, nodes, _slides(scene, model, tree))
 
 
-def _compile(scene: Scene) -> Prepared:
+def _compile(scene: Scene, userdata: int) -> Prepared:
     far = np.abs(scene.nodes0).max(axis=1) > mujoco.mjMAXVAL
     if far.any():
         number = int(np.argmax(far))
@@ -144,7 +144,9 @@ def _compile(scene: Scene) -> Prepared:
         )
     text = scene_to_mjcf(scene)
     try:
-        model = mujoco.MjModel.from_xml_string(text)
+        spec = mujoco.MjSpec.from_string(text)
+        spec.nuserdata = userdata
+        model = spec.compile()
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise StructureError(
