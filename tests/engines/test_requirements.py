@@ -337,6 +337,22 @@ def test_what_mujoco_refuses_has_its_requirements_all_the_same(
     assert tmj.simulate(scene, None, tmj.DAE(), duration=0.1).status is tmj.Status.COMPLETED
 
 
+def test_reasons_of_strings_with_mass_and_of_constraints() -> None:
+    needs = tmj.studies.requirements(tmj.load_scene("massive_string"))
+    # A chain of points, and the motion's slide; 3 slides a point.
+    assert "slides for each of the 20 point masses that strings with mass consist of" in needs.reasons
+    assert needs.joints["slide"] == 3 * 20 + 1
+    ladder = tmj.load_scene("ladder")
+    taking = "the integrator `euler` or `rk4`: the others refuse the scene"
+    assert taking in tmj.studies.requirements(ladder).reasons
+    assert not any("the others refuse" in reason for reason in needs.reasons)
+    # Where steps are short, `discrete` is no advice: it refuses the scene.
+    stiff = ladder.with_(structure=ladder.structure.with_strings(stiffness=1e12, tension=1.0))
+    reasons = tmj.studies.requirements(stiff).reasons
+    assert tmj.studies.requirements(stiff).stable_step < 1e-4
+    assert not any("discrete" in reason for reason in reasons)
+
+
 def test_what_no_engine_simulates_is_refused_with_the_reason() -> None:
     scene = looped_bars().with_(contact=Contact(floor=-5.0))
     with pytest.raises(tmj.errors.TensegrityError, match="no engine simulates it"):

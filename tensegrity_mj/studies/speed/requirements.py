@@ -23,6 +23,7 @@ import numpy as np
 
 from tensegrity_mj.basics.checks import instance
 from tensegrity_mj.engines.mujoco.engine import MuJoCo
+from tensegrity_mj.engines.mujoco.settings import Integrator
 from tensegrity_mj.engines.requirements import engines_for, require
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.model.capabilities import refusal
@@ -212,6 +213,8 @@ def _reasons(scene: Scene, limit: float) -> list[str]:
         )
     if elastic := int(structure.elastic.sum()):
         found.append(f"two bodies and up to four tendons for each elastic rod, of which there are {elastic}")
+    if points := sum(len(rope.points) for rope in structure.ropes):
+        found.append(f"slides for each of the {points} point masses that strings with mass consist of")
     closures = spanning_forest(structure).closures
     if closures:
         found.append(
@@ -237,7 +240,7 @@ def _reasons(scene: Scene, limit: float) -> list[str]:
         (scene.loads, "external forces: the scene has loads"),
         (
             scene.resistance or any(point.damping for point in structure.point_masses),
-            "what resists motion: the scene has resistance",
+            "what resists motion: the scene has resistance, or dampers on nodes",
         ),
         (scene.water, "water, which finds each rod's acceleration with its added mass: the scene has water"),
         (structure.constraints, "linear constraints on nodes: MuJoCo has none, and their forces are found there"),
@@ -246,7 +249,10 @@ def _reasons(scene: Scene, limit: float) -> list[str]:
     found += [f"a callback for {what}" for there, what in callbacks if there]
     if scene.control is not None:
         found.append(f"a callback for the control law '{scene.control.law}'")
-    if limit < EXPLICIT_STEP:
+    taking = [one for one in Integrator if not refusal(MuJoCo(integrator=one), scene)]
+    if len(taking) < len(Integrator):
+        found.append(f"the integrator {' or '.join(f'`{one.value}`' for one in taking)}: the others refuse the scene")
+    if limit < EXPLICIT_STEP and Integrator.DISCRETE in taking:
         found.append(
             f"the integrator `discrete`, if seconds are to be simulated quickly: the stiffest motion lets RK4 step "
             f"{limit:.3g} s at most"
