@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run the studies, one scene after the other."""
+    from tensegrity_mj.studies.tradeoff.advising import sentences
     from tensegrity_mj.studies.tradeoff.docs import TEXT, write_docs
     from tensegrity_mj.studies.tradeoff.figure import has_diagram
-    from tensegrity_mj.studies.tradeoff.results import sentences
     from tensegrity_mj.studies.tradeoff.study import PICTURE, tradeoff
 
     chosen = _options(options)

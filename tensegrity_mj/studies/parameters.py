@@ -46,9 +46,8 @@ from tensegrity_mj.engines.table import ENGINES, engine_class, make_engine, opti
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.model.actuation import Actuation, Mode, OnInfeasible
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.studies.parameter_values import Scaled, decoded, number_from, scaled
+from tensegrity_mj.studies.parameter_values import MEMBER, Scaled, decoded, number_from, scaled
 from tensegrity_mj.studies.scene_parameters import MEMBERS, changed_scene
-from tensegrity_mj.studies.value_parameters import MEMBER
 
 # Changes of one point are made in this order, so that what belongs together does not depend on how they were given.
 ORDER = ("family", "structure", "scene", "plant", "law", "engine", "actuation", "on_infeasible", "output_interval")

@@ -18,8 +18,17 @@ from tensegrity_mj.model.members import Vector
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.studies.motion_parameters import with_motions
-from tensegrity_mj.studies.parameter_values import Scaled, axis_of, no_more, number_from, parts_of, vector_from
-from tensegrity_mj.studies.value_parameters import MEMBER, changed, single
+from tensegrity_mj.studies.parameter_values import (
+    MEMBER,
+    Scaled,
+    axis_of,
+    changed,
+    no_more,
+    number_from,
+    parts_of,
+    single,
+    vector_from,
+)
 
 PARTS_OF_SCENE = tuple(key for key in item_of(Scene).keys if key not in ("structure", "name", "source", "control"))
 MEMBERS = {

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.basics.checks import positive
 from tensegrity_mj.library.cable import Start
-from tensegrity_mj.studies.cable.modal import HangingChain
+from tensegrity_mj.studies.cable.chain import HangingChain
 
 
 def response(

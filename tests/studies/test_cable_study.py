@@ -19,8 +19,7 @@ from tensegrity_mj.library.cable import Excitation, Start, cable, refined
 from tensegrity_mj.model.elements.resistance import Bending, Resistance, resisting_forces
 from tensegrity_mj.studies.cable.amplitude import extremes, response_amplitude
 from tensegrity_mj.studies.cable.cases import Case, default_step, linear_model, run_cases, simulated
-from tensegrity_mj.studies.cable.chain import Chain
-from tensegrity_mj.studies.cable.frequencies import engine_frequencies
+from tensegrity_mj.studies.cable.chain import Chain, engine_frequencies
 from tensegrity_mj.studies.cable.steps import find_step, steps_within
 from tensegrity_mj.studies.cable.whirling import whirl
 from tensegrity_mj.studies.workers import Backend, Workers

@@ -22,9 +22,9 @@ from tensegrity_mj.engines.reference.method import Method
 from tensegrity_mj.engines.table import ENGINES
 from tensegrity_mj.errors import FormatError, OptionError
 from tensegrity_mj.model.actuation import Mode
-from tensegrity_mj.studies.tradeoff import docs, reference, sentence
+from tensegrity_mj.studies.tradeoff import advising, docs, reference
+from tensegrity_mj.studies.tradeoff.advising import cheapest, decades, pareto
 from tensegrity_mj.studies.tradeoff.experiments import Experiment, open_loop, recording_interval
-from tensegrity_mj.studies.tradeoff.front import cheapest, decades, pareto
 from tensegrity_mj.studies.tradeoff.measurement import Ended, Motion, attempt, record
 from tensegrity_mj.studies.tradeoff.options import BUDGET, Loop, TradeoffOptions
 from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, find_reference
@@ -130,7 +130,7 @@ def test_the_sweep_covers_every_integrator_and_keeps_its_budget() -> None:
     most = most_evaluations(scene, None, BUDGET)
     for one in found["mujoco"]:
         assert one.engine.stages * scene.duration / one.engine.timestep <= most * (1 + 1e-9)  # type: ignore[union-attr]
-    labels = [sentence.label(one.to_dict()) for kind in ENGINES for one in found[kind]]
+    labels = [advising.label(one.to_dict()) for kind in ENGINES for one in found[kind]]
     assert len(set(labels)) == len(labels)
     assert "MuJoCo RK4, 10 ms" in labels
     held = replace(experiment, actuation=tmj.Actuation.hold_force_density(1e-2))
@@ -335,7 +335,7 @@ def test_where_the_dae_refuses_mujoco_at_two_steps_is_the_reference_and_there_is
     assert found.motion is not None
     assert found.facts["engine"].startswith("MuJoCo")
     assert found.facts["second_formulation"] is None
-    assert "there is no second formulation" in sentence.reference_sentence({"reference": found.facts})
+    assert "there is no second formulation" in advising.reference_sentence({"reference": found.facts})
     # The finer step is the reference: it lies nearer to the truth than the coarser by the order of the method.
     true = np.linalg.norm(found.motion.nodes - spring_motion(found.motion.time), axis=-1).max()
     assert true <= found.own_error + 1e-13
@@ -525,13 +525,13 @@ def test_a_sentence_names_the_cheapest_setting_and_how_fast_it_is() -> None:
     )
     walls = [0.1, 0.5, 0.25, 1.0, 0.01]
     timing = [{"real_time_factor": 10 / wall} for wall in walls]
-    reported = {one["tolerance"]: one["text"] for one in sentence.advice(experiment, walls, timing)}
+    reported = {one["tolerance"]: one["text"] for one in advising.advice(experiment, walls, timing)}
     assert reported[1e-2] == "for 1e-2 m use MuJoCo Euler, 1 ms: 100 x real time"
     assert reported[1e-4] == "for 1e-4 m use DAE RK4, 10 ms: 40 x real time; in MuJoCo RK4, 10 ms: 20 x real time"
     assert reported[1e-7] == "for 1e-7 m use DAE DOP853, rtol 1e-9: 10 x real time"
     assert reported[1e-8] == "for 1e-8 m: no setting of this sweep; the best is DAE DOP853, rtol 1e-9 with 2.1e-8 m"
     counts = [one["evaluations"] for one in experiment["points"]]
-    reported = {one["tolerance"]: one["text"] for one in sentence.advice(experiment, counts)}
+    reported = {one["tolerance"]: one["text"] for one in advising.advice(experiment, counts)}
     assert reported[1e-4] == "for 1e-4 m use MuJoCo RK4, 10 ms: 400 right-hand sides"
 
 
@@ -548,7 +548,7 @@ def test_what_is_recommended_completed_and_is_good_enough_even_if_the_reference_
         [(families[n % 3], f"{n} ms", error, count) for n, (error, count) in enumerate(drawn)], own
     )
     counts = [count for _, count in drawn]
-    for reported in sentence.advice(experiment, counts):
+    for reported in advising.advice(experiment, counts):
         if reported["point"] is None:
             assert not any(error is not None and error + own <= reported["tolerance"] for error, _ in drawn)
             continue
@@ -565,7 +565,7 @@ def test_what_is_recommended_completed_and_is_good_enough_even_if_the_reference_
 
 
 def test_below_the_references_own_error_the_front_has_one_point_the_cheapest() -> None:
-    from tensegrity_mj.studies.tradeoff.results import result_of
+    from tensegrity_mj.studies.tradeoff.advising import result_of
 
     options = TradeoffOptions(engines=["mujoco"], steps=[0.02, 0.01, 0.005])
     chosen = settings_of(spring_experiment(), options)[:3]
@@ -636,7 +636,7 @@ def test_an_open_loop_is_shortened_until_its_reference_means_something(
 def test_without_a_reference_or_a_run_the_sentence_has_the_reason() -> None:
     experiment = experiment_of([("MuJoCo RK4", "30 ms", None, 1)])
     experiment["points"][0]["reason"] = "30 ms does not divide 1 s"
-    (reported,) = sentence.advice(experiment, [1])
+    (reported,) = advising.advice(experiment, [1])
     assert reported["text"] == "for 1e-2 m: no setting completed (30 ms does not divide 1 s)"
     long = tradeoff(spring_scene(), options=TradeoffOptions(loops=[Loop.OPEN], duration=1e9, repeats=1))
     (text,) = long.sentences
@@ -687,7 +687,7 @@ def test_steps_that_no_run_can_have_are_refused() -> None:
 
 def test_the_reference_is_part_of_every_bound() -> None:
     experiment = experiment_of([("MuJoCo RK4", "1 ms", 6e-4, 10)], own=5e-4)
-    reported = {one["tolerance"]: one["point"] for one in sentence.advice(experiment, [10])}
+    reported = {one["tolerance"]: one["point"] for one in advising.advice(experiment, [10])}
     assert reported == {1e-2: 0, 1e-3: None}
 
 

@@ -11,8 +11,7 @@ from tensegrity_mj.basics import fields
 from tensegrity_mj.basics.fields import field, value
 from tensegrity_mj.basics.kinds import parts
 from tensegrity_mj.errors import OptionError, SceneError
-from tensegrity_mj.studies.parameter_values import Scaled
-from tensegrity_mj.studies.value_parameters import changed
+from tensegrity_mj.studies.parameter_values import Scaled, changed
 
 
 class Effect:

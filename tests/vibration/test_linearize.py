@@ -21,8 +21,7 @@ from tensegrity_mj.model.members import PointMass, Rod, String, Support
 from tensegrity_mj.model.scene import Scene
 from tensegrity_mj.model.strings import StringLaw
 from tensegrity_mj.model.structure import Structure
-from tensegrity_mj.studies.cable.chain import Chain
-from tensegrity_mj.studies.cable.modal import HangingChain
+from tensegrity_mj.studies.cable.chain import Chain, HangingChain
 
 Array = NDArray[np.float64]
 ENGINES = {"dae": tmj.DAE(), "ode": tmj.ODE(), "mujoco": tmj.MuJoCo()}

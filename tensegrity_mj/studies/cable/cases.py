@@ -26,8 +26,7 @@ from tensegrity_mj.model.text.writing import scene_to_toml
 from tensegrity_mj.runs.trajectory import Status, Trajectory
 from tensegrity_mj.simulation import simulate_as_far, versions
 from tensegrity_mj.studies.cable.amplitude import response_amplitude
-from tensegrity_mj.studies.cable.chain import Chain
-from tensegrity_mj.studies.cable.modal import HangingChain
+from tensegrity_mj.studies.cable.chain import DIRECTION, Chain, HangingChain
 from tensegrity_mj.studies.cable.spectrum import spectrum
 from tensegrity_mj.studies.cable.whirling import whirl
 from tensegrity_mj.studies.engine_names import engine_of
@@ -35,7 +34,6 @@ from tensegrity_mj.studies.known_elements import scene_of
 from tensegrity_mj.studies.many import RunOptions, Study, run_many
 from tensegrity_mj.vibration.stepping import Scheme
 
-DIRECTION = (0.0, 1.0, 0.0)  # of the thesis' in-line excitation
 DURATION, INTERVAL = 45.0, 0.02  # s
 SPECTRUM = 2.0  # Hz, up to which spectra are kept
 OWN = ("frequency", "excitation", "amplitude", "start", "seed")  # of a case, in its point

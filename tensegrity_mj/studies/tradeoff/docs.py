@@ -11,7 +11,7 @@ from typing import Any
 from tensegrity_mj.basics.files import checked, made_folder, replacing, write_text
 from tensegrity_mj.basics.texts import file_name, markdown_table
 from tensegrity_mj.errors import FormatError, OptionError
-from tensegrity_mj.studies.tradeoff import sentence
+from tensegrity_mj.studies.tradeoff import advising
 from tensegrity_mj.studies.tradeoff.figure import Cost, diagram, has_diagram
 from tensegrity_mj.studies.tradeoff.options import BUDGET
 
@@ -75,9 +75,9 @@ def part(data: Data, has_picture: bool) -> str:
     if budget != BUDGET:
         lines += [f"With `--budget {budget:.0e}`.".replace("e+0", "e"), ""]
     held, references = [], []
-    for experiment, timing in sentence.with_timing(data):
+    for experiment, timing in advising.with_timing(data):
         title = experiment["title"]
-        references.append(f"- {title} ({experiment['duration']:g} s): {sentence.reference_sentence(experiment)}.")
+        references.append(f"- {title} ({experiment['duration']:g} s): {advising.reference_sentence(experiment)}.")
         if experiment["note"]:
             references[-1] += f" {experiment['note']}"
         if timing["floor"] is not None:
@@ -85,7 +85,7 @@ def part(data: Data, has_picture: bool) -> str:
             continue
         if not timing["advice"]:
             continue
-        table = markdown_table(sentence.ADVICE, sentence.advice_rows(experiment, timing))
+        table = markdown_table(advising.ADVICE, advising.advice_rows(experiment, timing))
         lines += [f"{title[:1].upper()}{title[1:]}:", "", *table, ""]
     if held:
         lines += ["What is held between control samples:", "", *held, ""]

@@ -14,7 +14,7 @@ from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.errors import OptionError
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import GREY, common_legend, frame, grid_of_panels
-from tensegrity_mj.studies.tradeoff.sentence import with_timing
+from tensegrity_mj.studies.tradeoff.advising import with_timing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,7 +11,7 @@ from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.pictures.findings import Finding, Mark
 from tensegrity_mj.pictures.page import Picture, Section, Table
 from tensegrity_mj.studies.report import Page
-from tensegrity_mj.studies.tradeoff import sentence
+from tensegrity_mj.studies.tradeoff import advising
 from tensegrity_mj.studies.tradeoff.figure import Cost, diagram, has_diagram
 
 Data = Mapping[str, Any]
@@ -48,18 +48,18 @@ def page_of(data: Data) -> Page:
 
 def _verdict(data: Data) -> str:
     """What is fastest for a usual accuracy of the first experiment that has advice."""
-    for _, timing in sentence.with_timing(data):
+    for _, timing in advising.with_timing(data):
         advice = [one for one in timing["advice"] if one["text"]]
         if advice:
             one = min(advice, key=lambda one: abs(math.log(one["tolerance"] / USUAL)))
-            best = sentence.advice_alone(one)
+            best = advising.advice_alone(one)
             return f"For errors of at most {quantity(one['tolerance'], 'm')} here: {best}."
     return f"No setting of {data['scene']['name']} is advised: see each experiment."
 
 
 def _findings(data: Data) -> Iterator[Finding]:
     """How sure each experiment's reference is, and what holding a control costs."""
-    for experiment, timing in sentence.with_timing(data):
+    for experiment, timing in advising.with_timing(data):
         reference, title = experiment["reference"], experiment["title"]
         head = title[:1].upper() + title[1:]
         if reference["engine"] is None:
@@ -81,13 +81,13 @@ def _sections(data: Data) -> Iterator[Section]:
         ]
         yield Section("Work and precision", (), pictures)
     yield Section("What to use", (), list(_advice(data)))
-    for experiment, timing in sentence.with_timing(data):
+    for experiment, timing in advising.with_timing(data):
         run = f"{experiment['duration']:g} s, recorded each {experiment['interval']:g} s."
         parts = [Table("Reference", ("", ""), _reference(experiment))]
         if experiment["reference"]["engine"] is not None:
             title = f"All {len(experiment['points'])} settings"
             parts.append(Table.of(title, COLUMNS, rows(experiment, timing), folded=True))
-        text = [run, *sentence.remarks(experiment, data["scene"].get("duration", experiment["duration"]))]
+        text = [run, *advising.remarks(experiment, data["scene"].get("duration", experiment["duration"]))]
         yield Section(experiment["title"][:1].upper() + experiment["title"][1:], text, parts)
     versions = [[name, value] for name, value in data["versions"].items()]
     options = [[name.replace("_", " "), value] for name, value in data["options"].items()]
@@ -100,13 +100,13 @@ def _sections(data: Data) -> Iterator[Section]:
 
 def _advice(data: Data) -> Iterator[Table]:
     floors = []
-    for experiment, timing in sentence.with_timing(data):
+    for experiment, timing in advising.with_timing(data):
         if timing["floor"] is not None:
             floors.append((experiment["title"], timing["floor"].partition(": ")[2]))
             continue
-        facts = sentence.advice_rows(experiment, timing)
+        facts = advising.advice_rows(experiment, timing)
         title = experiment["title"][:1].upper() + experiment["title"][1:]
-        yield Table(title, sentence.ADVICE, facts, "" if facts else sentence.why_none(experiment))
+        yield Table(title, advising.ADVICE, facts, "" if facts else advising.why_none(experiment))
     if floors:
         yield Table("Held controls", ("", "what no smaller step cures, and what is fine enough"), floors)
 

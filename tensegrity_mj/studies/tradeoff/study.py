@@ -24,13 +24,13 @@ from tensegrity_mj.studies.many import bar_of
 from tensegrity_mj.studies.plain import digest, plain
 from tensegrity_mj.studies.report import Page, Report
 from tensegrity_mj.studies.store import Store, opened
-from tensegrity_mj.studies.tradeoff import sentence
+from tensegrity_mj.studies.tradeoff import advising
+from tensegrity_mj.studies.tradeoff.advising import result_of, sentences
 from tensegrity_mj.studies.tradeoff.experiments import Experiment, closed_loops, divides, open_loop
 from tensegrity_mj.studies.tradeoff.measurement import Ended, attempt, record
 from tensegrity_mj.studies.tradeoff.options import Loop, TradeoffOptions
 from tensegrity_mj.studies.tradeoff.page import page_of
 from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, Reference, find_reference
-from tensegrity_mj.studies.tradeoff.results import result_of, sentences
 from tensegrity_mj.studies.tradeoff.settings import Setting, settings_of, weight
 
 PICTURE, RUNS = "tradeoff.png", "runs"
@@ -194,7 +194,7 @@ def _open(
         with contextlib.suppress(SceneError):  # a state that has drifted is no start
             return _shortened(open_loop(scene, options, starts[0]), options, kept)
     motion = reference.facts["motion"]
-    most = f" by more than {sentence.metres(motion)} in {experiment.duration:g} s" if motion else ""
+    most = f" by more than {advising.metres(motion)} in {experiment.duration:g} s" if motion else ""
     reason = f"without a law nothing moves{most}, so that there is no error to measure"
     if motion:
         reason += ": run longer, or start where something moves"

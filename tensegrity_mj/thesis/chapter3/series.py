@@ -34,7 +34,7 @@ from tensegrity_mj.studies.cable.cases import (
     run_cases,
     simulated,
 )
-from tensegrity_mj.studies.cable.frequencies import engine_frequencies
+from tensegrity_mj.studies.cable.chain import engine_frequencies
 from tensegrity_mj.studies.cable.spectrum import Spectrum, peaks_of, picked
 from tensegrity_mj.studies.cable.steps import FoundStep, steps_within
 from tensegrity_mj.studies.engine_names import engine_of

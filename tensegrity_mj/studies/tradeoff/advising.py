@@ -1,17 +1,70 @@
-"""Sentences to act on: for an accuracy, what to use; and what no step cures."""
+"""What a study of cost comes to: its points with their fronts, what to use for an accuracy, and sentences to act on."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from tensegrity_mj.studies.tradeoff.front import cheapest, decades
-from tensegrity_mj.studies.tradeoff.settings import power_text
+from tensegrity_mj.model.actuation import Mode
+from tensegrity_mj.studies.tradeoff.experiments import Experiment
+from tensegrity_mj.studies.tradeoff.measurement import Ended
+from tensegrity_mj.studies.tradeoff.reference import FLOOR_FACTOR, Reference
+from tensegrity_mj.studies.tradeoff.settings import Setting, power_text
 
+DECADES = tuple(float(f"1e-{number}") for number in range(1, 13))  # m
 Data = Mapping[str, Any]
 ENOUGH = 0.1  # of a modelling floor: a smaller numerical error buys nothing
 ALIKE = 1.25  # wall times that differ by less are the same to a clock
 ADVICE = ("error at most", "fastest here", "fewest right-hand sides")
+
+
+def pareto(costs: Sequence[float | None], errors: Sequence[float | None], floor: float = 0.0) -> list[int]:
+    """Indices of the points that no other beats in cost and error alike, the cheapest first.
+
+    Args:
+        costs, errors: one a point; None, NaN and infinity are points without a result, which are never on the front.
+        floor: errors below it count as equal to it: differences there say nothing.
+    """
+    known = [
+        (cost, max(error, floor), number)
+        for number, (cost, error) in enumerate(zip(costs, errors, strict=True))
+        if cost is not None and error is not None and math.isfinite(cost) and math.isfinite(error)
+    ]
+    front: list[int] = []
+    best = math.inf
+    for _, error, number in sorted(known):
+        if error < best:
+            front.append(number)
+            best = error
+    return front
+
+
+def cheapest(
+    costs: Sequence[float | None], bounds: Sequence[float | None], tolerance: float, alike: float = 1.0
+) -> int | None:
+    """Index of the cheapest point whose error is at most the tolerance; None where there is none.
+
+    Args:
+        alike: costs up to so many times the least count as the least; of those points the first is taken.
+    """
+    adequate = [
+        (cost, number)
+        for number, (cost, bound) in enumerate(zip(costs, bounds, strict=True))
+        if cost is not None and bound is not None and math.isfinite(cost) and bound <= tolerance
+    ]
+    if not adequate:
+        return None
+    least = min(adequate)[0]
+    return min(number for cost, number in adequate if cost <= alike * least)
+
+
+def decades(motion: float, bounds: Sequence[float | None]) -> list[float]:
+    """Accuracies 1e-1, 1e-2, ... [m] below the size of the motion, down to the first that no point has."""
+    known = [bound for bound in bounds if bound is not None and math.isfinite(bound)]
+    best = min(known, default=math.inf)
+    below = [tolerance for tolerance in DECADES if tolerance < motion]
+    return below[: sum(best <= tolerance for tolerance in below) + 1]
 
 
 def label(point: Data) -> str:
@@ -31,7 +84,7 @@ def bounds(experiment: Data) -> list[float | None]:
 
 
 def advice(experiment: Data, costs: Sequence[float | None], timing: Sequence[Data] | None = None) -> list[Data]:
-    """For each decade of accuracy the cheapest adequate point and a sentence.
+    """For each decade of accuracy the cheapest adequate point and a
 
     Args:
         costs: one a point: wall times [s] or right-hand sides.
@@ -169,3 +222,86 @@ def _out_of_reach(experiment: Data, tolerance: float) -> str:
         return f"no setting completed ({reasons[0]})" if reasons else "no setting completed"
     bound, number = min(known)
     return f"no setting of this sweep; the best is {label(experiment['points'][number])} with {metres(bound)}"
+
+
+def sentences(data: Data) -> list[str]:
+    """The sentences of all experiments of a study's data, by wall time, each headed by its experiment.
+
+    After them what must be known to take their advice, headed so where it does not concern all experiments.
+    """
+    found = []
+    noted: dict[str, list[str]] = {}
+    for experiment, own in with_timing(data):
+        if own["floor"] is not None:
+            found.append(own["floor"])
+        elif not own["advice"]:
+            found.append(f"{experiment['title']}: {why_none(experiment)}")
+            continue
+        else:
+            found += [f"{experiment['title']}: {one['text']}" for one in own["advice"]]
+        for text in remarks(experiment, data["scene"].get("duration", experiment["duration"])):
+            noted.setdefault(text, []).append(experiment["title"])
+    for text, titles in noted.items():
+        found.append(text if len(titles) == len(data["experiments"]) else f"{'; '.join(titles)}: {text}")
+    return found
+
+
+def result_of(
+    experiment: Experiment,
+    reference: Reference,
+    continuous: Reference | None,
+    settings: Sequence[Setting],
+    records: Sequence[Sequence[Data]],
+) -> tuple[Data, Data]:
+    """What is the same each time, and what was measured with a clock."""
+    points, clocked = [], []
+    own = reference.own_error
+    for setting, runs in zip(settings, records, strict=True):
+        first: Data = runs[0] if runs else {"status": Ended.REFUSED.value, "reason": "no reference", "error": None}
+        values = {key: value for key, value in first.items() if key != "timing"}
+        known = first["error"] is not None
+        # A second run of the same setting must be the same run: what it computed is compared bit by bit.
+        repeatable = all({**one, "timing": None} == {**first, "timing": None} for one in runs)
+        at_floor = bool(known and first["error"] <= FLOOR_FACTOR * own)
+        points.append({**setting.to_dict(), **values, "at_reference_floor": at_floor, "repeatable": repeatable})
+        walls = [one["timing"]["wall_time"] for one in runs if one["timing"]["wall_time"] is not None]
+        wall = min(walls, default=None)
+        factor = experiment.duration / wall if wall and known else None
+        clocked.append({"wall_time": wall, "repeats": len(walls), "real_time_factor": factor})
+    facts = {
+        **experiment.to_dict(),
+        "reference": {key: value for key, value in reference.facts.items() if key != "fastest"},
+        "modelling_floor": _modelling_floor(experiment, reference, continuous),
+        "points": points,
+    }
+    errors = [one["error"] for one in points]
+    floor = own if math.isfinite(own) else 0.0
+
+    def by(costs: Sequence[float | None], timing: Sequence[Data] | None = None) -> Data:
+        return {
+            "front": pareto(costs, errors, floor),
+            "advice": advice(facts, costs, timing),
+            "floor": floor_sentence(facts, costs, timing),
+        }
+
+    facts["by_right_hand_sides"] = by([one.get("evaluations") for one in points])
+    return facts, {"points": clocked, **by([one["wall_time"] for one in clocked], clocked)}
+
+
+def _modelling_floor(experiment: Experiment, reference: Reference, continuous: Reference | None) -> Data | None:
+    """How far the held experiment's own motion is from the continuous law's; None where nothing is held."""
+    if experiment.actuation.mode is Mode.CONTINUOUS:
+        return None
+    unknown = {"distance": None, "final_distance": None, "resolved": None}
+    if continuous is None and reference.motion is not None:
+        return {**unknown, "reason": "the continuous law was not requested"}
+    if continuous is None or reference.motion is None or continuous.motion is None:
+        missing = continuous if reference.motion is not None and continuous is not None else reference
+        return {**unknown, "reason": str(missing.facts["reason"])}
+    distance = reference.motion.distance(continuous.motion)
+    return {
+        "distance": float(distance.max()),
+        "final_distance": float(distance[-1]),
+        "resolved": reference.own_error + continuous.own_error,
+        "reason": "",
+    }
