@@ -90,6 +90,17 @@ def test_floors_frictions_and_masses_may_differ() -> None:
     assert len({run.nodes[-1].tobytes() for run in runs}) == len(scenes)
 
 
+def test_each_robot_may_have_ground_of_its_own() -> None:
+    scene = tmj.load_scene("six_bar_drop")
+    ground = replace(scene.contact, floor=scene.contact.floor - 0.15, rolling=1e-3)
+    rough = [tmj.model.Rough(size=(2.0, 2.0), roughness=0.02, length=0.3, seed=seed) for seed in range(3)]
+    scenes = [scene.with_(contact=replace(ground, terrain=one)) for one in rough]
+    for run, one in zip(tmj.simulate_many(scenes, None, RK4, duration=0.5, threads=2), scenes, strict=True):
+        alone = tmj.simulate(one, None, RK4, duration=0.5)
+        assert max(alone.reports["contact"]["touching"]) >= 1
+        same(run, alone)
+
+
 def test_scenes_that_touch_in_other_ways_are_refused() -> None:
     scene = tmj.load_scene("six_bar_drop")
     rods = scene.with_(contact=tmj.model.Contact(rods=True))

@@ -165,12 +165,13 @@ def _bound(ready: Prepared, data: mujoco.MjData) -> Prepared:
 def _begin(data: mujoco.MjData, ready: Prepared, scene: Scene, first: Scene | None) -> None:
     """Have data at the start of a scene; `first`: what the model was made from, if another."""
     mujoco.mj_resetData(ready.model, data)
+    data.qvel[:] = ready.velocities
     if first is None:
-        data.qvel[:] = ready.velocities
-    elif np.array_equal(scene.nodes0, first.nodes0):
-        data.qvel[:] = joint_coordinates(first, ready.tree, scene.nodes0, scene.velocities0)[1]
-    else:
+        return
+    if not np.array_equal(scene.nodes0, first.nodes0):
         place(data, first, scene.nodes0, scene.velocities0, ready.tree)
+    elif not np.array_equal(scene.velocities0, first.velocities0):
+        data.qvel[:] = joint_coordinates(first, ready.tree, scene.nodes0, scene.velocities0)[1]
 
 
 def _give_models(batch: Batch, models: Sequence[mujoco.MjModel], requests: Sequence[Request]) -> None:
