@@ -22,8 +22,8 @@ from tensegrity_mj.library.random_structures import random_structure
 from tensegrity_mj.model.actuation import Mode
 from tensegrity_mj.runs.convergence import Estimate, way_of
 from tensegrity_mj.studies.extremes import laws, naive, task
-from tensegrity_mj.studies.extremes.experiment import Experiment, Kind
-from tensegrity_mj.studies.extremes.kinds import draw
+from tensegrity_mj.studies.extremes.experiment import Experiment
+from tensegrity_mj.studies.extremes.kinds import Kind
 from tensegrity_mj.studies.extremes.pace import mobility, pace
 from tensegrity_mj.studies.extremes.references import reference_of, tight_dae
 from tensegrity_mj.studies.extremes.setups import ENGINES, Attempt, Setup, attempt, caught, draw_setup
@@ -61,7 +61,7 @@ def drawn(kind: Kind, count: int = 12) -> list[Experiment]:
     found = []
     for number in range(count):
         try:
-            found.append(draw(np.random.default_rng([5, number]), kind))
+            found.append(kind.draw(np.random.default_rng([5, number])))
         except tmj.TensegrityError as problem:  # as a user would meet it
             message = str(problem)
             assert not lacks(message, on_the_way=False)

@@ -10,7 +10,7 @@ from tensegrity_mj.commands.common import ExitCode, Outcome, wrote
 
 def execute(options: argparse.Namespace) -> Outcome:
     """Run the study; exit code 1 where its demands are not met."""
-    from tensegrity_mj.studies.extremes.experiment import Kind
+    from tensegrity_mj.studies.extremes.kinds import Kind
     from tensegrity_mj.studies.extremes.study import PAGE, extremes
 
     report = extremes(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -18,37 +17,6 @@ from tensegrity_mj.model.structure import Structure
 from tensegrity_mj.studies.extremes import laws
 
 Rng = np.random.Generator
-
-
-class Kind(enum.Enum):
-    """What is extreme about a run."""
-
-    STIFF = "stiff strings, k to 1e9 N/m"
-    SLACK = "all strings slack"
-    NO_PRESTRESS = "zero prestress"
-    NEGATIVE_REST = "rest lengths <= 0"
-    VANISHING = "a string of vanishing length"
-    POLE = "rods at the poles of the ODE"
-    DEGENERATE = "collinear or planar in space"
-    CONTRAST = "rods of 1e-3 to 1e3 m and kg together"
-    BAD_LAW = "a law that returns nonsense"
-    WILD_LAW = "huge or alternating u"
-    INFEASIBLE = "infeasible targets"
-    PAST_LIMIT = "steps near and past the stability limit"
-    SPIN = "free flight with spin"
-    THREADED = "strings over pulleys"
-    MASSIVE = "strings with mass"
-    JOINED = "rods that share nodes: trees and loops"
-    MOVED = "supports that move"
-    RESISTED = "fluid, bending joints and wind"
-    CONTACT = "landings on a floor"
-    ELASTIC = "elastic rods"
-    CURVED = "tension curves, yields and constant forces"
-    BODY = "rigid bodies"
-    CONSTRAINED = "linear constraints on nodes"
-    CARRIED = "masses on rods and dampers on nodes"
-    LARGE = "500 rods"
-    LONG = "1e6 steps"
 
 
 @dataclass(frozen=True)

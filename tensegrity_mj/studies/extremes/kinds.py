@@ -1,6 +1,6 @@
 """The kinds of extreme runs: for each a function that draws a scene, and what drives it, by chance.
 
-    experiment = draw(np.random.default_rng([0, 7]), Kind.STIFF)
+    experiment = Kind.STIFF.draw(np.random.default_rng([0, 7]))
 
 Parameters that span orders of magnitude are drawn evenly in their logarithm. A scene that cannot be built raises, as it
 would for a user: that is a result too.
@@ -8,6 +8,7 @@ would for a user: that is a result too.
 
 from __future__ import annotations
 
+import enum
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -33,21 +34,11 @@ from tensegrity_mj.studies.extremes import laws, members, surroundings
 from tensegrity_mj.studies.extremes.experiment import (
     COLLAPSE,
     Experiment,
-    Kind,
     Rng,
     direction,
     maybe_driven,
     ordinary,
 )
-
-
-def draw(rng: Rng, kind: Kind) -> Experiment:
-    """An experiment of a kind.
-
-    Raises:
-        TensegrityError: where what was drawn is no valid structure or scene.
-    """
-    return _DRAW[kind](rng)
 
 
 def _scene(rng: Rng, structure: Structure, speed: float = 0.0) -> Scene:
@@ -313,31 +304,44 @@ def _long(rng: Rng) -> Experiment:
 
 FIXED_STEP = ("euler", "implicitfast", "implicit", "rk4", "discrete", "dae rk4", "ode rk4")
 
-_DRAW: dict[Kind, Callable[[Rng], Experiment]] = {
-    Kind.STIFF: _stiff,
-    Kind.SLACK: _slack,
-    Kind.NO_PRESTRESS: _no_prestress,
-    Kind.NEGATIVE_REST: _negative_rest,
-    Kind.VANISHING: _vanishing,
-    Kind.POLE: _pole,
-    Kind.DEGENERATE: _degenerate,
-    Kind.CONTRAST: _contrast,
-    Kind.BAD_LAW: _bad_law,
-    Kind.WILD_LAW: _wild_law,
-    Kind.INFEASIBLE: _infeasible,
-    Kind.PAST_LIMIT: _past_limit,
-    Kind.SPIN: _spin,
-    Kind.THREADED: partial(_with_member, members.threaded),
-    Kind.MASSIVE: partial(_with_member, members.massive),
-    Kind.JOINED: surroundings.joined,
-    Kind.MOVED: surroundings.moved,
-    Kind.RESISTED: surroundings.resisted,
-    Kind.CONTACT: surroundings.contact,
-    Kind.ELASTIC: partial(_with_member, members.elastic),
-    Kind.CURVED: partial(_with_member, members.curved),
-    Kind.BODY: partial(_with_member, members.body),
-    Kind.CONSTRAINED: partial(_with_member, members.constrained),
-    Kind.CARRIED: partial(_with_member, members.carried),
-    Kind.LARGE: _large,
-    Kind.LONG: _long,
-}
+
+class Kind(enum.Enum):
+    """What is extreme about a run, in words, and the function that draws an experiment of the kind.
+
+    Drawing raises TensegrityError where what was drawn is no valid structure or scene.
+    """
+
+    draw: Callable[[Rng], Experiment]
+
+    def __new__(cls, words: str, draw: Callable[[Rng], Experiment]) -> Kind:
+        """A member whose value is the words."""
+        one = object.__new__(cls)
+        one._value_, one.draw = words, draw
+        return one
+
+    STIFF = ("stiff strings, k to 1e9 N/m", _stiff)
+    SLACK = ("all strings slack", _slack)
+    NO_PRESTRESS = ("zero prestress", _no_prestress)
+    NEGATIVE_REST = ("rest lengths <= 0", _negative_rest)
+    VANISHING = ("a string of vanishing length", _vanishing)
+    POLE = ("rods at the poles of the ODE", _pole)
+    DEGENERATE = ("collinear or planar in space", _degenerate)
+    CONTRAST = ("rods of 1e-3 to 1e3 m and kg together", _contrast)
+    BAD_LAW = ("a law that returns nonsense", _bad_law)
+    WILD_LAW = ("huge or alternating u", _wild_law)
+    INFEASIBLE = ("infeasible targets", _infeasible)
+    PAST_LIMIT = ("steps near and past the stability limit", _past_limit)
+    SPIN = ("free flight with spin", _spin)
+    THREADED = ("strings over pulleys", partial(_with_member, members.threaded))
+    MASSIVE = ("strings with mass", partial(_with_member, members.massive))
+    JOINED = ("rods that share nodes: trees and loops", surroundings.joined)
+    MOVED = ("supports that move", surroundings.moved)
+    RESISTED = ("fluid, bending joints and wind", surroundings.resisted)
+    CONTACT = ("landings on a floor", surroundings.contact)
+    ELASTIC = ("elastic rods", partial(_with_member, members.elastic))
+    CURVED = ("tension curves, yields and constant forces", partial(_with_member, members.curved))
+    BODY = ("rigid bodies", partial(_with_member, members.body))
+    CONSTRAINED = ("linear constraints on nodes", partial(_with_member, members.constrained))
+    CARRIED = ("masses on rods and dampers on nodes", partial(_with_member, members.carried))
+    LARGE = ("500 rods", _large)
+    LONG = ("1e6 steps", _long)

@@ -17,8 +17,8 @@ from tensegrity_mj.model.capabilities import refusal
 from tensegrity_mj.runs.trajectory import Trajectory
 from tensegrity_mj.simulation import simulate
 from tensegrity_mj.studies.engine_names import engine_of
-from tensegrity_mj.studies.extremes.experiment import Experiment, Kind
-from tensegrity_mj.studies.extremes.kinds import FIXED_STEP, draw
+from tensegrity_mj.studies.extremes.experiment import Experiment
+from tensegrity_mj.studies.extremes.kinds import FIXED_STEP, Kind
 from tensegrity_mj.studies.extremes.pace import Pace, pace
 
 ENGINES = (*FIXED_STEP, "dae dop853", "dae radau", "ode dop853")
@@ -84,7 +84,7 @@ def draw_setup(rng: np.random.Generator, kind: Kind) -> Setup:
     Raises:
         TensegrityError: where the scene that was drawn is refused.
     """
-    experiment = draw(rng, kind)
+    experiment = kind.draw(rng)
     able = [name for name in ENGINES if refusal(engine_of(name, 1e-6), experiment.scene) is None]
     engine = str(rng.choice(experiment.engines or able))
     here = pace(experiment.scene, experiment.force_density)

@@ -17,7 +17,7 @@ from tensegrity_mj.pictures.findings import Finding, Mark
 from tensegrity_mj.pictures.page import Section, Table
 from tensegrity_mj.simulation import versions
 from tensegrity_mj.studies.attempt import DONE
-from tensegrity_mj.studies.extremes.experiment import Kind
+from tensegrity_mj.studies.extremes.kinds import Kind
 from tensegrity_mj.studies.extremes.task import run_extreme
 from tensegrity_mj.studies.extremes.verdicts import Verdict
 from tensegrity_mj.studies.many import run_many

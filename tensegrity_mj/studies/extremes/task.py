@@ -13,7 +13,7 @@ from tensegrity_mj.errors import TensegrityError
 from tensegrity_mj.runs.convergence import Estimate, estimate_error, node_difference, way_of
 from tensegrity_mj.runs.trajectory import Status
 from tensegrity_mj.studies.extremes import naive
-from tensegrity_mj.studies.extremes.experiment import Kind
+from tensegrity_mj.studies.extremes.kinds import Kind
 from tensegrity_mj.studies.extremes.references import Reference, reference_of, tight_dae
 from tensegrity_mj.studies.extremes.setups import COARSER, Attempt, Setup, attempt, draw_setup
 from tensegrity_mj.studies.extremes.verdicts import (
