@@ -75,7 +75,7 @@ def test_engines_move_them_as_a_coding_by_nodes_does(name: str) -> None:
     exact = error(tmj.DAE(rtol=1e-11, atol=1e-12))
     assert exact < 2e-8
     if name == "stedy_plate":  # MuJoCo has no elastic rods that hang on each other at one node
-        with pytest.raises(StructureError, match="'bar2' and 'bar3' share node 'n2'.* use DAE"):
+        with pytest.raises(StructureError, match=r"'bar2' and 'bar3' share node 'n2'.* use DAE"):
             error(tmj.MuJoCo(case.step))
         return
     coarse, fine = (error(tmj.MuJoCo(step, locate_slack=True)) for step in (case.step, case.step / 2))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
-from pages import NOTEBOOKS, PAGES, anchors, links, name_of
+from pages import NOTEBOOKS, PAGES, ROOT, anchors, links, name_of
 
 
 def broken(page: Path, link: str) -> str:
@@ -41,3 +42,12 @@ def test_there_are_links_and_a_broken_one_is_found(tmp_path: Path) -> None:
         "missing.md: there is no such file",
         "",
     ]
+
+
+def test_each_row_of_the_table_of_peers_links_a_test_in_our_column() -> None:
+    table = [line for line in (ROOT / "docs" / "peers.md").read_text(encoding="utf-8").splitlines() if line[:1] == "|"]
+    rows = [line.split("|")[1:3] for line in table[2:]]
+    assert len(rows) > 15
+    for what, ours in rows:
+        if what.strip() != "language":
+            assert re.search(r"\]\(\.\./tests/\w+/test_\w+\.py\)", ours), what
