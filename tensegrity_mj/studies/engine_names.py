@@ -5,7 +5,20 @@ from __future__ import annotations
 from typing import Any
 
 from tensegrity_mj.engines.table import ENGINES, make_engine
+from tensegrity_mj.model.capabilities import refusal
+from tensegrity_mj.model.scene import Scene
 
+# Those that have a fixed step, each with its name for people.
+TITLES = {
+    "euler": "MuJoCo Euler",
+    "implicitfast": "MuJoCo implicitfast",
+    "implicit": "MuJoCo implicit",
+    "discrete": "MuJoCo discrete",
+    "rk4": "MuJoCo RK4",
+    "dae": "DAE RK4",
+    "ode": "ODE RK4",
+}
+NAMES = tuple(TITLES)
 CONTROLLED = ("dop853", "radau")  # methods that control their error
 MOST_STEPS = 50_000  # of one of them
 
@@ -29,3 +42,8 @@ def engine_of(name: str, level: float) -> Any:
         return make_engine(family, {"method": word, "rtol": level, "atol": 1e-2 * level, "max_steps": MOST_STEPS})
     drift = {"drift": word} if word not in ("", "rk4") else {}
     return make_engine(family, {**ENGINES[family].fixed_step, "timestep": level, **drift})
+
+
+def simulates(name: str, scene: Scene) -> bool:
+    """Whether the engine of that name simulates a scene; contact, which has no small motions, does not count."""
+    return refusal(engine_of(name, 1.0), scene.with_(contact=None)) is None

@@ -9,9 +9,9 @@ import pytest
 from command_words import choices_of
 
 from tensegrity_mj.cli import main
+from tensegrity_mj.studies.engine_names import NAMES, TITLES
 from tensegrity_mj.studies.stability import figures
 from tensegrity_mj.studies.stability.cases import AXES
-from tensegrity_mj.studies.stability.engines import NAMES, TITLES
 from tensegrity_mj.studies.stability.report import describe
 
 SMALL = ["pinned_rod", "--engines", "euler", "rk4", "--maps", "damping", "--quick", "--random", "2", "--workers", "1"]

@@ -20,10 +20,9 @@ from tensegrity_mj.library.random_taut import random_taut_structure
 from tensegrity_mj.model.actuation import Actuation
 from tensegrity_mj.model.members import PointMass, Rod, String, Support
 from tensegrity_mj.model.rigidity import equilibrium_residual
-from tensegrity_mj.studies.engine_names import engine_of
+from tensegrity_mj.studies.engine_names import NAMES, engine_of
 from tensegrity_mj.studies.stability import measure
 from tensegrity_mj.studies.stability.cases import AXES, base_structure, random_points, structure_of, varied
-from tensegrity_mj.studies.stability.engines import NAMES
 from tensegrity_mj.studies.stability.measure import measured_limit
 from tensegrity_mj.studies.stability.study import AGREEMENT, at_rest, steps_for
 from tensegrity_mj.vibration import stable_step as inside

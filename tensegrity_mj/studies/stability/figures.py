@@ -11,8 +11,8 @@ import numpy as np
 from tensegrity_mj.basics.arrays import Array
 from tensegrity_mj.pictures import palette
 from tensegrity_mj.pictures.figure import COLUMN, common_legend, frame, grid_of_panels
+from tensegrity_mj.studies.engine_names import NAMES, TITLES
 from tensegrity_mj.studies.stability.cases import AXES
-from tensegrity_mj.studies.stability.engines import NAMES, TITLES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

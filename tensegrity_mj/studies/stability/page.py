@@ -9,10 +9,10 @@ from typing import Any
 from tensegrity_mj.basics.units import quantity
 from tensegrity_mj.pictures.findings import Finding, Mark, mark_of
 from tensegrity_mj.pictures.page import Picture, Section, Table
+from tensegrity_mj.studies.engine_names import TITLES
 from tensegrity_mj.studies.report import Page
 from tensegrity_mj.studies.stability import figures
 from tensegrity_mj.studies.stability.cases import AXES
-from tensegrity_mj.studies.stability.engines import TITLES
 from tensegrity_mj.studies.stability.report import rest_rows, start_rows
 from tensegrity_mj.studies.stability.study import DRAWN, agreement
 

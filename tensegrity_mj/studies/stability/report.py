@@ -15,10 +15,9 @@ from tensegrity_mj.basics.functions import function_of
 from tensegrity_mj.basics.texts import aligned
 from tensegrity_mj.errors import OptionError, TensegrityError
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.studies.engine_names import engine_of
+from tensegrity_mj.studies.engine_names import NAMES, TITLES, engine_of, simulates
 from tensegrity_mj.studies.many import run_many
 from tensegrity_mj.studies.stability.cases import AXES, joined_points, map_points, random_points, scene_at_rest
-from tensegrity_mj.studies.stability.engines import NAMES, TITLES, simulates
 from tensegrity_mj.studies.stability.study import DRAWN, agreement, at_rest, limits_at, summary
 from tensegrity_mj.studies.workers import Backend, Workers
 from tensegrity_mj.vibration.stable_step import stable_step
@@ -39,7 +38,7 @@ class StabilityStudy:
     Attributes:
         scene: its start and, with a law, a run are looked at; its structure, prestressed and at rest, is measured.
         law: closes the loop in the part about the scene's own motion.
-        engines: names from `engines.NAMES`.
+        engines: names from `engine_names.NAMES`.
         maps: axes of `cases.AXES`.
         quick: few values of each axis, maps of at most 20 rods, and random structures of at most 4.
         random: how many random taut structures; a third as many trees and loops of rods come on top.

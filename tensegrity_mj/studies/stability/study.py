@@ -12,9 +12,8 @@ import numpy as np
 from tensegrity_mj.basics.jsontext import plain_values
 from tensegrity_mj.model.forest import spanning_forest
 from tensegrity_mj.model.scene import Scene
-from tensegrity_mj.studies.engine_names import engine_of
+from tensegrity_mj.studies.engine_names import NAMES, engine_of, simulates
 from tensegrity_mj.studies.stability.cases import joined_scene, structure_of
-from tensegrity_mj.studies.stability.engines import NAMES, simulates
 from tensegrity_mj.studies.stability.measure import STEPS, measured_limit
 from tensegrity_mj.vibration.stable_step import StableStep, stable_step
 

@@ -85,7 +85,7 @@ def find_reference(experiment: Experiment, budget: float, run: Run | None = None
     period = experiment.actuation.period
     if period is not None and experiment.duration / period > most:
         reason = f"{experiment.duration / period:.0f} samples of the law are beyond the budget of {most:.0f}"
-        return Reference(None, _facts(None, None, None, reason, tried))
+        return Reference(None, _facts(tried, reason))
     stages = most * (HELD if period is not None else 1)
     for pair, second in _candidates(experiment, stages):
         found = _two(pair, noted)
@@ -101,9 +101,9 @@ def find_reference(experiment: Experiment, budget: float, run: Run | None = None
                     apart = float(made.motion.distance(also.motion).max())
                     differences["second_formulation"] = {"engine": str(engine), "difference": apart}
                     break
-            return Reference(made.motion, _facts(str(tight), made, differences, "", tried))
+            return Reference(made.motion, _facts(tried, "", str(tight), made, **differences))
     reasons = dict.fromkeys(one["reason"] for one in tried)
-    return Reference(None, _facts(None, None, None, "; ".join(reasons) or "no engine can be a reference", tried))
+    return Reference(None, _facts(tried, "; ".join(reasons) or "no engine can be a reference"))
 
 
 def _candidates(experiment: Experiment, most: float) -> Iterator[tuple[list[AnyEngine], Any]]:
@@ -158,12 +158,9 @@ def _two(engines: list[AnyEngine], run: Run) -> list[tuple[AnyEngine, Attempt]]:
 
 
 def _facts(
-    engine: str | None,
-    made: Attempt | None,
-    differences: dict[str, Any] | None,
-    reason: str,
-    tried: list[dict[str, str]],
+    tried: list[dict[str, str]], reason: str = "", engine: str | None = None, made: Attempt | None = None, **apart: Any
 ) -> dict[str, Any]:
+    """The facts of a reference, with its differences from others (`apart`), or the reason why there is none."""
     run = None if made is None else made.run
     fastest = touches = None
     if run is not None:
@@ -173,9 +170,9 @@ def _facts(
         fastest = {"time": float(run.time[at]), "nodes": run.nodes[at], "velocities": run.velocities[at]}
     return {
         "engine": engine,
-        "own_error": None if differences is None else max(one["difference"] for one in differences.values()),
-        "looser": None if differences is None else differences["looser"],
-        "second_formulation": None if differences is None else differences.get("second_formulation"),
+        "own_error": max((one["difference"] for one in apart.values()), default=None),
+        "looser": apart.get("looser"),
+        "second_formulation": apart.get("second_formulation"),
         "motion": None if run is None else way_of(run.nodes),
         # At how many of the recorded times; None for a scene without contact.
         "touches": touches,

@@ -183,23 +183,19 @@ def winch(run: Trajectory) -> Values:
     power = work / np.diff(run.time)[:, None]
     span = float(run.time[-1] - run.time[0])
     done, back = np.where(work > 0, work, 0.0).sum(axis=0), np.where(work < 0, -work, 0.0).sum(axis=0)
-    peak = _peak(run.time[1:], np.abs(power), names)
+    size = np.abs(power)
     total = np.abs(power.sum(axis=1))
+    each = np.stack([done, back, size.max(axis=0), (done + back) / span], axis=1).tolist()
     return {
         "done": float(done.sum()),
         "recovered": float(back.sum()),
         "net": float(work.sum()),
         "closure": float(work.sum() - (run.winch_work[-1] - run.winch_work[0])),
-        "peak": peak,
+        "peak": _peak(run.time[1:], size, names),
         "peak_total": {"value": float(total.max()), "time": float(run.time[1:][int(np.argmax(total))])},
         "mean": float((done.sum() + back.sum()) / span),
         "strings": {
-            name: {
-                "done": float(done[m]),
-                "recovered": float(back[m]),
-                "peak": float(np.abs(power[:, m]).max()),
-                "mean": float((done[m] + back[m]) / span),
-            }
-            for m, name in enumerate(names)
+            name: dict(zip(("done", "recovered", "peak", "mean"), row, strict=True))
+            for name, row in zip(names, each, strict=True)
         },
     }
